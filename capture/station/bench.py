@@ -1,6 +1,6 @@
-"""How fast the station judges parts on this machine: its own cycle, with stored sets for a camera.
+"""How fast a station judges parts on this machine: the real cycle, with stored sets as a camera.
 
-The sets are captured before, because the simulated camera would take the time of the judge.
+The sets are captured before, because a simulated camera would compete with the judge.
 """
 
 import time
@@ -43,7 +43,7 @@ from .recipe.taught import Taught, TaughtSet, TaughtTexture
 from .results.store import open_store
 from .verdict import Decision
 
-# Ambient image and four light images, at 30 frames a second.
+# Ambient image and four light images, at 30 frames per second.
 _EXPOSURES_S = 5 / 30.0
 # Pages in the order of their capture: ambient image, then the lights of either sign.
 _CAPTURED = (4, 0, 2, 1, 3)
@@ -65,11 +65,10 @@ class BenchResult:
     latencies_ms
         From the end of the last exposure to the announced result, of each part.
     steps_ms
-        Durations of each step of the parts, in their order: the checks of the set, the solver, the
-        match and the defect map, which make up the inspection, the set file, which is written
-        beside it, and the record: the row and the announcement.
+        Durations of each step, part by part. Solver, match and defect map are the inspection. The
+        set file is written at the same time. The record is the row and the announcement.
     duration_s
-        Of all parts, with `_EXPOSURES_S` for the exposures of each.
+        Time of the run, with `_EXPOSURES_S` for the exposures of each part.
     memory_mb
         Resident memory after a tenth of the parts and after all; None where it cannot be read.
     decisions
@@ -92,7 +91,7 @@ class BenchResult:
 
     @property
     def parts_per_minute(self) -> float:
-        """Parts in a minute, of which the exposures take at least `_EXPOSURES_S` each."""
+        """Parts per minute; the exposures of each take `_EXPOSURES_S`."""
         return 60.0 * len(self.latencies_ms) / self.duration_s
 
     def lines(self) -> list[str]:
@@ -131,12 +130,12 @@ class _Watcher:
 
 
 class _StoredSets:
-    """A rig that delivers sets captured before, in the time that their exposures would take.
+    """A rig that delivers stored sets, in the time that their exposures would take.
 
     Parameters
     ----------
     exposed
-        As of `StationRig`.
+        As for `StationRig`.
     """
 
     is_simulated = True
@@ -188,7 +187,7 @@ def run_bench(
     prepared: Callable[[str], None] = lambda _: None,
     subscribers: Sequence[Subscriber] = (),
 ) -> BenchResult:
-    """Judge `parts` parts of 16 bit, with a library of so many classes and with a defect map.
+    """Judge `parts` parts of 16 bit, with a library of `classes` classes and a defect map.
 
     Parameters
     ----------
@@ -197,9 +196,9 @@ def run_bench(
     side_px
         Side of the frames.
     prepared
-        Is told what is prepared next.
+        Called with what is prepared next, in words.
     subscribers
-        Are told the events of the station, such as a panel.
+        Get the events of the station; a panel is one.
     """
     prepared("capturing parts")
     good, other = _captured(side_px)
@@ -258,7 +257,7 @@ def _steps_ms(announced: Sequence[PartAnnounced]) -> dict[str, tuple[float, ...]
 
 
 def _captured(side_px: int) -> tuple[list[CapturedSet], CapturedSet]:
-    """Parts of one texture, the first ones to teach and one more to judge, and one of another."""
+    """Parts of one texture to teach and one more to judge; and one part of another texture."""
     camera = {"width_px": side_px, "height_px": side_px, "bits": 16}
     with open_rig(RigConfig().with_changes(camera=camera)) as rig:
         good = [_placed(rig, _GOOD, number) for number in range(LEAST_PARTS + 2)]

@@ -47,12 +47,12 @@ class Retention(Section):
 
 
 class SimulatedParts(Section):
-    """The parts that a simulated rig sees, drawn at random from a seed and the part's number.
+    """The parts below a simulated rig, drawn at random from a seed and the part's number.
 
     Attributes
     ----------
     seed
-        Seed of the feed and of its synthetic surfaces: the same parts come in the same order.
+        Seed of the parts and of their synthetic surfaces: the same parts come in the same order.
     surfaces
         Surfaces of the parts, as in ``[simulation.placement]`` of ``rig.toml``.
     others, share_other
@@ -99,7 +99,7 @@ class StationConfig(Section):
     results
         SQLite file, relative to the station's folder, or URL of a PostgreSQL database.
     operator
-        Who answers for the results; ``station run --operator`` overrides it.
+        Person responsible for the results; ``station run --operator`` overrides it.
     trigger
         Where triggers come from; ``station run --trigger`` overrides it.
     timer_s

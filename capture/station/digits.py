@@ -1,4 +1,4 @@
-"""Numbers as texts that tell them apart."""
+"""Two numbers as texts with enough digits to tell them apart."""
 
 import math
 

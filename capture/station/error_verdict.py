@@ -1,4 +1,4 @@
-"""The verdict ERROR on a part for which something was raised."""
+"""The verdict ERROR on a part from an exception."""
 
 from capture.errors import CalibrationError, SetRejected
 from rig import HardwareError
@@ -15,9 +15,9 @@ _OTHERWISE = Cause.UNFORESEEN
 
 
 def error_verdict(error: BaseException, cause: Cause | None = None) -> Verdict:
-    """Return the verdict ERROR on a part for which something was raised.
+    """Return the verdict ERROR on a part from an exception.
 
-    `cause` is known from the step that failed; None takes it from the kind of error.
+    `cause` is given where the failed step determines it; None derives it from the kind of error.
     """
     if cause is None:
         cause = next((known for kind, known in _CAUSES if isinstance(error, kind)), _OTHERWISE)

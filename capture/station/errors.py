@@ -7,7 +7,7 @@ _MAX_CHARACTERS = 500
 
 
 class RecipeError(InputError):
-    """A recipe, or what was taught for it, that cannot be used; the message says what to do."""
+    """A recipe, or a file that teaching made, cannot be used; the message says what to do."""
 
 
 class NotApproved(RecipeError):  # noqa: N818 - the state of a recipe, no error of the program

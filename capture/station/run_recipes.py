@@ -1,4 +1,4 @@
-"""`RunRecipes`: the recipe by which a run judges, and others of its station that it can load."""
+"""`RunRecipes`: the recipe by which a run judges, and other recipes that it can load."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -188,7 +188,7 @@ class RunRecipes:
         self.use(self.present)
 
     def keep(self, recipe: UsableRecipe, by: Asker) -> None:
-        """Record that the rig took a recipe, with which the station also begins again.
+        """Record that the rig took a recipe; the next run begins with it, too.
 
         Raises
         ------

@@ -1,1 +1,1 @@
-"""The life of a recipe: settings, approval, roll back, and what it lacks."""
+"""Settings of a recipe, approval, roll back, and the reasons why a recipe cannot run."""

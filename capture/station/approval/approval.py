@@ -12,7 +12,7 @@ from classify.errors import InputError
 from rig.config.toml_file import read_toml_as, validated
 
 Record = Callable[[Recipe, Recipe], None]
-"""Is called with a recipe before and after, once nothing but the disk can prevent the change."""
+"""Called with the old and the new recipe before a change is written; an exception prevents it."""
 
 
 def approve(

@@ -64,7 +64,7 @@ def with_settings(recipe: Recipe, values: Mapping[str, Any]) -> Recipe:
     """
     unknown = [key for key in values if key not in SETTINGS]
     if unknown:
-        message = f"is no setting; settings are {', '.join(SETTINGS)}"
+        message = f"is not a setting; settings are {', '.join(SETTINGS)}"
         raise SettingsRefused({(key[:100],): message for key in unknown})
     before = recipe.model_dump(by_alias=True, exclude={"approval"})
     try:

@@ -1,4 +1,4 @@
-"""`RecipeState`: what a recipe lacks to be run, found without loading library and models."""
+"""`RecipeState`: why a recipe cannot run, found without loading library and models."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +17,7 @@ from classify.errors import InputError
 
 @dataclass(frozen=True)
 class RecipeState:
-    """A recipe, and what it lacks to be run.
+    """A recipe, and the reasons why it cannot run.
 
     Attributes
     ----------

@@ -47,7 +47,7 @@ class PartOutcome(_Record):
 
     @property
     def is_regression(self) -> bool:
-        """Whether the verdict is another one."""
+        """Whether the verdict differs from the expected one."""
         return self.found != self.expected
 
     def __str__(self) -> str:
@@ -55,7 +55,7 @@ class PartOutcome(_Record):
 
 
 class Replay(_Record):
-    """The outcome of a replay; `fingerprint` is of all that the verdicts depend on."""
+    """The outcome of a replay, with hashes of all that the verdicts depend on."""
 
     format: Literal["ps4rig-challenge"] = "ps4rig-challenge"
     version: Literal[1] = 1
@@ -65,7 +65,7 @@ class Replay(_Record):
 
     @property
     def regressions(self) -> tuple[PartOutcome, ...]:
-        """Parts with another verdict than they must get."""
+        """Parts whose verdict differs from the expected one."""
         return tuple(part for part in self.parts if part.is_regression)
 
 
@@ -118,10 +118,10 @@ def keep_replay(
 def require_challenge(
     files: RecipeFolder, inspector: Inspector, go_on: Callable[[], None] = lambda: None
 ) -> Replay:
-    """Check that the challenge set was met by exactly what would run; replay it if it was not yet.
+    """Check that exactly this inspector has met the challenge set; replay the set otherwise.
 
-    All its files are hashed, and its first part is judged, in any case: the first part of the line
-    would else wait for kernels to be loaded. `go_on` is called before each file, and ends the check
+    All its files are hashed, and its first part is judged in any case: otherwise the first part of
+    the line would wait for kernels to be loaded. `go_on` is called before each file, and ends the check
     by what it raises: nothing is recorded then.
 
     Raises
@@ -170,7 +170,7 @@ def _replayed(path: Path, inspector: Inspector) -> tuple[Verdict, str | None]:
         if inspector.calibration is not None:
             captured = named_by(captured, inspector.calibration.file)
         return inspector.inspect(captured).verdict, pixels_sha256
-    except Exception as error:  # as in the cycle of the station: whatever it is, no PASS
+    except Exception as error:  # as in the cycle of the station: no exception may end in PASS
         return error_verdict(error), pixels_sha256
 
 
@@ -210,14 +210,14 @@ def _sha256(path: Path) -> str | None:
         return None
 
 
-# A page that shows the state of a recipe would else read 10 MB for each set of 1024 px.
+# Without a cache, a page with the state of a recipe would read 10 MB for each set of 1024 px.
 @lru_cache(MOST_SETS)
 def _known_sha256(path: Path, *stat: int) -> str:  # noqa: ARG001 - the key under which it is known
     return file_sha256(path)
 
 
 def last_replay(files: RecipeFolder) -> Replay | None:
-    """Return the replay on record, of whatever it was; None if there is none, or it is damaged."""
+    """Return the last recorded replay, of any state; None if there is none or it is damaged."""
     try:
         return Replay.model_validate_json(read_regular_file(files.replay, _MAX_BYTES))
     except (InputError, ValidationError):

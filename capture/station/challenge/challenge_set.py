@@ -22,7 +22,7 @@ FILE = "challenge.toml"
 _LOCK = "challenge.lock"
 Expected = Literal["PASS", "FAIL", "UNKNOWN"]
 Record = Callable[[str, Expected | None, Expected | None], None]
-"""Is called with a file and its verdict before and after, before anything is written."""
+"""Called with a file and its old and new verdict, before anything is written."""
 MOST_SETS = 10_000
 
 _HEAD = """\
@@ -58,8 +58,8 @@ def read_challenge(folder: Path) -> ChallengeSet:
     if not 0 < passing < len(found.sets):
         raise RecipeError(
             f"{folder / FILE}: {passing} parts that must pass and {len(found.sets) - passing} that "
-            "must not: it takes one of each, because a station that passes or rejects everything "
-            "would meet the challenge"
+            "must not: add one of each, because a station that passes or rejects everything would "
+            "meet the challenge"
         )
     return found
 
@@ -83,7 +83,7 @@ def add_to_challenge(
     expected: Expected,
     record: Record = lambda *_: None,
 ) -> None:
-    """Copy sets into a challenge; a set that it contains already gets the new verdict.
+    """Copy sets into a challenge; a set that is in it already gets the new verdict.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def add_to_challenge(
 
 
 def _is_there(copy: Path, path: Path) -> bool:
-    """Whether a set is in the challenge already; another set of its name is refused."""
+    """Whether a set is in the challenge already; another set of the same name is refused."""
     pixels_sha256 = LoadedSet.of(path).captured.metadata.pixels_sha256
     if not copy.exists():
         return False

@@ -94,7 +94,7 @@ class RuleSeries:
 
 
 class NewWarnings:
-    """Tells which warnings are new: one that returns within the longest rule is not."""
+    """Finds new warnings; a warning that returns within the longest rule is not new."""
 
     def __init__(self) -> None:
         self._since: dict[str, int] = {}  # points since a warning last held

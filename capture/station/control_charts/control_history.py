@@ -28,8 +28,8 @@ class ChartPoint:
     value
         Arithmetic mean of levels, geometric mean of distances.
     broken, begun
-        Western Electric rules that it breaks, in words, and those of which a running station would
-        warn at this point.
+        Western Electric rules that the point breaks, in words; and those that a running station
+        would report as new at this point.
     """
 
     number: int

@@ -19,7 +19,7 @@ from .recipe_request import Asker, RecipeRefusal, RecipeRefused
 from .self_test import SelfTest
 from .station_rig import PartCamera
 
-# How long a second asker waits for the first, whose recipe may have been taken just now.
+# Time that a second asker waits for the first, whose recipe may have been taken just now.
 PATIENCE_S = 1.0
 
 
@@ -30,17 +30,17 @@ class UsableRecipe:
     Attributes
     ----------
     judge
-        Makes results by it.
+        Makes results by this recipe.
     recipe
         The recipe.
     begin
-        Is given the images of each part before their checks.
+        Called with the images of each part before their checks.
     calibration
         Calibration of the rig.
     checks
-        What was found when it was loaded.
+        Checks that were made when it was loaded.
     by
-        Who asked for it; empty for that of the start.
+        Who asked for it; empty for the recipe of the start.
     """
 
     judge: PartJudge
@@ -52,16 +52,16 @@ class UsableRecipe:
 
     @property
     def loaded(self) -> RecipeLoaded:
-        """What is announced when it is taken."""
+        """The event that announces the recipe when it is taken."""
         return RecipeLoaded(self.recipe.name, self.recipe.version, self.recipe.sha256, self.by)
 
 
 class Recipes(Protocol):
-    """The recipes of a station. One method runs at a time; only `load` beside parts."""
+    """The recipes of a station. One method runs at a time; only `load` runs while parts go on."""
 
     @property
     def present(self) -> UsableRecipe:
-        """The one that judges now."""
+        """The recipe that judges now."""
 
     def load(self, name: str, by: Asker, go_on: Callable[[], None]) -> UsableRecipe:
         """Load a recipe; raises RecipeRefused.
@@ -73,10 +73,10 @@ class Recipes(Protocol):
         """Give the rig the settings of a recipe, and check what it requires."""
 
     def use_present(self) -> None:
-        """Give the rig, which is closed, the settings of the present recipe again."""
+        """Give the closed rig the settings of the present recipe again."""
 
     def keep(self, recipe: UsableRecipe, by: Asker) -> None:
-        """Record that the rig took a recipe, with which the station also begins again."""
+        """Record that the rig took a recipe; the next run begins with it, too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +91,8 @@ class WantedRecipe:
 class Changeover:
     """The exchange of the recipe of a station.
 
-    The asker waits in `loading`, in a thread of its own, until the station has taken the recipe or
-    refused it. The station calls all other methods under its lock, but `take`.
+    The asker waits in `loading`, in a thread of its own, until the station has taken or refused the
+    recipe. The station calls all other methods except `take` under its lock.
 
     Parameters
     ----------
@@ -120,13 +120,13 @@ class Changeover:
         return self._wanted is not None
 
     def lacks(self, name: str | None) -> bool:
-        """Whether another recipe is loaded than a trigger requires; None requires none."""
+        """Whether the loaded recipe is not the one that a trigger requires; None requires none."""
         recipes = self._recipes
         return name is not None and (recipes is None or recipes.present.recipe.name != name)
 
     @contextmanager
     def loading(self, name: str, by: Asker) -> Iterator[WantedRecipe]:
-        """Load a recipe while parts go on, and run the block with it.
+        """Load a recipe while parts go on, and run the block with the request.
 
         Raises
         ------
@@ -163,15 +163,15 @@ class Changeover:
             wanted.answer.set_exception(RecipeRefused(reason, RecipeRefusal.NOT_READY))
 
     def taken(self) -> WantedRecipe | None:
-        """Return the recipe that waits, if there is one, for `take`; it is not refused any more."""
+        """Return the waiting recipe for `take`, or None; from now on `refuse` spares it."""
         wanted, self._wanted = self._wanted, None
         return wanted
 
     def take(self, wanted: WantedRecipe, camera: PartCamera, self_test: SelfTest) -> PartJudge:
-        """Exchange the recipe while no part is in progress; return what judges from now on.
+        """Exchange the recipe while no part is in progress; return the new judge.
 
-        The asker has its answer as soon as the station is ready. If something is raised, the
-        present recipe holds, the rig is closed, and the asker knows.
+        The asker gets its answer as soon as the station is ready. After an exception the present
+        recipe stays, the rig is closed, and the asker has the reason.
         """
         recipes, recipe = self._recipes, wanted.recipe
         assert recipes is not None
@@ -179,7 +179,7 @@ class Changeover:
             with self_test.told() as require:
                 require(recipes.use(recipe))
                 require(camera.test(is_start=False))
-            # Before anybody hears of it: a kill now leaves a recipe that could be taken.
+            # Before the announcement: a kill now leaves a recipe that could be taken.
             recipes.keep(recipe, wanted.by)
         except Exception as error:
             camera.close()

@@ -37,13 +37,13 @@ from .self_test import SelfTest, disk_fault
 from .states import Change, State, StateMachine
 from .triggers import Accepted, Answer, Refusal, Refused, Trigger, TriggerSource, refusal_by
 
-# How often a thread that waits looks whether the station stops.
+# Interval at which a waiting thread checks whether the station stops.
 _POLL_S = 0.2
-# Between two looks whether all parts in progress have their results.
+# Interval of checking whether all parts in progress have their results.
 _PAUSE_S = 0.02
-# Between two attempts to write to a database that does not answer.
+# Pause between two attempts to write to a database that does not answer.
 _RETRY_S = 0.5
-# A result waits so long for the database after a stop; without it the next start makes an ERROR.
+# Time that a result waits for the database after a stop; later the next start makes an ERROR.
 _LAST_WAIT_S = 5.0
 # The rig is as it was: the set alone failed.
 _OF_THE_SET = (SetRejected, CalibrationError)

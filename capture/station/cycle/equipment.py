@@ -35,8 +35,8 @@ class Equipment:
     store
         The results.
     prepare
-        Makes all checks but those of the rig before the station becomes ready, while no part is in
-        progress.
+        Makes all checks except those of the rig before the station becomes ready, while no part is
+        in progress.
     clock
         The clock for times in records.
     publisher
@@ -61,7 +61,7 @@ class Equipment:
     recipes: Recipes | None = None
 
     def refused(self, trigger: Trigger, reason: str) -> TriggerRefused:
-        """Record a trigger that cannot be served; return what is to be published. Never raises."""
+        """Record a refused trigger; return the event to publish. Never raises."""
         is_recorded = False
         with suppress(BaseException):
             self.store.refuse(

@@ -15,14 +15,14 @@ from rig.doctor.check import Check
 from .states import State
 
 _log = logging.getLogger(__name__)
-# Events of some hundred parts: a subscriber so far behind hangs.
+# Events of some hundred parts; a subscriber that is further behind hangs.
 MOST_EVENTS = 1000
 _POLL_S = 0.02
 
 
 @dataclass(frozen=True)
 class RecipeLoaded:
-    """The recipe by which all parts are judged that are triggered from now on.
+    """A recipe was loaded; it judges all parts that are triggered from now on.
 
     `by` says who asked for it; empty at the start. All earlier parts have their results.
     """
@@ -43,7 +43,7 @@ class StateChanged:
 
 @dataclass(frozen=True)
 class SelfTestFinished:
-    """The self-test was made; a fault among its checks keeps the station from ready."""
+    """The self-test has run; with a fault among its checks the station does not become ready."""
 
     checks: tuple[Check, ...]
 
@@ -97,7 +97,7 @@ class PartRecovered:
 
 @dataclass(frozen=True)
 class Warned:
-    """Something that a person should look at; the station goes on."""
+    """A warning for people; the station goes on."""
 
     text: str
 

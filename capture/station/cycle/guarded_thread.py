@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 
 class GuardedThread(threading.Thread):
-    """Does some work; whatever ends it, an error too, is passed on.
+    """A thread that reports its end, with the error that ended it.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""From an exposed part to its result. Whatever is raised on the way makes the part an ERROR."""
+"""From an exposed part to its result. Any exception on the way makes the part an ERROR."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -22,7 +22,7 @@ _SOFTWARE_VERSION = version("ps4rig")
 
 
 class Inspected(Protocol):
-    """What an inspector says of a part."""
+    """The findings of an inspector on a part."""
 
     @property
     def verdict(self) -> Verdict:
@@ -51,15 +51,15 @@ class ExposedPart:
     begun
         Its row in the results.
     captured, error
-        Its set, or why there is none.
+        Its set, or the exception that prevented one.
     exposed_s, exposed_utc
-        End of its last exposure, on the monotonic clock and as records have it; `exposed_utc` is
-        None if there is no set.
+        End of its last exposure, on the monotonic clock and as UTC text for records; `exposed_utc`
+        is None if there is no set.
     timings_ms
         ``capture``, from the trigger to the end of the last exposure, and ``checks``, from there
         until the set had passed its checks.
     notes
-        What else is to be known of the part.
+        Remarks on the part for the record.
     """
 
     begun: BegunPart
@@ -77,11 +77,11 @@ class PartJudge:
     Parameters
     ----------
     station, operator
-        Name of the station, and of who answers for it.
+        Name of the station, and of the person responsible for the results.
     inspector
         Judges the sets.
     recipe_fields
-        Fields of every `PartResult` that say by what the parts are judged.
+        Fields of every `PartResult` that name recipe, library and calibration.
     save
         Writes a set to a file whose name is relative to the station's folder.
     clock
@@ -104,7 +104,7 @@ class PartJudge:
     def result_of(
         self, part: ExposedPart, writer: ThreadPoolExecutor
     ) -> tuple[PartResult, BaseException | None]:
-        """Judge a part while `writer` saves its set; return the result and what was raised.
+        """Judge a part while `writer` saves its set; return the result and the exception, if any.
 
         A part passes only if its set is on disk, the inspector says so, and nothing was raised.
         """

@@ -32,7 +32,7 @@ class RecipeRefusal(Enum):
 
 
 class RecipeRefused(Ps4rigError):  # noqa: N818 - an answer, no error of the program
-    """A recipe is not loaded; the station goes on with the one that it has."""
+    """A recipe is not loaded; the station goes on with the present one."""
 
     def __init__(self, reason: str, kind: RecipeRefusal) -> None:
         super().__init__(reason)

@@ -1,4 +1,4 @@
-"""What a run that was killed left behind: begun parts without a result, and set files."""
+"""Begun parts without a result, and set files, that a killed run left behind."""
 
 from collections.abc import Callable, Iterator
 from itertools import islice

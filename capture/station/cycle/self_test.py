@@ -1,4 +1,4 @@
-"""The self-test of a station: what must hold before it accepts a trigger."""
+"""The self-test of a station: the checks before it accepts a trigger."""
 
 import shutil
 from collections.abc import Callable, Iterable, Iterator
@@ -51,7 +51,7 @@ def require_no_fault(checks: Iterable[Check]) -> None:
 
 
 class SelfTest:
-    """Collects the checks of a self-test, and tells of one that found something else than before.
+    """Collects the checks of a self-test, and publishes them if they differ from the last ones.
 
     Parameters
     ----------
@@ -173,22 +173,22 @@ def check_calibration_age(file: CalibrationFile | None, rule: CalibrationRule) -
     yield Check(name, "ok", seen)
 
 
-def check_rig(rig: Rig, plate: CalibrationFile | None) -> list[Check]:
+def check_rig(rig: Rig, sheet: CalibrationFile | None) -> list[Check]:
     """Check an open rig: dark with all LEDs off, light under each of them, and a white sheet.
 
     A test with a fault is repeated: a short disturbance seldom affects two tests in a row.
 
     Parameters
     ----------
-    plate
-        Calibration to compare a white sheet below the camera with; None without a sheet. A
-        simulated rig lays the sheet down, and its part back afterwards.
+    sheet
+        Calibration to compare with a white sheet below the camera; None without a sheet. A
+        simulated rig lays the sheet down, and puts its part back afterwards.
     """
 
     def checks() -> Iterator[Check]:
         yield from check_leds(capture_light_images(rig))
-        if plate is not None:
-            yield from checks_of_drift(drift_of_rig(rig, plate))
+        if sheet is not None:
+            yield from checks_of_drift(drift_of_rig(rig, sheet))
 
     for _ in range(MAX_ATTEMPTS):
         found = collected("rig", checks)

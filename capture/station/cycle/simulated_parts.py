@@ -1,4 +1,4 @@
-"""The parts that come below the camera of a simulated rig, drawn from a seed."""
+"""The parts below the camera of a simulated rig, drawn from a seed."""
 
 import random
 from dataclasses import dataclass
@@ -47,7 +47,7 @@ def simulated_part(parts: SimulatedParts, number: int, frame_px: int) -> Simulat
     Parameters
     ----------
     parts
-        Which surfaces and defects come, and how often.
+        Surfaces and defects, and their shares.
     number
         Number of the part in the station.
     frame_px

@@ -20,24 +20,24 @@ from rig.lights.sequence import parts_seen
 from .self_test import check_rig
 from .simulated_parts import simulated_part
 
-# A simulated part arrives at least so long after the wait began: the controller is armed by then.
+# Least time from the begin of the wait to a simulated part: the controller is armed by then.
 _SIMULATED_ARRIVAL_S = 0.1
 # Parts whose pixels are not accepted for another part; their hashes take 2 MB.
 MOST_KNOWN = 10_000
 
 
 class PartCamera(Protocol):
-    """What the cycle knows of the rig. All methods are called from one thread."""
+    """The rig as the cycle sees it. All methods are called from one thread."""
 
     @property
     def is_simulated(self) -> bool:
         """Whether its sets are simulated."""
 
     def open(self) -> None:
-        """Open the rig, which is closed."""
+        """Open the closed rig."""
 
     def test(self, *, is_start: bool) -> list[Check]:
-        """Check the open rig; with the plate, if there is one, only at the start."""
+        """Check the open rig; compare it with a white sheet at the start, if configured."""
 
     def capture(self, number: int) -> tuple[CapturedSet, float]:
         """Capture the part with this number; the time is the end of the last exposure.
@@ -61,7 +61,7 @@ class StationRig:
     recipe
         Its exposure and gain replace those of the rig.
     exposed
-        Is given the images of each part before their checks, as of `capture_set`.
+        Called with the images of each part before their checks, as in `capture_set`.
     """
 
     def __init__(
@@ -116,9 +116,9 @@ class StationRig:
         self._counted = None
 
     def test(self, *, is_start: bool) -> list[Check]:
-        """Check the open rig; with the plate, if there is one, only at the start."""
-        with_plate = is_start and self._config.plate_check
-        return check_rig(self._opened(), self.calibration if with_plate else None)
+        """Check the open rig; compare it with a white sheet at the start, if configured."""
+        has_sheet = is_start and self._config.plate_check
+        return check_rig(self._opened(), self.calibration if has_sheet else None)
 
     def wait_for_part(self, number: int, is_over: Callable[[], bool]) -> bool:
         """Wait until the sensor has seen a part and its first light is lit; False if `is_over`.
@@ -142,7 +142,7 @@ class StationRig:
         return True
 
     def missed_parts(self) -> int:
-        """Return how many parts the sensor has seen without a wait for them since the last call.
+        """Return the number of parts since the last call that passed the sensor without a wait.
 
         The first call after the rig was opened returns 0.
 

@@ -1,4 +1,4 @@
-"""Triggers: what tells the station that a part lies below the camera."""
+"""Triggers, which tell the station that a part lies below the camera."""
 
 import threading
 import time
@@ -25,7 +25,7 @@ class Trigger:
     part_id
         Identity of the part, unique in the station; None lets the station choose one.
     recipe
-        Name of the recipe that must judge it; None for whichever is loaded.
+        Name of the recipe that must judge it; None for any.
     """
 
     source: str
@@ -82,7 +82,7 @@ class TriggerTarget(Protocol):
         """Record a trigger that cannot be served. Never raises."""
 
     def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
-        """Load another recipe; raises RecipeRefused, and the present one holds."""
+        """Load another recipe; if it raises RecipeRefused, the present one stays."""
 
     def wait_until_ready(self, timeout_s: float) -> bool:
         """Wait until a trigger would be accepted; False after the time-out or a stop."""
@@ -99,7 +99,7 @@ class TriggerSource(Protocol):
         """Submit triggers; return when `station` is stopping or no more triggers come."""
 
 
-# How often a waiting source looks whether the station stops.
+# Interval at which a waiting source checks whether the station stops.
 _POLL_S = 0.2
 
 

@@ -1,1 +1,1 @@
-"""Gauge studies: known parts presented again and again."""
+"""Gauge studies: known parts, each presented several times."""

@@ -13,7 +13,7 @@ from classify.errors import InputError
 from classify.regular_file import read_regular_file
 
 Rating = Literal["acceptable", "marginal", "unacceptable"]
-# Effectiveness at least, misses and false alarms at most (AIAG, Measurement Systems Analysis, 4th
+# Least effectiveness, most misses and most false alarms (AIAG, Measurement Systems Analysis, 4th
 # edition, chapter III C): acceptable, and marginal.
 ACCEPTABLE = (0.90, 0.02, 0.05)
 MARGINAL = (0.80, 0.05, 0.10)

@@ -1,4 +1,4 @@
-"""Known parts of a simulated rig, good and bad ones, presented again and again."""
+"""Known parts of a simulated rig, good and bad ones, each presented several times."""
 
 import random
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ from rig.errors import ConfigError
 
 from .gauge import Presentation
 
-# How exactly a hand puts a part back; see `capture/session/measures.py`.
+# Errors of putting a part back by hand: the angle as in `capture/session/measures.py`.
 _PLACEMENT_DEG, _PLACEMENT_PX = 2.0, 5.0
 # A third to a half of the parts of a study should be bad (AIAG).
 _SHARE_DEFECTIVE, _SHARE_OTHER = 0.4, 0.1

@@ -162,7 +162,7 @@ def test_a_challenge_of_one_kind_of_parts_proves_nothing(
     files: RecipeFolder, verdict: str, counts: str
 ) -> None:
     (files.challenge / FILE).write_text(f'[sets]\n"rock-3.ome.tif" = "{verdict}"\n')
-    with pytest.raises(RecipeError, match=f"{counts}that must not: it takes one of each"):
+    with pytest.raises(RecipeError, match=f"{counts}that must not: add one of each"):
         require_challenge(files, Inspector.load(files))
 
 
