@@ -74,7 +74,7 @@ def replay_challenge(
 ) -> Iterator[PartOutcome]:
     """Judge every part of the challenge as if it were captured now with the present calibration.
 
-    `go_on` is called before each part, and ends the replay by what it raises.
+    `go_on` is called before each part; an exception of it ends the replay.
 
     Raises
     ------
@@ -121,8 +121,8 @@ def require_challenge(
     """Check that exactly this inspector has met the challenge set; replay the set otherwise.
 
     All its files are hashed, and its first part is judged in any case: otherwise the first part of
-    the line would wait for kernels to be loaded. `go_on` is called before each file, and ends the check
-    by what it raises: nothing is recorded then.
+    the line would wait for kernels to be loaded. `go_on` is called before each file; an exception
+    of it ends the check, and nothing is recorded.
 
     Raises
     ------
