@@ -1,6 +1,7 @@
 """When a simulated camera exposes: at its own frame rate, or at each trigger."""
 
 import math
+import threading
 from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections.abc import Callable
@@ -15,6 +16,9 @@ TRANSFER_S = 0.004
 _TRIGGER_POLL_S = 0.001
 # A clock that slept until a frame was ready may be early by a rounding error.
 _ROUNDING_S = 1e-6
+# Starts that are kept at least, before the oldest frame that a camera's buffers may still hold:
+# those of 1,600 sets of which no frame is read.
+_KEPT_STARTS = 8192
 
 Strobe = Callable[[bool, float], object]
 
@@ -112,26 +116,46 @@ class Triggered(Exposures):
 
     def __init__(self, clock: Clock, shutter: Shutter, strobe: Strobe = lambda *_: None) -> None:
         super().__init__(clock, shutter, strobe)
+        self._lock = threading.Lock()  # a controller triggers while a program reads
         self._starts_s: list[float] = []
+        self._forgotten = 0  # exposures before the first of them
 
     def trigger(self) -> None:
         """A pulse on the trigger line, at this moment."""
         now_s = self._clock.now_s()
-        if self._starts_s and now_s < self._starts_s[-1] + self.shutter.period_s:
-            return
-        self._starts_s.append(now_s)
+        with self._lock:
+            if self._starts_s and now_s < self._starts_s[-1] + self.shutter.period_s:
+                return
+            self._starts_s.append(now_s)
+            if len(self._starts_s) == 2 * _KEPT_STARTS:
+                del self._starts_s[:_KEPT_STARTS]
+                self._forgotten += _KEPT_STARTS
         self._clock.call_at(now_s, lambda: self._expose(now_s))
 
     def start_s(self, number: int) -> float:
-        """Start of an exposure."""
-        return self._starts_s[number]
+        """Start of an exposure.
+
+        Raises
+        ------
+        ValueError
+            If many others came after it, and it is not kept any more.
+        """
+        with self._lock:
+            if number < self._forgotten:
+                raise ValueError(f"exposure {number} is older than the kept {len(self._starts_s)}")
+            return self._starts_s[number - self._forgotten]
 
     def started(self, by_s: float) -> int:
-        """Number of exposures that start up to `by_s`."""
-        return bisect_right(self._starts_s, by_s + _ROUNDING_S)
+        """Number of exposures that start until `by_s`."""
+        with self._lock:
+            return self._forgotten + bisect_right(self._starts_s, by_s + _ROUNDING_S)
 
     def await_start(self, number: int, deadline_s: float) -> bool:
         """Whether an exposure is triggered by the deadline."""
-        while len(self._starts_s) <= number and self._clock.now_s() < deadline_s:
+        while not (is_known := self._known() > number) and self._clock.now_s() < deadline_s:
             self._clock.sleep_s(_TRIGGER_POLL_S)
-        return len(self._starts_s) > number
+        return is_known
+
+    def _known(self) -> int:
+        with self._lock:
+            return self._forgotten + len(self._starts_s)

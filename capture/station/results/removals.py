@@ -53,7 +53,7 @@ def record_removals(store: ResultStore, set_files: Mapping[str, str], utc: str) 
     Parameters
     ----------
     set_files
-        Set file by part id, as in `PartResult`.
+        Set file by part id, as in `PartResult`; at least one.
 
     Raises
     ------
@@ -66,13 +66,14 @@ def record_removals(store: ResultStore, set_files: Mapping[str, str], utc: str) 
     ]
 
     def work(connection: Connection) -> None:
-        recorded = select(removed_sets.c.part_id).where(
-            removed_sets.c.station == store.station, removed_sets.c.part_id.in_(set_files)
+        # An earlier attempt wrote all rows or none, so one part tells. A query for all of them has
+        # another text for each number of parts, and SQLite's driver keeps 128 texts of up to 36 kB.
+        is_recorded = select(removed_sets.c.part_id).where(
+            removed_sets.c.station == store.station, removed_sets.c.part_id == rows[0]["part_id"]
         )
-        known = set(connection.scalars(recorded))
-        if new := [row for row in rows if row["part_id"] not in known]:
+        if connection.scalar(is_recorded) is None:
             batch = (connection.scalar(_last_batch(store.station)) or 0) + 1
-            connection.execute(insert(removed_sets), [row | {"batch": batch} for row in new])
+            connection.execute(insert(removed_sets), [row | {"batch": batch} for row in rows])
 
     store.write(work)
 
