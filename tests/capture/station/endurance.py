@@ -27,15 +27,16 @@ from unittest.mock import patch
 # The kernels run in one thread, so that other tests have the other cores.
 os.environ |= {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
-import cv2
-
 from capture.process.utc_time import utc_text
+from capture.process_settings import settle_process, settle_station
 from capture.sets.ome_tiff import SUFFIX
 from capture.station.config import SimulatedParts
+from capture.station.control_charts.control_chart import ControlChart
 from capture.station.cycle.event_lines import json_fields
 from capture.station.cycle.events import Event, PartAnnounced
 from capture.station.cycle.simulated_parts import SimulatedPart, simulated_part
 from capture.station.folder import StationFolder
+from capture.station.live.live_station import LiveStation
 from capture.station.results.store import open_store
 from tests.capture.station.production import (
     contradictions,
@@ -87,14 +88,21 @@ def some_time_ago(*_: object) -> str:
 
 
 def produce(folder: Path, parts: int, announced: Path) -> list[Reading]:
-    """Run the station, write its events to a file, and read memory and open files."""
+    """Run the station, write its events to a file, and read memory and open files.
+
+    What every run keeps of its parts, for faces and control charts, is there, too.
+    """
     readings: list[Reading] = []
     every = max(1, parts // LINES)
     before_s = time.process_time()
+    live = LiveStation(folder.name, simulated=True)
+    chart = ControlChart([f"LED {number}" for number in range(4)], live.tell)
     with announced.open("w", encoding="utf-8") as file:
 
         def listen(event: Event) -> None:
             nonlocal before_s
+            live.tell(event)
+            chart(event)
             file.write(json.dumps(json_fields(event)) + "\n")
             if isinstance(event, PartAnnounced) and event.result.number % every == 0:
                 gc.collect()
@@ -137,13 +145,14 @@ def faults_of(readings: list[Reading]) -> list[str]:
 
 def main(parts: int) -> int:
     """Print the figures; return the exit status."""
-    cv2.setNumThreads(1)
+    settle_process()  # as `ps4rig station run` does, so that the allocator works as there
     # A tenth of the parts does not pass, and the sample is one in twenty of the others.
     with tempfile.TemporaryDirectory(
         prefix="ps4rig-endurance-", dir=in_memory(parts // 4)
     ) as place:
         folder, announced = Path(place) / "line-1", Path(place) / "announced"
         taught_station(folder)
+        settle_station()
         print(" parts   memory in MB   open files   ms of CPU a part")
         wrong = faults_of(produce(folder, parts, announced))
         with announced.open(encoding="utf-8") as lines:
