@@ -18,7 +18,7 @@ _TRIGGER_POLL_S = 0.001
 _ROUNDING_S = 1e-6
 # Starts that are kept at least, before the oldest frame that a camera's buffers may still hold:
 # those of 1,600 sets of which no frame is read.
-_KEPT_STARTS = 8192
+KEPT_STARTS = 8192
 
 Strobe = Callable[[bool, float], object]
 
@@ -127,9 +127,9 @@ class Triggered(Exposures):
             if self._starts_s and now_s < self._starts_s[-1] + self.shutter.period_s:
                 return
             self._starts_s.append(now_s)
-            if len(self._starts_s) == 2 * _KEPT_STARTS:
-                del self._starts_s[:_KEPT_STARTS]
-                self._forgotten += _KEPT_STARTS
+            if len(self._starts_s) == 2 * KEPT_STARTS:
+                del self._starts_s[:KEPT_STARTS]
+                self._forgotten += KEPT_STARTS
         self._clock.call_at(now_s, lambda: self._expose(now_s))
 
     def start_s(self, number: int) -> float:

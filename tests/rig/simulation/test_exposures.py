@@ -5,14 +5,13 @@ import tracemalloc
 import pytest
 
 from firmware_sim import VirtualClock
-from rig.simulation import exposures as module
 from rig.simulation.exposures import Shutter, Triggered
 
 
 def test_a_camera_that_is_triggered_for_months_takes_no_more_memory(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(module, "_KEPT_STARTS", 256)
+    monkeypatch.setattr("rig.simulation.exposures.KEPT_STARTS", 256)
     clock = VirtualClock()
     exposures = Triggered(clock, Shutter(period_s=0.001, exposure_s=0.0005))
 
