@@ -18,7 +18,9 @@ def tail(events: int, trials: int, share: float) -> float:
 
 
 @given(st.integers(1, 200).flatmap(lambda n: st.tuples(st.integers(0, n - 1), st.just(n))))
-def test_at_the_bound_so_few_events_have_a_chance_of_five_percent(counts: tuple[int, int]) -> None:
+def test_at_most_so_many_events_have_five_percent_chance_at_the_bound(
+    counts: tuple[int, int],
+) -> None:
     events, trials = counts
     assert tail(events, trials, share_at_most(events, trials)) == pytest.approx(0.05, rel=1e-6)
 
@@ -31,14 +33,14 @@ def test_the_bounds_enclose_the_share(events: int, others: int) -> None:
         assert share_at_least(events, trials) <= events / trials <= share_at_most(events, trials)
 
 
-def test_149_parts_without_a_miss_show_two_percent() -> None:
+def test_149_parts_without_a_miss_bound_the_misses_at_two_percent() -> None:
     assert trials_to_show(0.02) == 149
     assert share_at_most(0, 149) <= 0.02 < share_at_most(0, 148)
     assert share_at_most(0, 0) == 1.0
 
 
 @pytest.mark.parametrize(("count", "factor"), [(3, 10.553), (10, 3.981), (30, 3.064)])
-def test_a_tolerance_factor_has_the_factors_of_the_tables(count: int, factor: float) -> None:
+def test_tolerance_factors_are_those_of_published_tables(count: int, factor: float) -> None:
     # NIST Handbook 1 / ISO 16269-6, one-sided, coverage 99 %, confidence 95 %.
     assert tolerance_factor(count) == pytest.approx(factor, abs=0.002)
 

@@ -27,7 +27,7 @@ def error_deg(scene: SceneImages, surface: SurfaceEstimate) -> float:
 
 
 def errors_deg(name: str, fields: float, method: Method) -> dict[str, float]:
-    """Of the ideal rig, of a near one solved as distant, with positions, and with a sheet too."""
+    """Mean errors of the ideal rig, and of a near one by what is known of its lights."""
     surface = synthetic_surface(name, 0, 2 * SIDE)
     near = Lighting.near(fields * SIDE * RING.directions)
     distant_scene = render_frame(surface, RING, SIDE)

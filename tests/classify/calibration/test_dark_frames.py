@@ -78,7 +78,7 @@ def test_too_many_hot_pixels_are_refused() -> None:
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=10)
-def test_an_led_that_shows_means_an_open_lens(seed: int) -> None:
+def test_an_led_visible_in_a_dark_frame_means_an_open_lens(seed: int) -> None:
     dark = frames(seed=seed)
     dark_of(dark, FULL, frames(count=4, seed=seed + 1))
     lit = frames(count=4, seed=seed + 1)

@@ -43,7 +43,7 @@ def calibration() -> tuple[Calibration, float]:
 
 
 def drift_of(rig: Plate, calibration: tuple[Calibration, float], before: Plate = RIG) -> Drift:
-    """Another sheet, elsewhere and a little tilted, with the exposure of the calibration."""
+    """The drift found on an image of another sheet with the exposure of the calibration."""
     known, brightness = calibration
     # `Plate` exposes for its brightest pixel, a rig does not.
     light = rig.strengths.max() / before.strengths.max()
@@ -69,7 +69,7 @@ def with_light_moved(rig: Plate, light: int, along_deg: float, down_deg: float) 
 
 
 def with_camera_moved(rig: Plate, right: float, up: float, turn_deg: float) -> Plate:
-    """Shifts are shares of the frame; the lights move the other way in the picture."""
+    """Shift by shares of the frame and turn; the lights move the other way in the picture."""
     cosine, sine = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
     moved = np.array(rig.positions) - 2.0 * np.array([right, up, 0.0])
     return replace(
@@ -240,7 +240,9 @@ def test_a_calibration_without_plate_or_of_other_lights_is_refused(
         plate_drift(three, RIG.full_scale, calibration[0], RING)
 
 
-def test_what_is_no_white_sheet_is_refused(calibration: tuple[Calibration, float]) -> None:
+def test_images_of_anything_but_a_white_sheet_are_refused(
+    calibration: tuple[Calibration, float],
+) -> None:
     def refused(stack: ImageStack, words: str) -> None:
         with pytest.raises(CalibrationRejected, match=words):
             plate_drift(stack, RIG.full_scale, calibration[0], RING)
@@ -256,7 +258,7 @@ def test_what_is_no_white_sheet_is_refused(calibration: tuple[Calibration, float
 
 
 def random_rigs(before: Plate) -> Iterator[tuple[str, float, Plate]]:
-    """Kind of the change, its size as a multiple of the warning's limit, and the rig."""
+    """Yield the kind of the change, its size over the limit of its warning, and the rig."""
     rng = np.random.default_rng(7)
     sizes = (0.0, 0.5, 0.8, 1.25, 1.6, 2.5)
     for size in sizes:

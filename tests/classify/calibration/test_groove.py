@@ -32,9 +32,7 @@ def pictures() -> tuple[ImageStack, np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("method", ["least_squares", "ps4_robust"])
 @pytest.mark.parametrize("masked", [False, True])
-def test_the_groove_is_as_deep_as_it_is_and_flat_areas_are_flat(
-    method: Method, masked: bool
-) -> None:
+def test_a_groove_has_its_depth_and_flat_areas_stay_flat(method: Method, masked: bool) -> None:
     stack, height, flat = pictures()
     measured = measure_plate([stack], 255.0, Lighting.ring(45.0), flat if masked else None)
     assert measured.lights is not None

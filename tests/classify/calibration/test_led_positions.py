@@ -1,4 +1,4 @@
-"""LED positions from rendered sheets: how far they are from the truth, and from what is stated."""
+"""LED positions from rendered sheets: their errors, and whether the stated errors are true."""
 
 import numpy as np
 import pytest
@@ -54,7 +54,7 @@ def irregular_lights(draw: st.DrawFn) -> Array:
     specks=st.integers(0, 40),
     seed=st.integers(0, 999),
 )
-def test_errors_are_within_three_of_those_stated(
+def test_errors_are_within_three_times_those_stated(
     positions: Array, lobe: float, aim: str, tilt: tuple[float, float], specks: int, seed: int
 ) -> None:
     plate = Plate(
@@ -94,7 +94,7 @@ def test_distant_lights_have_no_certain_positions() -> None:
     assert max(found.direction_errors_deg.max(), 60.0 * found.distance_errors.max()) > 5.0
 
 
-def test_light_that_is_of_no_led_leaves_a_residual() -> None:
+def test_light_unlike_that_of_leds_leaves_a_residual() -> None:
     plate = Plate(ring_positions(4.0))
     x, _ = plate.coordinates()
     stack = plate.stack

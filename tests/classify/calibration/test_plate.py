@@ -1,4 +1,4 @@
-"""Pictures that are not of a level white matt sheet are refused, each with its cause."""
+"""Calibration from images of a level white matt sheet, and images refused with their cause."""
 
 from dataclasses import replace
 
@@ -70,13 +70,13 @@ def test_a_bad_sheet_is_refused(plate: Plate, cause: str) -> None:
 
 
 @pytest.mark.parametrize("distance", [8.0, 300.0])
-def test_a_tilt_that_does_not_turn_with_the_sheet_is_seen_by_the_lights(distance: float) -> None:
+def test_a_tilt_that_does_not_turn_with_the_sheet_is_refused(distance: float) -> None:
     plate = Plate(ring_positions(distance), brightest=0.4, tilt=(0.3, 0.0), levels=(1.0,) * 4)
     with pytest.raises(CalibrationRejected, match=r"tilted by about 1\d degrees, or the lights"):
         measure_plate([plate.stack, replace(plate, seed=1).stack], plate.full_scale, RING)
 
 
-def test_light_of_no_led_gives_no_positions() -> None:
+def test_light_unlike_that_of_leds_gives_no_positions() -> None:
     x, _ = SHEET.coordinates()
     stack = SHEET.stack
     bent = stack.images * np.exp(0.06 * np.sin(3.0 * x))[None] ** [[[1]], [[-1]], [[1]], [[-1]]]
@@ -86,7 +86,7 @@ def test_light_of_no_led_gives_no_positions() -> None:
     assert "from that of LEDs: the sheet is shiny, or the lights are no" in found.no_lights_because
 
 
-def test_relief_is_no_sheet() -> None:
+def test_a_surface_with_relief_is_refused_as_a_sheet() -> None:
     rng = np.random.default_rng(4)
     p, q = 0.3 * rng.standard_normal((2, 192, 192))
     x, y, z = RING.directions.T[..., None, None]

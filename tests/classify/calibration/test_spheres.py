@@ -201,7 +201,7 @@ def test_pictures_without_a_usable_light_are_refused(
         lights_from_spheres([taken(picture, kind)], kind)
 
 
-def test_a_mirror_sphere_is_no_matt_sphere() -> None:
+def test_a_mirror_sphere_is_refused_as_a_matt_sphere() -> None:
     picture = Picture(scattered_lights(4, 1), background="sheet")
     with pytest.raises(CalibrationRejected, match=r"picture 0.*matt"):
         lights_from_spheres([taken(picture, "mirror")], "matte")

@@ -142,7 +142,7 @@ def test_a_limit_never_exceeds_the_distance_to_the_nearest_other_class(stationar
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5])
 def test_limits_hold_in_libraries_of_few_classes(stationary, tests, count: int) -> None:
-    """The metric of few sets is not that of their own quarters alone."""
+    """Few quarters scatter at random, so typical variances are averaged in."""
     for first in range(0, len(KINDS), 2):
         known = [KINDS[(first + i) % len(KINDS)] for i in range(count)]
         library = TextureLibrary.train((kind, stationary(kind, seed=1)) for kind in known)

@@ -46,8 +46,8 @@ def test_a_surface_out_of_focus_is_recognised_and_its_blur_found(
             assert off_deg(match.orientation_deg, sharp.orientation_deg) < 1.0
 
 
-def test_without_an_estimate_of_blur_they_were_unknown(library, tests) -> None:
-    """In a library of an earlier version, which holds no changes by blur."""
+def test_a_library_without_changes_by_blur_leaves_blurred_surfaces_unknown(library, tests) -> None:
+    """As libraries of earlier versions do."""
     parameters = {k: v for k, v in library.parameters.items() if k != BLUR_BASIS}
     start = library.signatures.shape[1] - 1 - 72 - 3 * library.parameters[BLUR_BASIS].shape[1]
     signatures = np.delete(library.signatures, np.s_[start:-73], axis=1)

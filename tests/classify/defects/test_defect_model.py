@@ -64,7 +64,7 @@ def test_a_stain_is_a_defect_of_the_albedo_alone(model, good) -> None:
     np.testing.assert_array_equal(found.relief, model.map_of(good, 0.0).relief)
 
 
-def test_another_texture_and_none_are_found(model, good, stationary) -> None:
+def test_a_foreign_and_a_missing_texture_are_found(model, good, stationary) -> None:
     other = stationary("fine sand", seed=60, side=SIDE)
     noise = np.random.default_rng(0).normal(0.0, 0.02, (2, SIDE, SIDE))
     inside = distances() < 40.0
@@ -196,7 +196,7 @@ def test_a_stain_on_an_albedo_without_any_noise_is_found(stationary) -> None:
     assert regions_of(model.map_of(with_stain(painted(3), 0.1), 0.0))[0].kind == "albedo"
 
 
-def test_few_parts_promise_little(model) -> None:
+def test_the_bound_of_false_alarms_follows_from_the_number_of_parts(model) -> None:
     assert model.parts == LEARNED
     assert (model.good_scores <= 1.0).all()
     assert model.false_alarm_bound == pytest.approx(1.0 - 0.05 ** (1 / LEARNED))

@@ -83,7 +83,7 @@ def test_a_set_without_orientation_is_aligned_to_a_given_one(stationary) -> None
     assert off_deg(library.orientations_deg[1], 65.0) < 2.0
 
 
-def test_of_several_sets_of_a_class_the_nearest_counts(stationary) -> None:
+def test_the_nearest_of_several_sets_of_a_class_counts(stationary) -> None:
     """For a texture that no single set shows completely."""
     rough, malv = (stationary(kind, seed=1) for kind in ("rough", "malv"))
     library = TextureLibrary.train(

@@ -81,7 +81,7 @@ def test_the_verdict_is_the_same_for_turned_and_mirrored_images(
     assert verdict(np.ascontiguousarray(images), directions) == before
 
 
-def test_what_shows_no_relief_decides_nothing(stationary: Texture) -> None:
+def test_images_that_do_not_show_relief_decide_nothing(stationary: Texture) -> None:
     rng = np.random.default_rng(3)
     flat = rng.normal(20_000.0, 600.0, (4, 160, 160))
     painted = flat * rng.uniform(0.4, 1.0, (160, 160))

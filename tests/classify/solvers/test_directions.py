@@ -87,7 +87,7 @@ def assert_no_direction_is_preferred(
     rows=st.integers(25, 60), columns=st.integers(25, 60), seed=st.integers(0, 1000),
     rounded=st.booleans(),
 )  # fmt: skip
-def test_on_relief_with_shadow_and_noise(
+def test_solvers_are_symmetric_on_relief_with_shadow_and_noise(
     method: Method, rows: int, columns: int, seed: int, rounded: bool
 ) -> None:
     rng = np.random.default_rng(seed)
@@ -114,13 +114,13 @@ def test_on_relief_with_shadow_and_noise(
 @pytest.mark.parametrize(
     ("name", "lights"), [("butterfly_crop", [6, 0, 2, 4]), ("cat_crop", [2, 0, 10, 4])]
 )
-def test_on_photographs(method: Method, name: str, lights: list[int]) -> None:
+def test_solvers_are_symmetric_on_photographs(method: Method, name: str, lights: list[int]) -> None:
     images, lighting, ambient = photographs(name, lights)
     assert_no_direction_is_preferred(images, lighting, method, ambient)
 
 
 @pytest.mark.parametrize("method", MORE_LIGHTS)
-def test_on_photographs_under_twelve_lights(method: Method) -> None:
+def test_solvers_are_symmetric_under_twelve_lights(method: Method) -> None:
     images, lighting, _ = photographs("cat_crop", [])
     assert_no_direction_is_preferred(images, lighting, method)
 
@@ -129,7 +129,9 @@ def test_on_photographs_under_twelve_lights(method: Method) -> None:
     ("name", "lights"), [("butterfly_crop", [6, 0, 2, 4]), ("cat_crop", [3, 1, 10, 9])]
 )
 @pytest.mark.parametrize(("rows", "columns"), [(128, 127), (115, 106)])
-def test_checks_of_the_lights(name: str, lights: list[int], rows: int, columns: int) -> None:
+def test_checks_of_the_lights_are_symmetric(
+    name: str, lights: list[int], rows: int, columns: int
+) -> None:
     """Their order and their agreement, in frames of even and odd sides."""
     images, lighting, ambient = photographs(name, lights)
     images = images[:, :rows, :columns].astype(np.uint16)

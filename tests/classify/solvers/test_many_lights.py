@@ -235,7 +235,7 @@ def test_progress_is_told_up_to_the_last_row(method: str) -> None:
 
 
 def test_lights_of_which_no_majority_agrees_are_all_used() -> None:
-    """Of unknown intensities, say: to leave out most of them would call all pixels specular."""
+    """As of unknown intensities: leaving out most lights would call all pixels specular."""
     lighting = ring_of(24)
     _, _, images = bumps(lighting)
     images *= np.random.default_rng(1).lognormal(0.0, 0.2, 24)[:, None, None]

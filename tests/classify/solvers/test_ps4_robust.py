@@ -161,7 +161,7 @@ def test_a_wrong_led_level_is_not_mistaken_for_shadow() -> None:
 
 
 def test_intensities_that_were_given_are_believed() -> None:
-    """Lights a few degrees off leave the residual of unequal levels, which there are none of."""
+    """Lights a few degrees off leave a residual like that of unequal levels; these are equal."""
     lighting = Lighting.ring(45.0)
     p, q = waves(0.3, 128)
     moved = Lighting(lighting.directions + np.random.default_rng(5).normal(0.0, 0.05, (4, 3)))

@@ -93,7 +93,7 @@ def test_there_are_30_textures_and_each_twin_has_its_original_among_them() -> No
         ("sand", lambda u, v: np.exp(-(((np.abs(u) - 0.05) / 0.01) ** 2 + (v / 0.012) ** 2) / 2)),
     ],
 )
-def test_the_four_are_white_noise_filtered_by_the_formula(name: str, formula) -> None:  # type: ignore[no-untyped-def]
+def test_the_four_textures_of_the_thesis_are_filtered_white_noise(name: str, formula) -> None:  # type: ignore[no-untyped-def]
     """A library trained on seed 3 of rock fits seed 3 of rock in every version."""
     u, v = np.fft.rfftfreq(SIDE)[None, :], np.fft.fftfreq(SIDE)[:, None]
     noise = np.random.default_rng([3, zlib.crc32(name.encode())]).standard_normal((SIDE, SIDE))

@@ -45,7 +45,7 @@ def test_a_cache_forgets_the_size_of_what_it_removed() -> None:
     assert cache.get(2, lambda: b"") == b""
 
 
-def test_what_exceeds_a_cache_is_not_kept() -> None:
+def test_a_value_larger_than_the_cache_is_not_kept() -> None:
     cache = BoundedCache[bytes](len, limit_bytes=4)
     assert cache.get("large", lambda: bytes(5)) == bytes(5)
     assert cache.get("large", lambda: b"") == b""
