@@ -14,6 +14,7 @@ from .config import StationConfig
 from .cycle.self_test import check_calibration_age, check_disk, check_results
 from .folder import StationFolder
 from .inspection.inspector import Inspector
+from .last_recipe import first_recipe
 from .recipe.recipe_folder import RecipeFolder
 from .results.store import open_store
 
@@ -43,7 +44,7 @@ def diagnose_station(folder: Path) -> Iterator[Check]:
 
 
 def _check_recipe(station: StationFolder) -> Iterator[Check]:
-    files = station.recipe_files()
+    files = station.recipe_files(first_recipe(station))
     path = station.rig_config().calibration
     inspector = Inspector.load(files, None if path is None else Path(path))
     recipe = inspector.recipe

@@ -156,11 +156,9 @@ class TextureLibrary(LibraryContents):
         )
 
     def classify(self, surface: SurfaceEstimate) -> Match:
-        """Find the nearest class, or unknown, and the orientation; raises as `observe`.
+        """Match a surface as `match_surface`; raises as `observe`.
 
-        A surface that is sharper than its nearest training set is blurred and compared again,
-        unless it is about as near to another class: blur would take it away from that. Warns where
-        a solver solved the surface otherwise than the training sets.
+        Warns where a solver solved the surface otherwise than the training sets.
         """
         trained = (self.method or surface.method, self.planar)
         if surface.images is not None and (surface.method, surface.planar) != trained:
@@ -170,6 +168,14 @@ class TextureLibrary(LibraryContents):
                 "between solvers",
                 stacklevel=2,
             )
+        return self.match_surface(surface)
+
+    def match_surface(self, surface: SurfaceEstimate) -> Match:
+        """Find the nearest class, or unknown, and the orientation; raises as `observe`.
+
+        A surface that is sharper than its nearest training set is blurred and compared again,
+        unless it is about as near to another class: blur would take it away from that.
+        """
         match = self.match(self.observe(surface))
         decided = match.margin is None or match.margin >= LEAST_MARGIN
         if match.blur_px is None or match.blur_px > -_LEAST_SHARPER_PX or not decided:

@@ -11,7 +11,7 @@ from capture.commands import options
 from capture.console import new_table, out, print_json, print_table, reported
 from classify.errors import InputError
 
-from .teach import By, RecipeName, Station
+from .teach import By, Station
 
 
 @reported
@@ -29,7 +29,10 @@ def challenge(
         list[str] | None,
         typer.Option(help="Part to take out instead; may be given again.", metavar="FILE"),
     ] = None,
-    recipe: RecipeName = None,
+    recipe: Annotated[
+        str | None,
+        typer.Option(help="The recipe.", show_default="the one with which the next run begins"),
+    ] = None,
     by: By = None,
     json: options.Json = False,
 ) -> None:
@@ -39,14 +42,17 @@ def challenge(
     exit status is 1 if one did not.
     """
     from capture.station.challenge.challenge import run_challenge
+    from capture.station.folder import StationFolder
     from capture.station.inspection.inspector import Inspector
+    from capture.station.last_recipe import first_recipe
     from capture.station.panel.recipes.recipe_changes import recipe_on_the_terminal
 
     if (add is None) != (expect is None):
         raise InputError("give --add SET and --expect PASS, FAIL or UNKNOWN together")
     if add is not None and remove is not None:
         raise InputError("--add and --remove: give one of them")
-    with recipe_on_the_terminal(folder, recipe, by) as changes:
+    name = recipe or first_recipe(StationFolder(folder))
+    with recipe_on_the_terminal(folder, name, by) as changes:
         where = changes.files.challenge
         if add is not None and expect is not None:
             changes.add_to_challenge(add, expect)
@@ -69,6 +75,6 @@ def challenge(
             table.add_row(part.file, part.expected, f"{part.found}{mark}", part.reason)
         print_table(table)
         met = len(replay.parts) - len(replay.regressions)
-        out.print(f"{met} of {len(replay.parts)} parts got the verdict that they must get")
+        out.print(f"{name}: {met} of {len(replay.parts)} parts got the verdict that they must get")
     if replay.regressions:
         raise typer.Exit(1)

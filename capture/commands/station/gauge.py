@@ -16,6 +16,7 @@ from .teach import Station
 if TYPE_CHECKING:
     from capture.station.folder import StationFolder
     from capture.station.gauge.gauge import Presentation
+    from capture.station.recipe.recipe_folder import RecipeFolder
 
 
 @reported
@@ -41,6 +42,7 @@ def gauge(
 ) -> None:
     """Study the station as a gauge: known parts, each presented several times.
 
+    The recipe is the one with which the next run begins.
     Effectiveness, misses and false alarms with exact bounds, against the 90, 2 and 5 % of AIAG. The
     report is kept beside the recipe, for the panel. The exit status is 1 if they are not
     acceptable.
@@ -48,15 +50,19 @@ def gauge(
     from capture.station.folder import StationFolder
     from capture.station.gauge.gauge import GaugeStudy
     from capture.station.gauge.gauge_report import GaugeReport, write_gauge_report
+    from capture.station.last_recipe import first_recipe
     from classify.durable_file import make_folder
 
     station = StationFolder(folder)
-    found, of = _recorded(station, known) if known else _presented(station, parts, times, seed)
+    files = station.recipe_files(first_recipe(station))
+    if known:
+        found, of = _recorded(station, known)
+    else:
+        found, of = _presented(station, files, parts, times, seed)
     study = GaugeStudy(tuple(found))
-    report = GaugeReport.of(study, station.config.recipe, of.recipe_sha256, simulated=of.simulated)
-    path = station.recipe_files().gauge
-    make_folder(path.parent)
-    write_gauge_report(path, report)
+    report = GaugeReport.of(study, files.name, of.recipe_sha256, simulated=of.simulated)
+    make_folder(files.gauge.parent)
+    write_gauge_report(files.gauge, report)
     if json:
         print_json(report.model_dump(mode="json"))
     else:
@@ -74,16 +80,14 @@ class _Judged(NamedTuple):
 
 
 def _presented(
-    station: StationFolder, count: int, times: int, seed: int
+    station: StationFolder, files: RecipeFolder, count: int, times: int, seed: int
 ) -> tuple[Sequence[Presentation], _Judged]:
     from capture.station.gauge.simulated_gauge import known_parts, present
     from capture.station.inspection.inspector import Inspector
 
     rig_config = station.rig_config()
     calibration = rig_config.calibration
-    inspector = Inspector.load(
-        station.recipe_files(), None if calibration is None else Path(calibration)
-    )
+    inspector = Inspector.load(files, None if calibration is None else Path(calibration))
     camera = rig_config.camera
     shown = known_parts(
         station.config.simulated_parts, count, min(camera.width_px, camera.height_px)

@@ -2,7 +2,6 @@
 
 import math
 import time
-import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -26,7 +25,7 @@ from capture.station.recipe.taught import Taught
 from capture.station.recipe.taught_files import check_unchanged, defect_model_of, taught_for
 from capture.station.results.part_result import DefectRecord
 from capture.station.verdict import Cause, Verdict
-from classify import Match, SurfaceEstimate, TextureLibrary
+from classify import TextureLibrary
 from classify.defects.defect_map import KINDS, DefectMap, regions_of
 from classify.defects.defect_model import DefectModel
 from classify.threads import beside
@@ -209,7 +208,9 @@ class Inspector:
             )
         if not any(invalid(self.recipe, measures)):
             with _timed(timings_ms, "match"):
-                measures = replace(measures, match=_matched(self._library, measured.surface))
+                # No warning of the solver: a calibration may have a flat field where that of
+                # teaching had none.
+                measures = replace(measures, match=self._library.match_surface(measured.surface))
         # A part with a large defect may be unknown: its defects are recorded against the nearest
         # texture.
         match = measures.match
@@ -336,13 +337,6 @@ def _age_fault(age_days: int | None, greatest_days: int) -> str | None:
     if age_days > greatest_days:
         return f"was measured {age_days} days before the part, at most {greatest_days}"
     return None
-
-
-def _matched(library: TextureLibrary, surface: SurfaceEstimate) -> Match:
-    with warnings.catch_warnings():
-        # A calibration may have a flat field where that of teaching had none.
-        warnings.simplefilter("ignore")
-        return library.classify(surface)
 
 
 @contextmanager

@@ -63,9 +63,12 @@ def _state(call: Call) -> Response:
 
 
 def _trigger(call: Call) -> Response:
-    part_id = call.text("part_id", "") or None
+    part_id, recipe = call.text("part_id", "") or None, call.text("recipe", "") or None
+    if recipe is not None:
+        call.panel.folder.recipe_files(recipe)  # raises for what is no name
+    key = call.request.headers.get("idempotency-key")
     try:
-        answer = call.panel.triggers.submit(call.request.headers.get("idempotency-key"), part_id)
+        answer = call.panel.triggers.submit(key, part_id, recipe)
     except OtherPart as error:
         raise Denied(422, str(error)) from error
     if isinstance(answer, Refused):
@@ -225,8 +228,11 @@ ROUTES = (
     PanelRoute(
         "POST", f"{V1}/trigger", Role.OPERATOR, _trigger,
         "Trigger a part: 202 accepted, 200 accepted before with this Idempotency-Key, 409 refused, "
-        "422 if the key was accepted for another part.",
-        fields={"part_id": "identity of the part; without it the station makes one"},
+        "422 if the key was accepted for another part or recipe.",
+        fields={
+            "part_id": "identity of the part; without it the station makes one",
+            "recipe": "name of the recipe that must judge the part; 409 if another one is loaded",
+        },
     ),
     PanelRoute(
         "GET", f"{V1}/parts", Role.OPERATOR, _parts, "Parts, the newest first.",

@@ -6,10 +6,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from capture.station.control_charts.control_history import ChartHistory, chart_histories
-from capture.station.errors import RecipeError
 from capture.station.folder import StationFolder
 from capture.station.gauge.gauge import ACCEPTABLE
 from capture.station.gauge.gauge_report import GaugeReport, read_gauge_report
+from capture.station.last_recipe import first_recipe
 from capture.station.results.history import Selection, Tally
 from capture.station.results.statistics import (
     MOST_MEASURED,
@@ -141,11 +141,11 @@ def led_names(folder: StationFolder, leds: int) -> Sequence[str]:
 
 
 def gauge_of(folder: StationFolder, selection: Selection) -> GaugeReport | None:
-    """Return the gauge study of the selected recipe, or of the configured one, if one was made."""
+    """Return the gauge study of the selected recipe, or of that of the next run, if it was made."""
     try:
-        files = folder.recipe_files(selection.recipe)
-    except RecipeError:
-        return None  # no recipe has such a name
+        files = folder.recipe_files(selection.recipe or first_recipe(folder))
+    except InputError:
+        return None  # no recipe has such a name, or the file of the last one is damaged
     report = read_gauge_report(files.gauge)
     return report if report is None or report.simulated == selection.simulated else None
 

@@ -32,7 +32,7 @@ class Repeated:
 
 
 class OtherPart(Ps4rigError):  # noqa: N818 - what a client asked, no error of the program
-    """A key that was accepted for one part comes with another part."""
+    """A key that was accepted for one part comes with another part or recipe."""
 
 
 class KeyedTriggers:
@@ -46,49 +46,58 @@ class KeyedTriggers:
         self._live, self._results = live, results
         self._lock = threading.Lock()
         self._slots = threading.BoundedSemaphore(MOST_WAITING)
-        # By the key: the answer, and the part id that the client gave.
-        self._accepted: OrderedDict[str, tuple[Accepted, str | None]] = OrderedDict()
+        # By the key: the answer, and the part id and the recipe that the client gave.
+        self._accepted: OrderedDict[str, tuple[Accepted, str | None, str | None]] = OrderedDict()
 
-    def submit(self, key: str | None, part_id: str | None) -> Accepted | Refused | Repeated:
+    def submit(
+        self, key: str | None, part_id: str | None, recipe: str | None = None
+    ) -> Accepted | Refused | Repeated:
         """Pass a trigger on; with a key that was accepted before, return its part.
+
+        A new part is refused unless `recipe` is the loaded one; None requires none.
 
         Raises
         ------
         InputError
             If the key is empty or too long.
         OtherPart
-            If the key was accepted with another part id.
+            If the key was accepted with another part id or recipe.
         ResultsUnavailable
             If the database does not answer, or `MOST_WAITING` triggers wait for it already.
         """
         if not self._slots.acquire(blocking=False):
             raise ResultsUnavailable(f"{MOST_WAITING} triggers wait for the station")
         try:
-            return self._submit(key, part_id)
+            return self._submit(key, part_id, recipe)
         finally:
             self._slots.release()
 
-    def _submit(self, key: str | None, part_id: str | None) -> Accepted | Refused | Repeated:
+    def _submit(
+        self, key: str | None, part_id: str | None, recipe: str | None
+    ) -> Accepted | Refused | Repeated:
         if key is None:
-            return self._live.submit(Trigger("http", part_id))
+            return self._live.submit(Trigger("http", part_id, recipe))
         if not 1 <= len(key) <= LONGEST_KEY:
             raise InputError(f"Idempotency-Key: give 1 to {LONGEST_KEY} characters")
         # One at a time: of two requests with one key, the second waits for the first.
         with self._lock:
             if key in self._accepted:
-                known, given = self._accepted[key]
+                known, given, required = self._accepted[key]
                 _require_same(given, part_id, known.part_id)
+                _require_recipe(required, recipe, known.part_id)
                 return Repeated(known.part_id, known.number)
             made = f"key-{hashlib.sha256(key.encode()).hexdigest()[:_DIGITS]}"
             store = self._results.store
             if store.known([made]):
                 _require_same(None, part_id, made)
                 entry = store.part(made)
+                if recipe is not None and entry is not None:
+                    _require_recipe(entry.result.recipe, recipe, made)
                 return Repeated(made, None if entry is None else entry.result.number)
-            answer = self._live.submit(Trigger("http", part_id or made))
+            answer = self._live.submit(Trigger("http", part_id or made, recipe))
             # A refused trigger may be sent again with its key.
             if isinstance(answer, Accepted):
-                self._accepted[key] = answer, part_id
+                self._accepted[key] = answer, part_id, recipe
                 if len(self._accepted) > _KEPT_KEYS:
                     self._accepted.popitem(last=False)
             return answer
@@ -100,4 +109,12 @@ def _require_same(given: str | None, part_id: str | None, known: str) -> None:
         raise OtherPart(
             f"Idempotency-Key: was accepted for part {known} and comes again {words}; give each "
             "part its own key"
+        )
+
+
+def _require_recipe(given: str | None, recipe: str | None, known: str) -> None:
+    if recipe != given:
+        raise OtherPart(
+            f"Idempotency-Key: was accepted for part {known} and recipe {given or 'of any name'}, "
+            f"and comes again with {recipe or 'any'}; give each part its own key"
         )

@@ -10,7 +10,9 @@ import pytest
 
 from capture.station.approval.approval import approve
 from capture.station.challenge.challenge import require_challenge
+from capture.station.folder import StationFolder
 from capture.station.inspection.inspector import Inspector
+from capture.station.last_recipe import keep_recipe
 from capture.station.recipe.recipe_folder import RecipeFolder
 
 
@@ -54,6 +56,16 @@ def test_each_fault_is_one_line_and_the_checks_go_on(
     assert (found["disk"], found["results"]) == ("ok", "ok")
     assert (found["modbus"], found["mqtt"]) == ("ok", "fault")
     assert "pip install 'ps4rig[mqtt]'" in result.stdout
+
+
+@pytest.mark.parametrize("command", ["doctor", "challenge", "gauge"])
+def test_commands_take_the_recipe_with_which_the_next_run_begins(
+    station: Path, ps4rig: Callable[..., Any], command: str
+) -> None:
+    keep_recipe(StationFolder(station), "brass")
+    result = ps4rig("station", command, station)
+    assert result.exit_code != 0
+    assert str(Path("recipes", "brass.toml")) in result.stdout + result.stderr
 
 
 def test_a_folder_without_a_station_says_how_to_make_one(
