@@ -66,6 +66,7 @@ class Led:
         self._history = deque([_Segment(-math.inf, 0.0, 0.0, 0.0)], maxlen=_HISTORY_EVENTS)
 
     def drive(self, percent: int, at_s: float) -> None:
+        """Set the level, 0 to 100, from a time on; times must not decrease."""
         before = self._history[-1]
         target = percent / 100.0
         if target == before.target:
@@ -75,12 +76,14 @@ class Led:
         self._history.append(_Segment(at_s, start, target, tau_s))
 
     def output(self, at_s: float) -> float:
+        """Share of full light at a time; ValueError before the history begins."""
         for segment in reversed(self._history):
             if segment.since_s <= at_s:
                 return segment.output(at_s)
         raise self._forgotten(at_s)
 
     def output_integral_s(self, start_s: float, end_s: float) -> float:
+        """Seconds of full light that give the light of an interval; ValueError as in `output`."""
         total_s = 0.0
         for segment in reversed(self._history):
             if segment.since_s < end_s:
