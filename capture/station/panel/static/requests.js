@@ -34,14 +34,22 @@ export async function shownIn(image, blob) {
   return image;
 }
 
-// Let an element that cannot load its picture try again.
+// Let an element that cannot load its picture try again, until the answer is final: the element
+// itself does not say why it failed.
 export function retrying(image) {
   let failures = 0;
   image.addEventListener("load", () => { failures = 0; });
-  image.addEventListener("error", () => {
+  image.addEventListener("error", async () => {
     const url = image.src;
     failures += 1;
-    setTimeout(() => { if (image.src === url) image.src = url; }, waitMs(failures));
+    await pause(waitMs(failures));
+    if (image.src !== url) return;
+    try {
+      await (await asked(url)).blob();
+    } catch (error) {
+      if (error.isFinal) return;
+    }
+    if (image.src === url) image.src = url;
   });
   return image;
 }

@@ -210,6 +210,29 @@ def test_a_part_whose_set_was_removed_keeps_its_numbers_and_says_so(
     assert "Slopes" not in text
 
 
+@pytest.mark.browser
+def test_a_picture_that_cannot_come_is_asked_for_once_more_and_given_up(
+    panel: RunningPanel, browser: Chromium
+) -> None:
+    page = browser.page(panel.url)
+    page.value(
+        """(async () => {
+  const { retrying } = await import("/static/requests.js");
+  window.failed = 0;
+  const image = retrying(new Image());
+  image.addEventListener("error", () => { window.failed += 1; });
+  image.src = "/api/v1/parts/nobody/pictures/albedo";
+})()"""
+    )
+    page.until(
+        "performance.getEntriesByType('resource').some((each) => each.initiatorType === 'fetch' "
+        "&& each.name.endsWith('/nobody/pictures/albedo'))"
+    )
+    # A second later it would be asked for again.
+    page.value("new Promise((resolve) => { setTimeout(resolve, 2500); })")
+    assert page.value("window.failed") == 1
+
+
 def without_shadow(view: PartView, size: str) -> dict[str, PaintedPicture]:
     pictures = painted(view, size)
     del pictures["shadow"]
