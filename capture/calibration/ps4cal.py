@@ -12,12 +12,13 @@ from typing import Any, Final, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, JsonValue
+from pydantic import Field, FiniteFloat, JsonValue
 
 from capture.errors import CalibrationError
 from classify.array_archive import ArchiveKind, ArrayArchive, open_archive, write_archive
 from classify.calibration.calibration import Calibration
 from classify.errors import InputError
+from rig.config.section import Record
 from rig.set_file import fields_sha256
 
 from .parts import PART_NAMES, PartName, put_together, taken_apart
@@ -40,11 +41,7 @@ _SEEN_THROUGH_THE_RESPONSE: tuple[PartName, ...] = ("flat_field", "lights")
 _DTYPES = ("<f8", "<f4", "<i4", "|b1", "|u1", "<u2")
 
 
-class _Record(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class PartRecord(_Record):
+class PartRecord(Record):
     """When and how a part was measured.
 
     Attributes
@@ -98,7 +95,7 @@ class MeasuredPart:
         return cls(name, part, record, tuple(warnings))
 
 
-class _PartHeader(_Record):
+class _PartHeader(Record):
     """A part without its arrays, for which their hashes stand."""
 
     record: PartRecord
@@ -106,7 +103,7 @@ class _PartHeader(_Record):
     arrays: dict[str, str]
 
 
-class _Header(_Record):
+class _Header(Record):
     format: Literal["ps4cal"] = "ps4cal"
     version: Literal[1] = VERSION
     parts: dict[PartName, _PartHeader]

@@ -6,12 +6,13 @@ from collections.abc import Iterator
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+from pydantic import Field, FiniteFloat
 
 from capture.sets.captured_set import CapturedSet
 from capture.sets.metadata import SetMetadata, Vector
 from capture.sets.photographs import Photographs
 from rig import CameraInfo, Rig
+from rig.config.section import Record
 
 from .parts import PartName
 
@@ -27,7 +28,7 @@ _DEPENDS_ON_LIGHTS: tuple[PartName, ...] = ("flat_field", "lights")
 Side = Annotated[int, Field(ge=1, le=32768)]
 
 
-class Setting(BaseModel):
+class Setting(Record):
     """Camera, frame and lights of one set or one measurement; None for what is not known.
 
     Attributes
@@ -43,8 +44,6 @@ class Setting(BaseModel):
     light_directions, led_levels_percent
         The lights as configured, in order, and the drive levels of their LEDs.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     simulated: bool
     rig_name: str | None

@@ -6,11 +6,12 @@ from functools import cached_property
 from pathlib import Path, PureWindowsPath
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import AfterValidator, Field, FiniteFloat, ValidationError
 
 from classify.durable_file import durable_file
 from classify.errors import InputError
 from classify.regular_file import read_regular_file
+from rig.config.section import Record
 from rig.config.validation_message import first_fault
 
 from .plan import PlannedSet
@@ -19,11 +20,7 @@ _MAX_BYTES = 1 << 30
 FinishReason = Literal["complete", "incomplete", "stopped", "interrupted", "failed"]
 
 
-class _Record(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class SetMeasures(_Record):
+class SetMeasures(Record):
     """What was measured on a set right after its capture.
 
     Attributes
@@ -53,7 +50,7 @@ def _with_slashes(file: str) -> str:
     return PureWindowsPath(file).as_posix()  # also of a journal that was written on Windows
 
 
-class SetEntry(_Record):
+class SetEntry(Record):
     """A planned set that has its file, or was left out.
 
     Attributes
@@ -91,7 +88,7 @@ class SetEntry(_Record):
         return value if isinstance(value, float) else None
 
 
-class RunRecord(_Record):
+class RunRecord(Record):
     """One run of the program on the session; `ended_utc` stays None if it was killed."""
 
     started_utc: str
@@ -103,7 +100,7 @@ class RunRecord(_Record):
     reason: str | None = None
 
 
-class Journal(_Record):
+class Journal(Record):
     """Runs of a session, and an entry for each set that was captured or left out."""
 
     schema_version: Literal[1] = 1

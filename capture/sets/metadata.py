@@ -4,11 +4,12 @@ import math
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat
+from pydantic import AfterValidator, ConfigDict, Field, FiniteFloat
 
 from classify import Lighting
 from classify.images.noise import SensorNoise
 from rig import Placement
+from rig.config.section import Record
 
 UNPROTECTED = (
     "a set of schema 1: its metadata have no hash, so that a change of lights or label after the "
@@ -30,9 +31,9 @@ def _printable(text: str | None) -> str | None:
 Text = Annotated[str, AfterValidator(_printable)]
 
 
-class _Record(BaseModel):
+class _Record(Record):
     # The aliases are the keys in files. Some keep an older word than the attribute.
-    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
+    model_config = ConfigDict(populate_by_name=True)
 
 
 class LightingRecord(_Record):

@@ -2,12 +2,13 @@
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import ValidationError
 
 from capture.session.plan import Name
 from classify.durable_file import durable_file
 from classify.errors import InputError
 from classify.regular_file import read_regular_file
+from rig.config.section import Record
 from rig.config.validation_message import first_fault
 
 from .folder import StationFolder
@@ -16,10 +17,8 @@ FILE = "loaded-recipe.json"
 _MAX_BYTES = 1 << 12
 
 
-class LastRecipe(BaseModel):
+class LastRecipe(Record):
     """The recipe that was loaded last, and the one of ``station.toml`` at that time."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     format: Literal["ps4rig-loaded-recipe"] = "ps4rig-loaded-recipe"
     version: Literal[1] = 1

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 from capture.calibration.lookup import FoundCalibration, keep_beside, read_calibration
-from capture.process.utc_time import utc_text
 from capture.sets.captured_set import CapturedSet
 from classify.durable_file import make_folder
 from classify.errors import InputError, Ps4rigError
@@ -27,7 +26,7 @@ from .last_recipe import FILE, first_recipe, keep_recipe
 from .recipe.recipe import Recipe, require_approved
 from .recipe.recipe_file import read_recipe
 from .recipe.recipe_folder import RecipeFolder
-from .results.change_log import ChangeRecord, record_change
+from .results.change_log import record_change
 from .results.store import ResultStore
 
 _KINDS: tuple[tuple[type[Exception], RecipeRefusal], ...] = (
@@ -71,8 +70,7 @@ class RecipeLoader:
             if name == configured:
                 raise
             path = self._folder.path / FILE
-            kind = ChallengeFailed if isinstance(error, ChallengeFailed) else InputError
-            raise kind(
+            raise type(error)(
                 f"{error}; it was loaded last: remove {path} to begin with recipe {configured}"
             ) from error
 
@@ -216,15 +214,8 @@ class RunRecipes:
 
     def _record(self, wanted: UsableRecipe, by: Asker) -> None:
         """Write the change into the log of changes."""
-        change = ChangeRecord(
-            utc=utc_text(timespec="milliseconds"),
-            by=by.name,
-            role=by.role,
-            what="loaded recipe",
-            before=_named(self.present.recipe),
-            after=_named(wanted.recipe),
-        )
-        record_change(self._store, change)
+        before, after = _named(self.present.recipe), _named(wanted.recipe)
+        record_change(self._store, "loaded recipe", before, after, by=by.name, role=by.role)
 
 
 def _named(recipe: Recipe) -> str:

@@ -6,7 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import ValidationError
 
 from capture.calibration.lookup import named_by
 from capture.console import ShowProgress, progress
@@ -21,6 +21,7 @@ from capture.station.verdict import Decision, Verdict
 from classify.durable_file import durable_file
 from classify.errors import InputError
 from classify.regular_file import read_regular_file
+from rig.config.section import Record
 
 from .challenge_set import MOST_SETS, Expected, read_challenge
 
@@ -28,11 +29,7 @@ from .challenge_set import MOST_SETS, Expected, read_challenge
 _MAX_BYTES = 1 << 23
 
 
-class _Record(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class PartOutcome(_Record):
+class PartOutcome(Record):
     """The verdict on a part of a challenge, and the one that it must get.
 
     `file_sha256` is None for a file that could not be read, and in a replay of an older program.
@@ -54,7 +51,7 @@ class PartOutcome(_Record):
         return f"{self.file} must be {self.expected} and is {self.found}: {self.reason}"
 
 
-class Replay(_Record):
+class Replay(Record):
     """The outcome of a replay, with hashes of all that the verdicts depend on."""
 
     format: Literal["ps4rig-challenge"] = "ps4rig-challenge"

@@ -4,13 +4,14 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import Field, FiniteFloat, ValidationError
 
 from capture.process.utc_time import utc_text
 from capture.station.recipe.recipe import Sha256
 from classify.durable_file import durable_file
 from classify.errors import InputError
 from classify.regular_file import read_regular_file
+from rig.config.section import Record
 from rig.config.validation_message import first_fault
 
 from .gauge import GaugeStudy, Rating, Share
@@ -20,11 +21,7 @@ _MAX_BYTES = 1 << 22
 _MOST_WRONG = 200
 
 
-class _Record(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class GaugeShare(_Record):
+class GaugeShare(Record):
     """A `Share` of a study; `share` is None without trials."""
 
     events: int
@@ -38,7 +35,7 @@ class GaugeShare(_Record):
         return cls(events=found.events, trials=found.trials, share=found.value, bound=found.bound)
 
 
-class GaugeReport(_Record):
+class GaugeReport(Record):
     """What a gauge study found.
 
     Attributes

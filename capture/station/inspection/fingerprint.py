@@ -3,19 +3,16 @@
 from importlib.metadata import version
 from typing import Self
 
-from pydantic import BaseModel, ConfigDict
-
 from capture.calibration.ps4cal import CalibrationFile
 from capture.station.recipe.recipe import Recipe
 from capture.station.recipe.taught import Taught
+from rig.config.section import Record
 
 from .software import software_sha256
 
 
-class Fingerprint(BaseModel):
+class Fingerprint(Record):
     """Hashes of everything that a verdict depends on, except the part."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     recipe_sha256: str
     library_sha256: str

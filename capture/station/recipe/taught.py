@@ -6,7 +6,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import Field, FiniteFloat, ValidationError
 
 from capture.calibration.setting import Setting
 from capture.session.plan import Label, Name
@@ -14,6 +14,7 @@ from capture.station.errors import RecipeError
 from classify.durable_file import durable_file
 from classify.errors import InputError
 from classify.regular_file import read_regular_file
+from rig.config.section import Record
 from rig.config.validation_message import first_fault
 from rig.set_file import fields_sha256
 
@@ -23,11 +24,7 @@ from .recipe import Region, Sha256
 _MAX_BYTES = 1 << 24
 
 
-class _Record(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class TaughtSet(_Record):
+class TaughtSet(Record):
     """A captured set that was taught: its file in the folder ``sets``, the hash of its pixels.
 
     `found`, `nearest` and `distance` are of the match with a library of all other sets; `found` is
@@ -41,7 +38,7 @@ class TaughtSet(_Record):
     distance: FiniteFloat | None = None
 
 
-class TaughtTexture(_Record):
+class TaughtTexture(Record):
     """What teaching measured on the parts of one texture.
 
     Attributes
@@ -60,7 +57,7 @@ class TaughtTexture(_Record):
     defects_sha256: Sha256 | None = None
 
 
-class Taught(_Record):
+class Taught(Record):
     """What teaching measured.
 
     Attributes

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 
 from sqlalchemy import Connection, func, insert, select
 
+from capture.process.utc_time import utc_text
+
 from .rows import storable
 from .schema import changes
 from .store import ResultStore, has_request
-from .utc import require_utc
 
 
 @dataclass(frozen=True)
@@ -35,28 +36,37 @@ class ChangeRecord:
     after: str | None = None
 
 
-def record_change(store: ResultStore, change: ChangeRecord) -> None:
-    """Append a change to the log.
+def record_change(
+    store: ResultStore,
+    what: str,
+    before: str | None = None,
+    after: str | None = None,
+    *,
+    by: str,
+    role: str,
+) -> None:
+    """Append a change to the log, with the present time; see `ChangeRecord`.
 
     Raises
     ------
     ResultsUnavailable
         If the database does not answer.
     """
+    utc = utc_text(timespec="milliseconds")
     row = {
         "station": store.station,
         "request": uuid.uuid4().hex,
-        "utc": require_utc(change.utc),
-        "by": storable(change.by),
-        "role": change.role,
-        "what": storable(change.what),
-        "before": None if change.before is None else storable(change.before),
-        "after": None if change.after is None else storable(change.after),
+        "utc": utc,
+        "by": storable(by),
+        "role": role,
+        "what": storable(what),
+        "before": None if before is None else storable(before),
+        "after": None if after is None else storable(after),
     }
 
     def work(connection: Connection) -> None:
         if not has_request(connection, changes, row["request"]):
-            store.lock_station(connection, change.utc)
+            store.lock_station(connection, utc)
             last = select(func.max(changes.c.position)).where(changes.c.station == store.station)
             position = (connection.scalar(last) or 0) + 1
             connection.execute(insert(changes).values(row | {"position": position}))

@@ -3,7 +3,9 @@
 from pathlib import PurePosixPath
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, Field
+
+from rig.config.section import Record
 
 MANIFEST = "backup.json"
 MOST_FILES = 2_000_000
@@ -23,11 +25,7 @@ InnerPath = Annotated[str, Field(min_length=1, max_length=4096), AfterValidator(
 Count = Annotated[int, Field(ge=0)]
 
 
-class _Record(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class StoredFile(_Record):
+class StoredFile(Record):
     """A file of a backup; `is_private` if only its owner may read it."""
 
     path: InnerPath
@@ -36,7 +34,7 @@ class StoredFile(_Record):
     is_private: bool
 
 
-class Manifest(_Record):
+class Manifest(Record):
     """The contents of a backup.
 
     Attributes

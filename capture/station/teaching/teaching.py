@@ -31,6 +31,7 @@ from .manual_limits import (
 from .taught_part import TaughtPart, check_alike, solved, taught_part
 from .taught_sets import KeptSet, keep_sets, known_sets
 from .teaching_limits import general_limits, limits_of_texture, with_unjudged
+from .teaching_page import write_teaching_page
 from .teaching_result import Teaching
 
 
@@ -44,7 +45,8 @@ def teach(
 ) -> Teaching:
     """Add sets to those that were taught, and make a new version of the recipe from all of them.
 
-    The recipe's file is written last: until then the previous version is in use.
+    The page of what was found is written too. The recipe's file is written last: until then the
+    previous version is in use.
 
     Parameters
     ----------
@@ -82,6 +84,8 @@ def teach(
         write_taught(teaching.files.taught, teaching.taught)
         measured = teaching.recipe.model_copy(update={"limits_of": teaching.measured})
         write_recipe(teaching.files.measured, measured)
+        for each in show((teaching,), 1, "pictures"):
+            write_teaching_page(each)
         write_recipe(files.file, teaching.recipe)
         return teaching
 

@@ -31,7 +31,6 @@ from capture.station.inspection.inspector import Inspector
 from capture.station.results.store import open_store
 from capture.station.run import RunOptions, run_station
 from capture.station.teaching.teaching import teach
-from capture.station.teaching.teaching_page import write_teaching_page
 from capture.station.verification import verify_station
 from rig import RigConfig
 from tests.capture.station.teaching_sets import SIDE_PX, saved
@@ -51,7 +50,7 @@ def taught_station(folder: Path, side_px: int = SIDE_PX, **config: object) -> Pa
     rock = saved(folder / "shown", "rock", range(7), side_px)
     sand = saved(folder / "shown", "sand", range(3), side_px)
     teach(files, rock[:6])
-    write_teaching_page(teach(files, sand[:2], "loose sand"))
+    teach(files, sand[:2], "loose sand")
     add_to_challenge(files.challenge, rock[6:], "PASS")
     add_to_challenge(files.challenge, sand[2:], "FAIL")
     approve(files, "Ada")

@@ -1,9 +1,8 @@
 """`ChangeLog`: every change that a person or a program makes, before it is made."""
 
-from capture.process.utc_time import utc_text
 from capture.station.folder import StationFolder
 from capture.station.panel.results_access import ResultsAccess
-from capture.station.results.change_log import ChangeRecord, record_change
+from capture.station.results.change_log import record_change
 from capture.station.results.database import ResultsUnavailable
 
 from .roles import Identity
@@ -29,16 +28,8 @@ class ChangeLog:
         ResultsUnavailable
             If the database does not answer: the change must not be made.
         """
-        change = ChangeRecord(
-            utc=utc_text(timespec="milliseconds"),
-            by=who.name,
-            role=who.role,
-            what=what,
-            before=before,
-            after=after,
-        )
         try:
-            record_change(self._results.made(), change)
+            record_change(self._results.made(), what, before, after, by=who.name, role=who.role)
         except ResultsUnavailable as error:
             raise ResultsUnavailable(
                 f"nothing was changed, because the change cannot be recorded: {error}",

@@ -25,7 +25,6 @@ from capture.station.recipe.recipe_file import read_recipe
 from capture.station.recipe.recipe_folder import RecipeFolder
 from capture.station.results.database import ResultsUnavailable
 from capture.station.teaching.teaching import teach
-from capture.station.teaching.teaching_page import write_teaching_page
 from capture.station.teaching.teaching_result import Teaching
 
 
@@ -162,12 +161,11 @@ class RecipeChanges:
         return self._begin(title, title)
 
     def teach(self, paths: Sequence[Path], bad_texture: str | None) -> Teaching:
-        """Teach sets, and write the page of what was found; raises as `teaching.teach`."""
+        """Teach sets; raises as `teaching.teach`."""
         names = [path.name for path in paths]
         change = self.begin_teaching(names, bad_texture, is_good=bad_texture is None)
         with change.recording_failure():
             teaching = teach(self.files, paths, bad_texture)
-            write_teaching_page(teaching)
         change.ended(None)
         return teaching
 

@@ -9,20 +9,14 @@ from capture.station.challenge.challenge import run_challenge
 from capture.station.inspection.inspector import Inspector
 from capture.station.recipe.recipe_folder import RecipeFolder
 from capture.station.teaching.teaching import teach
-from capture.station.teaching.teaching_page import write_teaching_page
 
 
 def teach_parts(
     show: ShowProgress, files: RecipeFolder, paths: Sequence[Path], texture: str, is_good: bool
 ) -> dict[str, Any]:
-    """Teach parts of a texture, and write the page of what was found."""
-    if is_good:
-        teaching = teach(files, paths, good_texture=texture or None, show=show)
-    else:
-        teaching = teach(files, paths, texture, show=show)
-    for each in show((teaching,), 1, "pictures"):
-        write_teaching_page(each)
-    return teaching.fields()
+    """Teach parts of a texture."""
+    bad, good = (None, texture or None) if is_good else (texture, None)
+    return teach(files, paths, bad, good_texture=good, show=show).fields()
 
 
 def replay_parts(

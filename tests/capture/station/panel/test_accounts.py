@@ -18,7 +18,7 @@ from capture.station.panel.access.roles import Role
 from capture.station.panel.access.sessions import IDLE_S, LONGEST_S, MOST_SESSIONS, Sessions
 from capture.station.panel.access.tokens import Tokens
 from capture.station.panel.access.users import LONGEST_PASSWORD, Users
-from capture.station.results.change_log import ChangeRecord, newest_changes, record_change
+from capture.station.results.change_log import newest_changes, record_change
 from capture.station.results.store import open_store
 from classify.errors import InputError
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel
@@ -314,7 +314,7 @@ def test_changes_keep_their_order_and_cannot_be_changed(tmp_path: Path) -> None:
 
     with open_store(str(tmp_path / "results.sqlite"), "line-1", create=True) as store:
         for number in range(5):
-            record_change(store, ChangeRecord(UTC, "ada", "engineer", f"x{number}", None, "\udcff"))
+            record_change(store, f"x{number}", None, "\udcff", by="ada", role="engineer")
         found = newest_changes(store, 3)
         assert [change.what for change in found] == ["x4", "x3", "x2"]
         assert found[0].after == "\\udcff"
