@@ -50,7 +50,7 @@ def first_recipe(folder: StationFolder) -> str:
 
 
 def keep_recipe(folder: StationFolder, name: str) -> None:
-    """Let the next run begin with a recipe; raises InputError if that cannot be written."""
+    """Store the recipe with which the next run begins; InputError if it cannot be written."""
     last = LastRecipe(configured=folder.config.recipe, loaded=name)
     with durable_file(folder.path / FILE) as temporary:
         temporary.write_text(last.model_dump_json(indent=1), encoding="utf-8")

@@ -164,7 +164,7 @@ class RunRecipes:
         try:
             files = self._folder.recipe_files(name)
             if not files.file.is_file():
-                raise RecipeRefused(f"recipe {name}: there is none", RecipeRefusal.UNKNOWN)
+                raise RecipeRefused(f"recipe {name}: no such recipe", RecipeRefusal.UNKNOWN)
             wanted = self._loader.load(files, by.name, go_on)
             require_seen(wanted.recipe, by.seen_sha256)
             require_no_fault(self._checks_of(wanted))

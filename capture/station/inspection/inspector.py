@@ -88,7 +88,7 @@ class Inspection:
 
 @dataclass(frozen=True, eq=False)
 class _Begun:
-    """Images that are judged while they are checked; `inspection` waits for the result."""
+    """Images that are judged while they are checked, and the future result."""
 
     unchecked: CapturedSet
     inspection: Callable[[], Inspection]
@@ -172,10 +172,10 @@ class Inspector:
         return cls(recipe, taught, library, models, found)
 
     def begin(self, unchecked: CapturedSet) -> None:
-        """Start to judge images that are still checked, in another thread; return at once.
+        """Start to judge images in another thread while they are checked; return at once.
 
-        `inspect` takes the inspection if it is given the same arrays, and drops it otherwise: then
-        the set was captured again, or other parts came between.
+        `inspect` uses the inspection if it gets the same arrays. Otherwise the set was captured
+        again or belongs to another part, and the inspection is dropped.
         """
         self._begun = _Begun(unchecked, beside(lambda: self._inspection(unchecked)))
 

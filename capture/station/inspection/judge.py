@@ -1,4 +1,4 @@
-"""`verdict_of`: the verdict on a part from what was measured on it. Validity before texture."""
+"""`verdict_of`: the verdict on a part from its measures. Validity comes before texture."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -69,11 +69,11 @@ def verdict_of(recipe: Recipe, measures: Measures, faults: Sequence[Finding] = (
     Parameters
     ----------
     recipe
-        What passes.
+        Textures that pass, and their limits.
     measures
-        What was measured.
+        The measures of the part.
     faults
-        What makes the set unusable before anything is measured; each has a cause of ERROR.
+        Reasons why the set cannot be measured; each has a cause of ERROR.
     """
     findings = list(faults) or list(invalid(recipe, measures))
     findings = findings or list(_of_the_texture(recipe, measures))

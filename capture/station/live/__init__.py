@@ -1,1 +1,1 @@
-"""What all faces of a station see of it."""
+"""The state and the events of a running station, for all its faces."""

@@ -1,4 +1,4 @@
-"""`AttachedSource`: triggers of a run whose station other triggers reach, too."""
+"""`AttachedSource`: a source of triggers that first makes the station known to its faces."""
 
 import threading
 from collections.abc import Callable
@@ -9,7 +9,7 @@ _POLL_S = 0.2
 
 
 class AttachedSource:
-    """A source of triggers that tells somebody of its station first; None waits for its end."""
+    """Passes the station to `attach`, then runs a source; without one it waits for the stop."""
 
     def __init__(
         self, attach: Callable[[TriggerTarget], None], source: TriggerSource | None

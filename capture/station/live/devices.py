@@ -37,7 +37,7 @@ class Device:
     name
         ``camera``, ``lights``, ``plc``, ``disk`` or ``database``.
     status
-        ``off`` is not configured, ``unknown`` not tested yet.
+        ``ok``, ``warning``, ``fault``, ``off`` (not configured) or ``unknown`` (not tested yet).
     text
         What was found.
     """

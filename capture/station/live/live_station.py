@@ -45,7 +45,7 @@ _TOLD_S = 1.0
 
 @dataclass(frozen=True)
 class RejectedPart:
-    """A part that did not pass, and who acknowledged that; None if nobody did."""
+    """A part that did not pass, and who acknowledged it; None if nobody did."""
 
     result: PartResult
     acknowledged_by: str | None = None
@@ -58,9 +58,9 @@ class LiveSnapshot:
     Attributes
     ----------
     station, run, event_id
-        Its name, a random name of this run, and the last event that is in the snapshot.
+        Its name, a random name of this run, and the id of the last event in the snapshot.
     state, reason
-        The state, and why it is so.
+        The state and its reason.
     simulated
         Whether the rig is simulated.
     trigger
@@ -68,9 +68,10 @@ class LiveSnapshot:
     recipe
         The recipe by which parts are judged; None before it is loaded.
     inspected
-        The part that was begun last, as long as it has no announced result.
+        The latest part, until its result is announced.
     last, latency_ms
-        The last announced result, and its time since the exposure; None before the first.
+        The last announced result, and the time from its exposure to the announcement; None before
+        the first.
     total_latency_ms
         Sum over all parts of this run.
     announced, refused

@@ -42,7 +42,7 @@ def _change_accounts(call: Call) -> Response:
         elif action == "remove client":
             accounts.remove_client(name)
         else:
-            raise InputError(f"action = {action[:20]!r}: there is none")
+            raise InputError(f"action = {action[:20]!r}: no such action")
     except ResultsUnavailable:
         raise
     except InputError as error:
@@ -62,7 +62,7 @@ def _password_form(call: Call, message: str = "") -> Response:
 
 
 def _change_password(call: Call) -> Response:
-    """Replace the password of who asks, whose sessions end with that."""
+    """Replace the password of the user, whose sessions then end."""
     who, panel = call.someone, call.panel
     user = panel.users.get(who.name) if who.via == "session" else None
     if user is None:
@@ -109,7 +109,7 @@ ROUTES = (
         answer=_HTML,
     ),
     PanelRoute(
-        "POST", "/password", Role.OPERATOR, _change_password, "Change the own password.",
+        "POST", "/password", Role.OPERATOR, _change_password, "Change one's own password.",
         fields={"password": "the present one", "new": "the new one", "again": "the new one again"},
         answer=_HTML,
     ),

@@ -12,7 +12,7 @@ from .routes import Call, PanelRoute
 
 
 def accounts_of(call: Call) -> Accounts:
-    """Return the accounts for changes by who asks."""
+    """Return the accounts, for changes by the user of the call."""
     panel = call.panel
     return Accounts(panel.users, panel.tokens, panel.changes, call.someone)
 

@@ -101,9 +101,9 @@ def _acknowledge(call: Call) -> Response:
 def newest_parts(
     call: Call, selection: Selection, most: int
 ) -> tuple[list[HistoryEntry], int | None]:
-    """Return selected parts, the newest first, from below the number that the query gives on.
+    """Return selected parts below the number in the query, the newest first.
 
-    The number is the ``below`` of the next page, None for the last one.
+    The returned number is the ``below`` of the next page; None on the last page.
 
     Raises
     ------
@@ -146,7 +146,7 @@ def _parts_csv(call: Call) -> Response:
 
 
 async def _part(call: Call) -> Response:
-    """Answer with a part, as soon as it has a result, within the time that the client gives."""
+    """Answer with a part as soon as it has a result, at most after the client's `wait_s`."""
     wait_s = _seconds(call.query.get("wait_s", "0"))
     loop = asyncio.get_running_loop()
     with call.panel.awaiting.subscribed() as (subscription, changed):
@@ -181,7 +181,7 @@ def _set_file(call: Call) -> Response:
 
 
 def override(call: Call) -> HistoryEntry:
-    """Give the part that the path names the verdict of a form or JSON object; return the part.
+    """Override the verdict of the part in the path by a form or JSON object; return the part.
 
     Raises
     ------

@@ -165,7 +165,7 @@ class BackgroundJobs:
             _log.exception("after the job %s", job.title)
 
     def _outcome(self, work: Work, arguments: tuple[Any, ...]) -> dict[str, Any]:
-        """Run the job in another process, and return what it found or why it failed."""
+        """Run the job in another process; return its result or the reason of its failure."""
         context = get_context("spawn")
         far_end, lifeline = context.Pipe(duplex=False)
         reports, reporter = context.Pipe(duplex=False)

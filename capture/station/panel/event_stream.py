@@ -1,4 +1,4 @@
-"""Events of the station as server-sent events, which a browser resumes where it was cut off."""
+"""Events of the station as server-sent events, which a browser resumes after an interruption."""
 
 import asyncio
 import json

@@ -48,7 +48,7 @@ class FilterForm:
         return urlencode(values)
 
     def value(self, name: str) -> str:
-        """Return what was given for a filter, or nothing."""
+        """Return the value of a filter; empty if it is not given."""
         return self.values.get(name, "")
 
     def time(self, name: str) -> str:

@@ -1,4 +1,4 @@
-"""From a row of the table of routes to an endpoint: who asks, may they, and what errors become."""
+"""From a row of the table of routes to an endpoint: login, role, and answers to errors."""
 
 import hmac
 import inspect

@@ -31,7 +31,7 @@ class MeasuredNumber:
 
 
 def measured_numbers(result: PartResult, recipe: Recipe | None) -> list[MeasuredNumber]:
-    """Return the numbers of a part; without its recipe only the limit that the result has."""
+    """Return the numbers of a part; without its recipe the only limit is that of the result."""
     return list(_numbers(result, recipe))
 
 

@@ -1,4 +1,4 @@
-"""The page of a part: its pictures, its numbers against the limits, and who judged it by what."""
+"""The page of a part: pictures, numbers against limits, and the recipe that judged it."""
 
 from collections.abc import Iterator
 

@@ -12,7 +12,7 @@ _PATIENCE_S = 5.0
 
 
 class ResultsAccess:
-    """Opens the results when they are asked for first; they may not be there yet.
+    """Opens the results on first use; they may not exist yet.
 
     Parameters
     ----------

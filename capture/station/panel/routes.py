@@ -38,13 +38,13 @@ class Call:
 
     @property
     def someone(self) -> Identity:
-        """Who asks, on a route that needs a role."""
+        """The user or client, on a route that needs a role."""
         assert self.who is not None
         return self.who
 
     @property
     def name(self) -> str:
-        """Name of who asks, for records."""
+        """Name of the user or client, for records."""
         return self.someone.name
 
     @property

@@ -1,4 +1,4 @@
-"""What every request must obey, whoever asks: host, origin, size, time; headers of answers."""
+"""Rules for every request: host, origin, size and time; headers of answers."""
 
 import asyncio
 import json
@@ -53,7 +53,7 @@ class Denied(Exception):  # noqa: N818 - an answer, not an error of the program
 
 @dataclass(frozen=True)
 class HostRule:
-    """By which names the panel may be asked for.
+    """Host names and addresses by which the panel may be requested.
 
     Another site can let its own name point to this machine (DNS rebinding); a browser then sends
     that name. An IP address cannot be made to point elsewhere, but only the one that the
@@ -210,4 +210,4 @@ def fields_of(request: Request, body: bytes) -> dict[str, Any]:
 
 
 def _refuse(constant: str) -> None:
-    raise ValueError(f"{constant} is no JSON")
+    raise ValueError(f"{constant} is not JSON")

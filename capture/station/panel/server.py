@@ -115,7 +115,7 @@ class _Handshake(SSLProtocol):
 
 
 def _protocol(panel: Panel) -> Callable[..., asyncio.Protocol | SSLProtocol]:
-    """Return what makes the protocol of a connection, with TLS if there are files for it."""
+    """Return the factory of the protocol of a connection, with TLS if there are files for it."""
     tls = _tls(panel)
     if tls is None:
         return _Protocol

@@ -28,8 +28,8 @@ from .panel import Panel
 from .security import Denied
 
 Cell = str | int | float | None
-# One request counts at a time: browsers that load the page again and again leave the station its
-# processor. Few wait, because each that does keeps one of the 40 threads of the panel.
+# One request counts at a time, so that browsers that reload the page leave the processor to the
+# station. Few may wait, because each keeps one of the 40 threads of the panel.
 _COUNTING = threading.Lock()
 _WAITING = threading.BoundedSemaphore(8)
 
@@ -41,7 +41,7 @@ class Figure:
     Attributes
     ----------
     title, note
-        What it shows, and how to read it.
+        Its title, and how to read it.
     columns, rows
         The numbers.
     drawing

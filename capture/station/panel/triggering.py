@@ -38,8 +38,8 @@ class OtherPart(Ps4rigError):  # noqa: N818 - what a client asked, no error of t
 class KeyedTriggers:
     """Passes triggers to the station, each key once.
 
-    A key without a part id gives the part an id that is made from it, so that the key is known
-    after a restart, too. With a part id, the station itself refuses the id a second time.
+    A key without a part id determines the id of the part, so that the key is still known after a
+    restart. With a part id, the station itself refuses the id a second time.
     """
 
     def __init__(self, live: LiveStation, results: ResultsAccess) -> None:

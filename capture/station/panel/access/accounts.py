@@ -35,7 +35,7 @@ class Accounts:
         """Remove a user; see `Users.remove`."""
         user = self.users.get(name)
         if user is None:
-            raise InputError(f"user {name[:100]}: there is none")
+            raise InputError(f"user {name[:100]}: no such user")
         self.changes.record(self.who, f"user {name}", user.role)
         self.users.remove(name)
 
@@ -49,7 +49,7 @@ class Accounts:
         """Remove a client; see `Tokens.remove`."""
         roles = [each.role for each in self.tokens.all() if each.name == name]
         if not roles:
-            raise InputError(f"client {name[:100]}: there is none")
+            raise InputError(f"client {name[:100]}: no such client")
         self.changes.record(self.who, f"client {name}", roles[0])
         self.tokens.remove(name)
 

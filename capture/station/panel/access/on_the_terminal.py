@@ -28,7 +28,7 @@ def changing_on_the_terminal(
     Parameters
     ----------
     by
-        Name that somebody gave; the log has the user of the system too, who cannot be invented.
+        Given name. The log also has the user of the system, which nobody can invent.
 
     Raises
     ------

@@ -36,7 +36,7 @@ class PrivateFile(Generic[Model]):
 
     @contextmanager
     def changing(self) -> Iterator[None]:
-        """Let no other thread or program change the file, from the reading to the writing.
+        """Keep other threads and programs from changing the file during the block.
 
         Raises
         ------

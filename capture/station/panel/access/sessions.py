@@ -1,4 +1,4 @@
-"""`Sessions`: browsers that are logged in, and how often a login may fail."""
+"""`Sessions`: browsers that are logged in; `LoginLimit`: the limit of failed logins."""
 
 import secrets
 import threading
@@ -93,7 +93,7 @@ class LoginLimit:
     def begin(self, name: str, address: str) -> float:
         """Count an attempt as a failure; return how long to wait, 0 if it is allowed.
 
-        It is counted before the password is tried: many attempts at the same moment are many.
+        It is counted before the password is tried, so that simultaneous attempts all count.
         """
         keys = (("name", name, FAILURES_OF_A_NAME), ("address", address, FAILURES_OF_AN_ADDRESS))
         now_s = self._now_s()

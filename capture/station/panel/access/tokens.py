@@ -72,7 +72,7 @@ class Tokens:
         Raises
         ------
         InputError
-            If the name cannot be one or is taken, or there are too many clients.
+            If the name is invalid or taken, or there are too many clients.
         """
         token = _PREFIX + secrets.token_urlsafe(_SECRET_BYTES)
         values = {
@@ -99,7 +99,7 @@ class Tokens:
             clients = self.all()
             found = [client for client in clients if client.name == name]
             if not found:
-                raise InputError(f"client {name}: there is none; see ps4rig station token list")
+                raise InputError(f"client {name}: no such client; see ps4rig station token list")
             others = tuple(client for client in clients if client.name != name)
             self._file.write(_File(clients=others))
         return found[0]
@@ -111,7 +111,7 @@ def require_new_client(name: str, clients: tuple[Client, ...]) -> None:
     Raises
     ------
     InputError
-        If it cannot be one, or is that of one of `clients`.
+        If it is invalid, or the name of one of `clients`.
     """
     require_name("client", name)
     if any(each.name == name for each in clients):

@@ -39,7 +39,7 @@ class _File(Section):
     @classmethod
     def _names_differ(cls, users: tuple[User, ...]) -> tuple[User, ...]:
         if len({user.name for user in users}) < len(users):
-            raise ValueError("a name is there twice")
+            raise ValueError("a name is listed twice")
         return users
 
 
@@ -79,7 +79,7 @@ class Users:
         Raises
         ------
         InputError
-            If the name cannot be one, the password is too short or too long, there are too many
+            If the name is invalid, the password is too short or too long, there are too many
             users, or the last administrator would lose the role.
         """
         user = User(name=name, role=role, password=self._hash(require_account(name, password)))
@@ -102,7 +102,7 @@ class Users:
         with self._file.changing():
             user, others = self._apart(name)
             if user is None:
-                raise InputError(f"user {name}: there is none; see ps4rig station user list")
+                raise InputError(f"user {name}: no such user; see ps4rig station user list")
             _require_administrator(others, user)
             self._file.write(_File(users=others))
         return user
@@ -146,7 +146,7 @@ def require_account(name: str, password: str) -> str:
     Raises
     ------
     InputError
-        If the name cannot be one, or the password is too short, too long or no UTF-8.
+        If the name is invalid, or the password is too short, too long or not UTF-8.
     """
     require_name("user", name)
     normal = unicodedata.normalize("NFKC", password)

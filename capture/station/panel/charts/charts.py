@@ -1,4 +1,4 @@
-"""The charts of the statistics: yield over time, Pareto of causes, control charts, gauge study."""
+"""The charts of the statistics: yield over time, causes (Pareto), control charts, gauge study."""
 
 from collections.abc import Iterator, Sequence
 
@@ -98,10 +98,10 @@ def _legend(decisions: Sequence[Decision]) -> Iterator[Element]:
 
 
 def causes_chart(causes: Sequence[CauseCount]) -> Drawing:
-    """Draw the share of each cause, the most frequent above, and the shares added up."""
+    """Draw the share of each cause, the most frequent on top, and the cumulative share."""
     height = TOP + _ROW * len(causes) + BOTTOM
     return Drawing(
-        "Gravest causes of parts that did not pass, and their shares added up",
+        "Gravest causes of parts that did not pass, and their cumulative share",
         tuple(_causes(causes, height)),
         height=height,
     )

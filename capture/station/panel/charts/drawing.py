@@ -27,7 +27,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Box:
-    """A filled rectangle; `about` is what a pointer over it shows."""
+    """A filled rectangle; a pointer over it shows `about`."""
 
     kind: Kind
     x: float
@@ -65,9 +65,9 @@ class Drawing:
     Attributes
     ----------
     about
-        What it shows, in a sentence, for those who do not see it.
+        What it shows, in a sentence, for screen readers.
     elements
-        What is on it; later ones are over earlier ones.
+        Its elements; later ones cover earlier ones.
     """
 
     about: str

@@ -1,1 +1,1 @@
-"""Pictures of stored parts, with what judged them."""
+"""Pictures of stored parts, and the recipe, solver and defect model that judged them."""

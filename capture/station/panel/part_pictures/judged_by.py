@@ -1,4 +1,4 @@
-"""What judged an earlier part: recipe, solver and defect model, by the hashes of its result."""
+"""Recipe, solver and defect model that judged an earlier part, by the hashes of its result."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -19,7 +19,7 @@ from rig.config.toml_file import read_toml_as
 
 @dataclass(frozen=True, eq=False)
 class JudgedBy:
-    """What judged a part.
+    """Recipe, solver and defect model that judged a part.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ def recipe_of(folder: StationFolder, result: PartResult) -> Recipe:
 
 
 def judged_by(folder: StationFolder, result: PartResult) -> JudgedBy:
-    """Return what judged a part.
+    """Return recipe, solver and defect model that judged a part.
 
     Raises
     ------

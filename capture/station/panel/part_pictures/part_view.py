@@ -36,7 +36,7 @@ class PartView:
     captured
         The set.
     region
-        What was judged; None for the whole frame.
+        The judged region; None for the whole frame.
     normals, albedo, shadow_count, valid
         As in `SurfaceEstimate`.
     score
@@ -45,7 +45,7 @@ class PartView:
     outlines
         Columns and rows of the corners of each defect of the result, in their order.
     notes
-        How the pictures may differ from what was judged.
+        Possible differences between the pictures and the inspection.
     """
 
     captured: CapturedSet

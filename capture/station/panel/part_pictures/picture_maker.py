@@ -61,7 +61,7 @@ _Key = tuple[str, str | None, str]
 
 
 class PictureWorker(Protocol):
-    """What makes pictures, one part after the other; see `LocalPool`."""
+    """Makes pictures, one part after the other; see `LocalPool`."""
 
     def submit(
         self, function: Callable[[PictureTask], PartPictures], item: PictureTask

@@ -1,4 +1,4 @@
-"""`RecipeChanges`: what engineers do to a recipe, each change recorded."""
+"""`RecipeChanges`: changes of a recipe, each recorded."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -30,7 +30,7 @@ from capture.station.teaching.teaching_result import Teaching
 
 @dataclass(frozen=True)
 class LongChange:
-    """A change that takes a while, whose begin is recorded.
+    """A change that takes a while; its begin is recorded already.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class RecipeChanges:
 
     @property
     def state(self) -> RecipeState:
-        """What the recipe lacks; raises InputError if it cannot be read."""
+        """State of the recipe; raises InputError if it cannot be read."""
         return state_of(self.files, self.calibration)
 
     def add_to_challenge(self, paths: Sequence[Path], expected: Expected) -> None:
@@ -147,7 +147,7 @@ class RecipeChanges:
     def begin_teaching(
         self, names: Sequence[str], texture: str | None, *, is_good: bool
     ) -> LongChange:
-        """Record that parts are about to be taught: the known ones again if none is named."""
+        """Record that parts are about to be taught; without names the known parts again."""
         kind = "good" if is_good else "bad"
         what = f"{len(names)} {kind} part{'s' * (len(names) != 1)}" if names else "the known parts"
         what += f" of {texture}" if names and texture else "" if names else " again"

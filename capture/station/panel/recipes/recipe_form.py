@@ -1,4 +1,4 @@
-"""The settings of a recipe as a form: its fields with values and messages, and what comes back."""
+"""The settings of a recipe as a form: its fields with values and messages, and its answers."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -82,9 +82,9 @@ class RecipeForm:
     recipe
         The recipe; names of fields depend on the order of its textures.
     given
-        What somebody gave; None for the values of the recipe.
+        Values that somebody entered; None for the values of the recipe.
     messages
-        What is wrong with it, by place.
+        Messages on wrong values, by place.
     """
 
     def __init__(
@@ -100,7 +100,7 @@ class RecipeForm:
 
     @property
     def is_wrong(self) -> bool:
-        """Whether something is wrong with what was given."""
+        """Whether an entered value is wrong."""
         return bool(self._messages)
 
     def sections(self) -> list[FormSection]:
@@ -112,7 +112,7 @@ class RecipeForm:
         ]
         for number, texture in enumerate(recipe.passes):
             limits = recipe.limits_of.get(texture, Limits())
-            hint = "In place of those of all textures. Empty: those of all."
+            hint = "Limits of this texture. An empty field takes the limit of all textures."
             place: Place = ("limits_of", texture)
             names = f"limits_of.{number}"
             title = f"limits of {texture}"
@@ -121,7 +121,7 @@ class RecipeForm:
         return [FormSection("note", "", (note,)), *found]
 
     def textures(self) -> list[TextureField]:
-        """Return the textures, each with what it is."""
+        """Return the textures, each good or bad."""
         return [
             TextureField(_use(number), texture, self._value(_use(number), number) != "fail")
             for number, texture in enumerate(_textures(self._recipe))

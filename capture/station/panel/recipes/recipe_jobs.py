@@ -1,4 +1,4 @@
-"""What jobs do in their own process: teach parts, replay the challenge set."""
+"""The work of jobs, in their own process: teach parts, replay the challenge set."""
 
 from collections.abc import Sequence
 from pathlib import Path

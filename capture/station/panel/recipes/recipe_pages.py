@@ -41,7 +41,7 @@ _CHOSEN = "part."
 
 
 def changes_of(call: Call) -> RecipeChanges:
-    """Return the recipe of the path, for changes by who asks; there may be none yet."""
+    """Return the recipe of the path, which may not exist yet, for changes by the user."""
     return _changes_of(call, call.path["name"])
 
 
@@ -51,7 +51,7 @@ def _changes_of(call: Call, name: str) -> RecipeChanges:
 
 
 def known_changes_of(call: Call) -> RecipeChanges:
-    """Return the recipe of the path, for changes by who asks.
+    """Return the recipe of the path, for changes by the user.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def known_changes_of(call: Call) -> RecipeChanges:
     """
     changes = changes_of(call)
     if not changes.files.file.is_file():
-        raise Denied(404, f"recipe {changes.files.name}: there is none")
+        raise Denied(404, f"recipe {changes.files.name}: no such recipe")
     return changes
 
 
@@ -72,7 +72,7 @@ def load_recipe_of(call: Call) -> RecipeLoaded:
     Denied
         If there is none.
     RecipeRefused
-        If the station cannot: the recipe of before holds.
+        If the station cannot load it: the previous recipe stays.
     """
     asker = Asker(call.name, call.someone.role, call.text("sha256", "") or None)
     return call.panel.live.load_recipe(known_changes_of(call).files.name, asker)
@@ -258,7 +258,7 @@ def _save_settings(call: Call) -> Response:
 
 
 def _changed(change: Callable[[Call, RecipeChanges], Any]) -> Callable[[Call], Response]:
-    """Return the handler of a form of the recipe's page, which says there what went wrong."""
+    """Return the handler of a form of the recipe's page, which shows errors on that page."""
 
     def handler(call: Call) -> Response:
         changes = known_changes_of(call)

@@ -1,4 +1,4 @@
-"""What the panel does to a recipe with parts of the history: teaching, and the challenge set."""
+"""Changes of a recipe with parts of the history: teaching, and the challenge set."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,7 +16,7 @@ from classify.labels import checked_label
 from .recipe_changes import LongChange, RecipeChanges
 from .recipe_jobs import replay_parts, teach_parts
 
-# As many as a job can teach in its time; see `background_jobs`.
+# A job can teach this many in its time; see `background_jobs`.
 MOST_PARTS = 300
 EXPECTED: tuple[Expected, ...] = ("PASS", "FAIL", "UNKNOWN")
 

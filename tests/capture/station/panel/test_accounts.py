@@ -233,7 +233,7 @@ def test_a_token_is_kept_as_a_hash(folder: Path) -> None:
         tokens.add("mes", Role.ENGINEER)
     tokens.remove("mes")
     assert tokens.find(token) is None
-    with pytest.raises(InputError, match="there is none"):
+    with pytest.raises(InputError, match="no such"):
         tokens.remove("mes")
 
 
