@@ -2,9 +2,12 @@
 
 import json
 import signal
+import socket
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +22,10 @@ from tests.capture.station.plc.broker import Broker, mqtt_broker
 from tests.capture.station.plc.lines import until_so
 from tests.capture.station.plc.test_handshake import FAILED, result
 
+# For a client that connects again after a second, on a loaded machine.
+_PATIENCE_S = 60.0
+# After which a client has sent what it has.
+_SILENCE_S = 0.3
 TOPIC = "plant/line-1"
 RESULT, STATE, ONLINE = (f"{TOPIC}/{name}" for name in ("result", "state", "online"))
 
@@ -154,3 +161,29 @@ def test_the_oldest_results_are_dropped_while_the_broker_is_away(broker: Broker)
 def test_a_section_that_cannot_work_is_refused(url: str, topic: str) -> None:
     with pytest.raises(ValidationError):
         MqttConfig(url=url, topic=topic)
+
+
+def test_a_broker_that_drops_every_connection_collects_no_messages() -> None:
+    sent: list[bytes] = []  # by the client in each connection, once it is accepted
+
+    def serve(listener: socket.socket) -> None:
+        while len(sent) < 2:
+            with listener.accept()[0] as connection:
+                connection.settimeout(_PATIENCE_S)
+                connection.recv(1000)
+                connection.sendall(b"\x20\x02\x00\x00")
+                received = connection.recv(1000)
+                connection.settimeout(_SILENCE_S)
+                with suppress(TimeoutError):
+                    while more := connection.recv(1000):
+                        received += more
+                sent.append(received)
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        listener.settimeout(_PATIENCE_S)
+        thread = threading.Thread(target=serve, args=(listener,))
+        thread.start()
+        url = f"mqtt://127.0.0.1:{listener.getsockname()[1]}"
+        with MqttPublisher(MqttConfig(url=url, topic=TOPIC), lambda _: None):
+            thread.join()
+    assert [each.count(ONLINE.encode()) for each in sent] == [1, 1]
