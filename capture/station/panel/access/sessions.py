@@ -19,6 +19,8 @@ MOST_SESSIONS = 1000
 FAILURES_OF_A_NAME, FAILURES_OF_AN_ADDRESS = 5, 20
 PAUSE_S = 60.0
 _MOST_COUNTED = 10_000
+# The name of a user has up to 100 letters, and a request has room for 64,000: 2 MB instead of 1 GB.
+_COUNTED_LETTERS = 101
 
 
 @dataclass
@@ -95,7 +97,8 @@ class LoginLimit:
 
         It is counted before the password is tried, so that simultaneous attempts all count.
         """
-        keys = (("name", name, FAILURES_OF_A_NAME), ("address", address, FAILURES_OF_AN_ADDRESS))
+        counted = name[:_COUNTED_LETTERS]
+        keys = (("name", counted, FAILURES_OF_A_NAME), ("address", address, FAILURES_OF_AN_ADDRESS))
         now_s = self._now_s()
         with self._lock:
             wait_s = max(self._wait_s((kind, key), allowed) for kind, key, allowed in keys)

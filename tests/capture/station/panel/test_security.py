@@ -5,6 +5,7 @@ import shutil
 import socket
 import ssl
 import time
+import tracemalloc
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -404,6 +405,17 @@ def test_a_success_forgets_the_failures_of_its_name() -> None:
         for _ in range(FAILURES_OF_A_NAME - 1):
             assert limit.begin("ada", "192.0.2.1") == 0.0
             limit.succeeded("ada", "192.0.2.1")
+
+
+def test_failed_logins_with_long_names_take_little_memory() -> None:
+    limit = LoginLimit(lambda: 0.0)
+    tracemalloc.start()
+    try:
+        for number in range(300):
+            limit.begin(f"{number}{'x' * MAX_BODY_BYTES}", f"192.0.2.{number}")
+        assert tracemalloc.get_traced_memory()[0] < 1_000_000
+    finally:
+        tracemalloc.stop()
 
 
 # Beyond this machine.
