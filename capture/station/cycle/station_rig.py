@@ -75,7 +75,8 @@ class StationRig:
         self._rig_config = self._with_light_of(recipe)
         self._rig: Rig | None = None
         self._part: ArrivedPart | None = None
-        self._counted: int | None = None  # parts that the sensor saw and that are accounted for
+        # Parts that the sensor saw and that are accounted for, and the controller that counts them.
+        self._counted, self._controller = 0, ""
         self._parts: dict[str, int] = {}  # numbers of the last parts by the hash of their pixels
         path = rig_config.calibration
         self.calibration = None if path is None else read_calibration(Path(path))
@@ -113,7 +114,6 @@ class StationRig:
             If it cannot be opened.
         """
         self._rig = open_rig(self._rig_config)
-        self._counted = None
 
     def test(self, *, is_start: bool) -> list[Check]:
         """Check the open rig; compare it with a white sheet at the start, if configured."""
@@ -137,23 +137,27 @@ class StationRig:
         self._part = wait_for_part(rig, self._config.sensor_delay_ms / 1e3, is_over)
         if self._part is None:
             return False
-        if self._counted is not None:
-            self._counted += 1
+        self._counted += 1
         return True
 
     def missed_parts(self) -> int:
         """Return the number of parts since the last call that passed the sensor without a wait.
 
-        The first call after the rig was opened returns 0.
+        The first call for a controller returns 0. Parts that pass while the rig is closed count;
+        of those before a restart of the controller nothing is known.
 
         Raises
         ------
         HardwareError
             If the controller fails, or its firmware knows no part sensor.
         """
-        seen = parts_seen(self._opened().lights)
-        before, self._counted = self._counted, seen
-        return 0 if before is None else max(0, seen - before)
+        lights = self._opened().lights
+        seen, controller = parts_seen(lights), lights.identity.serial_number
+        before, is_known = self._counted, controller == self._controller
+        self._counted, self._controller = seen, controller
+        if not is_known:
+            return 0
+        return seen - before if seen >= before else seen  # a restarted controller counts from 0
 
     def forget_part(self) -> None:
         """Drop the part that the sensor saw; the LEDs go out."""

@@ -11,7 +11,7 @@ from capture.station.cycle.cycle import Station
 from capture.station.cycle.equipment import Equipment
 from capture.station.cycle.events import PartAnnounced, Publisher, TriggerRefused
 from capture.station.cycle.outcome import PartJudge
-from capture.station.cycle.part_sensor import PartSensor
+from capture.station.cycle.part_sensor import MOST_RECORDED, PartSensor
 from capture.station.cycle.station_rig import StationRig
 from capture.station.cycle.triggers import SensorTrigger
 from capture.station.recipe.recipe import Recipe
@@ -93,3 +93,35 @@ def test_a_controller_that_is_lost_during_a_set_makes_the_part_an_error(line: Li
     first, second = (event.result for event in line.bench.of(PartAnnounced))
     assert first.verdict.decision is Decision.ERROR
     assert second.verdict.decision is Decision.PASS
+
+
+def test_parts_that_pass_while_the_rig_is_opened_again_are_missed(
+    line: Line, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[int] = []
+    monkeypatch.setattr("capture.station.cycle.station_rig.parts_seen", lambda _: seen.pop())
+
+    def missed(counter: int) -> int:
+        seen.append(counter)
+        return line.rig.missed_parts()
+
+    line.rig.open()
+    assert [missed(3), missed(5)] == [0, 2]
+    line.rig.close()
+    line.rig.open()
+    assert missed(9) == 4
+    line.rig.close()
+    line.rig.open()
+    assert missed(2) == 2  # the controller was restarted
+    line.rig.close()
+
+
+def test_missed_parts_beyond_a_bound_share_a_row(
+    line: Line, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    missed = [MOST_RECORDED + 7]
+    monkeypatch.setattr(line.rig, "missed_parts", lambda: missed.pop() if missed else 0)
+    line.run(1)
+    reasons = [event.reason for event in line.bench.of(TriggerRefused)]
+    assert len(reasons) == MOST_RECORDED + 1
+    assert reasons[-1].startswith("7 further parts passed")
