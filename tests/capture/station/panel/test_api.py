@@ -4,16 +4,18 @@ import csv
 import io
 import json
 import threading
+import tracemalloc
 from pathlib import Path
+from types import SimpleNamespace
 from urllib.parse import quote
 
 import pytest
 
 from capture.sets.captured_set import CapturedSet
-from capture.station.cycle.triggers import Refused, Trigger
+from capture.station.cycle.triggers import Accepted, Refused, Trigger
 from capture.station.panel.access.roles import Role
 from capture.station.panel.filters import selection_of
-from capture.station.panel.triggering import MOST_WAITING
+from capture.station.panel.triggering import MOST_WAITING, KeyedTriggers
 from capture.station.recipe.recipe import Recipe
 from capture.station.recipe.recipe_file import write_recipe
 from capture.station.verdict import Cause, Decision, Verdict
@@ -126,6 +128,23 @@ def test_a_key_that_was_refused_may_be_sent_again(panel: RunningPanel) -> None:
     panel.parts(1)
     panel.until_ready()
     assert panel.local.post("/api/v1/trigger", Idempotency_Key="order 8").status == 202
+
+
+def test_the_number_of_known_keys_is_bounded() -> None:
+    live = SimpleNamespace(submit=lambda trigger: Accepted(trigger.part_id, 1))
+    triggers = KeyedTriggers(live, SimpleNamespace(store=SimpleNamespace(known=lambda _: set())))
+
+    def submit(first: int, last: int) -> int:
+        for number in range(first, last):
+            assert isinstance(triggers.submit(f"order {number:06d}", None), Accepted)
+        return tracemalloc.get_traced_memory()[0]
+
+    tracemalloc.start()
+    try:
+        before_bytes = submit(0, 1_100)
+        assert submit(1_100, 4_400) - before_bytes < 50_000
+    finally:
+        tracemalloc.stop()
 
 
 def test_triggers_that_wait_leave_threads_for_other_requests(panel: RunningPanel) -> None:

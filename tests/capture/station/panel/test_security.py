@@ -418,6 +418,22 @@ def test_failed_logins_with_long_names_take_little_memory() -> None:
         tracemalloc.stop()
 
 
+def test_the_number_of_failed_logins_that_are_counted_is_bounded() -> None:
+    limit = LoginLimit(lambda: 0.0)
+
+    def fail(first: int, last: int) -> int:
+        for number in range(first, last):
+            limit.begin(f"name-{number:06d}", f"address-{number:06d}")
+        return tracemalloc.get_traced_memory()[0]
+
+    tracemalloc.start()
+    try:
+        before_bytes = fail(0, 6_000)
+        assert fail(6_000, 18_000) - before_bytes < 100_000
+    finally:
+        tracemalloc.stop()
+
+
 # Beyond this machine.
 
 
