@@ -25,12 +25,12 @@ from .run_recipes import RecipeLoader, RunRecipes
 
 @dataclass(frozen=True)
 class RunOptions:
-    """What a run differs in from the configuration of its station.
+    """Options of a run that its command line sets.
 
     Attributes
     ----------
     operator
-        Who answers for the results.
+        Person responsible for the results; None for that of the configuration.
     parts
         Number of parts after which the run ends; None for no end.
     report_alive

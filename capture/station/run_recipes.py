@@ -46,7 +46,7 @@ class RecipeLoader:
     calibration
         Calibration of its rig; None for a rig without one.
     operator
-        Who answers for the results.
+        Person responsible for the results.
     clock
         For times of records.
     """
@@ -106,7 +106,7 @@ class RecipeLoader:
         return UsableRecipe(judge, recipe, inspector.begin, inspector.calibration, checks, by)
 
     def collecting(self) -> UsableRecipe:
-        """Return nothing to judge by; a recipe that is there gives exposure and gain."""
+        """Return a recipe that judges nothing; an existing one still gives exposure and gain."""
         files = self._folder.recipe_files(first_recipe(self._folder))
         is_there = files.file.exists()
         recipe = read_recipe(files.file) if is_there else Recipe(name=files.name, passes=())
@@ -205,7 +205,7 @@ class RunRecipes:
         self.present = recipe
 
     def checks(self) -> list[Check]:
-        """Return what is checked of the present recipe."""
+        """Return the checks of the present recipe."""
         return self._checks_of(self.present)
 
     def _checks_of(self, recipe: UsableRecipe) -> list[Check]:

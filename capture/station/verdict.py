@@ -1,4 +1,4 @@
-"""`Verdict`: what the station says of a part, and why."""
+"""`Verdict`: the decision of the station on a part, and its reason."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -16,8 +16,8 @@ class Decision(StrEnum):
 class Cause(StrEnum):
     """Why a part did not pass, as a code that statistics and a PLC count.
 
-    The first group says that nothing can be said of the part (ERROR), the second that it is like
-    nothing taught (UNKNOWN), the third that it is known to be bad (FAIL).
+    First group: the part could not be judged (ERROR). Second: it resembles no taught texture
+    clearly (UNKNOWN). Third: it is known to be bad (FAIL).
     """
 
     CAPTURE = "capture"  # the set was rejected: saturation, a dead LED, stale frames
@@ -50,7 +50,7 @@ class Verdict:
     reason
         Why, in one sentence, with the values and their limits.
     causes
-        Codes of everything that speaks against the part, the gravest first; empty for PASS.
+        Codes of all findings against the part, the gravest first; empty for PASS.
 
     Raises
     ------

@@ -28,8 +28,8 @@ def panel_of(
     Parameters
     ----------
     is_asked
-        Whether somebody asked for the panel: if not, and its port is taken, the station runs
-        without.
+        Whether the command line asks for the panel. If not, and its port is taken, the station
+        runs without it.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def modbus_of(line: PlcLine, configured: ModbusConfig | None) -> Iterator[None]:
 
 
 def mqtt_of(settings: MqttConfig, folder: StationFolder) -> MqttPublisher:
-    """Return what publishes results; its lines go to the log of the station.
+    """Return the publisher of results by MQTT; its lines go to the log of the station.
 
     Raises
     ------

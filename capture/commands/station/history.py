@@ -52,7 +52,7 @@ def history(
 ) -> None:
     """Show the parts that a station has judged; a table has the last 50.
 
-    Parts of a simulated rig are no production: they are left out, or counted apart.
+    Parts of a simulated rig do not belong to production: they are left out and counted apart.
     """
     from capture.station.results.history import Selection
     from capture.station.results.history_table import json_pieces, write_csv

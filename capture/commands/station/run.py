@@ -22,7 +22,7 @@ def run(
     ] = None,
     parts: Annotated[
         int | None,
-        typer.Option(min=1, help="End after so many parts.", show_default="no end", metavar="N"),
+        typer.Option(min=1, help="End after N parts.", show_default="no end", metavar="N"),
     ] = None,
     trigger: Annotated[
         Literal["timer", "enter", "sensor", "http", "modbus"] | None,

@@ -13,7 +13,7 @@ _STDOUT = 1
 
 
 def shown_by(station: str, *, as_json: bool) -> Subscriber:
-    """Return what shows the events of a station: on stdout, or in the journal if that leads there.
+    """Return a subscriber that prints events, or writes the journal if stdout leads there.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def print_event_as_json(event: Event) -> None:
 
 
 def read_key_line() -> str:
-    """Read a line from the keyboard; an end of the program does not wait for it."""
+    """Read a line from the keyboard; the program can end while it waits."""
     # Unbuffered: a thread that waits in a buffered reader would hold its lock at the end.
     with open(sys.stdin.fileno(), "rb", buffering=0, closefd=False) as keys:
         return keys.readline().decode(errors="replace")

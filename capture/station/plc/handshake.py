@@ -71,7 +71,7 @@ class TriggerRequest:
     recipe
         Name of the recipe that the PLC requires; None if it requires none.
     refusal
-        Why the handshake refused it, to be recorded; None if the station must answer.
+        Reason for which the handshake refused it, to be recorded; None if the station must answer.
     """
 
     trigger_id: int

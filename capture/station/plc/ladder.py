@@ -21,7 +21,7 @@ _IDS = 0xFFFF
 
 @dataclass(frozen=True)
 class Judged:
-    """What the PLC does with a part: only PASS, which is 1, goes on.
+    """The decision of the PLC on a part: only PASS, which is 1, goes on.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ class Ladder:
         }
 
     def _begin_session(self, inputs: Mapping[str, Any]) -> None:
-        """The station was started anew, or this program: nothing that is open will be answered."""
+        """Reset after a restart of the station or of this program: open requests get no answer."""
         for number, (part_id, _) in self._expected.items():
             self._judge(part_id, _ERROR, CAUSES[Cause.INTERRUPTED], number)
         self._expected.clear()

@@ -37,7 +37,7 @@ class PlcLine:
     live
         The running station.
     handshake
-        Not to be used by anybody else.
+        The handshake; nothing else may use it.
     now_s
         The monotonic clock.
     last_s

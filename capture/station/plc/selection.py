@@ -19,15 +19,15 @@ class RecipeRequest:
 
 
 class Selection:
-    """What becomes of the last rise of SelectRecipe.
+    """The state of the last rise of SelectRecipe.
 
-    A selection that is withdrawn goes on: its recipe is loaded all the same, and until then no
-    other one can be selected.
+    A selection that is withdrawn goes on: its recipe is still loaded, and until then no other one
+    can be selected.
 
     Attributes
     ----------
     position
-        What was selected last.
+        Position that was selected last.
     loading
         The recipe that the station has to load, until it has answered.
     is_loaded, error

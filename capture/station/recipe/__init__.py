@@ -1,1 +1,1 @@
-"""The recipe, and what was taught for it, on disk."""
+"""The recipe and the files that teaching made for it."""

@@ -1,4 +1,4 @@
-"""`RecipeFolder`, `TaughtFiles`: paths of a recipe and of what was taught for its versions."""
+"""`RecipeFolder`, `TaughtFiles`: paths of a recipe and of the files that teaching makes."""
 
 import hashlib
 import re
@@ -88,7 +88,7 @@ class RecipeFolder:
 
 @dataclass(frozen=True)
 class TaughtFiles:
-    """What teaching made for one version of a recipe.
+    """Files that teaching made for one version of a recipe.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ class TaughtFiles:
 
     @property
     def taught(self) -> Path:
-        """What teaching measured."""
+        """The measurements of teaching."""
         return self.folder / "taught.json"
 
     @property

@@ -1,4 +1,4 @@
-"""`Taught`: what teaching measured on the good and bad parts of a recipe; a JSON file."""
+"""`Taught`: the measurements of teaching on good and bad parts of a recipe, as a JSON file."""
 
 from collections.abc import Mapping
 from datetime import UTC, datetime
@@ -39,7 +39,7 @@ class TaughtSet(Record):
 
 
 class TaughtTexture(Record):
-    """What teaching measured on the parts of one texture.
+    """Measurements on the taught parts of one texture.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class TaughtTexture(Record):
 
 
 class Taught(Record):
-    """What teaching measured.
+    """The measurements of teaching on all parts of a recipe.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class Taught(Record):
 
 
 def read_taught(path: Path) -> Taught:
-    """Read what teaching measured.
+    """Read the measurements of teaching.
 
     Raises
     ------

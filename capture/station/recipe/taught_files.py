@@ -1,4 +1,4 @@
-"""Read what was taught for a recipe, and check that no file of it was changed since."""
+"""Read the files that teaching made for a recipe, and check that none was changed since."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from .taught import Taught, read_taught
 
 
 def taught_for(recipe: Recipe, files: RecipeFolder) -> Taught:
-    """Read what was taught for a recipe, and check that it covers the recipe.
+    """Read the measurements of teaching for a recipe, and check that they cover the recipe.
 
     Raises
     ------

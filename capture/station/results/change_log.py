@@ -23,7 +23,7 @@ class ChangeRecord:
     by, role
         Who, and in which role.
     what
-        What was changed, such as ``user kim``.
+        The changed thing, such as ``user kim``.
     before, after
         The value before and after; None where there was none.
     """

@@ -23,8 +23,8 @@ COLUMNS = (*_FIRST, *(each.name for each in results.c if each.name not in (*_FIR
 def record_of(entry: HistoryEntry) -> dict[str, Any]:
     """Return the columns of the table ``results`` of a part, its override and its removed set.
 
-    ``verdict`` is the one that holds, and ``station_verdict`` that of the station. ``override`` is
-    None, or has ``decision``, ``by``, ``reason`` and ``utc``.
+    ``verdict`` is the verdict that holds, and ``station_verdict`` that of the station. ``override``
+    is None, or has ``decision``, ``by``, ``reason`` and ``utc``.
     """
     row = row_of(entry.result)
     record = row | {

@@ -79,7 +79,7 @@ def migrate(connection: Connection, name: str, *, create: bool) -> None:
     connection
         Inside a transaction that may write.
     name
-        What messages call the database.
+        Name of the database in messages.
     create
         Whether an empty database gets its tables.
 

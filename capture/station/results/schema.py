@@ -203,7 +203,7 @@ def same_part(table: FromClause, other: FromClause) -> ColumnElement[bool]:
 
 
 def make_tables(connection: Connection) -> None:
-    """Make all tables of this version in an empty database, and what keeps rows as they are."""
+    """Make all tables of this version in an empty database, with triggers that protect rows."""
     metadata.create_all(connection, checkfirst=False)
     if connection.dialect.name == "postgresql":
         connection.exec_driver_sql(_POSTGRESQL_REFUSAL)

@@ -52,7 +52,7 @@ class Period:
 
 @dataclass(frozen=True)
 class ChartedPart:
-    """What a control chart takes from a part; names as in `PartResult`."""
+    """The values of a part for control charts; names as in `PartResult`."""
 
     number: int
     part_id: str
@@ -73,7 +73,7 @@ class CauseCount:
         Parts of which it is the gravest cause. Their sum over all causes is the number of parts
         that the station did not pass.
     also
-        Parts that it speaks against beside a graver one.
+        Parts that have this cause beside a graver one.
     """
 
     cause: Cause

@@ -205,7 +205,7 @@ class ResultStore:
         self.write(work)
 
     def override(self, part_id: str, *, decision: Decision, by: str, reason: str, utc: str) -> None:
-        """Record that a person gives a part another verdict; the result stays as it is.
+        """Record that a person gives a part another verdict; the result stays unchanged.
 
         Raises
         ------
@@ -284,10 +284,10 @@ class ResultStore:
     def parts(
         self, selection: Selection = EVERY_PART, *, newest: int | None = None
     ) -> Iterator[HistoryEntry]:
-        """Yield the selected parts with what was said of them later, by number.
+        """Yield the selected parts by number, each with its last override and its removed set.
 
-        They are read in pages as they are asked for, however many there are, up to the number that
-        is the last one at the begin. What is said of a part meanwhile may be there or not.
+        They are read in pages on demand, up to the last number at the time of the call. Overrides
+        and removals during the reading may be missing.
 
         Parameters
         ----------

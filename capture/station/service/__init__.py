@@ -1,1 +1,1 @@
-"""The station as a service of the system: systemd, the journal, backups."""
+"""The station as a service: systemd, the journal, backups."""

@@ -1,4 +1,4 @@
-"""Back up a running station: one file, of one moment."""
+"""Back up a running station into one file, with its state at one moment."""
 
 import os
 import shutil
@@ -70,9 +70,9 @@ class Backup:
         self.remarks = tuple(_remarks(folder, config, self._missing))
 
     def write(self, path: Path) -> Iterator[str]:
-        """Write the backup, and yield the name of each file that is in it.
+        """Write the backup, and yield the name of each file in it.
 
-        The file `path` is there when all is in it and on disk.
+        The file `path` appears when it is complete and on disk.
 
         Raises
         ------
@@ -127,7 +127,7 @@ def prepared_backup(folder: Path, path: Path) -> Iterator[Backup]:
     results = config.results_in(folder)
     with (
         sets_stay(folder),
-        # Beside the backup, which needs the space for it anyhow.
+        # Beside the backup, whose disk needs the space in any case.
         locked_temporary(path.absolute().parent, path) as copy,
     ):
         found, database = ResultsSnapshot(0, ()), None

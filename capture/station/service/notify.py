@@ -1,4 +1,4 @@
-"""Tell systemd how a station is, by the protocol of sd_notify(3)."""
+"""Report the state of a station to systemd, by the protocol of sd_notify(3)."""
 
 import os
 import socket
@@ -13,7 +13,7 @@ from capture.station.cycle.events import Event, PartAnnounced, StateChanged, Sta
 from capture.station.cycle.states import State
 from classify.errors import InputError
 
-# Workers report several times a second; systemd need not hear of each report.
+# Workers report several times a second; systemd does not need each report.
 _PING_S = 1.0
 _WORKERS = set(get_args(Worker))
 
@@ -21,14 +21,14 @@ _WORKERS = set(get_args(Worker))
 class Notifier:
     """Subscriber to a station's events, to which its workers report that they are alive.
 
-    systemd hears that the station is ready when it is so for the first time. The watchdog gets a
-    ping as soon as all workers reported that they are alive: one that hangs ends the pings,
-    and there is no thread that could go on without it. Never blocks, and never raises.
+    systemd gets READY when the station is ready for the first time. The watchdog gets a ping as
+    soon as all workers have reported that they are alive: a worker that hangs ends the pings. No
+    thread of its own could go on without the workers. Never blocks, and never raises.
 
     Parameters
     ----------
     address
-        The socket: a path, or ``@NAME`` for an abstract one; None tells nobody.
+        The socket: a path, or ``@NAME`` for an abstract one; None sends nothing.
     watchdog_s
         Time without a ping after which systemd kills the station; None for no pings.
     now_s

@@ -43,7 +43,7 @@ class OpenBackup:
     def restore(self, folder: Path) -> Iterator[str]:
         """Write the station to `folder`, and yield the name of each file.
 
-        The folder is there when all is in it and on disk.
+        The folder appears when it is complete and on disk.
 
         Raises
         ------

@@ -44,7 +44,7 @@ def _check_unit(station: StationFolder) -> Iterator[Check]:
 
 
 def checks_of_unit(station: StationFolder, properties: Mapping[str, str]) -> Iterator[Check]:
-    """Check what ``systemctl show`` says of the unit of a station.
+    """Check the unit of a station by the output of ``systemctl show``.
 
     Raises
     ------
@@ -68,7 +68,7 @@ def checks_of_unit(station: StationFolder, properties: Mapping[str, str]) -> Ite
 
 
 def _faults(station: StationFolder, properties: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-    """What is wrong with an installed unit, and what to do."""
+    """Faults of an installed unit, each with its remedy."""
     difference = _difference(station, Path(properties["FragmentPath"]))
     if difference is not None:
         yield difference, f"install it again: {_how_to_print(station)}"

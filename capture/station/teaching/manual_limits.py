@@ -14,7 +14,7 @@ LimitsOf = Mapping[str, Limits]
 
 
 def limits_measured_before(files: RecipeFolder, recipe: Recipe) -> LimitsOf | None:
-    """Return the limits that the last teaching of a recipe measured; None if nobody kept them."""
+    """Return the limits that the last teaching of a recipe measured; None if they are missing."""
     path = files.version(recipe.version).measured
     try:
         return read_toml_as(path, Recipe, "was not kept").limits_of
@@ -23,13 +23,13 @@ def limits_measured_before(files: RecipeFolder, recipe: Recipe) -> LimitsOf | No
 
 
 def manual_limits(present: LimitsOf, measured: LimitsOf | None) -> LimitsOf:
-    """Return the limits of each texture that are not as teaching measured them.
+    """Return the limits of each texture that differ from those that teaching measured.
 
     Parameters
     ----------
     present, measured
-        Limits in the recipe, and what teaching measured for it. Without the latter those that
-        teaching could have measured count as measured.
+        Limits in the recipe, and those that teaching measured for it. Without the latter, all
+        limits that teaching can measure count as measured.
     """
     found = {}
     for texture, limits in present.items():
@@ -43,7 +43,7 @@ def manual_limits(present: LimitsOf, measured: LimitsOf | None) -> LimitsOf:
 
 
 def with_set_limits(measured: LimitsOf, by_people: LimitsOf) -> dict[str, Limits]:
-    """Return measured limits with those that people set in their place."""
+    """Return measured limits, replaced by the limits that people set."""
     return {
         texture: limits.model_copy(
             update=by_people.get(texture, Limits()).model_dump(exclude_none=True)
@@ -53,7 +53,7 @@ def with_set_limits(measured: LimitsOf, by_people: LimitsOf) -> dict[str, Limits
 
 
 def kept_remarks(measured: LimitsOf, by_people: LimitsOf) -> Iterator[str]:
-    """Say which limits stay as people set them, and what teaching measured."""
+    """Yield a remark on each limit that people set, with the measured one."""
     for texture, limits in by_people.items():
         shown = dict(measured.get(texture, Limits()))
         for name, value in limits.model_dump(exclude_none=True).items():
@@ -65,7 +65,7 @@ def kept_remarks(measured: LimitsOf, by_people: LimitsOf) -> Iterator[str]:
 
 
 def replaced_remarks(before: LimitsOf, after: LimitsOf) -> Iterator[str]:
-    """Say which limits teaching replaced."""
+    """Yield a remark on each limit that teaching replaced."""
     for texture, limits in before.items():
         now = dict(after.get(texture, Limits()))
         for name, value in limits:

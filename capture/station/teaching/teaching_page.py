@@ -18,7 +18,7 @@ _MOST_PICTURES = 4
 
 
 def write_teaching_page(teaching: Teaching) -> None:
-    """Write the page beside what was taught; raises InputError if that cannot be done."""
+    """Write the page into the folder of the version; InputError if it cannot be written."""
     with durable_file(teaching.files.report) as temporary:
         temporary.write_text(teaching_page(teaching), encoding="utf-8")
 

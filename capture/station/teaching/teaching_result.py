@@ -48,7 +48,7 @@ class Teaching:
     Attributes
     ----------
     recipe, taught, files
-        The new version of the recipe, what was measured for it, and its files.
+        The new version of the recipe, its measurements, and its files.
     parts, matches
         The sets, and the match of each with a library of all others; None where that is empty.
     inspections
@@ -58,7 +58,7 @@ class Teaching:
     measured
         The limits that were measured; the recipe has others where people set them.
     limit_remarks
-        What became of limits that people set.
+        Remarks on limits that people set.
     """
 
     recipe: Recipe
@@ -78,7 +78,7 @@ class Teaching:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What a person should look at before approving the recipe."""
+        """Remarks for a person to check before the approval of the recipe."""
         overlaps = map(str, self.overlaps)
         return (*overlaps, *self._few_parts(), *self.limit_remarks, *self._odd_verdicts())
 
