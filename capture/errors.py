@@ -16,7 +16,7 @@ class CalibrationError(InputError):
 
 
 class Cause(StrEnum):
-    """Causes for which photographs are refused, by the name that accepts them all the same."""
+    """Causes for which photographs are refused; ``import --accept`` takes these names."""
 
     EQUAL_IMAGES = "equal-images"
     LIGHT_ORDER = "light-order"

@@ -44,9 +44,9 @@ MAX_AVERAGE = 1024
 # A passing disturbance (a lost line, a torn frame) seldom affects two attempts; see the table that
 # test_fault_matrix.py prints.
 MAX_ATTEMPTS = 3
-# Of a set whose pixels are not hashed yet; it cannot be saved.
+# Hash in a set whose pixels are not hashed yet; such a set cannot be saved.
 _NO_HASH = ""
-# Read once: to read it takes longer than to switch a light.
+# Read once, because reading it takes longer than switching a light.
 _SOFTWARE_VERSION = version("ps4rig")
 
 
@@ -82,12 +82,12 @@ def capture_set(
     is_target
         The part is a calibration target: no image is rejected for its brightness or shading.
     part
-        Part that the sensor saw, from `wait_for_part`, with `average` 1. There is one attempt: at a
-        second one another part may be there. A retake is compared, and so finds out if it moved.
+        Part that the sensor saw, from `wait_for_part`, with `average` 1. Only one attempt is made,
+        because another part may be there at a second one. A retake shows whether the part moved.
     exposed
-        Is given the images of each attempt before their checks, to start work on them; it must
-        return at once. That set has no checks and no hash. The set that is returned has the same
-        arrays, and the same metadata otherwise.
+        Called with the set of each attempt before its checks, to start work on its images; it must
+        return at once. This set has no checks and no hash. The returned set has the same arrays,
+        and otherwise the same metadata.
 
     Raises
     ------

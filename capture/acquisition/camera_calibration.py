@@ -1,4 +1,4 @@
-"""What a rig shows of its camera: frames with the lens covered, and a ladder of exposures."""
+"""Frames of a rig for the calibration of its camera: lens covered, and a ladder of exposures."""
 
 from collections.abc import Callable, Iterable, Iterator
 
@@ -20,7 +20,7 @@ from .frame_series import (
 
 # Hot pixels are those beyond the noise of one frame, which 16 frames average away.
 _DARK_FRAMES = 16
-# At each exposure. Their differences show the noise: four give three times the freedom of two.
+# At each exposure. Their differences show the noise: four give three degrees of freedom, two one.
 _LADDER_FRAMES = 4
 
 Series = tuple[float, Pixels]
@@ -55,7 +55,7 @@ def rungs_of_rig(
     calibration
         Its hot pixels do not count.
     shown
-        Passes on the frames of each exposure, and is told their number: a progress bar.
+        Progress bar: gets the frames of all exposures and their number, and yields the frames.
 
     Raises
     ------

@@ -16,9 +16,9 @@ from rig.signals import uninterrupted
 from .frame_mean import check_frame
 from .repeated_frames import RepeatDetector
 
-# From one exposure to the next shorter one. Fine at first, because the highest levels say most of
-# the curve; the range is 1 to 63, with which a camera of gamma 2.2 shows the lower seventh of its
-# values too.
+# Ratios of each exposure to the next shorter one. The first steps are fine, because the highest
+# levels tell most about the curve. The range is 1 to 63, so that a camera of gamma 2.2 also shows
+# the lower seventh of its values.
 _RATIOS = (*[1.12] * 6, *[1.25] * 5, *[1.6] * 5)
 # Divisor of the exposure while more than half of the frame is saturated.
 _SHORTER = 1.4

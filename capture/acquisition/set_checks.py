@@ -23,12 +23,12 @@ from .light_checks import (
 def check_set(
     images: LightImages, known: Calibration, retake: Callable[[], Images]
 ) -> ChecksRecord:
-    """Check the images of a set, with a retake if they leave a doubt.
+    """Check the images of a set, with a retake if they leave a check undecided.
 
     Parameters
     ----------
     known
-        What a calibration knows of the rig: its lights are taken into account.
+        Calibration of the rig, whose lights are taken into account.
     retake
         Captures the light images a second time; called at most once, by this thread.
 

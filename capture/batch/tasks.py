@@ -128,12 +128,12 @@ class LoadedSet:
 
     @property
     def calibration(self) -> Calibration | None:
-        """What is known of the rig; None without a calibration."""
+        """The calibration of the rig; None without one."""
         return None if self.found is None else self.found.file.calibration
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is to be said about the calibration."""
+        """Warnings about the calibration."""
         return () if self.found is None else self.found.warnings
 
     def solve_texture(self, method: Method | None, *, planar: bool) -> SurfaceEstimate:
@@ -186,7 +186,7 @@ def classify_set(
     method: Method | None = None,
     calibration: Path | None = None,
 ) -> ClassifiedSet:
-    """Solve a set as those of a library were, or by `method`, and classify its surface with it.
+    """Classify a set with a library, solved as the sets of the library were or by `method`.
 
     A solver of the library that does not suit the number of lights is replaced by the default.
 

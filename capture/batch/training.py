@@ -27,7 +27,7 @@ def train_library(
 
     All sets are solved by `method`, by default the default solver for their number of lights. The
     library stores the paths of the sets relative to `folder`, where it will be saved. `calibration`
-    is used for all sets instead of those that they name.
+    replaces the calibrations that the sets name.
 
     Raises
     ------

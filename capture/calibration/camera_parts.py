@@ -1,4 +1,4 @@
-"""The parts of a calibration that describe the camera, with their records: how good they are."""
+"""The parts of a calibration that describe the camera, with records of their quality."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace

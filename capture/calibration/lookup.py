@@ -1,4 +1,4 @@
-"""The calibration of a captured set: where it is found, and whether it holds for the set."""
+"""Find the calibration of a captured set, and check that it holds for the set."""
 
 import shutil
 from collections.abc import Iterator
@@ -24,7 +24,7 @@ _DIGITS = 8
 
 @dataclass(frozen=True, eq=False)
 class FoundCalibration:
-    """A calibration that holds for a set, and what is to be said about it."""
+    """A calibration that holds for a set, and warnings about it."""
 
     path: Path
     file: CalibrationFile

@@ -1,4 +1,4 @@
-"""Flat field and lights from sets of a white sheet, with their records: how good they are."""
+"""Flat field and lights from sets of a white sheet, with records of their quality."""
 
 from collections.abc import Sequence
 
@@ -81,7 +81,7 @@ def plate_parts(
 
 
 def near_lights_are_refuted(calibration: Calibration, parts: Sequence[MeasuredPart]) -> bool:
-    """Whether a calibration has positions of lights of which the sheet in `parts` shows nothing."""
+    """Whether a calibration has positions of lights, and the sheet in `parts` shows none."""
     lights = calibration.lights
     has_positions = lights is not None and lights.lighting.positions_px is not None
     return has_positions and all(each.name != "lights" for each in parts)
@@ -152,6 +152,6 @@ def _lights(
     if lights.residual > _ROUND_LOBES:
         warnings.append(
             f"the light on the sheet differs by {lights.residual:.2%} from that of LEDs: the sheet "
-            "may be shiny, or the lights are no points; check the positions with a sphere"
+            "may be shiny, or the lights extended; check the positions with a sphere"
         )
     return [MeasuredPart.now("lights", lights, setting, quality, figures, source, warnings)]

@@ -1,6 +1,6 @@
-"""Whether a rig still is as its calibration says: one picture of a white sheet, in seconds.
+"""Compare a rig with its calibration by one picture of a white sheet under each light.
 
-The doctor and the start of a session make these checks.
+The doctor, the start of a session and the start of a station make these checks.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ def drift_of_set(captured: CapturedSet, file: CalibrationFile) -> Drift:
 
 
 def checks_of_drift(drift: Drift) -> Iterator[Check]:
-    """Yield what has changed since the calibration, or one check that nothing has."""
+    """Yield a check for each change since the calibration, or one that is ok without any."""
     for cause in drift.causes:
         what = cause.kind if cause.light is None else f"{cause.kind}, light {cause.light}"
         yield Check(f"drift: {what}", cause.status, cause.seen, cause.advice)

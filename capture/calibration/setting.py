@@ -87,7 +87,7 @@ class Setting(Record):
 
     @classmethod
     def of_photographs(cls, photographs: Photographs) -> Self:
-        """Return the setting of photographs that are no set, without lights and exposure."""
+        """Return the setting of single photographs, without lights and exposure."""
         rows, columns = photographs.planes[0].shape
         return cls(
             simulated=False,
@@ -120,7 +120,7 @@ class Setting(Record):
         )
 
     def differences(self, other: Setting, part: PartName) -> list[str]:
-        """What of `other` makes a `part` that was measured at this setting wrong, in words."""
+        """Differences of `other` that invalidate a `part` measured at this setting, in words."""
         return list(self._differences(other, part))
 
     def _differences(self, other: Setting, part: PartName) -> Iterator[str]:

@@ -25,8 +25,8 @@ from .ps4cal import CalibrationFile, MeasuredPart
 from .setting import Setting
 from .stated_error import stated_error
 
-# Errors of directions in words: half a degree is the aim for a mirror sphere, two that for a matt
-# one, and four degrees of slant turn the normals by three (table of faults, classify/README.md).
+# Errors of directions in words: the aim is 0.5 degrees with a mirror sphere and 2 with a matt one;
+# four degrees of slant turn the normals by three (table of faults, classify/README.md).
 _GOOD_DEG, _FAIR_DEG = 0.5, 2.0
 _POSITIONS_LOST = (
     "the calibration held the positions of the lights, and now it holds directions; several "

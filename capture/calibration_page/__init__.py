@@ -1,1 +1,1 @@
-"""What `ps4rig calibrate show` says of a calibration: a summary, and a page with drawings."""
+"""``ps4rig calibrate show``: a summary of a calibration, and a page with drawings."""

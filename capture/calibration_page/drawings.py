@@ -14,7 +14,7 @@ from classify.calibration.scale import Scale
 FloatArray = npt.NDArray[np.float64]
 
 _SIDE = 100.0  # of a drawing, in its own units
-_MARGIN = 1.25  # what is drawn of the largest coordinate
+_MARGIN = 1.25  # drawn range, as a multiple of the largest coordinate
 # An ellipse of two standard errors holds a position with 86 %.
 _STANDARD_ERRORS = 2.0
 # Lights nearer to each other than this share their text.

@@ -37,7 +37,7 @@ def info(
     ] = None,
     json: options.Json = False,
 ) -> None:
-    """Show where captured sets come from, or correct their label and description."""
+    """Show the origin of captured sets, or correct their label and description."""
     from capture.session.corrections import correct_in_sessions
     from capture.sets.archive import find_sets
     from capture.sets.captured_set import CapturedSet

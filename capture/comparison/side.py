@@ -33,7 +33,7 @@ class Side:
     surface
         Slopes, albedo and validity as maps show them.
     texture
-        The same solved as a texture is; that of a folder is its surface.
+        The surface solved as for a texture; for a folder, `surface` itself.
     maps
         (H, W) maps by name, each with its unit; heights are in mm where the scale is known.
     facts

@@ -34,7 +34,7 @@ def page_html(
     note
         Plain text at the foot, before the version of ps4rig.
     style
-        CSS of what only this kind of page has.
+        CSS for elements of this kind of page only.
     """
     foot = f"{escape(note)} ps4rig {escape(version('ps4rig'))}."
     body = (

@@ -51,18 +51,18 @@ class Preview:
     _overlays: tuple[str | None, int] = (None, 0)
 
     def guide(self, text: str, outline: Outline | None) -> None:
-        """Show what to place, and over each image the outline that it should have."""
+        """Show instructions for the placement, and over each image the required outline."""
         with self._lock:
             self._guide, self._found = text, None
             self._overlays = (None if outline is None else outline.svg(), self._overlays[1] + 1)
 
     def found(self, text: str) -> None:
-        """Show what was measured on the part that lies there now."""
+        """Show the measurement on the part that lies there now."""
         with self._lock:
             self._found = text
 
     def captured(self, text: str) -> None:
-        """Show what the set before was found to be."""
+        """Show the measurement on the previous set."""
         with self._lock:
             self._captured, self._found = text, None
 

@@ -1,4 +1,4 @@
-"""Corrections of sets that belong to a session: its journal and its table follow."""
+"""Corrections of sets of a session, with its journal and its table."""
 
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack

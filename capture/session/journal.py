@@ -1,4 +1,4 @@
-"""The journal of a session: what was captured, in one file that is replaced whole."""
+"""The journal of a session: its runs and sets, in one file that is replaced whole."""
 
 from collections.abc import Mapping
 from datetime import datetime, timedelta
@@ -21,7 +21,7 @@ FinishReason = Literal["complete", "incomplete", "stopped", "interrupted", "fail
 
 
 class SetMeasures(Record):
-    """What was measured on a set right after its capture.
+    """Measures of a set right after its capture.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class SetMeasures(Record):
     blur_px
         By how much the set is blurrier than the first of the specimen; negative where sharper.
     warnings
-        What a person should look at.
+        Warnings for a person.
     """
 
     led_levels: tuple[FiniteFloat, ...]
@@ -62,7 +62,7 @@ class SetEntry(Record):
     skipped
         Why it was left out; None for a captured set.
     corrected
-        What ``ps4rig info --set`` changed later: the present values by the names of their fields.
+        Corrections by ``ps4rig info --set``: the present values by the names of their fields.
     """
 
     specimen: str

@@ -1,4 +1,4 @@
-"""What a session measures on a set right after its capture, against the first of its specimen."""
+"""Measures of a set right after its capture, against the first set of its specimen."""
 
 import math
 from contextlib import suppress

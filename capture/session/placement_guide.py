@@ -1,4 +1,4 @@
-"""How a specimen should lie, by the outline of its first placement, and how it lies now."""
+"""The required placement of a specimen as an outline, and its present orientation."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

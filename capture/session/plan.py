@@ -1,4 +1,4 @@
-"""The plan of a session: which specimens are captured, at which orientations, and how."""
+"""The plan of a session: its specimens, their orientations and the settings of the capture."""
 
 import os
 import re
@@ -124,7 +124,7 @@ class SessionPlan(Section):
     name
         Folder of the session, beside the plan.
     operator
-        Who captures.
+        Person who captures.
     orientations_deg
         Orientations of each specimen, anticlockwise from its first placement.
     repeats, average

@@ -67,7 +67,7 @@ class _Stopped(Exception):  # noqa: N818 - a decision of the operator, no error
 def run_session(
     folder: SessionFolder, config: RigConfig, ask: Ask, publish: Publish
 ) -> SessionFinished:
-    """Capture what is missing of a session.
+    """Capture the missing sets of a session.
 
     Each set is in its file before its entry is in the journal, and in the journal before the next
     one begins. A run that is killed loses the set in progress at most.
@@ -276,7 +276,7 @@ class _Runner:
         return answer
 
     def _captured(self, planned: PlannedSet) -> CapturedSet:
-        """Capture a set, with what the plan says of it."""
+        """Capture a set, with label and description from the plan."""
         specimen = self._folder.plan.specimen_named(planned.specimen)
         rig = self._opened(planned)
         self._state(State.CAPTURING, planned)

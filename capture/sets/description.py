@@ -1,4 +1,4 @@
-"""What people say of a captured set, at the capture or later: specimen, operator, note and more."""
+"""Label, specimen, operator, note and orientation of a captured set, and their corrections."""
 
 import math
 from collections.abc import Mapping
@@ -28,7 +28,7 @@ def described(
     note: str | None,
     orientation_deg: float | None = None,
 ) -> CapturedSet:
-    """Return a set with what was said of it at the capture; None stands for nothing.
+    """Return a set with its description; None leaves a field empty.
 
     Without `orientation_deg` the set keeps that of its simulated part.
 

@@ -72,7 +72,7 @@ class LightList:
     intensities
         Intensity of each light relative to the others; empty if the file gives none.
     warnings
-        What of the file is ignored or assumed.
+        Ignored keys and assumptions.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""Checks of imported photographs: what they show of the faults for which captures are rejected.
+"""Checks of imported photographs, for the faults for which captures are rejected.
 
-Photographs are not held to the limits of a capture: gloss, cast shadows and near lights are part of
-them. So only what no surface explains is refused, and the rest are warnings.
+The limits of a capture do not apply to photographs, which have gloss, cast shadows and near lights.
+Only findings that no surface explains lead to a refusal; the others are warnings.
 """
 
 from collections.abc import Collection, Iterator

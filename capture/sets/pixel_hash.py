@@ -9,9 +9,9 @@ from rig.set_file import Planes, hash_page
 
 
 class PixelHash:
-    """SHA-256 of the pages of a set, which come in any order; `pixels_sha256` of all of them.
+    """SHA-256 of the pages of a set, which may arrive in any order; see `pixels_sha256`.
 
-    A page is hashed in another thread as soon as all pages before it have come.
+    A page is hashed in another thread as soon as all pages before it have arrived.
     """
 
     def __init__(self) -> None:

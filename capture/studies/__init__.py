@@ -1,1 +1,1 @@
-"""What ps4rig says about itself: the chapter reproduced, benchmarks, and the demonstration."""
+"""Studies of ps4rig itself: reproduction of the thesis's chapter, benchmarks, and the demo."""

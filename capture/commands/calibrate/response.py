@@ -60,7 +60,7 @@ def response(
     yes: Yes = False,
     json: options.Json = False,
 ) -> None:
-    """Measure whether the camera is linear, by a ladder of exposures of a white sheet; its noise.
+    """Measure linearity and noise of the camera by a ladder of exposures of a white sheet.
 
     A camera that is not linear gets the inverse of its curve. Neither the sheet nor the light of
     the room may change meanwhile. Two photographs or sets of each exposure show the noise too.

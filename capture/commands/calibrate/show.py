@@ -33,7 +33,7 @@ def show(
     ] = None,
     json: options.Json = False,
 ) -> None:
-    """Say how good a calibration is, how old, what it buys and what is missing; write a page."""
+    """Report quality, age, benefit and missing parts of a calibration; write a page."""
     from capture.calibration.ps4cal import CalibrationFile
     from capture.calibration_page.page import calibration_page
     from capture.calibration_page.summary import benefit_of, summary_json

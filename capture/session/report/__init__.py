@@ -1,1 +1,1 @@
-"""The report of a session: what its sets say about the capture and about the textures."""
+"""The report of a session: figures of the capture and of the textures."""

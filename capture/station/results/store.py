@@ -286,8 +286,8 @@ class ResultStore:
     ) -> Iterator[HistoryEntry]:
         """Yield the selected parts by number, each with its last override and its removed set.
 
-        They are read in pages on demand, up to the last number at the time of the call. Overrides
-        and removals during the reading may be missing.
+        They are read in pages on demand, up to the number that is the last one when the reading
+        begins. Overrides and removals during the reading may be missing.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""What a reproduction measures: textures, conditions, training runs, test runs, experiments."""
+"""The plan of a reproduction: textures, conditions, training runs, test runs, experiments."""
 
 import itertools
 from collections.abc import Iterable, Sequence

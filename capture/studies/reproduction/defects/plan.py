@@ -1,4 +1,4 @@
-"""What the study of defects measures: textures, defects, numbers of parts."""
+"""The plan of the study of defects: textures, defects, numbers of parts."""
 
 from __future__ import annotations
 
