@@ -21,8 +21,8 @@ from .differences import (
 )
 from .side import Side
 
-# Slopes of a part that did not move correlate by 0.9 and more in noise; after a shift of 3 px across
-# the relief by less than 0.6 on the four textures of the thesis (tests/capture/comparison).
+# Slopes of a part that did not move correlate by 0.9 and more in noise; a shift of 3 px across the
+# relief leaves less than 0.6 on the four textures of the thesis (tests/capture/comparison).
 _ALIGNED = 0.7
 
 
