@@ -63,18 +63,24 @@ async def _messages(
         for text in texts:
             yield text
         is_closed, loop = False, asyncio.get_running_loop()
-        due_s = loop.time() + KEEP_ALIVE_S
+        due_s, check = loop.time() + KEEP_ALIVE_S, None
         while not is_closed:
             with suppress(TimeoutError):
                 await asyncio.wait_for(changed.wait(), max(due_s - loop.time(), 0.0))
             if loop.time() >= due_s:  # also where events never pause
-                if not await may_go_on():
-                    return
                 yield ": still here\n\n"
                 due_s = loop.time() + KEEP_ALIVE_S
+                if check is None:
+                    # Not awaited: it needs a free thread, and a verdict would wait for it.
+                    check = asyncio.ensure_future(may_go_on())
+                    check.add_done_callback(lambda _: changed.set())
             if not subscription.is_closed:
                 await asyncio.sleep(_GATHER_S)
             changed.clear()
+            if check is not None and check.done():
+                if not check.result():
+                    return
+                check = None
             is_closed = subscription.is_closed  # before the last events are taken
             waiting, lost = subscription.take()
             texts = []

@@ -26,7 +26,7 @@ from capture.station.live.devices import Device
 from capture.station.live.live_station import LiveStation
 from capture.station.live.subscription import MOST_WAITING
 from capture.station.panel import event_stream
-from capture.station.panel.access.roles import Role
+from capture.station.panel.access.roles import Identity, Role
 from capture.station.panel.awaiting import Awaiting
 from capture.station.results.part_result import PartResult
 from capture.station.verdict import Cause, Decision, Verdict
@@ -127,6 +127,26 @@ def test_a_stream_ends_when_its_user_is_removed(panel: RunningPanel, monkeypatch
         panel.panel.tokens.remove("client-operator")
         panel.until_ready()
         assert all(each["event"] != "part" for each in messages)  # ends by itself
+
+
+def test_events_do_not_wait_for_the_check_of_a_user(panel: RunningPanel, monkeypatch: Any) -> None:
+    asked, is_over = threading.Event(), threading.Event()
+
+    def identity(*_: object) -> Identity:
+        asked.set()
+        assert is_over.wait(60)
+        return Identity("kim", Role.OPERATOR, "local")
+
+    monkeypatch.setattr("capture.station.panel.event_stream.identity_of", identity)
+    monkeypatch.setattr("capture.station.panel.event_stream.KEEP_ALIVE_S", 0.05)
+    try:
+        with stream(panel.local) as messages:
+            next(messages)
+            assert asked.wait(60)
+            panel.live.announce({"event": "override"})
+            assert any(each["event"] == "override" for each in messages)
+    finally:
+        is_over.set()
 
 
 def test_a_stream_with_many_events_ends_when_its_user_is_removed(
