@@ -18,7 +18,8 @@ from .one_thread import call_in_one_thread
 
 # Time for an interrupted worker to remove its temporary files, which takes milliseconds.
 _CLEANUP_S = 1
-_at_work = threading.Event()  # set while a worker process has an item
+# Set while a worker process has an item: it may have temporary files to remove when it ends.
+at_work = threading.Event()
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -106,10 +107,12 @@ def begin_worker(lifeline: Connection, yields: bool = False) -> None:
     """
     if yields:
         yield_processors()
-    threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
     signal.signal(signal.SIGTERM, _end)
+    threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
     if not hasattr(signal, "pthread_sigmask"):
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Every item needs it. An exception during its import makes it print that numpy is missing.
+    import cv2  # noqa: F401
 
 
 def _end_with(lifeline: Connection) -> None:
@@ -120,13 +123,16 @@ def _end_with(lifeline: Connection) -> None:
             os.kill(os.getpid(), signal.SIGTERM)
             return
         # On Windows os.kill ends the process at once, and no signal wakes a waiting thread.
-        if _at_work.is_set():
+        if at_work.is_set():
             _thread.interrupt_main(signal.SIGTERM)
             time.sleep(_CLEANUP_S)
         os._exit(1)
 
 
 def _end(*_: object) -> NoReturn:
+    if not at_work.is_set():
+        # Imports and the executor would print something about an exception.
+        os._exit(1)
     # SIGALRM ends the process if compiled code does not return to Python.
     if hasattr(signal, "alarm"):
         signal.alarm(_CLEANUP_S)
@@ -135,11 +141,11 @@ def _end(*_: object) -> NoReturn:
 
 
 def _call(function: Callable[[Item], Result], item: Item) -> Result:
-    _at_work.set()
+    at_work.set()
     try:
         return call_in_one_thread(function, item)
     except SystemExit:
         # The executor would return the exception as the item's result and continue.
         os._exit(1)
     finally:
-        _at_work.clear()
+        at_work.clear()

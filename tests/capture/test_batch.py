@@ -290,6 +290,39 @@ def test_workers_end_with_the_command(files: list[Path], ending: str) -> None:
         assert (process.returncode, *output) == (130, b"", b"")
 
 
+INTERRUPTED_CV2 = """
+import time
+import __main__
+try:
+    __main__.lifeline.close()
+    time.sleep(60)
+except BaseException:
+    print('OpenCV bindings requires "numpy" package.')
+    raise
+"""
+BEGINS_LATE = """
+from multiprocessing import Pipe
+from capture.batch.local_pool import at_work, begin_worker
+from capture.batch.one_thread import call_in_one_thread
+
+far_end, lifeline = Pipe(duplex=False)
+begin_worker(far_end)
+at_work.set()
+call_in_one_thread(abs, -1)
+"""
+
+
+def test_a_worker_that_begins_as_the_command_ends_prints_nothing(tmp_path: Path) -> None:
+    (tmp_path / "cv2.py").write_text(INTERRUPTED_CV2)
+    done = subprocess.run(
+        [sys.executable, "-c", BEGINS_LATE],
+        capture_output=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])},
+        timeout=DEADLINE_S,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (1, b"", b"")
+
+
 # the same results everywhere
 
 

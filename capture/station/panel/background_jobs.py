@@ -12,7 +12,7 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import Any, Literal, TypeVar
 
-from capture.batch.local_pool import begin_worker, terminal_signals_blocked
+from capture.batch.local_pool import at_work, begin_worker, terminal_signals_blocked
 from capture.batch.one_thread import call_in_one_thread
 from capture.console import ShowProgress
 from capture.process.utc_time import utc_text
@@ -220,6 +220,7 @@ def _work(
 ) -> None:
     """Do a job in this process, and report to the other one."""
     begin_worker(lifeline)
+    at_work.set()
     if hasattr(os, "setpriority"):
         os.setpriority(os.PRIO_PROCESS, 0, _LOWEST_PRIORITY)
 
