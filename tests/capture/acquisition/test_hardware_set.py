@@ -356,7 +356,7 @@ def test_faulty_frames_never_make_a_wrong_set(synchronisation, kind):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("frame_rate_hz", [30, 60])
-def test_in_real_time(rig: Rig, frame_rate_hz) -> None:
+def test_a_busy_computer_accepts_no_wrong_light(rig: Rig, frame_rate_hz) -> None:
     """A busy computer may reject sets, but never accepts wrong light."""
     real = rig.config.with_changes(
         simulation={"clock": "real"}, camera={"frame_rate_hz": frame_rate_hz, "exposure_ms": 8}

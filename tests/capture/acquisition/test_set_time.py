@@ -110,7 +110,7 @@ def test_an_image_takes_one_period_if_exposure_and_switch_fit_into_it(bench: Ben
 
 @pytest.mark.slow
 @pytest.mark.parametrize("bench", [Bench(30.0, 20.0, 24.0, 0.5), Bench(60.0, 10.0, 14.0, 0.5)])
-def test_on_the_real_clock(bench: Bench) -> None:
+def test_a_set_on_the_real_clock_takes_two_periods_per_image(bench: Bench) -> None:
     real, best = replace(bench, clock="real"), np.full(5, np.inf)
     for _ in range(20):  # a busy machine is late for some images, but not for one image each time
         apart, _ = set_times(real)

@@ -122,7 +122,7 @@ def test_a_part_is_added_or_replaced_and_the_others_stay(saved: Path) -> None:
     assert CalibrationFile.read(saved).calibration.dark is None
 
 
-def test_a_plate_from_before_the_response_is_warned_of() -> None:
+def test_a_sheet_measured_before_the_response_is_warned_of() -> None:
     later = RECORD.model_copy(update={"date": "2999-01-01T00:00:00+00:00"})
     changed = example().with_part("response", EXAMPLE.response, later)
     (warning,) = changed.warnings()

@@ -58,7 +58,7 @@ def test_the_card_that_a_mirror_sphere_reflects_is_not_taken_for_its_outline(
     assert (circle.column, circle.row) == pytest.approx((255.5, 255.5), abs=0.3)
 
 
-def test_a_sphere_that_gives_directions_instead_of_positions_says_so(
+def test_a_sphere_that_gives_directions_instead_of_positions_is_a_warning(
     near_config: RigConfig, near_calibration: CalibrationFile
 ) -> None:
     sphere = Placement(surface="mirror_sphere")
@@ -73,7 +73,7 @@ def test_a_sphere_that_gives_directions_instead_of_positions_says_so(
         assert len(lost) == warnings
 
 
-def test_what_lights_share_of_a_flat_field_is_their_geometric_mean() -> None:
+def test_the_shared_part_of_a_flat_field_is_the_geometric_mean_over_lights() -> None:
     rng = np.random.default_rng(0)
     flat_field = FlatField(0.1 * rng.standard_normal((4, 3, 3)), np.tile([-9.0, 9.0], (4, 1)))
     place = np.arange(20), np.arange(30), (20, 30)

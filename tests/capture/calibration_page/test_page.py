@@ -62,7 +62,7 @@ def test_the_page_shows_maps_positions_curve_and_hot_pixels(whole: CalibrationFi
     assert len(page.all("ellipse")) == 8
 
 
-def test_the_page_says_age_scale_and_what_it_buys(whole: CalibrationFile) -> None:
+def test_the_page_states_age_scale_and_benefit(whole: CalibrationFile) -> None:
     text = page_of(whole).text
     for words in (
         "40 days", "0.02 mm/px",
@@ -118,7 +118,7 @@ def test_a_perfect_rig_gains_nothing(near_calibration: CalibrationFile) -> None:
     assert after == pytest.approx(before)
 
 
-def test_parts_without_plate_or_with_a_strange_date_are_summarised(
+def test_a_calibration_without_sheet_or_with_a_strange_date_is_summarised(
     near_calibration: CalibrationFile,
 ) -> None:
     record = near_calibration.records["lights"].model_copy(update={"date": "yesterday"})

@@ -1,4 +1,4 @@
-"""The command export, and what other programs read of it."""
+"""The command export, and its files as other programs read them."""
 
 import json
 import shlex

@@ -1,4 +1,4 @@
-"""The command info, and what people say of a set."""
+"""The command info, and corrections of a set."""
 
 import json
 import shutil

@@ -224,7 +224,7 @@ def test_solve_writes_its_maps_and_prints_shares_of_pixels(
 
 
 @pytest.mark.parametrize("given", [False, True])
-def test_led_levels_that_were_found_are_printed_and_given_ones_believed(
+def test_estimated_led_levels_are_printed_and_given_ones_are_used(
     ps4rig: Command, sets: Path, made_set: Callable[..., CapturedSet], tmp_path: Path, given: bool
 ) -> None:
     rock, levels = CapturedSet.load(sets / "rock-001.ome.tif"), np.array([1.0, 0.9, 1.0, 1.0])
@@ -248,7 +248,7 @@ def test_led_levels_that_were_found_are_printed_and_given_ones_believed(
         assert f"{line}, found in the images" in page
 
 
-def test_solve_says_what_it_took_for_fall_off(ps4rig: Command, tmp_path: Path) -> None:
+def test_solve_prints_the_fall_off_that_it_divided_out(ps4rig: Command, tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     across = np.exp(np.linspace(-0.3, 0.3, 96))
     photographs = [tmp_path / f"{light}.png" for light in range(4)]

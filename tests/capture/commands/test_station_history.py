@@ -117,7 +117,7 @@ def test_an_override_shows_both_verdicts(station: Station, folder: Path) -> None
         (["history", "--json", "--csv"], "one of them"),
     ],
 )
-def test_what_cannot_be_done_is_said_in_one_line(
+def test_an_impossible_request_is_one_line(
     station: Station, arguments: list[str], message: str
 ) -> None:
     said = station(*arguments)

@@ -138,7 +138,7 @@ def test_folders_of_maps_are_compared_as_their_sets_are(
     assert compared(sets[0], folders[1]).is_aligned
 
 
-def test_what_is_no_side_is_refused_by_name(
+def test_inputs_that_cannot_be_compared_are_refused_by_name(
     refused: Refused, ps4rig: Command, capture: Capture, tmp_path: Path
 ) -> None:
     first, empty, maps = capture("a"), tmp_path / "empty", tmp_path / "maps"

@@ -129,7 +129,7 @@ def test_normals_of_earlier_versions_open_too(opened: Opened, tmp_path: Path) ->
         np.testing.assert_array_equal(layers[f"normals {axis}"][0], values)
 
 
-def test_what_is_not_ours_is_left_to_other_readers(tmp_path: Path) -> None:
+def test_other_files_are_left_to_other_readers(tmp_path: Path) -> None:
     other, text, maps = tmp_path / "a.ome.tif", tmp_path / "b.ome.tif", tmp_path / "maps"
     tifffile.imwrite(other, np.zeros((3, 4, 5), np.uint16), ome=True)
     text.write_text("not a TIFF")

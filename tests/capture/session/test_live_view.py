@@ -1,4 +1,4 @@
-"""What a person sees while placing a specimen: live images, the outline, the orientation now."""
+"""The page during the placement of a specimen: live images, outline, present orientation."""
 
 import time
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""The report of a session: what it finds, and its page."""
+"""The report of a session: its findings and its page."""
 
 import json
 import shutil

@@ -1,4 +1,4 @@
-"""What import refuses of real photographs, what it accepts, and what it only says."""
+"""Real photographs that import refuses, accepts, or accepts with a warning."""
 
 import json
 import re
@@ -104,7 +104,7 @@ def test_a_photograph_that_the_others_do_not_explain_is_refused(
     assert "(--accept residual)" in message
 
 
-def test_spoilt_photographs_are_refused_and_lesser_faults_said(tmp_path: Path) -> None:
+def test_spoilt_photographs_are_refused_and_lesser_faults_are_warnings(tmp_path: Path) -> None:
     bright = changed(tmp_path, 2, lambda image: cv2.convertScaleAbs(image, alpha=6.0))
     message = rejected(bright)
     assert "image2.png: up to " in message
@@ -129,7 +129,7 @@ def test_a_spoilt_photograph_of_many_is_a_warning(tmp_path: Path) -> None:
     assert any("image2.png: up to 100.0% of the pixels are saturated" in each for each in warnings)
 
 
-def test_weak_lights_are_said(tmp_path: Path) -> None:
+def test_weak_lights_are_warnings(tmp_path: Path) -> None:
     """On a matt surface their redundancy tells, if it has relief."""
     x, y = np.meshgrid(np.arange(200), np.arange(200))
     p, q = 0.4 * np.sin(0.2 * x + 0.05 * y), 0.3 * np.cos(0.17 * y - 0.04 * x)
@@ -170,7 +170,7 @@ def test_lights_that_cannot_be_solved_from_are_refused(
         import_images(PICKED[: len(tilts)], lighting)
 
 
-def test_four_lights_that_only_least_squares_can_solve_are_said() -> None:
+def test_four_lights_that_only_least_squares_can_solve_are_a_warning() -> None:
     lighting = Lighting.from_angles([0.0, 0.0, 0.0, 90.0], [10.0, 30.0, 50.0, 40.0])
     metadata = import_images(PICKED, lighting, accept=["light-order"]).metadata
     assert any("solve with --method least_squares" in warning for warning in metadata.warnings)

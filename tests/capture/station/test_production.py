@@ -1,4 +1,4 @@
-"""Figures of production. The commands of the long ones take their numbers as options.
+"""Figures of production. The commands of the long runs take their numbers as options.
 
 python -m tests.capture.station.endurance --parts 20000
 python -m tests.capture.station.faults --parts 2000

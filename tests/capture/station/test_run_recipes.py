@@ -1,4 +1,4 @@
-"""What must hold before a running station takes a recipe, with a taught one."""
+"""Conditions before a running station takes a recipe, with a taught recipe."""
 
 from collections.abc import Iterator
 from dataclasses import replace

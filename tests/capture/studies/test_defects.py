@@ -1,4 +1,4 @@
-"""`ps4rig reproduce --defects`: metrics by hand, disjoint parts, and what the quick form finds."""
+"""`ps4rig reproduce --defects`: metrics by hand, disjoint parts, and results of the quick form."""
 
 import csv
 import math

@@ -1,4 +1,4 @@
-"""What the commands of `calibrate` share: targets, their sets, and keeping a part."""
+"""Common steps of the commands of `calibrate`: targets, their sets, and keeping a part."""
 
 import io
 import json

@@ -125,7 +125,7 @@ def test_flat_areas_of_a_part_serve_with_a_mask(ps4rig: Run, tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("surface", "cause"), [("rock", "not a white matt sheet: it has relief of rms slope 0.")]
 )
-def test_what_is_no_sheet_is_refused_and_nothing_is_written(
+def test_a_part_that_is_not_a_sheet_is_refused_and_nothing_is_written(
     ps4rig: Run, refused: Callable[..., str], tmp_path: Path, surface: str, cause: str
 ) -> None:
     rig_toml(tmp_path)

@@ -1,4 +1,4 @@
-"""Events reach their subscribers in order, however slow those are."""
+"""Events reach their subscribers in order, also slow ones."""
 
 import threading
 

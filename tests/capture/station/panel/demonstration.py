@@ -1,4 +1,4 @@
-"""A taught station on the simulated rig, with parts of every verdict: what its pages show."""
+"""A taught station on the simulated rig, with parts of every verdict for its pages."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -60,7 +60,7 @@ def test_a_token_is_shown_once_and_works(panel: RunningPanel, browser: Client) -
     assert client.get("/api/v1/state").status == 401
 
 
-def test_a_user_changes_the_own_password(panel: RunningPanel, browser: Client) -> None:
+def test_users_change_their_own_password(panel: RunningPanel, browser: Client) -> None:
     new = PASSWORD + "!"
     for given, said in (
         ({"password": "wrong wrong", "new": new, "again": new}, "present password is wrong"),

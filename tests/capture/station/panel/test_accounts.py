@@ -174,7 +174,7 @@ def test_a_file_that_another_program_holds_is_left_as_it_is(
     assert Users(folder).all() == ()
 
 
-def test_whom_a_command_removes_the_running_panel_refuses_at_once(panel: RunningPanel) -> None:
+def test_a_running_panel_refuses_a_removed_user_at_once(panel: RunningPanel) -> None:
     folder = panel.bench.folder.path
 
     def command(*words: str) -> None:

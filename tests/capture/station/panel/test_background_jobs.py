@@ -1,4 +1,4 @@
-"""Long jobs of the panel: one at a time, in another process, with an end that is said."""
+"""Long jobs of the panel: one at a time, in another process, with a reported end."""
 
 import os
 import queue

@@ -41,7 +41,7 @@ def administrator(station: ServedPanel, browser: Chromium) -> Page:
     return logged_in(browser, station)
 
 
-def test_what_the_tools_look_for_is_found(administrator: Page, station: ServedPanel) -> None:
+def test_the_checks_find_faults_that_a_page_has(administrator: Page, station: ServedPanel) -> None:
     administrator.go(f"{station.url}history")
     administrator.value(
         "document.querySelector('main').innerHTML = '<h1>x</h1><img src=/static/icon.svg>"

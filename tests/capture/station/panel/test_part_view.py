@@ -1,4 +1,4 @@
-"""What is shown of a stored part is what judged it."""
+"""The view of a stored part shows it as it was judged."""
 
 import time
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What five open browsers cost a station, in memory and processor time.
+"""Memory and processor time that five open browsers cost a station.
 
 pytest -s -m slow tests/capture/station/panel/test_streams.py prints the figures.
 """

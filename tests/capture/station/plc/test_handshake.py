@@ -1,4 +1,4 @@
-"""The handshake without a bus: its codes, its page, and what no order of events may do."""
+"""The handshake without a bus: its codes, its page, and its rules in any order of events."""
 
 from itertools import count
 from typing import Any

@@ -190,7 +190,7 @@ def test_nonsense_gets_a_modbus_exception_and_changes_nothing(
 
 
 @pytest.mark.parametrize("sent", [b"GET / HTTP/1.1\r\n\r\n", b"\xff" * 3000, b"\0\1\0\0\0"])
-def test_bytes_that_are_no_modbus_harm_nobody_else(
+def test_bytes_that_are_not_modbus_harm_no_other_client(
     tmp_path: Path, captured: CapturedSet, sent: bytes
 ) -> None:
     with (

@@ -124,7 +124,7 @@ def test_the_broker_tells_that_a_killed_station_is_offline(broker: Broker) -> No
 
 
 @pytest.mark.mqtt
-def test_a_wrong_password_is_said_once(broker: Broker) -> None:
+def test_a_wrong_password_is_logged_once(broker: Broker) -> None:
     broker.start()
     said: list[str] = []
     wrong = broker.url.replace("p%40ss", "guess")

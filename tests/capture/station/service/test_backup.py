@@ -1,4 +1,4 @@
-"""Backup and restore: what is in a backup, and what a damaged or interrupted one does."""
+"""Backup and restore: contents of a backup, and damaged and interrupted backups."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""What systemd hears of a station, on a real datagram socket."""
+"""Messages of a station to systemd, on a real datagram socket."""
 
 import os
 import threading

@@ -1,4 +1,4 @@
-"""Tests of teaching: what is learned, what is said, what is refused."""
+"""Tests of teaching: the new version, its remarks, and refused sets."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
