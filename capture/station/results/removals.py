@@ -50,6 +50,8 @@ def passed_sets(store: ResultStore, until_utc: str) -> Iterator[tuple[str, str]]
 def record_removals(store: ResultStore, set_files: Mapping[str, str], utc: str) -> None:
     """Record that the set files of parts are going to be removed, in one transaction.
 
+    The caller holds the lock of the set files: one program at a time numbers transactions.
+
     Parameters
     ----------
     set_files
@@ -65,6 +67,10 @@ def record_removals(store: ResultStore, set_files: Mapping[str, str], utc: str) 
         for part_id, file in set_files.items()
     ]
 
+    # Before the transaction, in which no part can be recorded: 0.1 s for a million earlier rows.
+    with store.reading() as connection:
+        batch = (connection.scalar(_last_batch(store.station)) or 0) + 1
+
     def work(connection: Connection) -> None:
         # An earlier attempt wrote all rows or none, so one part tells. A query for all of them has
         # another text for each number of parts, and SQLite's driver keeps 128 texts of up to 36 kB.
@@ -72,7 +78,6 @@ def record_removals(store: ResultStore, set_files: Mapping[str, str], utc: str) 
             removed_sets.c.station == store.station, removed_sets.c.part_id == rows[0]["part_id"]
         )
         if connection.scalar(is_recorded) is None:
-            batch = (connection.scalar(_last_batch(store.station)) or 0) + 1
             connection.execute(insert(removed_sets), [row | {"batch": batch} for row in rows])
 
     store.write(work)
