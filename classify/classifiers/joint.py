@@ -25,6 +25,7 @@ from classify.texture.statistics import LocalStatistics
 from .classifier import Classifier, Comparison, Parameters
 from .joint_bounds import BLUR_BASIS, blur_coordinates, bounds
 from .joint_features import (
+    CONTRAST_GAINS,
     SERIES,
     SPECTRAL_SHARE,
     Distances,
@@ -63,9 +64,7 @@ def _signature(observation: JointObservation, parameters: Parameters) -> FloatMa
 def _references(training: JointTraining, parameters: Parameters) -> FloatMap:
     """The signature of a training set, and those under rotated lights that differ from it."""
     statistics = statistics_rows(training.frame.statistics, parameters)
-    distances = quarter_distances(
-        [training], statistics[None], parameters["density_floor"], parameters["whitening"]
-    )
+    distances = quarter_distances([training], statistics[None], parameters)
     factor = scatter_factor(combined(*distances, parameters))
     own = _vector(training.frame, training.blurred, parameters, factor)
     compared = slice(_curve(parameters).start)
@@ -85,7 +84,7 @@ def _vector(
     last: float,
 ) -> FloatMap:
     """Series, statistics and their changes in units of the distance between quarters, the rest."""
-    series = spectral_series(observation.polar, parameters["density_floor"])
+    series = spectral_series(observation.polar, parameters)
     series *= np.float32(spectral_unit(parameters))
     statistics = statistics_rows(observation.statistics, parameters)
     white = statistics[0] @ parameters["whitening"].T
@@ -191,6 +190,6 @@ JOINT = Classifier(
     invariants=_invariants,
     bounds=bounds,
     agreement=_agreement,
-    added_parameters=frozenset([BLUR_BASIS, SPECTRAL_SHARE]),
+    added_parameters=frozenset([BLUR_BASIS, CONTRAST_GAINS, SPECTRAL_SHARE]),
     without_heading=_without_heading,
 )

@@ -32,11 +32,15 @@ Distances = npt.NDArray[np.float64]
 # Weights of log relief, log albedo and coherence. The coherence of two equal spectra has a quarter
 # of the variance of a logarithm of power.
 _CHANNEL_WEIGHTS = (1.0, 1.0, 4.0)
-SERIES = len(_CHANNEL_WEIGHTS) * RADII
+CHANNELS = len(_CHANNEL_WEIGHTS)
+SERIES = CHANNELS * RADII
 """Number of Fourier series in a signature: one for each channel and radius."""
 
 SPECTRAL_SHARE = "spectral_share"
 """Parameter: weight of the distance of spectra; that of statistics has the rest."""
+
+CONTRAST_GAINS = "contrast_gains"
+"""Parameter: factor of the contrast of each channel in a distance; 1 in earlier libraries."""
 
 # A ring counts by its number of DFT cells, which grows with its radius in bins up to this cap:
 # without a cap the highest frequencies, which hold most of the noise, would outvote all others.
@@ -140,16 +144,35 @@ def _polar(spectra: Spectra) -> FloatMap:
     return np.stack([spectra.relief, spectra.albedo, spectra.co_spectrum])
 
 
-def spectral_series(polar: FloatMap, density_floor: npt.NDArray[np.float64]) -> Complex:
+def spectral_series(polar: FloatMap, parameters: Parameters) -> Complex:
     """(..., 3, R, A) densities to (..., SERIES, 16): log relief, log albedo, coherence, weighted.
 
     The floor is added to each density: logarithms of errors would vary like those of
     textures.
     """
-    return harmonics(_channels(polar, density_floor))
+    return harmonics(_channels(polar, parameters))
 
 
-def _channels(polar: FloatMap, density_floor: npt.NDArray[np.float64]) -> FloatMap:
+def contrasts(polar: FloatMap, density_floor: npt.NDArray[np.float64]) -> FloatMap:
+    """(..., 3, R, A) densities to (..., 3): weighted mean of each channel over the plane."""
+    return _contrasts(_weighted_channels(polar, density_floor))
+
+
+def _contrasts(channels: FloatMap) -> FloatMap:
+    levels = np.einsum("cr,...cra->...c", _contrast_directions(), channels)
+    return np.asarray(levels / np.float32(np.sqrt(channels.shape[-1])), np.float32)
+
+
+def _channels(polar: FloatMap, parameters: Parameters) -> FloatMap:
+    channels = _weighted_channels(polar, parameters["density_floor"])
+    if CONTRAST_GAINS in parameters:
+        factors = (parameters[CONTRAST_GAINS] - 1.0) / np.sqrt(polar.shape[-1])
+        changes = factors.astype(np.float32) * _contrasts(channels)
+        channels += (changes[..., None] * _contrast_directions())[..., None]
+    return channels.reshape(*polar.shape[:-3], SERIES, polar.shape[-1])
+
+
+def _weighted_channels(polar: FloatMap, density_floor: npt.NDArray[np.float64]) -> FloatMap:
     floor = np.float32(density_floor)
     relief = polar[..., 0, :, :] + floor
     albedo = polar[..., 1, :, :] + np.float32(_ALBEDO_LEAK) * polar[..., 0, :, :] + floor
@@ -157,7 +180,13 @@ def _channels(polar: FloatMap, density_floor: npt.NDArray[np.float64]) -> FloatM
         [np.log(relief), np.log(albedo), polar[..., 2, :, :] / np.sqrt(relief * albedo)], axis=-3
     )
     channels *= _root_weights(_CHANNEL_WEIGHTS, _CAP_BINS)[..., None]
-    return channels.reshape(*polar.shape[:-3], SERIES, polar.shape[-1])
+    return channels
+
+
+def _contrast_directions() -> FloatMap:
+    """(3, R) weights of rings in the contrast of each channel, of sum of squares 1."""
+    roots = _root_weights(_CHANNEL_WEIGHTS, _CAP_BINS)
+    return np.asarray(roots / np.linalg.norm(roots, axis=1, keepdims=True), np.float32)
 
 
 @lru_cache(maxsize=8)
@@ -180,7 +209,7 @@ def blur_curve(
     radii_cpp = polar_radii_px(observation.segment_px) / observation.segment_px
     gains = np.concatenate([np.ones((1, RADII), np.float32), blur_gains(radii_cpp)])
     polar = observation.polar * gains[:, None, :, None]
-    means = _channels(polar, parameters["density_floor"]).sum(axis=-1) / np.sqrt(polar.shape[-1])
+    means = _channels(polar, parameters).sum(axis=-1) / np.sqrt(polar.shape[-1])
     rings = spectral_unit(parameters) * (means[1:] - means[0])
     whitening = local_unit(parameters) * parameters["whitening"]
     local = np.zeros((len(rings), len(whitening)))
@@ -217,20 +246,19 @@ def statistics_rows(statistics: LocalStatistics, parameters: Parameters) -> npt.
 def quarter_distances(
     trainings: Sequence[JointTraining],
     statistics: npt.NDArray[np.float64],
-    density_floor: npt.NDArray[np.float64],
-    whitening: npt.NDArray[np.float64],
+    parameters: Parameters,
 ) -> tuple[Distances, Distances]:
     """(sets, 6) squared distances between the quarters of each set: of spectra, of statistics.
 
     `statistics` is (sets, 5, d).
     """
-    white = statistics[:, 1:] @ whitening.T
+    white = statistics[:, 1:] @ parameters["whitening"].T
     local = np.stack(
         [np.square(white[:, i] - white[:, j]).sum(axis=1) for i, j in _QUARTER_PAIRS], axis=1
     )
     spectral = np.empty((len(trainings), len(_QUARTER_PAIRS)))
     for row, training in zip(spectral, trainings, strict=True):
-        series = spectral_series(training.quarters, density_floor)
+        series = spectral_series(training.quarters, parameters)
         row[:] = [np.square(np.abs(series[i] - series[j])).sum() for i, j in _QUARTER_PAIRS]
     return spectral, local
 

@@ -20,11 +20,14 @@ from .classifier import Parameters, Shape
 from .joint_bounds import BLUR_BASIS, LOCAL_DIRECTIONS, RING_DIRECTIONS, blur_basis
 from .joint_features import (
     ALBEDO_GAINS,
+    CHANNELS,
+    CONTRAST_GAINS,
     SERIES,
     SPECTRAL_SHARE,
     Distances,
     JointTraining,
     blur_curve,
+    contrasts,
     quarter_distances,
     statistics_rows,
 )
@@ -50,8 +53,15 @@ _LEAST_VARIANCE = 1e-4  # of a statistic without noise; those of textures are 0.
 _LOG_SLOPE_SCATTER = 0.15
 # Mean squared difference of spectra between quarters of typical surfaces. It counts as
 # `_TYPICAL_SETS` sets in the unit of distances: one set with a figure in a corner would double it.
-_TYPICAL_SPECTRAL = 0.05 * ANGLES
+_TYPICAL_SPECTRAL = 0.045 * ANGLES
 _TYPICAL_SETS = 10
+# Patches of a texture differ in contrast, which changes all rings of a channel alike: that is one
+# difference and not one per ring. It counts by half where its variance between quarters is
+# `_CONTRAST_VARIANCE`. Typical variances of relief, albedo and coherence are those of 22 scanned
+# materials (0.18 to 0.38, 0.33 to 0.38, 0.06 to 0.15 at 256 and 128 px); see "Contrast" in
+# classify/README.md.
+_CONTRAST_VARIANCE = 0.3
+_TYPICAL_CONTRASTS = (0.3, 0.3, 0.1)
 # Quarters of any surface with noise differ by 1 or more; smooth plates without noise differ by the
 # rounding of single precision, which must not become the unit (test_a_smooth_plate_is_a_class...).
 _LEAST_DISTANCE = 0.1
@@ -75,13 +85,17 @@ def learn(trainings: Sequence[JointTraining], _labels: Sequence[str]) -> Paramet
     }
     statistics = np.stack([statistics_rows(frame.statistics, floors) for frame in frames])
     whitening = _whitening(statistics[:, 1:], len(relief_floors))
-    spectral, local = quarter_distances(trainings, statistics, density_floor, whitening)
+    metric = {
+        **floors,
+        CONTRAST_GAINS: _contrast_gains(trainings, density_floor),
+        "whitening": whitening,
+    }
+    spectral, local = quarter_distances(trainings, statistics, metric)
     variances = [heading_variances(frame.statistics.headings) for frame in frames]
     learned = {
-        **floors,
+        **metric,
         SPECTRAL_SHARE: np.array(_SPECTRAL_SHARE),
         "heading_variances": np.mean(variances, axis=0),
-        "whitening": whitening,
         "pixels": np.array(np.median([float(frame.pixels) for frame in frames])),
         "spectral_scatter": np.array(_spectral_unit(spectral.mean(axis=1))),
         "local_scatter": np.array(max(float(local.mean()), _LEAST_DISTANCE)),
@@ -101,8 +115,21 @@ def parameter_shapes(segment_px: int) -> Mapping[str, Shape]:
         **dict.fromkeys(("relief_floors", "albedo_floors"), (levels,)),
         "heading_variances": (levels - 1, MOMENTS),
         "whitening": (length, length),
+        CONTRAST_GAINS: (CHANNELS,),
         BLUR_BASIS: (RING_DIRECTIONS + LOCAL_DIRECTIONS, SERIES + length),
     }
+
+
+def _contrast_gains(
+    trainings: Sequence[JointTraining], density_floor: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """(3,) gains of the contrast of each channel, from its variance between quarters."""
+    levels = np.stack([contrasts(training.quarters, density_floor) for training in trainings])
+    measured = levels.var(axis=1, ddof=1, dtype=np.float64).sum(axis=0)
+    typical = _TYPICAL_SETS * np.array(_TYPICAL_CONTRASTS)
+    variances = (measured + typical) / (len(levels) + _TYPICAL_SETS)
+    gains: npt.NDArray[np.float64] = 1.0 / np.sqrt(1.0 + variances / _CONTRAST_VARIANCE)
+    return gains
 
 
 def _spectral_unit(distances: Distances) -> float:

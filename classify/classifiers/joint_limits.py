@@ -28,8 +28,8 @@ _LARGEST_FACTOR = 1.5
 # materials the median is 0.84 and the deviation 0.53.
 # A limit is the 99th percentile, 2.33 deviations above the median.
 _MEDIAN = 0.82
-_CLASS_SPREAD = 0.35
-_PATCH_SPREAD = 0.27
+_CLASS_SPREAD = 0.34
+_PATCH_SPREAD = 0.26
 _DEVIATIONS = 2.33
 # Below this side the limit falls with the eighth root of the side, by 8 % at 128 px: smaller frames
 # distinguish textures less well.

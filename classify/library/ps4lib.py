@@ -26,7 +26,7 @@ from classify.texture.spectra import MAX_SEGMENT_PX, MIN_SEGMENT_PX
 from .contents import LibraryContents
 
 SUFFIX = ".ps4lib"
-VERSION: Final = 5
+VERSION: Final = 6
 MAP_FROM_BYTES = 64 * 2**20
 """Arrays of this size or more stay in the file; smaller ones are read and their checksum tested."""
 
@@ -35,8 +35,9 @@ _MAX_PARAMETERS = 64
 _KIND = ArchiveKind(
     noun="library",
     header="library.json",
-    # Version 3 has no `method`; 3 and 4 have no `spectral_share` (joint_features.py).
-    versions=(3, 4, VERSION),
+    # Version 3 has no `method`; 3 and 4 have no `spectral_share`, 3 to 5 no `contrast_gains`
+    # (joint_features.py).
+    versions=(3, 4, 5, VERSION),
     if_missing="make one with ps4rig train",
     remedy="train it again",
     error=LibraryError,
@@ -75,7 +76,7 @@ class _Header(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     format: Literal["ps4lib"] = "ps4lib"
-    version: Literal[3, 4, 5] = VERSION
+    version: Literal[3, 4, 5, 6] = VERSION
     classifier: str
     segment_px: int = Field(ge=MIN_SEGMENT_PX, le=MAX_SEGMENT_PX)
     method: Method | None = None

@@ -8,6 +8,7 @@ import pytest
 
 from classify import Lighting, TextureLibrary, photometric_stereo
 from classify.classifiers import CLASSIFIERS
+from classify.classifiers.joint_features import CONTRAST_GAINS, spectral_series
 from classify.library.training import observe
 from tests.angles import off_deg
 
@@ -210,6 +211,37 @@ def test_parameters_are_positive_floors_and_a_triangular_whitening(library) -> N
     whitening = parameters["whitening"]
     np.testing.assert_array_equal(whitening, np.tril(whitening))
     assert np.linalg.matrix_rank(whitening) == len(whitening)
+    assert ((parameters[CONTRAST_GAINS] > 0.5) & (parameters[CONTRAST_GAINS] < 1.0)).all()
+
+
+def test_a_change_of_contrast_counts_by_the_square_of_its_gain(library, stationary) -> None:
+    """More power at all frequencies is one difference; the shape of the spectrum counts in full."""
+    parameters = {**library.parameters, "density_floor": np.array(1e-12)}
+    equal = {**parameters, CONTRAST_GAINS: np.ones(3)}
+    polar = observe(stationary("dyed", seed=1), library.segment_px).frame.polar
+    reduced, full = (
+        np.square(np.abs(spectral_series(2.0 * polar, each) - spectral_series(polar, each)))
+        .reshape(3, -1)
+        .sum(axis=1)
+        for each in (parameters, equal)
+    )
+    assert full[:2].min() > 1.0
+    np.testing.assert_allclose(reduced, library.parameters[CONTRAST_GAINS] ** 2 * full, atol=1e-3)
+
+
+def test_textures_whose_quarters_differ_in_contrast_have_smaller_gains(stationary) -> None:
+    def gains(scale: float) -> np.ndarray:
+        surface = stationary("malv", seed=1)
+        p, q = surface.p.copy(), surface.q.copy()
+        half = len(p) // 2
+        p[:half] *= scale
+        q[:half] *= scale
+        trained = observe(replace(surface, p=p, q=q), 64)
+        return CLASSIFIERS["joint"].learn([trained] * 20, ["malv"] * 20)[CONTRAST_GAINS]
+
+    even, uneven = gains(1.0), gains(0.5)
+    assert uneven[0] < 0.8 * even[0]
+    assert uneven[1] == pytest.approx(even[1], rel=0.1)
 
 
 @pytest.mark.parametrize("kind", ["sand", "malv"])

@@ -44,12 +44,23 @@ def test_a_library_of_an_earlier_version_gives_the_same_matches(
             assert found == (None if number is None else pytest.approx(number, rel=1e-3))
 
 
-def test_a_library_of_version_4_keeps_its_share_of_spectra(stationary, photographed) -> None:
-    library = TextureLibrary.load(LIBRARIES / "joint_4.ps4lib")
-    expected = [
+# (label, orientation_deg, distance, limit) by libraries of file versions 4 and 5.
+EXPECTED_BLURRED = {
+    "joint_4": [
         ("grün", 61.028467, 0.19309199, 1.67114353),
         ("fine", 66.167507, 0.22035628, 1.380019),
-    ]
+    ],
+    "joint_5": [
+        ("grün", 61.025413, 0.21845838, 1.83828652),
+        ("fine", 93.704481, 0.14920596, 1.44002903),
+    ],
+}
+
+
+@pytest.mark.parametrize("name", EXPECTED_BLURRED)
+def test_a_library_keeps_the_weights_of_its_version(name: str, stationary, photographed) -> None:
+    library = TextureLibrary.load(LIBRARIES / f"{name}.ps4lib")
+    expected = EXPECTED_BLURRED[name]
     for kind, numbers in zip(("sand", "malv"), expected, strict=True):
         match = library.classify(photographed(stationary(kind, 60.0, seed=3, side=80)))
         found = (match.orientation_deg, match.distance, match.limit)

@@ -128,7 +128,7 @@ def test_the_file_is_plain_json_and_numpy(saved: Path, library) -> None:
     assert set(content) == {"library.json", *ARRAYS, *parameters}
     header = json.loads(content["library.json"])
     assert header["format"] == "ps4lib"
-    assert header["version"] == VERSION == 5
+    assert header["version"] == VERSION == 6
     assert header["classes"] == ["grün", "fine"]
     array = np.load(io.BytesIO(content["signatures.npy"]), allow_pickle=False)
     np.testing.assert_array_equal(array, library.signatures)
@@ -164,13 +164,13 @@ def test_saving_again_replaces_the_file(saved: Path, library) -> None:
 @pytest.mark.parametrize(
     ("edit", "cause"),
     [
-        (lambda h: h.update(version=VERSION + 1), "version 6, this program reads 5; use a newer"),
+        (lambda h: h.update(version=VERSION + 1), "version 7, this program reads 6; use a newer"),
         (
             lambda h: h.update(version=1, references=[]),
-            "version 1, this program reads 5; train it again",
+            "version 1, this program reads 6; train it again",
         ),
-        (lambda h: h.update(version=0), "version 0, this program reads 5; train it again"),
-        (lambda h: h.update(version=10**30), "this program reads 5; use a newer"),
+        (lambda h: h.update(version=0), "version 0, this program reads 6; train it again"),
+        (lambda h: h.update(version=10**30), "this program reads 6; use a newer"),
         (lambda h: h.update(version="3"), "header field version"),
         (lambda h: h.update(version=2.5), "header field version"),
         (lambda h: h.update(version=None), "header field version"),
