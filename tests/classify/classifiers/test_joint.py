@@ -231,13 +231,13 @@ def test_a_change_of_contrast_counts_by_the_square_of_its_gain(library, stationa
 
 def test_textures_whose_quarters_differ_in_contrast_have_smaller_gains(stationary) -> None:
     def gains(scale: float) -> np.ndarray:
-        surface = stationary("malv", seed=1)
+        surface = stationary("dyed", seed=1)
         p, q = surface.p.copy(), surface.q.copy()
         half = len(p) // 2
         p[:half] *= scale
         q[:half] *= scale
         trained = observe(replace(surface, p=p, q=q), 64)
-        return CLASSIFIERS["joint"].learn([trained] * 20, ["malv"] * 20)[CONTRAST_GAINS]
+        return CLASSIFIERS["joint"].learn([trained] * 20, ["dyed"] * 20)[CONTRAST_GAINS]
 
     even, uneven = gains(1.0), gains(0.5)
     assert uneven[0] < 0.8 * even[0]
