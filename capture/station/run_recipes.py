@@ -102,7 +102,7 @@ class RecipeLoader:
             "calibration_sha256": fingerprint.calibration_sha256,
         }
         judge = self._judge(inspector, fields, inspector.calibration)
-        checks = tuple(check_judge(files, inspector))
+        checks = tuple(check_judge(files, inspector, go_on))
         return UsableRecipe(judge, recipe, inspector.begin, inspector.calibration, checks, by)
 
     def collecting(self) -> UsableRecipe:

@@ -139,12 +139,14 @@ def check_results(store: ResultStore) -> Iterator[Check]:
     yield Check("clock", "ok", f"after the last result, of {last_at}")
 
 
-def check_judge(files: RecipeFolder, inspector: Inspector) -> Iterator[Check]:
+def check_judge(
+    files: RecipeFolder, inspector: Inspector, go_on: Callable[[], None] = lambda: None
+) -> Iterator[Check]:
     """Judge the challenge set up to its first good part, which also loads all kernels.
 
-    Without it the first part of a run waits a second for them.
+    Without it the first part of a run waits a second for them. `go_on` as in `replay_challenge`.
     """
-    for outcome in replay_challenge(files, inspector):
+    for outcome in replay_challenge(files, inspector, go_on):
         if outcome.is_regression:
             yield Check("judge", "warning", str(outcome), "run ps4rig station challenge")
             return

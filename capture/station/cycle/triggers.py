@@ -101,12 +101,15 @@ class TriggerSource(Protocol):
 
 # Interval at which a waiting source checks whether the station stops.
 _POLL_S = 0.2
+_TIMER = Trigger("timer")
 
 
 class TimerTrigger:
     """A trigger in each period; a period of 0 triggers whenever the station is ready.
 
     A trigger during the exposure of another part is refused and recorded, like any other trigger.
+    So are triggers that are late by a period or more, such as after an answer that took so long: in
+    one row, because their parts have moved on.
     """
 
     def __init__(self, period_s: float, now_s: Callable[[], float] = time.monotonic) -> None:
@@ -125,11 +128,16 @@ class TimerTrigger:
                 next_s = self._now_s()
                 if not station_was_ready:
                     continue
-            wait_s = next_s - self._now_s()
-            if wait_s > 0.0:
-                self._pause.wait(min(wait_s, _POLL_S))
+            late_s = self._now_s() - next_s
+            if late_s < 0.0:
+                self._pause.wait(min(-late_s, _POLL_S))
                 continue
-            station.submit(Trigger("timer"))
+            if 0.0 < self._period_s <= late_s:
+                passed = int(late_s / self._period_s) + 1
+                station.refuse(_TIMER, f"late: {passed} periods of the timer have passed")
+                next_s += passed * self._period_s
+                continue
+            station.submit(_TIMER)
             next_s += self._period_s
 
 

@@ -1,5 +1,6 @@
 """`PlcLine`: connects a `Handshake` with a running station, whatever the bus."""
 
+import logging
 import threading
 import time
 from collections import deque
@@ -7,7 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import Self
 
 from capture.station.cycle.events import Event
-from capture.station.cycle.recipe_request import RecipeRefused
+from capture.station.cycle.recipe_request import RecipeRefusal, RecipeRefused
 from capture.station.cycle.triggers import Trigger
 from capture.station.live.devices import Device, Status
 from capture.station.live.live_station import LiveStation
@@ -15,6 +16,7 @@ from capture.station.live.live_station import LiveStation
 from .handshake import Handshake, TriggerRequest
 from .selection import ASKER, SOURCE, RecipeRequest
 
+_log = logging.getLogger(__name__)
 # At the end of a run: many scans of a PLC's program.
 _LAST_S = 3.0
 # The station's heartbeat counts up twice a second.
@@ -170,9 +172,14 @@ class PlcLine:
     def _load_now(self, request: RecipeRequest) -> None:
         try:
             self._live.load_recipe(request.name, ASKER)
-        except RecipeRefused as error:
+        except Exception as error:
+            kind = RecipeRefusal.UNFORESEEN
+            if isinstance(error, RecipeRefused):
+                kind = error.kind
+            else:
+                _log.exception("recipe %s was not loaded for the PLC", request.name)
             with self._changed:
-                self._handshake.selection.refused(request, error.kind)
+                self._handshake.selection.refused(request, kind)
 
     def _record(self, request: TriggerRequest, reason: str) -> None:
         """Keep a refusal until it can be recorded."""

@@ -3,6 +3,7 @@
 import logging
 import threading
 import time
+from typing import NoReturn
 
 import pytest
 
@@ -12,8 +13,16 @@ from capture.station.live.live_station import LiveStation
 from capture.station.plc.handshake import Handshake
 from capture.station.plc.line import PlcLine
 from capture.station.plc.modbus import serving_modbus
-from capture.station.plc.registers import PLC, PLC_ADDRESS, Command, encoded
-from tests.capture.station.plc.lines import NOTHING
+from capture.station.plc.registers import (
+    PLC,
+    PLC_ADDRESS,
+    STATION,
+    Command,
+    SelectError,
+    decoded,
+    encoded,
+)
+from tests.capture.station.plc.lines import NOTHING, until_so
 
 WAIT_S = 60.0
 
@@ -57,6 +66,22 @@ def test_refusals_that_wait_at_the_end_of_a_run_are_recorded() -> None:
         ask_for(line, 2, "A-2")
         threading.Timer(0.2, station.go_on.set).start()
     assert station.refused == ["A-1", "A-2"]
+
+
+def test_a_defect_while_a_recipe_loads_is_an_answer_to_the_plc() -> None:
+    class Defective(SlowRecorder):
+        def load_recipe(self, *_: object) -> NoReturn:
+            raise ValueError("a defect")
+
+    live = LiveStation("line-1", simulated=True)
+    handshake = Handshake(session=7, is_trigger=True, is_simulated=True, recipes=("brass",))
+    line = PlcLine(live, handshake, last_s=0.0)
+    with line:
+        live.attach(Defective())
+        values = NOTHING | {"recipe": 1, "commands": Command.SELECT_RECIPE}
+        line.write(PLC_ADDRESS, encoded(PLC, values))
+        until_so(lambda: handshake.selection.loading is None)
+    assert decoded(STATION, line.station_words())["select_error"] == SelectError.UNFORESEEN
 
 
 def test_a_heartbeat_that_stops_is_logged(
