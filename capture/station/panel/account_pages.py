@@ -77,7 +77,8 @@ def _change_password(call: Call) -> Response:
     if call.text("new") != call.text("again"):
         return _password_form(call, "The new passwords differ.")
     try:
-        accounts_of(call).put_user(user.name, user.role, call.text("new"))
+        # An administrator may have taken the role, or the account, since it was read.
+        accounts_of(call).put_user(user.name, user.role, call.text("new"), user)
     except ResultsUnavailable:
         raise
     except InputError as error:

@@ -88,13 +88,14 @@ def _trigger(call: Call) -> Response:
 
 def _acknowledge(call: Call) -> Response:
     part_id, live = call.path["part_id"], call.panel.live
-    rejected = {each.result.part_id: each for each in live.snapshot().rejected}
-    if part_id not in rejected:
-        raise Denied(404, f"part {part_id[:100]}: is not among the last rejected parts")
-    if rejected[part_id].acknowledged_by is None:
-        decision = rejected[part_id].result.verdict.decision
-        call.panel.changes.record(call.someone, f"part {part_id}", decision, "acknowledged")
-        live.acknowledge(part_id, call.name)
+    with call.panel.changing:
+        rejected = {each.result.part_id: each for each in live.snapshot().rejected}
+        if part_id not in rejected:
+            raise Denied(404, f"part {part_id[:100]}: is not among the last rejected parts")
+        if rejected[part_id].acknowledged_by is None:
+            decision = rejected[part_id].result.verdict.decision
+            call.panel.changes.record(call.someone, f"part {part_id}", decision, "acknowledged")
+            live.acknowledge(part_id, call.name)
     return JsonAnswer({"part_id": part_id, "acknowledged": True})
 
 
@@ -190,16 +191,18 @@ def override(call: Call) -> HistoryEntry:
     InputError
         If the verdict is neither PASS nor FAIL, or without a reason.
     """
-    panel, entry = call.panel, entry_of(call)
-    decision = override_part(
-        panel.results.store,
-        panel.changes,
-        call.someone,
-        entry,
-        decision=call.text("decision"),
-        by=call.name,
-        reason=call.text("reason"),
-    )
+    panel = call.panel
+    with panel.changing:
+        entry = entry_of(call)
+        decision = override_part(
+            panel.results.store,
+            panel.changes,
+            call.someone,
+            entry,
+            decision=call.text("decision"),
+            by=call.name,
+            reason=call.text("reason"),
+        )
     part_id = entry.result.part_id
     panel.live.announce(
         {"event": "override", "part_id": part_id, "decision": decision, "by": call.name}

@@ -1,5 +1,6 @@
 """`Panel`: the objects that all pages and API calls work with."""
 
+import threading
 from dataclasses import dataclass, field
 
 from capture.station.face_config import PanelConfig
@@ -44,6 +45,8 @@ class Panel:
         Subscriptions of open pages to the events of the station.
     pictures
         Makes pictures of stored parts.
+    changing
+        Held by an override or acknowledgement, so that a second click finds the first one done.
     answers
         Answers with pictures that are being made.
     """
@@ -61,6 +64,7 @@ class Panel:
     pictures: PictureMaker
     jobs: BackgroundJobs = field(default_factory=BackgroundJobs)
     logins: LoginLimit = field(default_factory=LoginLimit)
+    changing: threading.Lock = field(default_factory=threading.Lock)
     answers: SharedAnswers = field(default_factory=SharedAnswers)
 
     @classmethod

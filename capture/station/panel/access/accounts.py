@@ -11,7 +11,7 @@ from .change_log import ChangeLog
 from .on_the_terminal import changing_on_the_terminal
 from .roles import Identity, Role
 from .tokens import Tokens, require_new_client
-from .users import Users, require_account
+from .users import User, Users, require_account
 
 
 @dataclass(frozen=True)
@@ -23,13 +23,13 @@ class Accounts:
     changes: ChangeLog
     who: Identity
 
-    def put_user(self, name: str, role: Role, password: str) -> None:
+    def put_user(self, name: str, role: Role, password: str, seen: User | None = None) -> None:
         """Add a user, or give one another role and password; see `Users.put`."""
         require_account(name, password)
         before = self.users.get(name)
         said = None if before is None else before.role
         self.changes.record(self.who, f"user {name}", said, f"{role}, new password")
-        self.users.put(name, role, password)
+        self.users.put(name, role, password, seen)
 
     def remove_user(self, name: str) -> None:
         """Remove a user; see `Users.remove`."""

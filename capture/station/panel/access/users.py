@@ -73,18 +73,25 @@ class Users:
         """Return the user of a name."""
         return next((user for user in self.all() if user.name == name), None)
 
-    def put(self, name: str, role: Role, password: str) -> User | None:
+    def put(self, name: str, role: Role, password: str, seen: User | None = None) -> User | None:
         """Add a user, or give one another role and password; return the previous user, if any.
+
+        Parameters
+        ----------
+        seen
+            The user as read before; None replaces the user as it is now, too.
 
         Raises
         ------
         InputError
             If the name is invalid, the password is too short or too long, there are too many
-            users, or the last administrator would lose the role.
+            users, the last administrator would lose the role, or the user differs from `seen`.
         """
         user = User(name=name, role=role, password=self._hash(require_account(name, password)))
         with self._file.changing():
             before, others = self._apart(name)
+            if seen is not None and before != seen:
+                raise InputError(f"user {name}: was changed meanwhile; log in again")
             if len(others) >= MOST_USERS:
                 raise InputError(f"user {name}: there are {MOST_USERS} users already")
             _require_administrator((*others, user), before)

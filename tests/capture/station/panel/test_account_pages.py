@@ -5,6 +5,7 @@ import re
 import pytest
 
 from capture.station.panel.access.roles import Identity, Role
+from capture.station.panel.access.users import User
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel
 
 
@@ -76,6 +77,31 @@ def test_users_change_their_own_password(panel: RunningPanel, browser: Client) -
     assert panel.local.log_in("ada", new).status == 303
     token = panel.client(Role.ADMINISTRATOR)
     assert token.ask("POST", "/password", form={"password": new, "new": new}).status == 400
+
+
+@pytest.mark.parametrize("role", [None, Role.OPERATOR])
+def test_a_new_password_does_not_bring_back_what_an_administrator_took(
+    panel: RunningPanel, browser: Client, monkeypatch: pytest.MonkeyPatch, role: Role | None
+) -> None:
+    users, new = panel.panel.users, PASSWORD + "!"
+    assert browser.get("/accounts").status == 200
+    users.put("kim", Role.ENGINEER, PASSWORD)
+    kim = panel.local
+    kim.log_in("kim")
+    verified = users.verified
+
+    def verified_before_the_change(name: str, password: str) -> User | None:
+        user = verified(name, password)
+        users.remove("kim")
+        if role is not None:
+            users.put("kim", role, PASSWORD)
+        return user
+
+    monkeypatch.setattr(users, "verified", verified_before_the_change)
+    answer = kim.form("/password", password=PASSWORD, new=new, again=new)
+    assert (answer.status, "was changed meanwhile" in answer.text) == (400, True)
+    found = users.get("kim")
+    assert (None if found is None else found.role) == role
 
 
 def test_what_people_wrote_is_shown_as_text(panel: RunningPanel, browser: Client) -> None:

@@ -5,11 +5,15 @@ import io
 import json
 import threading
 import tracemalloc
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 from urllib.parse import quote
 
 import pytest
+from sqlalchemy import select
 
 from capture.sets.captured_set import CapturedSet
 from capture.station.cycle.triggers import Accepted, Refused, Trigger
@@ -18,6 +22,7 @@ from capture.station.panel.filters import selection_of
 from capture.station.panel.triggering import MOST_WAITING, KeyedTriggers
 from capture.station.recipe.recipe import Recipe
 from capture.station.recipe.recipe_file import write_recipe
+from capture.station.results.schema import overrides
 from capture.station.verdict import Cause, Decision, Verdict
 from tests.capture.station.panel.panels import Client, RunningPanel, running_panel
 from tests.capture.station.stations import PASSED, Said
@@ -262,6 +267,31 @@ def test_an_engineer_overrides_and_the_log_says_who_from_and_to(panel: RunningPa
         f"part {part_id}", "FAIL", f"PASS: {forged}"
     )  # fmt: skip
     assert len((panel.bench.folder.path / "station.log").read_text().splitlines()) == 1
+
+
+def test_a_double_click_overrides_once(
+    panel: RunningPanel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (part_id,) = panel.parts(1)
+    engineer, both = panel.client(Role.ENGINEER), threading.Barrier(2)
+    record = panel.panel.changes.record
+
+    def record_at_once(*row: Any) -> None:
+        with suppress(threading.BrokenBarrierError):
+            both.wait(1.0)
+        record(*row)
+
+    monkeypatch.setattr(panel.panel.changes, "record", record_at_once)
+    given = {"decision": "FAIL", "reason": "a dent"}
+    with ThreadPoolExecutor(2) as clicks:
+        posts = [
+            clicks.submit(engineer.post, f"/api/v1/parts/{part_id}/override", given)
+            for _ in range(2)
+        ]
+    assert [post.result().status for post in posts] == [200, 200]
+    with panel.bench.store.reading() as connection:
+        assert len(connection.execute(select(overrides)).all()) == 1
+    assert len(engineer.get("/api/v1/audit").json["changes"]) == 1
 
 
 def test_an_operator_acknowledges_a_rejected_part_once(panel: RunningPanel) -> None:
