@@ -13,7 +13,7 @@ from .ps4cal import MeasuredPart
 from .setting import Setting
 from .stated_error import stated_error
 
-# Of a length, in words.
+# Relative errors of a length that the record calls good and fair.
 _GOOD, _FAIR = 0.002, 0.01
 # Share of the way to the frame's corners that the board should reach to show distortion.
 _COVERED = 0.6

@@ -12,14 +12,16 @@ from capture.sets.captured_set import CapturedSet
 
 # A part that covers more of the frame, or touches more of its border, has no outline in it.
 _LARGEST_SHARE, _MOST_BORDER = 0.9, 0.25
-# Less is dust.
+# A part that covers less of the frame is dust.
 _SMALLEST_SHARE = 0.01
-# Of the difference between part and ground that is more than their own variation (Otsu's
-# criterion: variance between the two over that of all; 0.64 is that of evenly spread values).
+# Least separation of part and ground by Otsu's criterion, the variance between the two over that of
+# all pixels. Evenly spread values have 0.64; with 0.5,
+# test_outline.py finds a part in a texture that fills the frame.
 _LEAST_SEPARATION = 0.75
-# The strongest edges that are drawn of a texture that fills the frame: more hide it.
+# The strongest edges that are drawn of a texture that fills the frame: more hide it, and a tenth of
+# them is too few (test_outline.py).
 _EDGE_SHARE = 0.02
-# Small edges say nothing about the orientation.
+# Shorter edges do not show the orientation.
 _LEAST_EDGE_PX = 12
 _MOST_LINES = 300
 # Distance of the drawn line from the true one; an outline is drawn 2 px wide.

@@ -16,7 +16,7 @@ from rig.config.validation_message import first_fault
 
 from .plan import PlannedSet
 
-_MAX_BYTES = 1 << 30
+_MAX_BYTES = 1 << 30  # 500,000 sets, the most that a plan has, with 2 kB each
 FinishReason = Literal["complete", "incomplete", "stopped", "interrupted", "failed"]
 
 

@@ -31,9 +31,10 @@ from rig.acceptance import (
 from .image_checks import LightImages
 from .metadata import ChecksRecord
 
-# Share of equal rows from which on two images are one; fewer may be rows that hold hardly a value.
+# Share of equal rows above which two images count as one; rows of few values may be equal by chance.
 _SAME_IMAGE = 0.5
-# So many well exposed images make up for those that are mostly saturated.
+# With this many well exposed images, mostly saturated ones are only a warning. 2 and 8 fail in
+# test_photograph_checks.py.
 _ENOUGH = 4
 # Names in one message.
 _LISTED = 3

@@ -26,7 +26,7 @@ Yes = Annotated[
         "--yes", help="Ask nothing: for the simulated rig and turntables. What fails stays missing."
     ),
 ]
-# Of a set beyond its pixels: metadata and the headers of pages.
+# Bytes of a set beyond its pixels: metadata and the headers of pages.
 _OVERHEAD_BYTES = 20_000
 # A disk that is filled to the last byte is slow, and other programs write too.
 _FREE_SHARE = 1.1

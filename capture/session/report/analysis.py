@@ -23,7 +23,8 @@ from classify.library.dissimilarity import (
 )
 
 Matrix = npt.NDArray[np.float64]
-# Multiple of the median distance of sets to the first set of their specimen; beyond it: a remark.
+# A set farther from the first set of its specimen than this multiple of the median gets a remark.
+# In test_report.py the sets of a specimen reach 1.2 times, a set of another specimen 21 times.
 _FAR = 3.0
 
 

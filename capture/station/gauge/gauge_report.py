@@ -16,7 +16,7 @@ from rig.config.validation_message import first_fault
 
 from .gauge import GaugeStudy, Rating, Share
 
-_MAX_BYTES = 1 << 22
+_MAX_BYTES = 1 << 22  # the reasons of 200 parts, 2,000 characters each, have 0.4 MB
 # Number of parts with a wrong verdict that a report names.
 _MOST_WRONG = 200
 
