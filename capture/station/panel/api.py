@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from itertools import chain, islice
 
@@ -149,21 +150,25 @@ def _parts_csv(call: Call) -> Response:
 async def _part(call: Call) -> Response:
     """Answer with a part as soon as it has a result, at most after the client's `wait_s`."""
     wait_s = _seconds(call.query.get("wait_s", "0"))
-    loop = asyncio.get_running_loop()
+    part_id, loop = call.path["part_id"], asyncio.get_running_loop()
     with call.panel.awaiting.subscribed() as (subscription, changed):
-        ends_s = loop.time() + wait_s
+        assert subscription is not None  # their number has no limit here
+        ends_s, is_due = loop.time() + wait_s, True
         while True:
             changed.clear()
-            is_over = subscription is None or subscription.is_closed or loop.time() >= ends_s
-            try:
-                return JsonAnswer(await run_in_threadpool(lambda: record_of(entry_of(call))))
-            except Denied:
-                if is_over:
-                    raise
-            try:
+            events, lost = subscription.take()
+            is_over = subscription.is_closed or loop.time() >= ends_s
+            # The database is not asked again for events of other parts.
+            is_told = lost > 0 or any(each.fields.get("part_id") == part_id for each in events)
+            if is_due or is_told or is_over:
+                try:
+                    return JsonAnswer(await run_in_threadpool(lambda: record_of(entry_of(call))))
+                except Denied:
+                    if is_over:
+                        raise
+            is_due = False
+            with suppress(TimeoutError):
                 await asyncio.wait_for(changed.wait(), max(ends_s - loop.time(), 0.0))
-            except TimeoutError:
-                continue
 
 
 def _seconds(text: str) -> float:

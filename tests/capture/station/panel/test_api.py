@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import threading
+import time
 import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -22,7 +23,9 @@ from capture.station.panel.filters import selection_of
 from capture.station.panel.triggering import MOST_WAITING, KeyedTriggers
 from capture.station.recipe.recipe import Recipe
 from capture.station.recipe.recipe_file import write_recipe
+from capture.station.results.history import HistoryEntry
 from capture.station.results.schema import overrides
+from capture.station.results.store import ResultStore
 from capture.station.verdict import Cause, Decision, Verdict
 from tests.capture.station.panel.panels import Client, RunningPanel, running_panel
 from tests.capture.station.stations import PASSED, Said
@@ -267,6 +270,31 @@ def test_an_engineer_overrides_and_the_log_says_who_from_and_to(panel: RunningPa
         f"part {part_id}", "FAIL", f"PASS: {forged}"
     )  # fmt: skip
     assert len((panel.bench.folder.path / "station.log").read_text().splitlines()) == 1
+
+
+def test_who_waits_for_a_part_asks_the_database_for_no_other_one(
+    panel: RunningPanel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+    begun, part = threading.Event(), ResultStore.part
+
+    def counted(store: ResultStore, part_id: str) -> HistoryEntry | None:
+        asked.append(part_id)
+        begun.set()
+        return part(store, part_id)
+
+    panel.parts(1)
+    monkeypatch.setattr(ResultStore, "part", counted)
+    with ThreadPoolExecutor(1) as client:
+        waiting = client.submit(panel.local.get, "/api/v1/parts/B-1?wait_s=30")
+        assert begun.wait(60)
+        for _ in range(20):
+            panel.live.announce({"event": "override", "part_id": "A-1"})
+            time.sleep(0.01)
+        assert asked == ["B-1"]
+        panel.until_ready()
+        panel.local.post("/api/v1/trigger", {"part_id": "B-1"})
+        assert waiting.result().json["verdict"] == "PASS"
 
 
 def test_a_double_click_overrides_once(
