@@ -5,7 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from classify.classifiers.joint_limits import class_limits, limit_of_sets, unit_limit
+from classify.classifiers.joint_limits import (
+    class_limits,
+    limit_of_sets,
+    scatter_factor,
+    unit_limit,
+)
 
 
 def limits_of(positions: np.ndarray, labels: list[str], single: float) -> dict[str, float]:
@@ -56,3 +61,9 @@ def test_more_sets_at_the_expected_distance_tighten_a_limit(limit: float, count:
 
 def test_small_frames_have_smaller_limits() -> None:
     assert unit_limit(128 * 128) < unit_limit(256 * 256) == unit_limit(1024 * 1024)
+
+
+def test_a_class_of_little_scatter_has_three_quarters_of_the_usual_limit() -> None:
+    """Differences from one day to the next do not depend on the scatter."""
+    of_none, of_little, usual = (scatter_factor(np.full(6, each)) for each in (0.0, 0.3, 1.0))
+    assert of_none == of_little == pytest.approx(0.75 * usual, rel=0.02)
