@@ -13,7 +13,7 @@ from capture.station.cycle.events import PartAnnounced, Publisher, TriggerRefuse
 from capture.station.cycle.outcome import PartJudge
 from capture.station.cycle.part_sensor import MOST_RECORDED, PartSensor
 from capture.station.cycle.station_rig import StationRig
-from capture.station.cycle.triggers import SensorTrigger
+from capture.station.cycle.triggers import Refused, SensorTrigger, Trigger
 from capture.station.recipe.recipe import Recipe
 from capture.station.verdict import Decision
 from rig import RigConfig, Simulation
@@ -124,4 +124,25 @@ def test_missed_parts_beyond_a_bound_share_a_row(
     line.run(1)
     reasons = [event.reason for event in line.bench.of(TriggerRefused)]
     assert len(reasons) == MOST_RECORDED + 1
-    assert reasons[-1].startswith("7 further parts passed")
+    assert reasons[-1].startswith("parts that passed the sensor")
+    assert reasons[-1].endswith(": 7")
+
+
+def test_missed_parts_do_not_hold_up_a_station_whose_database_is_locked(
+    line: Line, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refused: list[str] = []
+
+    class Slow:
+        """Each record takes the patience of the store."""
+
+        def refuse(self, _: Trigger, reason: str) -> Refused:
+            refused.append(reason)
+            return Refused(reason)
+
+    monkeypatch.setattr(line.rig, "missed_parts", lambda: 5)
+    monkeypatch.setattr(line.rig, "wait_for_part", lambda *_: False)
+    # It also tells the watchdog that the station is alive.
+    PartSensor(line.rig, line.bench.store).await_part(Slow(), lambda: len(refused) == 2)  # type: ignore[arg-type]
+    assert [reason.partition(" ")[0] for reason in refused] == ["the", "the", "parts"]
+    assert refused[-1].endswith(": 3")
