@@ -22,8 +22,8 @@ Result = TypeVar("Result")
 async def _greet(address: str, answer_s: float) -> None:
     """Exchange greetings with the scheduler, as a `Client` does, and disconnect.
 
-    A `Client` waits for ever for a server that says nothing. One that has failed keeps its thread,
-    and if it becomes garbage in the thread of the next one, that does not start.
+    A `Client` waits for ever for a server that does not answer. A failed `Client` keeps its thread;
+    if it is collected as garbage in the thread of the next `Client`, that one does not start.
     """
     from distributed.comm.core import connect
     from distributed.security import Security
@@ -65,7 +65,7 @@ class DaskPool:
         try:
             asyncio.run(_greet(address, answer_s))
             self._client = Client(address, timeout=answer_s, set_as_default=False)
-        # Exception: Dask fails in many ways at the words of a server of another kind.
+        # Exception: Dask raises many kinds on the answers of a server of another kind.
         except Exception as error:
             cause = str(error) or f"no greeting within {answer_s:g} s"
             raise InputError(

@@ -66,7 +66,7 @@ def _facts(file: CalibrationFile) -> Iterator[tuple[str, str]]:
 
 
 def _parts(parts: tuple[PartSummary, ...]) -> str:
-    return table_html(("part", "measured", "age", "how good", "from"), map(_part, parts))
+    return table_html(("part", "measured", "age", "quality", "source"), map(_part, parts))
 
 
 def _part(part: PartSummary) -> str:

@@ -127,7 +127,7 @@ class DecideFailure:
 
 @dataclass(frozen=True)
 class DecideWarnings:
-    """A set has `warnings`; GO keeps it all the same."""
+    """A set has `warnings`; GO keeps it."""
 
     planned: PlannedSet
     warnings: tuple[str, ...]

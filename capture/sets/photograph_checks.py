@@ -31,7 +31,7 @@ from rig.acceptance import (
 from .image_checks import LightImages
 from .metadata import ChecksRecord
 
-# Share of equal rows above which two images count as one; dark rows may be equal by chance.
+# Share of equal rows above which two images are one; rows of few values may be equal by chance.
 _SAME_IMAGE = 0.5
 # With this many well exposed images, mostly saturated ones are only a warning. 2 and 8 fail in
 # test_photograph_checks.py.

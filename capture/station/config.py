@@ -179,8 +179,8 @@ reconnect_s = 5.0            # between attempts to open a rig that was lost
 
 # FAIL, UNKNOWN and ERROR keep their set files for ever.
 [retention]
-pass_every = 20              # one in so many parts that passed keeps its file, too
-pass_days = 7                # the others are removed after so many days
+pass_every = 20              # one in this many passed parts keeps its file, too
+pass_days = 7                # the files of the others are removed after this many days
 
 # The panel, and the HTTP API. Beyond this machine they need users (ps4rig station user add), and
 # tls_cert and tls_key, or behind_proxy = true.

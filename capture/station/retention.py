@@ -23,7 +23,7 @@ from .results.store import ResultStore
 _LOCK = "sets.lock"
 # A removal of a day's files takes seconds.
 _PATIENCE_S, _RETRY_S = 60.0, 0.1
-# Files in one transaction: an interrupted removal repeats at most so many.
+# Files in one transaction; an interrupted removal repeats at most this many.
 _BATCH = 200
 # Days with parts that stay at least: that of a clock that was set ahead, and the one before.
 _LEAST_DAYS = 2

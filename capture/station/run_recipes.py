@@ -79,7 +79,7 @@ class RecipeLoader:
     ) -> UsableRecipe:
         """Load a recipe that is approved and meets its challenge set.
 
-        `go_on` is called before each part of the set, and ends the work by what it raises.
+        `go_on` is called before each part of the set; an exception of it ends the work.
 
         Raises
         ------

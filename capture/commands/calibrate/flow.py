@@ -201,7 +201,7 @@ def ask(request: str) -> None:
 def keep_parts(
     path: Path, file: CalibrationFile, parts: Sequence[MeasuredPart], *, json: bool
 ) -> None:
-    """Write the calibration with parts added or replaced, and print how good they are.
+    """Write the calibration with parts added or replaced, and print their quality.
 
     As JSON several parts are a list.
 

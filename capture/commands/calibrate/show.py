@@ -58,7 +58,7 @@ def _print(file: CalibrationFile, found: Benefit, now: datetime) -> None:
     from capture.calibration_page.summary import part_summaries
 
     parts = part_summaries(file, now)
-    table = new_table("part", "age", "how good", prose="how good")
+    table = new_table("part", "age", "quality", prose="quality")
     for part in parts:
         if part.record is not None:
             age = "-" if part.age_days is None else f"{part.age_days} days"

@@ -66,7 +66,7 @@ class Recipes(Protocol):
     def load(self, name: str, by: Asker, go_on: Callable[[], None]) -> UsableRecipe:
         """Load a recipe; raises RecipeRefused.
 
-        `go_on` is called again and again, and ends the work by what it raises.
+        `go_on` is called repeatedly; an exception of it ends the work.
         """
 
     def use(self, recipe: UsableRecipe) -> list[Check]:

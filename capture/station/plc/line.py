@@ -1,4 +1,4 @@
-"""`PlcLine`: connects a `Handshake` with a running station, whatever the bus."""
+"""`PlcLine`: connects a `Handshake` with a running station, for any bus."""
 
 import logging
 import threading

@@ -24,7 +24,7 @@ _log = logging.getLogger(__name__)
 _READS, _WRITES = (3, 4, 23), (6, 16, 22, 23)
 # A PLC, its spare, a panel of the line and a few programs of engineers.
 MAX_CONNECTIONS = 16
-# A hundred answers: a client that has not read so many does not read.
+# A hundred answers: a client with more unread answers does not read.
 _MOST_UNREAD_BYTES = 16 * 1024
 _START_S = 10.0
 # Errors in what a client sends are its own: they would fill the terminal.

@@ -84,7 +84,7 @@ STATUS_MEANINGS = {
     Status.RESULTS_VALID: "a result is shown; its registers do not change",
     Status.REFUSED: "the trigger `trigger_id` was refused because of `error`; until Trigger falls",
     Status.WRONG_ACK: "`ack_number` was not `result_number`; until ResultsAck falls",
-    Status.SIMULATED: "the rig is simulated: no result is of a real part",
+    Status.SIMULATED: "the rig is simulated: results are not of real parts",
     Status.RECIPE_LOADED: "the recipe `selected` is loaded; until SelectRecipe falls",
     Status.RECIPE_REFUSED: "the recipe `selected` is not loaded because of `select_error`; "
     "until SelectRecipe falls",
@@ -100,8 +100,8 @@ ERROR_MEANINGS = {
     ErrorCode.STOPPING: "the station stops",
     ErrorCode.DISK: "the disk is at its floor",
     ErrorCode.DATABASE: "the database of results does not answer",
-    ErrorCode.PART_ID: "`part_id` cannot be one, or was used before",
-    ErrorCode.UNFORESEEN: "of a fault of the program",
+    ErrorCode.PART_ID: "`part_id` is invalid, or was used before",
+    ErrorCode.UNFORESEEN: "the program has a fault",
     ErrorCode.TRIGGER_ID: "`trigger_id` is 0, or that of the last trigger",
     ErrorCode.UNANSWERED: "an earlier trigger is not answered yet",
     ErrorCode.RESULTS_WAITING: "16 results are not acknowledged",
@@ -112,13 +112,13 @@ ERROR_MEANINGS = {
 SELECT_ERROR_MEANINGS = {
     SelectError.NOT_READY: "the station starts, stops, is in error, or collects parts to teach",
     SelectError.BUSY: "another recipe is being loaded",
-    SelectError.UNKNOWN: "there is none at this position of `recipes`, or none with its name",
+    SelectError.UNKNOWN: "no recipe has this position in `recipes`, or its file is missing",
     SelectError.NOT_APPROVED: "nobody approved it as it is",
     SelectError.CHALLENGE: "it does not meet its challenge set",
     SelectError.UNUSABLE: "it was not taught, is damaged, or has no challenge set or calibration",
     SelectError.RIG: "the self-test with its light found a fault",
     SelectError.DATABASE: "the change could not be recorded",
-    SelectError.UNFORESEEN: "of a fault of the program",
+    SelectError.UNFORESEEN: "the program has a fault",
 }
 
 VERDICTS = {

@@ -32,7 +32,7 @@ def utc_bound(option: str, text: str, *, is_end: bool = False) -> str:
     Raises
     ------
     InputError
-        If it is neither.
+        If `text` is neither a date nor a time.
     """
     try:
         if len(text) == len("2026-11-22"):

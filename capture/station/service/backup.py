@@ -205,7 +205,7 @@ def _remarks(folder: Path, config: StationConfig, missing: list[str]) -> Iterato
 
 
 def _check_space(folder: Path, config: StationConfig, path: Path, needed: int) -> None:
-    """Check that so many bytes fit, and do not bring the station to its disk floor."""
+    """Check that `needed` bytes fit without bringing the station to its disk floor."""
     home = path.absolute().parent
     if home.stat().st_dev == folder.stat().st_dev:
         needed += config.disk_floor_mb * 1_000_000

@@ -24,7 +24,7 @@ from capture.station.cycle.states import State
 from capture.station.verdict import Decision
 
 SOCKET = Path("/run/systemd/journal/socket")
-# A journal that does not take an entry in this time does without it; station.log has it, too.
+# Time to wait for the journal to take an entry; after that only station.log has the entry.
 _PATIENCE_S = 1.0
 # Priorities of syslog(3).
 _ERROR, _WARNING, _NOTICE, _INFO = 3, 4, 5, 6

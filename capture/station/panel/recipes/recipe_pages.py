@@ -29,7 +29,7 @@ from .recipe_changes import RecipeChanges
 from .recipe_form import RecipeForm, settings_of
 from .recipe_work import EXPECTED, add_parts_to_challenge, start_replay, start_teaching
 
-# Pictures are made for so many parts at once (`picture_maker.MOST_WAITING`).
+# No more than the parts that may wait for pictures (`picture_maker.MOST_WAITING`).
 _SHOWN_PARTS = 20
 _MOST_REPORT_BYTES = 1 << 26
 # The report has its style and its pictures in itself, and no script.
