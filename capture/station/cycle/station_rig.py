@@ -144,7 +144,7 @@ class StationRig:
         """Return the number of parts since the last call that passed the sensor without a wait.
 
         The first call for a controller returns 0. Parts that pass while the rig is closed count;
-        of those before a restart of the controller nothing is known.
+        parts before a restart of the controller are not counted.
 
         Raises
         ------

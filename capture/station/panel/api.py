@@ -66,7 +66,7 @@ def _state(call: Call) -> Response:
 def _trigger(call: Call) -> Response:
     part_id, recipe = call.text("part_id", "") or None, call.text("recipe", "") or None
     if recipe is not None:
-        call.panel.folder.recipe_files(recipe)  # raises for what is no name
+        call.panel.folder.recipe_files(recipe)  # raises for an invalid name
     key = call.request.headers.get("idempotency-key")
     try:
         answer = call.panel.triggers.submit(key, part_id, recipe)

@@ -1,4 +1,4 @@
-"""`SharedAnswers`: what several clients ask for at the same time, made once."""
+"""`SharedAnswers`: one answer for several clients that ask for it at the same time."""
 
 import asyncio
 from collections.abc import Callable, Coroutine, Hashable
