@@ -1,8 +1,10 @@
 """The HTTP API over real sockets, of a station whose rig is fake."""
 
 import csv
+import http.client
 import io
 import json
+import re
 import threading
 import time
 import tracemalloc
@@ -28,6 +30,7 @@ from capture.station.results.schema import overrides
 from capture.station.results.store import ResultStore
 from capture.station.verdict import Cause, Decision, Verdict
 from tests.capture.station.panel.panels import Client, RunningPanel, running_panel
+from tests.capture.station.results.many import fill, many
 from tests.capture.station.stations import PASSED, Said
 
 BAD = Verdict(Decision.FAIL, "a scratch of 12 px", (Cause.DEFECT,))
@@ -270,6 +273,19 @@ def test_an_engineer_overrides_and_the_log_says_who_from_and_to(panel: RunningPa
         f"part {part_id}", "FAIL", f"PASS: {forged}"
     )  # fmt: skip
     assert len((panel.bench.folder.path / "station.log").read_text().splitlines()) == 1
+
+
+def test_many_parts_are_sent_in_few_pieces(panel: RunningPanel) -> None:
+    # Each piece goes through a thread and a system call.
+    fill(panel.bench.store, many(panel.bench.store.station, 1200))
+    connection = http.client.HTTPConnection(panel.local.host, timeout=60)
+    connection.request("GET", "/api/v1/parts.csv", headers={"Connection": "close"})
+    answer = connection.getresponse()
+    assert answer.fp is not None
+    body = answer.fp.read()  # with the sizes of its pieces
+    connection.close()
+    assert body.count(b"part-") == 1200
+    assert len(re.findall(rb"(?m)^[0-9a-f]+\r$", body)) <= 5
 
 
 def test_who_waits_for_a_part_asks_the_database_for_no_other_one(
