@@ -43,7 +43,7 @@ def approve(
     with files.changing():
         recipe = Inspector.load(files).recipe
         require_seen(recipe, seen_sha256)
-        # In milliseconds: the order of two approvals within a second is that of their times.
+        # In milliseconds, so that two approvals within a second keep their order.
         utc = utc_text(timespec="milliseconds")
         values = {"by": by, "utc": utc, "sha256": recipe.sha256}
         approval = validated(values, Approval, "approval")

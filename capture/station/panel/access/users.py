@@ -79,7 +79,7 @@ class Users:
         Parameters
         ----------
         seen
-            The user as read before; None replaces the user as it is now, too.
+            The user as it was read before; None skips the comparison.
 
         Raises
         ------

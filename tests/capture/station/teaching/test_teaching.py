@@ -47,6 +47,7 @@ def test_teaching_makes_a_new_version_that_nobody_approved(files: RecipeFolder) 
     assert [each.name for each in files.version(2).folder.glob("approved-*")]
     again = teach(files, [])
     assert again.recipe.version == approved.version + 1
+    assert again.files.report.is_file()
     assert again.recipe.approval is None
 
 
