@@ -154,7 +154,10 @@ def spectral_series(polar: FloatMap, parameters: Parameters) -> Complex:
 
 
 def contrasts(polar: FloatMap, density_floor: npt.NDArray[np.float64]) -> FloatMap:
-    """(..., 3, R, A) densities to (..., 3): weighted mean of each channel over the plane."""
+    """(..., 3, R, A) densities to (..., 3): what all rings of a channel have in common.
+
+    A change of contrast by one factor changes only these numbers.
+    """
     return _contrasts(_weighted_channels(polar, density_floor))
 
 
