@@ -3,6 +3,7 @@
 import asyncio
 import logging
 import socket
+import struct
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -72,12 +73,21 @@ class _Server(ModbusTcpServer):
         while True:
             transports = [each.transport for each in self.active_connections.values()]
             for number, each in enumerate(transports):
-                if isinstance(each, asyncio.WriteTransport) and (
-                    number >= MAX_CONNECTIONS or each.get_write_buffer_size() > _MOST_UNREAD_BYTES
-                ):
+                if not isinstance(each, asyncio.WriteTransport):
+                    continue
+                if each.get_write_buffer_size() > _MOST_UNREAD_BYTES:
+                    _reset(each)
+                elif number >= MAX_CONNECTIONS:
                     each.abort()
             self._line.tick(len(transports), where)
             await asyncio.sleep(TICK_S)
+
+
+def _reset(transport: asyncio.WriteTransport) -> None:
+    """Close a connection at once: the system would try for minutes to deliver what is unread."""
+    connection = transport.get_extra_info("socket")
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    transport.abort()
 
 
 @contextmanager
