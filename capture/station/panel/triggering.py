@@ -91,8 +91,10 @@ class KeyedTriggers:
             if store.known([made]):
                 _require_same(None, part_id, made)
                 entry = store.part(made)
-                if recipe is not None and entry is not None:
-                    _require_recipe(entry.result.recipe, recipe, made)
+                recorded = None if entry is None else entry.result.recipe
+                # The result of an interrupted part names no recipe.
+                if recipe is not None and recorded is not None:
+                    _require_recipe(recorded, recipe, made)
                 return Repeated(made, None if entry is None else entry.result.number)
             answer = self._live.submit(Trigger("http", part_id or made, recipe))
             # A refused trigger may be sent again with its key.

@@ -1,6 +1,7 @@
 """The HTTP API over real sockets, of a station whose rig is fake."""
 
 import csv
+import hashlib
 import http.client
 import io
 import json
@@ -19,6 +20,7 @@ import pytest
 from sqlalchemy import select
 
 from capture.sets.captured_set import CapturedSet
+from capture.station.cycle.recovery import finish_interrupted
 from capture.station.cycle.triggers import Accepted, Refused, Trigger
 from capture.station.panel.access.roles import Role
 from capture.station.panel.filters import selection_of
@@ -102,6 +104,17 @@ def test_a_key_is_known_after_a_restart(tmp_path: Path, captured: CapturedSet) -
             assert len(panel.bench.rows()) == 1
     assert [answer.status for answer in answers] == [202, 200]
     assert answers[0].json | {"repeated": True} == answers[1].json
+
+
+def test_a_key_with_a_recipe_is_known_after_its_part_was_interrupted(panel: RunningPanel) -> None:
+    """The result of such a part names no recipe."""
+    panel.until_ready()
+    store, utc = panel.bench.store, "2026-05-04T13:05:00.000Z"
+    part_id = f"key-{hashlib.sha256(b'order 7').hexdigest()[:20]}"
+    store.begin(trigger="http", triggered_utc=utc, simulated=True, part_id=part_id)
+    assert len(list(finish_interrupted(panel.bench.folder.path, store, lambda: utc))) == 1
+    again = panel.local.post("/api/v1/trigger", {"recipe": "example"}, Idempotency_Key="order 7")
+    assert (again.status, again.json.get("part_id")) == (200, part_id), again.json
 
 
 @pytest.mark.parametrize(("first", "second"), [("A-1", "A-2"), ("A-1", None), (None, "A-2")])
