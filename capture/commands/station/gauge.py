@@ -56,7 +56,7 @@ def gauge(
     station = StationFolder(folder)
     files = station.recipe_files(first_recipe(station))
     if known:
-        found, of = _recorded(station, known)
+        found, of = _recorded(station, files.name, known)
     else:
         found, of = _presented(station, files, parts, times, seed)
     study = GaugeStudy(tuple(found))
@@ -97,8 +97,10 @@ def _presented(
     return presentations, _Judged(inspector.recipe.sha256, simulated=True)
 
 
-def _recorded(station: StationFolder, known: Path) -> tuple[Sequence[Presentation], _Judged]:
-    """Return the presentations among the results: of production, or else of a simulated rig."""
+def _recorded(
+    station: StationFolder, recipe: str, known: Path
+) -> tuple[Sequence[Presentation], _Judged]:
+    """Return the presentations that a recipe judged: of production, or else of a simulated rig."""
     from capture.station.gauge.gauge import presentations_of, read_known_parts
     from capture.station.results.history import Selection
     from capture.station.results.store import open_store
@@ -109,12 +111,12 @@ def _recorded(station: StationFolder, known: Path) -> tuple[Sequence[Presentatio
     with open_store(config.results_in(station.path), config.name, alone=False) as store:
         for simulated in (False, True):
             # The verdicts of the station, not those of a person who overrode them.
-            entries = store.parts(Selection(simulated=simulated))
+            entries = store.parts(Selection(simulated=simulated, recipe=recipe))
             recorded = ((entry.result.part_id, entry.result.verdict) for entry in entries)
             found = presentations_of(truths, recorded)
             if found:
                 return found, _Judged(None, simulated)
     raise InputError(
-        f"{known}: none of its {len(truths)} parts is among the results; present them to "
+        f"{known}: none of its {len(truths)} parts was judged by recipe {recipe}; present them to "
         "ps4rig station run --trigger enter, and enter their ids"
     )

@@ -3,6 +3,7 @@
 import json
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,8 @@ from capture.station.folder import StationFolder
 from capture.station.inspection.inspector import Inspector
 from capture.station.last_recipe import keep_recipe
 from capture.station.recipe.recipe_folder import RecipeFolder
+from capture.station.results.store import open_store
+from tests.capture.station.results.many import fill, many
 
 
 def statuses(result: Any) -> dict[str, str]:
@@ -66,6 +69,30 @@ def test_commands_take_the_recipe_with_which_the_next_run_begins(
     result = ps4rig("station", command, station)
     assert result.exit_code != 0
     assert str(Path("recipes", "brass.toml")) in result.stdout + result.stderr
+
+
+def test_a_gauge_study_counts_the_parts_that_its_recipe_judged(
+    station: Path, tmp_path: Path, ps4rig: Callable[..., Any]
+) -> None:
+    config, known = StationFolder(station).config, tmp_path / "known.csv"
+    first, *others = many(config.name, 3)
+    with open_store(config.results_in(station), config.name, create=True) as store:
+        fill(store, [replace(first, recipe="brass"), *others])
+    known.write_text("".join(f"{part.part_id},good\n" for part in (first, *others)))
+
+    def presented() -> list[str | int]:
+        said = json.loads(ps4rig("station", "gauge", station, "--known", known, "--json").stdout)
+        return [said["recipe"], said["presentations"]]
+
+    assert presented() == ["example", 2]
+    keep_recipe(StationFolder(station), "brass")
+    assert presented() == ["brass", 1]
+    keep_recipe(StationFolder(station), "tin")
+    none = ps4rig("station", "gauge", station, "--known", known)
+    assert (none.exit_code, "none of its 3 parts was judged by recipe tin" in none.stderr) == (
+        2,
+        True,
+    )
 
 
 def test_a_folder_without_a_station_says_how_to_make_one(
