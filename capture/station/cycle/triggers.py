@@ -109,7 +109,7 @@ class TimerTrigger:
 
     A trigger during the exposure of another part is refused and recorded, like any other trigger.
     So are triggers that are late by a period or more, such as after an answer that took so long: in
-    one row, because their parts have moved on.
+    one row after the next trigger, because their parts have moved on.
     """
 
     def __init__(self, period_s: float, now_s: Callable[[], float] = time.monotonic) -> None:
@@ -119,7 +119,7 @@ class TimerTrigger:
 
     def run(self, station: TriggerTarget) -> None:
         """Submit triggers until the station stops."""
-        station_was_ready = False
+        station_was_ready, passed = False, 0
         next_s = self._now_s()
         while not station.is_stopping:
             # The first trigger waits for the self-test; with a period of 0 each one waits.
@@ -133,12 +133,15 @@ class TimerTrigger:
                 self._pause.wait(min(-late_s, _POLL_S))
                 continue
             if 0.0 < self._period_s <= late_s:
-                passed = int(late_s / self._period_s) + 1
-                station.refuse(_TIMER, f"late: {passed} periods of the timer have passed")
-                next_s += passed * self._period_s
+                periods = int(late_s / self._period_s) + 1
+                passed += periods
+                next_s += periods * self._period_s
                 continue
             station.submit(_TIMER)
             next_s += self._period_s
+            if passed > 0:  # after a trigger: a slow row must not make every trigger late
+                station.refuse(_TIMER, f"late: {passed} periods of the timer have passed")
+                passed = 0
 
 
 class SensorTrigger:

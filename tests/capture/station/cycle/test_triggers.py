@@ -55,3 +55,24 @@ def test_the_timer_keeps_its_period_after_a_late_answer(
     found = [(each - began_s) / 0.1 for each in station.submitted_s]
     assert found == pytest.approx(periods, abs=0.3)
     assert station.refused == [f"late: {n} periods of the timer have passed" for n in counted]
+
+
+def test_a_timer_whose_refusals_take_longer_than_its_period_still_triggers() -> None:
+    clock = Clock()
+
+    class SlowRecords(SlowStation):
+        @property
+        def is_stopping(self) -> bool:
+            return len(self.submitted_s) == 3 or len(self.refused) == 50
+
+        def refuse(self, trigger: Trigger, reason: str) -> Refused:
+            clock.s += 0.25
+            return super().refuse(trigger, reason)
+
+    station = SlowRecords(clock, 0.35)
+    TimerTrigger(0.1, clock.now_s).run(station)  # type: ignore[arg-type]
+    assert len(station.submitted_s) == 3
+    # Each period has its trigger, or counts in a row.
+    periods = round((station.submitted_s[-1] - station.submitted_s[0]) / 0.1)
+    counted = [int(reason.split()[1]) for reason in station.refused]
+    assert sum(counted) + len(station.submitted_s) - 1 == periods
