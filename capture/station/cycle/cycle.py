@@ -347,7 +347,9 @@ class Station:
             if self._waiting >= self._config.buffers:
                 return f"busy: {self._waiting} parts wait for their verdict", Refusal.BUSY
             if self._machine.state is not State.READY:
-                return "not ready: the self-test runs", Refusal.NOT_READY
+                waits, tests = "a recipe waits for the parts in progress", "the self-test runs"
+                why = waits if self._changeover.is_wanted else tests
+                return f"not ready: {why}", Refusal.NOT_READY
             if self._changeover.lacks(trigger.recipe):
                 return f"recipe {trigger.recipe} is not the loaded one", Refusal.RECIPE
             sets_bytes = (self._waiting + 1) * self._set_bytes

@@ -174,7 +174,16 @@ def test_no_part_is_judged_by_a_mixture_whenever_triggers_and_changes_come(
     assert judged_by(station)[-1] == names[-1]
 
 
-def test_a_recipe_waits_for_the_parts_in_progress_not_for_a_buffer(station: Bench) -> None:
+@pytest.mark.parametrize(
+    ("buffers", "reason"),
+    [
+        (1, "busy: 1 parts wait for their verdict"),
+        (2, "not ready: a recipe waits for the parts in progress"),
+    ],
+)
+def test_a_recipe_waits_for_the_parts_in_progress_not_for_a_buffer(
+    station: Bench, buffers: int, reason: str
+) -> None:
     judging, go_on = threading.Event(), threading.Event()
 
     def inspect(_: CapturedSet) -> Said:
@@ -189,13 +198,15 @@ def test_a_recipe_waits_for_the_parts_in_progress_not_for_a_buffer(station: Benc
         trigger(target)
         assert judging.wait(WAIT_S)
         asking = Asking(target)
-        states = [State.EXECUTING, State.INITIALIZED]
-        until_so(lambda: [each.state for each in station.of(StateChanged)][-2:] == states)
+        until_so(lambda: station.of(StateChanged)[-1].state is State.INITIALIZED)
+        refused = trigger(target)
         go_on.set()
         asking.join(WAIT_S)
         assert asking.answer.name == "brass"
+        assert isinstance(refused, Refused)
+        assert refused.reason == reason
 
-    station.run(Manual(feed), buffers=1)
+    station.run(Manual(feed), buffers=buffers)
     check_order(station)
 
 
