@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from itertools import chain, islice
 
@@ -11,6 +11,7 @@ from starlette.responses import FileResponse, Response, StreamingResponse
 
 from capture.station.cycle.triggers import Accepted, Refused
 from capture.station.results.change_log import newest_changes
+from capture.station.results.database import ResultsUnavailable
 from capture.station.results.history import ROWS_AT_A_TIME, HistoryEntry, Selection
 from capture.station.results.history_table import counts_of, csv_pieces, record_of
 from classify.errors import InputError
@@ -28,6 +29,8 @@ from .triggering import OtherPart
 MOST_PARTS = 500
 PARTS = 50
 LONGEST_WAIT_S = 30.0
+# Patience of `results_access` with a locked database.
+CHANGE_PATIENCE_S = 5.0
 
 
 def whole_number(call: Call, name: str, default: int, most: int) -> int:
@@ -87,9 +90,20 @@ def _trigger(call: Call) -> Response:
     )
 
 
+@contextmanager
+def _changing(call: Call) -> Iterator[None]:
+    """Hold `Panel.changing`; clicks on a locked database must not keep all threads of the panel."""
+    if not call.panel.changing.acquire(timeout=CHANGE_PATIENCE_S):
+        raise ResultsUnavailable("nothing was changed: another change waits for the database")
+    try:
+        yield
+    finally:
+        call.panel.changing.release()
+
+
 def _acknowledge(call: Call) -> Response:
     part_id, live = call.path["part_id"], call.panel.live
-    with call.panel.changing:
+    with _changing(call):
         rejected = {each.result.part_id: each for each in live.snapshot().rejected}
         if part_id not in rejected:
             raise Denied(404, f"part {part_id[:100]}: is not among the last rejected parts")
@@ -199,7 +213,7 @@ def override(call: Call) -> HistoryEntry:
         If the verdict is neither PASS nor FAIL, or without a reason.
     """
     panel = call.panel
-    with panel.changing:
+    with _changing(call):
         entry = entry_of(call)
         decision = override_part(
             panel.results.store,

@@ -9,7 +9,7 @@ import re
 import threading
 import time
 import tracemalloc
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
@@ -349,6 +349,19 @@ def test_a_double_click_overrides_once(
     with panel.bench.store.reading() as connection:
         assert len(connection.execute(select(overrides)).all()) == 1
     assert len(engineer.get("/api/v1/audit").json["changes"]) == 1
+
+
+def test_a_change_behind_another_one_gives_its_thread_back(
+    panel: RunningPanel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A database that does not answer would else keep all threads of the panel."""
+    (part_id,) = panel.parts(1)
+    monkeypatch.setattr("capture.station.panel.api.CHANGE_PATIENCE_S", 0.05)
+    engineer, given = panel.client(Role.ENGINEER), {"decision": "FAIL", "reason": "a dent"}
+    with ThreadPoolExecutor(1) as click, panel.panel.changing:
+        post = click.submit(engineer.post, f"/api/v1/parts/{part_id}/override", given)
+        wait([post], timeout=60.0)
+    assert post.result().status == 503
 
 
 def test_an_operator_acknowledges_a_rejected_part_once(panel: RunningPanel) -> None:
