@@ -2,6 +2,7 @@
 
 import asyncio
 import base64
+from collections.abc import Sequence
 from concurrent.futures import BrokenExecutor, Future
 from dataclasses import asdict
 
@@ -32,22 +33,23 @@ _SIZE = "; ".join(f"{name}: at most {px} px" for name, px in SIZES.items()) + ";
 
 async def _about(call: Call) -> Response:
     """Answer with the names of the pictures of a part, and its outlined defects."""
-    size, has_content = _size(call), _has_content(call)
+    size, has_content, left_out = _size(call), _has_content(call), call.query.get("without")
 
     async def listing() -> bytes:
         entry = await run_in_threadpool(entry_of, call)
         made = await _made(call, entry)
         part_id, defects = entry.result.part_id, entry.result.defects
-        return _listing(made, part_id, defects, size, has_content=has_content)
+        sent = [name for name in made.pictures if has_content and name != left_out]
+        return _listing(made, part_id, defects, size, sent)
 
-    key = (call.path["part_id"], size, has_content)
+    key = (call.path["part_id"], size, has_content, left_out)
     content = await call.panel.answers.answer(key, listing)
     return Response(content, media_type=JsonAnswer.media_type)
 
 
 def _listing(
-    made: PartPictures, part_id: str, defects: tuple[DefectRecord, ...], size: str, *,
-    has_content: bool,
+    made: PartPictures, part_id: str, defects: Sequence[DefectRecord], size: str,
+    sent: Sequence[str],
 ) -> bytes:  # fmt: skip
     answer = JsonAnswer(
         {
@@ -61,7 +63,7 @@ def _listing(
                     "caption": each.caption,
                     "url": f"{V1}/parts/{part_id}/pictures/{name}?size={size}",
                 }
-                | (_content(each) if has_content else {})
+                | (_content(each) if name in sent else {})
                 for name, each in made.pictures.items()
             ],
             "defects": [
@@ -159,12 +161,13 @@ ROUTES = (
     PanelRoute(
         "GET", f"{V1}/parts/{{part_id}}/pictures", Role.OPERATOR, _about,
         "Which pictures of a part there are, with captions; and its defects with outlines.",
-        query={"size": _SIZE, "content": "yes: with the pictures, as media_type and base64"},
+        query={"size": _SIZE, "content": "yes: with the pictures, as media_type and base64",
+               "without": "name of a picture of which no content is needed"},
     ),
     PanelRoute(
         "GET", f"{V1}/parts/{{part_id}}/pictures/{{name}}", Role.OPERATOR, _picture,
         "A picture of a part, made from its stored set: light-0 and so on, albedo, relief, shadow, "
-        "defects, defect-map; normals and slopes at the large size.",
+        "defects, normals, defects, defect-map; slopes at the large size.",
         query={"size": _SIZE}, answer="image/jpeg",
     ),
 )  # fmt: skip

@@ -70,6 +70,8 @@ def _painted(
         "shadow", "Lights in shadow: grey none, yellow one, to black four.",
         pictures.reduced(shadow, longest_px=longest_px),
     )  # fmt: skip
+    colours, about = pictures.normal_map(normals), "Red to the right, green up, blue to the camera."
+    yield "normals", _jpeg("normals", about, colours)
     none = "None" if view.score is not None else "Without a defect map"
     about = f"{len(view.outlines) or none}, over the albedo."
     yield "defects", _jpeg("defects", about, _outlined(albedo, view))
@@ -78,9 +80,6 @@ def _painted(
         about = f"Blue 0, grey 1: the limit, yellow {_TOP_SCORE:g} times the limit and more."
         yield "defect-map", _jpeg("defect map", about, score)
     if is_large:
-        colours = pictures.normal_map(normals)
-        about = "Red to the right, green up, blue to the camera."
-        yield "normals", _jpeg("normals", about, colours)
         yield "slopes", PaintedPicture(
             "slopes", "Normals for programs: x and y from -1 to 1 in 12 bit. Red and green are "
             "their upper 8 bits; blue the lower 4 of x, then those of y.", _PNG,

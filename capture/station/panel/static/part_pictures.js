@@ -2,6 +2,7 @@
 // never waits behind them for a connection. A picture that is older than its part is blanked.
 import { asked, picturesOf, shownIn, waitMs } from "/static/requests.js";
 
+const LEFT_OUT = "normals"; // for the page of the part
 const REST_MS = 1500; // until the last part of a fast line counts as the last
 const THUMBNAIL_MS = 250; // between two thumbnails
 const byId = (id) => document.getElementById(id);
@@ -123,12 +124,13 @@ async function loadLast() {
   const isWanted = () => part.part_id === wanted.part_id;
   [tried, triedMs] = [part, now()];
   try {
-    const answer = await asked(`${picturesOf(part.part_id)}?content=yes`);
+    const answer = await asked(`${picturesOf(part.part_id)}?content=yes&without=${LEFT_OUT}`);
     const about = await answer.json();
     failures = 0;
     if (!isWanted()) return;
     const images = [];
     for (const each of about.pictures) {
+      if (each.content === undefined) continue;
       const image = new Image();
       image.src = `data:${each.media_type};base64,${each.content}`; // decoded by the browser itself
       await image.decode();

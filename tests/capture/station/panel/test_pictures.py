@@ -32,7 +32,7 @@ from tests.capture.station.panel.panels import PictureThread, RunningPanel
 
 UTC = "2026-11-22T17:08:13.042Z"
 NAMES = {f"light-{number}" for number in range(4)} | {
-    "albedo", "relief", "shadow", "defects",
+    "albedo", "relief", "shadow", "normals", "defects",
 }  # fmt: skip
 
 
@@ -61,7 +61,7 @@ def test_a_stored_part_has_all_its_pictures(panel: RunningPanel) -> None:
         assert decoded(answer.body).shape == (32, 32, 3)
         assert each["caption"]
     large = panel.local.get(f"/api/v1/parts/{part_id}/pictures?size=large").json
-    assert {each["name"] for each in large["pictures"]} == NAMES | {"normals", "slopes"}
+    assert {each["name"] for each in large["pictures"]} == NAMES | {"slopes"}
     # The station's recipe is not taught: the page says how the pictures differ from a judgement.
     assert "solved by default" in about["notes"][0]
 
@@ -232,6 +232,8 @@ def test_the_description_brings_the_pictures_along_if_asked(panel: RunningPanel)
     for each in panel.local.get(f"{address}?content=yes").json["pictures"]:
         assert each["media_type"] == "image/jpeg"
         assert base64.b64decode(each["content"]) == panel.local.get(each["url"]).body
+    partly = panel.local.get(f"{address}?content=yes&without=normals").json["pictures"]
+    assert [each["name"] for each in partly if "content" not in each] == ["normals"]
     assert panel.local.get(f"{address}?content=all").status == 400
 
 
