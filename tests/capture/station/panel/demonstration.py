@@ -24,7 +24,7 @@ _MOST_PARTS = 40
 def demonstration(
     folder: Path, least_parts: int = 6, side_px: int = SIDE_PX
 ) -> Iterator[ServedPanel]:
-    """Serve a station with users, a part that passed, one that failed, and one overridden."""
+    """Serve a station with users, parts that passed, failed and were overridden, and a job."""
     taught_station(folder, side_px)
     config = (folder / CONFIG).read_text(encoding="utf-8").splitlines()
     lines = (
@@ -46,6 +46,8 @@ def demonstration(
         overridden = failed(served)[:2][-1]
         assert engineer.post(f"/api/v1/parts/{overridden}/override", given).status == 200
         _study(served)
+        job = engineer.job(f"/api/v1/recipes/{served.panel.folder.config.recipe}/challenge")
+        assert job["status"] == "done", job
         yield served
 
 

@@ -3,6 +3,7 @@
 import http.client
 import json
 import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -33,6 +34,7 @@ from tests.capture.station.stations import Bench, FakeRecipes, bench
 ANY_PORT = PanelConfig(port=0)
 PASSWORD = "correct horse"
 WAIT_S = 60.0
+JOB_S = 600.0  # on a machine that does much else
 
 
 @dataclass(frozen=True)
@@ -104,6 +106,16 @@ class Client:
             self.headers["Cookie"] = cookie.partition(";")[0]
             self.csrf = self.get("/").text.partition('name="csrf" content="')[2].partition('"')[0]
         return answer
+
+    def job(self, path: str, fields: dict[str, Any] | None = None) -> Any:
+        """Start a job, and return its last state."""
+        answer = self.post(path, fields or {})
+        assert answer.status == 202, answer.text
+        ends_s = time.monotonic() + JOB_S
+        while (job := self.get("/api/v1/job").json)["status"] == "running":
+            assert time.monotonic() < ends_s
+            time.sleep(0.1)
+        return job
 
     def form(self, path: str, **fields: str) -> Answer:
         """Send a form of a page, with its CSRF token."""
