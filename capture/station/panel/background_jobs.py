@@ -115,7 +115,7 @@ class BackgroundJobs:
     def start(
         self, job: Job, work: Work, arguments: tuple[Any, ...], ended: Callable[[Job], None]
     ) -> Job:
-        """Start a job; `ended` is called with it at its end, in another thread.
+        """Start a job; `ended` is called with it in another thread, before it counts as ended.
 
         Raises
         ------
@@ -157,12 +157,16 @@ class BackgroundJobs:
         except Exception as error:
             _log.exception("a job failed")
             changes = {"error": error_text(error)}
-        status = "failed" if changes.get("error") else "done"
-        job = self._change(status=status, **changes)
+        changes["status"] = "failed" if changes.get("error") else "done"
+        with self._lock:
+            assert self._job is not None
+            job = replace(self._job, **changes)
         try:
             ended(job)
         except Exception:
             _log.exception("after the job %s", job.title)
+        # Last: who sees that the job has ended looks for what `ended` wrote.
+        self._change(**changes)
 
     def _outcome(self, work: Work, arguments: tuple[Any, ...]) -> dict[str, Any]:
         """Run the job in another process; return its result or the reason of its failure."""

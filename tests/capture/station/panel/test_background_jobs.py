@@ -2,6 +2,8 @@
 
 import os
 import queue
+import threading
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -25,7 +27,11 @@ class Run:
         return self.jobs.start(Job(**ABOUT), work, arguments, self._ended.put)
 
     def end(self) -> Job:
-        return self._ended.get(timeout=WAIT_S)
+        job, ends_s = self._ended.get(timeout=WAIT_S), time.monotonic() + WAIT_S
+        while self.jobs.last != job:
+            assert time.monotonic() < ends_s
+            time.sleep(0.01)
+        return job
 
 
 @pytest.fixture
@@ -42,6 +48,22 @@ def test_a_job_ends_with_its_result_at_the_lowest_priority(run: Run) -> None:
     assert job.result == {"counted": [0, 1, 2], "priority": 19}
     assert run.jobs.last == job
     assert os.nice(0) < 19  # the station's own is as before
+
+
+def test_a_job_runs_until_what_follows_its_end_is_done(run: Run) -> None:
+    may_end, seen = threading.Event(), queue.Queue[Job]()
+
+    def record(job: Job) -> None:
+        seen.put(job)
+        assert may_end.wait(WAIT_S)
+
+    run.jobs.start(Job(**ABOUT), quick_jobs.count, (1,), record)
+    job = seen.get(timeout=WAIT_S)
+    assert run.jobs.last is not None
+    assert (job.status, run.jobs.last.status) == ("done", "running")
+    may_end.set()
+    run.jobs.close()
+    assert run.jobs.last == job
 
 
 def test_a_second_job_is_refused_and_a_running_one_can_be_ended(run: Run) -> None:
