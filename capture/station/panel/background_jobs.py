@@ -166,7 +166,8 @@ class BackgroundJobs:
         except Exception:
             _log.exception("after the job %s", job.title)
         # Last: who sees that the job has ended looks for what `ended` wrote.
-        self._change(**changes)
+        with self._lock:
+            self._job = job
 
     def _outcome(self, work: Work, arguments: tuple[Any, ...]) -> dict[str, Any]:
         """Run the job in another process; return its result or the reason of its failure."""
@@ -212,11 +213,10 @@ class BackgroundJobs:
         late = f"took longer than {self._most_s:g} s; choose fewer parts"
         return late if time.monotonic() > ends_s else ""
 
-    def _change(self, **changes: Any) -> Job:
+    def _change(self, **changes: Any) -> None:
         with self._lock:
             assert self._job is not None
             self._job = replace(self._job, **changes)
-            return self._job
 
 
 def _work(
