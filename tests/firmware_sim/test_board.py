@@ -1,7 +1,6 @@
 """The simulated board: light over time, numeric against exact integrals, buffers, options."""
 
 import math
-import tracemalloc
 from itertools import pairwise
 
 import pytest
@@ -11,6 +10,7 @@ from hypothesis import strategies as st
 from firmware_sim import SimulatedBoard, VirtualClock
 from firmware_sim.firmware import STROBE_BUFFER_EDGES
 from firmware_sim.led import Led
+from tests.memory_growth import growth_bytes
 
 TIMES_MS = st.sampled_from([0.0, 0.05, 0.3, 0.5, 4.0])
 GAPS_S = st.floats(1e-5, 5e-3)
@@ -96,17 +96,11 @@ def test_an_led_without_rise_time_switches_at_once():
 def test_an_led_that_is_switched_for_months_takes_no_more_memory():
     led = Led(0.5, 0.3)
 
-    def switch(first: int) -> int:
-        for number in range(first, first + 20_000):
+    def switch(first: int, last: int) -> None:
+        for number in range(first, last):
             led.drive(100 * (number % 2), number / 10.0)
-        return tracemalloc.get_traced_memory()[0]
 
-    tracemalloc.start()
-    try:
-        before_bytes = switch(1)
-        assert switch(20_001) - before_bytes < 10_000
-    finally:
-        tracemalloc.stop()
+    assert growth_bytes(switch, 1, 20_001, 40_001) < 10_000
 
 
 def test_the_future_and_the_time_before_the_history_are_refused():

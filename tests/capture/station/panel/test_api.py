@@ -8,7 +8,6 @@ import json
 import re
 import threading
 import time
-import tracemalloc
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import suppress
 from pathlib import Path
@@ -34,6 +33,7 @@ from capture.station.verdict import Cause, Decision, Verdict
 from tests.capture.station.panel.panels import Client, RunningPanel, running_panel
 from tests.capture.station.results.many import fill, many
 from tests.capture.station.stations import PASSED, Said
+from tests.memory_growth import growth_bytes
 
 BAD = Verdict(Decision.FAIL, "a scratch of 12 px", (Cause.DEFECT,))
 
@@ -158,17 +158,11 @@ def test_the_number_of_known_keys_is_bounded() -> None:
     live = SimpleNamespace(submit=lambda trigger: Accepted(trigger.part_id, 1))
     triggers = KeyedTriggers(live, SimpleNamespace(store=SimpleNamespace(known=lambda _: set())))
 
-    def submit(first: int, last: int) -> int:
+    def submit(first: int, last: int) -> None:
         for number in range(first, last):
             assert isinstance(triggers.submit(f"order {number:06d}", None), Accepted)
-        return tracemalloc.get_traced_memory()[0]
 
-    tracemalloc.start()
-    try:
-        before_bytes = submit(0, 1_100)
-        assert submit(1_100, 4_400) - before_bytes < 50_000
-    finally:
-        tracemalloc.stop()
+    assert growth_bytes(submit, 0, 1_100, 4_400) < 50_000
 
 
 def test_triggers_that_wait_leave_threads_for_other_requests(panel: RunningPanel) -> None:

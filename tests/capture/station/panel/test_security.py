@@ -29,6 +29,7 @@ from capture.station.panel.security import MAX_BODY_BYTES, HostRule
 from capture.station.panel.server import MAX_CONNECTIONS
 from classify.errors import InputError
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel, running_panel
+from tests.memory_growth import growth_bytes
 
 # For a deadline in tests, and for a busy machine to keep to it.
 SHORT_S, LONG_S = 0.2, 30.0
@@ -421,17 +422,11 @@ def test_failed_logins_with_long_names_take_little_memory() -> None:
 def test_the_number_of_failed_logins_that_are_counted_is_bounded() -> None:
     limit = LoginLimit(lambda: 0.0)
 
-    def fail(first: int, last: int) -> int:
+    def fail(first: int, last: int) -> None:
         for number in range(first, last):
             limit.begin(f"name-{number:06d}", f"address-{number:06d}")
-        return tracemalloc.get_traced_memory()[0]
 
-    tracemalloc.start()
-    try:
-        before_bytes = fail(0, 6_000)
-        assert fail(6_000, 18_000) - before_bytes < 100_000
-    finally:
-        tracemalloc.stop()
+    assert growth_bytes(fail, 0, 6_000, 18_000) < 100_000
 
 
 # Beyond this machine.

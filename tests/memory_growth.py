@@ -1,0 +1,17 @@
+"""Whether something that works for months keeps memory for each piece of its work."""
+
+import tracemalloc
+from collections.abc import Callable
+
+
+def growth_bytes(work: Callable[[int, int], object], first: int, full: int, last: int) -> int:
+    """Memory that work on the numbers `full` to `last` adds to that of `first` to `full`."""
+    tracemalloc.start()
+    try:
+        work(first, full)
+        before_bytes, _ = tracemalloc.get_traced_memory()
+        work(full, last)
+        after_bytes, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    return after_bytes - before_bytes
