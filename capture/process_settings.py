@@ -5,7 +5,7 @@ import gc
 import os
 import sys
 
-from classify.threads import thread_count
+from classify.threads import bind_workers, thread_count
 
 # Names and numbers of mallopt(3).
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8
@@ -60,9 +60,10 @@ def settle_station() -> None:
 
     Modules live as long as the station: to look through them for garbage takes 0.1 s. The threads
     of OpenCV wait for one another in busy loops, which takes the processor from the threads that
-    judge a part.
+    judge a part. Those have processors of their own.
     """
     import cv2
 
     gc.freeze()
     cv2.setNumThreads(1)
+    bind_workers()

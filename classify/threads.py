@@ -1,12 +1,15 @@
 """Share out work among threads that are kept from call to call."""
 
+import atexit
 import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import TypeVar
 
 from .errors import InputError
+from .processors import bound_to, usable_processors
+from .workers import Workers
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -16,6 +19,9 @@ Result = TypeVar("Result")
 STRIP_PX = 1 << 17
 
 _count: int | None = None
+_is_bound = False
+_workers: Workers | None = None
+_lock = threading.Lock()
 
 
 def thread_count() -> int:
@@ -33,17 +39,10 @@ def thread_count() -> int:
         return _count
     text = os.environ.get("NUMBA_NUM_THREADS", "").strip()
     if not text:
-        return usable_cores()
+        return len(usable_processors())
     if not text.isdecimal() or int(text) < 1:
         raise InputError(f"NUMBA_NUM_THREADS is {text!r}; give a whole number from 1, or unset it")
     return int(text)
-
-
-def usable_cores() -> int:
-    """Number of processors that this process may run on, or of all where that is not known."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def set_thread_count(count: int | None) -> None:
@@ -60,6 +59,32 @@ def set_thread_count(count: int | None) -> None:
     _count = count
 
 
+def bind_workers(*, is_bound: bool = True) -> None:
+    """Bind the threads that are kept to processors of their own, in this process from now on.
+
+    Some kernels let threads that have slept share one processor while another is idle, and the
+    parts of a loop then follow one another. capture/README.md has the gain. False returns to the
+    default: the system chooses.
+    """
+    global _is_bound
+    if is_bound != _is_bound:
+        _is_bound = is_bound
+        _end_workers()
+
+
+@contextmanager
+def beside_workers() -> Iterator[None]:
+    """Bind the calling thread to the processor that threads bound by `bind_workers` leave free.
+
+    Other threads that it starts meanwhile are bound to it, too.
+    """
+    if not _is_bound or thread_count() == 1:
+        yield
+        return
+    with bound_to(usable_processors()[0]):
+        yield
+
+
 def map_in_threads(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
     """``[function(item) for item in items]``, with the items shared out among the threads.
 
@@ -74,30 +99,30 @@ def map_in_threads(function: Callable[[Item], Result], items: Sequence[Item]) ->
             results[index] = function(items[index])
 
     helpers = min(thread_count(), len(items)) - 1
-    futures = [_kept_threads(thread_count()).submit(work) for _ in range(helpers)]
+    tasks = [_kept_workers().submit(work) for _ in range(helpers)]
     try:
         work()
     finally:
         # Threads that have not started by now have nothing left to do.
-        started = [future for future in futures if not future.cancel()]
-        errors = [future.exception() for future in started]
+        errors = [task.future.exception() for task in tasks if not task.take()]
     for error in errors:
         if error is not None:
             raise error
     return [results[index] for index in range(len(items))]
 
 
-def beside(work: Callable[[], Result]) -> Callable[[], Result]:
+def beside(work: Callable[[], Result], *, is_long: bool = False) -> Callable[[], Result]:
     """Start work in another thread; the function returned waits for its result and returns it.
 
-    The caller does the work itself if no thread was free until then.
+    The caller does the work itself if no thread was free until then, and otherwise helps other
+    threads until the result is there. Give `is_long` for work that a thread that waits for another
+    result should not begin.
     """
-    future = _kept_threads(thread_count()).submit(work) if thread_count() > 1 else None
-
-    def result() -> Result:
-        return work() if future is None or future.cancel() else future.result()
-
-    return result
+    if thread_count() == 1:
+        return work
+    workers = _kept_workers()
+    task = workers.submit(work, is_long=is_long)
+    return lambda: workers.result_of(task)
 
 
 def run_on_rows(
@@ -113,12 +138,40 @@ def run_on_rows(
     map_in_threads(lambda strip: function(*strip), strips)
 
 
-@lru_cache(maxsize=1)
-def _kept_threads(count: int) -> ThreadPoolExecutor:
+def _kept_workers() -> Workers:
     """Threads that wait for work; to start new ones takes as long as to solve a small frame."""
-    return ThreadPoolExecutor(count)
+    global _workers
+    count = thread_count() - 1
+    with _lock:
+        if _workers is None or _workers.count != count:
+            if _workers is not None:
+                _workers.end()
+            _workers = Workers(count, usable_processors()[1:] if _is_bound else ())
+        return _workers
+
+
+def _end_workers() -> Workers | None:
+    global _workers
+    with _lock:
+        workers, _workers = _workers, None
+    if workers is not None:
+        workers.end()
+    return workers
+
+
+@atexit.register
+def _join_workers() -> None:
+    """A thread that comes back from compiled code while the interpreter ends can abort it."""
+    workers = _end_workers()
+    if workers is not None:
+        workers.join()
+
+
+def _forget_workers() -> None:
+    global _workers, _lock
+    _workers, _lock = None, threading.Lock()
 
 
 if hasattr(os, "register_at_fork"):
     # The threads of a process do not run in its forked children.
-    os.register_at_fork(after_in_child=_kept_threads.cache_clear)
+    os.register_at_fork(after_in_child=_forget_workers)

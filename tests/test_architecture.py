@@ -25,7 +25,8 @@ NEVER = {
 # Within a room: a folder, or a file beside the folders, imports only what stands on a storey below.
 STOREYS = {
     "classify": (
-        {"errors", "methods", "compiling", "shadow_rule"},
+        {"errors", "methods", "compiling", "processors", "shadow_rule"},
+        {"workers"},
         {"confidence", "durable_file", "labels", "lighting", "regular_file", "threads"},
         {"array_archive", "durable_folder"},
         {"images"},

@@ -13,7 +13,7 @@ from itertools import chain, islice
 from typing import Generic, Protocol, Self, TypeVar
 
 from classify.errors import InputError
-from classify.threads import usable_cores
+from classify.processors import usable_processors
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -80,7 +80,7 @@ class Batch:
     def __init__(
         self, workers: int | None = None, scheduler: str | None = None, *, starting_s: float = 2.0
     ) -> None:
-        self._workers = workers or usable_cores()
+        self._workers = workers or len(usable_processors())
         self._starting_s = starting_s
         self._spent_s = 0.0
         self._pool: Pool | None = None

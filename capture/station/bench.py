@@ -25,6 +25,7 @@ from classify.durable_file import make_folder
 from classify.library.training import TrainingRow, observe
 from classify.methods import default_method
 from classify.texture.spectra import segment_for
+from classify.threads import beside_workers
 from rig import Placement, Rig, RigConfig, open_rig
 from rig.doctor.check import Check
 from rig.set_file import pages
@@ -150,6 +151,7 @@ class _StoredSets:
         """There is nothing to test."""
         return []
 
+    @beside_workers()
     def capture(self, number: int) -> tuple[CapturedSet, float]:
         """Return the next set after the time of its exposures and the checks of a capture."""
         captured, hashed = self._sets[number % len(self._sets)], PixelHash()

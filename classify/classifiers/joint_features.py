@@ -6,7 +6,7 @@ gives halved and doubled; ``tests/classify/classifiers/test_joint_constants.py``
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +24,7 @@ from classify.texture.statistics import (
     local_statistics,
     statistics_vector,
 )
+from classify.threads import beside
 
 from .classifier import Observation, Parameters
 
@@ -130,11 +131,12 @@ def observe_training(surface: SurfaceEstimate, segment_px: int) -> JointTraining
 
 
 def _observe_fields(fields: TextureFields, segment_px: int) -> JointObservation:
+    statistics = beside(partial(local_statistics, fields, levels_for(segment_px)))
     spectra = field_spectra(fields, segment_px)
     return JointObservation(
         polar=_polar(spectra),
         curl_density=spectra.curl_density,
-        statistics=local_statistics(fields, levels_for(segment_px)),
+        statistics=statistics(),
         pixels=fields.p.size,
         segment_px=segment_px,
     )

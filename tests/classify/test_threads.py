@@ -1,6 +1,8 @@
 """Work is shared out completely, in order, and whatever the number of threads."""
 
 import os
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from functools import partial
@@ -8,7 +10,9 @@ from functools import partial
 import pytest
 
 from classify.errors import InputError
+from classify.processors import bound_to
 from classify.threads import beside, map_in_threads, run_on_rows, set_thread_count, thread_count
+from classify.workers import Task
 
 
 @pytest.fixture(autouse=True)
@@ -76,6 +80,119 @@ def test_an_exception_reaches_the_caller(count: int) -> None:
         beside(lambda: 1 // 0)()
     with pytest.raises(ZeroDivisionError):
         map_in_threads(lambda item: 1 // item, [3, 2, 1, 0, 1, 2, 3])
+
+
+def test_a_thread_that_waits_does_short_tasks_meanwhile_and_no_long_ones() -> None:
+    set_thread_count(2)
+    began, release = threading.Event(), threading.Event()
+    done: list[str] = []
+    doers: list[int] = []
+
+    def first() -> None:
+        began.set()
+        assert release.wait(60)
+        done.append("first")
+
+    def short() -> None:
+        doers.append(threading.get_ident())
+        done.append("short")
+        release.set()
+
+    of_first = beside(first, is_long=True)
+    assert began.wait(60)
+    of_second = beside(lambda: done.append("second"), is_long=True)
+    beside(short)
+    of_first()
+    of_second()
+    assert doers == [threading.get_ident()]
+    assert done == ["short", "first", "second"]
+
+
+def test_work_that_nobody_has_begun_is_done_by_the_caller() -> None:
+    set_thread_count(2)
+    began, release = threading.Event(), threading.Event()
+
+    def until_released() -> None:
+        began.set()
+        assert release.wait(60)
+
+    busy = beside(until_released)
+    assert began.wait(60)
+    mine = beside(threading.get_ident)
+    assert mine() == threading.get_ident()
+    release.set()
+    busy()
+
+
+def test_an_interrupt_reaches_both_threads() -> None:
+    """The one that asked for the work, and the one that did it and was interrupted."""
+
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    task = Task(interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        task.run()
+    with pytest.raises(KeyboardInterrupt):
+        task.future.result()
+
+
+def test_a_process_ends_while_a_kept_thread_computes() -> None:
+    code = """
+from classify.threads import beside, set_thread_count
+import time
+set_thread_count(2)
+beside(lambda: (time.sleep(0.2), print("done", flush=True)))
+time.sleep(0.1)
+"""
+    ended = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert ended.stdout == "done\n"
+    assert ended.stderr == ""
+
+
+def test_a_processor_that_is_not_there_binds_nothing() -> None:
+    before = os.sched_getaffinity(0)
+    with bound_to(1_000_000):
+        assert os.sched_getaffinity(0) == before
+    assert os.sched_getaffinity(0) == before
+
+
+def test_bound_threads_have_processors_of_their_own() -> None:
+    code = """
+import os, threading
+from classify.processors import usable_processors
+from classify.threads import beside_workers, bind_workers, map_in_threads, thread_count
+everywhere = os.sched_getaffinity(0)
+with beside_workers():
+    assert os.sched_getaffinity(0) == everywhere
+map_in_threads(str, range(2))  # kept threads that are not bound
+bind_workers()
+def of_all() -> list[set[int]]:
+    meeting = threading.Barrier(thread_count(), timeout=60)
+    def own(_: int) -> set[int]:
+        meeting.wait()
+        return os.sched_getaffinity(0)
+    return map_in_threads(own, range(thread_count()))
+def in_a_thread() -> None:
+    with beside_workers():
+        assert sorted(map(tuple, of_all())) == [(each,) for each in sorted(everywhere)]
+        assert usable_processors() == sorted(everywhere)
+    assert os.sched_getaffinity(0) == everywhere
+    found.append(True)
+found = []
+if len(everywhere) > 1:
+    thread = threading.Thread(target=in_a_thread)
+    thread.start()
+    thread.join()
+    assert found
+bind_workers(is_bound=False)
+with beside_workers():
+    assert os.sched_getaffinity(0) == everywhere
+"""
+    environment = {name: os.environ[name] for name in os.environ if name != "NUMBA_NUM_THREADS"}
+    subprocess.run([sys.executable, "-c", code], env=environment, timeout=60, check=True)
 
 
 def test_a_forked_process_has_threads_of_its_own() -> None:

@@ -13,6 +13,7 @@ from capture.station.results.part_result import PartResult
 from capture.station.results.rows import row_of
 from capture.station.results.store import BegunPart
 from capture.station.verdict import Cause, Decision, Verdict
+from classify.threads import beside_workers
 
 from .station_clock import StationClock
 
@@ -101,6 +102,7 @@ class PartJudge:
         self._inspector, self._recipe_fields = inspector, recipe_fields
         self._save, self._clock = save, clock
 
+    @beside_workers()
     def result_of(
         self, part: ExposedPart, writer: ThreadPoolExecutor
     ) -> tuple[PartResult, BaseException | None]:
