@@ -16,7 +16,7 @@ from . import ps4def
 from .defect_map import DefectMap
 from .departures import DEPARTURES, Departures
 from .evidence import QUANTILES, Evidence
-from .fields import part_fields
+from .fields import PartFields, part_fields
 from .gaussian import Gaussian
 from .octave_statistics import OCTAVE_STATISTICS
 from .responses import ALBEDO_RESPONSES, RELIEF_RESPONSES
@@ -89,16 +89,19 @@ class DefectModel:
         InputError
             If no pixel is valid.
         """
-        fields = part_fields(surface)
+        return self.map_of_fields(part_fields(surface), orientation_deg)
+
+    def map_of_fields(self, fields: PartFields, orientation_deg: float | None) -> DefectMap:
+        """As `map_of`, for a part whose fields are known."""
         departures = self.departures.of(fields, orientation_deg or 0.0)
         departures[:, ~fields.valid] = np.nan
         if self.evidence is None:
             relief, albedo, texture = departures
-            return DefectMap(relief, albedo, texture, departures.max(axis=0), surface.shape)
+            return DefectMap(relief, albedo, texture, departures.max(axis=0), fields.shape)
         evidence = self.evidence.of_departures(departures) / np.float32(self.limit)
         relief, albedo, octaves, windows = evidence
         texture = (octaves + windows) / np.float32(2.0)
-        return DefectMap(relief, albedo, texture, evidence.sum(axis=0), surface.shape)
+        return DefectMap(relief, albedo, texture, evidence.sum(axis=0), fields.shape)
 
     @property
     def parts(self) -> int:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any, Self
@@ -28,6 +29,7 @@ from capture.station.verdict import Cause, Verdict
 from classify import TextureLibrary
 from classify.defects.defect_map import KINDS, DefectMap, regions_of
 from classify.defects.defect_model import DefectModel
+from classify.defects.fields import part_fields
 from classify.threads import beside
 
 from .fingerprint import Fingerprint
@@ -177,7 +179,7 @@ class Inspector:
         `inspect` uses the inspection if it gets the same arrays. Otherwise the set was captured
         again or belongs to another part, and the inspection is dropped.
         """
-        self._begun = _Begun(unchecked, beside(lambda: self._inspection(unchecked)))
+        self._begun = _Begun(unchecked, beside(lambda: self._inspection(unchecked), is_long=True))
 
     def inspect(self, captured: CapturedSet) -> Inspection:
         """Judge one part.
@@ -208,6 +210,7 @@ class Inspector:
             )
         if not any(invalid(self.recipe, measures)):
             with _timed(timings_ms, "match"):
+                fields = beside(partial(part_fields, measured.surface))
                 # No warning of the solver: a calibration may have a flat field where that of
                 # teaching had none.
                 measures = replace(measures, match=self._library.match_surface(measured.surface))
@@ -220,7 +223,7 @@ class Inspector:
         if match is not None and texture in self._defect_models:
             with _timed(timings_ms, "defects"):
                 model = self._defect_models[texture]
-                defect_map = model.map_of(measured.surface, match.orientation_deg)
+                defect_map = model.map_of_fields(fields(), match.orientation_deg)
                 gap_px = _largest_gap_px(defect_map, measured.inside)
                 measures = replace(measures, defect_score=defect_map.worst, unjudged_px=gap_px)
                 defects = self._defects(defect_map, self.recipe.limits_for(texture).defect)
