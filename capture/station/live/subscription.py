@@ -60,6 +60,11 @@ class Subscription:
         """Whether no further event comes."""
         return self._is_closed
 
+    def holds(self, kind: str) -> bool:
+        """Whether an event of a kind waits to be taken."""
+        with self._condition:
+            return any(event.fields["event"] == kind for event in self._waiting)
+
     def put(self, event: LiveEvent) -> None:
         """Add an event; called by `LiveStation`."""
         with self._condition:

@@ -8,6 +8,11 @@ from functools import partial
 from capture.station.live.live_station import LiveStation
 from capture.station.live.subscription import Subscription
 
+# The end of an exposure, readiness, and the next trigger come within it: one message instead of
+# four for each client. A verdict may be 200 ms late.
+GATHER_MS = 10
+_VERDICT = "part"
+
 
 class Awaiting:
     """Subscriptions of the coroutines of one event loop.
@@ -51,3 +56,14 @@ class Awaiting:
         self._is_due = False  # first: what comes from now on wakes again
         for each in self._all:
             each.set()
+
+
+async def gather(subscription: Subscription, changed: asyncio.Event, gather_s: float) -> None:
+    """Wait for events after the first one; a verdict waits no longer than `GATHER_MS`."""
+    loop = asyncio.get_running_loop()
+    ends_s = loop.time() + gather_s
+    await asyncio.sleep(min(gather_s, 1e-3 * GATHER_MS))
+    while not (subscription.is_closed or subscription.holds(_VERDICT)) and loop.time() < ends_s:
+        changed.clear()
+        with suppress(TimeoutError):
+            await asyncio.wait_for(changed.wait(), ends_s - loop.time())

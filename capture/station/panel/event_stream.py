@@ -12,7 +12,8 @@ from capture.station.live.live_station import LiveSnapshot, LiveStation
 from capture.station.live.subscription import LiveEvent
 
 from .access.roles import Role
-from .awaiting import Awaiting
+from .api import whole_number
+from .awaiting import GATHER_MS, Awaiting, gather
 from .guard import identity_of
 from .routes import Call, PanelRoute
 from .security import Denied
@@ -20,9 +21,7 @@ from .security import Denied
 # Proxies and browsers give up silent connections after 30 s and more.
 KEEP_ALIVE_S = 15.0
 _RETRY_MS = 1000
-# The end of an exposure, readiness, and the next trigger come within it: one message instead of
-# four for each browser. A verdict may be 200 ms late.
-_GATHER_S = 0.01
+_MOST_GATHER_MS = 1000
 _MEDIA_TYPE = "text/event-stream"
 # Beside other requests, of the 256 connections that the server takes.
 MOST_STREAMS = 128
@@ -45,14 +44,19 @@ async def events(call: Call) -> Response:
             return False
         return who is not None and who.role.includes(Role.OPERATOR)
 
-    stream = _messages(live, call.panel.awaiting, last, may_go_on)
+    gather_s = 1e-3 * whole_number(call, "gather_ms", GATHER_MS, _MOST_GATHER_MS)
+    stream = _messages(live, call.panel.awaiting, last, gather_s, may_go_on)
     # Without buffering by a proxy.
     headers = {"X-Accel-Buffering": "no"}
     return StreamingResponse(stream, media_type=_MEDIA_TYPE, headers=headers)
 
 
 async def _messages(
-    live: LiveStation, awaiting: Awaiting, last: str, may_go_on: Callable[[], Awaitable[bool]]
+    live: LiveStation,
+    awaiting: Awaiting,
+    last: str,
+    gather_s: float,
+    may_go_on: Callable[[], Awaitable[bool]],
 ) -> AsyncIterator[str]:
     # Not before the stream begins: one that never does would keep its subscription.
     with awaiting.subscribed(MOST_STREAMS) as (subscription, changed):
@@ -75,7 +79,7 @@ async def _messages(
                     check = asyncio.ensure_future(may_go_on())
                     check.add_done_callback(lambda _: changed.set())
             if not subscription.is_closed:
-                await asyncio.sleep(_GATHER_S)
+                await gather(subscription, changed, gather_s)
             changed.clear()
             if check is not None and check.done():
                 if not check.result():
@@ -122,7 +126,11 @@ ROUTES = (
     PanelRoute(
         "GET", "/api/v1/events", Role.OPERATOR, events,
         "Everything that happens, as server-sent events; first the state, or what was missed.",
-        query={"after": "id of the last event that the client has, like the header Last-Event-ID"},
+        query={
+            "after": "id of the last event that the client has, like the header Last-Event-ID",
+            "gather_ms": "time for which events other than verdicts are kept, to be sent together; "
+            f"{GATHER_MS} by default, at most {_MOST_GATHER_MS}",
+        },
         answer="text/event-stream",
     ),
 )  # fmt: skip

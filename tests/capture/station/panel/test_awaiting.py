@@ -2,12 +2,13 @@
 
 import asyncio
 import threading
+import time
 
 import pytest
 
 from capture.station.live.live_station import LiveStation
-from capture.station.live.subscription import MOST_WAITING
-from capture.station.panel.awaiting import Awaiting
+from capture.station.live.subscription import MOST_WAITING, LiveEvent
+from capture.station.panel.awaiting import GATHER_MS, Awaiting, gather
 from capture.station.panel.security import Denied
 from capture.station.panel.shared_answers import SharedAnswers
 
@@ -49,6 +50,37 @@ def test_no_reader_misses_an_event_that_a_thread_announces() -> None:
         return found
 
     assert asyncio.run(seen()) == [list(range(EVENTS))] * READERS
+
+
+def test_events_are_gathered_until_a_verdict_comes() -> None:
+    async def gathered() -> list[LiveEvent]:
+        live, changed = LiveStation("line-1", simulated=True), asyncio.Event()
+        subscription = live.subscribe(changed.set)
+        assert subscription is not None
+        live.announce({"event": "state"})
+        waiting = asyncio.create_task(gather(subscription, changed, 2.0 * LONGEST_S))
+        await asyncio.sleep(4e-3 * GATHER_MS)
+        assert not waiting.done()
+        live.announce({"event": "begun"})
+        live.announce({"event": "part"})
+        await asyncio.wait_for(waiting, LONGEST_S)
+        return subscription.take()[0]
+
+    kinds = [each.fields["event"] for each in asyncio.run(gathered())]
+    assert kinds == ["state", "begun", "part"]
+
+
+def test_events_without_a_verdict_are_gathered_for_their_time() -> None:
+    async def gathered() -> float:
+        live, changed = LiveStation("line-1", simulated=True), asyncio.Event()
+        subscription = live.subscribe(changed.set)
+        assert subscription is not None
+        live.announce({"event": "state"})
+        began_s = time.monotonic()
+        await asyncio.wait_for(gather(subscription, changed, 0.05), LONGEST_S)
+        return time.monotonic() - began_s
+
+    assert asyncio.run(gathered()) >= 0.05
 
 
 def test_an_answer_is_made_once_for_all_who_wait_for_it() -> None:

@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import AsyncMock
 
+import pytest
+
 from capture.sets.captured_set import CapturedSet
 from capture.station.cycle.events import (
     PartAnnounced,
@@ -27,7 +29,7 @@ from capture.station.live.live_station import LiveStation
 from capture.station.live.subscription import MOST_WAITING
 from capture.station.panel import event_stream
 from capture.station.panel.access.roles import Identity, Role
-from capture.station.panel.awaiting import Awaiting
+from capture.station.panel.awaiting import GATHER_MS, Awaiting
 from capture.station.results.part_result import PartResult
 from capture.station.verdict import Cause, Decision, Verdict
 from rig.doctor.check import Check
@@ -171,10 +173,18 @@ def test_a_stream_with_many_events_ends_when_its_user_is_removed(
         is_over.set()
 
 
+@pytest.mark.parametrize("text", ["0", "1001", "soon"])
+def test_a_time_to_gather_events_is_bounded(panel: RunningPanel, text: str) -> None:
+    answer = panel.local.get(f"/api/v1/events?gather_ms={text}")
+    assert answer.status == 400
+    assert "gather_ms" in answer.json["error"]
+
+
 def test_a_stream_ends_with_the_last_event() -> None:
     async def kinds() -> list[str]:
         live = live_station()
-        stream = event_stream._messages(live, Awaiting(live), "", AsyncMock(return_value=True))
+        stay = AsyncMock(return_value=True)
+        stream = event_stream._messages(live, Awaiting(live), "", 1e-3 * GATHER_MS, stay)
         first = [await anext(stream), await anext(stream)]
         live.announce({"event": "stopped"})
         live.close()
