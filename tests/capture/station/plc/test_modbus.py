@@ -232,6 +232,10 @@ def test_a_client_that_polls_without_a_pause_sees_whole_pages_and_delays_no_part
     tmp_path: Path, captured: CapturedSet
 ) -> None:
     over, reads = threading.Event(), []
+
+    def until_polled(number: int) -> None:
+        until_so(lambda: number in {read["result_number"] for read in reads[-100:]})
+
     with running_line(tmp_path / "line-1", captured) as line, line.client() as plc:
 
         def poll() -> None:
@@ -241,11 +245,16 @@ def test_a_client_that_polls_without_a_pause_sees_whole_pages_and_delays_no_part
 
         poller = threading.Thread(target=poll)
         poller.start()
-        for number in range(1, 6):
-            trigger(plc, number, f"A-{number}")
-            acknowledge(plc, until(plc, Status.RESULTS_VALID)["result_number"])
-        over.set()
-        poller.join()
+        try:
+            until_polled(0)
+            for number in range(1, 6):
+                trigger(plc, number, f"A-{number}")
+                until(plc, Status.RESULTS_VALID)
+                until_polled(number)
+                acknowledge(plc, number)
+        finally:
+            over.set()
+            poller.join()
     for read in reads:
         is_valid = Status.RESULTS_VALID in Status(read["status"])
         number = read["result_number"]
