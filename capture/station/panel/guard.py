@@ -3,7 +3,7 @@
 import hmac
 import inspect
 import logging
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Collection, Sequence
 from typing import cast
 from urllib.parse import quote
 
@@ -100,10 +100,24 @@ async def _answer(panel: Panel, route: PanelRoute, request: Request) -> Response
         given = request.headers.get(CSRF_HEADER, fields.get(CSRF_FIELD))
         if not isinstance(given, str) or not _same(given, who.csrf):
             raise Denied(403, "the page is out of date; load it again")
+    if route.is_api:
+        query = [name for name, _ in request.query_params.multi_items()]
+        _require_known("query", query, route.query)
+        _require_known("field", [name for name in fields if name != CSRF_FIELD], route.fields)
     call = Call(panel, request, who, fields)
     if inspect.iscoroutinefunction(route.handler):
         return await cast(Awaitable[Response], route.handler(call))
     return cast(Response, await run_in_threadpool(route.handler, call))
+
+
+def _require_known(kind: str, given: Sequence[str], known: Collection[str]) -> None:
+    """Refuse what the route does not know: with a misspelled filter, a list has other parts."""
+    for name in given:
+        if name not in known:
+            names = ", ".join(known) or "none"
+            raise InputError(f"{kind} {name[:40]!r} is not known; known are: {names}")
+        if given.count(name) > 1:
+            raise InputError(f"{kind} {name!r} is given more than once")
 
 
 def _same(given: str, expected: str) -> bool:

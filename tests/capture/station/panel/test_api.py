@@ -226,13 +226,23 @@ def test_parts_come_in_pages_and_as_csv_with_the_same_filters(panel: RunningPane
         ("limit=٣", "whole number"),
         ("below=9" + 20 * "9", "whole number"),
         ("simulated=yes", "true, false or only"),
+        ("verdct=FAIL", "query 'verdct' is not known; known are: since, until, verdict"),
+        ("verdict=FAIL&verdict=PASS", "query 'verdict' is given more than once"),
     ],
 )
 def test_a_query_that_is_wrong_is_named(without_users: RunningPanel, query: str, said: str) -> None:
     without_users.until_ready()  # there are results
-    answer = without_users.local.get(f"/api/v1/parts?{quote(query, safe='=')}")
+    answer = without_users.local.get(f"/api/v1/parts?{quote(query, safe='=&')}")
     assert answer.status == 400
     assert said in answer.json["error"]
+
+
+def test_a_field_that_is_not_known_is_named_and_nothing_is_done(panel: RunningPanel) -> None:
+    panel.until_ready()
+    answer = panel.local.post("/api/v1/trigger", {"part": "A-17"})
+    assert answer.status == 400
+    assert "field 'part' is not known; known are: part_id" in answer.json["error"]
+    assert panel.bench.rows() == []
 
 
 def test_a_minute_is_selected_to_its_end() -> None:
