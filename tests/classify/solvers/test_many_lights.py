@@ -150,6 +150,30 @@ def test_saturated_lights_are_left_out_of_six(method: str, saturated: int) -> No
     np.testing.assert_allclose(surface.q, q, atol=3e-3)
 
 
+@settings(max_examples=25, deadline=None)
+@given(st.integers(3, 5), SEEDS)
+def test_least_squares_leaves_out_saturated_lights_at_any_pixels(count: int, seed: int) -> None:
+    """Four images are solved by one kernel, more by another; three are filled up to four."""
+    lighting = ring_of(count)
+    rng = np.random.default_rng(seed)
+    images = rng.uniform(80.0, 200.0, (count, 6, 7)).astype(np.float32)
+    saturated = rng.random(images.shape) < 0.15
+    images[saturated] = 255.0
+    surface = photometric_stereo(images, lighting, "least_squares", full_scale=255.0)
+    np.testing.assert_array_equal(surface.saturated, saturated.any(axis=0))
+    for r, c in np.ndindex(6, 7):
+        left_out = {*map(int, np.flatnonzero(saturated[:, r, c]))}
+        if count - len(left_out) < 3:
+            assert not surface.valid[r, c]
+            assert (surface.p[r, c], surface.q[r, c]) == (0.0, 0.0)
+            continue
+        b = without(lighting, images[:, r, c], left_out)
+        assert 255.0 * surface.albedo[r, c] == pytest.approx(np.linalg.norm(b), rel=1e-4)
+        if surface.valid[r, c]:
+            found = (surface.p[r, c], surface.q[r, c])
+            assert found == pytest.approx((-b[0] / b[2], -b[1] / b[2]), rel=1e-3, abs=1e-3)
+
+
 @pytest.mark.parametrize("method", ["least_squares", "rushmeier", "drbohlav"])
 def test_a_pixel_saturated_under_most_lights_is_not_valid(method: str) -> None:
     lighting = ring_of(5)
