@@ -14,7 +14,7 @@ GUEST = Path(__file__).parent / "guest"
 _ROOT = Path(__file__).parents[2]
 # Four times what the longest file of checks takes on two idle cores.
 _TIMEOUT_S = 1200.0
-
+# Of one guest, if the emulator fails.
 _BOOTS = 3
 
 # The failure text of each case, as in ``test_it[cdc_acm]``; an empty text is a pass.
