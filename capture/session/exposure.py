@@ -1,5 +1,7 @@
 """The exposure that suits a specimen."""
 
+import math
+
 from classify.errors import InputError
 from rig import RigConfig, list_cameras, open_rig
 from rig.doctor.cameras import longest_exposure_ms
@@ -31,10 +33,11 @@ def find_exposure_ms(config: RigConfig) -> float:
             longest_ms = longest_exposure_ms(rig.camera, listed, config.camera)
         if rating.is_good:
             return exposure_ms
-        wanted_ms = min(exposure_ms * rating.factor, longest_ms)
-        if wanted_ms == exposure_ms:
+        # To whole microseconds, rounded down: the longest still has to fit into a frame.
+        wanted_us = math.floor(1e3 * min(exposure_ms * rating.factor, longest_ms) + 1e-6)
+        if wanted_us / 1e3 == exposure_ms:
             return exposure_ms  # dark, but nothing longer fits into a frame
-        exposure_ms = round(wanted_ms, 3)
+        exposure_ms = wanted_us / 1e3
         if exposure_ms < _SHORTEST_MS:
             break
     raise InputError(
