@@ -242,7 +242,7 @@ def _tiff(content: bytes) -> tuple[npt.NDArray[Any], int]:
 
     try:
         with tifffile.TiffFile(io.BytesIO(content)) as tiff:
-            page, shape = tiff.pages.first, tiff.series[0].shape
+            page, shape, pages = tiff.pages.first, tiff.series[0].shape, len(tiff.series[0])
             grey, rgb = tifffile.PHOTOMETRIC.MINISBLACK, tifffile.PHOTOMETRIC.RGB
             kind = page.photometric
             tag = page.tags.get("Orientation")
@@ -258,6 +258,6 @@ def _tiff(content: bytes) -> tuple[npt.NDArray[Any], int]:
     if kind not in (grey, rgb):
         name = tifffile.PHOTOMETRIC(kind).name
         raise ValueError(f"TIFF pixels are {name}; save it as grey or RGB")
-    if len(shape) > 3:
+    if len(shape) > 3 or pages > 1:
         raise ValueError(f"{shape} is not one grey or colour image")
     return _by_opencv(content, "TIFF"), orientation  # OpenCV has turned it upright

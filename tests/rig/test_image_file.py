@@ -190,6 +190,8 @@ def test_a_tiff_of_several_pages_is_refused(tmp_path: Path, capfd: Any) -> None:
     tifffile.imwrite(path, np.zeros((5, 12, 17), np.uint8), photometric="minisblack")
     message = refused(path, path.read_bytes(), capfd)
     assert message == "(5, 12, 17) is not one grey or colour image"
+    assert cv2.imwritemulti(str(path), list(np.zeros((5, 12, 17), np.uint8)))  # by LZW
+    assert refused(path, path.read_bytes(), capfd) == message
 
 
 def test_other_files_are_named(tmp_path: Path, capfd: Any) -> None:
