@@ -105,10 +105,8 @@ class OpencvCamera:
         require_exposure(exposure_ms, self.exposure_range_ms)
         if self._config.fixed_exposure:
             return
-        units = max(1, round(exposure_ms * _EXPOSURE_UNITS_PER_MS))
-        if faults := self._set("EXPOSURE", units):
+        if faults := self._set_exposure_time(exposure_ms):
             raise ControlError(self._path, *faults)
-        self._exposure_ms = units / _EXPOSURE_UNITS_PER_MS
 
     def read(self, timeout_s: float) -> Frame:
         """The oldest frame that OpenCV has, or the next one to arrive."""
@@ -216,8 +214,15 @@ class OpencvCamera:
             )
         return [
             *self._set("AUTO_EXPOSURE", _MANUAL),
-            *self._set("EXPOSURE", round(self._config.exposure_ms * _EXPOSURE_UNITS_PER_MS)),
+            *self._set_exposure_time(self._config.exposure_ms),
         ]
+
+    def _set_exposure_time(self, exposure_ms: float) -> list[ControlFault]:
+        units = max(1, round(exposure_ms * _EXPOSURE_UNITS_PER_MS))
+        faults = self._set("EXPOSURE", units)
+        if not faults:
+            self._exposure_ms = units / _EXPOSURE_UNITS_PER_MS
+        return faults
 
     def _set(self, name: str, value: float) -> list[ControlFault]:
         key = getattr(cv2, f"CAP_PROP_{name}")

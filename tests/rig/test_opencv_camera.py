@@ -6,6 +6,7 @@ tests/hil tests it on a device.
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -110,6 +111,43 @@ def test_an_impossible_setting_is_refused(
 ) -> None:
     with pytest.raises(CameraError, match=message):
         OpencvCamera(config(image_files, **changes))
+
+
+class V4l2Video:
+    """A `cv2.VideoCapture` of the backend V4L2 that keeps every value and gives grey frames."""
+
+    def __init__(self, *_: object) -> None:
+        self.values = {cv2.CAP_PROP_BUFFERSIZE: 4.0}
+
+    def isOpened(self) -> bool:  # noqa: N802 - the name of OpenCV
+        return True
+
+    def getBackendName(self) -> str:  # noqa: N802
+        return "V4L2"
+
+    def set(self, key: int, value: float) -> bool:
+        self.values[key] = value
+        return True
+
+    def get(self, key: int) -> float:
+        return self.values.get(key, 0.0)
+
+    def read(self) -> tuple[bool, Any]:
+        return True, np.zeros((ROWS, COLUMNS), np.uint8)
+
+    def release(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize(("exposure_ms", "set_ms"), [(20.04, 20.0), (0.04, 0.1)])
+def test_the_exposure_is_the_one_that_was_set(
+    monkeypatch: pytest.MonkeyPatch, exposure_ms: float, set_ms: float
+) -> None:
+    monkeypatch.setattr(cv2, "VideoCapture", V4l2Video)
+    camera = OpencvCamera(config(Path("0"), fixed_exposure=False, exposure_ms=exposure_ms))
+    assert camera.info.controls["opencv"]["exposure"] == 10.0 * set_ms
+    assert camera.info.exposure_s == pytest.approx(set_ms / 1e3)
+    camera.close()
 
 
 def test_a_missing_camera_is_one_error_without_output(
