@@ -129,9 +129,9 @@ class V4l2Camera:
         self._device.close()
 
     def _next_capture(self, timeout_s: float) -> Capture:
+        deadline_s = time.monotonic() + timeout_s
         capture = self._device.next_capture(timeout_s)
         if self._written is not None:
-            deadline_s = time.monotonic() + timeout_s
             while (number := self._written.number_of(capture.timestamp_s)) is None:
                 left_s = max(0.0, deadline_s - time.monotonic())
                 capture = self._device.next_capture(left_s)

@@ -1,8 +1,14 @@
 """Frames are numbered by their time stamps."""
 
+import time
+
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rig import CameraError
+from rig.v4l2.camera import V4l2Camera
+from rig.v4l2.device import Capture
 from rig.v4l2.written_frames import WrittenFrames
 
 OPENED_S = 1000.0
@@ -34,3 +40,23 @@ def test_a_stamp_from_the_opening_or_between_two_frames_has_no_number(part: floa
     frames = WrittenFrames(OPENED_S, 0.1)
     stamps = (OPENED_S - 0.1 * part, OPENED_S, 1000.1, 1000.2 + 0.1 * part, 1000.4)
     assert [frames.number_of(stamp_s) for stamp_s in stamps] == [None, None, 0, None, 3]
+
+
+def test_frames_without_a_number_do_not_extend_the_time_out() -> None:
+    timeouts_s = []
+
+    class Device:
+        def next_capture(self, timeout_s: float) -> Capture:
+            timeouts_s.append(timeout_s)
+            if len(timeouts_s) == 3:
+                raise CameraError("no frame")
+            time.sleep(0.05)
+            return Capture(bytearray(), False, OPENED_S, True, False, 0)
+
+    camera = V4l2Camera.__new__(V4l2Camera)
+    camera._device = Device()  # type: ignore[assignment]
+    camera._written = WrittenFrames(OPENED_S, 0.1)
+    with pytest.raises(CameraError, match="no frame"):
+        camera.read(60.0)
+    assert timeouts_s[1] <= 59.95
+    assert timeouts_s[2] <= 59.90
