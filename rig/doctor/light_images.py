@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from decimal import ROUND_FLOOR, Context
 
 import numpy as np
 import numpy.typing as npt
@@ -174,15 +175,20 @@ def _exposure(images: LightImages, exposure_ms: float, longest_ms: float) -> Che
         return Check("exposure", "ok", seen)
     wanted_ms = exposure_ms * rating.factor
     if wanted_ms <= longest_ms:
-        advice = f"set camera.exposure_ms = {wanted_ms:.3g}"
+        advice = f"set camera.exposure_ms = {_rounded_down(wanted_ms):g}"
         if rating.is_saturated:
             advice += ", then run this again"
     else:
         advice = (
-            f"set camera.exposure_ms = {longest_ms:.3g}, the longest at this frame rate; a lower "
-            "frame rate, more gain or brighter LEDs would help"
+            f"set camera.exposure_ms = {_rounded_down(longest_ms):g}, the longest at this frame "
+            "rate; a lower frame rate, more gain or brighter LEDs would help"
         )
     return Check("exposure", "warning", seen, advice)
+
+
+def _rounded_down(exposure_ms: float) -> float:
+    """Three digits of an exposure, rounded down so that it fits into a frame."""
+    return float(Context(prec=3, rounding=ROUND_FLOOR).create_decimal_from_float(exposure_ms))
 
 
 def _levels(images: LightImages, lighting: Lighting) -> Check:

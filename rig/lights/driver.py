@@ -172,12 +172,15 @@ class LightController:
         """
         with self._lock:  # excludes a keep-alive
             self._exchange(f"SYST:WDOG {WATCHDOG_MIN_MS}")
-            self.select(0)
-            self._clock.sleep_s(3.0 * WATCHDOG_MIN_MS / 1000.0)
-            tripped = self.state().led is None
-            self._exchange("SYST:ERR?")  # removes the entry of this test
-            self.off()
-            self._exchange(f"SYST:WDOG {self._watchdog_ms}")
+            try:
+                self.select(0)
+                self._clock.sleep_s(3.0 * WATCHDOG_MIN_MS / 1000.0)
+                tripped = self.state().led is None
+                self._exchange("SYST:ERR?")  # removes the entry of this test
+                self.off()
+            finally:
+                if not self._has_failed:  # else `recover` sets the time again
+                    self._exchange(f"SYST:WDOG {self._watchdog_ms}")
         return tripped
 
     def keep_alive(self) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from classify import Lighting
 from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serve_pty
-from rig import ListedCamera, RigConfig, open_rig
+from rig import LightControllerError, ListedCamera, RigConfig, open_rig
 from rig.config.camera import V4l2CameraConfig
 from rig.doctor import diagnosis as doctor_module
 from rig.doctor.cameras import check_cameras, check_frames, longest_exposure_ms
@@ -172,6 +172,17 @@ def test_a_broken_watchdog_is_a_fault(bench: Any) -> None:
     with LightController(bench.port, clock=VirtualClock()) as lights:
         checks = {c.name: c for c in check_lights(lights, bench.clock, RigConfig().lights)}
         assert checks["watchdog"].status == "fault"
+
+
+def test_a_watchdog_test_that_is_refused_restores_the_watchdog_time(bench: Any) -> None:
+    with LightController(bench.port, clock=bench.clock, watchdog_ms=60_000) as lights:
+        for _ in range(2):
+            lights.select(0)
+            bench.clock.sleep_s(35.0)
+        lights.off()
+        with pytest.raises(LightControllerError, match="LED must rest"):
+            lights.trips_watchdog()
+        assert lights.ask("SYST:WDOG?", 1).numbers == (60_000,)
 
 
 def test_switch_latency_is_measured_on_the_rigs_clock() -> None:
@@ -338,6 +349,9 @@ def test_the_suggested_exposure_does_not_saturate(images: LightImages) -> None:
 def test_the_suggested_exposure_fits_into_a_frame(images: LightImages) -> None:
     advice = checked(images, scaled(images, 0.25))["exposure"].advice
     assert advice.startswith("set camera.exposure_ms = 33, the longest at this frame rate")
+    # 16.7 ms would not fit at 60 Hz.
+    advice = checked(images, scaled(images, 0.25), longest_ms=16.6667)["exposure"].advice
+    assert advice.startswith("set camera.exposure_ms = 16.6, the longest at this frame rate")
 
 
 def test_saturation_is_a_fault_and_suggests_a_shorter_exposure(images: LightImages) -> None:
