@@ -153,7 +153,7 @@ def _depth(images: Sequence[npt.NDArray[Any]], bits: int | None) -> tuple[int, i
 
 def _guessed_depth(largest: int, used: int) -> int:
     """Depth of data in 16 bits, of which `used` are not 0 in all pixels."""
-    unused = (used & -used).bit_length() - 1
+    unused = max((used & -used).bit_length() - 1, 0)  # black images use no bit at all
     # Data in the upper bits use all of those; a few values only may have lower bits 0 by chance.
     if used == (1 << 16) - (1 << unused):
         return next(depth for depth in _DEPTHS if depth + unused >= 16)
