@@ -127,6 +127,15 @@ def test_a_folder_is_read_and_cut_to_the_object(folder: Path, photographs: Photo
     np.testing.assert_allclose(found[:, :-1], 0.5 * (p[:, :-1] + p[:, 1:]), atol=1e-4)
 
 
+def test_without_other_lights_there_is_no_error_of_a_prediction(photographs: PhotographSet) -> None:
+    four = replace(
+        photographs, images=photographs.images[::2], directions=photographs.directions[::2]
+    )
+    scores = list(scores_of(four))
+    assert scores
+    assert all(each.median_pct is None and each.mean_pct is None for each in scores)
+
+
 def test_intensities_of_the_folder_are_given_to_the_solver(folder: Path) -> None:
     notes = json.loads((folder / "lights.json").read_text())
     for light in notes["images"]:
@@ -151,6 +160,24 @@ def test_the_page_has_tables_and_pictures(
     assert len(rows) == 12
     assert all(float(row["changed by turning, %"]) < 1.0 for row in rows)
     assert (out / "photographs_maps.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_folder_without_a_ring_or_an_object_is_one_line(
+    refused: Callable[..., str], folder: Path, tmp_path: Path
+) -> None:
+    def line() -> str:
+        return refused("reproduce", "--out", tmp_path / "out", "--photographs", folder.parent)
+
+    notes = json.loads((folder / "lights.json").read_text())
+    crowded = Lighting.ring(40.0, tuple(range(0, 80, 10))).directions
+    for light, direction in zip(notes["images"], crowded, strict=True):
+        light["direction"] = direction.tolist()
+    (folder / "lights.json").write_text(json.dumps(notes))
+    assert "no four of its 8 lights are within 20 degrees of a ring" in line()
+    for light in notes["images"]:
+        cv2.imwrite(str(folder / light["file"]), np.zeros((104, 104), np.uint16))
+    assert "no pixel is brighter than the background" in line()
+    assert not (tmp_path / "out").exists()
 
 
 def test_bad_input_is_one_line(refused: Callable[..., str], folder: Path, tmp_path: Path) -> None:

@@ -157,7 +157,8 @@ def load_photographs(folder: Path) -> PhotographSet:
     Raises
     ------
     InputError
-        If a file is missing, damaged or of another form.
+        If a file is missing, damaged or of another form, no pixel shows an object, or no four
+        lights are near a ring.
     """
     notes = _read_notes(folder / LIGHTS_FILE)
     lighting = Lighting(np.array([light.direction for light in notes.images]))
@@ -170,13 +171,15 @@ def load_photographs(folder: Path) -> PhotographSet:
         mask = read_mask(folder / MASK_FILE, read.frame, None)
     else:
         mask = np.median(images, axis=0) > _DARK * np.quantile(images, 0.99)
+    if not mask.any():
+        raise InputError(f"{folder}: no pixel is brighter than the background; give {MASK_FILE}")
     rows, columns = np.nonzero(mask.any(axis=1))[0], np.nonzero(mask.any(axis=0))[0]
     part = tuple(
         slice(max(int(each[0]) - _MARGIN_PX, 0), int(each[-1]) + 1 + _MARGIN_PX)
         for each in (rows, columns)
     )
     reference_p = _reference_p(folder, notes, mask.shape)
-    return PhotographSet(
+    found = PhotographSet(
         folder.name,
         np.ascontiguousarray(images[:, *part]),
         None if ambient is None else np.ascontiguousarray(ambient[part]),
@@ -186,6 +189,12 @@ def load_photographs(folder: Path) -> PhotographSet:
         mask[part],
         None if reference_p is None else reference_p[part],
     )
+    if not found.picks():
+        raise InputError(
+            f"{folder}: no four of its {len(lighting)} lights are within {_FARTHEST_DEG:g} degrees "
+            "of a ring; leave the folder out"
+        )
+    return found
 
 
 def _read_notes(path: Path) -> _Notes:

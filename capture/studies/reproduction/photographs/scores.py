@@ -24,7 +24,8 @@ class Score:
     median_pct, mean_pct
         Error of the photographs of the lights that were not used, predicted from slopes and albedo
         with one gain for each light, relative to their mean: median over pixels, and mean with
-        each error cut at 100 %. Means over these photographs.
+        each error cut at 100 %. Means over these photographs; None without any, or for a planar
+        part.
     valid_pct
         Share of the object that is valid.
     changed_pct
@@ -90,8 +91,8 @@ def _score(photographs: PhotographSet, pick: Pick, method: Method, planar: bool)
 
 def _held_out_errors(
     photographs: PhotographSet, pick: Pick, surface: SurfaceEstimate
-) -> tuple[float, float]:
-    """Median and mean relative error of the photographs that were not used, over the object."""
+) -> tuple[float, float] | None:
+    """Median and mean relative error over the object of the photographs that were not used."""
     mask, normals = photographs.mask, surface.normals
     ambient = 0.0 if photographs.ambient is None else photographs.ambient.astype(np.float32)
     medians, means = [], []
@@ -108,7 +109,7 @@ def _held_out_errors(
         errors = np.abs(gain * predicted - values) / values.mean()
         medians.append(float(np.median(errors)))
         means.append(float(np.minimum(errors, 1.0).mean()))
-    return float(np.mean(medians)), float(np.mean(means))
+    return (float(np.mean(medians)), float(np.mean(means))) if medians else None
 
 
 def _changed_share(
