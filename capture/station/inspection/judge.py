@@ -153,7 +153,7 @@ def _misoriented(rule: Orientation, match: Match) -> Iterator[Finding]:
     if rule.tolerance_deg is None:
         return
     period_deg = 360.0 if rule.full_turn else 180.0
-    found_deg = match.heading_deg if rule.full_turn else match.orientation_deg
+    found_deg = _found_deg(rule, match)
     if found_deg is None:
         yield Finding(Cause.UNDECIDED, f"the orientation of {match.label} is not clear")
         return
@@ -163,6 +163,11 @@ def _misoriented(rule: Orientation, match: Match) -> Iterator[Finding]:
     off_deg = (found_deg - rule.reference_deg + half_deg) % period_deg - half_deg
     name = f"degrees off {rule.reference_deg:g}"
     yield from _at_most(name, abs(off_deg), rule.tolerance_deg, Cause.ORIENTATION, ".1f")
+
+
+def _found_deg(rule: Orientation, match: Match) -> float | None:
+    """Orientation that the rule compares: over 360 degrees for a full turn, else over 180."""
+    return match.heading_deg if rule.full_turn else match.orientation_deg
 
 
 def _beyond_limits(limits: Limits, measures: Measures) -> Iterator[Finding]:
@@ -208,7 +213,7 @@ def _within(recipe: Recipe, measures: Measures, match: Match) -> str:
     bounds = [bound for bound in (match.limit, limits.distance) if bound is not None]
     parts = [f"distance {match.distance:.2f} of {min(bounds):.2f}"]
     if recipe.orientation.tolerance_deg is not None:
-        parts.append(f"at {match.orientation_deg:.0f} degrees")
+        parts.append(f"at {_found_deg(recipe.orientation, match):.0f} degrees")
     if limits.sdq is not None:
         low, high = limits.sdq
         parts.append(f"Sdq {measures.sdq:.3f} within {low:.3f} to {high:.3f}")

@@ -136,7 +136,9 @@ def test_a_whole_turn_needs_a_heading() -> None:
     orientation = Orientation(tolerance_deg=5.0, reference_deg=180.0, full_turn=True)
     recipe = RECIPE.model_copy(update={"orientation": orientation})
     assert verdict_of(recipe, GOOD).causes == (Cause.ORIENTATION,)
-    assert verdict_of(recipe, of_match(heading_deg=182.0)).decision is Decision.PASS
+    passed = verdict_of(recipe, of_match(heading_deg=182.0))
+    assert passed.decision is Decision.PASS
+    assert "at 182 degrees" in passed.reason
     assert verdict_of(recipe, of_match(heading_deg=None)).causes == (Cause.UNDECIDED,)
 
 
