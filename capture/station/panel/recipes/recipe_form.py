@@ -123,7 +123,7 @@ class RecipeForm:
     def textures(self) -> list[TextureField]:
         """Return the textures, each good or bad."""
         return [
-            TextureField(_use(number), texture, self._value(_use(number), number) != "fail")
+            TextureField(_use(number), texture, self._value(_use(number), number) == "pass")
             for number, texture in enumerate(_textures(self._recipe))
         ]
 
@@ -198,11 +198,12 @@ class RecipeForm:
 def settings_of(recipe: Recipe, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the settings that a form of `recipe` gives, not checked yet.
 
-    An empty field is left out: it is not set, or has its default.
+    An empty field is left out: it is not set, or has its default. A texture is bad unless the form
+    says that it passes.
     """
     names = _textures(recipe)
     uses = [str(given.get(_use(number), "")) for number in range(len(names))]
-    passes = [name for name, use in zip(names, uses, strict=True) if use != "fail"]
+    passes = [name for name, use in zip(names, uses, strict=True) if use == "pass"]
     settings: dict[str, Any] = {
         "note": str(given.get("note", "")).strip() or None,
         "pass": passes,
