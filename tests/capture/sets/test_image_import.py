@@ -12,7 +12,7 @@ import numpy.typing as npt
 import pytest
 import tifffile
 
-from capture import CapturedSet, import_images
+from capture import CapturedSet, SetRejected, import_images
 from classify import Lighting
 from classify.errors import InputError
 
@@ -193,8 +193,9 @@ def test_the_depth_is_guessed_from_the_largest_value(
     assert all(f"{bits} bits, because the largest value is {largest << shift};" in e for e in said)
 
 
-def test_black_images_have_the_smallest_depth(four: Photographs) -> None:
-    assert stored(four(np.zeros(SHAPE, np.uint16), ".tif")).metadata.bit_depth == 8
+def test_black_images_are_rejected_as_dark(four: Photographs) -> None:
+    with pytest.raises(SetRejected, match="--accept dark"):
+        stored(four(np.zeros(SHAPE, np.uint16), ".tif"))
 
 
 def test_saturation_is_that_of_the_given_depth(four: Photographs) -> None:
