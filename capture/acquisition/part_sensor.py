@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from capture.errors import SetRejected
 from classify.errors import InputError
 from rig import LightControllerError, Rig, RunningSequence
 from rig.fresh_frame import begin_sequence
@@ -67,7 +68,11 @@ def wait_for_part(
         # The camera runs freely. The set may have begun during the latest frames.
         deadline_s = rig.clock.now_s() + rig.camera.info.frame_period_s + SPARE_S
         frames.begin(sequence.asked_s, deadline_s)
-        frames.take()
+        try:
+            frames.take()
+        except SetRejected:
+            # A fault before the part. If the set has begun already, its first frame is missing.
+            frames.received.clear()
         del frames.received[:-kept]
     if not sequence.has_begun:
         raise LightControllerError(

@@ -37,18 +37,18 @@ class SequenceFrames:
                 raise
             return False
         check_frame(frame, camera.info, clock.now_s())
-        if self._previous is not None:
-            if frame.sequence <= self._previous:
-                raise SetRejected(
-                    f"set rejected: frame {frame.sequence} came twice: the camera repeats frames; "
-                    "check its cable"
-                )
-            if self.received and frame.sequence > self._previous + 1:
-                raise SetRejected(
-                    f"set rejected: frame {self._previous + 1} was lost; check the camera's cable "
-                    "and the computer's load"
-                )
+        previous = self._previous
+        if previous is not None and frame.sequence <= previous:
+            raise SetRejected(
+                f"set rejected: frame {frame.sequence} came twice: the camera repeats frames; "
+                "check its cable"
+            )
         self._previous = frame.sequence
+        if self.received and previous is not None and frame.sequence > previous + 1:
+            raise SetRejected(
+                f"set rejected: frame {previous + 1} was lost; check the camera's cable and the "
+                "computer's load"
+            )
         if frame.exposure_end_s >= self._since_s:
             self.received.append(frame)
         return True

@@ -69,6 +69,25 @@ def test_a_wait_that_the_controller_ends_is_an_error_and_no_part(rig):
         wait_for_part(rig, 0.0, put_out)
 
 
+@pytest.mark.parametrize("kind", ["dropped", "repeated_frame"])
+def test_a_frame_that_is_lost_or_repeated_before_the_part_does_not_matter(kind):
+    faults = {"frames": [{"kind": kind, "when": {"nth": 15}}]}
+    with open_rig(config("strobe", simulation={"faults": faults})) as rig:
+        rig.simulation.see_part(1.0)
+        assert wrong_light(rig, capture_set(rig, part=wait_for_part(rig, 0.01))) < WRONG_LIGHT
+
+
+@pytest.mark.parametrize("kind", ["dropped", "repeated_frame"])
+def test_a_frame_that_is_lost_or_repeated_with_the_part_rejects_its_set(kind):
+    """The set has frames 31 to 35, counted from 1."""
+    for number in range(32, 35):
+        faults = {"frames": [{"kind": kind, "when": {"nth": number}}]}
+        with open_rig(config("strobe", simulation={"faults": faults})) as rig:
+            rig.simulation.see_part(0.97)
+            with pytest.raises(SetRejected):
+                capture_set(rig, part=wait_for_part(rig, 0.0))
+
+
 def test_lights_that_go_out_during_the_set_reject_it_without_another_attempt(rig):
     rig.simulation.see_part(0.2)
     part = wait_for_part(rig, 0.0)
