@@ -80,7 +80,10 @@ def store_values(path: Path, sections: Mapping[str, Mapping[str, str | float]]) 
     with durable_file(path.resolve()) as temporary:
         temporary.chmod(path.stat().st_mode)
         temporary.write_bytes(text.encode())
-        load_config(temporary)
+        try:
+            load_config(temporary)
+        except ConfigError as error:
+            raise ConfigError(str(error).replace(str(temporary), str(path))) from error
 
 
 def _written(value: str | float) -> str:
