@@ -44,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _serve(controller: SimulatedController, options: argparse.Namespace) -> tuple[Server, str]:
-    """Serve according to the options; return the server, and its address with a command to try."""
+    """Return the server of the options, and its address with a command to try."""
     if options.unix is not None:
         server = serve_unix(controller, options.unix)
         return server, f"unix socket {server.address}, try: socat - UNIX-CONNECT:{server.address}"

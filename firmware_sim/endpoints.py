@@ -1,4 +1,4 @@
-"""Places at which a host finds the simulated device: sockets here, terminals in `terminals`.
+"""Addresses of the simulated device: sockets here, terminals in `terminals`.
 
 An endpoint gives the server one open line per host that connects.
 """

@@ -1,4 +1,4 @@
-"""The LED controller's firmware: this one file runs unchanged on MicroPython and on CPython.
+"""The LED controller's firmware: one file for MicroPython and CPython.
 
 It imports nothing and uses only the board that it is given (see `board.Board`). README.md describes
 the protocol; change both together.

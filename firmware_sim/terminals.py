@@ -31,7 +31,7 @@ class _TerminalLine:
 
 
 class PtyEndpoint(Endpoint):
-    """A raw pseudo-terminal, optionally with a symbolic link at a path that does not exist yet.
+    """A raw pseudo-terminal, optionally with a symbolic link at a new path.
 
     A pty does not announce that it has been opened, so `accept` must be polled.
     """

@@ -1,4 +1,4 @@
-"""The rig: LEDs over a serial line, frames from a camera, and the simulated rig below both.
+"""The rig: LEDs over a serial line, frames from a camera, and their simulation.
 
 >>> from rig import open_rig
 

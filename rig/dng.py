@@ -13,10 +13,11 @@ _ORIENTATIONS = {0: 1, 3: 3, 5: 8, 6: 6}
 
 
 def read_dng(path: Path) -> tuple[npt.NDArray[np.uint16], int]:
-    """Read a DNG as (H, W, 3) linear camera RGB, and its EXIF orientation, which is not undone.
+    """Read a DNG as (H, W, 3) linear camera RGB, and its EXIF orientation.
 
-    Black level is 0 and white level 65535. There is no white balance and no colour matrix, so that
-    a pixel depends on the light in it only. Missing colours are the mean of their neighbours.
+    The orientation is not undone. Black level is 0 and white level 65535. There is no white balance
+    and no colour matrix, so that a pixel depends on the light in it only. Missing colours are the
+    mean of their neighbours.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Reading one PNG, JPEG, TIFF, TGA or DNG image: damage is an error, and memory is bounded.
+"""Read a PNG, JPEG, TIFF, TGA or DNG: damage is an error, memory is bounded.
 
 OpenCV fills the missing part of a truncated JPEG with grey, and libpng prints warnings. So a JPEG
 is decoded by simplejpeg, which makes warnings errors, and a PNG is checked before it is decoded.

@@ -71,12 +71,12 @@ class Rig:
 
 
 def open_rig(rig: str | Path | RigConfig, *, timeouts: LinkTimeouts = DEFAULT_TIMEOUTS) -> Rig:
-    """Open a rig: ``"sim"`` for the simulated one, the path of a ``rig.toml``, or a `RigConfig`.
+    """Open a rig.
 
     Parameters
     ----------
     rig
-        The rig to open.
+        ``"sim"`` for the simulated rig, the path of a ``rig.toml``, or a `RigConfig`.
     timeouts
         How long to wait for the light controller.
 
@@ -147,7 +147,7 @@ def port_of(config: RigConfig) -> str:
 
 
 def _whereabouts(port: str, simulation: Simulation | None) -> Whereabouts:
-    """Return a search for the ports of the controller at `port`, for use after its line failed."""
+    """Return a search for the ports at which a lost controller may be now."""
     if simulation is not None:
         return lambda: simulation.ports
     previous = known_port(port, list_serial_ports())

@@ -202,7 +202,7 @@ def _capture(
     *,
     is_retake: bool = False,
 ) -> list[SetImage]:
-    """Ambient and light images in the order of their capture; a retake may lack ambient images.
+    """Ambient and light images in order of capture; a retake may lack ambient images.
 
     `arrived` is given each of them, as early as possible.
 

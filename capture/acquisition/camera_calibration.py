@@ -1,4 +1,4 @@
-"""Frames of a rig for the calibration of its camera: lens covered, and a ladder of exposures."""
+"""Frames for the calibration of a camera: lens covered, and exposure ladder."""
 
 from collections.abc import Callable, Iterable, Iterator
 

@@ -1,4 +1,4 @@
-"""Several frames of one still scene, at one exposure or at a ladder of them, for a calibration."""
+"""Frames of one still scene at one exposure or several, for a calibration."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -81,7 +81,9 @@ def brightest_light(rig: Rig) -> int:
 
 
 def ladder_ms(rig: Rig, light: int) -> list[float]:
-    """Return exposures for a response, from the longest with half of the frame below saturation.
+    """Return a ladder of exposures in ms for a response, the longest first.
+
+    At the longest, at least half of the frame is below saturation.
 
     Raises
     ------

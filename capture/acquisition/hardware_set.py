@@ -40,7 +40,7 @@ _POLL_S = 0.001
 
 
 def images_in_sequence(rig: Rig, average: int, part: ArrivedPart | None = None) -> list[SetImage]:
-    """Capture the ambient image and one image under each light, averaged over `average` sequences.
+    """Capture an ambient image and one image per light, mean of `average` sequences.
 
     The part sensor may have started the first sequence already, for the `part` that it saw.
 

@@ -1,4 +1,4 @@
-"""Reject light images that are saturated, dark, or not of the light that they are named for.
+"""Reject light images that are saturated, dark, or under another light.
 
 The redundancy of four light images of a matt surface shows faults. Where it cannot, the images are
 compared with a retake in the opposite order, in which a passing fault has other effects.

@@ -101,9 +101,10 @@ def terminal_signals_blocked() -> Iterator[None]:
 
 
 def begin_worker(lifeline: Connection, yields: bool = False) -> None:
-    """Prepare a worker process: it ends with the process that holds the other end of `lifeline`.
+    """Prepare a worker process.
 
-    One that `yields` computes only while no other process wants the processor.
+    It ends with the process that holds the other end of `lifeline`. One that `yields` computes only
+    while no other process wants the processor.
     """
     if yields:
         yield_processors()

@@ -139,7 +139,7 @@ class _Job(Generic[Item, Result]):
 def _in_order(
     pool: Pool, function: Callable[[Item], Result], items: Iterator[Item]
 ) -> Iterator[Result]:
-    """Yield the results in order. After a worker's death, run the suspected items one at a time.
+    """Yield the results in order; after a worker's death, run suspects one at a time.
 
     The death of one worker ends all futures and does not tell which item killed it. Items start in
     order, so the running ones are among the first unfinished, one for each worker. An item that

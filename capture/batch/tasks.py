@@ -282,9 +282,10 @@ def solve_set(
     raw: bool = False,
     on_progress: Callable[[float], None] | None = None,
 ) -> SolvedSet:
-    """Write the maps of a set, `relit.tif` under `light`; see `CapturedSet.solve` for `planar`.
+    """Solve a set and write its maps.
 
-    With `raw` a calibration that the set names is left out.
+    `relit.tif` is under `light`; see `CapturedSet.solve` for `planar`. With `raw` a calibration
+    that the set names is left out.
 
     Raises
     ------

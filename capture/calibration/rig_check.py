@@ -70,7 +70,7 @@ def lays_sheet_down(rig: Rig) -> bool:
 
 
 def drift_of_rig(rig: Rig, file: CalibrationFile) -> Drift:
-    """Capture one picture of a white sheet under each light, and compare it with a calibration.
+    """Capture a white sheet under each light, and compare it with a calibration.
 
     Raises
     ------

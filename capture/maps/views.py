@@ -1,4 +1,4 @@
-"""The maps of a surface as shown on the page: a picture, its colours and a caption for each."""
+"""The maps of a surface on the page: picture, colours and caption of each."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

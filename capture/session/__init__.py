@@ -1,1 +1,1 @@
-"""A planned lab session: plan, journal, and a runner that publishes events to any subscriber."""
+"""A planned lab session: plan, journal, and a runner that publishes events."""

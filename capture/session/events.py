@@ -108,7 +108,7 @@ class PlaceSpecimen:
 
 @dataclass(frozen=True)
 class PlaceSheet:
-    """Put a white matt sheet below the camera; SKIP does not compare the rig with its calibration.
+    """Put a white matt sheet below the camera; SKIP leaves the comparison out.
 
     `cause` is why the calibration did not hold at the previous try, None at the first one.
     """

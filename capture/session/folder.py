@@ -170,7 +170,7 @@ class SessionFolder:
                     continue
 
     def _is_unentered(self, planned: PlannedSet, metadata: SetMetadata) -> bool:
-        """Whether a file is of a planned set and this rig, with pixels that are not in the journal.
+        """Whether a file is of a planned set and this rig, and not in the journal.
 
         If the journal has an entry for the planned set, the file must be captured during a run:
         otherwise somebody copied it from elsewhere.

@@ -1,4 +1,4 @@
-"""The plan of a session: its specimens, their orientations and the settings of the capture."""
+"""The plan of a session: specimens, orientations and settings of the capture."""
 
 import os
 import re

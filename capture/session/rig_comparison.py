@@ -17,7 +17,7 @@ _NOT_COMPARED = Check(
 
 
 def compare_rig(rig: Rig, known: CalibrationFile, ask: Ask, publish: Publish) -> Answer:
-    """Ask for a white sheet, compare one picture of it with a calibration, and publish the result.
+    """Compare a rig with its calibration by a white sheet; publish the result.
 
     A simulated rig puts the sheet there itself. A person is asked again if the calibration does not
     hold. Return GO, or STOP if the person stops before the first comparison.

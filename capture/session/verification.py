@@ -75,7 +75,7 @@ def files_below(folder: Path, *names: str) -> list[Path]:
 
 
 def verify_file(path: Path) -> Iterator[Finding]:
-    """Read a file and check its hashes; for a journal, check that the sets of its session exist."""
+    """Read a file and check its hashes; of a journal, check the files of its sets."""
     try:
         if path.name == JOURNAL:
             yield from _session(path.parent)

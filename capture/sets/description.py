@@ -1,4 +1,4 @@
-"""Label, specimen, operator, note and orientation of a captured set, and their corrections."""
+"""The description of a captured set, such as its label, and its corrections."""
 
 import math
 from collections.abc import Mapping

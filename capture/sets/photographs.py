@@ -1,4 +1,4 @@
-"""Reading the photographs of one set: orientation, depth, crop, and values linear in light."""
+"""Read the photographs of one set: orientation, depth, crop, linear values."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -134,7 +134,7 @@ def _cropped(image: npt.NDArray[Any], crop: Crop | None) -> npt.NDArray[Any]:
 
 
 def _depth(images: Sequence[npt.NDArray[Any]], bits: int | None) -> tuple[int, int, int | None]:
-    """Depth of the data, the value of saturation, and the largest value if that was guessed from.
+    """Depth of the data, saturation value, and largest value if depth was guessed.
 
     Data of fewer bits than the file may fill its lower bits or its upper ones.
     """

@@ -1,6 +1,7 @@
-"""The Raspberry Pi Pico as a `firmware_sim.board.Board`: LEDs, strobe, trigger, sensor on its pins.
+"""The Raspberry Pi Pico as a `firmware_sim.board.Board`.
 
-For MicroPython on RP2040 and RP2350. README.md describes the wiring; change both together.
+LEDs, strobe, trigger and part sensor are on its pins. For MicroPython on RP2040 and RP2350.
+README.md describes the wiring; change both together.
 """
 
 import sys

@@ -144,7 +144,7 @@ class SimulatedCameraConfig(StampedCameraConfig):
 
 
 class ReplayCameraConfig(StampedCameraConfig):
-    """A simulated camera that shows the images of a captured set; size and depth are the set's."""
+    """A simulated camera that replays a captured set, in the set's size and depth."""
 
     kind: Literal["replay"] = "replay"
     set_file: str = Field(min_length=1, max_length=4096)

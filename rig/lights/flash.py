@@ -218,7 +218,7 @@ def _compare(files: Sequence[BoardFile], read_back: Sequence[str]) -> None:
 
 
 def _running_controller(port: str, *, stop: bool) -> ControllerIdentity | None:
-    """Identify the light controller that runs at a port, and stop it if asked; None without one."""
+    """Identify the controller that runs at a port, and `stop` it; None without one."""
     try:
         link = ControllerLink(port, any_protocol=True)
     except LightControllerError:

@@ -16,12 +16,18 @@ PowerSpectrum = Callable[[Frequencies, Frequencies], Frequencies]
 
 
 def fractal(exponent: float) -> PowerSpectrum:
-    """Isotropic fractal: w^-exponent with exponent 2 H + 2 for Hurst exponent H; infinite at 0."""
+    """Isotropic fractal: w^-exponent, infinite at 0.
+
+    The exponent is 2 H + 2 for the Hurst exponent H.
+    """
     return lambda u, v: np.asarray(np.hypot(u, v) ** -exponent)
 
 
 def mulvaney(cutoff_cpp: float) -> PowerSpectrum:
-    """Isotropic, after Mulvaney (1989): (w^2 / cutoff^2 + 1)^(-3/2), flat, then falling as w^-3."""
+    """Isotropic, after Mulvaney (1989): (w^2 / cutoff^2 + 1)^(-3/2).
+
+    Flat below the cut-off, then falling as w^-3.
+    """
     return lambda u, v: np.asarray(((u**2 + v**2) / cutoff_cpp**2 + 1.0) ** -1.5)
 
 

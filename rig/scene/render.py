@@ -26,10 +26,11 @@ DISTANT = math.inf
 
 
 class Gloss(NamedTuple):
-    """Blinn-Phong lobe: strength * (n . h)^exponent, with h halfway from the light to the camera.
+    """Blinn-Phong lobe: strength * (n . h)^exponent.
 
-    A glossy point whose h is its normal is brighter by `strength` times a white matt surface that
-    faces the light. The lobe has the colour of the light: the albedo has no part in it.
+    The vector h is halfway between the directions to the light and to the camera. A glossy point
+    whose h is its normal is brighter by `strength` times a white matt surface that faces the light.
+    The lobe has the colour of the light: the albedo has no part in it.
     """
 
     strength: float

@@ -110,7 +110,7 @@ def sample_rotated(
 
 @kernel
 def _cubic_weights(t: float) -> tuple[np.float32, np.float32, np.float32, np.float32]:
-    """Weights of the cubic B-spline at the distances 1 + t, t, 1 - t and 2 - t, for 0 <= t < 1."""
+    """Weights of the cubic B-spline at 1 + t, t, 1 - t and 2 - t, for 0 <= t < 1."""
     s = 1.0 - t
     first = s * s * s / 6.0
     second = (4.0 - 6.0 * t * t + 3.0 * t * t * t) / 6.0
@@ -129,7 +129,7 @@ def _sample(
     last: int,
     out: FloatArray,
 ) -> None:
-    """Rows `first` to `last` of `sample_rotated`; position and rotation in pixels of the spline."""
+    """Interpolate rows `first` to `last`; position and rotation in spline pixels."""
     fine_rows, fine_cols, count = coefficients.shape
     side = out.shape[1]
     half = 0.5 * (side - 1)

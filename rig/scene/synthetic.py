@@ -1,4 +1,4 @@
-"""Synthetic textures: the four surfaces of the thesis, 26 more, and 2 twins of equal spectrum.
+"""Synthetic textures: the four of the thesis, 26 more, 2 twins of equal spectrum.
 
 `SYNTHETIC_30` holds the four of J. Wu (PhD thesis, Heriot-Watt University, 2003), variations of
 them, and relief that is not Gaussian. Any two differ in the power spectrum of relief or albedo,
@@ -157,7 +157,7 @@ Pits are inverted domes. The other has the amplitudes of cobbles with random pha
 
 
 def tile_side_px(size_px: int) -> int:
-    """Side of the tile for a frame of side `size_px`: a power of two of at least twice the frame.
+    """Side of the tile for a frame: a power of two, at least twice `size_px`.
 
     A rotated frame then shows no part of the tile twice. The side is 512 to 4096: the spline
     coefficients of a larger tile need more than a gigabyte. Frames beyond 2048 pixels repeat

@@ -231,7 +231,10 @@ def _scratch(defect: Defect, along: Image, across: Image) -> _Shape:
 
 
 def _blot(defect: Defect, along: Image, across: Image) -> _Shape:
-    """Weight of a stain or a patch: 1 within, a raised cosine down to 0 at an irregular outline."""
+    """Weight of a stain or a patch: 1 within, 0 beyond an irregular outline.
+
+    Towards the outline it falls as a raised cosine.
+    """
     distance, angle = np.hypot(along, across), np.arctan2(across, along)
     radius, turning = np.full_like(distance, 0.85), np.zeros_like(distance)
     for lobes, amplitude, start in _LOBES:

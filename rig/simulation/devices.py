@@ -1,4 +1,4 @@
-"""The simulated rig as devices: its firmware on a serial line, its frames in a loopback device.
+"""The simulated rig as devices: a serial line, and a loopback device for frames.
 
 Any program can open the other end of the line and the loopback device as a rig.
 """

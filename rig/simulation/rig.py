@@ -1,4 +1,4 @@
-"""The simulated rig below the drivers: firmware on a pty, LEDs, a part, and a camera above it."""
+"""The simulated rig below the drivers: firmware on a pty, LEDs, part, camera."""
 
 from collections.abc import Callable
 from pathlib import Path

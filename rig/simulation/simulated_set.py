@@ -1,4 +1,4 @@
-"""One image set of a rendered scene, without LED and frame timing: fast, for studies and tests."""
+"""One image set of a rendered scene, without timing: for studies and tests."""
 
 from __future__ import annotations
 

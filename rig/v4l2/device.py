@@ -1,4 +1,4 @@
-"""A V4L2 capture device: formats, frame rate and a stream of buffers, over ``ioctl`` and ``mmap``.
+"""A V4L2 capture device: formats, frame rate and a stream of buffers.
 
 No call blocks for ever: the device is opened non-blocking, and ``poll`` waits for a buffer up to a
 deadline. `controls` has the controls, `pixel_formats` the pixels.
