@@ -30,7 +30,7 @@ Sets = Annotated[
 ]
 Label = Annotated[str | None, typer.Option(help="Texture class of the part.")]
 Specimen = Annotated[str | None, typer.Option(help="Which piece it is, such as fabric-07.")]
-Operator = Annotated[str | None, typer.Option(help="Who captures it.")]
+Operator = Annotated[str | None, typer.Option(help="Name of the operator.")]
 Note = Annotated[str | None, typer.Option(help="Anything else that belongs to the set.")]
 Calibration = Annotated[
     Path | None,

@@ -31,7 +31,7 @@ def reproduce(
         typer.Option("--out", help="Folder for the page, pictures and CSV files.", metavar="DIR"),
     ],
     quick: Annotated[
-        bool, typer.Option("--quick", help="Fewer textures and orientations; about two minutes.")
+        bool, typer.Option("--quick", help="Fewer textures and orientations; three minutes.")
     ] = False,
     materials: Annotated[
         Path | None,
@@ -53,7 +53,7 @@ def reproduce(
         bool,
         typer.Option(
             "--calibration",
-            help="Measure what a calibration of a simulated rig with faults buys, not the chapter.",
+            help="Measure the benefit of calibrating simulated rigs with faults, not the chapter.",
         ),
     ] = False,
     defects: Annotated[

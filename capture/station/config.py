@@ -177,13 +177,13 @@ disk_floor_mb = 500          # with less free space triggers are refused
 plate_check = false          # true: a white sheet is below the camera when the station starts
 reconnect_s = 5.0            # between attempts to open a rig that was lost
 
-# FAIL, UNKNOWN and ERROR keep their set files for ever.
+# The set files of FAIL, UNKNOWN and ERROR are kept for ever.
 [retention]
 pass_every = 20              # one in this many passed parts keeps its file, too
 pass_days = 7                # the files of the others are removed after this many days
 
-# The panel, and the HTTP API. Beyond this machine they need users (ps4rig station user add), and
-# tls_cert and tls_key, or behind_proxy = true.
+# The panel, and the HTTP API. For access from other machines they need users (ps4rig station user
+# add), and tls_cert and tls_key, or behind_proxy = true.
 [panel]
 host = "127.0.0.1"
 port = 8100
@@ -204,10 +204,10 @@ port = 8100
 
 # Parts below the camera of a simulated rig; a real rig ignores them.
 [simulated_parts]
-seed = 100                   # another one than that of the taught sets
+seed = 100                   # should differ from the seed of the taught sets
 surfaces = ["rock"]
-others = ["sand"]            # surfaces that should not come
-share_other = 0.02           # and how often they come
+others = ["sand"]            # unexpected surfaces
+share_other = 0.02           # their share of the parts
 orientations_deg = []        # one of these; any orientation if empty
 share_defective = 0.05
 defects = ["scratch", "dent", "bump", "stain"]

@@ -24,8 +24,8 @@ def simulate(
     serial: Annotated[
         str | None,
         typer.Option(
-            help="Serial device at which the firmware answers: the far end of a USB gadget or of "
-            "a null modem. Without it a pseudo-terminal is made.",
+            help="Serial device on which the firmware answers: this machine's end of a USB gadget "
+            "or of a null modem. Without it a pseudo-terminal is made.",
             metavar="DEV",
         ),
     ] = None,

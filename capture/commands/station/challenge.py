@@ -19,7 +19,9 @@ def challenge(
     folder: Station,
     add: Annotated[
         list[Path] | None,
-        typer.Option(help="Captured set to add instead; may be given again.", metavar="SET"),
+        typer.Option(
+            help="Add this set and replay nothing. Repeat the option for more.", metavar="SET"
+        ),
     ] = None,
     expect: Annotated[
         Literal["PASS", "FAIL", "UNKNOWN"] | None,
@@ -27,7 +29,10 @@ def challenge(
     ] = None,
     remove: Annotated[
         list[str] | None,
-        typer.Option(help="Part to take out instead; may be given again.", metavar="FILE"),
+        typer.Option(
+            help="Take this part out and replay nothing. Repeat the option for more.",
+            metavar="FILE",
+        ),
     ] = None,
     recipe: Annotated[
         str | None,
@@ -38,8 +43,8 @@ def challenge(
 ) -> None:
     """Replay the challenge set: stored parts, each with the verdict that it must get.
 
-    A changed recipe, library, calibration or version of ps4rig runs only after all got theirs. The
-    exit status is 1 if one did not.
+    After a change of the recipe, the library, the calibration or ps4rig, a station runs only if all
+    parts get their verdicts. The exit status is 1 if one does not.
     """
     from capture.station.challenge.challenge import run_challenge
     from capture.station.folder import StationFolder

@@ -11,8 +11,8 @@ from .teach import Station
 def doctor(folder: Station, as_json: options.Json = False) -> None:
     """Check everything that a station needs.
 
-    Recipe, challenge, calibration, results, disk and rig; where systemd runs, its unit. The exit
-    status is 1 if there is a fault.
+    It checks recipe, challenge set, calibration, results, disk and rig; where systemd runs, also
+    the unit of the station. The exit status is 1 if there is a fault.
     """
     from capture.station.diagnosis import diagnose_station
     from capture.station.service.unit_check import diagnose_unit

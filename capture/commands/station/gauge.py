@@ -42,10 +42,9 @@ def gauge(
 ) -> None:
     """Study the station as a gauge: known parts, each presented several times.
 
-    The recipe is the one with which the next run begins.
-    Effectiveness, misses and false alarms with exact bounds, against the 90, 2 and 5 % of AIAG. The
-    report is kept beside the recipe, for the panel. The exit status is 1 if they are not
-    acceptable.
+    The recipe is the one with which the next run begins. Effectiveness, misses and false alarms are
+    reported with exact bounds, and compared with the 90, 2 and 5 % of AIAG. The report is kept
+    beside the recipe, for the panel. The exit status is 1 if the rating is not acceptable.
     """
     from capture.station.folder import StationFolder
     from capture.station.gauge.gauge import GaugeStudy

@@ -21,7 +21,7 @@ RecipeName = Annotated[
 By = Annotated[
     str | None,
     typer.Option(
-        help="Who changes it, for the log of changes.",
+        help="Who makes this change, for the log of changes.",
         metavar="NAME",
         show_default="the user of the system",
     ),
@@ -35,8 +35,8 @@ def teach(
         list[Path] | None,
         typer.Argument(
             metavar="[SET...]",
-            help="Captured sets of good parts, and folders of them; none teaches the known sets "
-            "again, after a change of the region.",
+            help="Captured sets of good parts, and folders of them. Without any, the known sets "
+            "are taught again, for example after a change of the region.",
         ),
     ] = None,
     recipe: RecipeName = None,

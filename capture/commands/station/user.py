@@ -30,7 +30,7 @@ token_app = command_group("The programs that may use a station's HTTP API.")
 @user_app.command("add")
 @reported
 def add_user(folder: Folder, name: UserName, role: RoleName) -> None:
-    """Add a user, or give one another role and password.
+    """Add a user, or change the role and password of one.
 
     The password is asked for, or is the first line of the standard input.
     """
