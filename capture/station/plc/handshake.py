@@ -152,12 +152,13 @@ class Handshake:
         """
         first = address - PLC_ADDRESS
         if first < 0 or first + len(words) > PLC_WORDS:
-            raise ValueError(f"registers {address} to {address + len(words) - 1}")
+            last = address + len(words) - 1
+            raise ValueError(f"registers {address} to {last} are not all written by the PLC")
         written = list(self._written)
         written[first : first + len(words)] = words
         before, given = self.commands, decoded(PLC, written)
         if given["commands"] & ~int(_ALL_COMMANDS):
-            raise ValueError(f"commands = {given['commands']:#x}")
+            raise ValueError(f"commands = {given['commands']:#x} has bits without a meaning")
         self._written = written
         old, new = Command(before["commands"]), Command(given["commands"])
         if Command.RESULTS_ACK in new & ~old:

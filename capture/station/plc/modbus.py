@@ -15,6 +15,7 @@ from pymodbus.exceptions import ModbusException
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
+from capture.station.errors import error_text
 from capture.station.face_config import ModbusConfig
 from classify.errors import InputError
 
@@ -128,7 +129,8 @@ def serving_modbus(line: PlcLine, settings: ModbusConfig) -> Iterator[str]:
     thread = threading.Thread(target=run, name="modbus", daemon=True)
     thread.start()
     if not started.wait(_START_S) or failures:
-        raise InputError(f"[modbus] {where}: the server did not start: {failures}")
+        reason = error_text(failures[0]) if failures else f"no answer within {_START_S:g} s"
+        raise InputError(f"[modbus] {where}: the server did not start: {reason}")
     try:
         with line:
             yield where
