@@ -122,9 +122,9 @@ def _of_photographs(given: list[Path], gamma: Gamma | None, bits: int | None) ->
     frames = np.stack(photographs.planes)
     found = dark_of(frames, photographs.full_scale)
     dark = found.dark
-    for captured in sets:
+    for path, captured in zip(set_paths, sets, strict=True):
         if captured.ambient is None:
-            raise InputError("a set of --from has no ambient image; leave it out")
+            raise InputError(f"{path}: has no ambient image; leave it out")
         dark = with_ambient(dark, captured.ambient, captured.metadata.full_scale)
     setting = Setting.of_photographs(photographs)
     return dark_part(found, dark, setting, [path.name for path in (*images, *set_paths)])
