@@ -55,11 +55,11 @@ def gauge(
     station = StationFolder(folder)
     files = station.recipe_files(first_recipe(station))
     if known:
-        found, of = _recorded(station, files.name, known)
+        found, judged = _recorded(station, files.name, known)
     else:
-        found, of = _presented(station, files, parts, times, seed)
+        found, judged = _presented(station, files, parts, times, seed)
     study = GaugeStudy(tuple(found))
-    report = GaugeReport.of(study, files.name, of.recipe_sha256, simulated=of.simulated)
+    report = GaugeReport.of(study, files.name, judged.recipe_sha256, simulated=judged.simulated)
     make_folder(files.gauge.parent)
     write_gauge_report(files.gauge, report)
     if json:

@@ -17,6 +17,10 @@ Rating = Literal["acceptable", "marginal", "unacceptable"]
 # edition, chapter III C): acceptable, and marginal.
 ACCEPTABLE = (0.90, 0.02, 0.05)
 MARGINAL = (0.80, 0.05, 0.10)
+_RATINGS: tuple[tuple[Rating, tuple[float, float, float]], ...] = (
+    ("acceptable", ACCEPTABLE),
+    ("marginal", MARGINAL),
+)
 _MAX_BYTES = 1 << 22
 _TRUTHS = {"good": True, "bad": False}
 
@@ -66,10 +70,8 @@ class GaugeStudy:
 
     Attributes
     ----------
-    effectiveness
-        Parts on which every presentation got the right verdict.
-    misses, false_alarms
-        Bad parts that passed and good parts that did not, as shares of the presentations.
+    presentations
+        All presentations, with their verdicts.
     """
 
     presentations: tuple[Presentation, ...]
@@ -97,9 +99,9 @@ class GaugeStudy:
         if any(value is None for value in found):
             return "unacceptable"
         effective, missed, alarmed = (value or 0.0 for value in found)
-        for rating, (least, misses, alarms) in (("acceptable", ACCEPTABLE), ("marginal", MARGINAL)):
+        for rating, (least, misses, alarms) in _RATINGS:
             if effective >= least and missed <= misses and alarmed <= alarms:
-                return "acceptable" if rating == "acceptable" else "marginal"
+                return rating
         return "unacceptable"
 
     def lines(self) -> list[str]:
