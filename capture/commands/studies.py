@@ -45,7 +45,7 @@ def reproduce(
         Path | None,
         typer.Option(
             help="Folder of folders of photographs with lights.json: measure the solvers on "
-            "these, not the chapter.",
+            "these instead of the chapter.",
             metavar="DIR",
         ),
     ] = None,
@@ -60,7 +60,7 @@ def reproduce(
         bool,
         typer.Option(
             "--defects",
-            help="Measure which simulated defects a defect map finds, not the chapter.",
+            help="Measure which simulated defects a defect map finds, instead of the chapter.",
         ),
     ] = False,
     workers: options.Workers = None,

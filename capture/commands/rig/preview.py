@@ -27,7 +27,7 @@ def preview(
     turn_to: Annotated[
         float | None,
         typer.Option(
-            metavar="DEG", help="Orientation to which the outline is turned; without it, as in SET."
+            metavar="DEG", help="Orientation at which the outline is drawn; without it, as in SET."
         ),
     ] = None,
 ) -> None:

@@ -57,7 +57,7 @@ def panel_settings(configured: PanelConfig, host: str | None, port: int | None) 
     Raises
     ------
     ConfigError
-        For a host that is no address of this machine.
+        For a host that is not an address of this machine.
     """
     from capture.station.face_config import PanelConfig
     from rig.config.toml_file import validated

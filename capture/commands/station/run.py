@@ -41,7 +41,10 @@ def run(
     port: Annotated[
         int | None,
         typer.Option(
-            min=0, max=65535, help="Its port; 0 is any.", show_default="that of station.toml"
+            min=0,
+            max=65535,
+            help="Port of the panel; 0 chooses a free one.",
+            show_default="that of station.toml",
         ),
     ] = None,
     collect: Annotated[
@@ -56,7 +59,7 @@ def run(
     """Inspect part after part. Ctrl-C ends it after the part in progress.
 
     With --trigger enter each line is a trigger, its text the id of the part; q ends it. The exit
-    status is 1 if a part did not pass. The address of the panel is printed; it triggers parts, too.
+    status is 1 if a part did not pass. The panel, whose address is printed, triggers parts, too.
 
     With --collect each part is UNKNOWN, and neither recipe nor challenge set is needed. Teach its
     parts in the panel, or by station teach.

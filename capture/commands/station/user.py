@@ -14,7 +14,7 @@ from capture.process.utc_time import readable_utc
 
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the station.")]
 UserName = Annotated[str, typer.Argument(metavar="NAME", help="Name of the user.")]
-ClientName = Annotated[str, typer.Argument(metavar="NAME", help="Name of the program.")]
+ClientName = Annotated[str, typer.Argument(metavar="NAME", help="Name of the API client.")]
 RoleName = Annotated[
     Literal["operator", "engineer", "administrator"],
     typer.Option(
@@ -24,7 +24,7 @@ RoleName = Annotated[
 ]
 
 user_app = command_group("The people who may use a station's panel.")
-token_app = command_group("The programs that may use a station's HTTP API.")
+token_app = command_group("The API clients: programs that may use a station's HTTP API.")
 
 
 @user_app.command("add")
@@ -71,7 +71,7 @@ def list_users(folder: Folder) -> None:
 @token_app.command("add")
 @reported
 def add_token(folder: Folder, name: ClientName, role: RoleName) -> None:
-    """Add a program and print its token, which is kept nowhere."""
+    """Add an API client and print its token, which is not stored."""
     from capture.station.folder import StationFolder
     from capture.station.panel.access.accounts import accounts_on_the_terminal
     from capture.station.panel.access.roles import Role
@@ -83,7 +83,7 @@ def add_token(folder: Folder, name: ClientName, role: RoleName) -> None:
 @token_app.command("remove")
 @reported
 def remove_token(folder: Folder, name: ClientName) -> None:
-    """Remove a program; its token is invalid at once."""
+    """Remove an API client; its token is invalid at once."""
     from capture.station.folder import StationFolder
     from capture.station.panel.access.accounts import accounts_on_the_terminal
 
@@ -95,7 +95,7 @@ def remove_token(folder: Folder, name: ClientName) -> None:
 @token_app.command("list")
 @reported
 def list_tokens(folder: Folder) -> None:
-    """List the programs that have a token."""
+    """List the API clients."""
     from capture.station.folder import StationFolder
     from capture.station.panel.access.tokens import Tokens
 
