@@ -1,4 +1,4 @@
-"""Pages of users, API clients and changes; everybody's own password."""
+"""Pages of users and API clients, of changes, and of one's own password."""
 
 from starlette.responses import RedirectResponse, Response
 
@@ -96,8 +96,9 @@ ROUTES = (
         "POST", "/accounts", Role.ADMINISTRATOR, _change_accounts,
         "Add or remove a user or an API client.",
         fields={
-            "action": "put user, remove user, add client or remove client", "name": "whom",
-            "role": "of a new one", "password": "of a user",
+            "action": "put user, remove user, add client or remove client",
+            "name": "name of the user or client", "role": "role of a new user or client",
+            "password": "password of a new user",
         },
         answer=_HTML,
     ),

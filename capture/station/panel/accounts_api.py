@@ -79,10 +79,10 @@ ROUTES = (
         fields=_FIELDS | {"password": "8 to 256 characters"},
     ),
     PanelRoute("DELETE", f"{V1}/users/{{name}}", _ADMIN, _remove_user, "Remove a user."),
-    PanelRoute("GET", f"{V1}/tokens", _ADMIN, _clients, "The programs that have a token."),
+    PanelRoute("GET", f"{V1}/tokens", _ADMIN, _clients, "The API clients."),
     PanelRoute(
         "POST", f"{V1}/tokens", _ADMIN, _add_client,
-        "Add a program; the answer has its token, which is kept nowhere.", fields=_FIELDS,
+        "Add an API client; the answer has its token, which is not stored.", fields=_FIELDS,
     ),
-    PanelRoute("DELETE", f"{V1}/tokens/{{name}}", _ADMIN, _remove_client, "Remove a program."),
+    PanelRoute("DELETE", f"{V1}/tokens/{{name}}", _ADMIN, _remove_client, "Remove an API client."),
 )  # fmt: skip

@@ -124,7 +124,7 @@ def newest_parts(
     Raises
     ------
     InputError
-        If `below` is no number of a part.
+        If `below` is not the number of a part.
     """
     if "below" in call.query:
         selection = replace(selection, below_number=whole_number(call, "below", 1, 2**53))
@@ -276,7 +276,7 @@ ROUTES = (
     ),
     PanelRoute(
         "GET", f"{V1}/parts/{{part_id}}", Role.OPERATOR, _part, "One part.",
-        query={"wait_s": f"wait so long for its result, at most {LONGEST_WAIT_S:g}"},
+        query={"wait_s": f"seconds to wait for its result, at most {LONGEST_WAIT_S:g}"},
     ),
     PanelRoute(
         "GET", f"{V1}/parts/{{part_id}}/set", Role.OPERATOR, _set_file,
@@ -289,7 +289,7 @@ ROUTES = (
     PanelRoute(
         "POST", f"{V1}/parts/{{part_id}}/override", Role.ENGINEER, _override,
         "Give a part another verdict; the station's own stays beside it.",
-        fields={"decision": "PASS or FAIL", "reason": "why"},
+        fields={"decision": "PASS or FAIL", "reason": "reason of the override"},
     ),
     PanelRoute(
         "GET", f"{V1}/audit", Role.ENGINEER, _audit, "Who changed what, the newest first.",

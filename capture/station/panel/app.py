@@ -54,7 +54,7 @@ def panel_app(panel: Panel) -> Starlette:
 
     async def http_error(request: Request, error: Exception) -> Response:
         status = error.status_code if isinstance(error, HTTPException) else 500
-        words = {404: "there is no such page", 405: "this page does not take that"}
+        words = {404: "there is no such page", 405: f"{request.method} is not allowed here"}
         return error_answer(panel, request, status, words.get(status, "the request failed"))
 
     rule = HostRule(frozenset(panel.settings.names))

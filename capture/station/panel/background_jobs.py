@@ -239,11 +239,11 @@ def _work(
             taken += 1
             report(step=description, taken=taken, total=total)
 
-    def done(show: ShowProgress) -> dict[str, Any]:
+    def run(show: ShowProgress) -> dict[str, Any]:
         return work(show, *arguments)
 
     try:
-        result = call_in_one_thread(done, show)
+        result = call_in_one_thread(run, show)
     except Exception as error:
         if not isinstance(error, Ps4rigError):
             _log.exception("the job failed")

@@ -37,7 +37,7 @@ async def events(call: Call) -> Response:
         raise Denied(503, f"{MOST_STREAMS} event streams are open", {"Retry-After": "5"})
 
     async def may_go_on() -> bool:
-        """Whether the user was not removed, nor the session ended."""
+        """Whether the user still exists, and the session goes on."""
         try:
             who = await run_in_threadpool(identity_of, call.panel, call.request)
         except Denied:

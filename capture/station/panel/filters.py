@@ -9,12 +9,12 @@ from classify.errors import InputError
 
 FILTERS = {
     "since": "parts triggered then or later: 2026-11-22 or 2026-11-22T14:30, UTC",
-    "until": "parts triggered then or earlier; a date or a minute: all of it",
+    "until": "parts triggered then or earlier; a date or a minute counts to its end",
     "verdict": "the verdict that holds, after overrides: PASS, FAIL, UNKNOWN or ERROR",
     "part": "identity of the part",
     "class": "the texture that was found",
     "recipe": "name of the recipe",
-    "simulated": "true: also parts of a simulated rig; only: these alone; without it production",
+    "simulated": "true: also parts of a simulated rig; only: these alone; by default production",
 }
 OF_ONE_PART = ("verdict", "part")
 """Filters that statistics do not have."""

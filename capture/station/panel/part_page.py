@@ -74,7 +74,7 @@ def _facts(result: PartResult) -> Iterator[tuple[str, str | None]]:
     yield "recipe", recipe
     yield "texture", result.label or (result.nearest and f"unknown, nearest {result.nearest}")
     levels = ", ".join(f"{level:.0%}" for level in result.led_levels)
-    yield "LED levels, of the taught ones", levels or None
+    yield "LED levels, against the taught ones", levels or None
     times = ", ".join(f"{name} {ms:.0f}" for name, ms in result.timings_ms.items())
     yield "times in ms", times or None
     yield "notes", "; ".join(result.notes) or None
@@ -82,7 +82,7 @@ def _facts(result: PartResult) -> Iterator[tuple[str, str | None]]:
 
 
 def _hashes(result: PartResult) -> Iterator[tuple[str, str | None]]:
-    yield "set, its pixels", result.set_sha256
+    yield "pixels of the set", result.set_sha256
     yield "recipe", result.recipe_sha256
     yield "texture library", result.library_sha256
     yield "calibration", result.calibration_sha256
@@ -97,6 +97,6 @@ ROUTES = (
     PanelRoute(
         "POST", "/parts/{part_id}/override", Role.ENGINEER, _override,
         "Give a part another verdict, from its page.", answer="text/html",
-        fields={"decision": "PASS or FAIL", "reason": "why"},
+        fields={"decision": "PASS or FAIL", "reason": "reason of the override"},
     ),
 )  # fmt: skip

@@ -160,14 +160,14 @@ async def _asked(
 ROUTES = (
     PanelRoute(
         "GET", f"{V1}/parts/{{part_id}}/pictures", Role.OPERATOR, _about,
-        "Which pictures of a part there are, with captions; and its defects with outlines.",
+        "The pictures of a part with captions, and its defects with outlines.",
         query={"size": _SIZE, "content": "yes: with the pictures, as media_type and base64",
                "without": "name of a picture of which no content is needed"},
     ),
     PanelRoute(
         "GET", f"{V1}/parts/{{part_id}}/pictures/{{name}}", Role.OPERATOR, _picture,
         "A picture of a part, made from its stored set: light-0 and so on, albedo, relief, shadow, "
-        "defects, normals, defects, defect-map; slopes at the large size.",
+        "normals, defects, defect-map; slopes at the large size.",
         query={"size": _SIZE}, answer="image/jpeg",
     ),
 )  # fmt: skip

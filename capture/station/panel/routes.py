@@ -63,7 +63,7 @@ class Call:
         Raises
         ------
         InputError
-            If it is missing and has no default, or is no text.
+            If it is missing and has no default, or is not a text.
         """
         value = self.fields.get(name, default)
         if value is None:
@@ -95,7 +95,7 @@ class PanelRoute:
     fields
         Names of the form or JSON object, each with its meaning.
     types
-        Types of fields that are no text: ``array`` or ``object``.
+        Types of fields that are not texts: ``array`` or ``object``.
     answer
         Media type of the answer.
     menu

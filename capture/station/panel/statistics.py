@@ -97,7 +97,7 @@ def statistics_of(panel: Panel, selection: Selection) -> StationStatistics:
     """
     if selection.simulated is None:
         raise InputError(
-            "simulated = 'true': give false or only; parts of a simulated rig are no production"
+            "simulated = 'true': give false or only; parts of a simulated rig are not production"
         )
     store = panel.results.store
     with _one_at_a_time():
@@ -141,7 +141,7 @@ def led_names(folder: StationFolder, leds: int) -> Sequence[str]:
 
 
 def gauge_of(folder: StationFolder, selection: Selection) -> GaugeReport | None:
-    """Return the gauge study of the selected recipe, or of that of the next run, if it was made."""
+    """Return the gauge study of the selected recipe, by default of that of the next run."""
     try:
         files = folder.recipe_files(selection.recipe or first_recipe(folder))
     except InputError:
@@ -217,9 +217,9 @@ def _control_figures(
             f"led-{number}" if number else "distance",
             Figure(
                 title,
-                f"Means of five of the last {MOST_MEASURED} parts that matched a texture; the "
-                "first 20 points are the baseline. Marked points break a Western Electric rule; "
-                "the list says where that begins.",
+                f"A point is the mean of five of the last {MOST_MEASURED} parts that matched a "
+                "texture; the first 20 points are the baseline. Marked points break a Western "
+                "Electric rule; the list says where that begins.",
                 (
                     "number", "part_id", "triggered_utc", "value", "centre", "lower_limit",
                     "upper_limit", "broken_rules",

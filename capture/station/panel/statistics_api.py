@@ -18,7 +18,7 @@ from .security import Denied
 from .statistics import Figure, StationStatistics, statistics_of
 
 _FILTERS = {name: about for name, about in FILTERS.items() if name not in OF_ONE_PART} | {
-    "simulated": "only: parts of a simulated rig; without it production"
+    "simulated": "only: parts of a simulated rig; by default production"
 }
 
 

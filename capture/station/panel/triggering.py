@@ -78,7 +78,7 @@ class KeyedTriggers:
         if key is None:
             return self._live.submit(Trigger("http", part_id, recipe))
         if not 1 <= len(key) <= LONGEST_KEY:
-            raise InputError(f"Idempotency-Key: give 1 to {LONGEST_KEY} characters")
+            raise InputError(f"Idempotency-Key: {len(key)} characters; give 1 to {LONGEST_KEY}")
         # One at a time: of two requests with one key, the second waits for the first.
         with self._lock:
             if key in self._accepted:
@@ -117,6 +117,10 @@ def _require_same(given: str | None, part_id: str | None, known: str) -> None:
 def _require_recipe(given: str | None, recipe: str | None, known: str) -> None:
     if recipe != given:
         raise OtherPart(
-            f"Idempotency-Key: was accepted for part {known} and recipe {given or 'of any name'}, "
-            f"and comes again with {recipe or 'any'}; give each part its own key"
+            f"Idempotency-Key: was accepted for part {known} and {_named(given)}, and comes again "
+            f"with {_named(recipe)}; give each part its own key"
         )
+
+
+def _named(recipe: str | None) -> str:
+    return "no recipe" if recipe is None else f"recipe {recipe}"

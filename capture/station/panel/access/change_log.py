@@ -9,7 +9,7 @@ from .roles import Identity
 
 
 class ChangeLog:
-    """Writes changes to the results, which the first change makes, and to ``station.log``.
+    """Writes changes to the database of results, made if missing, and to ``station.log``.
 
     A change is recorded before it is made: a change without a row would be worse than a row of a
     change that failed.

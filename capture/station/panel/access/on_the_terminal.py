@@ -36,7 +36,7 @@ def changing_on_the_terminal(
         If the name is empty, too long or does not print.
     """
     if by is not None and not (by.strip() and by.isprintable() and len(by) <= _LONGEST_NAME):
-        raise InputError(f"--by {by[:20]!r}: give a name of 1 to {_LONGEST_NAME} characters")
+        raise InputError(f"--by {by[:20]!r}: give 1 to {_LONGEST_NAME} printable characters")
     user = system_user()
     name = f"{user}, on the terminal" if by is None else f"{by}, on the terminal as {user}"
     with closing(ResultsAccess(folder)) as results:

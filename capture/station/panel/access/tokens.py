@@ -67,7 +67,7 @@ class Tokens:
         return next(found, None)
 
     def add(self, name: str, role: Role) -> str:
-        """Add a client and return its token, which is kept nowhere.
+        """Add a client and return its token, which is not stored.
 
         Raises
         ------

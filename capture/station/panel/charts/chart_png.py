@@ -7,7 +7,7 @@ import numpy.typing as npt
 from .drawing import Box, Dot, Drawing, Kind, Line, Words
 
 UInt8Array = npt.NDArray[np.uint8]
-# Pixels of the file for one of the drawing: it stays sharp in a report.
+# Pixels of the file for each pixel of the drawing, so that it stays sharp in a report.
 _SCALE = 2
 # Room above for the heading, in pixels of the drawing.
 _HEADING = 44

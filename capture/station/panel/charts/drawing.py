@@ -99,7 +99,7 @@ def scale_around(values: Sequence[float], begin: float, end: float) -> Scale:
 
 
 def ticks(low: float, high: float, most: int = 5) -> list[float]:
-    """Return round values between two others, at most `most`, and at least one interval apart."""
+    """Return equidistant round values from `low` to `high`, at most `most` intervals."""
     rough = (high - low) / most
     power = 10.0 ** math.floor(math.log10(rough))
     step = next(each * power for each in (1, 2, 5, 10) if each * power >= rough * (1 - 1e-9))

@@ -104,7 +104,7 @@ class PictureMaker:
     def ask(
         self, result: PartResult, path: Path, size: str, *, waits: bool = True
     ) -> Future[PartPictures] | None:
-        """Return the pictures of a part, in future; None if too many parts wait already.
+        """Return a future of the pictures of a part; None if too many parts wait already.
 
         The future raises `BrokenExecutor` if the process dies; it is started again for the next
         part. It is cancelled if the pictures were made for somebody who could not wait.
@@ -116,7 +116,7 @@ class PictureMaker:
         size
             A name of `SIZES`.
         waits
-            False for pictures that have waited long enough.
+            False makes the pictures at once, in a thread of this process.
         """
         key = (result.part_id, result.set_sha256, size)
         with self._lock:

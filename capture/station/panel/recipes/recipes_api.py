@@ -153,7 +153,7 @@ def _remove(call: Call) -> Response:
 def _job(call: Call) -> Response:
     job = call.panel.jobs.last
     if job is None:
-        raise Denied(404, "no job was started since the station runs")
+        raise Denied(404, "no job was started in this run")
     return JsonAnswer(asdict(job))
 
 

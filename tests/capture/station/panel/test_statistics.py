@@ -121,7 +121,7 @@ def test_parts_of_a_simulated_rig_are_shown_as_such_and_never_as_production(
     assert statistics_of(filled)["parts"] == PRODUCED
     assert statistics_of(filled, "simulated=only")["parts"] == SIMULATED
     refused = filled.local.get("/api/v1/statistics?simulated=true")
-    assert (refused.status, "no production" in refused.json["error"]) == (400, True)
+    assert (refused.status, "not production" in refused.json["error"]) == (400, True)
 
 
 def test_statistics_are_the_same_on_the_page_and_from_the_api_and_the_command(
