@@ -94,9 +94,9 @@ def station_folder(path: Path) -> Iterator[StationFolder]:
     Raises
     ------
     InputError
-        If it is no station, its configuration is wrong, or another program has it open.
+        If it is not a station, its configuration is wrong, or another program has it open.
     """
-    StationFolder(path)  # raises before a lock file is made in a folder that is no station
+    StationFolder(path)  # raises before a lock file is made in a folder that is not a station
     with folder_lock(path, _LOCK):
         yield StationFolder(path)
 

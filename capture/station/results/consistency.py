@@ -27,5 +27,5 @@ def contradictions(store: ResultStore) -> Iterator[str]:
             for (said,) in connection.exec_driver_sql("PRAGMA integrity_check"):
                 if said != "ok":
                     yield said
-            for table, row, of, _ in connection.exec_driver_sql("PRAGMA foreign_key_check"):
-                yield f"row {row} of {table} has no row of {of}"
+            for table, row, parent, _ in connection.exec_driver_sql("PRAGMA foreign_key_check"):
+                yield f"row {row} of {table} refers to a row of {parent} that is missing"

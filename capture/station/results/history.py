@@ -66,7 +66,7 @@ class Selection:
     recipe
         Name of the recipe.
     simulated
-        Whether parts of a simulated rig are selected, True for these alone.
+        False selects production, True parts of a simulated rig.
     part_id
         Identity of the part.
     below_number
@@ -166,10 +166,11 @@ def entries(
 
 
 def _selected(station: str, selection: Selection) -> Select[Any]:
-    said = [_LAST.c[name].label(f"override_{name}") for name in ("decision", "by", "reason", "utc")]
+    names = ("decision", "by", "reason", "utc")
+    override = [_LAST.c[name].label(f"override_{name}") for name in names]
     joined = JOINED.outerjoin(removed_sets, same_part(removed_sets, results))
     return (
-        select(results, *said, removed_sets.c.utc.label("set_removed_utc"))
+        select(results, *override, removed_sets.c.utc.label("set_removed_utc"))
         .select_from(joined)
         .where(*conditions(station, selection))
     )

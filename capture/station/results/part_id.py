@@ -34,7 +34,7 @@ def require_given_part_id(part_id: str) -> str:
             "underscores, the first a letter or a digit"
         )
     if _DEVICE.fullmatch(part_id):
-        raise InputError(f"part id {part_id}: is no name of a file on Windows; give another one")
+        raise InputError(f"part id {part_id}: cannot be a file name on Windows; give another one")
     if _MADE.fullmatch(part_id):
         raise InputError(
             f"part id {part_id}: the station makes ids of this form itself; give another one"

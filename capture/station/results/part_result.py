@@ -82,7 +82,8 @@ class PartResult:
     led_levels
         Measured level of each light against the taught one, in the order of the lights.
     timings_ms
-        Duration of each step by name, and ``exposed_to_announced`` where it is known.
+        Duration of each step that was made: ``capture``, ``checks``, ``solve``, ``match``,
+        ``defects``, ``inspect`` and ``save``.
     notes
         Remarks on the part, such as a clock that was set back.
 

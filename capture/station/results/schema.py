@@ -46,13 +46,13 @@ class lower_ascii(GenericFunction[str]):  # noqa: N801 - a function of SQL
 
 
 @compiles(lower_ascii)
-def _lower(element: lower_ascii, compiler: SQLCompiler, **how: Any) -> str:
-    return f"lower({compiler.process(element.clauses, **how)})"
+def _lower(element: lower_ascii, compiler: SQLCompiler, **options: Any) -> str:
+    return f"lower({compiler.process(element.clauses, **options)})"
 
 
 @compiles(lower_ascii, "postgresql")
-def _lower_in_postgresql(element: lower_ascii, compiler: SQLCompiler, **how: Any) -> str:
-    return f'lower({compiler.process(element.clauses, **how)} COLLATE "C")'
+def _lower_in_postgresql(element: lower_ascii, compiler: SQLCompiler, **options: Any) -> str:
+    return f'lower({compiler.process(element.clauses, **options)} COLLATE "C")'
 
 
 # Which program brought the database to which version, and when.

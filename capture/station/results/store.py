@@ -161,7 +161,7 @@ class ResultStore:
         """
         row = row_of(result)
         if result.station != self.station:
-            raise InputError(f"result of station {result.station} in that of {self.station}")
+            raise InputError(f"station {self.station} cannot hold a result of {result.station}")
 
         def work(connection: Connection) -> None:
             written = self._find(connection, results, result.part_id)

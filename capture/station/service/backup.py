@@ -167,7 +167,7 @@ def _settings(folder: Path, config: StationConfig) -> Iterator[tuple[str, Path]]
         try:
             name.encode()
         except UnicodeEncodeError as error:
-            raise InputError(f"{str(path)!r}: a name that is no UTF-8; rename it") from error
+            raise InputError(f"{str(path)!r}: a name that is not UTF-8; rename it") from error
         is_set = name.startswith(f"{PARTS}/") and name.endswith(SET_SUFFIX)
         if not (is_set or path.name.endswith(_LOCKS) or path.resolve() in left_out):
             yield name, path

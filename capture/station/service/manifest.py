@@ -16,8 +16,8 @@ def _inside(text: str) -> str:
     """Check that a name is of a file inside a folder."""
     parts = PurePosixPath(text).parts
     if text != "/".join(parts) or parts[:1] == ("/",) or ".." in parts or "\0" in text:
-        raise ValueError(f"{text!r} is no name of a file inside a folder")
-    text.encode()  # names that are no UTF-8 raise a ValueError, too
+        raise ValueError(f"{text!r} is not the name of a file inside a folder")
+    text.encode()  # names that are not UTF-8 raise a ValueError, too
     return text
 
 

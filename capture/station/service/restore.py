@@ -126,7 +126,7 @@ def opened_backup(path: Path) -> Iterator[OpenBackup]:
     Raises
     ------
     InputError
-        If it is no backup, damaged, or names files outside a folder.
+        If it is not a backup, damaged, or names files outside a folder.
     """
     with open_regular_file(path, _MOST_BYTES) as file:
         try:

@@ -169,7 +169,7 @@ def test_a_name_that_no_archive_can_hold_is_named(line: Path, tmp_path: Path) ->
     odd = os.fsdecode(os.fsencode(line) + b"/odd-\xff")
     Path(odd).mkdir()
     (Path(odd) / "notes.txt").write_text("mine")
-    with pytest.raises(InputError, match="no UTF-8; rename it"):
+    with pytest.raises(InputError, match="not UTF-8; rename it"):
         back_up(line, tmp_path / "b.ps4backup")
 
 
@@ -285,9 +285,9 @@ def a_later_version(manifest: dict[str, Any], _: dict[str, bytes]) -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (named("../outside"), "no name of a file inside"),
-        (named("/outside"), "no name of a file inside"),
-        (named("parts/../../outside"), "no name of a file inside"),
+        (named("../outside"), "not the name of a file inside"),
+        (named("/outside"), "not the name of a file inside"),
+        (named("parts/../../outside"), "not the name of a file inside"),
         (named("results.sqlite/inside"), "cannot be written"),
         (without_a_file, "its files are not those of its manifest"),
         (another_content, "is not the file that was stored"),
