@@ -14,6 +14,7 @@ from classify.calibration.scale import Scale
 FloatArray = npt.NDArray[np.float64]
 
 _SIDE = 100.0  # of a drawing, in its own units
+_BELOW = 12.0  # the part, in a drawing from the side: room for the scale bar
 _MARGIN = 1.25  # drawn range, as a multiple of the largest coordinate
 # An ellipse of two standard errors holds a position with 86 %.
 _STANDARD_ERRORS = 2.0
@@ -34,6 +35,7 @@ def lights_from_the_side(lights: CalibratedLights, scale: Scale | None, frame: F
 
 
 def _lights(lights: CalibratedLights, scale: Scale | None, frame: FloatArray, up: int) -> str:
+    """Draw the lights with the coordinate `up` upwards: 1 for y, 2 for z."""
     positions = lights.lighting.positions_px
     is_near = positions is not None
     places = lights.lighting.directions if positions is None else positions
@@ -42,10 +44,10 @@ def _lights(lights: CalibratedLights, scale: Scale | None, frame: FloatArray, up
         reach = max(reach, 0.6 * float(frame.max()))
     unit = 0.5 * _SIDE / reach
     low = 0.0 if up == 2 else -reach  # nothing is below the part
-    height = _SIDE if up == 1 else 0.5 * _SIDE + 12.0
+    height = _SIDE if up == 1 else 0.5 * _SIDE + _BELOW
 
     def at(point: FloatArray) -> tuple[float, float]:
-        return 0.5 * _SIDE + unit * point[0], height - 12.0 * (up == 2) - unit * (point[up] - low)
+        return 0.5 * _SIDE + unit * point[0], height - _BELOW * (up == 2) - unit * (point[up] - low)
 
     drawn = [_frame(frame if is_near else None, unit, up, height)]
     drawn += [_axis(at(np.zeros(3)), at(place)) for place in places]
@@ -90,7 +92,7 @@ def _ellipse(x: float, y: float, unit: float, covariance: FloatArray) -> str:
 
 def _frame(frame: FloatArray | None, unit: float, up: int, height: float) -> str:
     if up == 2:
-        y = height - 12.0
+        y = height - _BELOW
         ground = f'<line class="axis" x1="0" y1="{y}" x2="{_SIDE}" y2="{y}"/>'
         if frame is None:
             return ground

@@ -56,7 +56,7 @@ class PartSummary:
 def part_summaries(file: CalibrationFile, now: datetime) -> tuple[PartSummary, ...]:
     """Return all parts in order, also those that were not measured.
 
-    Without the noise of a camera that is not linear, which cannot be measured.
+    The noise of a camera that is not linear is left out, because it cannot be measured.
     """
     parts, response = [], file.calibration.response
     for name in PART_NAMES:
