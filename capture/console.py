@@ -76,7 +76,7 @@ def progress(
 
 
 def complain(message: str) -> None:
-    """Print an error as one line on stderr."""
+    """Print an error, a warning or an address as one line on stderr."""
     print(f"ps4rig: {' '.join(message.split())}", file=sys.stderr)
 
 

@@ -23,9 +23,9 @@ def settle_process() -> None:
     Call it before numpy is imported. By default the GNU C library returns the memory of each frame
     to the system, and new pages cost more time than most operations on them. The threads of BLAS
     are not used: they wait for one another in busy loops, so that beside other threads a product
-    of a few vectors takes ten times as long as in one thread. Threads change after 0.5 ms in
-    Python. Environment variables that the user has set take precedence. Other systems ignore the
-    settings of memory.
+    of a few vectors takes ten times as long as in one thread. Python switches between threads
+    after 0.5 ms. Environment variables that the user has set take precedence. Other systems ignore
+    the settings of memory.
 
     Raises
     ------

@@ -42,7 +42,7 @@ class MapDifference:
         Mean, root mean square, and 95th percentile and maximum of the magnitudes.
     correlation
         Of the two maps: near 1 where the part lies as before, near 0 where pixels do not belong
-        together. 0 for an even map.
+        together. 0 for a constant map.
     """
 
     unit: str

@@ -79,7 +79,7 @@ class PreviewServer(ThreadingHTTPServer):
                     request.shutdown(socket.SHUT_RDWR)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Ignore a viewer that disconnects during an answer."""
+        """Ignore the errors of a request, such as of a viewer that disconnects meanwhile."""
 
 
 class _Request(BaseHTTPRequestHandler):

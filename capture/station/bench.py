@@ -1,4 +1,4 @@
-"""How fast a station judges parts on this machine: the real cycle, with stored sets as a camera.
+"""Time the real cycle of a station on this machine, with stored sets as a camera.
 
 The sets are captured before, because a simulated camera would compete with the judge.
 """
@@ -145,10 +145,10 @@ class _StoredSets:
         self._sets, self._exposed = sets, exposed
 
     def open(self) -> None:
-        """There is nothing to open."""
+        """Do nothing: there is no device."""
 
     def test(self, *, is_start: bool) -> list[Check]:  # noqa: ARG002 - as `PartCamera` has it
-        """There is nothing to test."""
+        """Return no checks."""
         return []
 
     @beside_workers()
@@ -166,7 +166,7 @@ class _StoredSets:
         return captured, exposed_s
 
     def close(self) -> None:
-        """There is nothing to close."""
+        """Do nothing: there is no device."""
 
 
 def _check_as_captured(captured: CapturedSet) -> None:

@@ -124,7 +124,7 @@ def _broker(text: str) -> str:
     try:
         url = urlsplit(text)
         is_usable = url.scheme in ("mqtt", "mqtts") and bool(url.hostname) and url.port != 0
-    except ValueError:  # a port that is no number
+    except ValueError:  # a port that is not a number
         is_usable = False
     if not is_usable or url.path.strip("/") or url.query or url.fragment:
         raise ValueError("give mqtt://HOST:PORT or mqtts://USER:PASSWORD@HOST:PORT")

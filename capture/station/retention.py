@@ -49,9 +49,9 @@ def remove_old_sets(
     """Remove set files that the retention does not keep; return how many.
 
     It removes the set files of parts that passed until `removed_until`, are not in the sample and
-    have no override. Results stay. A row that records the removal is written before
-    the file is removed: a missing file without such a row was lost. After a kill between the two,
-    the next call removes the file.
+    have no override. Results stay. A row that records the removal is written before the file is
+    removed: a missing file without such a row was lost. After a kill between the two, the next call
+    removes the file.
 
     Parameters
     ----------

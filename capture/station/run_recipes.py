@@ -176,7 +176,7 @@ class RunRecipes:
         return wanted
 
     def use(self, recipe: UsableRecipe) -> list[Check]:
-        """Give the rig the settings of a recipe; return what was checked of it."""
+        """Give the rig the settings of a recipe; return the recipe's checks."""
         found = recipe.calibration
         self._rig.use(recipe.recipe, None if found is None else found.file, recipe.begin)
         return self._checks_of(recipe)

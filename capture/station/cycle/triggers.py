@@ -108,8 +108,9 @@ class TimerTrigger:
     """A trigger in each period; a period of 0 triggers whenever the station is ready.
 
     A trigger during the exposure of another part is refused and recorded, like any other trigger.
-    So are triggers that are late by a period or more, such as after an answer that took so long: in
-    one row after the next trigger, because their parts have moved on.
+    If a trigger is late by a period or more, such as after a slow answer, all triggers that are due
+    by then are refused, because their parts have moved on. One row counts them, after the next
+    trigger.
     """
 
     def __init__(self, period_s: float, now_s: Callable[[], float] = time.monotonic) -> None:

@@ -12,7 +12,7 @@ class Collector:
     """Gives every part the verdict UNKNOWN: no part of such a run may pass."""
 
     def begin(self, unchecked: CapturedSet) -> None:
-        """There is nothing to start."""
+        """Do nothing: no part is judged."""
 
     def inspect(self, captured: CapturedSet) -> Inspection:  # noqa: ARG002 - as an inspector
         """Judge nothing."""

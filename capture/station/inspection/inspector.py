@@ -332,7 +332,7 @@ def _largest_gap_px(defect_map: DefectMap, inside: npt.NDArray[np.bool_]) -> int
 
 
 def _age_fault(age_days: int | None, greatest_days: int) -> str | None:
-    """Return what is wrong with the age of a part of a calibration, when the set was captured."""
+    """Return what is wrong with a calibration part of this age at the capture; None if nothing."""
     if age_days is None:
         return "has a date that cannot be read; calibrate again"
     if age_days < -1:  # the clocks of two computers may differ

@@ -114,11 +114,8 @@ class DeviceStates:
             prefixes = [prefix for prefix in _CHECKED if check.name.startswith(prefix)]
             for name in _CHECKED[prefixes[0]] if prefixes else ("camera",):
                 counts[name] += 1
-                seen = (
-                    check.seen
-                    if len(_CHECKED.get(check.name, ())) == 1
-                    else (f"{check.name}: {check.seen}")
-                )
+                is_of_one_device = len(_CHECKED.get(check.name, ())) == 1
+                seen = check.seen if is_of_one_device else f"{check.name}: {check.seen}"
                 device = Device(name, check.status, seen)
                 before = found.get(name)
                 if before is None or _GRAVITY.index(device.status) > _GRAVITY.index(before.status):

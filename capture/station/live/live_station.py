@@ -39,7 +39,7 @@ _KEPT_REJECTED = 12
 _RATE_WINDOW_S = 60.0
 # A line of 10 parts a second fills it in the window; the rate is right with fewer, too.
 _KEPT_TIMES = 600
-# Events come through a thread of their own, with other subscribers before this one.
+# Longest wait for the event of a loaded recipe, which passes other subscribers first.
 _TOLD_S = 1.0
 
 

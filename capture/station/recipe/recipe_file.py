@@ -28,7 +28,7 @@ COMMENTS = {
     "fail": "textures of known bad parts; those in neither list fail too",
     "tolerance_deg": "largest departure from reference_deg",
     "reference_deg": "anticlockwise, with the zero of the taught parts",
-    "full_turn": "whether a part turned by 180 degrees is wrong",
+    "full_turn": "whether a part at reference_deg + 180 is wrong",
     "distance": "largest distance to the texture, beside the library's limit",
     "margin": "least margin to the next texture, beside the library's 0.15",
     "sdq": "least and largest root mean square slope (ISO 25178-2)",

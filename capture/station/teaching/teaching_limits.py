@@ -61,7 +61,7 @@ def with_unjudged(limits: Limits, general: GeneralLimits, found_px: Sequence[int
 
 
 def general_limits(limits: GeneralLimits, of_textures: Mapping[str, Limits]) -> GeneralLimits:
-    """Return general limits that no limit of a texture exceeds."""
+    """Return general limits whose `unmeasured_fraction` no texture exceeds."""
     shares = [each.unmeasured_fraction or 0.0 for each in of_textures.values()]
     most = max([limits.unmeasured_fraction, *shares])
     return limits.model_copy(update={"unmeasured_fraction": most})

@@ -105,8 +105,8 @@ def _strengths(
     def found(kinds: Iterable[DefectKind], size_px: float, strength: float | None) -> list[float]:
         cases = [DefectCase(kind, size_px, strength) for kind in kinds]
         return [
-            _mean_pct(each.defective[case] > each.good.max() for each in of for case in cases)
-            for of in measured.values()
+            _mean_pct(each.defective[case] > each.good.max() for each in group for case in cases)
+            for group in measured.values()
         ]
 
     rows: list[Row] = [
