@@ -181,11 +181,13 @@ class Changeover:
                 require(camera.test(is_start=False))
             # Before the announcement: a kill now leaves a recipe that could be taken.
             recipes.keep(recipe, wanted.by)
-        except Exception as error:
-            camera.close()
-            recipes.use_present()
-            refused = RecipeRefused(error_text(error), RecipeRefusal.RIG)
-            wanted.answer.set_exception(error if isinstance(error, RecipeRefused) else refused)
+        except BaseException as error:
+            try:
+                camera.close()
+                recipes.use_present()
+            finally:  # The asker waits without a time-out.
+                refused = RecipeRefused(error_text(error), RecipeRefusal.RIG)
+                wanted.answer.set_exception(error if isinstance(error, RecipeRefused) else refused)
             raise
         self._publish(recipe.loaded)
         return recipe.judge

@@ -266,6 +266,24 @@ def test_a_rig_that_fails_with_the_new_recipe_is_opened_anew_with_the_old_one(
     assert used == (["brass"] if step == "keep" else ["brass", FIRST])
 
 
+def test_the_asker_has_an_answer_when_the_rig_refuses_the_old_settings_too(
+    station: Bench,
+) -> None:
+    def fail(name: str) -> None:
+        raise HardwareError(f"the camera refuses the settings of {name}")
+
+    recipes_of(station).on_use = fail
+
+    def feed(target: TriggerTarget) -> None:
+        ready(target)
+        asking = Asking(target)
+        asking.join(WAIT_S)
+        assert not asking.is_alive()
+        assert "settings of brass" in str(asking.answer)
+
+    station.run(Manual(feed))
+
+
 def failing_once(station: Bench) -> Callable[..., Any]:
     failures = [HardwareError("a dead LED: not possible")]
 
