@@ -35,7 +35,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ValueError as error:
         return _fail(str(error))
     except OSError as error:
-        where = options.unix or options.pty or f"port {options.tcp}"
+        where = options.unix or options.pty or "a pseudo-terminal"
+        if options.tcp is not None:
+            where = f"port {options.tcp}"
         return _fail(f"cannot serve at {where}: {error.strerror or error}")
     with server:
         print(f"simulated LED controller {board.serial_number}: {address}", flush=True)

@@ -48,6 +48,17 @@ def test_the_command_serves_until_a_signal(tmp_path, options, end):
     assert not link.is_symlink()
 
 
+def test_a_system_without_a_free_terminal_is_one_error():
+    script = (
+        "import sys; from firmware_sim import __main__ as command, terminals\n"
+        "terminals.openpty = lambda: open('/dev/none')\n"
+        "sys.exit(command.main([]))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "cannot serve at a pseudo-terminal: No such file" in done.stderr
+
+
 def test_the_command_ignores_a_hangup_under_nohup():
     ignore_hangup = partial(signal.signal, signal.SIGHUP, signal.SIG_IGN)
     with start("--tcp", preexec_fn=ignore_hangup) as process:
