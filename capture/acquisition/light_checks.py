@@ -12,8 +12,7 @@ from capture.errors import SetRejected
 from capture.sets.image_checks import Images, LightImages
 from capture.sets.metadata import ChecksRecord
 from classify import Lighting
-from classify.errors import InputError
-from classify.lights.agreement import LightAgreement, image_difference, light_agreement
+from classify.lights.agreement import LightAgreement, image_difference
 from classify.lights.order import LightOrder, light_order
 from rig.acceptance import (
     DEAD_LED_SHARE,
@@ -119,21 +118,8 @@ def check_target(images: LightImages) -> ChecksRecord:
     )
 
 
-def agreement_of(images: LightImages) -> LightAgreement | None:
-    """Agreement of images that have passed `check_images`.
-
-    None without four lights in general position.
-    """
-    try:
-        return light_agreement(
-            images.images, images.lighting, images.ambient, images.full_scale, images.noise
-        )
-    except InputError:  # not four lights, or three of them in one plane
-        return None
-
-
 def retake_reasons(found: LightAgreement | None) -> tuple[str, ...]:
-    """Reasons for a retake, in words, by the result of `agreement_of`; empty if none."""
+    """Reasons for a retake, in words, by the agreement of the images; empty if none."""
     if found is None:
         return ("the redundancy needs four lights in general position",)
     causes = []
@@ -235,7 +221,7 @@ def check_different(images: LightImages) -> None:
 
 
 def check_levels(found: LightAgreement | None, images: LightImages) -> None:
-    """Reject light images that contradict one another, by the result of `agreement_of`.
+    """Reject light images that do not fit together, by their agreement.
 
     Raises
     ------

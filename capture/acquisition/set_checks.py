@@ -7,7 +7,6 @@ from capture.sets.metadata import ChecksRecord
 from classify.calibration.calibration import Calibration
 
 from .light_checks import (
-    agreement_of,
     check_ambient,
     check_different,
     check_images,
@@ -41,7 +40,7 @@ def check_set(
     ambient_change = check_ambient(images)
     check_images(images)
     check_different(images)
-    found = agreement_of(calibrated)
+    found = calibrated.agreement()
     check_levels(found, calibrated)
     undecided = retake_reasons(found)
     if undecided:

@@ -14,8 +14,10 @@ import numpy.typing as npt
 
 from classify import Lighting
 from classify.calibration.calibration import Calibration
+from classify.errors import InputError
 from classify.images.noise import SensorNoise
 from classify.images.stack import ImageStack
+from classify.lights.agreement import LightAgreement, light_agreement
 
 Images = npt.NDArray[Any]
 
@@ -58,7 +60,7 @@ class LightImages:
         return np.array([_mean(image) for image in self.images]) - self.ambient_mean
 
     def calibrated(self, calibration: Calibration) -> LightImages:
-        """Return these images as lights of equal strength over the whole frame would give them."""
+        """Return these images as under lights of equal strength over the whole frame."""
         stack = calibration.corrected(ImageStack(self.images, self.ambient), self.full_scale)
         lighting, full_scale = calibration.lighting_of(self.lighting), self.full_scale
         noise = calibration.noise_of(self.noise, has_ambient=True)
@@ -83,11 +85,21 @@ class LightImages:
         """Share of saturated pixels in each light image."""
         return [np.count_nonzero(image >= self.full_scale) / image.size for image in self.images]
 
-    def equal_rows(self) -> Iterator[tuple[str, str, int, int]]:
-        """Names of two light images with equal rows, the number of these and of comparable rows.
+    def agreement(self) -> LightAgreement | None:
+        """Agreement of the images; None without four lights in general position."""
+        try:
+            return light_agreement(
+                self.images, self.lighting, self.ambient, self.full_scale, self.noise
+            )
+        except InputError:  # not four lights, or three of them in one plane
+            return None
 
-        Noise differs from frame to frame, so that a row that is equal in two images is from one
-        frame. Rows of one value cannot be compared.
+    def equal_rows(self) -> Iterator[tuple[str, str, int, int]]:
+        """Pairs of light images with equal rows.
+
+        Each pair has its names, the number of equal rows and that of comparable rows. Noise differs
+        from frame to frame, so that a row that is equal in two images is from one frame. Rows of
+        one value cannot be compared.
         """
         textured = [np.ptp(image, axis=1) > 1 for image in self.images]
         step = max(1, self.images.shape[2] // _PROBED_COLUMNS)

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from capture.errors import Cause
 from classify.calibration.calibration import Calibration
 from classify.errors import InputError
-from classify.lights.agreement import LightAgreement, light_agreement
+from classify.lights.agreement import LightAgreement
 from classify.lights.algebra import drop_one_constants
 from classify.lights.shading import ShadingOrder, explained_detail, shading_of, shading_order
 from rig.acceptance import (
@@ -42,7 +42,7 @@ _LISTED = 3
 
 @dataclass(frozen=True)
 class Finding:
-    """What a check found; `refutes` if no surface under these lights explains it."""
+    """The result of a check; `refutes` if no surface under these lights explains it."""
 
     cause: Cause
     text: str
@@ -58,7 +58,7 @@ def check_photographs(
     """
     shading = shading_of(images.images, images.ambient, images.full_scale, mask)
     order = shading_order(shading, images.lighting)
-    agreement = _agreement(images.calibrated(calibration))
+    agreement = images.calibrated(calibration).agreement()
     findings = [
         *_equal(images),
         *_levels(images, mask),
@@ -151,15 +151,6 @@ def _order(images: LightImages, order: ShadingOrder) -> Iterator[Finding]:
         text = f"by its shading {names[image]} was taken under the light of {names[light]}"
         text += " and the other way round" if len(moved) == 2 else ", and others in this order too"
     yield Finding(Cause.LIGHT_ORDER, text, refutes=True)
-
-
-def _agreement(images: LightImages) -> LightAgreement | None:
-    try:
-        return light_agreement(
-            images.images, images.lighting, images.ambient, images.full_scale, images.noise
-        )
-    except InputError:  # not four lights, or three of them in one plane
-        return None
 
 
 def _four_lights(images: LightImages, found: LightAgreement | None) -> Iterator[Finding]:
