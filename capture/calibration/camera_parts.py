@@ -37,7 +37,10 @@ class Rung:
 def dark_part(
     found: DarkFrames, dark: Dark, setting: Setting, source: Sequence[str]
 ) -> MeasuredPart:
-    """Describe frames with the lens covered; `dark` is their part, perhaps with ambient light."""
+    """Describe frames with the lens covered.
+
+    `dark` is their part, perhaps with ambient light.
+    """
     full = dark.full_scale
     hot = len(dark.hot_pixels)
     quality = (

@@ -3,7 +3,6 @@
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
 
@@ -12,7 +11,7 @@ from capture.sets.captured_set import CapturedSet
 from capture.sets.metadata import SetMetadata
 from classify.durable_file import durable_file, make_folder
 
-from .ps4cal import SUFFIX, CalibrationFile
+from .ps4cal import SUFFIX, CalibrationFile, utc_of
 from .setting import Setting
 
 FOLDER = "calibration"
@@ -107,7 +106,7 @@ def read_calibration(path: Path) -> CalibrationFile:
 
 
 def keep_beside(source: Path, file: CalibrationFile, set_path: Path) -> None:
-    """Put a copy of a calibration where the set at `set_path` finds it, unless there is one.
+    """Put a copy of a calibration, if missing, where the set at `set_path` finds it.
 
     The copy is named after its hash, so that a later change of `source` does not concern the set.
 
@@ -166,18 +165,13 @@ def _candidates(path: Path) -> Iterator[Path]:
 
 def _age(file: CalibrationFile, metadata: SetMetadata) -> Iterator[str]:
     try:
-        captured = _utc(metadata.created_utc)
-        ages = {name: (captured - _utc(each.date)).days for name, each in file.records.items()}
+        captured = utc_of(metadata.created_utc)
     except ValueError:  # not a date
         return
+    ages = {name: each.age_days(captured) or 0 for name, each in file.records.items()}
     old = [name.replace("_", " ") for name, days in ages.items() if days > OLD_DAYS]
     if old:
         yield (
             f"the calibration ({', '.join(old)}) was measured {max(ages.values())} days before the "
             "set was captured; calibrate again"
         )
-
-
-def _utc(date: str) -> datetime:
-    found = datetime.fromisoformat(date)
-    return found if found.tzinfo is not None else found.replace(tzinfo=UTC)

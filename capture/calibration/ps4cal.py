@@ -42,7 +42,7 @@ _DTYPES = ("<f8", "<f4", "<i4", "|b1", "|u1", "<u2")
 
 
 class PartRecord(Record):
-    """When and how a part was measured.
+    """Date, setting and quality of the measurement of a part.
 
     Attributes
     ----------
@@ -64,10 +64,15 @@ class PartRecord(Record):
     def age_days(self, at: datetime) -> int | None:
         """Return the days from the measurement to a time; None if the date cannot be read."""
         try:
-            measured = datetime.fromisoformat(self.date)
+            return (at - utc_of(self.date)).days
         except ValueError:
             return None
-        return (at - (measured if measured.tzinfo else measured.replace(tzinfo=UTC))).days
+
+
+def utc_of(date: str) -> datetime:
+    """Return an ISO 8601 date, in UTC if it names no zone; ValueError for another text."""
+    found = datetime.fromisoformat(date)
+    return found if found.tzinfo is not None else found.replace(tzinfo=UTC)
 
 
 @dataclass(frozen=True, eq=False)

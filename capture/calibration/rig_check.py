@@ -160,7 +160,7 @@ def _exposure(rig: Rig, file: CalibrationFile) -> Iterator[Check]:
 
 
 def _exposure_ratio(record: PartRecord, setting: Setting) -> float:
-    """How much longer the exposure is than that of the calibration; 1 if one is not known."""
+    """The exposure as a multiple of the calibration's; 1 if one of them is unknown."""
     before_ms, now_ms = record.setting.exposure_ms, setting.exposure_ms
     return now_ms / before_ms if before_ms and now_ms else 1.0
 
@@ -169,7 +169,7 @@ def _age(path: Path, file: CalibrationFile) -> Check:
     ages = {name: record.age_days(datetime.now(UTC)) for name, record in file.records.items()}
     known = [days for days in ages.values() if days is not None]
     parts = ", ".join(name.replace("_", " ") for name in ages)
-    seen = f"{path}: {parts}; the oldest is of {max(known, default=0)} days ago"
+    seen = f"{path}: {parts}; the oldest was measured {max(known, default=0)} days ago"
     if max(known, default=0) > OLD_DAYS:
         return Check("calibration", "warning", seen, "calibrate again")
     return Check("calibration", "ok", seen)

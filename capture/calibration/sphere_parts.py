@@ -82,7 +82,7 @@ def pictures_of_photographs(
 
 
 def pictures_of_sets(sets: Sequence[CapturedSet], file: CalibrationFile) -> list[SpherePictures]:
-    """Return the images of sets of a sphere, corrected for the camera where it is calibrated."""
+    """Return the images of sets of a sphere, corrected for a calibrated camera."""
     return [
         _corrected(
             SpherePictures(
