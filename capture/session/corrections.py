@@ -1,4 +1,4 @@
-"""Corrections of sets of a session, with its journal and its table."""
+"""Correct sets, and enter the corrections into the sessions of these sets."""
 
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack

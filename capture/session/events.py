@@ -1,4 +1,4 @@
-"""Events of a session, to which terminal and log subscribe, and questions to the operator."""
+"""Events of a session for its subscribers, and questions to the operator."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ from .plan import PlannedSet
 
 
 class State(StrEnum):
-    """What the runner is doing."""
+    """The present activity of the runner."""
 
     OPENING = "opening the rig"
     READING = "reading the captured sets again"
@@ -56,7 +56,10 @@ class SetAdopted:
 
 @dataclass(frozen=True)
 class SetDamaged:
-    """The file of a captured set was damaged: it was set aside, and the set is missing again."""
+    """The file of a captured set was damaged, and was set aside.
+
+    The set is missing again.
+    """
 
     planned: PlannedSet
     reason: str
@@ -99,11 +102,11 @@ class Answer(StrEnum):
 class PlaceSpecimen:
     """Put the specimen below the camera; REPEAT captures the previous placement once more.
 
-    `look` returns the rig for live images until the answer, and opens it if necessary.
+    `live_rig` returns the rig for live images until the answer, and opens it if necessary.
     """
 
     planned: PlannedSet
-    look: Callable[[], Rig] | None = field(default=None, compare=False)
+    live_rig: Callable[[], Rig] | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True)
@@ -138,7 +141,7 @@ Ask = Callable[[Question], Answer]
 
 
 def without_questions(question: Question) -> Answer:
-    """Answer in a run without an operator: keep sets, leave failed ones, stop without a rig.
+    """Answer without an operator: keep sets, leave failed ones, stop without a rig.
 
     Nobody can put a sheet below a real camera: the rig is not compared with its calibration.
     """

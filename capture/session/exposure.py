@@ -9,19 +9,20 @@ from rig.doctor.light_images import capture_light_images, rate_exposure
 
 # Each round makes a saturated image 2.5 times darker: six rounds reach 1/100 of the first exposure.
 _ROUNDS = 6
-# Cameras cannot set a shorter exposure.
+# Below the shortest exposure of common cameras, 0.02 ms.
 _SHORTEST_MS = 0.01
 
 
 def find_exposure_ms(config: RigConfig) -> float:
-    """Find the exposure at which the brightest pixels reach 80 % of full scale.
+    """Find an exposure in ms that `rate_exposure` calls good.
 
-    It begins with the exposure of `config`, and stays below the longest that fits into a frame.
+    The search begins with the exposure of `config`. A dark specimen gets the longest exposure that
+    fits into a frame, even if that is not good.
 
     Raises
     ------
     InputError
-        If even the shortest exposure saturates.
+        If no exposure is found; the message gives the shortest one tried.
     HardwareError
         If the rig fails.
     """

@@ -1,4 +1,4 @@
-"""The folder of a session: plan, journal, sets and their table, for one program at a time."""
+"""The folder of a session: plan, journal, sets and their table."""
 
 import difflib
 import os
@@ -14,7 +14,7 @@ from capture.process.utc_time import utc_text
 from capture.sets.captured_set import CapturedSet
 from capture.sets.description import as_captured, corrections_of
 from capture.sets.metadata import SetMetadata
-from capture.sets.ome_tiff import read_header
+from capture.sets.ome_tiff import SUFFIX, read_header
 from classify.durable_file import durable_file, make_folder
 from classify.errors import InputError
 from classify.regular_file import read_regular_file
@@ -51,7 +51,7 @@ class SessionFolder:
         self.journal: Journal = read_journal(path / JOURNAL)
 
     def missing(self, plan: SessionPlan | None = None) -> list[PlannedSet]:
-        """Planned sets that were neither captured nor left out, and those whose file is missing.
+        """Planned sets that were not captured or left out, or whose file is missing.
 
         `plan` replaces the plan of the session.
         """
@@ -198,7 +198,7 @@ class SessionFolder:
 
     def bytes_of_sets(self) -> int:
         """Size of all captured sets."""
-        return sum(path.stat().st_size for path in (self.path / SETS).glob("*.ome.tif"))
+        return sum(path.stat().st_size for path in (self.path / SETS).glob(f"*{SUFFIX}"))
 
 
 def read_session(path: Path) -> SessionFolder:
@@ -251,7 +251,7 @@ def make_session(plan_path: Path) -> Path:
 
 
 def plan_changes(plan_path: Path, folder: Path) -> str:
-    """Return the difference of a plan to that of a session as lines; empty if they are equal."""
+    """Return the changes of a plan against a session's, as lines; empty if none."""
     if read_plan(plan_path) == read_plan(folder / PLAN):
         return ""
     before, after = (

@@ -78,7 +78,7 @@ class SetEntry(Record):
 
     @property
     def key(self) -> tuple[str, float, int]:
-        """Which planned set it is."""
+        """Specimen, orientation and repeat, which identify the planned set."""
         return self.specimen, self.orientation_deg, self.repeat
 
     @property

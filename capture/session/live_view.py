@@ -45,7 +45,7 @@ class LiveView:
         try:
             if first is not None:
                 guide = PlacementGuide.of(first, planned.orientation_deg)
-            rig = None if question.look is None else question.look()
+            rig = None if question.live_rig is None else question.live_rig()
         except Ps4rigError as error:  # the capture that follows will say more
             self.preview.failed(error)
             rig = None

@@ -1,6 +1,5 @@
 """Measures of a set right after its capture, against the first set of its specimen."""
 
-import math
 from contextlib import suppress
 
 import cv2
@@ -74,10 +73,11 @@ class SpecimenReference:
     def orientation_deg(
         self, surface: SurfaceEstimate, entered_deg: float | None = None
     ) -> float | None:
-        """Orientation of a surface of the same specimen, [0, 180); None where it determines none.
+        """Orientation of a surface of the same specimen, [0, 180).
 
-        A texture that looks the same after a quarter turn has several; the one near `entered_deg`
-        counts, if it agrees as well as the best.
+        None where the texture determines no orientation. A texture that looks the same after a
+        quarter turn has several; the one near `entered_deg` counts, if it agrees as well as the
+        best.
         """
         profile = None
         if self._library is not None:
@@ -130,5 +130,4 @@ def light_signals(captured: CapturedSet) -> tuple[float, ...]:
     lit = np.array([cv2.mean(image)[0] for image in captured.images])
     if captured.ambient is not None:
         lit -= cv2.mean(captured.ambient)[0]
-    levels = tuple((lit / captured.metadata.full_scale).tolist())
-    return levels if all(map(math.isfinite, levels)) else tuple(0.0 for _ in levels)
+    return tuple((lit / captured.metadata.full_scale).tolist())

@@ -36,7 +36,9 @@ class PlacementGuide:
 
     @classmethod
     def of(cls, first: Path, asked_deg: float | None = None) -> Self:
-        """Make the guide for a specimen from its first set; None asks for the orientation of that.
+        """Make the guide for a specimen from its first set.
+
+        Without `asked_deg` it asks for the orientation of that set.
 
         Raises
         ------
@@ -65,7 +67,7 @@ class PlacementGuide:
         off_deg = (self.asked_deg - now_deg + 90.0) % 180.0 - 90.0
         way = "anticlockwise" if off_deg > 0.0 else "clockwise"
         todo = "good" if abs(off_deg) <= _GOOD_DEG else f"turn it by {abs(off_deg):.0f} {way}"
-        # As many half turns from the asked angle as the texture cannot tell.
+        # A texture looks the same after a half turn: show the value nearest to the asked angle.
         return f"now at {self.asked_deg - off_deg:.1f} degrees: {todo}"
 
 

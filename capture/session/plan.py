@@ -117,7 +117,7 @@ class PlannedSet:
 
 
 class SessionPlan(Section):
-    """What a session captures.
+    """The sets that a session captures, and the settings for them.
 
     Attributes
     ----------

@@ -50,7 +50,7 @@ from .turntable import turn_specimen
 
 @dataclass(frozen=True)
 class Finish:
-    """How a run ended, and the reason if it is not evident."""
+    """The end of a run, with the reason if it is not evident."""
 
     finish: FinishReason
     reason: str | None = None
@@ -58,7 +58,7 @@ class Finish:
 
 
 class _Stopped(Exception):  # noqa: N818 - a decision of the operator, no error
-    """Leaves the loop over the sets."""
+    """Raised to leave the loop over the sets."""
 
     def __init__(self, finish: Finish) -> None:
         self.finish = finish
@@ -184,7 +184,7 @@ class _Runner:
             self._publish(SetAdopted(entry))
 
     def compare_rig(self) -> None:
-        """Compare the rig with its calibration by a white sheet, if there is one to compare with.
+        """Compare the rig with its calibration, if it has one, by a white sheet.
 
         Raises
         ------
@@ -207,7 +207,7 @@ class _Runner:
         while index < len(placements):
             first = placements[index][0]
             self._state(State.PLACING, first)
-            match self._ask(PlaceSpecimen(first, partial(self._look, first))):
+            match self._ask(PlaceSpecimen(first, partial(self._live_rig, first))):
                 case Answer.STOP:
                     raise _Stopped(Finish("stopped"))
                 case Answer.REPEAT:
@@ -363,7 +363,7 @@ class _Runner:
             simulation.place(placement)
         return self._rig
 
-    def _look(self, planned: PlannedSet) -> Rig:
+    def _live_rig(self, planned: PlannedSet) -> Rig:
         """The rig for live images; an exposure is not searched before the specimen is there."""
         if self._folder.plan.exposure_ms != SEARCH or planned.specimen in self._exposures_ms:
             return self._opened(planned)

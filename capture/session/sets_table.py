@@ -15,7 +15,7 @@ COLUMNS = (
 
 
 def sets_table(plan: SessionPlan, journal: Journal) -> str:
-    """Return the table as CSV (RFC 4180): planned sets in order, then those no longer planned."""
+    """Return the table as CSV (RFC 4180): planned sets, then those no longer planned."""
     text = io.StringIO()
     writer = csv.writer(text)
     writer.writerow(COLUMNS)

@@ -8,7 +8,9 @@ from .plan import SessionPlan
 
 
 def turn_specimen(plan: SessionPlan, orientation_deg: float) -> None:
-    """Let the turntable of a plan turn the specimen; nothing happens in a plan without one.
+    """Let the turntable of a plan turn the specimen.
+
+    Nothing happens in a plan without a turntable.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Verify the files of a folder: missing, altered, of an old schema, without calibration."""
+"""Verify the files of a folder: hashes, schema, calibration, journal."""
 
 import sys
 from collections.abc import Iterator
@@ -17,8 +17,9 @@ from classify import TextureLibrary
 from classify.defects.defect_model import DefectModel
 from classify.defects.ps4def import SUFFIX as DEFECTS_SUFFIX
 from classify.errors import InputError
+from classify.library.ps4lib import SUFFIX as LIBRARY_SUFFIX
 
-from .folder import JOURNAL, REPLACED, SessionFolder
+from .folder import JOURNAL, REPLACED, SETS, SessionFolder
 
 State = Literal[
     "good",
@@ -29,8 +30,7 @@ State = Literal[
     "not in journal",
     "not in results",
 ]
-_LIBRARY_SUFFIX = ".ps4lib"
-_SUFFIXES = (SET_SUFFIX, _LIBRARY_SUFFIX, DEFECTS_SUFFIX, CALIBRATION_SUFFIX)
+_SUFFIXES = (SET_SUFFIX, LIBRARY_SUFFIX, DEFECTS_SUFFIX, CALIBRATION_SUFFIX)
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def verify_file(path: Path) -> Iterator[Finding]:
             yield from _session(path.parent)
         elif path.name.endswith(SET_SUFFIX):
             yield _captured_set(path)
-        elif path.name.endswith(_LIBRARY_SUFFIX):
+        elif path.name.endswith(LIBRARY_SUFFIX):
             # Only arrays that are read, not mapped, are compared with their checksums.
             TextureLibrary.load(path, map_from_bytes=sys.maxsize)
             yield Finding(path, "good")
@@ -108,10 +108,7 @@ def _captured_set(path: Path) -> Finding:
 
 def _session(folder: Path) -> Iterator[Finding]:
     session = SessionFolder(folder)
-    entered = {}
-    for entry in session.journal.entries:
-        if entry.file is not None:
-            entered[folder / entry.file] = entry
+    entered = {folder / each.file: each for each in session.journal.entries if each.file}
     for path, entry in entered.items():
         if not path.is_file():
             yield Finding(path, "missing", "it is in the journal of the session")
@@ -122,7 +119,7 @@ def _session(folder: Path) -> Iterator[Finding]:
             continue  # the file itself is a finding too
         if metadata.pixels_sha256 != entry.pixels_sha256:
             yield Finding(path, "altered", "its pixels are not those that the journal names")
-    for path in sorted((folder / "sets").glob(f"*{SET_SUFFIX}")):
+    for path in sorted((folder / SETS).glob(f"*{SET_SUFFIX}")):
         if path not in entered:
             yield Finding(path, "not in journal", "ps4rig session resume enters or replaces it")
     yield Finding(folder / JOURNAL, "good")

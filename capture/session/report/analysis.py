@@ -1,4 +1,4 @@
-"""The numbers of a report: sets against the textures of all specimens of their session."""
+"""The numbers of a report: sets against the textures of all specimens."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class SpecimenResult:
 
 @dataclass(frozen=True, eq=False)
 class Separation:
-    """How the textures of the specimens separate.
+    """The separation of the specimens by their textures.
 
     Attributes
     ----------
