@@ -25,7 +25,7 @@ def require(holds: bool, cause: str) -> None:
 
 @dataclass(frozen=True)
 class When:
-    """Which events a fault affects. All given conditions must hold.
+    """Conditions for the events that a fault affects; all that are given must hold.
 
     Attributes
     ----------
@@ -49,7 +49,10 @@ class When:
     def __post_init__(self) -> None:
         require(self.nth is None or self.nth >= 1, f"nth is {self.nth}; give 1 or more")
         require(self.times >= 1, f"times is {self.times}; give 1 or more")
-        require(self.from_s < self.until_s, f"from_s {self.from_s:g} is not before until_s")
+        require(
+            self.from_s < self.until_s,
+            f"from_s is {self.from_s:g}; give a time before until_s, {self.until_s:g}",
+        )
         require(
             0.0 < self.probability <= 1.0,
             f"probability is {self.probability:g}; give more than 0, up to 1",
@@ -131,10 +134,14 @@ class LedFault:
             0.001 <= self.frequency_hz <= 1e5,
             f"frequency_hz is {self.frequency_hz:g}; give 0.001 to 1e5",
         )
-        require(self.from_s < self.until_s, f"from_s {self.from_s:g} is not before until_s")
+        require(
+            self.from_s < self.until_s,
+            f"from_s is {self.from_s:g}; give a time before until_s, {self.until_s:g}",
+        )
         require(
             (self.kind == "swapped") == (self.other is not None),
-            "other is the LED that this one is swapped with, and belongs to kind 'swapped'",
+            f"kind is {self.kind!r} and other is {self.other}; other is the LED that this one is "
+            "swapped with, and belongs to kind 'swapped'",
         )
 
     def gain(self, at_s: float, rng_key: str) -> float:
@@ -174,7 +181,7 @@ class FaultyLed:
         return max(least, gain * self._led.output(at_s))
 
     def output_integral_s(self, start_s: float, end_s: float) -> float:
-        """The integral of the output, in pieces over which the faults are constant."""
+        """The integral of the output, in pieces over which the faults count as constant."""
         total_s = 0.0
         for begin_s, finish_s in self._pieces(start_s, end_s):
             gain, least = self._at(0.5 * (begin_s + finish_s))

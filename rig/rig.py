@@ -23,7 +23,9 @@ from .simulation.rig import Simulation
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """An open rig. Closing it, also by leaving its `with` block in any way, puts the LEDs out.
+    """An open rig; closing it puts the LEDs out.
+
+    Leaving its `with` block in any way closes it.
 
     Attributes
     ----------
@@ -105,7 +107,7 @@ def open_rig(rig: str | Path | RigConfig, *, timeouts: LinkTimeouts = DEFAULT_TI
         if lights.led_count < len(config.lights.tilts_deg):
             raise ConfigError(
                 f"lights.tilts_deg names {len(config.lights.tilts_deg)} LEDs, the controller "
-                f"at {lights.port} has {lights.led_count}"
+                f"at {lights.port} has {lights.led_count}; give the tilts of its LEDs"
             )
         opened = Rig(
             config, clock_of(simulation), lights, open_camera(config, simulation), simulation

@@ -1,4 +1,4 @@
-"""The file of a captured set: 16-bit pages, and fields of metadata as JSON in the OME-XML.
+"""The file of a captured set: 16-bit pages, and metadata as JSON in the OME-XML.
 
 `capture` writes and solves these files; a camera of `rig` replays them.
 """
@@ -87,7 +87,7 @@ def pages(
 
 
 def fields_sha256(fields: dict[str, Any]) -> str:
-    """SHA-256 of the fields without `sha256`, as ASCII JSON with sorted keys and no blanks.
+    """SHA-256 of the fields without `sha256`, as sorted ASCII JSON without blanks.
 
     `pixels_sha256` is one of the fields, so that this hash covers pixels and metadata.
     """
@@ -151,7 +151,10 @@ def _fields(tiff: tifffile.TiffFile, path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: the metadata are not valid JSON ({error})") from error
     version = fields.get("schema_version") if isinstance(fields, dict) else None
     if not isinstance(version, int) or version < 1:
-        raise InputError(f"{path}: metadata field schema_version: not a positive whole number")
+        raise InputError(
+            f"{path}: metadata field schema_version: not a positive whole number, but "
+            f"{version!r:.40}; use the original"
+        )
     if version > SCHEMA_VERSION:
         raise InputError(
             f"{path}: captured-set version {version}, this program reads up to {SCHEMA_VERSION}; "

@@ -80,7 +80,7 @@ class StampedCameraConfig(CameraConfig):
     timestamp_offset_ms
         Correction, added to the driver's time stamp.
     timestamp_uncertainty_ms
-        Largest delay of the corrected stamp; frames count as exposed earlier by this time.
+        Largest error of the corrected stamp, early or late; frames count as exposed earlier by it.
     readout_ms
         Time from the first row's exposure to the last row's. None is a whole frame period, the
         longest readout of a rolling shutter.

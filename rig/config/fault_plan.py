@@ -42,7 +42,10 @@ class FrameFault:
 
     def __post_init__(self) -> None:
         back = self.frames_back
-        require(0.0 < self.row_share < 1.0, f"row_share is {self.row_share:g}; give 0 to 1")
+        require(
+            0.0 < self.row_share < 1.0,
+            f"row_share is {self.row_share:g}; give more than 0, less than 1",
+        )
         require(1 <= back <= MAX_FRAMES_BACK, f"frames_back is {back}; give 1 to {MAX_FRAMES_BACK}")
         require(0.0 <= self.delay_ms <= 60_000.0, f"delay_ms is {self.delay_ms:g}; give 0 to 60000")
         require(math.isfinite(self.rate_per_s), f"rate_per_s is {self.rate_per_s:g}; give a number")

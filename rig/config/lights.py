@@ -1,4 +1,4 @@
-"""The section ``[lights]`` of ``rig.toml``: the controller, and the positions of its LEDs."""
+"""The section ``[lights]`` of ``rig.toml``: controller and positions of its LEDs."""
 
 from functools import lru_cache
 from typing import Annotated, Any, Literal, Self

@@ -69,7 +69,7 @@ class RigConfig(Section):
         if self.simulation.readout_ms > 1000.0 / self.camera.frame_rate_hz:
             raise ValueError(
                 f"simulation.readout_ms = {self.simulation.readout_ms:g} does not fit into a frame "
-                f"at {self.camera.frame_rate_hz:g} Hz"
+                f"at {self.camera.frame_rate_hz:g} Hz; lower one of them"
             )
         return self
 
@@ -80,8 +80,8 @@ class RigConfig(Section):
             for led in (fault.led, fault.other):
                 if led is not None and led >= len(self.lights.tilts_deg):
                     raise ValueError(
-                        f"simulation.faults: there is no LED {led}; lights.tilts_deg names "
-                        f"{len(self.lights.tilts_deg)}"
+                        f"simulation.faults: there is no LED {led}; give one of the "
+                        f"{len(self.lights.tilts_deg)} in lights.tilts_deg, counted from 0"
                     )
         return self
 
@@ -128,14 +128,14 @@ class RigConfig(Section):
         if plan is not None and self.lights.watchdog_ms < 1e3 * plan.duration_s:
             raise ValueError(
                 f"lights.watchdog_ms = {self.lights.watchdog_ms} would end a sequence of "
-                f"{1e3 * plan.duration_s:.0f} ms"
+                f"{1e3 * plan.duration_s:.0f} ms; raise it"
             )
         simulation = self.simulation
         steady_ms = _STEADY_PER_10_90 * max(simulation.led_rise_ms, simulation.led_fall_ms)
         if plan is not None and self.is_simulated and self.lights.settle_ms < steady_ms:
             raise ValueError(
                 f"lights.settle_ms = {self.lights.settle_ms:g}, but these simulated LEDs take "
-                f"{steady_ms:.3g} ms until they are within 1 %"
+                f"{steady_ms:.3g} ms until they are within 1 %; raise settle_ms"
             )
         return self
 
@@ -195,7 +195,7 @@ class RigConfig(Section):
 
 
 def config_of(rig: str | Path) -> RigConfig:
-    """Return the configuration of the rig ``"sim"``, or of a ``rig.toml``; see `load_config`."""
+    """Return the configuration of ``"sim"``, or of a ``rig.toml``; see `load_config`."""
     return RigConfig() if rig == "sim" else load_config(Path(rig))
 
 

@@ -69,7 +69,10 @@ def plan_sequence(
     """
     lights = (None, *range(light_count))
     if len(lights) > MAX_STEPS:
-        raise ValueError(f"a sequence has {MAX_STEPS} steps, too few for {light_count} lights")
+        raise ValueError(
+            f"a sequence has {MAX_STEPS} steps, too few for {light_count} lights; set "
+            "lights.synchronisation = 'software'"
+        )
     busy_s = settle_s + REACTION_S + exposed_s
     if triggers:
         wait_s, frames = max(period_s, busy_s), 1
@@ -85,5 +88,8 @@ def plan_sequence(
         duration_s = (frames * len(lights) + 2) * period_s + settle_s
     settle_us, wait_us = math.ceil(1e6 * settle_s), math.ceil(1e6 * wait_s)
     if wait_us > MAX_STEP_US:
-        raise ValueError(f"steps of {wait_s:.3g} s are too long for the controller")
+        raise ValueError(
+            f"steps of {wait_s:.3g} s are too long for the controller, which takes "
+            f"{1e-6 * MAX_STEP_US:g} s; shorten exposure, frame period or settle time"
+        )
     return SequencePlan(lights, triggers, settle_us, wait_us, frames, exposed_s, duration_s)

@@ -1,4 +1,4 @@
-"""Read TOML files as validated values, with one line for whatever is wrong with a file."""
+"""Read TOML files as validated values; a fault of a file is an error in one line."""
 
 import tomllib
 from pathlib import Path

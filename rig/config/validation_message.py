@@ -49,7 +49,7 @@ def validation_message(error: ValidationError, root: type[BaseModel]) -> str:
 
 
 def first_fault(error: ValidationError) -> str:
-    """Return the first error of a file that this program wrote: its place, and what is wrong."""
+    """Return place and text of the first error of a file that this program wrote."""
     first = error.errors(include_url=False)[0]
     place = ".".join(map(str, first["loc"])) or "the file"
     return f"{place}: {first['msg']}"

@@ -77,9 +77,9 @@ def _recorded(
     if len(planes) not in (count, count + 1):
         raise ValueError(f"{len(planes)} images for {count} lights")
     if full_scale not in (255, 1023, 4095, 65535):
-        raise ValueError(f"full scale {full_scale}")
+        raise ValueError(f"full_scale is {full_scale!r:.40}; it must be 255, 1023, 4095 or 65535")
     if bits not in range(1, 17):
-        raise ValueError(f"bit depth {bits}")
+        raise ValueError(f"bit_depth is {bits!r:.40}; it must be 1 to 16")
     values = planes.astype(np.float32)
     ambient = values[count] if len(values) > count else np.zeros_like(values[0])
     camera = fields.get("camera") or {}
@@ -103,7 +103,7 @@ def _recorded(
 
 def _number(value: float | None) -> float | None:
     if value is not None and not 0.0 <= float(value) <= 1e6:
-        raise ValueError(f"camera noise {value}")
+        raise ValueError(f"a noise value of the camera is {value}; it must be 0 to 1e6")
     return value
 
 
