@@ -43,7 +43,7 @@ class Board(Protocol):
         """Largest share of the time that an LED may be on in the long run, 1 to 99 percent."""
 
     def strobe_edges(self) -> list[tuple[int, bool]]:
-        """Return the edges of the camera's strobe since the last call, oldest first; never wait.
+        """Return the strobe's edges since the last call, oldest first; never wait.
 
         Each edge is its time in `micros`, taken in an interrupt or in hardware, and the level after
         it: True while the camera exposes, for either polarity of the wire. At most
@@ -52,7 +52,7 @@ class Board(Protocol):
         """
 
     def part_edges(self) -> list[int]:
-        """Return when the part sensor saw a part, since the last call, oldest first; never wait.
+        """Return the times of parts since the last call, oldest first; never wait.
 
         Each is a time in `micros`, taken in an interrupt or in hardware. The board takes the bounce
         of one part's contact for one part. At most `firmware.STROBE_BUFFER_EDGES` are kept.
@@ -226,7 +226,9 @@ class SimulatedBoard:
             return self._leds[led].output(at_s)
 
     def output_integral_s(self, led: int, start_s: float, end_s: float) -> float:
-        """Exact integral of an LED's relative output over an interval, in seconds of full output.
+        """Exact integral of an LED's relative output over an interval.
+
+        The unit is seconds of full output.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Clocks of the simulation: the real clock, and a virtual clock whose sleeps take no time."""
+"""The real clock, and a virtual clock whose sleeps take no time."""
 
 import heapq
 import itertools

@@ -13,7 +13,7 @@ class HostLine(Protocol):
     """The open line to a host that has connected. It does not block."""
 
     def fileno(self) -> int:
-        """Return its descriptor, to wait for."""
+        """Return the descriptor, for waiting on it."""
 
     def read(self, limit: int) -> bytes:
         """Return up to `limit` bytes that have arrived, nothing if the host has hung up."""

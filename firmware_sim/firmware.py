@@ -114,7 +114,7 @@ class Lamps:
 
 
 class Step:
-    """One step of a sequence: its light, and the times of its events, -1 before they happen."""
+    """One step of a sequence: its light, and the times of its events, -1 if missing."""
 
     def __init__(self, led: int, changed_us: int) -> None:
         self.led = led

@@ -76,14 +76,14 @@ class Led:
         self._history.append(_Segment(at_s, start, target, tau_s))
 
     def output(self, at_s: float) -> float:
-        """Share of full light at a time; ValueError before the history begins."""
+        """Return the relative output at a time; ValueError before the history begins."""
         for segment in reversed(self._history):
             if segment.since_s <= at_s:
                 return segment.output(at_s)
         raise self._forgotten(at_s)
 
     def output_integral_s(self, start_s: float, end_s: float) -> float:
-        """Seconds of full light that give the light of an interval; ValueError as in `output`."""
+        """Return the integral of the output in seconds of full output; errors as `output`."""
         total_s = 0.0
         for segment in reversed(self._history):
             if segment.since_s < end_s:

@@ -1,4 +1,4 @@
-"""Serve a simulated controller: a background thread between an endpoint and the device."""
+"""Serve a simulated controller: a thread between an endpoint and the device."""
 
 import selectors
 import threading
@@ -49,7 +49,7 @@ def serve_tcp(controller: SimulatedController, port: int = 0) -> "Server":
 
 
 class Server:
-    """Serves a controller from construction until `stop` or the end of a `with` block.
+    """A server of one controller, from construction until `stop` or the end of a `with`.
 
     On a virtual clock the controller also runs once per simulated millisecond.
     """

@@ -19,7 +19,10 @@ _MIRRORED = (2, 4, 5, 7)
 
 
 def exif_orientation(data: bytes) -> int:
-    """Orientation, 1 to 8, in EXIF data, which have the form of a TIFF header; 1 if missing."""
+    """Orientation, 1 to 8, in EXIF data; 1 if missing.
+
+    EXIF data have the form of a TIFF header.
+    """
     value = _first_value(data, (_ORIENTATION_TAG, _SHORT))
     return UPRIGHT if value is None else checked_orientation(int(value))
 
@@ -64,7 +67,10 @@ def _value_at(data: bytes, order: str, place: int, kind: int) -> float | None:
 
 
 def checked_orientation(value: int) -> int:
-    """Return the orientation; other values than 1 to 8 mean that the camera did not know it."""
+    """Return an orientation of 1 to 8 as it is, and 1 for another value.
+
+    A camera that does not know the orientation writes another value.
+    """
     return value if value in _TURNS else UPRIGHT
 
 

@@ -1,4 +1,4 @@
-"""The commented ``rig.toml`` that ``ps4rig rig init`` writes, from the devices plugged in."""
+"""The commented ``rig.toml`` that ``ps4rig rig init`` writes for found devices."""
 
 import json
 import re
@@ -145,7 +145,7 @@ def _best_format(camera: ListedCamera) -> str | None:
 
 
 def _size(camera: ListedCamera, name: str) -> tuple[int, int]:
-    """The largest listed size that a USB camera delivers fast enough; the default without one."""
+    """The largest listed size of at most `_MOST_COLUMNS`, else the smallest; 512 x 512 if none."""
     fourcc = PIXEL_FORMATS[name].fourcc.strip()
     texts = [
         text for each in camera.formats if each.fourcc.strip() == fourcc for text in each.sizes

@@ -1,4 +1,4 @@
-"""Hold signals back during actions that must not be interrupted, such as putting LEDs out."""
+"""Hold signals back during actions such as putting LEDs out."""
 
 import signal
 import threading

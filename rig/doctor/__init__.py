@@ -1,4 +1,4 @@
-"""The checks of ``ps4rig rig doctor``: what is wrong with a rig, and what to do about it.
+"""The checks of ``ps4rig rig doctor``: faults of a rig, with advice.
 
 `diagnosis` makes all checks in order; each other file holds the checks of one part.
 """

@@ -13,7 +13,7 @@ from rig.v4l2.measurement_mode import EXPOSURE_UNITS_PER_MS
 from .check import Check
 from .serial_ports import check_access
 
-# Frames that are read for the rate and the losses; fewer if they would take longer than this.
+# Frames that are read for the rate and the losses; as few as 3 if more would take longer than this.
 _FRAMES, _FRAMES_TAKE_S = 30, 10.0
 _READ_TIMEOUT_S = 2.0  # on top of a frame period, for a camera that has just started to stream
 # 30 frames whose first and last stamp jitter by half a period give the rate to 3 %.
@@ -53,7 +53,7 @@ def check_controls(error: ControlError) -> Iterator[Check]:
 
 
 def check_frames(camera: Camera) -> Iterator[Check]:
-    """Check the frame rate, and count lost and corrupt frames, in ten seconds at most."""
+    """Check the frame rate, and count lost and corrupt frames."""
     info = camera.info
     frames = max(3, min(_FRAMES, round(_FRAMES_TAKE_S / info.frame_period_s)))
     taken: list[Frame] = []
@@ -92,7 +92,7 @@ def check_frames(camera: Camera) -> Iterator[Check]:
 def longest_exposure_ms(
     camera: Camera, listed: Sequence[ListedCamera], config: CameraConfig
 ) -> float:
-    """Return the longest exposure that fits into a frame and the camera's exposure control."""
+    """Return the longest exposure in ms that the frame period and the camera allow."""
     longest_ms = 1e3 * camera.info.frame_period_s
     if not isinstance(config, DeviceCameraConfig):
         return longest_ms

@@ -127,7 +127,7 @@ def _saturation(images: LightImages) -> Check:
 
 @dataclass(frozen=True)
 class ExposureRating:
-    """How well the exposure suits the brightest LED, since all images share one exposure.
+    """Rating of an exposure by the brightest LED, because all images share one exposure.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Flash the firmware: over MicroPython's prompt, or into the folder of a board's drive.
+"""Flash the firmware: over MicroPython's prompt, or into a board's drive.
 
 Files are written beside the old ones, read back, and renamed at the end, `main.py` last. An
 interrupted copy leaves the old program or none, and never half of a program.
@@ -57,7 +57,10 @@ class BoardFile:
 
 @dataclass(frozen=True)
 class Flashed:
-    """The board or folder of the firmware, and its version before and after; None without one."""
+    """The board or folder of the firmware, and its version before and after.
+
+    A version is None without the firmware.
+    """
 
     where: str
     before: str | None
@@ -93,7 +96,7 @@ def flash_folder(
     Raises
     ------
     InputError
-        If the folder is another one; the message says what to do.
+        If the folder is missing, or no drive of a MicroPython board; the message says what to do.
     LightControllerError
         If the files that are read back differ.
     """
@@ -189,7 +192,7 @@ def find_drives(mounts: Path = Path("/proc/self/mounts")) -> list[Path]:
         return []
     fields = [line.split() for line in lines]
     folders = [Path(each[1].replace("\\040", " ")) for each in fields if each[2] == "vfat"]
-    return [folder for folder in folders if _is_boards(folder)]
+    return [folder for folder in folders if _is_board_drive(folder)]
 
 
 def _put(port: str, files: Sequence[BoardFile]) -> None:
@@ -285,7 +288,7 @@ def _refuse_other_drives(folder: Path) -> None:
         )
 
 
-def _is_boards(folder: Path) -> bool:
+def _is_board_drive(folder: Path) -> bool:
     marks = (_BOOT_LOADER, _CIRCUIT_PYTHON, "firmware.py", "boot.py")
     try:
         return any((folder / mark).exists() for mark in marks)

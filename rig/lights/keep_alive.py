@@ -1,4 +1,4 @@
-"""Keep a controller's watchdog quiet while the program lives, in real and simulated time."""
+"""Keep a controller's watchdog quiet in real and simulated time."""
 
 import threading
 from collections.abc import Callable

@@ -22,10 +22,10 @@ class PortHolder:
 
 
 def port_holders(device: str, proc: Path = _PROC) -> list[PortHolder]:
-    """List the programs that have `device` open, by any of its names, including this program.
+    """List the programs, this one included, that have a device open.
 
-    Programs of other users are visible to the superuser only, so the port may be in use although
-    the list is empty. Without /proc it is always empty.
+    Any name of the device will do. Programs of other users are visible to the superuser only, so
+    the port may be in use although the list is empty. Without /proc it is always empty.
     """
     wanted = os.path.realpath(device)
     deadline_s = time.monotonic() + _DEADLINE_S

@@ -1,4 +1,4 @@
-"""What a light controller is connected to, as a stream of bytes: a serial port, or TCP."""
+"""The bytes to and from a light controller: over a serial port, or over TCP."""
 
 import errno
 import os

@@ -1,4 +1,4 @@
-"""Sequences: the controller steps through the lights by itself, one exposure under each."""
+"""Sequences: the controller steps through the lights, one exposure under each."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def start_command(plan: SequencePlan) -> str:
 
 
 def exposure_left_s(lights: LightController, plan: SequencePlan) -> float:
-    """Seconds for which an exposure of an earlier, aborted sequence of `plan` may still run."""
+    """Seconds for which an exposure of an aborted sequence of `plan` may still run."""
     *_, code, started_us, passed_us, now_us = _status(lights).numbers
     return max(0.0, 1e-6 * (started_us + passed_us + plan.wait_us - now_us)) if code else 0.0
 
@@ -122,7 +122,6 @@ class RunningSequence:
         self, lights: LightController, plan: SequencePlan, *, part_delay_s: float | None = None
     ) -> None:
         self._lights = lights
-        self._plan = plan
         if part_delay_s is not None:
             lights.ask(f"PART:WAIT {round(1e6 * part_delay_s)}", 1)
         answer = lights.ask(start_command(plan), 1)
@@ -149,7 +148,7 @@ class RunningSequence:
         return bool(self._status and self._status[1])
 
     def begun_s(self) -> float:
-        """When its first light was lit, on the rig's clock."""
+        """Time at which its first light was lit, on the rig's clock."""
         return ClockRelation.of(self._stamped).on_rig_s(self._step(0).lit_us)
 
     def report(self) -> SequenceReport:

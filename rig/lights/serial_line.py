@@ -1,4 +1,4 @@
-"""Whole lines over a serial port, each waited for with patience.
+"""Whole lines over a serial port, each within its time-out.
 
 Bytes are collected until a line is complete; pyserial's own `readline` may return half a line.
 """
@@ -13,7 +13,7 @@ _MAX_LINE_BYTES = 512  # replies have at most 100 bytes
 
 
 class Patience:
-    """How long an answer is still waited for.
+    """The time left to wait for an answer.
 
     Time in which the program did not run, as on a busy computer, does not count: the answer may
     have arrived meanwhile, and a simulated controller did not run either.
@@ -24,7 +24,7 @@ class Patience:
         self._counted_s = time.monotonic()
 
     def count(self) -> None:
-        """Count the time since the last call, in which one read took a slice at most."""
+        """Subtract the time since the last call, at most the longest read, `READ_SLICE_S`."""
         now_s = time.monotonic()
         self.left_s -= min(now_s - self._counted_s, READ_SLICE_S)
         self._counted_s = now_s

@@ -1,11 +1,11 @@
-"""How long the driver waits for a light controller."""
+"""Time-outs of the driver of a light controller."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class LinkTimeouts:
-    """Real time in seconds, except `unused_s`, which is on the rig's clock.
+    """Time-outs in seconds of real time, except `unused_s`, which is on the rig's clock.
 
     Attributes
     ----------

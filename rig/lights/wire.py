@@ -1,4 +1,4 @@
-"""Lines of the light controller's protocol, with sequence id and CRC, on the host's side.
+"""The host's side of the controller's protocol: lines with sequence id and CRC.
 
 ``firmware_sim/README.md`` describes the protocol.
 """

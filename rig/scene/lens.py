@@ -1,4 +1,4 @@
-"""What a lens does to ideal images: blur out of focus, and vignetting."""
+"""The effects of a lens on ideal images: blur out of focus, and vignetting."""
 
 from dataclasses import dataclass, replace
 
@@ -26,7 +26,10 @@ class Lens:
     vignetting: float = 0.0
 
     def images(self, scene: SceneImages) -> SceneImages:
-        """The images of a scene through this lens. Slopes, albedo and shadow stay the true ones."""
+        """The images of a scene through this lens.
+
+        Slopes, albedo and shadow stay the true ones.
+        """
         lights = np.stack([self._image(light) for light in scene.lights])
         return replace(scene, lights=lights, ambient=self._image(scene.ambient))
 

@@ -1,4 +1,4 @@
-"""Material folders: a scanned or drawn surface as height.png, normal.png and albedo.png.
+"""Material folders: a surface as height.png, normal.png and albedo.png.
 
 | file | what it holds |
 |---|---|

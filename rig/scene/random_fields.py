@@ -43,9 +43,10 @@ def shot_noise(power: PowerSpectrum, spacing_px: float) -> Field:
 
 
 def cells(spacing_px: float) -> Field:
-    """Round-topped cells with creases between them: -r^2, r the distance to the nearest point.
+    """Round-topped cells with creases between them: -r^2.
 
-    After Worley (1996). The points are a Poisson process, one per spacing^2 on average.
+    The distance to the nearest point is r. After Worley (1996). The points are a Poisson process,
+    one per spacing^2 on average.
     """
     # P(r > 3 spacing) = exp(-9 pi) = 5e-13 for a Poisson process.
     reach_px = round(3.0 * spacing_px)

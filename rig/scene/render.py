@@ -1,4 +1,4 @@
-"""Ideal images of a surface under each light: shading, attached and cast shadow, gloss."""
+"""Ideal images of a surface under each light: shading, shadow and gloss."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ def render_frame(
     lobe_exponent: float = 0.0,
     gloss: Gloss | None = None,
 ) -> SceneImages:
-    """Render a square frame of a surface, shifted and rotated, with shadows from outside it.
+    """Render a square frame of a shifted, rotated surface; shadows may enter it.
 
     The margin around the frame is as wide as the longest shadow that the relief can cast, but not
     wider than the frame. For parameters and errors see `PeriodicSurface.patch` and `render_scene`.
@@ -177,7 +177,7 @@ def render_frame(
 
 
 def led_distance_for(fall_off: float, slant_deg: float, size_px: int) -> float:
-    """Distance of an LED, in pixels, at which its light falls off by a share across a frame.
+    """Distance of an LED in pixels for a given fall-off of its light across a frame.
 
     The LED is isotropic (`lobe_exponent` 0). The share, 0 to below 1, is that by which a level
     white surface is darker at the far end of the frame's middle line, along the light's azimuth,
@@ -206,7 +206,7 @@ def _point_light(
     height: FloatImage,
     lobe_exponent: float,
 ) -> tuple[Vector, FloatImage | np.float32]:
-    """Unit vector towards a light from every point, and its strength relative to the centre."""
+    """Unit vector towards a light from points, and strength relative to the centre."""
     if math.isinf(distance_px):
         x, y, z = direction.astype(np.float32)
         return (x, y, z), np.float32(1.0)

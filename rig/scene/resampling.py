@@ -74,7 +74,7 @@ def sample_rotated(
     side_px: int,
     magnification: float = 1.0,
 ) -> FloatArray:
-    """Interpolate a square, rotated anticlockwise by `rotate_deg`, from spline coefficients.
+    """Interpolate a rotated square from spline coefficients.
 
     Parameters
     ----------

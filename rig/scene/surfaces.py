@@ -160,7 +160,7 @@ class PeriodicSurface:
         margin_px: int = 0,
         magnification: float = 1.0,
     ) -> SurfacePatch:
-        """Cut a square piece whose centre is shifted, then rotate the surface about that centre.
+        """Cut a square piece at a shifted centre, rotated about that centre.
 
         patch(x) = tile(R(-rotate) x / magnification + shift), with x measured from the centre of
         the frame. The gradients rotate with the surface: (p', q') = R (p, q).

@@ -1,4 +1,4 @@
-"""Calibration targets below the simulated camera: plate, spheres, checkerboard, lens cap.
+"""Simulated calibration targets: plate, spheres, checkerboard, lens cap.
 
 A target is placed like a texture: its centre is at `shift_px` = (0, 0), and it rotates about the
 centre of the frame.
@@ -93,7 +93,7 @@ def target_named(
 
 
 class Plate:
-    """A white matt sheet with grain and dust, slightly tilted; all of it turns with the sheet.
+    """A white matt sheet with grain and dust, slightly tilted; all of it rotates with the sheet.
 
     Every seed is another sheet.
     """
@@ -129,7 +129,10 @@ class Plate:
 
 @dataclass(frozen=True)
 class Sphere:
-    """A ball at rest on black card, whose plane is that of the part, seen from straight above."""
+    """A ball at rest on black card, seen from straight above.
+
+    The plane of the card is that of the part.
+    """
 
     radius_px: float
     mirror: bool

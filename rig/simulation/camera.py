@@ -37,7 +37,7 @@ class LitScene(Protocol):
 
 @dataclass(frozen=True)
 class ReportedTiming:
-    """What a simulated camera reports of its exposures.
+    """The timing that a simulated camera reports of its exposures.
 
     Attributes
     ----------

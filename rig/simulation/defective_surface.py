@@ -1,4 +1,4 @@
-"""A surface with defects: scratches, dents, bumps, stains, missing and foreign texture.
+"""A surface with scratches, dents, bumps, stains, missing or foreign texture.
 
 Shapes are formulas in the coordinates of the part, so height and gradients agree exactly, a defect
 rotates without interpolation, and its height casts shadows as the relief does.
@@ -140,7 +140,7 @@ class DefectiveSurface:
     def _filling(
         self, defect: Defect, along: Image, across: Image, near: Window, placed: Placed
     ) -> SurfacePatch:
-        """The mean plane of the texture with the foreign relief on it, which replaces the texture.
+        """The patch that replaces the texture: its mean plane with the foreign relief.
 
         For a missing texture the plane stays flat.
         """
@@ -153,10 +153,10 @@ class DefectiveSurface:
             )
             other = self.foreign[defect.surface]
             level_there, p_there, q_there, _ = _means_around(other, defect, (0.0, 0.0))
-            whole = other.patch(
+            uncut = other.patch(
                 size_px, rotate_deg + defect.angle_deg, shift, margin_px, magnification
             )
-            patch = replace(whole, **{name: getattr(whole, name)[near] for name in _MAPS})
+            patch = replace(uncut, **{name: getattr(uncut, name)[near] for name in _MAPS})
             level, p, q = level - level_there, p - p_there, q - q_there
         else:
             flat = np.zeros(along.shape, np.float32)

@@ -1,4 +1,4 @@
-"""When a simulated camera exposes: at its own frame rate, or at each trigger."""
+"""Exposure times of a simulated camera: at its own rate, or at each trigger."""
 
 import math
 import threading
@@ -16,8 +16,8 @@ TRANSFER_S = 0.004
 _TRIGGER_POLL_S = 0.001
 # A clock that slept until a frame was ready may be early by a rounding error.
 _ROUNDING_S = 1e-6
-# Starts that are kept at least, before the oldest frame that a camera's buffers may still hold:
-# those of 1,600 sets of which no frame is read.
+# Least number of starts that are kept for frames in the driver's buffers: those of 1,600 sets of
+# which no frame is read.
 KEPT_STARTS = 8192
 
 Strobe = Callable[[bool, float], object]
@@ -112,7 +112,7 @@ class FreeRunning(Exposures):
 
 
 class Triggered(Exposures):
-    """An exposure at each trigger, unless it comes within a frame period of the one before."""
+    """An exposure at each trigger that is a frame period after the last exposure."""
 
     def __init__(self, clock: Clock, shutter: Shutter, strobe: Strobe = lambda *_: None) -> None:
         super().__init__(clock, shutter, strobe)
@@ -138,7 +138,7 @@ class Triggered(Exposures):
         Raises
         ------
         ValueError
-            If many others came after it, and it is not kept any more.
+            If the start is no longer kept, because many exposures followed it.
         """
         with self._lock:
             if number < self._forgotten:

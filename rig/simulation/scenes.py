@@ -54,7 +54,7 @@ def require_surface(name: str) -> None:
 
 
 class BoundedCache(Generic[Kept]):
-    """Keeps values that take long to make. Thread-safe.
+    """A cache of values that take long to make. Thread-safe.
 
     When all values together exceed `limit_bytes`, the least recently used ones are removed.
 
@@ -84,14 +84,14 @@ class BoundedCache(Generic[Kept]):
 
 
 class SceneCache(BoundedCache[SceneImages]):
-    """Keeps rendered scenes, because rendering takes most of the time to open a simulated rig."""
+    """A cache of scenes, whose rendering takes most of the time to open a simulated rig."""
 
     def __init__(self, limit_bytes: int = _CACHE_BYTES) -> None:
         super().__init__(_bytes_of, limit_bytes)
 
 
 class SceneRenderer:
-    """Renders the scenes below one rig's camera.
+    """A renderer of the scenes below one rig's camera.
 
     Parameters
     ----------

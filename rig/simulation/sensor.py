@@ -11,9 +11,9 @@ from rig.camera import Pixels
 
 
 def digital(values: npt.NDArray[np.floating[Any]], bit_depth: int) -> Pixels:
-    """Round values and clip them to the range of a bit depth: uint8 for 8 bits, else uint16."""
-    whole = np.clip(np.rint(values), 0, (1 << bit_depth) - 1)
-    pixels: Pixels = whole.astype(np.uint8 if bit_depth == 8 else np.uint16)
+    """Round and clip values to a bit depth: uint8 for 8 bits, else uint16."""
+    rounded = np.clip(np.rint(values), 0, (1 << bit_depth) - 1)
+    pixels: Pixels = rounded.astype(np.uint8 if bit_depth == 8 else np.uint16)
     return pixels
 
 
@@ -129,7 +129,7 @@ class SensorModel:
 
 @dataclass(frozen=True)
 class RecordedPixels:
-    """Takes the place of a sensor: recorded pixel values, which have their noise already.
+    """Recorded pixel values in place of a sensor; they have their noise already.
 
     A light that is on for half of an exposure adds half of its recorded values. `origin` identifies
     the recorded set in the metadata of sets captured from it; a noise model is None if unknown.

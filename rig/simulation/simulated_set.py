@@ -19,7 +19,7 @@ EXPOSURE_MS = 20.0
 
 @dataclass(frozen=True, eq=False)
 class SimulatedSet:
-    """The light images and the ambient image of a scene, with what a solver knows about them."""
+    """The light images and ambient image of a scene, with the data for a solver."""
 
     images: npt.NDArray[Any]  # (N, H, W) pixel values
     ambient: npt.NDArray[Any] | None  # (H, W)

@@ -1,4 +1,4 @@
-"""The part of ``linux/videodev2.h`` used here: request numbers, constants and structures.
+"""The part of ``linux/videodev2.h`` used here: requests, constants, structures.
 
 The layout is that of 64-bit little-endian Linux (x86-64, arm64). Names are the kernel's, without
 the prefix ``V4L2_``.

@@ -1,4 +1,4 @@
-"""The controls of a V4L2 device, by numeric id; names change with the kernel, ids do not."""
+"""The controls of a V4L2 device, by numeric id, which no kernel changes."""
 
 import ctypes
 import errno
@@ -149,7 +149,10 @@ def check_control(device: V4l2Device, control: Control, value: int) -> None:
 
 
 def _error(device: V4l2Device, control: Control, seen: str, advice: str = "") -> ControlError:
-    """An error about a control; the default advice is for one that does not keep its value."""
+    """An error about a control.
+
+    The default advice is for a control that does not keep its value.
+    """
     advice = advice or (
         "the camera does not obey: close other programs that use it; if v4l2-ctl -d "
         f"{device.path} cannot set it either, {_OTHER}"
@@ -179,7 +182,10 @@ def _query(device: V4l2Device, control_id: int) -> abi.QueryExtCtrl | abi.QueryC
 
 
 def _is_known(device: V4l2Device, request: int, argument: ctypes.Structure) -> bool:
-    """Do an ioctl that old drivers lack; return whether this one has it. May raise OSError."""
+    """Do an ioctl that old drivers lack; return whether this one has it.
+
+    Other errors are raised as OSError.
+    """
     try:
         device.try_call(request, argument)
     except OSError as error:

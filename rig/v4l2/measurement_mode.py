@@ -42,7 +42,7 @@ class MeasurementMode:
 
 
 def set_measurement_mode(device: V4l2Device, config: V4l2CameraConfig) -> MeasurementMode:
-    """Set exposure, gain and gamma, turn off everything automatic, and read all of it back.
+    """Set exposure, gain and gamma, turn off automatic controls, read all back.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def exposure_range_ms(device: V4l2Device, config: V4l2CameraConfig) -> tuple[flo
 
 
 def set_exposure(device: V4l2Device, mode: MeasurementMode, exposure_ms: float) -> MeasurementMode:
-    """Change the exposure of a streaming camera, and read it back with every other control.
+    """Change the exposure of a streaming camera, and read every control back.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def _changed(device: V4l2Device, mode: MeasurementMode) -> list[ControlFault]:
 
 
 def _steps(device: V4l2Device, config: V4l2CameraConfig) -> Iterator[Callable[[], Setting]]:
-    """Actions that each set one control, in their order; a failed one does not stop the next."""
+    """Actions that each set one control, in order; a failure does not stop the next."""
     yield from _exposure_steps(device, config)
     for control_id in _AUTOMATIC:
         control = find_control(device, control_id)

@@ -60,8 +60,8 @@ class V4l2Output(VideoNode):
         self._maps[buffer.m.offset][: len(frame)] = frame
         buffer.bytesused = len(frame)
         buffer.field = abi.FIELD_NONE
-        whole_us = round(timestamp_s * 1e6)
-        buffer.timestamp.tv_sec, buffer.timestamp.tv_usec = divmod(whole_us, 1_000_000)
+        stamp_us = round(timestamp_s * 1e6)
+        buffer.timestamp.tv_sec, buffer.timestamp.tv_usec = divmod(stamp_us, 1_000_000)
         self.call("takes no frame", abi.VIDIOC_QBUF, buffer)
         self._written += 1
 

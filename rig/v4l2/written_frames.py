@@ -28,8 +28,8 @@ class WrittenFrames:
             return 0
         number, last_s = self._last
         periods = (stamp_s - last_s) / self._period_s
-        whole = round(periods)
-        if abs(periods - whole) > _TOLERANCE:
+        steps = round(periods)
+        if abs(periods - steps) > _TOLERANCE:
             return None
-        self._last = (number + whole, stamp_s)
-        return number + whole
+        self._last = (number + steps, stamp_s)
+        return number + steps
