@@ -221,7 +221,7 @@ def _capture(
 
 
 def _add_page(hashed: PixelHash, lights: int, image: SetImage) -> None:
-    """Hash an image if it is a page of the set's file: a light image or the first ambient one."""
+    """Hash an image that the file holds: a light image or the first ambient image."""
     page = lights if image.record.light is None else image.record.light
     if not (page == lights and hashed.has(lights)):
         hashed.add(page, image.pixels)

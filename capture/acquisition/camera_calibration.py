@@ -48,7 +48,9 @@ def rungs_of_rig(
     calibration: Calibration,
     shown: Callable[[Iterator[Series], int], Iterable[Series]] = _unshown,
 ) -> list[Rung]:
-    """Capture a ladder of exposures of a white sheet; the exposure is as before at the end.
+    """Capture a ladder of exposures of a white sheet.
+
+    The exposure is as before at the end.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Images of a set from frames: each frame is checked, and several are averaged to 16 bits."""
+"""Images of a set from checked frames; several are averaged to 16 bits."""
 
 from dataclasses import dataclass
 

@@ -26,7 +26,9 @@ _SATURATED = 0.5
 
 
 def frame_series(rig: Rig, light: int | None, count: int) -> Pixels:
-    """Return (count, H, W) fresh frames under one light (None: all LEDs off), which stays on.
+    """Return (count, H, W) fresh frames under one light, None for all LEDs off.
+
+    The light stays on.
 
     Raises
     ------
@@ -59,7 +61,7 @@ def require_free_running(rig: Rig) -> None:
 
 @contextmanager
 def exposure_kept(rig: Rig) -> Iterator[None]:
-    """Set the exposure back at the end, also after an error or an interrupt, and put LEDs out."""
+    """Set the exposure back and put LEDs out at the end, also after an error."""
     configured_ms = 1e3 * rig.camera.info.exposure_s
 
     def restore() -> None:
@@ -118,7 +120,7 @@ def frames_at(rig: Rig, light: int, exposure_ms: float, count: int) -> Pixels:
 def ladder_frames(
     rig: Rig, light: int, exposures_ms: Sequence[float], count: int
 ) -> Iterator[tuple[float, Pixels]]:
-    """Yield the exposure that the camera has set, and (count, H, W) frames, for each exposure."""
+    """Yield the set exposure in ms, and (count, H, W) frames, for each exposure."""
     for exposure_ms in exposures_ms:
         frames = frames_at(rig, light, exposure_ms, count)
         yield 1e3 * rig.camera.info.exposure_s, frames

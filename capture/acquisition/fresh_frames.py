@@ -68,7 +68,7 @@ class FreshFrames:
         return self._accepted(frame) if end_s is not None and end_s <= by_s else None
 
     def next_end_s(self) -> float | None:
-        """Predicted end of exposure of the next fresh frame, last row included; None if unknown."""
+        """Predicted end of the next fresh exposure, last row included; None if unknown."""
         info = self._rig.camera.info
         # The frames before it wait in the queue, which must have a buffer left for it.
         max_frames = info.queue_length - 1

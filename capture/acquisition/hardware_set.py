@@ -133,7 +133,7 @@ def _run(
 
 
 def _tolerance_s(rig: Rig, report: SequenceReport) -> float:
-    """Largest distance of a frame's time stamp from the controller's record of its exposure."""
+    """Largest difference of a frame's time stamp from the controller's record."""
     most_s = _TOLERANCE_PERIODS * rig.camera.info.frame_period_s
     if report.clock.uncertainty_s > most_s:
         raise SetRejected(

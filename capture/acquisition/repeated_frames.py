@@ -1,4 +1,4 @@
-"""Frames that the camera delivers twice, recognised by their number or by their pixels."""
+"""Frames that the camera delivers twice, recognised by number or by pixels."""
 
 from rig import Frame
 
@@ -8,7 +8,7 @@ _SAMPLED_PX = 4096
 
 
 class RepeatDetector:
-    """Recognises frames that repeat the previous frame.
+    """A detector of frames that repeat the previous frame.
 
     A camera without noise, such as one that replays a set, delivers the same pixels each time.
     Therefore a frame whose pixels come a third time in a row is not a repeat: the scene is static.

@@ -1,4 +1,4 @@
-"""Run one function over many items: in this process, on all cores, or on a Dask cluster.
+"""Run one function over many items: here, on all cores, or on a Dask cluster.
 
 All three yield the same results: one for each item, in the order of the items. An exception of the
 function is raised in place of the item's result. The items of a killed worker are run again.

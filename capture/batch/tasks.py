@@ -39,7 +39,7 @@ PLANAR = True
 
 @dataclass(frozen=True)
 class SetHeader:
-    """Metadata of a training set, the largest segment that its images allow, and its solver."""
+    """Metadata of a training set, its solver, and the largest segment of its images."""
 
     label: str
     orientation_deg: float | None
@@ -186,7 +186,7 @@ def classify_set(
     method: Method | None = None,
     calibration: Path | None = None,
 ) -> ClassifiedSet:
-    """Classify a set with a library, solved as the sets of the library were or by `method`.
+    """Classify a set, solved as the sets of the library were or by `method`.
 
     A solver of the library that does not suit the number of lights is replaced by the default.
 

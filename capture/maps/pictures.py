@@ -42,7 +42,7 @@ _BLUE_WHITE_RED = _blue_white_red()
 
 @dataclass(frozen=True, eq=False)
 class ColourScale:
-    """256 colours for the values from `low` to `high`; values outside get the nearest colour."""
+    """256 colours for values from `low` to `high`; others get the nearest colour."""
 
     low: float
     high: float
@@ -80,7 +80,7 @@ def _coloured(levels: npt.NDArray[np.uint8], colours: Picture) -> Picture:
 
 
 def grey(image: npt.NDArray[Any], top: float | None = None) -> Picture:
-    """Return a grey picture, black at 0 and white at `top`, by default the 99.5th percentile."""
+    """Return a grey picture: black at 0, white at `top` or the 99.5th percentile."""
     return ColourScale.grey(image, top).paint(image)
 
 
@@ -110,7 +110,7 @@ def shading_contrast(normals: FloatMap, valid: npt.NDArray[np.bool_]) -> float:
 
 
 def _shading(normals: FloatMap) -> FloatMap:
-    """0 facing away from the light, 1 facing it: slopes keep their shape in attached shadow."""
+    """Shading without attached shadow: 0 facing away from the light, 1 facing it."""
     shading: FloatMap = 0.5 + 0.5 * (normals @ _RELIEF_LIGHT)
     return shading
 

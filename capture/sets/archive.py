@@ -50,7 +50,7 @@ def output_folders(places: Sequence[Path], output: Path) -> dict[Path, Path]:
         top = os.path.commonpath(
             [_absolute(place if place.is_dir() else place.parent) for place in places]
         )
-    except ValueError as error:  # of Windows
+    except ValueError as error:  # on Windows, for different drives
         raise InputError(
             "sets of several drives; name those of each drive by themselves"
         ) from error

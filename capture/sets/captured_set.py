@@ -64,7 +64,10 @@ class CapturedSet:
                 f"{self.images.shape[1:]}; give bool of that shape"
             )
         if (self.mask is None) != (self.metadata.mask_file is None):
-            raise InputError("the metadata name a mask if, and only if, the set has one")
+            has = "no mask" if self.mask is None else "a mask"
+            raise InputError(
+                f"the set has {has}, but mask_file in its metadata is {self.metadata.mask_file!r}"
+            )
 
     @property
     def label(self) -> str | None:

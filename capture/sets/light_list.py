@@ -218,7 +218,7 @@ def _parsed_json(path: Path, text: str, unknown_keys: bool) -> LightList:
 
 
 def _first_fault(error: ValidationError) -> str:
-    """Place, fault and value of the entry at fault, by the form that fits best; may be empty."""
+    """Place, fault and value of the entry at fault; may be empty."""
     # The form that fits best is the one whose check gets deepest into the file.
     deepest = max(error.errors(), key=lambda each: len(each["loc"]))
     place = ".".join(map(str, deepest["loc"][1:]))

@@ -1,4 +1,4 @@
-"""Writing light directions as an RTI ``.lp`` file or as JSON, for `light_list` and others."""
+"""Write light directions as an RTI ``.lp`` file or as JSON."""
 
 import json
 from collections.abc import Sequence

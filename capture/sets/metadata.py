@@ -77,7 +77,7 @@ class FrameRecord(_Record):
 
 
 class ImageRecord(_Record):
-    """Where an image comes from: frames under one light, or a file.
+    """The origin of an image: frames under one light, or a file.
 
     `light` is the index into the lighting, None for the ambient image. `led_acknowledged_s` and
     `controller_time_us` are the time of the switch on the clocks of rig and controller.
@@ -165,7 +165,7 @@ class ChecksRecord(_Record):
 
 
 class CorrectionRecord(_Record):
-    """A field that was corrected after the capture: when, its earlier value, and the new one."""
+    """A correction of a field after the capture: date, earlier value, new value."""
 
     corrected_utc: str
     field: Literal["label", "specimen", "operator", "note", "orientation_deg"]

@@ -83,7 +83,10 @@ def read(path: Path) -> tuple[Planes, Planes | None, SetMetadata, Mask | None]:
 
 
 def read_header(path: Path) -> tuple[SetMetadata, tuple[int, int]]:
-    """Read the metadata, and rows and columns of the images, but no pixel. Errors as `read`."""
+    """Read the metadata, and rows and columns of the images, but no pixel.
+
+    Errors as `read`.
+    """
     fields, (pages, rows, columns) = read_set_header(path)
     return _metadata(path, fields, pages), (rows, columns)
 

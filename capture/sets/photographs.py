@@ -62,20 +62,20 @@ def read_photographs(
                 f"{path}: a JPEG does not state its response; give --gamma srgb "
                 "(an ordinary camera) or --gamma linear"
             )
-    whole = _read_alike(paths)
-    images = [_cropped(image, crop) for image in whole]
+    uncropped = _read_alike(paths)
+    images = [_cropped(image, crop) for image in uncropped]
     bit_depth, top, largest = (16, 65535, None) if raw else _depth(images, bits)
     if gamma == "srgb" or any(image.ndim == 3 for image in images):
         planes = [_linear_luminance(image, top, gamma == "srgb") for image in images]
         top = 65535
     else:
         planes = [image.astype(np.uint16) for image in images]
-    rows, columns = whole[0].shape[:2]
+    rows, columns = uncropped[0].shape[:2]
     return Photographs(planes, bit_depth, top, largest, gamma or "linear", (rows, columns))
 
 
 def read_mask(path: Path, frame: tuple[int, int], crop: Crop | None) -> BoolArray:
-    """Read a mask of photographs of (rows, columns) `frame`: true where lighter than mid-grey.
+    """Read a mask of the size `frame`, (rows, columns): true above mid-grey.
 
     Raises
     ------

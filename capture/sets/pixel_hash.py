@@ -18,7 +18,7 @@ class PixelHash:
         self._digest = hashlib.sha256()
         self._waiting: dict[int, Planes] = {}  # pages that come before their turn
         self._next = 0
-        # Waits for the last page that was begun. Each is called once, by the one after it.
+        # Waits until the last page that was begun is hashed; called once, for the next page.
         self._hashed: Callable[[], None] = lambda: None
 
     def add(self, page: int, plane: Planes) -> None:
