@@ -22,8 +22,8 @@ _MAX_CONSOLE = 6000
 # It boots in 10 s on an idle machine.
 _BEAT_S = 5
 _SILENCE_S = 180.0
-# Where a lock is released in a call of the shared file system: the emulated processor has lost a
-# register in the middle of the guest's kernel. A driver's faults look otherwise.
+# The emulated processor has lost a register while the guest's kernel released a lock of the shared
+# file system. A driver's faults have other messages.
 _DOUBLE_FAULT = "PANIC: double fault"
 
 

@@ -40,12 +40,12 @@ def port_of(serial_number: str) -> str:
     return wait_for(found)
 
 
-def wait_for(look: Callable[[], T]) -> T:
-    """Call `look` until it returns something, and return that."""
+def wait_for(find: Callable[[], T]) -> T:
+    """Call `find` until it returns a true value, and return that."""
     deadline_s = time.monotonic() + _PATIENCE_S
     while time.monotonic() < deadline_s:
-        if seen := look():
-            return seen
+        if found := find():
+            return found
         time.sleep(0.02)
     raise AssertionError(f"still nothing after {_PATIENCE_S:g} s")
 
