@@ -82,7 +82,7 @@ def test_a_mask_has_the_shape_of_the_images_and_a_name(
     for wrong in (np.ones((2, 3), np.bool_), np.ones((3, 2), np.uint8)):
         with pytest.raises(InputError, match="the mask is"):
             CapturedSet(images, None, good.metadata, wrong)
-    with pytest.raises(InputError, match="name a mask if"):
+    with pytest.raises(InputError, match="mask_file in its metadata is"):
         CapturedSet(images, None, good.metadata)
 
 
