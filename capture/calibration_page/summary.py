@@ -1,4 +1,4 @@
-"""A calibration in words and numbers: its parts with their age, missing parts, its benefit."""
+"""Summary of a calibration: its parts with their age, missing parts, its benefit."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def part_summaries(file: CalibrationFile, now: datetime) -> tuple[PartSummary, .
 
 
 def benefit_of(file: CalibrationFile) -> Benefit:
-    """Return the steps of the correction, each with the remaining error of normals in degrees.
+    """Return the steps of the correction, each with its error of normals in degrees.
 
     Empty for a calibration without flat field and lights.
     """

@@ -31,7 +31,7 @@ class Places(NamedTuple):
 
 
 def places_of(directions: npt.NDArray[np.float64]) -> Places | None:
-    """Place images as the lights stand, seen from the camera: right, top, left, bottom of the part.
+    """Place images as the lights stand, seen from the camera.
 
     Parameters
     ----------

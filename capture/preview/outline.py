@@ -1,4 +1,4 @@
-"""The outline of a part in an image, turned about the middle of the frame and drawn as SVG."""
+"""The outline of a part in an image, turned about the middle and drawn as SVG."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace

@@ -1,1 +1,1 @@
-"""The process of the command line: signals, streams, crash logs, the lock on a folder, UTC."""
+"""Process of the command line: signals, streams, crash logs, folder locks, UTC."""

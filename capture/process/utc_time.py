@@ -1,4 +1,4 @@
-"""Times in UTC: ISO 8601 with a Z at the end for files and logs, and a form for sentences."""
+"""Times in UTC: ISO 8601 for files and logs, and a form for sentences."""
 
 from datetime import UTC, datetime
 from typing import Literal

@@ -1,1 +1,1 @@
-"""The inspection station: trigger, captured set, match, verdict, record; part after part."""
+"""The inspection station: trigger, captured set, match, verdict, record."""

@@ -1,4 +1,4 @@
-"""The folder of a station: configuration, recipes, parts and log, for one program at a time."""
+"""The folder of a station: configuration, recipes, parts and log."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

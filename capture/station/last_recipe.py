@@ -1,4 +1,4 @@
-"""The recipe with which a run begins: the one that was loaded last, or that of ``station.toml``."""
+"""The first recipe of a run: the last loaded, or that of ``station.toml``."""
 
 from typing import Literal
 

@@ -69,7 +69,7 @@ class Replay(Record):
 def replay_challenge(
     files: RecipeFolder, inspector: Inspector, go_on: Callable[[], None] = lambda: None
 ) -> Iterator[PartOutcome]:
-    """Judge every part of the challenge as if it were captured now with the present calibration.
+    """Judge every part of the challenge as if captured with the present calibration.
 
     `go_on` is called before each part; an exception of it ends the replay.
 
@@ -174,7 +174,7 @@ def _replayed(path: Path, inspector: Inspector) -> tuple[Verdict, str | None]:
 def valid_replay(
     files: RecipeFolder, fingerprint: Fingerprint, go_on: Callable[[], None] = lambda: None
 ) -> Replay | None:
-    """Return the replay on record, if it was of the present challenge set with this fingerprint.
+    """Return the recorded replay if it has this challenge set and fingerprint.
 
     `go_on` as in `require_challenge`.
 

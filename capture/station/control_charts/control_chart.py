@@ -1,4 +1,4 @@
-"""Control charts of LED levels and distances: warn of a drift before parts fail because of it."""
+"""Control charts of LED levels and distances: warn of a drift before parts fail."""
 
 import math
 import statistics

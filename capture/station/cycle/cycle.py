@@ -1,4 +1,4 @@
-"""The cycle of a station: trigger, exposure, verdict, record, announcement; part after part.
+"""The cycle of a station: trigger, exposure, verdict, record, announcement.
 
 One thread captures, another judges: the next part is exposed while the last verdict is computed.
 """

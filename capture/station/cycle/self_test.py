@@ -51,7 +51,7 @@ def require_no_fault(checks: Iterable[Check]) -> None:
 
 
 class SelfTest:
-    """Collects the checks of a self-test, and publishes them if they differ from the last ones.
+    """Collects the checks of a self-test, and publishes them if they changed.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""States of a station, with the names of OPC 40100-1, and the one table of their transitions."""
+"""States of a station, with the names of OPC 40100-1, and their transitions."""
 
 import threading
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""The rig of a station: opened and tested, a part in place, one captured set for each part."""
+"""The rig of a station: open, self-test, and one captured set for each part."""
 
 import time
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Attribute gauge study: known parts, each presented several times, compared with the verdicts."""
+"""Attribute gauge study: verdicts on known parts, each presented several times."""
 
 import csv
 import io

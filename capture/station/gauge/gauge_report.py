@@ -1,4 +1,4 @@
-"""`GaugeReport`: the last gauge study of a recipe, as a JSON file in the recipe's folder."""
+"""`GaugeReport`: last gauge study of a recipe, as a JSON file in its folder."""
 
 from importlib.metadata import version
 from pathlib import Path

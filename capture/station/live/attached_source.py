@@ -1,4 +1,4 @@
-"""`AttachedSource`: a source of triggers that first makes the station known to its faces."""
+"""`AttachedSource`: a source of triggers that first attaches the station."""
 
 import threading
 from collections.abc import Callable

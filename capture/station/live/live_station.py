@@ -1,4 +1,4 @@
-"""`LiveStation`: the present state of a station for panel, API, PLC and MQTT, and its trigger."""
+"""`LiveStation`: state and trigger of a station for panel, API, PLC and MQTT."""
 
 import secrets
 import threading

@@ -1,4 +1,4 @@
-"""`BackgroundJobs`: one long job at a time, in a process of its own that yields to the station."""
+"""`BackgroundJobs`: one long job at a time, in a process of low priority."""
 
 import json
 import logging

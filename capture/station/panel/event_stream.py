@@ -1,4 +1,4 @@
-"""Events of the station as server-sent events, which a browser resumes after an interruption."""
+"""Events of the station as server-sent events, which a browser can resume."""
 
 import asyncio
 import json

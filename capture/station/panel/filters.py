@@ -22,7 +22,7 @@ _SIMULATED = {"true": None, "false": False, "only": True}
 
 
 def selection_of(query: Mapping[str, str]) -> Selection:
-    """Return the selection that a query describes; empty values are those of forms, and select all.
+    """Return the selection that a query describes; an empty value selects all.
 
     Raises
     ------

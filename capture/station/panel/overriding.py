@@ -1,4 +1,4 @@
-"""Give a part another verdict: one way for pages, programs and commands, recorded by each."""
+"""Give a part another verdict: one way for pages, API clients and commands."""
 
 from capture.process.utc_time import utc_text
 from capture.station.results.history import HistoryEntry

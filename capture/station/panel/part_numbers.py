@@ -1,4 +1,4 @@
-"""The numbers of a part beside the limits of the recipe that judged it, as a table for people."""
+"""Table of the numbers of a part beside the limits of the recipe that judged it."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

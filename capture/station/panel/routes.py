@@ -1,4 +1,4 @@
-"""`PanelRoute`: one row of the table of all pages and API calls, with the role that each needs."""
+"""`PanelRoute`: a page or API call of the panel, with the role that it needs."""
 
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Modbus TCP by pymodbus: the station as a server, and a client for programs that play the PLC."""
+"""Modbus TCP by pymodbus: the station as a server, and a client as the PLC."""
 
 import asyncio
 import logging

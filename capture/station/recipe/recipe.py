@@ -1,4 +1,4 @@
-"""`Recipe`: which textures pass, with which limits; a file that people read, change and approve."""
+"""`Recipe`: the textures that pass and their limits; people approve its file."""
 
 from collections.abc import Mapping
 from typing import Annotated, Self
@@ -91,7 +91,7 @@ class GeneralLimits(Limits):
 
 
 class Region(Section):
-    """The part of the image that is judged, in px: column and row of its top left corner, size."""
+    """Judged part of the image, in px: column and row of its top left corner, size."""
 
     x: int = Field(ge=0, le=32767)
     y: int = Field(ge=0, le=32767)

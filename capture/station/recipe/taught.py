@@ -1,4 +1,4 @@
-"""`Taught`: the measurements of teaching on good and bad parts of a recipe, as a JSON file."""
+"""`Taught`: measurements on the taught parts of a recipe, as a JSON file."""
 
 from collections.abc import Mapping
 from datetime import UTC, datetime
@@ -25,7 +25,7 @@ _MAX_BYTES = 1 << 24
 
 
 class TaughtSet(Record):
-    """A captured set that was taught: its file in the folder ``sets``, the hash of its pixels.
+    """A taught captured set: its file in the folder ``sets``, the hash of its pixels.
 
     `found`, `nearest` and `distance` are of the match with a library of all other sets; `found` is
     None for an unknown texture.

@@ -109,7 +109,7 @@ def sqlite_engine(url: URL, *, patience_s: float, is_writer: bool) -> Engine:
 
 
 def postgresql_engine(url: URL, *, patience_s: float, writing_station: str | None) -> Engine:
-    """Return connections to a PostgreSQL server whose commits are on its disk when they return.
+    """Return connections to a PostgreSQL server whose commits wait for its disk.
 
     Parameters
     ----------

@@ -141,7 +141,7 @@ def entries(
     selection: Selection,
     newest: int | None,
 ) -> Iterator[HistoryEntry]:
-    """Yield parts by number, in pages that are read as they are asked for; `ResultStore.parts`.
+    """Yield parts by number, read in pages; see `ResultStore.parts`.
 
     Each page is a transaction of its own: a transaction that waits for a slow reader would keep
     SQLite from emptying its log, and PostgreSQL from removing old rows.

@@ -1,4 +1,4 @@
-"""Rows of set files that the retention removes; the rows of their parts stay as they are."""
+"""Rows of set files that the retention removes; the rows of their parts stay."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any

@@ -96,7 +96,7 @@ class Choices:
 
 
 def counted_periods(store: ResultStore, selection: Selection) -> list[Period]:
-    """Count the selected parts by period, the earliest first; periods without parts are left out.
+    """Count the selected parts by period, the earliest first, without empty periods.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def _period_length(first_utc: str, last_utc: str) -> int:
 
 
 def counted_causes(store: ResultStore, selection: Selection) -> list[CauseCount]:
-    """Count causes of the selected parts that the station did not pass, the most frequent first.
+    """Count the causes of parts that the station did not pass, most frequent first.
 
     The causes are those of the station, also of parts whose verdict a person changed.
 

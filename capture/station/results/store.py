@@ -1,4 +1,4 @@
-"""`ResultStore`: the begun parts of a station, their results, overrides and refused triggers."""
+"""`ResultStore`: begun parts, their results, overrides and refused triggers."""
 
 import uuid
 from collections.abc import Iterable, Iterator

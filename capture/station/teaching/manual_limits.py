@@ -14,7 +14,7 @@ LimitsOf = Mapping[str, Limits]
 
 
 def limits_measured_before(files: RecipeFolder, recipe: Recipe) -> LimitsOf | None:
-    """Return the limits that the last teaching of a recipe measured; None if they are missing."""
+    """Return the limits that the last teaching measured; None if they are missing."""
     path = files.version(recipe.version).measured
     try:
         return read_toml_as(path, Recipe, "was not kept").limits_of

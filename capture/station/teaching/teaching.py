@@ -1,4 +1,4 @@
-"""Teach a recipe: from captured sets of good and bad parts to a new version, not yet approved."""
+"""Teach a recipe: make a new version from captured sets of good and bad parts."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -43,7 +43,7 @@ def teach(
     good_texture: str | None = None,
     show: ShowProgress = progress,
 ) -> Teaching:
-    """Add sets to those that were taught, and make a new version of the recipe from all of them.
+    """Add sets to the taught ones, and make a new version of the recipe from all.
 
     The page of what was found is written too. The recipe's file is written last: until then the
     previous version is in use.

@@ -1,4 +1,4 @@
-"""The page ``teaching.html``: taught sets, limits, overlapping textures, expected error rates."""
+"""The page ``teaching.html``: taught sets, limits, overlaps, expected error rates."""
 
 from collections.abc import Iterable, Iterator
 from html import escape

@@ -1,4 +1,4 @@
-"""`Teaching`: the outcome of teaching, with overlapping textures and expected error rates."""
+"""`Teaching`: outcome of teaching, with overlaps and expected error rates."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The files of a reproduction: CSV and PNG of each exhibit, all numbers as JSON, one HTML page."""
+"""The files of a reproduction: CSV, PNG, JSON and one HTML page."""
 
 import base64
 import csv

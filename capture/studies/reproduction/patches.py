@@ -35,7 +35,7 @@ def render_patch(
     surface: PeriodicSurface | None = None,
     faults: Faults = NO_FAULTS,
 ) -> SceneImages:
-    """Ideal images of a patch under the ring of four lights; its faults depend on the position."""
+    """Ideal images of a patch under four lights; the faults depend on its position."""
     if surface is None:
         surface = load_surface(position.texture, position.seed, 2 * size_px)
     rows, columns = surface.height.shape

@@ -1,4 +1,4 @@
-"""The plan of a reproduction: textures, conditions, training runs, test runs, experiments."""
+"""Plan of a reproduction: textures, conditions, training, tests, experiments."""
 
 import itertools
 from collections.abc import Iterable, Sequence

@@ -33,7 +33,7 @@ def rejection_exhibits(results: Results) -> Iterator[Exhibit]:
 
 
 def accepted_pct(known: Scores, unknown: Scores, rejected: float) -> float:
-    """Percent of unknown accepted when the limit rejects at most the share `rejected` of known."""
+    """Percent of unknown accepted if a limit rejects at most `rejected` of the known."""
     kept = math.ceil((1.0 - rejected) * len(known) - 1e-9)
     return 100.0 * float(np.mean(unknown <= np.sort(known)[max(kept, 1) - 1]))
 

@@ -85,7 +85,7 @@ class Results:
 
 
 class Answers(NamedTuple):
-    """Percent of tests on known textures that are right, refused or wrong, and unknown accepted."""
+    """Percent of tests on known textures: right, refused, wrong; unknown accepted."""
 
     right: float
     refused: float

@@ -1,4 +1,4 @@
-"""`PrivateFile`: JSON with secrets that only its owner may read, written whole or not at all."""
+"""`PrivateFile`: JSON with secrets that only its owner may read."""
 
 import json
 import threading

@@ -1,4 +1,4 @@
-"""`Tokens`: API clients and the hashes of their tokens, in ``tokens.json`` of the station."""
+"""`Tokens`: API clients and the hashes of their tokens, in ``tokens.json``."""
 
 import hashlib
 import secrets

@@ -1,4 +1,4 @@
-"""The charts of the statistics: yield over time, causes (Pareto), control charts, gauge study."""
+"""Charts of the statistics: yield, causes (Pareto), control charts, gauge study."""
 
 from collections.abc import Iterator, Sequence
 

@@ -1,4 +1,4 @@
-"""Recipe, solver and defect model that judged an earlier part, by the hashes of its result."""
+"""Recipe, solver and defect model that judged a part, by the hashes of its result."""
 
 from dataclasses import dataclass
 from functools import lru_cache

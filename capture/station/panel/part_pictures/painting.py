@@ -47,7 +47,7 @@ class PaintedPicture:
 
 
 def painted(view: PartView, size: str) -> dict[str, PaintedPicture]:
-    """Return the pictures of a part by their names in the API, each at most `SIZES` [size] px."""
+    """Return the pictures of a part by their API names, each at most `SIZES[size]` px."""
     return dict(_painted(view, SIZES[size], is_large=size == "large"))
 
 

@@ -1,4 +1,4 @@
-"""`PictureMaker`: pictures of stored parts, made one part at a time, and kept for a while."""
+"""`PictureMaker`: pictures of stored parts, made part by part, kept for a while."""
 
 import threading
 from collections import OrderedDict

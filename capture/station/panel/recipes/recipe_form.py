@@ -1,4 +1,4 @@
-"""The settings of a recipe as a form: its fields with values and messages, and its answers."""
+"""Settings of a recipe as a form: fields with values and messages, and answers."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass

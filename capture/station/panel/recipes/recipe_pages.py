@@ -1,4 +1,4 @@
-"""Pages of recipes: state, settings, parts to teach, challenge set, versions, and the job."""
+"""Pages of recipes: state, settings, parts to teach, challenge set, versions, job."""
 
 from collections.abc import Callable
 from typing import Any

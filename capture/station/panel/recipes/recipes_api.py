@@ -1,4 +1,4 @@
-"""Recipes by HTTP: state, settings, approval, roll back, teaching, challenge set, and the job."""
+"""Recipes by HTTP: state, settings, approval, roll back, teaching, challenge set."""
 
 from dataclasses import asdict
 from typing import Any

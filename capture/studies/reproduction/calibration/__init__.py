@@ -1,4 +1,4 @@
-"""A calibration on simulated rigs with faults: the benefit of each of its parts, in degrees.
+"""Benefit of each part of a calibration on simulated rigs with faults, in degrees.
 
 rigs       -> simulated rigs with faults and the ideal one; sets of parts and of targets
 procedures -> the calibration of a rig, measured as the commands of `ps4rig calibrate` do

@@ -23,7 +23,7 @@ _SPHERE_SHARE = 0.5  # of the side: at every placement the ball is within the fr
 
 @dataclass(frozen=True)
 class LightErrors:
-    """Largest errors of the lights of a rig, and the standard errors that were stated for them.
+    """Largest errors of the lights of a rig, and their stated standard errors.
 
     Attributes
     ----------

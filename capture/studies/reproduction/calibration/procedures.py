@@ -1,4 +1,4 @@
-"""The calibration of a simulated rig, measured as the commands of ``ps4rig calibrate`` do."""
+"""Calibration of a simulated rig, measured as ``ps4rig calibrate`` does."""
 
 from __future__ import annotations
 

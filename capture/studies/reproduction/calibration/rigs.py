@@ -1,4 +1,4 @@
-"""Simulated rigs with faults and the ideal one, and the sets that a user captures with them."""
+"""Simulated rigs with and without faults, and the sets that a user captures."""
 
 from __future__ import annotations
 

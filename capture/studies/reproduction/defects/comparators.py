@@ -1,4 +1,4 @@
-"""Detectors of one photograph and of the albedo alone, taught and judged like the defect map.
+"""Detectors on one photograph or the albedo alone, compared with the defect map.
 
 Both describe every place of a good part by a few features with one Gaussian distribution, score
 the cells of the defect map, and get their limit by its rule.

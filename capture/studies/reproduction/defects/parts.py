@@ -63,7 +63,7 @@ def part_of(
     case: DefectCase | None = None,
     foreign: Texture | None = None,
 ) -> Part:
-    """Capture one part at a random place and orientation, with a defect at a random place on it.
+    """Capture one part at a random place and orientation, with a defect or without.
 
     Taught and tested parts of a material come from disjoint pieces of it, those of a synthetic
     texture from different realisations.
