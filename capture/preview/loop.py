@@ -1,4 +1,4 @@
-"""The loop of the preview: show light after light, and open the rig again after an error."""
+"""Loop of the preview: show light after light, and reopen the rig after an error."""
 
 import threading
 import time

@@ -25,5 +25,5 @@ def utc_text(
 
 
 def readable_utc(text: str) -> str:
-    """Return a time of `utc_text` as people read it, to the minute: ``2026-05-04 13:05 UTC``."""
+    """Return a time of `utc_text` to the minute, for people: ``2026-05-04 13:05 UTC``."""
     return f"{text[:10]} {text[11:16]} UTC"

@@ -7,7 +7,7 @@ _MOST_DIGITS = 17
 
 
 def told_apart(value: float, bound: float, form: str) -> tuple[str, str]:
-    """Return two numbers as texts, with more digits than `form` has where those do not differ.
+    """Return two numbers as texts, with more digits than `form` until they differ.
 
     Parameters
     ----------

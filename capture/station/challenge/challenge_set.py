@@ -65,7 +65,7 @@ def read_challenge(folder: Path) -> ChallengeSet:
 
 
 def challenge_sets(folder: Path) -> dict[str, Expected]:
-    """Return the files of a challenge and their verdicts; empty if there is no challenge set.
+    """Return files and verdicts of a challenge; empty if there is no challenge set.
 
     Raises
     ------

@@ -171,7 +171,7 @@ class ControlChart:
 
 
 def mean_log_distance(distances: Iterable[float]) -> float:
-    """Return the mean logarithm of distances, because their scatter is a share of their size."""
+    """Return the mean logarithm of distances, whose scatter is a share of their size."""
     return statistics.fmean(map(math.log, distances))
 
 

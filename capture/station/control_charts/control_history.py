@@ -90,7 +90,7 @@ def _history(
     points: Sequence[float],
     value_of: Callable[[float], float] = lambda point: point,
 ) -> ChartHistory:
-    """Apply the rules to the points of groups; `value_of` converts a point to the chart's unit."""
+    """Apply the rules to points of groups; `value_of` converts a point to chart units."""
     series, warnings, shown = RuleSeries(), NewWarnings(), []
     for (*_, last), point in zip(groups, points, strict=True):
         broken = series.add(point)

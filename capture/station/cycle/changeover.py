@@ -25,7 +25,7 @@ PATIENCE_S = 1.0
 
 @dataclass(frozen=True, eq=False)
 class UsableRecipe:
-    """A recipe that may judge parts: approved, with everything loaded, its challenge set met.
+    """A recipe that may judge parts: approved, loaded, with its challenge set met.
 
     Attributes
     ----------

@@ -120,7 +120,7 @@ class Station:
         return Accepted(begun.part_id, begun.number)
 
     def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
-        """Load a recipe beside the parts; return when it judges all parts triggered from then on.
+        """Load a recipe beside the parts; return when it judges all later parts.
 
         Raises RecipeRefused if that cannot be done: the present recipe holds.
         """

@@ -106,7 +106,7 @@ class PartJudge:
     def result_of(
         self, part: ExposedPart, writer: ThreadPoolExecutor
     ) -> tuple[PartResult, BaseException | None]:
-        """Judge a part while `writer` saves its set; return the result and the exception, if any.
+        """Judge a part while `writer` saves its set; return the result and any exception.
 
         A part passes only if its set is on disk, the inspector says so, and nothing was raised.
         """

@@ -54,7 +54,7 @@ def _left_behind(folder: Path, begun: BegunPart) -> tuple[dict[str, Any], str]:
 
 
 def damaged_sets(folder: Path, store: ResultStore) -> Iterator[str]:
-    """Yield a line for each set file of the last results that is missing, damaged or exchanged.
+    """Yield a line for each set file of the last results that is missing or altered.
 
     The results are not changed: they were right when they were written.
     """
@@ -76,7 +76,7 @@ def damaged_sets(folder: Path, store: ResultStore) -> Iterator[str]:
 
 
 def unknown_files(folder: Path, store: ResultStore) -> Iterator[str]:
-    """Yield a line for each set file without a part in the results, as after a lost database."""
+    """Yield a line for each set file whose part is not in the results."""
     names = (path for path in sorted((folder / PARTS).glob(f"*/*{SUFFIX}")))
     while some := list(islice(names, _FILES_AT_A_TIME)):
         ids = {path.name.removesuffix(SUFFIX): path for path in some}

@@ -176,7 +176,7 @@ def check_calibration_age(file: CalibrationFile | None, rule: CalibrationRule) -
 
 
 def check_rig(rig: Rig, sheet: CalibrationFile | None) -> list[Check]:
-    """Check an open rig: dark with all LEDs off, light under each of them, and a white sheet.
+    """Check an open rig: dark with all LEDs off, light of each LED, and a white sheet.
 
     A test with a fault is repeated: a short disturbance seldom affects two tests in a row.
 

@@ -315,7 +315,7 @@ def setting_differences(taught: Setting, other: Setting) -> list[str]:
 
 
 def _largest_gap_px(defect_map: DefectMap, inside: npt.NDArray[np.bool_]) -> int:
-    """Largest connected area of cells without a score, of which a half or more is inside, in px."""
+    """Largest connected area of unscored cells that are at least half inside, in px."""
     rows, columns = defect_map.score.shape
     cell = defect_map.cell_px
     share = cv2.resize(
@@ -332,7 +332,7 @@ def _largest_gap_px(defect_map: DefectMap, inside: npt.NDArray[np.bool_]) -> int
 
 
 def _age_fault(age_days: int | None, greatest_days: int) -> str | None:
-    """Return what is wrong with a calibration part of this age at the capture; None if nothing."""
+    """Return why a calibration part of this age is not usable; None if it is."""
     if age_days is None:
         return "has a date that cannot be read; calibrate again"
     if age_days < -1:  # the clocks of two computers may differ

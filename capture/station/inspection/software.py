@@ -19,7 +19,7 @@ def software_sha256() -> str:
 
 
 def sources_sha256(home: Path) -> str:
-    """SHA-256 of the source files in `home`, and of the versions of Python and numeric packages."""
+    """SHA-256 of the sources in `home`, and of the versions of Python and packages."""
     digest = hashlib.sha256()
     for name, found in (("python", platform.python_version()), *_versions()):
         digest.update(f"{name} {found}\n".encode())

@@ -203,7 +203,7 @@ def _set_file(call: Call) -> Response:
 
 
 def override(call: Call) -> HistoryEntry:
-    """Override the verdict of the part in the path by a form or JSON object; return the part.
+    """Override the verdict of the part in the path by a form or JSON; return the part.
 
     Raises
     ------

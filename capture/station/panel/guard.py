@@ -31,7 +31,7 @@ CSRF_FIELD, CSRF_HEADER = "csrf", "x-csrf-token"
 
 
 def session_cookie(panel: Panel) -> str:
-    """Name of the cookie: browsers send one to all stations of a machine, whatever their ports."""
+    """Name of the cookie; browsers send cookies to all ports of a machine."""
     return f"ps4rig-{panel.folder.config.name}"
 
 

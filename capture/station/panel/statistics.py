@@ -130,7 +130,7 @@ def _one_at_a_time() -> Iterator[None]:
 
 
 def led_names(folder: StationFolder, leds: int) -> Sequence[str]:
-    """Return names of LEDs as warnings have them, or numbers where the rig has other LEDs now."""
+    """Return LED names as in warnings, or numbers where the rig has other LEDs now."""
     try:
         tilts_deg = folder.rig_config().lights.tilts_deg
     except InputError:

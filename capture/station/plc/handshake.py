@@ -81,7 +81,7 @@ class TriggerRequest:
 
 
 class Handshake:
-    """The registers that the station shows to a PLC, and its reactions to what the PLC writes.
+    """Registers that the station shows to a PLC, and reactions to what the PLC writes.
 
     Not thread-safe.
 

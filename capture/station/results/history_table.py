@@ -21,7 +21,7 @@ COLUMNS = (*_FIRST, *(each.name for each in results.c if each.name not in (*_FIR
 
 
 def record_of(entry: HistoryEntry) -> dict[str, Any]:
-    """Return the columns of the table ``results`` of a part, its override and its removed set.
+    """Return the columns of a part's result, its override and its removed set.
 
     ``verdict`` is the verdict that holds, and ``station_verdict`` that of the station. ``override``
     is None, or has ``decision``, ``by``, ``reason`` and ``utc``.

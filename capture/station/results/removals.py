@@ -14,7 +14,7 @@ from .utc import require_utc
 
 
 def passed_sets(store: ResultStore, until_utc: str) -> Iterator[tuple[str, str]]:
-    """Yield part id and set file of parts that passed, by number, whose file was not removed.
+    """Yield id and set file of parts that passed and keep their file, by number.
 
     Parts with an override are left out, also if the override is PASS.
 

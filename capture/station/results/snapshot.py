@@ -45,7 +45,7 @@ class ResultsSnapshot:
 
 
 def copy_results(address: str, station: str, target: Path) -> ResultsSnapshot:
-    """Copy a database of results to a file, as it is at one moment, without blocking writers.
+    """Copy a database of results, as it is at one moment, without blocking writers.
 
     SQLite's backup copies a file within one transaction. PostgreSQL's pg_dump writes all tables of
     the database, with the rows of other stations, for pg_restore.

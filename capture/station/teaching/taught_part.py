@@ -21,7 +21,7 @@ from .taught_sets import KeptSet
 
 @dataclass(frozen=True, eq=False)
 class TaughtPart:
-    """A set with its measures; its surface is not kept and is solved again when it is needed.
+    """A set with its measures; its surface is solved again when it is needed.
 
     Attributes
     ----------

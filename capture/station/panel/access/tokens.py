@@ -38,7 +38,7 @@ class _File(Section):
 
 
 class Tokens:
-    """The API clients of a station. Thread-safe; a change by another program is seen at once.
+    """API clients of a station. Thread-safe; sees changes by other programs at once.
 
     Parameters
     ----------

@@ -179,7 +179,7 @@ def _chosen_ids(call: Call) -> list[str]:
 
 
 def _taught(files: RecipeFolder) -> tuple[dict[str, str], list[str]]:
-    """Textures of the taught sets, by the hash of their pixels, and the names of the textures."""
+    """Textures of taught sets by the hash of their pixels, and the names of textures."""
     try:
         recipe = read_recipe(files.file)
         taught = read_taught(files.version(recipe.version).taught)
