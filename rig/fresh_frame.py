@@ -14,7 +14,7 @@ from .rig import Rig
 
 # Time to wait beyond what frame rate and queue explain, for a camera that has just started to
 # stream or a busy computer. A longer time only delays the error message.
-_SPARE_S = 2.0
+SPARE_S = 2.0
 # Interval of asking whether a sequence is over.
 _POLL_S = 0.001
 
@@ -105,7 +105,7 @@ def next_fresh_frame(
     rig: Rig,
     not_before_s: float,
     receive: Callable[[Frame, float], FrameKind] = kind_of,
-    spare_s: float = _SPARE_S,
+    spare_s: float = SPARE_S,
 ) -> Frame:
     """Return the first fresh frame, with the parameters and errors of `frames_until_fresh`."""
     ((frame, _),) = deque(frames_until_fresh(rig, not_before_s, receive, spare_s), maxlen=1)
@@ -116,7 +116,7 @@ def frames_until_fresh(
     rig: Rig,
     not_before_s: float,
     receive: Callable[[Frame, float], FrameKind] = kind_of,
-    spare_s: float = _SPARE_S,
+    spare_s: float = SPARE_S,
 ) -> Iterator[tuple[Frame, FrameKind]]:
     """Read frames up to and including the first fresh one.
 

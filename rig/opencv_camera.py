@@ -14,13 +14,12 @@ from .config.camera import OpencvCameraConfig
 from .errors import CameraError, ControlError, ControlFault
 from .frame_time import require_exposure
 from .v4l2.camera_list import device_path
+from .v4l2.device import RATE_TOLERANCE
 
 # Assumed if the backend does not report its buffers: the most that OpenCV's V4L2 backend has.
 _UNKNOWN_BUFFERS = 10
 # Time that `close` waits for a blocked read; after that the thread ends by itself.
 _CLOSE_TIMEOUT_S = 2.0
-# Relative, as in `V4l2Device.set_frame_rate`.
-_RATE_TOLERANCE = 0.01
 # OpenCV's V4L2 backend passes the driver's values on: manual exposure is 1, a unit is 100 us.
 _V4L2 = "V4L2"
 _MANUAL = 1.0
@@ -183,7 +182,7 @@ class OpencvCamera:
                 f"gives {width} x {height}; set camera.width_px and height_px to that"
             )
         rate_hz = video.get(cv2.CAP_PROP_FPS)
-        if rate_hz > 0 and abs(rate_hz - config.frame_rate_hz) > _RATE_TOLERANCE * rate_hz:
+        if rate_hz > 0 and abs(rate_hz - config.frame_rate_hz) > RATE_TOLERANCE * rate_hz:
             raise CameraError(
                 f"{self._path}: camera.frame_rate_hz = {config.frame_rate_hz:g} was asked for, "
                 f"OpenCV gives {rate_hz:g}; set {rate_hz:g}"

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from rig import Frame, Rig
 from rig.camera import EXPOSURE_LAG_FRAMES, Pixels
 from rig.errors import CameraError, ConfigError
-from rig.fresh_frame import FrameKind, fresh_frame, kind_of, next_fresh_frame, switch_to
+from rig.fresh_frame import SPARE_S, FrameKind, fresh_frame, kind_of, next_fresh_frame, switch_to
 from rig.signals import uninterrupted
 
 from .frame_mean import check_frame
@@ -113,7 +113,7 @@ def frames_at(rig: Rig, light: int, exposure_ms: float, count: int) -> Pixels:
     rig.camera.set_exposure(exposure_ms)
     info = rig.camera.info
     for _ in range(info.queue_length + EXPOSURE_LAG_FRAMES):
-        rig.camera.read((info.queue_length + 3) * info.frame_period_s + 2.0)
+        rig.camera.read((info.queue_length + 3) * info.frame_period_s + SPARE_S)
     return frame_series(rig, light, count)
 
 

@@ -10,8 +10,9 @@ from .exposure_timeline import ExposureTimeline
 from .frame_mean import check_frame
 from .repeated_frames import RepeatDetector
 
-# As in `rig.fresh_frame`, but shorter, because a set has several attempts.
-_SPARE_S = 0.5
+# Time to wait for a frame beyond what frame rate and queue explain. It is shorter than that of
+# `rig.fresh_frame`, because a set has several attempts.
+SPARE_S = 0.5
 
 
 def light_name(rig: Rig, light: int | None) -> str:
@@ -90,7 +91,7 @@ class FreshFrames:
 
     def _next(self) -> Frame:
         try:
-            return next_fresh_frame(self._rig, self._not_before_s, self._receive, _SPARE_S)
+            return next_fresh_frame(self._rig, self._not_before_s, self._receive, SPARE_S)
         except NoFreshFrameError as error:
             raise SetRejected(
                 f"set rejected: no good frame under {light_name(self._rig, self._light)} "

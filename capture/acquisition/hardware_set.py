@@ -22,9 +22,9 @@ from rig.frame_time import start_known_to_s
 from rig.fresh_frame import begin_sequence
 
 from .frame_mean import FrameMean, SetImage
-from .fresh_frames import light_name
+from .fresh_frames import SPARE_S, light_name
 from .part_sensor import ArrivedPart
-from .sequence_frames import SPARE_S, SequenceFrames
+from .sequence_frames import SequenceFrames
 
 # Largest distance of a frame's time stamp from the controller's edge, on top of the configured
 # uncertainty of the stamps: an optocoupler and an interrupt delay the strobe by far less.

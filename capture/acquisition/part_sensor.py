@@ -8,7 +8,8 @@ from classify.errors import InputError
 from rig import LightControllerError, Rig, RunningSequence
 from rig.fresh_frame import begin_sequence
 
-from .sequence_frames import SPARE_S, SequenceFrames
+from .fresh_frames import SPARE_S
+from .sequence_frames import SequenceFrames
 
 # Interval of asking whether the part has come: the controller does not wait for the answer.
 _POLL_S = 0.005

@@ -5,9 +5,6 @@ from rig import CameraError, Frame, FrameFlag, Rig
 
 from .frame_mean import check_frame
 
-# Time to wait beyond what the plan and the camera's queue explain, as in `fresh_frames`.
-SPARE_S = 0.5
-
 
 class SequenceFrames:
     """The frames `received` that were exposed after a sequence was started."""

@@ -22,9 +22,8 @@ from rig.doctor.light_images import capture_light_images
 from .lookup import OLD_DAYS, check_setting, read_calibration
 from .plate_parts import SHEET_BRIGHTNESS
 from .ps4cal import CalibrationFile, PartRecord
-from .setting import Setting
+from .setting import SAME_EXPOSURE, Setting
 
-_SAME_EXPOSURE = 0.02  # as `Setting`: exposures that cameras read back are rounded
 _SHEET = "plate"  # the surface of the simulated rig
 
 
@@ -150,7 +149,7 @@ def _exposure(rig: Rig, file: CalibrationFile) -> Iterator[Check]:
     """A warning where the sheet was measured at another exposure, which is allowed."""
     record = file.records.get("flat_field")
     setting = Setting.of_rig(rig)
-    if record is None or abs(_exposure_ratio(record, setting) - 1.0) <= _SAME_EXPOSURE:
+    if record is None or abs(_exposure_ratio(record, setting) - 1.0) <= SAME_EXPOSURE:
         return
     seen = (
         f"{setting.exposure_ms:g} ms, the sheet was measured at {record.setting.exposure_ms:g} ms"

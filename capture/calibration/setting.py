@@ -17,7 +17,7 @@ from rig.config.section import Record
 from .parts import PartName
 
 # Exposures that cameras read back are rounded, as in capture/acquisition/hardware_set.py.
-_SAME_EXPOSURE = 0.02
+SAME_EXPOSURE = 0.02
 # Words in the names of V4L2 controls that change the pixel value of the same light.
 _GAIN_CONTROLS = ("gain", "gamma", "brightness", "contrast", "black_level", "iso", "backlight")
 # What a part depends on, beside the camera and its frame. README.md gives the reasons.
@@ -146,7 +146,7 @@ class Setting(Record):
                     yield f"control {name} at {other.gain[name]:g} instead of {self.gain[name]:g}"
         if part in _DEPENDS_ON_EXPOSURE and self.exposure_ms and other.exposure_ms:
             change = abs(other.exposure_ms / self.exposure_ms - 1.0)
-            if change > _SAME_EXPOSURE:
+            if change > SAME_EXPOSURE:
                 yield f"exposure {other.exposure_ms:g} ms instead of {self.exposure_ms:g} ms"
         if part in _DEPENDS_ON_LIGHTS:
             yield from self._other_lights(other)

@@ -21,7 +21,7 @@ from . import abi
 from .node import VideoNode
 
 # Relative: drivers round 1/30 s to their own units, while the next common rate is 25 Hz.
-_RATE_TOLERANCE = 0.01
+RATE_TOLERANCE = 0.01
 # Bounds the lists of a faulty driver; real ones have fewer than 100 entries.
 _MAX_LISTED = 512
 
@@ -196,7 +196,7 @@ class V4l2Device(VideoNode):
             self.call(f"cannot set {rate_hz:g} Hz", abi.VIDIOC_S_PARM, parm)
         period = capture.timeperframe
         given_hz = period.denominator / period.numerator if period.numerator else 0.0
-        if abs(given_hz - rate_hz) > _RATE_TOLERANCE * rate_hz:
+        if abs(given_hz - rate_hz) > RATE_TOLERANCE * rate_hz:
             raise CameraError(
                 f"{self.path}: camera.frame_rate_hz = {rate_hz:g} was asked for, the driver gives "
                 f"{given_hz:g}; set {given_hz:g}, or a frame size that allows {rate_hz:g}"
