@@ -157,14 +157,14 @@ def find_outline(images: npt.NDArray[Any], *, is_mirror: bool = True) -> Outline
     ]
     found = sorted(found, key=_rank)[-_FINALISTS:]
     found = [_fitted(small, each.circle, _COARSE[1:]) for each in found]
-    if not found:
-        raise CalibrationRejected(_NONE)
+    if max((each.score for each in found), default=0.0) <= 0.0:
+        raise CalibrationRejected(_NO_SPHERE)
     best = _chosen(found)
     near, doubt_px = _scaled(best.circle, 1.0 / factor), _doubt_px(found, best) / factor
     factor = min(1.0, _FIT_RADIUS_PX / near.radius)
     fine = _fitted(_reduced(features, factor), _scaled(near, factor), _FINE)
     if max(best.score, fine.score) < _LOWEST_SCORE or fine.score < _LOWEST_FINE_SCORE:
-        raise CalibrationRejected(_NONE)
+        raise CalibrationRejected(_NO_SPHERE)
     circle = _scaled(fine.circle, 1.0 / factor)
     angles = np.linspace(0.0, 2.0 * np.pi, _RAYS, endpoint=False)
     columns = circle.column + circle.radius * np.cos(angles)
@@ -182,7 +182,7 @@ def find_outline(images: npt.NDArray[Any], *, is_mirror: bool = True) -> Outline
     return Outline(circle, rim, error_px, fine.score)
 
 
-_NONE = (
+_NO_SPHERE = (
     "no sphere is seen in the pictures; put it on a background that is brighter or darker than its "
     "rim, or give a mask that is white where it is"
 )

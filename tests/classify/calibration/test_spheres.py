@@ -220,8 +220,11 @@ def test_a_sphere_that_is_cut_missing_or_not_round_is_refused() -> None:
         find_outline(cut.images("matte")[0])
     with pytest.raises(CalibrationRejected, match="cut by the frame"):
         outline_of_mask(cut.images("matte")[1])
-    with pytest.raises(CalibrationRejected, match="no sphere"):
-        find_outline(np.full((3, 100, 120), 80, np.uint8))
+    for square in (0, 3, 40):  # none, or one that a few rays meet
+        images = np.full((3, 100, 120), 80, np.uint8)
+        images[:, 20 : 20 + square, 30 : 30 + square] = 200
+        with pytest.raises(CalibrationRejected, match="no sphere"):
+            find_outline(images)
     square = np.zeros(FRAME, bool)
     square[50:150, 50:150] = True
     with pytest.raises(CalibrationRejected, match="not round"):
