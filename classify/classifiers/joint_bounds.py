@@ -94,14 +94,14 @@ def bounds(test: FloatMap, references: FloatMap, parameters: Parameters) -> Boun
     penalty = blur_penalty(float(parameters["pixels"]))
     found = np.empty(len(references), np.float64)
     path = (own[0], curve[0], own_reach[0], *others)
-    bound_rows = partial(_bounds, test[:plain], references, *path, penalty, test[-1], found)
+    bound_rows = partial(_bounds, SERIES, test[:plain], references, *path, penalty, test[-1], found)
     run_on_rows(bound_rows, references.shape)
     return found
 
 
 @kernel
 def _bounds(
-    test: Array, references: Array, own: Array, curve: Array, own_reach: Array,
+    series: int, test: Array, references: Array, own: Array, curve: Array, own_reach: Array,
     others: Array, curves: Array, reaches: Array,
     penalty: np.float32, divisor: np.float32, bounds: Array, first: int, stop: int,
 ) -> None:  # fmt: skip
@@ -114,9 +114,9 @@ def _bounds(
     rounding = _ROUNDING * np.sqrt(energy)
     for n in range(first, stop):
         reference, reach = references[n], reaches[n]
-        directional = _square(test, reference, SERIES, 2 * SERIES)
-        across = _square(test, reference, 0, SERIES)
-        across += _square(test, reference, 2 * SERIES, len(test))
+        directional = _square(test, reference, series, 2 * series)
+        across = _square(test, reference, 0, series)
+        across += _square(test, reference, 2 * series, len(test))
         across -= _ROUNDING * across
         for k in range(len(own)):
             across -= (others[n, k] - own[k]) ** 2

@@ -7,8 +7,8 @@ import numpy as np
 from classify.images.stack import ImageStack
 from classify.shadow_rule import SHADOW_FLOOR, SHADOW_FRACTION
 
-from .in_fill import LOST
 from .problem import Maps, Problem
+from .unsolved import LOST
 
 # A light is missing if it is below the shadow limit, and below the prediction by so many standard
 # deviations.

@@ -14,12 +14,9 @@ from classify.threads import run_on_rows
 
 from .problem import Maps, Problem
 from .relaxation import grow, neighbour_weights, relax
-from .unsolved import NO_LINE, NOT_REACHED, Unsolved, link
+from .unsolved import LOST, NO_LINE, NOT_REACHED, SATURATED, Unsolved, link
 
-# Marks of unsolved pixels: noise makes the slope too uncertain, or a light is saturated. The four
-# lowest bits are the lights in shadow or saturated.
-LOST, SATURATED = np.uint8(16), np.uint8(32)
-_LIGHTS = np.uint8(15)
+_LIGHTS = np.uint8(15)  # the bits of `LOST` and `SATURATED` that are lights
 
 # Number of squares of four pixels from which the smoothness of the surface is estimated.
 _SAMPLES = 16_384

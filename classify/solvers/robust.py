@@ -17,9 +17,10 @@ from classify.lights.led_levels import LitSamples, level_corrections, residual_s
 from classify.shadow_rule import MIN_NORMAL_Z, MIN_SCALED_Z, NO_DROPPED_LIGHT, SHADOW_FRACTION
 from classify.threads import STRIP_PX
 
-from .in_fill import LOST, SATURATED, in_fill
+from .in_fill import in_fill
 from .problem import Maps, Problem, slope_noise
 from .strips import correct_for_near_lights, solve_strips
+from .unsolved import LOST, SATURATED
 
 Array = npt.NDArray[Any]
 

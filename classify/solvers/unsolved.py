@@ -12,6 +12,9 @@ from classify.threads import run_on_rows
 
 Array = npt.NDArray[Any]
 
+# Marks of `Maps.unlit`: noise makes the slope too uncertain, or a light is saturated. The four
+# lowest bits are the lights in shadow or saturated.
+LOST, SATURATED = np.uint8(16), np.uint8(32)
 NOT_REACHED = np.uint8(255)
 # In place of the index of a pair of lights: fewer than two lights, or a pixel to be left alone.
 NO_LINE, SKIPPED = np.uint8(6), np.uint8(7)

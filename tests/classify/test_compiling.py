@@ -1,5 +1,6 @@
 """Kernels are cached where a folder can be written to, and work without a cache."""
 
+import ast
 import os
 import shutil
 import subprocess
@@ -46,6 +47,35 @@ def test_kernels_run_without_a_cache_where_no_folder_can_be_written(folder: str)
 
 def test_a_cache_folder_that_cannot_be_written_is_replaced_by_another() -> None:
     assert Path(run(NUMBA_CACHE_DIR="/dev/null/cache")).is_dir()
+
+
+def test_constants_of_kernels_come_from_files_whose_change_compiles_anew() -> None:
+    """A constant of another file would stay as it was in the cached machine code."""
+    package = Path(classify.__file__).parent
+    digested = {path for path in package.rglob("*.py") if "@kernel" in path.read_text()}
+    digested |= {package / "shadow_rule.py", package / "compiling.py"}
+    for path in digested:
+        body = ast.parse(path.read_text()).body
+        sources = {
+            name.asname or name.name: source(path, node)
+            for node in body
+            if isinstance(node, ast.ImportFrom) and (node.level or node.module[:8] == "classify")
+            for name in node.names
+        }
+        for function in body:
+            if isinstance(function, ast.FunctionDef) and is_kernel(function):
+                for node in ast.walk(ast.Module(function.body, [])):
+                    name = getattr(node, "id", None)
+                    assert sources.get(name, path) in digested, f"{name} in {path}"
+
+
+def is_kernel(function: ast.FunctionDef) -> bool:
+    return any(getattr(each, "id", None) == "kernel" for each in function.decorator_list)
+
+
+def source(path: Path, node: ast.ImportFrom) -> Path:
+    root = path.parents[node.level - 1] if node.level else Path(classify.__file__).parents[1]
+    return root.joinpath(*node.module.split(".")).with_suffix(".py")
 
 
 @pytest.mark.slow
