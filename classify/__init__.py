@@ -1,4 +1,4 @@
-"""The PS4 engine: images under known lights in, surface, spectra and texture class out.
+"""The PS4 engine: from images under known lights to surface and texture class.
 
 >>> from classify import Lighting, TextureLibrary, photometric_stereo
 

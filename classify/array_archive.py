@@ -1,6 +1,7 @@
-"""Files of one JSON header and plain numpy arrays: a zip, stored unpacked, read without trust.
+"""Files of one JSON header and plain numpy arrays, in a zip without compression.
 
-Libraries, calibrations and defect models are such files. A stored array can be mapped into memory:
+Libraries, calibrations and defect models are such files. A file may come from anywhere: it is
+checked before it is used. A stored array can be mapped into memory:
 a library of 100,000 references opens at once, and only the signatures that a match needs are read.
 """
 
@@ -69,7 +70,10 @@ class ArchiveKind:
 
 
 class ArrayArchive:
-    """The members of an open archive, checked before they are read; errors do not name the file."""
+    """The members of an open archive, checked before they are read.
+
+    `open_archive` adds the name of the file to the errors.
+    """
 
     def __init__(
         self, kind: ArchiveKind, archive: zipfile.ZipFile, file: BinaryIO, map_from_bytes: float

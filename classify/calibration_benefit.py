@@ -1,4 +1,4 @@
-"""Benefit of a calibration: errors of normals with and without it, from the faults it measured."""
+"""Benefit of a calibration: errors of normals with and without its parts."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -48,7 +48,7 @@ def errors_left(
     Returns
     -------
     Name and mean angular error of the normals in degrees: without calibration, then with one more
-    part each. The true rig differs from the calibration by the errors that this states.
+    part each. The true rig differs from the calibration by the standard errors of its parts.
     """
     scale = _LONGER_SIDE_PX / max(shape)
     small = (max(1, round(shape[0] * scale)), max(1, round(shape[1] * scale)))
@@ -113,8 +113,8 @@ class _Part:
         light = self.sheet * self._shading()
         light *= _BRIGHTEST / light.max()
         dark, response = self.calibration.dark, self.calibration.response
-        even = 0.0 if dark is None else (dark.offset + (dark.ambient or 0.0)) / dark.full_scale
-        ambient = np.full(self.slopes.shape[1:], even)
+        level = 0.0 if dark is None else (dark.offset + (dark.ambient or 0.0)) / dark.full_scale
+        ambient = np.full(self.slopes.shape[1:], level)
         if response is None or response.linear:
             return light + ambient, ambient
         levels = np.linspace(0.0, 1.0, len(response.curve))

@@ -1,4 +1,4 @@
-"""Compile numeric kernels, and keep the machine code on disk where that is possible."""
+"""Compile numeric kernels, and cache the machine code on disk where possible."""
 
 import hashlib
 from collections.abc import Callable
@@ -55,7 +55,7 @@ def kernel_cache_folder() -> Path | None:
 
 @lru_cache(maxsize=1)
 def _kernel_sources() -> bytes:
-    """Digest of all files of this package whose contents kernels are made from."""
+    """Digest of the files that define kernels or their constants (test_compiling.py)."""
     digest = hashlib.sha256()
     for path in sorted(Path(__file__).parent.rglob("*.py")):
         source = path.read_bytes()

@@ -29,7 +29,7 @@ def share_at_least(events: int, trials: int, confidence: float = CONFIDENCE) -> 
 
 
 def trials_to_show(share: float, confidence: float = CONFIDENCE) -> int:
-    """Return how many trials without an event show that it happens in at most this `share`.
+    """Return how many trials without an event show that its share is at most `share`.
 
     >>> trials_to_show(0.02)
     149

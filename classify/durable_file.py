@@ -55,11 +55,12 @@ def require_folder(path: Path) -> None:
 
 @contextmanager
 def durable_file(path: Path, home: Path | None = None) -> Iterator[Path]:
-    """Yield a temporary path in the same folder that becomes `path` when the block ends well.
+    """Yield a temporary path that becomes `path` when the block ends without an error.
 
-    The data are forced to disk before the rename, and the rename after it. If the block raises,
-    or the disk is full, the temporary file is removed and an older `path` stays as it was. If
-    `path` is a symbolic link, the file that it points to is replaced, and the link stays.
+    It is in the same folder. The data are forced to disk before the rename, and the rename after
+    it. If the block raises, or the disk is full, the temporary file is removed and an older `path`
+    stays as it was. If `path` is a symbolic link, the file that it points to is replaced, and the
+    link stays.
 
     Parameters
     ----------
@@ -93,7 +94,7 @@ def durable_file(path: Path, home: Path | None = None) -> Iterator[Path]:
 def locked_temporary(
     home: Path, path: Path, *, suffix: str = "", is_folder: bool = False
 ) -> Iterator[Path]:
-    """Yield a new file or folder in `home`, locked by this writer, and remove it at the end.
+    """Yield a new locked file or folder in `home`, and remove it at the end.
 
     Temporary files and folders in `home` whose writers were killed are removed first; where
     `fcntl` is missing, after a day.
@@ -121,7 +122,7 @@ def locked_temporary(
 
 
 def _new_temporary(home: Path, suffix: str, is_folder: bool) -> tuple[Path, int | None]:
-    """Make a temporary file or folder that is locked as long as the descriptor is open.
+    """Make a temporary file or folder, locked as long as the descriptor is open.
 
     Without `fcntl` there is no descriptor: Windows renames no file that is open.
     """
@@ -149,7 +150,7 @@ def _new_temporary(home: Path, suffix: str, is_folder: bool) -> tuple[Path, int 
 
 
 def _remove_abandoned(home: Path) -> None:
-    """Remove temporary files and folders that no writer holds a lock on, or is at work on."""
+    """Remove the temporary files and folders of killed writers."""
     for path in home.glob(f"{_PREFIX}*"):
         with suppress(OSError):
             if fcntl is None:

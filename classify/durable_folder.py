@@ -54,7 +54,7 @@ def durable_folder(folder: Path, names: Collection[str], first: str) -> Iterator
 
 
 def _exchanged(new: Path, folder: Path, names: Collection[str]) -> bool:
-    """Put `new` in the place of `folder` in one step; False if that would lose other files."""
+    """Exchange `new` and `folder` in one step; False if impossible or unsafe."""
     if not folder.exists():
         new.rename(folder)
         return True

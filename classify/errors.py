@@ -20,6 +20,6 @@ class DefectModelError(InputError):
 
 
 class CalibrationRejected(Ps4rigError):  # noqa: N818 - a verdict on a measurement, no program error
-    """A measurement too bad to be kept as a part of a calibration; the message names its cause."""
+    """A measurement too bad for a calibration; the message names the cause."""
 
     exit_status = 1

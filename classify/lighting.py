@@ -24,14 +24,14 @@ def light_vectors(tilts_deg: npt.ArrayLike, slants_deg: npt.ArrayLike) -> npt.ND
     return np.stack(vectors, axis=-1).astype(np.float64)
 
 
-# Of a near light, in px: a light nearer than the smallest camera is wide is no point, and one
-# farther than the largest is distant in float64.
+# Range of the distance of a near light, px. Below it the light is within one pixel; beyond it the
+# direction changes by less than 1e-5 over a frame of 10,000 px, as of a distant light.
 _NEAREST_PX, _FARTHEST_PX = 1.0, 1e9
 
 
 @dataclass(frozen=True, eq=False)
 class Lighting:
-    """N lights: unit vectors from the surface towards them, relative intensities, and positions.
+    """N lights: unit vectors towards them, relative intensities, and positions.
 
     Parameters
     ----------
@@ -72,9 +72,12 @@ class Lighting:
             )
         largest = np.abs(directions).max(axis=1)
         # Squares of larger numbers would overflow.
-        if not (np.isfinite(largest) & (largest >= 1e-9) & (largest <= 1e9)).all():
+        usable = np.isfinite(largest) & (largest >= 1e-9) & (largest <= 1e9)
+        if not usable.all():
+            light = int(np.argmin(usable))
             raise InputError(
-                "a light direction is zero or not finite, or beyond 1e9; give (x, y, z) towards it"
+                f"a light direction is zero or not finite, or beyond 1e9: light {light} has "
+                f"{directions[light].tolist()}; give (x, y, z) towards it"
             )
         lengths = np.linalg.norm(directions, axis=1)
         # Plus zero turns -0.0 into 0.0, so that equal lights have equal bytes and hashes.
@@ -94,8 +97,13 @@ class Lighting:
                 f"{intensities.size} light intensities for {len(directions)} lights; give one each"
             )
         # Far beyond what one exposure can show; float32 holds the gains and their squares.
-        if not ((intensities >= 1e-6) & (intensities <= 1e6)).all():
-            raise InputError("light intensities must be positive numbers from 1e-6 to 1e6")
+        usable = (intensities >= 1e-6) & (intensities <= 1e6)
+        if not usable.all():
+            light = int(np.argmin(usable))
+            raise InputError(
+                f"light {light} has the intensity {intensities[light]:g}; give a positive number, "
+                "1e-6 to 1e6"
+            )
         if self.positions_px is not None:
             positions, directions = _positions(self.positions_px, directions)
             object.__setattr__(self, "positions_px", positions)

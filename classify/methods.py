@@ -16,7 +16,7 @@ def default_method(lights: int) -> Method:
 
 
 def suits(method: Method, lights: int) -> bool:
-    """Whether a solver solves sets of that many lights; those not in the table need four."""
+    """Whether a solver takes that many lights; one not in the table takes four."""
     return lights >= _LEAST_LIGHTS[method] if method in _LEAST_LIGHTS else lights == 4
 
 

@@ -6,7 +6,7 @@ from contextlib import contextmanager, suppress
 
 
 def usable_processors() -> list[int]:
-    """Numbers of the processors that this process may run on, or of all where that is not known."""
+    """Numbers of the processors that this process may use; all where that is unknown."""
     if hasattr(os, "sched_getaffinity"):
         # Of the main thread: others may be bound to one processor.
         return sorted(os.sched_getaffinity(os.getpid()))

@@ -40,7 +40,7 @@ def open_regular_file(path: Path, max_bytes: int) -> BinaryIO:
 
 
 def read_regular_file(path: Path, max_bytes: int) -> bytes:
-    """Read a whole file as `open_regular_file` opens it; at most `max_bytes` are accepted.
+    """Read a whole file of at most `max_bytes`, opened by `open_regular_file`.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def read_regular_file(path: Path, max_bytes: int) -> bytes:
 
 
 def _read(file: BinaryIO, most_bytes: int) -> bytes:
-    """Read in pieces: one read of up to 1 GB would allocate 1 GB, whatever the file holds."""
+    """Read in pieces: one read of up to 1 GB would allocate 1 GB for any file."""
     pieces: list[bytes] = []
     while most_bytes > 0 and (piece := file.read(min(most_bytes, _PIECE_BYTES))):
         pieces.append(piece)

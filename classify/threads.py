@@ -60,7 +60,7 @@ def set_thread_count(count: int | None) -> None:
 
 
 def bind_workers(*, is_bound: bool = True) -> None:
-    """Bind the threads that are kept to processors of their own, in this process from now on.
+    """Bind each kept thread of this process to a processor of its own from now on.
 
     Some kernels let threads that have slept share one processor while another is idle, and the
     parts of a loop then follow one another. capture/README.md has the gain. False returns to the
@@ -74,9 +74,9 @@ def bind_workers(*, is_bound: bool = True) -> None:
 
 @contextmanager
 def beside_workers() -> Iterator[None]:
-    """Bind the calling thread to the processor that threads bound by `bind_workers` leave free.
+    """Bind the calling thread to the processor that bound workers leave free.
 
-    Other threads that it starts meanwhile are bound to it, too.
+    Threads that it starts meanwhile are bound to it, too. See `bind_workers`.
     """
     if not _is_bound or thread_count() == 1:
         yield
@@ -86,7 +86,7 @@ def beside_workers() -> Iterator[None]:
 
 
 def map_in_threads(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-    """``[function(item) for item in items]``, with the items shared out among the threads.
+    """``[function(item) for item in items]``, with the items shared among threads.
 
     The calling thread takes part, so that a call within a call cannot wait for itself.
     """
@@ -112,7 +112,7 @@ def map_in_threads(function: Callable[[Item], Result], items: Sequence[Item]) ->
 
 
 def beside(work: Callable[[], Result], *, is_long: bool = False) -> Callable[[], Result]:
-    """Start work in another thread; the function returned waits for its result and returns it.
+    """Start work in another thread; return a function that waits for its result.
 
     The caller does the work itself if no thread was free until then, and otherwise helps other
     threads until the result is there. Give `is_long` for work that a thread that waits for another
@@ -128,7 +128,7 @@ def beside(work: Callable[[], Result], *, is_long: bool = False) -> Callable[[],
 def run_on_rows(
     function: Callable[[int, int], None], shape: tuple[int, int], strip_px: int = STRIP_PX
 ) -> None:
-    """Call ``function(first, last)`` for strips of rows that together are all of `shape`.
+    """Call ``function(first, last)`` for strips of rows that together cover `shape`.
 
     The strips do not depend on the number of threads.
     """
@@ -139,7 +139,7 @@ def run_on_rows(
 
 
 def _kept_workers() -> Workers:
-    """Threads that wait for work; to start new ones takes as long as to solve a small frame."""
+    """Threads kept between calls: starting new ones takes as long as a small frame."""
     global _workers
     count = thread_count() - 1
     with _lock:
@@ -161,7 +161,7 @@ def _end_workers() -> Workers | None:
 
 @atexit.register
 def _join_workers() -> None:
-    """A thread that comes back from compiled code while the interpreter ends can abort it."""
+    """Wait for all threads: one that leaves compiled code after the end aborts Python."""
     workers = _end_workers()
     if workers is not None:
         workers.join()

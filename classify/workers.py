@@ -1,4 +1,4 @@
-"""`Workers`: kept threads, which any thread that waits for a result helps with their work."""
+"""`Workers`: kept threads, helped by every thread that waits for a result."""
 
 import threading
 from collections import deque
@@ -73,7 +73,7 @@ class Workers:
             thread.start()
 
     def submit(self, work: Callable[[], Result], *, is_long: bool = False) -> Task[Result]:
-        """Queue work; a thread that waits for another result takes it only if it is not long."""
+        """Queue work; a thread that waits for a result takes it only if it is not long."""
         task = Task(work)
         with self._changed:
             if is_long:
