@@ -1,4 +1,4 @@
-"""Noise of a set of images, from the sensor that took them or from the images alone."""
+"""Noise of a set of images, from its sensor or from the images alone."""
 
 import math
 from dataclasses import dataclass
@@ -169,6 +169,6 @@ def _variance(energies: FloatArray, freedom: int, least: float) -> float:
 
 
 def chi_squared(freedom: int, deviate: float) -> float:
-    """The value of chi-squared at a standard normal deviate (Wilson and Hilferty, 1931)."""
+    """Chi-squared at a standard normal deviate (Wilson and Hilferty, 1931)."""
     spread = 2.0 / (9.0 * freedom)
     return freedom * (1.0 - spread + deviate * math.sqrt(spread)) ** 3

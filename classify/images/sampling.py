@@ -1,4 +1,4 @@
-"""Pixels that stand for a whole frame, without preference for a side or a direction."""
+"""Samples of a frame that prefer no side and no direction."""
 
 import math
 from functools import lru_cache
@@ -11,7 +11,9 @@ IndexArray = npt.NDArray[np.intp]
 
 @lru_cache(maxsize=32)
 def sample_pixels(shape: tuple[int, int], most: int, margin: int = 0) -> IndexArray:
-    """Flat indices of about `most` pixels, evenly spread over the frame without its margin.
+    """Flat indices of about `most` pixels, evenly spread over the frame's inner part.
+
+    `margin` pixels along each side are left out.
 
     The samples of a frame that is rotated by quarter turns or mirrored are the rotated or mirrored
     ones: their grid is symmetric about the middle, with one step for rows and columns.

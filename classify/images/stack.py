@@ -75,8 +75,8 @@ class ImageStack:
             values -= self.ambient.ravel().take(pixels).astype(np.float32)
         return values
 
-    def whole(self) -> ImageStack:
-        """The stack with its images as `raw_at` and `float_rows` give them."""
+    def materialised(self) -> ImageStack:
+        """An equal stack whose `images` hold what `raw_at` and `float_rows` return."""
         return self
 
     def rows(self, first: int, last: int) -> ImageStack:

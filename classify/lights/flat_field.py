@@ -1,4 +1,4 @@
-"""Strength of each light over a plane, as a polynomial, and the division of images by it."""
+"""Strength of each light over a plane as a polynomial; images divided by it."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -69,7 +69,7 @@ class FlatField:
 
     @property
     def share(self) -> float:
-        """Largest share by which a light is weaker at its darkest place than at its brightest."""
+        """Largest share that a light loses from its brightest to its darkest place."""
         return float(1.0 - np.exp(self.bounds[:, 0] - self.bounds[:, 1]).min())
 
     def saturation(self, full_scale: float) -> np.float32:
@@ -96,7 +96,7 @@ class FlatField:
 
     @property
     def shared(self) -> "FlatField":
-        """The geometric mean of all lights, for each: vignetting, and fall-off that they share."""
+        """The geometric mean of all lights, for each: vignetting and common fall-off."""
         lights = len(self.coefficients)
         coefficients, bounds = (
             np.repeat(each.mean(axis=0, keepdims=True), lights, axis=0)
@@ -105,7 +105,7 @@ class FlatField:
         return FlatField(coefficients, bounds)
 
     def facing(self, lighting: Lighting) -> "FlatField":
-        """The flat field of a sheet that faces each light, with the same mean of the lights.
+        """The flat field of a sheet that faces each light; the mean stays the same.
 
         The sheet faced the camera: its images are proportional to the z of the directions.
 
@@ -128,12 +128,12 @@ class FlatField:
         The result is float32, and the ambient image is in it as before. Pixels that reach
         `full_scale` get the value `saturation`.
         """
-        return DividedStack(stack.images, stack.ambient, self, full_scale).whole()
+        return DividedStack(stack.images, stack.ambient, self, full_scale).materialised()
 
 
 @dataclass(frozen=True, eq=False)
 class DividedStack(ImageStack):
-    """Images that are divided by a flat field where they are read; see `FlatField.divide`.
+    """Images divided by a flat field when they are read; see `FlatField.divide`.
 
     A copy of five megapixels takes longer to write than to make again while it is in the cache.
 
@@ -142,13 +142,13 @@ class DividedStack(ImageStack):
     images, ambient
         As they were taken.
     flat_field, full_scale
-        By which they are divided, and the value of saturated pixels before, None if not known.
+        The divisor, and the value of saturated pixels before division, None if not known.
     """
 
     flat_field: FlatField
     full_scale: float | None
 
-    def whole(self) -> ImageStack:
+    def materialised(self) -> ImageStack:
         images = np.empty(self.images.shape, np.float32)
 
         def write(first: int, last: int) -> None:
@@ -193,7 +193,10 @@ class DividedStack(ImageStack):
 
 @kernel
 def exponential(e: np.float32) -> np.float32:
-    """Exponential to 2e-6 for |e| < 1 and 1e-4 for |e| < 2; exp itself would not be vectorised."""
+    """Exponential to 2e-6 for |e| < 1 and 1e-4 for |e| < 2.
+
+    The compiler does not vectorise exp itself.
+    """
     one, half, third = np.float32(1.0), np.float32(1.0 / 2.0), np.float32(1.0 / 3.0)
     u = np.float32(1.0 / 8.0) * e
     root = one + u * (one + half * u * (one + third * u * (one + np.float32(1.0 / 4.0) * u)))

@@ -10,20 +10,20 @@ from classify.shadow_rule import SHADOW_FLOOR, SHADOW_FRACTION
 from .problem import Maps, Problem
 from .unsolved import LOST
 
-# A light is missing if it is below the shadow limit, and below the prediction by so many standard
-# deviations.
-_BEYOND_NOISE = 3.0
+# A light is missing if it is below the shadow limit, and below the prediction by this many standard
+# deviations: one normal deviate in 740 is.
+_MISSING = 3.0
 
 
 def judge_dark_pixels(
     problem: Problem, stack: ImageStack, maps: Maps, first: int, last: int
 ) -> None:
-    """Invalidate dark pixels whose values are not those of a surface in all its lights.
+    """Invalidate dark pixels at which a light is missing.
 
     A pixel that is dark beside the rest of the frame (`Problem.dark_level`) gets much of its light
     from the lens and its surroundings, and a backdrop is lit by some of the LEDs only. There a
-    missing light is no evidence of shadow, and the others do not show a slope. The problem must
-    hold the intensities with which the maps were solved.
+    missing light is no evidence of shadow, and the other lights do not show a slope. The problem
+    must hold the intensities with which the maps were solved.
 
     Only rows from `first` to before `last` are judged, of maps that were solved from `stack`.
     """
@@ -32,7 +32,7 @@ def judge_dark_pixels(
         return
     # The prediction from the other lights is noisy as well: 2 sigma of the difference for four.
     lights = len(problem.lighting)
-    noise = np.float32(_BEYOND_NOISE * problem.sigma * math.sqrt(lights / max(lights - 3, 1)))
+    noise = np.float32(_MISSING * problem.sigma * math.sqrt(lights / max(lights - 3, 1)))
     p, q, albedo, valid = part.p.ravel(), part.q.ravel(), part.albedo.ravel(), part.valid.ravel()
     pixels = np.flatnonzero((albedo < problem.dark_albedo) & valid)
     values = stack.values_at(first * problem.shape[1] + pixels) * problem.gains[:, None]

@@ -1,4 +1,4 @@
-"""Four lights or more, without those whose values are inconsistent with the others."""
+"""Four lights or more, without those that are inconsistent with the others."""
 
 from typing import Any
 
@@ -20,13 +20,12 @@ Array = npt.NDArray[Any]
 
 
 def solve_drbohlav(problem: Problem) -> Maps:
-    """Replace values that are inconsistent with the rest by their prediction, solve from all.
+    """Least squares without inconsistent values; four lights or more.
 
-    After Drbohlav and Leonardis (1998) and Barsky and Petrou (2003); four lights or more. Four
-    light vectors are linearly dependent, l_k = sum c_j l_j, and so are the values of a Lambertian
-    pixel without shadow or highlight, i_k = sum c_j i_j. A value replaced by the prediction of the
-    others has no residual, so that the solution from all is that of the others: the light is left
-    out.
+    After Drbohlav and Leonardis (1998) and Barsky and Petrou (2003). Four light vectors are
+    linearly dependent, l_k = sum c_j l_j, and so are the values of a Lambertian pixel without
+    shadow or highlight, i_k = sum c_j i_j. A value replaced by the prediction of the others has no
+    residual, so that the solution from all is that of the others: the light is left out.
 
     The lights are left out one by one. The residuals without a light follow from those with it
     (`_replace`): a pixel takes a time proportional to the lights times those left out.
@@ -51,10 +50,10 @@ def solve_drbohlav(problem: Problem) -> Maps:
 
 
 def gates(lights: int) -> npt.NDArray[np.float32]:
-    """(N + 1,) largest sum of squared residuals of n lights that is noise, in variances.
+    """(N + 1,) limits of the sum of squared residuals of n lights, in variances.
 
-    The 99.7 % quantile of chi-squared with n - 3 degrees of freedom: 9 for four lights; infinite
-    for three, which always agree.
+    A larger sum is not noise. The limit is the 99.7 % quantile of chi-squared with n - 3 degrees of
+    freedom: 9 for four lights; infinite for three, which always agree.
     """
     limits = [np.inf if n < 4 else chi_squared(n - 3, BEYOND_NOISE) for n in range(lights + 1)]
     return np.array(limits, np.float32)
@@ -130,19 +129,20 @@ def _replace(
 ) -> tuple[int, bool, np.float32, np.float32, np.float32]:  # fmt: skip
     """Leave out one light after the other until the rest agree.
 
-    Dark lights go first. Of five lights and more, the one goes whose absence leaves the smallest
-    residuals. Of four lights any three agree: there the darkest goes if it is dark, else the
-    darkest light that is too dark or the brightest that is too bright: the one without which the
-    surface is flatter (see `robust._gate`). If no majority of the lights agrees, the lights are not
-    known well enough, rather than in shadow or highlights: then all that are not dark are used.
+    Dark lights are left out first. Of five lights or more, the light is left out whose absence
+    gives the smallest residuals. Any three of four lights agree. Of four, the darkest is left out
+    if it is dark. Otherwise there are two candidates, the darkest of those below their prediction
+    and the brightest of those above it; the surface is flatter without the chosen one (see
+    `robust._gate`). If no majority of the lights agrees, directions or levels are wrong, rather
+    than lights in shadow or highlights: then all that are not dark are used.
 
-    With e the residual of light l and h = l . (L^T L)^-1 l its leverage, its absence takes
-    e^2 / (1 - h) off the sum of squared residuals and the factor 1 - h off the determinant of
-    L^T L (Cook and Weisberg 1982, Residuals and Influence in Regression, chapter 2).
+    With e the residual of light l and h = l . (L^T L)^-1 l its leverage, its absence subtracts
+    e^2 / (1 - h) from the sum of squared residuals and multiplies the determinant of L^T L by 1 - h
+    (Cook and Weisberg 1982, Residuals and Influence in Regression, chapter 2).
 
     Returns
     -------
-    The first light left out, if one was a highlight, and b, zeros if it is not determined.
+    The first light left out, whether one was a highlight, and b, which is zero if not determined.
     """
     count = len(images)
     used = np.ones(count, np.bool_)
@@ -162,7 +162,7 @@ def _replace(
     dark_level = DARK * np.sqrt(dark_variance)
     tolerance = TOLERANCE * brightest
     is_dark, bright = np.empty(count, np.bool_), 0
-    # The sums of the normal equations, from which a light is taken off when it goes.
+    # The sums of the normal equations; those of a light are subtracted when it is left out.
     xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     x, y, z = 0.0, 0.0, 0.0
     for k in range(count):
@@ -233,10 +233,10 @@ def _least_consistent(
     directions: Array, errors: Array, eligible: Array,
     inverse: tuple[float, float, float, float, float, float], least: float,
 ) -> int:  # fmt: skip
-    """The light whose absence leaves the smallest residuals, -1 if the rest cannot be solved.
+    """The light whose absence gives the smallest residuals; -1 for none.
 
     `inverse` is the upper half of (L^T L)^-1 with the values off the diagonal doubled; `least` is
-    the smallest 1 - h with which the rest determine the normal.
+    the smallest 1 - h with which the other lights determine the normal.
     """
     xx, xy, xz = np.float32(inverse[0]), np.float32(inverse[1]), np.float32(inverse[2])
     yy, yz, zz = np.float32(inverse[3]), np.float32(inverse[4]), np.float32(inverse[5])
@@ -285,7 +285,7 @@ def _steepness(
     images: Array, dark: np.float32, lights: Array, gains: Array, directions: Array, used: Array,
     without: int, r: int, c: int,
 ) -> np.float32:  # fmt: skip
-    """Squared slope of the surface without one more light, infinite if that cannot be solved."""
+    """Squared slope of the surface without one more light; infinite if not determined."""
     if without < 0:
         return np.float32(np.inf)
     used[without] = False

@@ -1,8 +1,8 @@
-"""Second pass of `ps4_robust`: pixels with fewer than three lights, from those around them.
+"""Second pass of `ps4_robust`: fill in the pixels with fewer than three lights.
 
 Two lights leave a line of scaled normals b0 + t d, one light or none leaves slope and albedo open.
-They are chosen so that they change as little from pixel to pixel as elsewhere on this surface,
-and that the gradient field is one of a surface: dp/dy = dq/dx.
+Slope and albedo are chosen so that they change as little from pixel to pixel as elsewhere on this
+surface, and that the gradient field is one of a surface: dp/dy = dq/dx.
 """
 
 import numpy as np
@@ -27,7 +27,7 @@ _PAIR_OF_DARK = np.full(16, NO_LINE)
 for _index, (_j, _k) in enumerate(_PAIRS):
     _PAIR_OF_DARK[_LIGHTS ^ (1 << _j | 1 << _k)] = _index
 _FIRST_DARK = np.array([3, *(int(b & -b).bit_length() - 1 for b in range(1, 16))], np.uint8)
-# Of the axes, for cross products.
+# The next and the last of the three axes, for cross products.
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 
 
@@ -93,9 +93,10 @@ def _pixels_to_fill(unlit: npt.NDArray[np.uint8], strip_px: int) -> npt.NDArray[
 def _lines_of_two_lights(
     lighting: Lighting,
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-    """(6, 3, 2) b0 = solutions[pair] (i_j, i_k), and (7, 3) unit d with d_z >= 0, 0 for no line.
+    """(6, 3, 2) solutions and (7, 3) unit directions d of the lines of two lights.
 
-    b0 is the shortest solution, that of the pseudo-inverse, perpendicular to d = l_j x l_k.
+    b0 = solutions[pair] (i_j, i_k). d_z >= 0; the last d is 0, for no line. b0 is the shortest
+    solution, that of the pseudo-inverse, perpendicular to d = l_j x l_k.
     """
     first, second = lighting.directions[_FIRST], lighting.directions[_SECOND]
     cosines = (first * second).sum(axis=1, keepdims=True)

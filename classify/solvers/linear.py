@@ -1,4 +1,4 @@
-"""Least squares and PS3, and the last steps of all solvers of any number of lights.
+"""Least squares and PS3, and the last steps of solvers of any number of lights.
 
 A kernel goes from raw images to gradients, albedo and validity row by row, while the row is in the
 cache. A row is solved in several short loops without branches, which the compiler vectorises.
@@ -127,9 +127,9 @@ def _solve_saturated(
     saturated: Array, saturation: np.float32, noise_floor: np.float32, dark_albedo: np.float32,
     p: Array, q: Array, albedo: Array, valid: Array,
 ) -> int:  # fmt: skip
-    """Solve the pixels of row r again that are `saturated` under one of four lights, without it.
+    """Solve the `saturated` pixels of row r again, without their saturated lights.
 
-    Returns how many more of them are below `dark_albedo` now.
+    Returns the change of the number of pixels below `dark_albedo`.
     """
     zero, more = np.float32(0.0), 0
     used = np.empty(len(lights), np.bool_)
@@ -253,7 +253,7 @@ def solve_lights(
 def invert(
     xx: float, xy: float, xz: float, yy: float, yz: float, zz: float
 ) -> tuple[float, float, float, float, float, float, float]:
-    """Determinant and inverse of L^T L, both symmetric; all 0 if it determines no normal."""
+    """Determinant and inverse of symmetric L^T L; all 0 if it determines no normal."""
     a00, a01, a02 = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
     a11, a12, a22 = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
     determinant = xx * a00 + xy * a01 + xz * a02
@@ -265,7 +265,10 @@ def invert(
 
 @kernel
 def least_determinant(trace: float) -> float:
-    """Least determinant of L^T L that determines a normal; its trace is the number of lights."""
+    """Least determinant of L^T L that determines a normal.
+
+    Its trace is the number of lights.
+    """
     # The product of the two larger eigenvalues is at most a quarter of the squared trace.
     return 0.25 * _MIN_EIGENVALUE * trace * trace
 
@@ -316,7 +319,7 @@ def judge_row(
 def _light(
     directions: Array, gains: Array, k: int
 ) -> tuple[np.float32, np.float32, np.float32, np.float32]:
-    """Direction of light k, and the factor that makes the limit of shadow the prediction."""
+    """Direction of light k, and its gain divided by `SHADOW_FRACTION`."""
     return directions[0, k], directions[1, k], directions[2, k], gains[k] / SHADOW_FRACTION
 
 
@@ -324,7 +327,7 @@ def _light(
 def _judged(
     b: tuple[np.float32, np.float32, np.float32], lit: np.float32, floor: np.float32
 ) -> tuple[np.float32, np.float32, np.float32, bool]:
-    """p, q, albedo and validity of a scaled normal on which so many lights are out of shadow."""
+    """p, q, albedo and validity of a scaled normal with `lit` lights out of shadow."""
     x, y, z = b
     rho = np.sqrt(x * x + y * y + z * z)
     visible = (z > max(MIN_NORMAL_Z * rho, MIN_SCALED_Z)) & (z * z >= floor * rho)
@@ -337,7 +340,10 @@ def _lit(
     value: np.float32, b: tuple[np.float32, np.float32, np.float32],
     light: tuple[np.float32, np.float32, np.float32, np.float32],
 ) -> np.float32:  # fmt: skip
-    """1 if a light that gives this value is out of shadow on the scaled normal b, else 0."""
+    """1 if a light of this value is out of shadow on the scaled normal b, else 0.
+
+    It is in shadow at `SHADOW_FRACTION` of its prediction or less; `light` is from `_light`.
+    """
     x, y, z = b
     towards_x, towards_y, towards_z, gain = light
     prediction = towards_x * x + towards_y * y + towards_z * z

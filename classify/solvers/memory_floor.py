@@ -1,4 +1,4 @@
-"""The memory traffic of a solver without its arithmetic: a lower bound for its time."""
+"""The memory traffic of a solver without its arithmetic: a bound on its time."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from classify.threads import run_on_rows
 
 
 def read_four_write_three(images: npt.NDArray[Any], maps: npt.NDArray[np.float32]) -> None:
-    """Read four images and write three maps: differences of opposite images, and the sum.
+    """Read four images, write three maps: differences of opposite images, and the sum.
 
     Parameters
     ----------

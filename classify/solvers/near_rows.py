@@ -1,4 +1,7 @@
-"""Rows under near lights, solved by methods for distant ones; see `classify.lights.near_light`."""
+"""Rows under near lights, solved by methods for distant ones.
+
+`classify.lights.near_light` derives the formulas.
+"""
 
 from dataclasses import dataclass
 from typing import Any, Self
@@ -65,7 +68,10 @@ class NearRows:
         return len(self.inner) > 1
 
     def subtract_excess(self, stack: ImageStack) -> None:
-        """Subtract e_k (b . X) from the images of these rows in place, with b of least squares."""
+        """Subtract e_k (b . X) from the images of these rows, with b by least squares.
+
+        The images are changed in place.
+        """
         if len(self.inner) > 0:
             gains, shear = self.problem.gains, self.shear
             weights = np.linalg.pinv(self.problem.directions) * gains
@@ -75,7 +81,10 @@ class NearRows:
             )  # fmt: skip
 
     def subtract_rest_of_excess(self, stack: ImageStack, maps: Maps) -> None:
-        """Subtract the difference that b of the solution makes, of maps not yet `correct`ed."""
+        """Subtract e_k times the change of b . X from least squares to the solution.
+
+        The maps are those of the solver, before `correct`. The images are changed in place.
+        """
         _subtract_rest(
             self.shear.plane, self.shear.excess / self.problem.gains, self.x, self.y,
             self.problem.saturation, maps.p, maps.q, maps.albedo, stack.images, self.inner,
@@ -124,9 +133,9 @@ def _subtract_excess(
     weights: Array, plane: Array, excess: Array, x: Array, y: Array, saturation: np.float32,
     dark: Array, images: Array, inner: Array,
 ) -> None:  # fmt: skip
-    """Find b . X by least squares, subtract `excess` times it from images below `saturation`.
+    """Find b . X by least squares, and subtract `excess` times it from the images.
 
-    b' = weights i; `weights` (3, N) contain the gains.
+    b' = weights i; `weights` (3, N) contain the gains. Values of `saturation` are kept.
     """
     cx, cy, _ = plane
     one = np.float32(1.0)
@@ -154,7 +163,10 @@ def _subtract_rest(
     plane: Array, excess: Array, x: Array, y: Array, saturation: np.float32,
     p: Array, q: Array, albedo: Array, images: Array, inner: Array,
 ) -> None:  # fmt: skip
-    """Find b . X = (b' . X) / (1 - c . X) by maps of b', subtract its difference from `inner`."""
+    """Subtract `excess` times the difference of b . X from `inner`.
+
+    b . X = (b' . X) / (1 - c . X) is that of the maps.
+    """
     cx, cy, _ = plane
     one = np.float32(1.0)
     lights, rows, columns = images.shape

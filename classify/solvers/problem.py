@@ -17,9 +17,9 @@ from classify.lights.near_light import Shear, middle_px
 # A slope with a larger standard error is not valid: most surfaces are flatter than that, so that
 # their mean slope is the better estimate.
 _MAX_SLOPE_ERROR = 0.5
-# A pixel that gives less than this share of the bright parts of the frame is dark: half of that can
-# be light that the lens scatters (veiling glare, 1 to 5 % by ISO 9358) and that the surface around
-# it reflects (`robust.LEAK`). test_validity.py holds it on photographs with dark backdrops.
+# A pixel below this share of the bright parts of the frame is dark: half of its light can come from
+# the lens (veiling glare, 1 to 5 % by ISO 9358) and from the surface around it (`robust.LEAK`).
+# test_validity.py holds it on photographs with dark backdrops.
 _DARK = 0.06
 # `dark` leaves out pixels whose albedo is above this multiple of the albedo of a dark pixel that
 # faces the camera, which saves time.
@@ -32,7 +32,7 @@ FloatArray = npt.NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class Maps:
-    """The maps that a solver makes, each (H, W); see `SurfaceEstimate` for their meaning.
+    """The maps of a solver, each (H, W); see `SurfaceEstimate` for their meaning.
 
     Attributes
     ----------
@@ -128,7 +128,7 @@ class Problem:
 
     @cached_property
     def variance(self) -> FloatArray:
-        """(3,) a, b and black level of the variance a + b (value - black) of a pixel value."""
+        """(3,) a, b and black of the variance a + b (value - black) of a pixel value."""
         if self.sensor_noise is not None:
             return self.sensor_noise.coefficients()
         a = self.sigma**2 / np.mean(self.gains.astype(np.float64) ** 2)
@@ -154,7 +154,7 @@ class Problem:
 
     @property
     def frames(self) -> np.float32:
-        """Number of frames whose noise is in an image value: 2 where an ambient is subtracted."""
+        """Number of frames whose noise is in a value: 2 if an ambient image is subtracted."""
         return np.float32(1.0 if self.stack.ambient is None else 2.0)
 
     def new_maps(
@@ -195,7 +195,7 @@ def _median(values: FloatArray) -> FloatArray:
 
 
 def slope_noise(weights: npt.NDArray[Any]) -> np.float32:
-    """Factor c of the rule b_z^2 >= c sigma rho for a valid slope, where b = weights i.
+    """Factor c of the rule b_z^2 >= c sigma rho of valid slopes, where b = weights i.
 
     From p = -b_x / b_z the standard error of a slope is about sigma |weights| rho / b_z^2, and it
     may be 0.5 at most.

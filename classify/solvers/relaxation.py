@@ -1,4 +1,4 @@
-"""The kernels of `in_fill`: unknown slopes as smooth and as free of curl as those around them.
+"""Kernels of `in_fill`: unknown slopes, as smooth and curl-free as the known ones.
 
 Each kernel runs over a list of pixels. The number of threads changes no bit of the result.
 """
@@ -26,7 +26,7 @@ Array = npt.NDArray[Any]
 # Largest distance from a solved pixel at which slopes are filled in, with one light or none and
 # with two. The error grows with it; test_ps4_robust.py limits the error of the slopes.
 _REACH_DARK_PX, _REACH_PX = 8, 24
-# More steps take more time for less than the noise (test_ps4_robust.py holds the errors left).
+# Further steps change slopes by less than the noise (test_ps4_robust.py limits the errors).
 _STEPS = 15
 # Smallest eigenvalue that is iterated for, as a share of the largest: that of an error across about
 # ten pixels. A smaller one leaves more error in narrow shadows after so many steps.
@@ -213,7 +213,7 @@ def _grow_layer(
     first: int, last: int, layer: int, lines: Array, pairs: Array, along: Array, near: Array,
     solved: Array, albedo_weight: np.float32, values: Array, depth: Array,
 ) -> int:  # fmt: skip
-    """Give a value to the pixels beside the layers before, and return how many there are."""
+    """Give values to the pixels beside the layers before, and return their number."""
     reached = 0
     for n in range(first, last):
         dark = pairs[n] >= NO_LINE
@@ -243,7 +243,7 @@ def _grow_layer(
 
 @kernel
 def _skip_edges(near: Array, pairs: Array, depth: Array) -> None:
-    """Keep the first values at the border of the frame and beside pixels without a slope."""
+    """Keep the first values at the frame's border and beside pixels without a slope."""
     for n in range(len(pairs)):
         for j in range(8):
             m = near[n, j]

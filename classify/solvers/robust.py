@@ -1,4 +1,4 @@
-"""`ps4_robust` and its first pass: the residual gate, and the light that it blames.
+"""`ps4_robust` and its first pass: the residual gate, and the light to blame.
 
 The loops over a row have no branches, so that the compiler vectorises them. `in_fill` completes
 the pixels with fewer than three usable lights.
@@ -39,13 +39,13 @@ LEAK = np.float32(0.03)
 # than three. tests/rig/test_known_truth.py holds the slope errors that these limits give.
 TOLERANCE = np.float32(0.05)
 # Squared slope below which one explanation is not better for being flatter: 0.6 degrees, less than
-# images tell at a noise of 1 %.
+# images show at a noise of 1 %.
 _LEVEL = np.float32(1e-4)
 _TINY = np.float32(1e-30)
 
 
 def solve_ps4_robust(problem: Problem, strip_px: int = STRIP_PX) -> Maps:
-    """Least squares of four lights where they agree, less the light to blame where they do not.
+    """Least squares of four lights, without the light to blame where they disagree.
 
     Pixels with fewer than three lights are filled in from their surroundings. Intensities that
     were not given are estimated first, and the lighting of the result holds them.
@@ -101,7 +101,7 @@ def _gate(
     p: Array, q: Array, albedo: Array, valid: Array, dark_counts: Array,
     dropped: Array, highlights: Array, unlit: Array,
 ) -> None:  # fmt: skip
-    """Least squares of four lights where they agree, less the light to blame where they do not.
+    """Solve rows by least squares, without the light to blame where they disagree.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def _gate(
     to blame, and a share of the redundancy residual r = nul . i. The share is (1 - T^2 / r^2) r,
     or 0 for |r| < T (the positive-part estimator of James and Stein, 1961), so that nothing jumps
     at the gate T. T is the largest of three standard deviations of noise, `TOLERANCE` and `spread`
-    times the brightness: what shadow and gloss do not cause.
+    times the brightness: a smaller residual need not come from shadow or gloss.
 
     Four values cannot tell a light that is too dark from one that is too bright. Each of the four
     explanations has its surface; flatter ones are likelier. The weights are the inverse fourth

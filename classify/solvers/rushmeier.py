@@ -18,7 +18,7 @@ Array = npt.NDArray[Any]
 
 
 def solve_rushmeier(problem: Problem) -> Maps:
-    """Drop the lowest and the highest of five or more values, least squares of the rest.
+    """Least squares without the lowest and the highest of five or more values.
 
     After Rushmeier, Taubin and Gueziec (1997), who have five lights.
     """
@@ -73,7 +73,7 @@ def _drop_extremes(
                 bz[c] += z * v
                 lowest[c] = min(lowest[c], v)
                 highest[c] = max(highest[c], v)
-        # The number of lights that are as low, and the sum of their indices: of one, its index.
+        # The number of lights that are as low, and the sum of their indices: if one, its index.
         lows = np.zeros(columns, np.float32)
         low = np.zeros(columns, np.float32)
         highs = np.zeros(columns, np.float32)
@@ -137,7 +137,10 @@ def _without_saturated(
     images: Array, dark: np.float32, lights: Array, gains: Array, directions: Array,
     saturation: np.float32, r: int, c: int,
 ) -> tuple[int, np.float32, np.float32, np.float32]:  # fmt: skip
-    """Solve without the lowest and the saturated lights: the lowest light, and b or zeros."""
+    """Solve without the lowest and the saturated lights.
+
+    Returns the lowest light and b, which is zero if not determined.
+    """
     count = len(images)
     used = np.ones(count, np.bool_)
     low, lowest = 0, np.float32(np.inf)
@@ -157,7 +160,10 @@ def _mean_of_ties(
     r: int, c: int, lowest: np.float32, highest: np.float32,
     sum_x: np.float32, sum_y: np.float32, sum_z: np.float32,
 ) -> tuple[int, np.float32, np.float32, np.float32]:  # fmt: skip
-    """Mean over all pairs of lowest and highest lights: the first lowest, and b or zeros."""
+    """Mean of the solutions without each pair of lowest and highest lights.
+
+    Returns the first of the lowest lights and b, which is zero if not determined.
+    """
     lights = images.shape[0]
     count, first = 0, lights
     bx, by, bz = np.float32(0.0), np.float32(0.0), np.float32(0.0)

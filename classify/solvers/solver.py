@@ -80,13 +80,14 @@ def photometric_stereo(
         Pixel value at which the sensor saturates. Pixels that reach it are marked, and the albedo
         is a fraction of it. Without it nothing is marked, and the albedo is in pixel values.
     noise
-        Of the sensor that took the images. Without it the noise is estimated from the images.
+        Noise of the sensor that took the images. Without it, it is estimated from the images.
     flat_field
         The images of a white matt sheet under these lights, from a calibration. The images are
         divided by it; the intensities of `lighting` are in it and not used. Without it, those of
         near lights are divided by what inverse square and Lambert's law give.
     lobe_exponent
-        Of LEDs without a flat field, as in `classify.lights.near_light.sheet_of`.
+        m of the lobe cos^m of near LEDs, where there is no flat field; see
+        `classify.lights.near_light.sheet_of`.
     planar
         The part is flat but for its texture: divide out the fall-off and the levels of near lights
         (`classify.lights.fall_off`). This also takes away a tilt or bow of the part.
@@ -94,6 +95,10 @@ def photometric_stereo(
         (H, W) pixels of the part. Others are not valid, and do not count in the fall-off.
     on_progress
         Called with the share of rows solved, 0 to 1, by any thread.
+
+    Returns
+    -------
+    Maps of slopes, albedo and validity, (H, W) each, with the images and lights they came from.
 
     Raises
     ------
@@ -144,7 +149,7 @@ def photometric_stereo(
         saturation = divided_by.saturation(float(saturation))
     found = None
     if planar:
-        stack = stack.whole()
+        stack = stack.materialised()
         found = fall_off(stack, used, float(saturation), mask)
     if found is not None:
         stack = found.divide(stack, float(saturation))

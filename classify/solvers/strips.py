@@ -1,4 +1,4 @@
-"""Solve a frame in strips of rows, with all that is done to a strip while it is in the cache."""
+"""Solve a frame in strips of rows, each in all steps while it is in the cache."""
 
 from collections.abc import Callable
 
@@ -67,7 +67,7 @@ def solve_strips(
 
 
 def correct_for_near_lights(problem: Problem, maps: Maps) -> None:
-    """Replace the solution b' of distant lights by that of near lights, if they are near."""
+    """Replace the solution b' of distant lights by b of near ones, if they are near."""
 
     def correct(first: int, last: int) -> None:
         near = NearRows.of(problem, first, last - first)

@@ -1,4 +1,4 @@
-"""The list of pixels that `in_fill` completes, and how each depends on its neighbours."""
+"""The pixels that `in_fill` completes, and how each depends on its neighbours."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -47,8 +47,8 @@ class Unsolved:
         (n, 8) where in this list each neighbour is, else `_SOLVED` or `NOTHING`; written by `link`
         as `solved`.
     solved
-        (n, 7) sums over the solved neighbours: for the first values p, q, albedo and 1 by their
-        weights, and the part of the minima of p, q and albedo that they make.
+        (n, 7) sums over the solved neighbours: weighted p, q, albedo and 1 for the first values,
+        and their part of the minima of p, q and albedo.
     values
         (n, 3) p, q and albedo; written.
     depth
@@ -104,7 +104,9 @@ def link(
 
 
 def neighbour_factors(curl_weight: np.float32) -> Array:
-    """(8, 4) factors of p and q in the minimum of p, of q in that of q, of albedo in its own.
+    """(8, 4) factors of the neighbours in the minima of p, q and albedo; see `link`.
+
+    In order: of p and of q in the minimum of p, of q in that of q, of albedo in that of albedo.
 
     The factor of p in the minimum of q is that of q in that of p.
     """

@@ -1,4 +1,4 @@
-"""A solution compared with its images: residual, shadow, highlights, the darkest light."""
+"""A solution compared with images: residual, shadow, highlights, darkest light."""
 
 from typing import Any
 
@@ -67,7 +67,7 @@ def compare_with_prediction(
     p: Array, q: Array, albedo: Array, determined: Array, limits: Array,
     shadow_count: Array, highlights: Array,
 ) -> None:  # fmt: skip
-    """Compare each light with the prediction of p, q and albedo; count shadows, mark highlights.
+    """Count shadows and mark highlights by the prediction of p, q and albedo.
 
     Only where a slope is `determined`. Light k is a highlight from `limits[k]` times the prediction
     on. The prediction is b . (l - X / R) at the coordinates x and y, see `near_light`.
@@ -121,7 +121,7 @@ def highlight_limits(
 
 @kernel
 def find_darkest(images: Array, ambient: Array, gains: Array, darkest: Array) -> None:
-    """Find the index of the light with the lowest value, the first of equally low ones."""
+    """Find the index of the light with the lowest value, the first of equal ones."""
     rows, columns = darkest.shape
     for r in range(rows):
         dark = ambient[min(r, len(ambient) - 1)]

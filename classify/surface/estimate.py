@@ -98,7 +98,7 @@ class SurfaceEstimate:
 
     @cached_property
     def dropped(self) -> npt.NDArray[np.uint8]:
-        """(H, W) uint8 index of the light left out of the solution, 255 where all were used.
+        """(H, W) uint8 index of the light left out, 255 where all were used.
 
         Where several were left out, or were equally dark, it is the first of them; for rushmeier
         it is the lowest.
@@ -138,7 +138,7 @@ class SurfaceEstimate:
 
     @property
     def residual_share(self) -> float | None:
-        """Median of `residual` over the albedo where it is valid; None if it is valid nowhere.
+        """Median of `residual` over the albedo of valid pixels; None if there are none.
 
         Three lights leave no residual, so that it is None for these too.
         """
@@ -149,11 +149,12 @@ class SurfaceEstimate:
 
     @property
     def shadow_count(self) -> npt.NDArray[np.uint8]:
-        """(H, W) uint8 number of lights that give at most half of what this solution predicts.
+        """(H, W) uint8 number of lights in shadow.
 
-        It counts cast and attached shadow; it is 0 where no slope is known, as on a black backdrop.
-        Divided by the number of lights it is the shadow image integrated over all lights of figure
-        9.7 of Wu's thesis.
+        A light counts if it gives at most half of what this solution predicts
+        (`classify.shadow_rule`), in cast or attached shadow. It is 0 where no slope is known, as on
+        a black backdrop. Divided by the number of lights it is the shadow image of figure 9.7 of
+        Wu's thesis.
         """
         return self._shadows_and_highlights[0]
 
@@ -184,10 +185,10 @@ class SurfaceEstimate:
 
     @property
     def even_images(self) -> npt.NDArray[Any] | None:
-        """(N, H, W) images as they were solved: divided by `divided_by`; None without images."""
+        """(N, H, W) images as solved: divided by `divided_by`; None without images."""
         if self.images is None or self.divided_by is None:
             return self.images
-        return self._stack_and_lights[0].whole().images
+        return self._stack_and_lights[0].materialised().images
 
     def within(self, mask: npt.NDArray[np.bool_]) -> Self:
         """Return this surface with no slope, shadow or highlight outside `mask` (H, W)."""
@@ -202,7 +203,7 @@ class SurfaceEstimate:
         )
 
     def cropped(self, rows: slice, columns: slice) -> Self:
-        """Return a part of this surface, with its shadows and highlights but without images.
+        """Return a part of this surface, with shadows and highlights, without images.
 
         Lights and flat field refer to the whole frame, so that images of a part do not fit them.
         """
@@ -266,7 +267,7 @@ class SurfaceEstimate:
         return shadow_count, highlights
 
     def _determined(self, rows: slice) -> npt.NDArray[np.bool_]:
-        """Where a slope is known, if only in part of the lights that are needed for a valid one."""
+        """Where a slope is known, also from too few lights for a valid one."""
         sloped = (self.p[rows] != 0.0) | (self.q[rows] != 0.0)
         determined: npt.NDArray[np.bool_] = self.valid[rows] | sloped
         if self.repaired is not None:
