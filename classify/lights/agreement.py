@@ -1,4 +1,4 @@
-"""Whether light images agree: four of a matt surface with one another, two of the same scene."""
+"""Agreement of light images: four of a matt surface, or two of the same scene."""
 
 from __future__ import annotations
 
@@ -79,9 +79,9 @@ class LightAgreement:
 
 
 def like_signed(lighting: Lighting) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Split the lights into those with a positive and those with a negative redundancy weight.
+    """Split the lights by the sign of their redundancy weight.
 
-    In a ring of four, opposite lights are in one group. Lights that are not four are halved.
+    In a ring of four, opposite lights are in one group. Any other number of lights is halved.
     """
     lights = range(len(lighting))
     try:
@@ -148,7 +148,7 @@ def light_agreement(
 
 @dataclass(frozen=True, eq=False)
 class _Comparison:
-    """Terms of the redundancy residual of some rows and columns, in shares of the brightness.
+    """Terms of the redundancy residual at some pixels, in shares of the brightness.
 
     Attributes
     ----------
@@ -191,7 +191,10 @@ def _compare(
     rows: IndexArray,
     columns: IndexArray,
 ) -> _Comparison:
-    """Compare some rows and columns; `noise` is of the sensor, or the deviation of all values."""
+    """Compare some rows and columns.
+
+    `noise` is that of the sensor, or the standard deviation of all values.
+    """
     raw, dark = (_picked(planes, rows, columns).astype(np.float32) for planes in (images, ambient))
     gains = (1.0 / lighting.intensities).astype(np.float32)
     if isinstance(noise, SensorNoise):
@@ -212,7 +215,7 @@ def _compare(
 def _picked(
     planes: npt.NDArray[np.uint16], rows: IndexArray, columns: IndexArray
 ) -> npt.NDArray[np.uint16]:
-    """Pick rows and columns of (..., H, W); rows first, because these are copied as a whole."""
+    """Pick rows and columns of (..., H, W); rows first, which are contiguous."""
     if len(rows) < planes.shape[-2]:
         planes = planes.take(rows, axis=-2)
     return planes.take(columns, axis=-1) if len(columns) < planes.shape[-1] else planes
@@ -224,7 +227,7 @@ def _weigh(
     squares: FloatArray, variance: FloatArray, full_scale: np.float32,
     noises: FloatArray, lit: BoolArray,
 ) -> None:  # fmt: skip
-    """Turn pixel values (4, R, C) into the terms of a `_Comparison`, and find the other arrays.
+    """Turn values (4, R, C) into terms of a `_Comparison`; write `noises` and `lit`.
 
     `means` (4,) are those of the images less ambient light, times `gains`. The variance of a pixel
     value is `squares` (4,) times a + b (value - black).
@@ -282,7 +285,7 @@ def image_difference(
 
 
 def _variance_of_difference(a: FloatArray, b: FloatArray) -> FloatArray:
-    """(H, W) from neighbours in a row, in four groups of brightness because of shot noise."""
+    """(H, W) variance from row neighbours, in four groups of brightness (shot noise)."""
     brightness = a + b
     steps = np.abs(np.diff(a - b, axis=1, append=(a - b)[:, -2:-1]))
     groups = np.searchsorted(np.quantile(brightness, (0.25, 0.5, 0.75)), brightness)
@@ -300,7 +303,7 @@ def _spread_out(size: int) -> IndexArray:
 
 
 def _beyond_noise(deviation: FloatArray, variance: FloatArray, counted: BoolArray) -> float:
-    """Largest rms deviation beyond noise over bands of rows of one height, of all heights."""
+    """Largest rms deviation beyond noise over bands of rows, of all heights."""
     rows = len(deviation)
     squares = np.square(deviation)
     squares /= variance
@@ -334,7 +337,7 @@ def _beyond_noise(deviation: FloatArray, variance: FloatArray, counted: BoolArra
 
 @lru_cache(maxsize=32)
 def _band_edges(rows: int, height: int) -> IndexArray:
-    """First rows of bands of about one height, symmetric about the middle, and the end."""
+    """First rows of bands of about equal height, symmetric, and the end."""
     count = -(-rows // height)
     # An odd number of rows has no edge in the middle.
     count += rows % 2 * (1 - count % 2)
@@ -355,7 +358,7 @@ class _Levels:
 
 
 def _parts(lit: BoolArray) -> Iterator[npt.NDArray[np.intp]]:
-    """Lit pixels of the frame and of each half, where the levels of a near light differ."""
+    """Lit pixels of the frame and of each half: levels of a near light differ there."""
     rows, columns = lit.shape
     top, left = (rows + 1) // 2, (columns + 1) // 2
     halves = np.s_[:top], np.s_[rows - top :], np.s_[:, :left], np.s_[:, columns - left :]
@@ -366,7 +369,7 @@ def _parts(lit: BoolArray) -> Iterator[npt.NDArray[np.intp]]:
 
 
 def _fit(terms: FloatArray, noises: FloatArray) -> _Levels | None:
-    """Levels that reduce the residual to noise, if any do; arguments as of `fit_levels`."""
+    """Levels that reduce the residual to noise, or None; arguments as of `fit_levels`."""
     if terms.shape[1] < _MIN_SAMPLES:
         return None
     fit = fit_levels(terms, noises, _LEVEL_SPREAD)

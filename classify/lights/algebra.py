@@ -49,7 +49,7 @@ def drop_one_constants(
 
 
 def require_solvable(lighting: Lighting) -> None:
-    """Raise `InputError` with the reason if no method can solve images under these lights."""
+    """Raise InputError with the reason if no method can solve under these lights."""
     L = lighting.directions
     cosines = L @ L.T
     # A light counts if none before it stands within 0.1 degrees.
@@ -85,7 +85,7 @@ def least_squares_weights(lighting: Lighting, method: str) -> Array32:
 
 
 def three_of_ring(lighting: Lighting, method: str) -> tuple[Array32, int]:
-    """(3, 4) weights of a version of PS3, and the index of the light that it leaves out.
+    """(3, 4) weights of a version of PS3, and the index of the light left out.
 
     Raises
     ------
@@ -105,14 +105,14 @@ def three_of_ring(lighting: Lighting, method: str) -> tuple[Array32, int]:
 
 
 def drop_two_inverses(lighting: Lighting) -> Array32:
-    """(N, N, 3, 3) inverse of L^T L without lights i and j, NaN where the rest lie in one plane.
+    """(N, N, 3, 3) inverse of L^T L without lights i and j.
 
-    [i, i] is the inverse of all lights.
+    It is NaN where the other lights lie in one plane. [i, i] is the inverse of all lights.
 
     Raises
     ------
     InputError
-        For fewer than five lights, or if no three remaining ones determine a normal.
+        For fewer than five lights, or if the others lie in one plane, whichever two are dropped.
     """
     L = lighting.directions
     count = len(L)

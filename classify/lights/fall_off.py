@@ -1,4 +1,4 @@
-"""Fall-off of each light over a planar part, from the ratio of its image to the mean of all.
+"""Fall-off of each light over a planar part, from image ratios.
 
 On a flat part, image k is l_z,k F_k times what all images have in common, with F_k the strength of
 the light. Near lights fall off smoothly, so that log F_k is a polynomial of low degree. Relief
@@ -61,7 +61,7 @@ def fall_off(
     full_scale: float | None,
     mask: npt.NDArray[np.bool_] | None = None,
 ) -> FlatField | None:
-    """Fit the fall-off of the lights over a planar part; None where too little of it is lit.
+    """Fit the fall-off of the lights over a planar part; None if too little is lit.
 
     Pixels that are saturated, dark, in the shadow of a light or outside the (H, W) `mask` do not
     count. The degree is 2, or 4 where that predicts left-out parts of the frame clearly better and
@@ -174,7 +174,7 @@ class _Samples:
         return cls(grid, values, usable)
 
     def residuals(self, coefficients: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(N, folds, blocks) means of ratio / strength - 1, and (folds, blocks) their weights.
+        """(N, folds, blocks) means of ratio / strength - 1, and their weights.
 
         The ratio is that of a value to the mean of all lights. Tukey's biweight is one for all
         lights of a pixel, so that no direction is preferred.
@@ -207,10 +207,11 @@ class _Samples:
 def _find_residuals(
     values: Array, usable: Array, factors: Array, x: Array, residuals: Array, squares: Array
 ) -> None:
-    """Ratio of each value, times exp of a polynomial of x, to the mean of all lights, minus 1.
+    """Write the residuals: ratio of a value to the mean of all lights, minus 1.
 
-    `factors` (N, n, 5) are those of the polynomial in each row. `squares` (n, n) are means over the
-    lights, infinite where a sample is not usable or may be in shadow.
+    Values are multiplied by exp of a polynomial of x first; `factors` (N, n, 5) are those of the
+    polynomial in each row. `squares` (n, n) are means over the lights, infinite where a sample is
+    not usable or may be in shadow.
     """
     lights, rows, columns = values.shape
     zero, one, share = np.float32(0.0), np.float32(1.0), np.float32(1.0 / lights)
@@ -240,7 +241,7 @@ def _find_residuals(
 
 @kernel
 def _sum_blocks(residuals: Array, squares: Array, limit: np.float32, sums: Array) -> None:
-    """Sums over the samples of each block: of Tukey's weights, and of weighted residuals."""
+    """Sum Tukey's weights, and the weighted residuals, over the samples of each block."""
     lights, _, columns = residuals.shape
     zero, one = np.float32(0.0), np.float32(1.0)
     inverse = one / limit

@@ -6,8 +6,8 @@ assumed, sum_k w_k nul_k i_k is zero instead, with w_k the inverse of that level
 surface with relief span three of four dimensions, and so determine w up to a common factor.
 
 There are two estimates. The first, from the redundancy, is exact to parts in a thousand, but only
-for a surface that is matt to half a percent: gloss of a few percent makes it absurd (icon_rti72:
-2.4 instead of 1.0). The second compares the brightness of the images. It is good to a few percent
+for a surface that is matt to half a percent: gloss of a few percent makes it useless (2.4 instead
+of 1.0 on icon_rti72). The second compares the brightness of the images. It is good to a few percent
 for any surface, and is used where the first leaves a residual.
 """
 
@@ -139,7 +139,7 @@ class LitSamples:
 
 
 def residual_spread(values: FloatArray, null: npt.NDArray[np.float64]) -> float:
-    """Robust standard deviation of the redundancy residual about 0, as a share of the brightness.
+    """Robust deviation of the redundancy residual from 0, as a share of brightness.
 
     `values` (4, n) are those of pixels that all lights reach; too few of them give 0.
     """
@@ -224,6 +224,6 @@ def _levels_of_a_level_part(
 
 
 def _median(values: npt.NDArray[np.floating[Any]]) -> float:
-    """Upper median, found in half the time that numpy takes for the mean of the middle two."""
+    """Upper median, in half the time of `np.median`."""
     middle = len(values) // 2
     return float(np.partition(values, middle)[middle])

@@ -1,4 +1,4 @@
-"""Near lights: the strength of their light over the part, and its change of direction.
+"""Near lights: their strength and direction at each pixel of the part.
 
 A light at P, at the distance R = |P| from the middle of the frame, lights the surface at X with
 rho n . (P - X) / |P - X|^3. Divided by the strength over a level sheet, `sheet_of`, the image is
@@ -68,16 +68,17 @@ class Shear:
 
 
 def middle_px(count: int) -> FloatArray:
-    """Coordinates of `count` columns in px, from the middle of the frame; minus those of rows."""
+    """Coordinates of columns from the middle of the frame, px; negate for rows."""
     return (np.arange(count) - 0.5 * (count - 1)).astype(np.float32)
 
 
 def sheet_of(
     lighting: Lighting, shape: tuple[int, int], lobe_exponent: float | None = None
 ) -> FlatField:
-    """The images of a white matt sheet that near lights make, by inverse square and Lambert's law.
+    """The images of a white matt sheet under near lights, as a flat field.
 
-    Their values at the middle of the frame have the geometric mean 1.
+    They follow the inverse square and Lambert's law. Their values at the middle of the frame have
+    the geometric mean 1.
 
     Parameters
     ----------
@@ -87,7 +88,7 @@ def sheet_of(
         Rows and columns of the frame.
     lobe_exponent
         m of the strength of an LED at an angle to its axis, cos^m; the axes point to the middle of
-        the frame. None for LEDs that are as strong to all sides.
+        the frame. None for LEDs of equal strength in all directions.
     """
     positions, half = lighting.positions_px, 0.5 * max(shape)
     assert positions is not None
@@ -105,7 +106,7 @@ def sheet_of(
         distances = np.linalg.norm(positions, axis=1)[:, None, None]
         ratios = np.linalg.norm(towards, axis=1) / distances
         cosines = np.einsum("kc,kcij->kij", lighting.directions, towards) / (distances * ratios)
-        # A pixel behind an LED gets no light, of which there is no logarithm.
+        # The logarithm stays finite where a pixel is behind an LED and gets no light.
         lobes = np.maximum(cosines, 1e-3) ** (lobe_exponent or 0.0)
         strengths = at_the_middle[:, None, None] / ratios**3 * lobes
         return np.asarray(np.log(strengths), np.float64)

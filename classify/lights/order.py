@@ -81,7 +81,7 @@ def light_order(
     ambient: npt.NDArray[Any] | None = None,
     full_scale: float | None = None,
 ) -> LightOrder:
-    """Test by the images of one surface whether its four lights were in the order of `lighting`.
+    """Test by four images whether the lights were in the order of `lighting`.
 
     Two conditions hold for a matt surface only if each image is assigned to its own light. The
     redundancy residual sum_k nul_k i_k is zero, with nul the left null vector of the light
@@ -169,7 +169,7 @@ def _scales(
 
 
 def _means(plane: npt.NDArray[Any]) -> FloatArray:
-    """Half of the rows and columns, as means; the kernel takes a third of the time of `_halved`."""
+    """Means of 2 x 2 pixels; the kernel takes a third of the time of `_halved`."""
     rows, columns = plane.shape
     if rows % 2 or columns % 2:
         return _halved(plane, _mean)
@@ -191,7 +191,10 @@ def _mean_of_four(plane: npt.NDArray[Any], half: FloatArray) -> None:
 
 
 def _halved(plane: npt.NDArray[Any], join: Join) -> npt.NDArray[Any]:
-    """Half of the rows and columns, symmetric about the middle: two joined, three if odd."""
+    """Half of the rows and columns, symmetric about the middle.
+
+    Two neighbours are joined, or three where the number is odd.
+    """
     for _ in range(2):
         if len(plane) % 2 == 0:
             plane = join(plane[::2], plane[1::2])
@@ -226,7 +229,7 @@ def _misfits(values: FloatArray, usable: BoolArray, weights: FloatArray) -> npt.
     # All orders in one call: after each the thread would wait for the interpreter.
     misfits = np.empty((len(weights), 2))
     _misfits_of_orders(shares, means, lit, inner, weights, misfits)
-    # An even image has neither residual nor curl.
+    # A uniform image has neither residual nor curl.
     return np.log(np.maximum(misfits, _LEAST_MISFIT)).T
 
 
@@ -235,7 +238,7 @@ def _misfits_of_orders(
     shares: FloatArray, means: FloatArray, lit: BoolArray, inner: BoolArray, weights: FloatArray,
     misfits: npt.NDArray[np.float64],
 ) -> None:  # fmt: skip
-    """Write the `_mean_misfits` under each of the `weights` (n, 4, 4) to `misfits` (n, 2)."""
+    """Write `_mean_misfits` for each of the `weights` (n, 4, 4) to `misfits` (n, 2)."""
     for order in range(len(weights)):
         residual, curl = _mean_misfits(shares, means, lit, inner, weights[order])
         misfits[order, 0], misfits[order, 1] = residual, curl
@@ -245,11 +248,11 @@ def _misfits_of_orders(
 def _mean_misfits(
     shares: FloatArray, means: FloatArray, lit: BoolArray, inner: BoolArray, weight: FloatArray
 ) -> tuple[float, float]:
-    """Mean absolute deviations of residual and curl from their means, over `lit` and `inner`.
+    """Mean absolute deviations of residual and curl from their means.
 
-    Unequal LED levels change the means only. `shares` is (4, H, W) with its `means` (4,) over
-    `lit`, `inner` is (H - 2, W - 2), and `weight` (4, 4) gives the scaled normal and the residual
-    from four shares.
+    They are over `lit` and `inner`. Unequal LED levels change the means only. `shares` is (4, H, W)
+    with its `means` (4,) over `lit`, `inner` is (H - 2, W - 2), and `weight` (4, 4) gives the
+    scaled normal and the residual from four shares.
     """
     rows, columns = lit.shape
     none, one = np.float32(0.0), np.float32(1.0)
@@ -295,7 +298,7 @@ def _mean_misfits(
 
 
 def _opposite(lighting: Lighting) -> Order | None:
-    """The order with each light replaced by that across the axis; None without two pairs."""
+    """The order with opposite lights exchanged; None if there are not two pairs."""
     try:
         opposite = tuple(
             lighting.light_nearest_tilt(float(tilt) + 180.0, _ACROSS_DEG)
@@ -308,7 +311,7 @@ def _opposite(lighting: Lighting) -> Order | None:
 
 @lru_cache(maxsize=8)
 def _alike(opposite: Order) -> tuple[BoolArray, BoolArray]:
-    """(24, 24) each: orders with the same pairs of opposite lights; orders equal up to 180 deg."""
+    """(24, 24) each: orders with equal opposite pairs; orders equal up to 180 deg."""
 
     def pairs(order: Order) -> set[frozenset[int]]:
         return {frozenset((image, order.index(opposite[order[image]]))) for image in range(4)}

@@ -23,7 +23,7 @@ def by_fold(blocks: FloatArray) -> FloatArray:
 def normal_equations(
     basis: FloatArray, means: FloatArray, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Gram matrices (folds, terms, terms) and right sides (folds, terms, N) of each fold."""
+    """Gram matrices (folds, terms, terms) and right sides (folds, terms, N)."""
     weighted = (basis * weights[..., None]).swapaxes(1, 2)
     return weighted @ basis, weighted @ np.moveaxis(means, 0, -1)
 

@@ -1,4 +1,4 @@
-"""Whether the shading of photographs fits their lights, and whether they show one scene.
+"""Tests of photographs by their shading: does it fit the lights, is it one scene.
 
 A capture is compared to a percent (`agreement`, `order`). Gloss, cast shadows, near lights and
 errors of measured directions exceed that in photographs, so only their detail is compared. Divided
@@ -98,7 +98,7 @@ class ShadingOrder:
         ``refuted`` if other lights explain the images and the given ones do not, ``confirmed`` if
         the given ones do, else ``undecided``.
     order
-        The better order, if refuted: image k shows light ``order[k]``.
+        The better order, if refuted and not `mirrored`: image k shows light ``order[k]``.
     mirrored
         Whether the images fit the lights with y pointing down instead.
     """
@@ -157,9 +157,9 @@ def explained_detail(shading: Shading) -> Float64Array:
 def shading_order(shading: Shading, lighting: Lighting) -> ShadingOrder:
     """Compare the given order of the lights with others, by residual and curl.
 
-    The others are all orders of up to four lights. Of more lights they are all exchanges of two,
-    the list shifted or reversed, and y pointing down. The scale counts at which one of them
-    explains the images best.
+    Of up to four lights, all orders are compared. Of more lights they are the list shifted or
+    reversed, y pointing down, and exchanges of two among the 16 lights of the largest residuals.
+    The scale at which an order explains the images best decides.
     """
     count = len(lighting)
     if not shading.shadings or count < 3:
@@ -194,7 +194,7 @@ def _contrasts(
     full_scale: float,
     mask: BoolArray | None,
 ) -> tuple[FloatArray, BoolArray, BoolArray]:
-    """(N, h, w) contrasts; (h, w) usable pixels, and those of them that are lit by all lights."""
+    """(N, h, w) contrasts; (h, w) usable pixels, and those lit by all lights."""
     rows, columns = images.shape[1:]
     step = max(1, min(rows, columns) // _SIDE_PX)
     size = (max(1, columns // step), max(1, rows // step))
@@ -244,7 +244,7 @@ def _halved(
 
 
 def _steps(relief: FloatArray, lit: BoolArray) -> FloatArray:
-    """(2N, n) central differences at pixels whose neighbours are lit; rows grow downwards."""
+    """(2N, n) differences to the right, then upwards, at pixels with lit neighbours."""
     inner = lit[1:-1, 1:-1] & lit[:-2, 1:-1] & lit[2:, 1:-1] & lit[1:-1, :-2] & lit[1:-1, 2:]
     right = (relief[:, 1:-1, 2:] - relief[:, 1:-1, :-2])[:, inner]
     upwards = (relief[:, :-2, 1:-1] - relief[:, 2:, 1:-1])[:, inner]
@@ -259,7 +259,7 @@ def _noise_variance(plane: FloatArray, usable: BoolArray) -> float:
 
 
 def _moments(values: FloatArray) -> Float64Array:
-    """Second moments of (M, n) values about their means; gloss and edges of shadows are clipped."""
+    """Second moments of (M, n) values about their means, with outliers clipped."""
     if values.shape[1] == 0:
         return np.eye(len(values))
     limit = _OUTLIER * 1.4826 * np.median(np.abs(values), axis=1, keepdims=True)
@@ -302,7 +302,7 @@ def _reordered(tangents: Float64Array, order: Order | None) -> Float64Array:
 
 
 def _exchanged(shading: Shading, tangents: Float64Array) -> Order | None:
-    """The order with the two lights exchanged that are clearly in each other's place, if any."""
+    """The order with two lights exchanged, if that explains the images much better."""
     count = len(tangents)
     if count < 5:
         return None
