@@ -1,1 +1,1 @@
-"""Height, curvature, roughness, cast shadows and relit images from a gradient field."""
+"""Height, curvature, roughness, shadows and relit images from a gradient field."""

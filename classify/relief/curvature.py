@@ -120,7 +120,7 @@ def _curvature(
 def _fitted_planes(
     weight: FloatMap, fields: tuple[FloatMap, ...], scale_px: float, reach: int
 ) -> list[tuple[FloatMap, FloatMap, FloatMap]]:
-    """Value, x slope and y slope at each pixel of planes fitted to the fields around it.
+    """Value, x slope and y slope of the plane fitted to each field around each pixel.
 
     Weighted least squares in closed form, from moments about the weighted mean position. The
     fields are zero where `weight` is zero, as it is beyond the frame.

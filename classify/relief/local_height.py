@@ -22,10 +22,12 @@ def default_cutoff_px(shape: tuple[int, int]) -> float:
 def local_relief(
     height: FloatMap, valid: npt.NDArray[np.bool_] | None = None, *, cutoff_px: float | None = None
 ) -> FloatMap:
-    """Relative height above the Gaussian mean of the surroundings: raised > 0, indented < 0.
+    """Relative height above the Gaussian mean of the surroundings.
 
-    The L-filter of ISO 25178-2, a Gaussian after ISO 16610-61 with
-    transmission exp(-pi (alpha cutoff f)^2), alpha^2 = ln 2 / pi, removes the form of the part and
+    It is positive where the part is raised, and negative where it is indented.
+
+    The L-filter of ISO 25178-2, a Gaussian after ISO 16610-61 with transmission
+    exp(-pi (alpha cutoff f)^2), alpha^2 = ln 2 / pi, removes the form of the part and
     the drift that integrated gradients have over long distances. Waves much shorter than the
     cut-off are kept, a wave of the cut-off's length is halved.
 
@@ -74,7 +76,7 @@ def local_relief(
 
 
 def _transmission(length: int, cutoff_px: float) -> FloatMap:
-    """Transmission of the cosines of one axis, of frequencies k / (2 length) cycles per pixel."""
+    """Transmission of the cosines of one axis, k / (2 length) cycles per pixel each."""
     frequencies_cpp = np.arange(length) / (2.0 * length)
     transmission: FloatMap = np.exp(-np.pi * (_ALPHA * cutoff_px * frequencies_cpp) ** 2).astype(
         np.float32

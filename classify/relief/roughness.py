@@ -40,7 +40,7 @@ class Roughness:
 
 
 def root_mean_square_slope(surface: SurfaceEstimate) -> float:
-    """Sdq of ISO 25178-2 over the valid pixels, without the height; NaN if none is valid."""
+    """Sdq of ISO 25178-2 over the valid pixels; NaN if there are none."""
     count = int(np.count_nonzero(surface.valid))
     if count == 0:
         return float("nan")
@@ -50,14 +50,14 @@ def root_mean_square_slope(surface: SurfaceEstimate) -> float:
 
 
 def surface_roughness(surface: SurfaceEstimate, height: FloatMap | None = None) -> Roughness:
-    """Hybrid parameters Sdq and Sdr straight from the gradients, Sa and Sq from relative height.
+    """Compute Sdq and Sdr from the gradients, Sa and Sq from the relative height.
 
     Parameters
     ----------
     surface
         Its p, q and valid are used.
     height
-        (H, W) relative height; None is integrated from p and q.
+        (H, W) relative height; None to integrate it from p and q.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Cast shadows of a height field under a distant light: one horizon sweep per light."""
+"""Cast shadows of a height field under a distant light, by one horizon sweep."""
 
 import math
 from typing import Any
@@ -51,7 +51,10 @@ def cast_shadow(height: npt.NDArray[np.float32], direction: npt.ArrayLike) -> np
             f"{np.shape(height)} and {light.shape}"
         )
     if not np.isfinite(light).all() or light[2] <= 0.0:
-        raise InputError("a light casts shadows only from above the surface: z > 0")
+        raise InputError(
+            f"the light has the direction {light.tolist()}; a light casts shadows only from above "
+            "the surface: give z > 0"
+        )
     # The sweep is written for one case, the light towards the last column and at most 45 degrees
     # off the rows' direction; a transposed or flipped view brings every other light there.
     along_col, along_row, up = light[0], -light[1], light[2]
@@ -93,9 +96,10 @@ def _horizons(
     first_line: int, last_line: int, height: Array, rows_per_col: float, rise_per_col: float,
     first: int, horizon: Array,
 ) -> None:  # fmt: skip
-    """Horizon of a light towards the last column along lines `rows_per_col` rows down per column.
+    """Horizon of a light towards the last column, along lines through the grid.
 
-    Line k crosses column c at row first + k + c rows_per_col.
+    Lines fall by `rows_per_col` rows per column. Line k crosses column c at row first + k + c
+    rows_per_col.
     """
     rows, cols = height.shape
     for k in range(first_line, last_line):

@@ -1,4 +1,4 @@
-"""Polar maps as Fourier series in the angle: comparison over all circular shifts at once.
+"""Polar maps as Fourier series in the angle, compared over all circular shifts.
 
 A map over 180 degrees is f(theta) = sum_m c_m exp(2 i m theta). A circular shift by phi multiplies
 c_m by exp(-2 i m phi). The squared difference of two maps for every phi is therefore one short
@@ -52,7 +52,7 @@ class LeastError(NamedTuple):
 
 
 def harmonics(polar: npt.NDArray[np.floating[Any]]) -> Complex:
-    """(..., A) real maps over 180 degrees to (..., 16) complex64 series of equal energy.
+    """(..., 16) complex64 series of (..., A) real maps over 180 degrees.
 
     The sum of |c|^2 over the series is the sum of squares over the angles, except for the energy
     of finer harmonics (Parseval).
@@ -79,9 +79,10 @@ def least_error(test: Complex, references: Complex) -> LeastError:
 
 
 def agreement_by_shift(test: Complex, references: Complex) -> npt.NDArray[np.float64]:
-    """Share of the energy of all harmonics but 0 that agrees, (n, 180), at shifts of 0 to 179 deg.
+    """(n, 180) share of the directional energy that agrees, at shifts of 0 to 179 deg.
 
-    The highest of a row is the sharpness of `least_error`; see there for the parameters.
+    The directional energy is that of all harmonics but 0. The highest of a row is the sharpness of
+    `least_error`; see there for the parameters.
     """
     correlations, zeroth, energies = _correlations(test, references)
     return _agreed(correlations.T, zeroth, energies).T
@@ -94,7 +95,7 @@ def _agreed(correlations: Floats, zeroth: Floats, energies: Floats) -> Floats:
 
 
 def _correlations(test: Complex, references: Complex) -> tuple[Floats, Floats, Floats]:
-    """(n, 180) correlations by shift, (n,) their part of harmonic 0, and (n, 16) energies."""
+    """(n, 180) correlations by shift, (n,) of harmonic 0 alone, and (n, 16) energies."""
     cross = np.empty((len(references), HARMONICS), np.complex128)
     energies = np.empty(cross.shape, np.float64)
     count, maps, length = references.shape
@@ -125,7 +126,10 @@ def _squares(series: Complex) -> npt.NDArray[np.float32]:
 def _products(
     test: Array, references: Array, cross: Array, energies: Array, first: int, stop: int
 ) -> None:
-    """(n, 16) sums over k of test times conjugate reference, and of the reference's squares."""
+    """Sum test times conjugate reference, and the reference's squares, over the maps.
+
+    `cross` and `energies` are (n, 16).
+    """
     _, maps, length = references.shape
     for n in range(first, stop):
         sums = np.zeros((3, length), np.float64)

@@ -1,4 +1,4 @@
-"""Blur of the images: a nuisance of one parameter, the variance of a Gaussian in px^2.
+"""Blur of the images, described by one number: the variance of a Gaussian in px^2.
 
 A Gaussian of variance v multiplies the power of slopes and of albedo by exp(-4 pi^2 v f^2), f in
 cycles per pixel. The features that blur changes are numbers without an angle: the mean of each ring
@@ -55,7 +55,7 @@ def blur_gains(radii_cpp: Floats) -> FloatMap:
 
 
 def blurred_fields(fields: TextureFields, variance_px2: float) -> TextureFields:
-    """Blur slopes and albedo by a Gaussian, which is nearly what blurring the images does."""
+    """Blur slopes and albedo by a Gaussian: nearly the same as blurring the images."""
     sigma_px = math.sqrt(variance_px2)
     p, q, albedo = (
         np.asarray(
@@ -88,7 +88,7 @@ def least_over_blurs(
     rings: int,
     penalty: np.float32,
 ) -> tuple[Floats, Floats]:
-    """Least squared distance of a test to n references over their blur, with a penalty.
+    """Least squared distance of a test to n references over blurs, with a penalty.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def _least_rows(
 def path_products(
     test: Array, test_curve: Array, reference: Array, curve: Array, rings: int
 ) -> tuple[Any, Any]:
-    """Squared differences at six points of the path, and products of five neighbouring pairs.
+    """Squared differences at six points of the path, and products of neighbours.
 
     A blurrier test is compared with the blurred reference. For a sharper test its rings are
     blurred, and the statistics of the reference are extrapolated.
@@ -158,7 +158,7 @@ def path_products(
 def least_on_path(
     squares: Any, products: Any, penalty: np.float32
 ) -> tuple[np.float32, np.float32]:
-    """Least squared distance plus penalty on a path of straight lines, and its variance."""
+    """Least squared distance plus penalty on a path of lines, and its variance."""
     zero = np.float32(0.0)
     least, variance = squares[2], zero
     for k in range(len(products)):

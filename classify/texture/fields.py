@@ -1,4 +1,4 @@
-"""Texture fields: the slopes and the albedo of a surface estimate without outliers."""
+"""Texture fields: slopes and albedo of a surface estimate without outliers."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -38,7 +38,13 @@ class TextureFields:
 
 
 def texture_fields(surface: SurfaceEstimate) -> TextureFields:
-    """Compute the fields; InputError if no pixel is valid, or valid ones hold NaN or albedo 0."""
+    """Compute the fields of a surface.
+
+    Raises
+    ------
+    InputError
+        If no pixel is valid, or valid pixels contain NaN or have a mean albedo of 0.
+    """
     # One allocation instead of three: the allocator reuses a large block, while it returns small
     # ones to the system and their pages have to be cleared again.
     p, q, albedo = np.empty((3, *surface.shape), np.float32)

@@ -1,4 +1,4 @@
-"""The MR8 filter bank: 38 filters, reduced to 8 responses by the maximum over orientations.
+"""The MR8 filter bank: 38 filters with 8 responses, maxima over orientations.
 
 After Varma and Zisserman, "A statistical approach to texture classification from single images",
 International Journal of Computer Vision 62, 2005, section 3. The responses do not change when the
@@ -63,7 +63,7 @@ def mr8_filters() -> FloatMap:
 
 
 def mr8_responses(image: npt.NDArray[np.generic]) -> FloatMap:
-    """MR8 responses to an image under one light: (H, W) to (8, H - 48, W - 48) float32.
+    """(8, H - 48, W - 48) float32 MR8 responses to an (H, W) image under one light.
 
     They are edges at sigma 1, 2, 4, bars at sigma 1, 2, 4, Gaussian and Laplacian of Gaussian; the
     last two have a sign. The image is scaled to mean 0 and standard deviation 1. Edges and bars
@@ -111,7 +111,7 @@ def _normalised(image: npt.NDArray[np.generic]) -> FloatMap:
 
 
 def _blocks(length: int) -> Iterator[slice]:
-    """Equal overlapping slices of at most `_MAX_BLOCK_PX` whose valid parts cover the length."""
+    """Equal slices of at most `_MAX_BLOCK_PX`; their valid parts cover the length."""
     valid = length - 2 * _MARGIN
     count = -(-valid // (_MAX_BLOCK_PX - 2 * _MARGIN))
     side = -(-valid // count) + 2 * _MARGIN
@@ -148,10 +148,11 @@ def _block_responses(block: FloatMap) -> FloatMap:
 
 @lru_cache(maxsize=4)
 def _transfer_functions(rows: int, columns: int) -> tuple[FloatMap, FloatMap, FloatMap]:
-    """Transfer functions: edges, bars, both (3, 6, rows, columns // 2 + 1), and the last two.
+    """Transfer functions of edges, of bars, and of the two isotropic filters.
 
-    Edges are odd, so that their transforms are imaginary: their factor i is left out. The others
-    are even and have real transforms.
+    They are (3, 6, rows, columns // 2 + 1) for edges and bars, (2, ...) for the others. Edges are
+    odd, so that their transforms are imaginary: their factor i is left out. The others are even and
+    have real transforms.
     """
     padded = np.zeros((len(mr8_filters()), rows, columns), np.float32)
     padded[:, :FILTER_PX, :FILTER_PX] = mr8_filters()

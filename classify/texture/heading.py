@@ -1,4 +1,4 @@
-"""The heading of a texture: its orientation over 360 degrees, by third moments of the gradient.
+"""The heading of a texture: its orientation over 360 degrees, by third moments.
 
 Spectra are equal after a rotation by 180 degrees. Odd moments of the gradient change their sign, as
 on ripples that are steep on one side. They rotate with the surface like vectors: where the
@@ -110,7 +110,7 @@ def heading_numbers(moments: Complex, typical: Floats) -> FloatMap:
 
 
 def heading_scores(test: FloatMap, references: FloatMap, orientations_deg: Floats) -> Floats:
-    """(n,) scores of the given orientations against the opposite ones, in standard deviations.
+    """(n,) scores of orientations against the opposite ones, in standard deviations.
 
     A score is negative where the orientation is 180 degrees more, and 0 where the reference has no
     heading. `test` is (72,) and `references` (n, 72) from `heading_numbers`; `orientations_deg`

@@ -14,7 +14,7 @@ Floats = npt.NDArray[np.float64]
 def squared_errors_by_shift(
     test: npt.NDArray[np.floating], references: npt.NDArray[np.floating]
 ) -> Floats:
-    """Sum over theta of (test(theta + phi) - reference(theta))^2 for every phi of the grid.
+    """(n, A) sums over theta of (test(theta + phi) - reference(theta))^2 by phi.
 
     `test` is (..., A), sampled at A angles over 180 degrees, and `references` is (n, ..., A). The
     errors are (n, A) float64, summed over all axes between; entry j is the error if the test is the
@@ -40,9 +40,10 @@ def best_shift(errors: Floats) -> Floats:
 
 
 def refined_minima(errors: Floats, flat_below: Floats) -> tuple[Floats, Floats]:
-    """(n,) positions and values of the minima of (n, A) periodic errors, by a parabola.
+    """(n,) positions and values of the minima of (n, A) errors, by a parabola.
 
-    Where its curvature is at most `flat_below`, rounding decides: the lowest error is returned.
+    The errors are periodic. Where the curvature is at most `flat_below`, rounding decides: the
+    lowest error is returned.
     """
     count = errors.shape[-1]
     lowest = np.argmin(errors, axis=-1)
@@ -55,7 +56,7 @@ def refined_minima(errors: Floats, flat_below: Floats) -> tuple[Floats, Floats]:
 
 
 def roll_angles(polar: npt.NDArray[np.floating], shifts: Floats) -> Floats:
-    """Shift `polar` (..., A) back by each of `shifts` (n,) grid steps, exactly: (n, ..., A).
+    """(n, ..., A) `polar` (..., A) shifted back by (n,) `shifts` in grid steps.
 
     A shift along the angle axis is a phase ramp in the Fourier transform, so a fraction of a step
     needs no interpolation.

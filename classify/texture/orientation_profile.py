@@ -10,7 +10,7 @@ from .orientation import refined_minima
 
 @dataclass(frozen=True, eq=False)
 class OrientationProfile:
-    """The share of the angular structure of a surface that agrees with a reference, by orientation.
+    """Agreement of a surface with a reference, by orientation.
 
     It has one peak for most directional textures, two equal ones for a weave that looks the same
     after a quarter turn, and many low ones for a texture without direction.

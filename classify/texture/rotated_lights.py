@@ -1,4 +1,4 @@
-"""One surface under rotated lights, equivalent to a rotated part under the same lights.
+"""One surface under rotated lights, as if the part were rotated under its lights.
 
 Four lights leave errors where two of them are in shadow, and the place of shadows depends on the
 orientation of the texture. The estimate of one training set is relit with attached and cast shadows
@@ -21,7 +21,7 @@ _LEAST_SHADOW = 0.01
 
 
 def under_rotated_lights(surface: SurfaceEstimate) -> Iterator[SurfaceEstimate]:
-    """Yield estimates of the same pixels as if the part had been rotated under its lights.
+    """Yield estimates of the same pixels as if the part were rotated.
 
     The orientations are three steps of a quarter of the angle between lights; after four steps the
     ring of lights is the same again. Slopes stay relative to the image. Yields nothing for an

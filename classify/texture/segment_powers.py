@@ -1,4 +1,4 @@
-"""Powers of slopes and albedo on the frequency plane, by Welch's averaging of segments."""
+"""Powers of slopes and albedo on the frequency plane, by Welch's method."""
 
 from collections.abc import Sequence
 from functools import lru_cache, partial
@@ -118,7 +118,7 @@ def _pair(
     real: Array, real_corner: Array, imaginary: Array, imaginary_corner: Array,
     window: Array, weight: np.float32, target: Array,
 ) -> None:  # fmt: skip
-    """Combine segments of two planes, or two segments of one plane, as complex numbers."""
+    """Combine two segments, of one plane or two, as complex numbers."""
     side = len(window)
     real_mean = _weighted_mean(real, real_corner, window, weight)
     imaginary_mean = _weighted_mean(imaginary, imaginary_corner, window, weight)

@@ -1,4 +1,4 @@
-"""Power spectra of gradient and albedo on a polar grid, which rotate with the surface."""
+"""Power spectra of gradient and albedo on a polar grid."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -28,7 +28,7 @@ _LAST_NYQUIST = 0.98
 
 @dataclass(frozen=True, eq=False)
 class Spectra:
-    """Power spectra of one surface, averaged over segments, on a polar grid of 180 degrees.
+    """Power spectra of a surface, mean of segments, on a polar grid of 180 degrees.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Spectra:
 
     @property
     def polar(self) -> tuple[FloatMap, FloatMap]:
-        """1D polar spectra of M and A, (90,) each: integrals over radius (thesis section 6.4)."""
+        """1D polar spectra of M and A, (90,): integrals over radius (thesis section 6.4)."""
         width = np.gradient(self.radii_cpp).astype(np.float32)[:, None]
         return (self.gradient * width).sum(axis=0), (self.albedo * width).sum(axis=0)
 
@@ -84,9 +84,10 @@ class Spectra:
 
 
 def segment_for(shape: tuple[int, int]) -> int:
-    """Side of the segments for a frame: the largest power of two up to half its shorter side.
+    """Side of the segments for a frame, a power of two.
 
-    At most 256 px; InputError for a frame smaller than two segments of 32 px.
+    The largest that fits twice into the shorter side, at most 256 px. InputError for a frame
+    smaller than two segments of 32 px.
     """
     shorter = min(shape)
     if shorter < 2 * MIN_SEGMENT_PX:
@@ -121,7 +122,7 @@ def surface_spectra(surface: SurfaceEstimate, segment_px: int | None = None) -> 
 
 
 def field_spectra(fields: TextureFields, segment_px: int) -> Spectra:
-    """Spectra of fields, averaged over overlapping segments; raises as `segment_powers`."""
+    """Spectra of fields, averaged over segments; raises as `segment_powers`."""
     powers = segment_powers(fields, segment_px)
     columns, rows = _polar_map(segment_px)
     amplitudes = _amplitudes(powers, _wave_directions(segment_px))
@@ -134,11 +135,11 @@ def field_spectra(fields: TextureFields, segment_px: int) -> Spectra:
 
 
 def image_spectrum(image: Array, segment_px: int) -> FloatMap:
-    """(R, 90) float32 power spectrum of one image divided by its mean, on the same polar grid.
+    """(R, 90) float32 power spectrum of one image, on the polar grid of `Spectra`.
 
-    It contains the factor cos^2(theta - tilt) of its light, so that it does not rotate with the
-    surface (thesis chapter 6; chapters 7 to 9 use gradients instead). InputError if the image is
-    smaller than a segment, or black.
+    The image is divided by its mean. The spectrum contains the factor cos^2(theta - tilt) of its
+    light, so that it does not rotate with the surface (thesis chapter 6; chapters 7 to 9 use
+    gradients instead). InputError if the image is smaller than a segment, or black.
     """
     mean = float(image.mean())
     if mean <= 0.0:
@@ -150,7 +151,7 @@ def image_spectrum(image: Array, segment_px: int) -> FloatMap:
 
 @lru_cache(maxsize=8)
 def _wave_directions(side: int) -> FloatMap:
-    """(4, side, side // 2 + 1) cos and sin of the angle of each wave vector and of twice the angle.
+    """(4, side, side // 2 + 1) cos and sin of one and two angles of each wave vector.
 
     y points up. Zero frequency has no direction and gets 0.
     """
@@ -171,7 +172,7 @@ def polar_radii_px(side: int) -> npt.NDArray[np.float64]:
 
 @lru_cache(maxsize=8)
 def _polar_map(side: int) -> tuple[FloatMap, FloatMap]:
-    """Columns and rows of the polar grid in a half plane with zero frequency at side // 2."""
+    """Columns and rows of the polar grid in a half plane; zero frequency at side // 2."""
     angles = np.arange(ANGLES) * (np.pi / ANGLES)
     radii = polar_radii_px(side)[:, None]
     u = radii * np.cos(angles)
@@ -184,10 +185,10 @@ def _polar_map(side: int) -> tuple[FloatMap, FloatMap]:
 
 @kernel
 def _amplitudes(powers: Array, directions: Array) -> Array:
-    """(side, side // 2 + 1, 4) roots of M, A, relief and co-spectrum, zero frequency in the middle.
+    """(side, side // 2 + 1, 4) roots of M, A, relief and co-spectrum.
 
-    Amplitudes are interpolated instead of powers, because they vary less between bins. The root of
-    the co-spectrum keeps its sign.
+    Zero frequency is in row side // 2. Amplitudes are interpolated instead of powers, because they
+    vary less between bins. The root of the co-spectrum keeps its sign.
     """
     side, _, columns = powers.shape
     amplitudes = np.empty((side, columns, 4), np.float32)

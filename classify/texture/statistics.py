@@ -1,4 +1,4 @@
-"""Local statistics of relief and albedo, which distinguish textures of equal spectra.
+"""Local statistics of relief and albedo, which differ where spectra are equal.
 
 A power spectrum has no phase: pits and domes, cracks and ridges, bricks and gravel can share one.
 They differ in skewness, kurtosis and the correlation of fine and coarse energy (after Portilla and
@@ -52,7 +52,7 @@ class LocalStatistics:
     moments
         (5, levels, 8) float64: variance of relief and of albedo, third central moments of both,
         fourth cumulants of both, covariance of relief and albedo, variance of the curl
-        dq/dx - dp/dy, which is the error of the first.
+        dq/dx - dp/dy, an estimate of the error in the variance of relief.
     energies
         (5, 2 levels, 2 levels) float64 covariances of the logarithms of local energy, relief and
         albedo alternating, finest level first.
@@ -71,7 +71,7 @@ class LocalStatistics:
 
 
 def levels_for(segment_px: int) -> int:
-    """Octaves of a library with segments of this side; frames are at least twice as large."""
+    """Octaves for segments of this side, in frames of at least twice that side."""
     return (segment_px // _COARSEST_PX).bit_length()
 
 
@@ -121,7 +121,7 @@ def statistics_vector(
     albedo_floors: Moments,
     albedo_leaks: Moments | float = 0.0,
 ) -> npt.NDArray[np.float64]:
-    """(5, d) float64: statistics scaled to order one, so that differences can be compared.
+    """(5, d) float64 statistics of order one, so that differences can be compared.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def _respond(
     p: Array, q: Array, albedo: Array, p_mean: np.float32, q_mean: np.float32,
     energy: Array, sums: Array, odd: Array, first: int, stop: int,
 ) -> None:  # fmt: skip
-    """Responses of rows of one level: squares per pixel, sums of their powers per row and side.
+    """Responses of rows of one level: squares, and sums of powers per row and half.
 
     Powers are summed in single precision along a row, in double over the rows.
     """
@@ -213,7 +213,7 @@ def _respond(
 
 @kernel
 def _copy_rows(plane: Array, r: int, target: Array) -> None:
-    """Rows r - 1, r and r + 1 of a plane; its outermost pixels are repeated beyond its edges."""
+    """Rows r - 1, r and r + 1 of a plane, with its edge pixels repeated."""
     rows, columns = plane.shape
     for n in range(3):
         row = min(max(r + n - 1, 0), rows - 1)
@@ -276,7 +276,7 @@ def _central(sums: Moments) -> Moments:
 
 
 def _energy_covariances(energies: Array) -> Moments:
-    """(5, m, m) covariances of log energy over a coarse (h, w, m) grid and its quarters."""
+    """(5, m, m) covariances of log energy over an (h, w, m) grid and its quarters."""
     energies[..., 1::2] += _LEAK * energies[..., 0::2]
     floor = _ENERGY_FLOOR * energies.mean(axis=(0, 1)) + np.float32(1e-12)
     logs = np.log(energies + floor)[_BORDER:-_BORDER, _BORDER:-_BORDER]

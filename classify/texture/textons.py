@@ -1,4 +1,4 @@
-"""Textons: the texture of an image as a histogram over a dictionary of filter responses.
+"""Textons: an image as a histogram over a dictionary of filter responses.
 
 After Varma and Zisserman, "A statistical approach to texture classification from single images",
 International Journal of Computer Vision 62, 2005. Textons are cluster centres of the MR8 responses
@@ -78,9 +78,9 @@ def texton_histogram(responses: FloatMap, textons: FloatMap) -> FloatMap:
 
 
 def chi_squared(histogram: FloatMap, references: FloatMap) -> FloatMap:
-    """(n,) float32 distances 1/2 sum (a - b)^2 / (a + b) of a (T,) histogram from (n, T) others.
+    """(n,) float32 distances of a (T,) histogram from (n, T) references.
 
-    They lie between 0 and 1. Bins that are empty in both count 0.
+    1/2 sum (a - b)^2 / (a + b). They lie between 0 and 1. Bins that are empty in both count 0.
     """
     total = references + histogram
     squares = np.square(references - histogram)
