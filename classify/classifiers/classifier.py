@@ -1,4 +1,4 @@
-"""The interface of all classifiers: one library, file format and evaluation serves them all."""
+"""The interface of all classifiers, which library and evaluation use."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -129,7 +129,7 @@ def simple_classifier(
     *,
     from_images: bool = False,
 ) -> Classifier[Tested, Tested]:
-    """Make a classifier that observes training sets like tests and learns nothing from them."""
+    """Make a classifier that observes training sets like tests and learns nothing."""
     return Classifier(
         name=name,
         observe=observe,

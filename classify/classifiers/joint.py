@@ -1,4 +1,4 @@
-"""The default classifier: polar spectra over all orientations plus local statistics.
+"""The default classifier: polar spectra at all orientations, and local statistics.
 
 A signature is one vector of float32: Fourier series of the polar spectra, whitened statistics,
 their changes by blur, the numbers of the heading, and a last number with two meanings. In a
@@ -62,7 +62,7 @@ def _signature(observation: JointObservation, parameters: Parameters) -> FloatMa
 
 
 def _references(training: JointTraining, parameters: Parameters) -> FloatMap:
-    """The signature of a training set, and those under rotated lights that differ from it."""
+    """Signatures of a training set: its own, then those under rotated lights."""
     statistics = statistics_rows(training.frame.statistics, parameters)
     distances = quarter_distances([training], statistics[None], parameters)
     factor = scatter_factor(combined(*distances, parameters))
@@ -83,7 +83,10 @@ def _vector(
     parameters: Parameters,
     last: float,
 ) -> FloatMap:
-    """Series, statistics and their changes in units of the distance between quarters, the rest."""
+    """Assemble a signature, in units of the distance between quarters.
+
+    It holds series, whitened statistics, their changes by blur, the heading and `last`.
+    """
     series = spectral_series(observation.polar, parameters)
     series *= np.float32(spectral_unit(parameters))
     statistics = statistics_rows(observation.statistics, parameters)
@@ -146,7 +149,7 @@ def _series_of(signatures: FloatMap) -> Complex:
 
 
 def _curve(parameters: Parameters) -> slice:
-    """The changes by blur in a signature; of length 0 in a library of earlier versions."""
+    """Slice of the changes by blur in a signature; empty in earlier libraries."""
     return slice(_SERIES_FLOATS + len(parameters["whitening"]), _HEADING.start)
 
 

@@ -1,9 +1,9 @@
-"""Lower bounds on the distances of the joint classifier, from numbers that no rotation changes.
+"""Lower bounds on the distances of the joint classifier.
 
-A reference and its changes by blur form a path in feature space. A few directions are kept, along
-which the references of a library change most; of the rest of each change only its length is kept. A
-bound is the distance along these directions, with the rest of the difference shortened by the
-length of the rest of the change.
+They follow from numbers that rotations do not change. A reference and its changes by blur form a
+path in feature space. A few directions are kept, along which the references of a library change
+most; of the rest of each change only its length is kept. A bound is the distance along these
+directions, with the rest of the difference shortened by the length of the rest of the change.
 """
 
 from functools import partial
@@ -42,7 +42,7 @@ _ROUNDING = np.float32(2e-6)
 
 
 def blur_basis(curves: FloatMap, rings: int) -> npt.NDArray[np.float64]:
-    """(16, d) orthonormal directions of the largest changes, of rings first, then of statistics.
+    """(16, d) orthonormal directions of the largest changes, those of rings first.
 
     `curves` are the (n, 3, d) changes of all training sets. Few sets give fewer directions; the
     others are 0.
@@ -61,7 +61,7 @@ def blur_basis(curves: FloatMap, rings: int) -> npt.NDArray[np.float64]:
 def blur_coordinates(
     levels: FloatMap, curves: FloatMap, basis: npt.NDArray[np.float64], rings: int
 ) -> FloatMap:
-    """(n, 4 m + 6): features on m directions, their changes, and lengths of the rest of these.
+    """(n, 4 m + 6) features and changes along m directions, and lengths of the rest.
 
     `levels` (n, d) and `curves` (n, 3, d) are those of `least_over_blurs`. The six lengths are
     those at the knots of a reference, of its first change of statistics, and of the first two
@@ -81,7 +81,7 @@ def blur_coordinates(
 
 
 def bounds(test: FloatMap, references: FloatMap, parameters: Parameters) -> Bounds:
-    """(n,) bounds on the distances of the test with the invariants (k,) to n references."""
+    """(n,) bounds on the distances of a test, of invariants (k,), to n references."""
     size = RING_DIRECTIONS + LOCAL_DIRECTIONS if BLUR_BASIS in parameters else 0
     plain = 2 * SERIES + len(parameters["whitening"])
     paths = []
@@ -147,7 +147,7 @@ def _bounds(
 
 @kernel
 def _square(test: Array, reference: Array, start: int, stop: int) -> np.float32:
-    """Squared distance in some of the numbers, by four sums that do not wait for each other."""
+    """Squared distance over some of the numbers, by four independent sums."""
     s0, s1, s2, s3 = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
     last = start + (stop - start) // 4 * 4
     for k in range(start, last, 4):

@@ -1,4 +1,4 @@
-"""Features of the joint classifier: observations, and vectors whose squared differences add up.
+"""Features of the joint classifier: observations, series and statistics.
 
 The table "Constants of the default classifier" in classify/README.md shows what each tuned number
 gives halved and doubled; ``tests/classify/classifiers/test_joint_constants.py`` prints it.
@@ -110,7 +110,7 @@ def observe(surface: SurfaceEstimate, segment_px: int) -> JointObservation:
 
 
 def observe_training(surface: SurfaceEstimate, segment_px: int) -> JointTraining:
-    """Observe a training set: the frame, its quarters, and the frame in other conditions."""
+    """Observe a training set: frame, quarters, rotated lights and blurred frames."""
     fields = texture_fields(surface)
     rows, columns = fields.shape
     quarters = [
@@ -147,16 +147,16 @@ def _polar(spectra: Spectra) -> FloatMap:
 
 
 def spectral_series(polar: FloatMap, parameters: Parameters) -> Complex:
-    """(..., 3, R, A) densities to (..., SERIES, 16): log relief, log albedo, coherence, weighted.
+    """(..., SERIES, 16) weighted series of (..., 3, R, A) densities.
 
-    The floor is added to each density: logarithms of errors would vary like those of
-    textures.
+    The channels are log relief, log albedo and coherence. The floor is added to each density:
+    logarithms of errors would vary like those of textures.
     """
     return harmonics(_channels(polar, parameters))
 
 
 def contrasts(polar: FloatMap, density_floor: npt.NDArray[np.float64]) -> FloatMap:
-    """(..., 3, R, A) densities to (..., 3): what all rings of a channel have in common.
+    """(..., 3) contrasts of (..., 3, R, A) densities: weighted sums over all rings.
 
     A change of contrast by one factor changes only these numbers.
     """
@@ -253,7 +253,7 @@ def quarter_distances(
     statistics: npt.NDArray[np.float64],
     parameters: Parameters,
 ) -> tuple[Distances, Distances]:
-    """(sets, 6) squared distances between the quarters of each set: of spectra, of statistics.
+    """(sets, 6) squared distances between quarters, of spectra and of statistics.
 
     `statistics` is (sets, 5, d).
     """

@@ -1,4 +1,4 @@
-"""What the joint classifier learns from all training sets: floors, whitening and units.
+"""Parameters of the joint classifier, learned from all training sets.
 
 The four quarters of every training set show how much one surface differs from itself: how far its
 spectra and statistics scatter, and which statistics scatter together. A distance of 1 is the
@@ -133,17 +133,17 @@ def _contrast_gains(
 
 
 def _spectral_unit(distances: Distances) -> float:
-    """Geometric mean distance between quarters of spectra, over sets and typical surfaces."""
+    """Geometric mean of spectral distances between quarters, over sets and a prior."""
     logs = np.log(np.maximum(distances, _LEAST_DISTANCE))
     total = float(logs.sum()) + _TYPICAL_SETS * math.log(_TYPICAL_SPECTRAL)
     return math.exp(total / (len(logs) + _TYPICAL_SETS))
 
 
 def _whitening(quarters: npt.NDArray[np.float64], levels: int) -> npt.NDArray[np.float64]:
-    """(d, d) W such that |W (x - y)|^2 is the squared Mahalanobis distance within a class.
+    """(d, d) W such that |W (x - y)|^2 is a squared Mahalanobis distance.
 
-    `quarters` is (sets, 4, d), statistics of so many levels. The fewer sets, the nearer are
-    variances to their geometric mean and correlations to 0.
+    `quarters` is (sets, 4, d), statistics of `levels` octaves. The distance is within a
+    class. The fewer sets, the nearer are variances to their geometric mean and correlations to 0.
     """
     deviations = (quarters - quarters.mean(axis=1, keepdims=True)).reshape(-1, quarters.shape[-1])
     degrees = len(quarters) * (PARTS - 1)

@@ -46,7 +46,7 @@ Indices = npt.NDArray[np.intp]
 
 
 def scatter_factor(distances: Distances) -> float:
-    """Factor of the limit of a class, from distances between the quarters of one of its sets."""
+    """Factor of the limit of a class, from distances between the quarters of a set."""
     scatter = max(float(distances.mean()), _LEAST_SCATTER)
     return float(min(scatter**_SCATTER_POWER, _LARGEST_FACTOR))
 
@@ -58,7 +58,7 @@ def unit_limit(pixels: float) -> float:
 
 
 def limit_of_sets(limit: float, distances: Sequence[float]) -> float:
-    """Limit of a class of several sets, from the distance of each of them to the others.
+    """Limit of a class of several sets, from the distance of each to the others.
 
     `limit` is the limit of one set. The more sets, the less the median distance of the class is in
     doubt. Sets of one patch tell nothing about other patches: a distance more than two standard
@@ -81,12 +81,14 @@ def class_limits(
     lower_bounds: Callable[[int, Indices], Distances],
     nearest: Callable[[int, Indices], float],
 ) -> dict[str, float]:
-    """Limit of each class: no more than that of one set, or the distance to the nearest class.
+    """Limit of each class.
+
+    It exceeds neither the limit of one set nor the distance to the nearest other class.
 
     Parameters
     ----------
     labels, sets, single
-        Class of each reference, number of its set, and limit of that set alone.
+        (n,) class of each reference, number of its set, and limit of that set alone.
     lower_bounds, nearest
         Bounds on the distances of a reference to others, and the distance to the nearest of them.
     """

@@ -1,4 +1,4 @@
-"""The classifiers of the thesis: 1D polar and radial spectra (chapters 6 to 8), 2D spectra (9)."""
+"""The classifiers of the thesis: 1D spectra (chapters 6 to 8), 2D spectra (9)."""
 
 from dataclasses import dataclass
 
@@ -75,7 +75,7 @@ def _profiles(observation: PolarSpectra, _: Parameters) -> FloatMap:
 
 
 def _compare_profiles(test: FloatMap, references: FloatMap, _: Parameters) -> Comparison:
-    """Mean of four relative errors: polar and radial, of M and of A, under one polar shift."""
+    """Mean relative error of polar and radial spectra, of M and A, at one shift."""
     polar, radial = test[:, :ANGLES], test[:, ANGLES:]
     polar_references, radial_references = references[..., :ANGLES], references[..., ANGLES:]
     shifts = shifts_by_polar(polar[:, None], polar_references[:, :, None])
@@ -100,7 +100,7 @@ def _energy(rows: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
 
 
 def shifts_by_polar(test: FloatMap, references: FloatMap) -> npt.NDArray[np.float64]:
-    """(n,) shifts in grid steps of least squared error between 1D polar spectra of M and A.
+    """(n,) shifts of least squared error between 1D polar spectra, in grid steps.
 
     The errors of M and of A are each relative to the energy of both surfaces.
     """
@@ -114,7 +114,7 @@ def shifts_by_polar(test: FloatMap, references: FloatMap) -> npt.NDArray[np.floa
 
 
 def _magnitude(observation: PolarSpectra, _: Parameters) -> FloatMap:
-    """Magnitudes; in a power spectrum a few strong low frequencies outweigh all others."""
+    """Magnitudes: in powers a few strong low frequencies outweigh all others."""
     return np.sqrt(observation.per_octave)
 
 

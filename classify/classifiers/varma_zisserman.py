@@ -15,7 +15,10 @@ from .thesis import first_light, images_of
 
 @dataclass(frozen=True, eq=False)
 class FilterResponses(Observation):
-    """(images, 8, H, W) float32 MR8 responses: one image of a test, all of a training set."""
+    """(images, 8, H, W) float32 MR8 responses.
+
+    A test has those to one image, a training set those to all its images.
+    """
 
     responses: FloatMap
 

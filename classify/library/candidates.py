@@ -67,7 +67,7 @@ class Sieve:
 
 
 def _lowest(values: Bounds, count: int) -> Indices:
-    """Indices of the `count` lowest values, in any order; of all where there are fewer."""
+    """Indices of the `count` lowest values, in any order; of all if there are fewer."""
     if len(values) <= count:
         return np.arange(len(values))
     return np.argpartition(values, count)[:count]

@@ -1,4 +1,4 @@
-"""How different trained textures are: dissimilarities, their grouping, and a map of sets."""
+"""Dissimilarities of trained textures, their grouping, and a map of sets."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -70,10 +70,10 @@ def dendrogram(dissimilarities: Matrix) -> Dendrogram:
 
 
 def embedding(distances: Matrix, dissimilarities: Matrix) -> Matrix:
-    """Map sets to a plane by landmark multidimensional scaling (de Silva and Tenenbaum 2004).
+    """Map sets to a plane by landmark multidimensional scaling.
 
-    The classes are the landmarks, placed by classical scaling; each set is placed by its distances
-    to them.
+    After de Silva and Tenenbaum (2004). The classes are the landmarks, placed by classical scaling;
+    each set is placed by its distances to them.
 
     Parameters
     ----------

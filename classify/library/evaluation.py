@@ -43,7 +43,7 @@ class Trial:
 
     @property
     def is_reversed(self) -> bool | None:
-        """Whether the heading is off by more than 90 degrees; None without heading or truth."""
+        """Whether the heading is off by more than 90 degrees; None if not known."""
         found_deg = self.match.heading_deg
         if self.orientation_deg is None or found_deg is None or not self.is_correct:
             return None

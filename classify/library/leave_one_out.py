@@ -19,8 +19,8 @@ def leave_one_out(
 ) -> list[Match | None]:
     """Return the match of each set with a library that was not trained on it.
 
-    Up to `rounds` sets are left out one by one, more in so many groups: each round trains a
-    library, in 0.3 s of one core for ten sets.
+    Each round leaves out one set and trains a library of the others, in 0.3 s of one core for ten
+    sets. More than `rounds` sets are left out in `rounds` groups.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def leave_one_out(
     with the other classes.
     """
     named = classifier_named(classifier)
-    # Sets of one class follow each other: every group has some of each.
+    # Sets of one class are neighbours in `rows`, so that they come into different groups.
     groups = [number % rounds for number in range(len(rows))]
     matches: dict[int, Match | None] = {}
     for group in range(min(rounds, len(rows))):

@@ -127,7 +127,7 @@ def write(path: Path, library: LibraryContents) -> None:
 
 
 def read(path: Path, kind: type[Library], *, map_from_bytes: int = MAP_FROM_BYTES) -> Library:
-    """Read a library as an object of `kind`; any failure is a `LibraryError` naming the file."""
+    """Read a library as an object of `kind`; LibraryError names the file."""
     with open_archive(path, _KIND, map_from_bytes=map_from_bytes) as archive:
         return _read(archive, kind)
 

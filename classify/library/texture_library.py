@@ -1,4 +1,4 @@
-"""`TextureLibrary`: train textures, then name the texture and orientation of a surface."""
+"""`TextureLibrary`: train textures, then classify surfaces."""
 
 import warnings
 from collections.abc import Iterable, Sequence
@@ -87,7 +87,7 @@ class TextureLibrary(LibraryContents):
         simulated: bool = False,
         sources: Sequence[tuple[str, str]] = (),
     ) -> Self:
-        """Learn from sets that `observe` has observed with segments of one size; see `train`."""
+        """Learn from sets observed by `training.observe` in equal segments; see `train`."""
         return cls(
             classifier=classifier,
             segment_px=segment_px,
@@ -211,7 +211,10 @@ class TextureLibrary(LibraryContents):
         return OrientationProfile(np.interp(degrees, np.arange(180), agreement, period=180.0))
 
     def candidates(self, signature: FloatMap) -> tuple[Indices, Comparison]:
-        """Compare the references that can be nearest or runner-up: their indices, the result."""
+        """Compare the references that can be nearest or runner-up.
+
+        Returns their indices and the comparison with them.
+        """
         classifier = classifier_named(self.classifier)
         if self.invariants is None:
             everything = np.arange(len(self.labels))

@@ -1,4 +1,4 @@
-"""Training: from observed sets to the references, parameters and limits of a library."""
+"""Training: from observed sets to references, parameters and limits."""
 
 import math
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ SAME_LIGHT_DEG = 1.0
 
 
 class TrainingRow(NamedTuple):
-    """What training keeps of one set: its class, its observation, its orientation if known."""
+    """One training set: its class, observation, and orientation in degrees if known."""
 
     label: str
     observation: Observation
@@ -50,7 +50,7 @@ def observe(
 
 
 def learn_references(rows: Sequence[TrainingRow], classifier: Classifier[Any, Any]) -> Learned:
-    """Learn from observed sets; see `TextureLibrary.train` for orientations and errors."""
+    """Learn from sets; orientations and errors as in `TextureLibrary.train`."""
     if not rows:
         raise LibraryError("nothing to train on; give at least one set")
     for label, _, orientation_deg in rows:
@@ -90,7 +90,7 @@ def learn_references(rows: Sequence[TrainingRow], classifier: Classifier[Any, An
 
 
 def common_lighting(lightings: Sequence[Lighting | None]) -> Lighting | None:
-    """The lighting that all have, to a degree; None where they differ or one is not known."""
+    """The lighting of all to within a degree; None if they differ or one is unknown."""
     first = lightings[0]
     if first is None:
         return None
@@ -101,7 +101,7 @@ def common_lighting(lightings: Sequence[Lighting | None]) -> Lighting | None:
 def _aligned(
     references: FloatMap, first: FloatMap, classifier: Classifier[Any, Any], parameters: Parameters
 ) -> tuple[FloatMap, float]:
-    """References of a set, and its orientation relative to the first set of its class, degrees."""
+    """References of a set, and its orientation in degrees from the first set."""
     found = classifier.compare(references[0], first[None], parameters)
     if found.orientations_deg is None:
         return references, 0.0
