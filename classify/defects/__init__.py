@@ -1,1 +1,1 @@
-"""Defects of a part: where its relief, albedo or texture departs from those of good parts."""
+"""Defects of a part: where its relief, albedo or texture departs from good parts."""

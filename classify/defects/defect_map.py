@@ -68,7 +68,7 @@ class DefectRegion:
     box
         x, y, width, height in pixels of the frame: column and row of the upper left corner.
     area_px
-        Pixels of its cells.
+        Number of its cells times `cell_px`^2; a cell that the frame cuts counts in full.
     score
         The highest score in the region.
     outline

@@ -1,4 +1,4 @@
-"""`DefectModel`: what good parts of one texture look like, and where another part differs."""
+"""`DefectModel`: what good parts of a texture look like, and where a part differs."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,8 +7,8 @@ from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import beta
 
+from classify.confidence import share_at_most
 from classify.errors import DefectModelError
 from classify.surface.estimate import SurfaceEstimate
 
@@ -22,7 +22,6 @@ from .octave_statistics import OCTAVE_STATISTICS
 from .responses import ALBEDO_RESPONSES, RELIEF_RESPONSES
 from .window_statistics import WINDOW_STATISTICS
 
-_CONFIDENCE = 0.95
 # Shapes of the arrays of a model by the version of its file; None is any length.
 _SHARED_SHAPES: dict[str, tuple[int | None, ...]] = {
     "gains": (2, None, None),
@@ -110,15 +109,12 @@ class DefectModel:
 
     @property
     def false_alarm_bound(self) -> float:
-        """Upper bound of the false alarms per part that these parts show, at 95 % confidence.
+        """Upper bound on the share of good parts with a false alarm, at 95 % confidence.
 
-        Of Clopper and Pearson, from how many of the good parts exceed 1.0 when left out: three
-        parts without an alarm show 63 %, 30 parts 10 %, 299 parts 1 %.
+        It follows from the number of good parts that exceed 1.0 when left out: three parts without
+        an alarm show 63 %, 30 parts 10 %, 299 parts 1 %.
         """
-        alarms = int(np.count_nonzero(self.good_scores > 1.0))
-        if alarms == self.parts:
-            return 1.0
-        return float(beta.ppf(_CONFIDENCE, alarms + 1, self.parts - alarms))
+        return share_at_most(int(np.count_nonzero(self.good_scores > 1.0)), self.parts)
 
     @cached_property
     def sha256(self) -> str:

@@ -40,7 +40,7 @@ class Departures:
     windows: Gaussian | None
 
     def of(self, fields: PartFields, orientation_deg: float) -> FloatMap:
-        """(k, h, w) departures of a part: of relief, albedo, octaves and windows."""
+        """(k, h, w) float32 departures in relief, albedo, octaves and, if k = 4, windows."""
         observation = Observation.of(fields, self.gains, orientation_deg)
         kinds: list[Callable[[], FloatMap]] = [
             lambda: _highest(observation.relief_responses(), self.relief_limits),

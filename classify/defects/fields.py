@@ -36,9 +36,10 @@ Plane = FloatMap | npt.NDArray[np.uint8]
 
 @dataclass(frozen=True, eq=False)
 class PartFields:
-    """Slopes and log albedo less their means, (rows, columns) float32 at half resolution.
+    """Slopes and log albedo without their means, at half resolution.
 
-    The planes are padded to sides that suit a transform, and fade to 0 at borders and large gaps.
+    `p`, `q` and `albedo` are (rows, columns) float32. The planes are padded to sides that suit a
+    transform, and fade to 0 at borders and large gaps.
 
     Attributes
     ----------
@@ -110,7 +111,7 @@ def gaussian_mean(plane: FloatMap, sigma: float) -> FloatMap:
 
 @lru_cache(maxsize=4)
 def _whole_frame(shape: tuple[int, int], rows: int, columns: int) -> tuple[FloatMap, FloatMap]:
-    """Shares of valid pixels and weights at half resolution where all pixels are valid."""
+    """Shares of valid pixels, and weights, of a frame whose pixels are all valid."""
     share = _halved(np.ones(shape, np.float32), rows, columns)
     return share, _faded(share)
 
@@ -180,7 +181,7 @@ def _halved(plane: Plane, rows: int, columns: int) -> FloatMap:
 
 
 def _filled(total: FloatMap, share: FloatMap, near: FloatMap) -> FloatMap:
-    """Means of the valid pixels from sums over them, and Gaussian means where none is valid.
+    """Means of the valid pixels from their sums; Gaussian means where none is valid.
 
     `near` is the Gaussian mean of `share`.
     """

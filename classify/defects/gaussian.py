@@ -1,4 +1,4 @@
-"""`Gaussian`: the distribution of the statistics of cells, and the distance of a cell from it."""
+"""`Gaussian`: the distribution of the statistics of cells, and distances from it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -8,7 +8,7 @@ from .gaussian import PowerSums
 
 
 def unlike_halves(sums: Sequence[PowerSums]) -> tuple[list[int], list[int]]:
-    """Split parts into halves that differ as much as possible, from sums of their statistics.
+    """Split parts into halves that differ as much as possible.
 
     Parts of one place or of one batch are alike. If each part is left out alone, the others of its
     place stay in the model, and its departures come out smaller than those of a part of another
@@ -19,6 +19,10 @@ def unlike_halves(sums: Sequence[PowerSums]) -> tuple[list[int], list[int]]:
     ----------
     sums
         `power_sums` of the window statistics of every part, at least two parts.
+
+    Returns
+    -------
+    The indices of the parts of each half.
     """
     total = np.sum(sums, axis=0)
     total = total / total[0, 0]

@@ -96,7 +96,7 @@ def _checked(surface: SurfaceEstimate) -> SurfaceEstimate:
 
 @dataclass(frozen=True, eq=False)
 class _Observed:
-    """Observations of one part: highest responses of its tiles, and sums of its statistics.
+    """Observations of one part: maxima of its tiles, and sums of its statistics.
 
     Responses and octaves are whitened by the spectra of the other half of the parts.
     """

@@ -14,7 +14,7 @@ LINE_DIRECTIONS = 12
 
 
 def line_responses(field: FloatMap, cell: int, pixels: int, orientation_deg: float) -> FloatMap:
-    """(LINE_DIRECTIONS, h, w) largest absolute response in every cell of `cell` x `cell` pixels.
+    """(LINE_DIRECTIONS, h, w) float32 largest absolute response in every cell.
 
     The response is the sum over the pixels of a line around a pixel, over the root of their number:
     a white field keeps its variance.
@@ -23,6 +23,8 @@ def line_responses(field: FloatMap, cell: int, pixels: int, orientation_deg: flo
     ----------
     field
         (h cell, w cell) float32; it counts as zero beyond its borders.
+    cell
+        Pixels on a side of a cell.
     pixels
         Length of a line, an odd multiple of three.
     orientation_deg
@@ -38,9 +40,9 @@ def line_responses(field: FloatMap, cell: int, pixels: int, orientation_deg: flo
 
 
 def _steps(pixels: int, orientation_deg: float) -> npt.NDArray[np.int64]:
-    """(directions, pixels, 2) rows and columns of a line's pixels, from the corner of the margin.
+    """(directions, pixels, 2) rows and columns of the pixels of each line.
 
-    Pixels are the nearest to the points of the line.
+    They are the nearest to the points of the line, and count from the corner of the margin.
     """
     reach = pixels // 2
     directions = orientation_deg + np.arange(LINE_DIRECTIONS) * (180.0 / LINE_DIRECTIONS)

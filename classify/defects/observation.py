@@ -1,4 +1,4 @@
-"""`Observation`: the responses and statistics of one part under given whitening gains."""
+"""`Observation`: the responses and statistics of a part under given gains."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

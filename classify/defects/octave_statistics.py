@@ -51,7 +51,7 @@ def octave_statistics(
 
 
 def _gradient_energies(level: FloatMap, pixels: int) -> FloatMap:
-    """(3, h, w) means of x^2, y^2 and x y of the gradient (y up) over `pixels` x `pixels`."""
+    """(3, h, w) means of x^2, y^2 and x y of the gradient (y up) in squares."""
     rows, columns = (side // pixels for side in level.shape)
     energies = np.empty((3, rows, columns), np.float32)
     run_on_rows(partial(_sum_energies, level, pixels, energies), (rows, level[:pixels].size))
@@ -60,7 +60,7 @@ def _gradient_energies(level: FloatMap, pixels: int) -> FloatMap:
 
 @kernel
 def _sum_energies(level: Array, pixels: int, energies: Array, first: int, stop: int) -> None:
-    """Means of rows of squares. Gradients are Sobel's; at the border of the frame they are 0."""
+    """Means of rows of squares; Sobel gradients, which are 0 at the border."""
     rows, columns = level.shape
     sums = np.empty((3, columns), np.float32)
     quarter, two = np.float32(0.25), np.float32(2.0)

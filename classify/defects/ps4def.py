@@ -86,7 +86,7 @@ def read(
 
 
 def digest(version: int, false_alarm_rate: float, arrays: Mapping[str, Array]) -> str:
-    """SHA-256 over the version, the rate and the arrays with their names, types and shapes."""
+    """SHA-256 over version, rate, and arrays with their names, types and shapes."""
     hashed = hashlib.sha256(f"{version} {false_alarm_rate!r}".encode())
     for name in sorted(arrays):
         plain = np.ascontiguousarray(arrays[name])

@@ -77,13 +77,14 @@ class Spectrum:
                 f"no area of {2 * segment} x {2 * segment} px of a good part has enough valid "
                 "pixels; check its light and mask"
             )
-        return cls(*(_rotated(_whole(each / count), orientation_deg) for each in (relief, albedo)))
+        powers = (_full_spectrum(each / count) for each in (relief, albedo))
+        return cls(*(_rotated(each, orientation_deg) for each in powers))
 
     def gains(self) -> FloatMap:
         """(2, n + 1, n + 1) float32 whitening gains of relief and albedo."""
         gains = []
         for power in (self.relief, self.albedo):
-            power = _with_lowest(power)
+            power = _lowest_replaced(power)
             gain = 1.0 / np.sqrt(power + _FLOOR * power.mean() + 1e-12)
             gains.append(np.pad(gain, ((0, 1), (0, 1)), mode="wrap"))
         return np.array(gains, np.float32)
@@ -100,16 +101,18 @@ def mean_spectrum(spectra: Sequence[Spectrum]) -> Spectrum:
 def whitened(
     fields: PartFields, gains: FloatMap, orientation_deg: float
 ) -> tuple[FloatMap, FloatMap]:
-    """Whitened relief and albedo of a part, as large as its fields; raised and bright are positive.
+    """Whitened relief and albedo of a part, as large as its fields.
 
-    `gains` are in the frame of the texture; the part is rotated by `orientation_deg` from it.
+    Raised and bright places are positive. `gains` are in the frame of the texture; the part is
+    rotated by `orientation_deg` from it.
     """
     shape = fields.p.shape
     p, q, a = map_in_threads(scipy.fft.rfft2, [fields.p, fields.q, fields.albedo])
     angle = np.radians(orientation_deg)
-    turn = np.array([np.cos(angle), np.sin(angle)], np.float32)
+    rotation = np.array([np.cos(angle), np.sin(angle)], np.float32)
     run_on_rows(
-        partial(_apply_gains, p, q, a, gains, _low_pass(shape, gains.shape[1] - 1), turn), p.shape
+        partial(_apply_gains, p, q, a, gains, _low_pass(shape, gains.shape[1] - 1), rotation),
+        p.shape,
     )
     relief, albedo = map_in_threads(partial(scipy.fft.irfft2, s=shape), [p, a])
     return relief, albedo
@@ -138,7 +141,7 @@ def _low_pass(shape: tuple[int, int], segment: int) -> FloatMap:
     u, v = _frequencies(shape)
     radius = np.hypot(u, v)
     low_pass = 0.5 + 0.5 * np.cos(np.pi * np.clip((radius - _PASS) / (_STOP - _PASS), 0.0, 1.0))
-    # Waves longer than a segment are drift of lights and form, of which the spectra know nothing.
+    # Longer waves than a segment are drift of lights and form, which the spectra do not resolve.
     low_pass *= -np.expm1(-((radius * segment) ** 2))
     return np.asarray(low_pass, np.float32)
 
@@ -152,14 +155,21 @@ def _frequencies(shape: tuple[int, int]) -> tuple[Power, Power]:
 
 @kernel
 def _apply_gains(
-    p: Array, q: Array, a: Array, gains: Array, low_pass: Array, turn: Array, first: int, stop: int
+    p: Array,
+    q: Array,
+    a: Array,
+    gains: Array,
+    low_pass: Array,
+    rotation: Array,
+    first: int,
+    stop: int,
 ) -> None:
     """Turn half spectra of p and albedo a into those of whitened relief and albedo."""
     rows, half = p.shape
     across, down = np.float32(0.5 / (half - 1)), np.float32(1.0 / rows)
     side = np.float32(gains.shape[1] - 1)
     middle, one = np.float32(0.5), np.float32(1.0)
-    c, s = turn[0], turn[1]
+    c, s = rotation[0], rotation[1]
     for r in range(first, stop):
         v = -down * np.float32(r if 2 * r < rows else r - rows)
         for k in range(half):
@@ -185,19 +195,19 @@ def _apply_gains(
             a[r, k] = albedo_gain * a[r, k]
 
 
-def _whole(half: Power) -> Power:
-    """The whole spectrum of a real field, zero frequency in the middle, from its half."""
+def _full_spectrum(half: Power) -> Power:
+    """The full spectrum of a real field, zero frequency in the middle, from its half."""
     rows, columns = half.shape[0], 2 * (half.shape[1] - 1)
-    whole = np.empty((rows, columns))
-    whole[:, : columns // 2 + 1] = half
+    full = np.empty((rows, columns))
+    full[:, : columns // 2 + 1] = half
     # X(-u, -v) is the conjugate of X(u, v).
     opposite = np.roll(half[::-1, 1 : columns // 2], 1, axis=0)[:, ::-1]
-    whole[:, columns // 2 + 1 :] = opposite
-    return np.asarray(scipy.fft.fftshift(whole))
+    full[:, columns // 2 + 1 :] = opposite
+    return np.asarray(scipy.fft.fftshift(full))
 
 
 def _rotated(power: Power, orientation_deg: float) -> Power:
-    """The spectrum in the frame of a texture that is rotated by `orientation_deg` in the image."""
+    """The spectrum in the frame of a texture at `orientation_deg` in the image."""
     angle = np.radians(orientation_deg)
     c, s = np.cos(angle), np.sin(angle)
     side = len(power)
@@ -213,8 +223,8 @@ def _rotated(power: Power, orientation_deg: float) -> Power:
     return rotated.astype(np.float64)
 
 
-def _with_lowest(power: Power) -> Power:
-    """The spectrum, with the lowest frequencies, which the window mixes with 0, from a ring."""
+def _lowest_replaced(power: Power) -> Power:
+    """Replace the frequencies that the window mixes with 0 by the highest around them."""
     index = np.arange(len(power)) - len(power) // 2
     radius = np.hypot(index[None, :], index[:, None])
     lowest, ring = radius < 1.5, (radius >= 1.5) & (radius < 3.0)

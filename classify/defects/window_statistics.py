@@ -1,4 +1,4 @@
-"""Local statistics of slopes and log albedo, not whitened, which another texture changes."""
+"""Local statistics of slopes and log albedo, which another texture changes."""
 
 import cv2
 import numpy as np
@@ -22,11 +22,11 @@ _LEAST_SHARE = np.float32(1e-3)
 
 
 def window_statistics(moments: FloatMap, orientation_deg: float) -> FloatMap:
-    """(h, w, WINDOW_STATISTICS) float32 statistics around every cell, in the frame of the texture.
+    """(h, w, WINDOW_STATISTICS) float32 statistics around every cell.
 
-    For each window: the logarithm of the standard deviation of the slopes, its anisotropy as the
-    cosine and sine of twice the direction, and the logarithm of the standard deviation of the log
-    albedo and its mean.
+    They are in the frame of the texture. For each window: the logarithm of the standard deviation
+    of the slopes, its anisotropy as the cosine and sine of twice the direction, and the logarithm
+    of the standard deviation of the log albedo and its mean.
 
     Parameters
     ----------
