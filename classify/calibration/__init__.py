@@ -1,4 +1,4 @@
-"""What is known of one rig at one setting: the parts of a `Calibration`, and their estimation.
+"""The parts of a `Calibration`, of one rig at one setting, and their estimation.
 
 Arrays in, arrays out. The parts are in `dark`, `response`, `noise`, `lights` and `scale`, and in
 `classify.lights.flat_field`. `capture/calibration/` measures and keeps them.

@@ -1,4 +1,4 @@
-"""Means and temporal variances of blocks of a frame, from repeated frames of one scene."""
+"""Means and temporal variances of blocks of a frame, from repeated frames."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -70,7 +70,7 @@ def block_levels(
 def temporal_variances(
     blocks: Frames, counted: npt.NDArray[np.bool_]
 ) -> tuple[FloatArray, FloatArray, float]:
-    """(n,) means and variances of (F, n, pixels) values, and degrees of freedom of a variance.
+    """(n,) means and variances of (F, n, pixels) values, and their degrees of freedom.
 
     Pixels that are false in (n, pixels) `counted` do not count.
     """
@@ -91,7 +91,7 @@ def temporal_variances(
 
 
 def in_blocks(frames: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """(F, blocks, pixels) of (F, H, W) frames; margins that fill no block are left out."""
+    """(F, blocks, pixels) values of (F, H, W) frames, without incomplete blocks."""
     if frames.ndim != 3:
         raise InputError(f"frames have shape {frames.shape}; give (frames, rows, columns)")
     if min(frames.shape[1:]) < 2 * BLOCKS:

@@ -43,7 +43,7 @@ class Calibration:
         return None if self.scale is None else self.scale.mm_per_px
 
     def corrected(self, stack: ImageStack, full_scale: float) -> ImageStack:
-        """Return the images as an ideal camera would have taken them under the same lights.
+        """Return the images as an ideal camera would have taken them.
 
         Hot pixels are replaced by the median of their good neighbours, pixel values are made linear
         in light, the offset of the camera is subtracted where there is no ambient image, which
@@ -53,7 +53,7 @@ class Calibration:
         Parameters
         ----------
         stack
-            Images of the camera. Without anything to correct they are returned themselves.
+            Images of the camera. They are returned as they are if there is nothing to correct.
         full_scale
             Pixel value of saturation.
 
@@ -108,7 +108,7 @@ class Calibration:
         return replace(measured, intensities=given)
 
     def noise_of(self, sensor: SensorNoise | None, *, has_ambient: bool) -> SensorNoise | None:
-        """Return the noise of `corrected` images from that of the camera's; None if unknown.
+        """Return the noise of `corrected` images, given the camera's; None if unknown.
 
         A curved response changes the variance with the pixel value, so the noise is then unknown.
         """

@@ -1,4 +1,4 @@
-"""The scale of the image and the distortion of the lens, from pictures of a checkerboard."""
+"""Scale of the image and distortion of the lens, from pictures of a checkerboard."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ _FLAT_DEG = 10.0
 # Tilts below this are not corrected: one picture shows a tilt to about 3 degrees, and 3 degrees
 # shorten a length by 0.1 %.
 _SEEN_TILT_DEG = 5.0
-# Corners are found to 0.02 to 0.2 px on sharp pictures. A model that misses them by more is wrong.
+# Corners are found to 0.02 to 0.2 px on sharp pictures. A model with a larger residual than this is
+# wrong.
 _WORST_RESIDUAL_PX = 1.0
 # Distortion that moves no pixel by more is not worth the resampling.
 _LEAST_DISTORTION_PX = 0.5
@@ -66,7 +67,9 @@ class CheckerboardScale:
 
 
 def find_corners(image: npt.NDArray[Any], corners: tuple[int, int]) -> FloatArray:
-    """Columns and rows (n, 2) of the inner corners of a checkerboard in an (H, W) picture.
+    """(n, 2) columns and rows of the inner corners of a checkerboard in a picture.
+
+    `image` is (H, W) of any type, `corners` their number along the two sides.
 
     Raises
     ------
@@ -119,7 +122,7 @@ def scale_of_boards(
     square_mm: float,
     frame: tuple[int, int],
 ) -> CheckerboardScale:
-    """Fit scale and distortion to the corners of one board in one or several placements.
+    """Fit scale and distortion to the corners of one board in its placements.
 
     A homography for each placement, which allows any tilt, and radial distortion about the middle
     of the frame are fitted together. Two tilted placements or more give the focal length too (Zhang
@@ -142,7 +145,7 @@ def scale_of_boards(
         If no placement lies flat, or the corners do not fit a flat board.
     """
     if not 0.0 < square_mm < np.inf:
-        raise InputError(f"squares of {square_mm:g} mm; give their side")
+        raise InputError(f"squares of {square_mm:g} mm; give their side, a positive number")
     across, along = np.meshgrid(np.arange(corners[0]), np.arange(corners[1]))
     board = square_mm * np.stack([across.ravel(), along.ravel()], axis=1).astype(np.float64)
     board -= board.mean(axis=0)
@@ -150,8 +153,8 @@ def scale_of_boards(
     middle = np.array([camera[0, 2], camera[1, 2]])
     fit = _fitted(boards, board, camera, 0)
     focal_error = None
-    is_seen = (_tilts_deg(fit, middle) > _FLAT_DEG).sum() >= _TILTED_FOR_FOCAL
-    measured = _focal_length(boards, board, frame) if is_seen else None
+    tilted = np.count_nonzero(_tilts_deg(fit, middle) > _FLAT_DEG)
+    measured = _focal_length(boards, board, frame) if tilted >= _TILTED_FOR_FOCAL else None
     if measured is not None:
         camera[0, 0] = camera[1, 1] = measured[0]
         focal_error = measured[1]
@@ -211,7 +214,7 @@ class _Fit:
 def _fitted(
     boards: Sequence[FloatArray], board: FloatArray, camera: FloatArray, radial: int
 ) -> _Fit:
-    """Fit a homography to each placement, and `radial` coefficients of distortion to all."""
+    """Fit a homography to each placement, and `radial` distortion coefficients to all."""
     starts = [cv2.findHomography(board, each)[0] for each in boards]
     if any(each is None for each in starts):
         raise CalibrationRejected("the corners do not form a board; take the picture again")
@@ -280,7 +283,7 @@ def _stretch(homography: FloatArray, at_px: FloatArray) -> FloatArray:
 def _focal_length(
     boards: Sequence[FloatArray], board: FloatArray, frame: tuple[int, int]
 ) -> tuple[float, float] | None:
-    """Focal length in px and its standard error as a share; None if the tilts do not show it."""
+    """Focal length in px and its relative standard error; None if not determined."""
     objects = [np.column_stack([board, np.zeros(len(board))]).astype(np.float32)] * len(boards)
     images = [each.astype(np.float32)[:, None] for each in boards]
     flags = (

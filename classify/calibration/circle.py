@@ -21,7 +21,7 @@ class Circle(NamedTuple):
 
 
 def fitted_circle(points: FloatArray, weights: FloatArray, start: Circle) -> Circle:
-    """Fit a circle to (n, 2) points by geometric distance, by Gauss-Newton from a near start."""
+    """Fit a circle to (n, 2) points by geometric distance (Gauss-Newton)."""
     column, row, radius = start
     root = np.sqrt(weights)
     for _ in range(4):
@@ -50,7 +50,7 @@ def centre_error(rim: FloatArray, weights: FloatArray, circle: Circle) -> float:
 
 
 def circles_through(points: FloatArray) -> FloatArray:
-    """Circles (n, 3) through (n, 3, 2) points; those through three in a line are not finite."""
+    """Circles (n, 3) through (n, 3, 2) points; not finite for three in a line."""
     first = points[:, 0]
     a, b = points[:, 1] - first, points[:, 2] - first
     cross = 2.0 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])

@@ -66,7 +66,7 @@ def voted_circles(images: Sequence[Image], smallest_radius_px: float) -> list[Ci
 
 
 def _edges(images: Sequence[Image]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Columns and rows (n, 2), unit gradients (n, 2) and weights 0 to 1 of edge pixels."""
+    """(n, 2) columns and rows, unit gradients, and (n,) weights of edge pixels."""
     found = []
     for image in images:
         smooth = cv2.GaussianBlur(image, (0, 0), 1.0)

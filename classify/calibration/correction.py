@@ -1,4 +1,4 @@
-"""Images as an ideal camera would have taken them: the steps of `Calibration.corrected`."""
+"""The steps of `Calibration.corrected`."""
 
 from typing import Any
 
@@ -18,16 +18,17 @@ _NEIGHBOURS = [(row, column) for row in (-1, 0, 1) for column in (-1, 0, 1) if r
 
 
 def without_hot_pixels(images: Array, hot_pixels: npt.NDArray[np.int32]) -> Array:
-    """Copy of images (..., H, W) in which hot pixels are the median of their good neighbours.
+    """Copy of (..., H, W) images with hot pixels replaced.
 
-    A pixel whose eight neighbours are all hot or outside of the frame is left as it is.
+    Each gets the median of its good neighbours. A pixel whose eight neighbours are all hot or
+    outside of the frame is left as it is.
     """
     rows, columns = images.shape[-2:]
     is_good = np.ones((rows, columns), np.bool_)
     row, column = hot_pixels.T
     is_good[row, column] = False
     # (8, n) neighbours, clipped to the frame; those outside do not count.
-    near_row, near_column = (hot_pixels.T[:, None] + np.array(_NEIGHBOURS).T[:, :, None])[:]
+    near_row, near_column = hot_pixels.T[:, None] + np.array(_NEIGHBOURS).T[:, :, None]
     inside = (near_row >= 0) & (near_row < rows) & (near_column >= 0) & (near_column < columns)
     near_row, near_column = near_row.clip(0, rows - 1), near_column.clip(0, columns - 1)
     good = inside & is_good[near_row, near_column]
@@ -54,7 +55,7 @@ def without_offset(images: Array, offset: float, full_scale: float) -> npt.NDArr
 
 
 def offset_in_light(dark: Dark, response: Response | None, full_scale: float) -> float:
-    """Offset of a camera in units of images that saturate at `full_scale`, made linear."""
+    """Linear offset of a camera, in units of images that saturate at `full_scale`."""
     offset = np.array([dark.offset * full_scale / dark.full_scale])
     if response is not None:
         return float(response.linearise(offset, full_scale)[0])

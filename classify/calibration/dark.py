@@ -10,7 +10,9 @@ from classify.errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class Dark:
-    """What the camera shows without light at one exposure and gain, in its own pixel values.
+    """Offset, noise and hot pixels of a camera at one exposure and gain.
+
+    All are in the pixel values of the camera.
 
     Attributes
     ----------
@@ -28,7 +30,7 @@ class Dark:
     Raises
     ------
     InputError
-        For another shape, or a value outside of these.
+        For hot pixels of another shape or type, or a value out of range.
     """
 
     offset: float
@@ -44,9 +46,14 @@ class Dark:
                 "an offset from 0 to below full scale"
             )
         if not 0.0 <= self.noise <= self.full_scale:
-            raise InputError(f"dark noise {self.noise:g} of full scale {self.full_scale:g}")
+            raise InputError(
+                f"dark noise {self.noise:g} of full scale {self.full_scale:g}; give 0 to full scale"
+            )
         if self.ambient is not None and not abs(self.ambient) <= self.full_scale:
-            raise InputError(f"ambient light {self.ambient:g} of full scale {self.full_scale:g}")
+            raise InputError(
+                f"ambient light {self.ambient:g} of full scale {self.full_scale:g}; give a value "
+                "within full scale"
+            )
         pixels = self.hot_pixels
         if pixels.ndim != 2 or pixels.shape[1] != 2 or pixels.dtype != np.int32:
             raise InputError(

@@ -95,7 +95,7 @@ def dark_of(frames: Frames, full_scale: float, lit: Frames | None = None) -> Dar
     if lit is not None:
         _check_unlit(frames, lit, noise, float(full_scale))
     mean = frames.mean(axis=0, dtype=np.float64)
-    excess = mean - _spread(medians, mean.shape)
+    excess = mean - _per_pixel(medians, mean.shape)
     hot = np.abs(excess) > _HOT * np.sqrt(noise**2 + _ROUNDING_VARIANCE)
     share = float(hot.mean())
     if share > _MOST_HOT:
@@ -117,14 +117,15 @@ def dark_of(frames: Frames, full_scale: float, lit: Frames | None = None) -> Dar
 
 
 def with_ambient(dark: Dark, image: npt.NDArray[np.generic], full_scale: float) -> Dark:
-    """Return `dark` with the ambient light of an image with the lens open and all LEDs off.
+    """Return `dark` with the ambient light of an image.
 
-    `full_scale` is that of the image, which differs from the camera's for an average of frames.
+    The image is taken with the lens open and all LEDs off. `full_scale` is that of the image, which
+    differs from the camera's for an average of frames.
 
     Raises
     ------
     InputError
-        If the image has no pixel at a place of a hot pixel.
+        If a hot pixel is outside the image.
     """
     rows, columns = image.shape
     hot = dark.hot_pixels
@@ -170,8 +171,8 @@ def _check_unlit(frames: Frames, lit: Frames, noise: float, full_scale: float) -
         )
 
 
-def _spread(medians: FloatArray, shape: tuple[int, ...]) -> FloatArray:
-    """(H, W) value of the block of each pixel; pixels of the margins get that of the nearest."""
+def _per_pixel(medians: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    """(H, W) median of the block of each pixel; margins get that of the nearest block."""
     places = []
     for size in shape:
         side = size // BLOCKS

@@ -181,7 +181,7 @@ def _logarithms(flat_field: FlatField, blocks: PlateBlocks) -> FloatArray:
 def _leds(
     expected: FloatArray, blocks: PlateBlocks, lighting: Lighting
 ) -> tuple[FloatArray, float, Aim]:
-    """Positions of the LEDs, exponent and aim of their lobes, from the ratios in a flat field.
+    """Positions of the LEDs, exponent and aim of their lobes, from a flat field.
 
     The positions of the calibration may be missing, or be those of directions alone. Where the
     flat field does not tell directions, those of `lighting` are better, and its distances give

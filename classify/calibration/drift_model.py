@@ -1,4 +1,4 @@
-"""How the pictures of a sheet change when a rig changes, and which causes explain a change.
+"""Model of how changes of a rig change its pictures of a sheet.
 
 The change is the logarithm of a picture over the flat field, for each light and block of the frame.
 Changes that need no cause, such as noise and the place of the sheet, have normal distributions.
@@ -37,7 +37,7 @@ _MOST_CAUSES = 3
 # Gauss-Newton, in standard deviations of the numbers: step of derivatives and of convergence,
 # longest step; and the largest number of steps.
 _SHIFT, _LONGEST_STEP, _MOST_STEPS = 1e-3, 1.0, 12
-_LEVEL: FloatArray = np.zeros(2)
+_NO_SLOPE: FloatArray = np.zeros(2)
 _MAD = 1.4826  # from the median absolute deviation to the standard deviation of normal noise
 _LOWEST_LIGHT = 0.02  # least z of a unit vector: no light of a fit sinks below the plane
 
@@ -140,7 +140,7 @@ class DriftModel:
         return self._explanation(change, chosen, numbers)
 
     def shows_moved_lights(self, angle: float) -> bool:
-        """Whether each light that moves by an angle in radians, along its tilt, would be named."""
+        """Whether a move of any light by `angle` radians along its tilt would be named."""
         still = np.empty(0)
         for cause in self._causes:
             if cause.kind == "light moved":
@@ -154,7 +154,10 @@ class DriftModel:
     def _best(
         self, change: FloatArray, chosen: tuple[Cause, ...], numbers: FloatArray
     ) -> tuple[tuple[Cause, ...], float, FloatArray]:
-        """Add to `chosen` the cause that explains most of the rest; `numbers` are start values."""
+        """Add to `chosen` the cause that explains most of the rest.
+
+        `numbers` are start values. Returns the causes, their score and their numbers.
+        """
         tried = []
         for cause in self._causes:
             if cause not in chosen:
@@ -166,7 +169,7 @@ class DriftModel:
     def _fit(
         self, change: FloatArray, causes: Sequence[Cause], start: FloatArray
     ) -> tuple[float, FloatArray]:
-        """Minus twice the log evidence of some causes, up to a constant, and their numbers."""
+        """Minus twice the log evidence of causes, up to a constant, and their numbers."""
         spreads = np.array([spread for cause in causes for spread in cause.spreads])
         scaled, here = start / spreads, self._change(causes, start)
         odds = sum(_AGAINST_TILT if cause.kind == "sheet tilted" else _AGAINST for cause in causes)
@@ -281,7 +284,7 @@ class DriftModel:
         return self._all_strengths(x, y) - self._strengths
 
     def _lens_change(self, numbers: FloatArray) -> FloatArray:
-        """Numbers: logarithm of the magnification, vignetting by the radius^2 and radius^4."""
+        """Numbers: logarithm of the magnification, vignetting by radius^2 and radius^4."""
         field = float(np.exp(-numbers[0]))
         vignetting = numbers[1] * self._radius_2 + numbers[2] * self._radius_2**2
         seen = self._all_strengths(field * self._x, field * self._y)
@@ -292,12 +295,12 @@ class DriftModel:
         return self._all_strengths(self._x, self._y, numbers) - self._strengths
 
     def _all_strengths(
-        self, x: FloatArray, y: FloatArray, slope: FloatArray = _LEVEL
+        self, x: FloatArray, y: FloatArray, slope: FloatArray = _NO_SLOPE
     ) -> FloatArray:
         return np.array([self._strength(position, x, y, slope) for position in self.positions])
 
     def _strength(
-        self, position: FloatArray, x: FloatArray, y: FloatArray, slope: FloatArray = _LEVEL
+        self, position: FloatArray, x: FloatArray, y: FloatArray, slope: FloatArray = _NO_SLOPE
     ) -> FloatArray:
         return led_strength(position, self._lobe_exponent, self._aim, x, y, slope)
 
@@ -308,7 +311,7 @@ def led_strength(
     aim: Aim,
     x: FloatArray,
     y: FloatArray,
-    slope: FloatArray = _LEVEL,
+    slope: FloatArray = _NO_SLOPE,
 ) -> FloatArray:
     """(B,) logarithm of the light of an LED on a plane: inverse square, Lambert, lobe."""
     z = slope[0] * x + slope[1] * y
@@ -322,9 +325,10 @@ def led_strength(
 
 
 def moved_light(position: FloatArray, numbers: FloatArray) -> FloatArray:
-    """(3,) position after two rotations about the middle of the frame and a change of distance.
+    """(3,) position after two rotations and a change of distance.
 
-    The first angle is along the tilt, the second raises the light; both in radians.
+    All are relative to the middle of the frame. The first angle is along the tilt, the second
+    raises the light; both in radians.
     """
     distance = float(np.linalg.norm(position))
     towards = position / distance

@@ -1,4 +1,4 @@
-"""The response of a camera from a ladder of exposures of one still, evenly lit scene.
+"""The response of a camera from a ladder of exposures of one still scene.
 
 Block p of the scene gives the light a_p t in the exposure time t. With g the linear light at a
 pixel value, g(v) = c + a_p t for all blocks and exposures, where c is the offset of the camera. So
@@ -109,7 +109,9 @@ def response_of(values: FloatArray, exposures_ms: FloatArray, full_scale: float)
             f"{values.shape} values for {times.shape} exposures; give (E, n) values and (E,) times"
         )
     if not (full_scale > 0.0 and np.isfinite(times).all() and (times > 0.0).all()):
-        raise InputError(f"full scale {full_scale:g}, exposures {times.tolist()}: not positive")
+        raise InputError(
+            f"full scale {full_scale:g}, exposures {times.tolist()}; give positive numbers"
+        )
     order = np.argsort(times, kind="stable")
     times, levels = times[order], values[order] / full_scale
     levels = np.where(levels < 1.0, levels, np.nan)
@@ -207,7 +209,7 @@ class _Fit:
 
     @classmethod
     def of(cls, levels: FloatArray, times: FloatArray) -> "_Fit":
-        """Fit a spline with even knots, then one with knots at even lengths along that curve.
+        """Fit a spline with even knots, then one with knots evenly along that curve.
 
         A curve with a shoulder has most of its light in few levels.
         """
@@ -222,7 +224,7 @@ class _Fit:
 
     @classmethod
     def _with_knots(cls, levels: FloatArray, times: FloatArray, ends: FloatArray) -> "_Fit":
-        """Least squares of the residuals in the levels, by weights from the slope of the curve."""
+        """Fit by least squares in the levels, with weights from the slope of the curve."""
         seen = np.isfinite(levels)
         lowest, highest = float(ends[0]), float(ends[-1])
         inner = lowest + np.array(_INNER) * (highest - lowest)
@@ -314,7 +316,7 @@ class _Fit:
 
 
 def _cause(levels: FloatArray, times: FloatArray, fit: _Fit) -> str:
-    """Describe why no curve explains the values: one exposure is wrong, or none in particular."""
+    """Describe why no curve explains the values: one exposure, or all."""
     seen = np.flatnonzero(np.isfinite(levels).any(axis=1))
     # The wrong exposure is the one without which the others agree best.
     best = fit

@@ -64,7 +64,7 @@ def fit_flat_field(blocks: PlateBlocks) -> FittedFlatField:
     """Fit polynomials to the logarithms of the blocks of one placement or more.
 
     Ratios of lights and their mean are fitted apart: dust and grain change only the mean.
-    Placements that are turned by half a turn cancel a tilt of the sheet and a reflectance that
+    Placements that are rotated by 180 degrees cancel a tilt of the sheet and a reflectance that
     rises along it.
     """
     common = blocks.logs.mean(axis=1, keepdims=True)
@@ -166,10 +166,10 @@ def _evaluated(coefficients: FloatArray, degree: int, basis: FloatArray) -> Floa
 def _combined(
     residuals: FloatArray, usable: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-    """Means (C, folds, blocks) over the placements, their weights, offsets (S, C), robust scale.
+    """Robust means (C, folds, blocks) over the placements, weights, offsets and scale.
 
     A placement that is brighter, darker or tilted shifts all values of a light by an offset. The
-    offsets of all placements have the mean 0.
+    offsets (S, C) of all placements have the mean 0.
     """
     offsets = np.zeros(residuals.shape[:2])
     weights = usable
@@ -188,7 +188,7 @@ def _combined(
 
 
 def _unfolded(blocks: FloatArray) -> FloatArray:
-    """(..., 32, 32) blocks in the order of the frame, from (..., folds, blocks of a fold)."""
+    """(..., 32, 32) blocks of the frame, from (..., folds, blocks of a fold)."""
     order = by_fold(np.arange(float(BLOCKS * BLOCKS)).reshape(BLOCKS, BLOCKS)).astype(int)
     placed = np.empty((*blocks.shape[:-2], BLOCKS * BLOCKS))
     placed[..., order] = blocks

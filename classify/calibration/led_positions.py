@@ -64,7 +64,7 @@ class LedPositions:
 def fit_led_positions(
     ratios: FloatArray, weights: FloatArray, x: FloatArray, y: FloatArray
 ) -> LedPositions:
-    """Fit positions, levels and the lobe of N >= 3 LEDs to the ratios of their pictures.
+    """Fit positions, levels and lobe of N >= 3 LEDs to the ratios of their pictures.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ class _Model:
         )  # fmt: skip
 
     def errors(self, found: Any) -> tuple[FloatArray, FloatArray]:
-        """(N,) standard errors of v along itself and across; infinite where v is undetermined.
+        """(N,) standard errors of v along itself and across; infinite if undetermined.
 
         Clustered by parts of the frame (Cameron and Miller 2015, equation 11): the residuals are
         smooth, so that blocks are not independent measurements.

@@ -164,7 +164,7 @@ def _fit(samples: _Samples, vignetting: float | None) -> _Fit:
 def _kept(
     samples: _Samples, direction: FloatArray, vignetting: float, lit: npt.NDArray[np.bool_]
 ) -> npt.NDArray[np.bool_]:
-    """Pixels that face the light and are within three robust standard deviations of the shading."""
+    """Pixels that face the light and fit the shading to three robust deviations."""
     cosine, values = samples.normals @ direction, samples.flat(vignetting)
     coefficients, off = _shading(cosine[lit], values[lit])
     spread = 1.4826 * float(np.median(np.abs(off))) + 1e-3 * float(np.ptp(values))
@@ -187,7 +187,7 @@ def _shading(cosine: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatA
 def _refined(
     samples: _Samples, start: FloatArray, vignetting: float | None
 ) -> tuple[FloatArray, float]:
-    """Direction near `start`, and vignetting, by which the shading is best a function of n . l."""
+    """Direction near `start` and vignetting with the least residual of the shading."""
     side = np.linalg.svd(start[None])[2][1:]  # two vectors across the direction
 
     def turned(step: FloatArray) -> FloatArray:

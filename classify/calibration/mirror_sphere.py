@@ -121,14 +121,14 @@ def mirror_directions(
 
 
 def _room(others: Sequence[FloatArray], values: FloatArray) -> FloatArray:
-    """What every picture shows: the median of the others, or the least of one or two others."""
+    """The room without this light: median of the other pictures, minimum of up to two."""
     if not others:
         return np.full(values.shape, np.median(values))
     return np.asarray(np.median(others, axis=0) if len(others) > 2 else np.min(others, axis=0))
 
 
 def _lit_share(values: FloatArray, room: FloatArray, light: int) -> tuple[FloatArray, float]:
-    """Share of each pixel, 0 to 1, that shows the light and not the room; least of a highlight.
+    """Share of each pixel, 0 to 1, that shows the light, and the limit of a highlight.
 
     A highlight is often at full scale. It then adds less to a bright window than to a dark wall
     beside it, so the change is divided by the difference of the room from full scale.

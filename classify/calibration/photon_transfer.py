@@ -126,9 +126,10 @@ def photon_transfer(
 def _fit(
     means: FloatArray, variances: FloatArray, freedom: FloatArray, known: float | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Intercept and slope with their covariance; `known` is the intercept, None to fit it.
+    """Intercept and slope with their covariance.
 
-    A variance V of n degrees of freedom has the variance 2 V^2 / n, here with V from the line.
+    `known` is the intercept, None to fit it. A variance V of n degrees of freedom has the variance
+    2 V^2 / n, here with V from the line.
     """
     terms = np.stack([np.ones_like(means), means])
     line: FloatArray = np.zeros(2)

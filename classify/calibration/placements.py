@@ -19,7 +19,9 @@ _ALIKE = 0.7
 
 
 def check_placements_differ(images: Sequence[npt.NDArray[Any]]) -> None:
-    """Check that no two placements have the same pictures: their errors would count as one.
+    """Check that no two placements have the same pictures.
+
+    They would count as two measurements although their errors are the same.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Flat field and LED positions from pictures of a white matt sheet, or the reason of a refusal."""
+"""Flat field and LED positions from pictures of a white matt sheet."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -83,8 +83,8 @@ def measure_plate(
     Parameters
     ----------
     placements
-        Images of a white matt sheet that fills the frame or the (H, W) `mask`. Two placements that
-        are turned by half a turn cancel its tilt.
+        Images of a white matt sheet that fills the frame or the (H, W) `mask`. Two placements,
+        rotated by 180 degrees against each other, cancel its tilt.
     full_scale
         Pixel value of saturation.
     lighting
@@ -101,7 +101,10 @@ def measure_plate(
         raise InputError(f"{len(lighting)} lights; a sheet shows the positions of three or more")
     shapes = {each.images.shape for each in placements}
     if len(shapes) != 1 or next(iter(shapes))[0] != len(lighting):
-        raise InputError("the sets of the sheet differ in size or in lights; capture them alike")
+        raise InputError(
+            f"the sets of the sheet differ in size or in lights: shapes {sorted(shapes)} for "
+            f"{len(lighting)} lights; capture them alike"
+        )
     check_placements_differ([each.images for each in placements])
     blocks = PlateBlocks.of(placements, full_scale, mask)
     check_sheet(blocks, lighting)
@@ -148,7 +151,7 @@ def check_sheet(blocks: PlateBlocks, lighting: Lighting) -> None:
 
 
 def check_evenness(residual: float) -> None:
-    """Check the residual of the reflectance of a sheet; CalibrationRejected if it is not white."""
+    """Check the residual of the reflectance of a sheet; CalibrationRejected if uneven."""
     if residual > _MOST_UNEVEN:
         raise CalibrationRejected(
             f"not a white sheet: its reflectance varies by {residual:.1%} over the frame; use "
@@ -202,7 +205,7 @@ def _why_unknown(positions: LedPositions) -> str:
 
 
 def _tilts_deg(offsets: FloatArray, lighting: Lighting) -> FloatArray:
-    """(S,) tilts of the sheet from the (S, N) logarithms by which it makes a light brighter.
+    """(S,) tilts of the sheet from the (S, N) changes of the lights' log brightness.
 
     A sheet of slopes a = (p, q) makes a light in the direction l brighter by 1 - a . l_xy / l_z.
     """
@@ -217,7 +220,10 @@ def _tilts_deg(offsets: FloatArray, lighting: Lighting) -> FloatArray:
 def _checked_tilt_deg(
     tilts_deg: FloatArray, fitted: FittedFlatField, measured: Lighting | None, given: Lighting
 ) -> float:
-    """Tilt that all placements share, by how measured and configured lights differ; checked."""
+    """Check the tilts, and return the tilt that all placements share.
+
+    It follows from the difference of the measured and the configured lights.
+    """
     if tilts_deg.max() > _MOST_TILTED_DEG:
         raise CalibrationRejected(
             f"the sheet is tilted by {tilts_deg.max():.1f} degrees; lay it flat, to "
@@ -238,7 +244,7 @@ def _checked_tilt_deg(
 
 
 def _common_tilt_deg(measured: Lighting, given: Lighting) -> float:
-    """Tilt of the sheet that best explains how all directions differ; 0 if it does not."""
+    """Tilt of the sheet that explains how all directions differ; 0 if none does."""
     change = measured.directions - given.directions
     # A small rotation w adds w x l to every direction l.
     design = np.concatenate([-_cross(each) for each in given.directions])
@@ -255,7 +261,7 @@ def _cross(vector: FloatArray) -> FloatArray:
 
 
 def _tilt_of_levels_deg(levels: FloatArray, given: Lighting) -> float:
-    """Tilt of the sheet that explains the levels of distant lights; 0 if the LEDs differ."""
+    """Tilt of the sheet that explains the levels of distant lights; 0 if none does."""
     if len(given) == 3:
         return 0.0  # a tilt explains any three levels
     tangents = given.directions[:, :2] / given.directions[:, 2:]
@@ -278,7 +284,7 @@ def _check_surface(fitted: FittedFlatField) -> None:
 
 
 def _check_gloss(positions: LedPositions, blocks: PlateBlocks, lighting: Lighting) -> None:
-    """Refuse a sheet that is brighter where it mirrors the lights, on the side of each."""
+    """Reject a sheet that is brighter on the side of each light, as a mirror is."""
     size = positions.residuals.shape[-1]
     x, y = (each.reshape(size, -1).mean(axis=1) for each in (blocks.x, blocks.y))
     shiny = []

@@ -1,4 +1,4 @@
-"""Pictures of a white sheet as means of blocks, without dust, grain and saturated pixels."""
+"""Pictures of a white sheet as means of blocks, without dust and saturated pixels."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -75,7 +75,7 @@ class PlateBlocks:
 
     @property
     def ratios(self) -> FloatArray:
-        """(S, N, 32, 32) logarithms of the ratio of each light to the geometric mean of all."""
+        """(S, N, 32, 32) log ratios of each light to the geometric mean of all."""
         ratios: FloatArray = self.logs - self.logs.mean(axis=1, keepdims=True)
         return ratios
 

@@ -18,8 +18,8 @@ class Response:
     Attributes
     ----------
     curve
-        (257,) float64, never falling from 0 to 1: linear light at the pixel value k/256 of full
-        scale, as a share of the light at full scale.
+        (257,) float64 from 0 or above to 1, never falling: linear light at the pixel value k/256 of
+        full scale, as a share of the light at full scale.
     error
         rms error of `curve`, as a share of full scale.
     linear
@@ -42,12 +42,15 @@ class Response:
                 f"the response is {curve.shape} {curve.dtype}; give ({STEPS + 1},) float64"
             )
         if not (np.diff(curve) >= 0.0).all() or not 0.0 <= curve[0] < curve[-1] == 1.0:
-            raise InputError("the response does not rise from 0 to 1")
+            raise InputError(
+                f"the response goes from {curve[0]:g} to {curve[-1]:g}; give values that start at "
+                "0 or above, never fall and end at 1"
+            )
         if not 0.0 <= self.error < np.inf:
             raise InputError(f"the response has an error of {self.error:g}; give a share of 0 to 1")
 
     def linearise(self, image: npt.NDArray[Any], full_scale: float) -> npt.NDArray[np.float32]:
-        """Pixel values of any shape as linear light, float32 in units of the same full scale.
+        """Pixel values of any shape as linear light, float32 with the same full scale.
 
         Between the values of `curve` it is interpolated linearly. Full scale stays full scale.
         """

@@ -48,7 +48,10 @@ class Scale:
         if not 1e-6 <= self.mm_per_px <= 1e3:
             raise InputError(f"scale of {self.mm_per_px:g} mm per px; give 1e-6 to 1000")
         if not (0.0 <= self.error < np.inf and 0.0 <= self.residual_px < np.inf):
-            raise InputError(f"scale with an error of {self.error:g}, {self.residual_px:g} px")
+            raise InputError(
+                f"scale with an error of {self.error:g} and a residual of {self.residual_px:g} px; "
+                "give finite numbers of 0 or more"
+            )
         if self.camera_matrix.shape != (3, 3) or not np.isfinite(self.camera_matrix).all():
             raise InputError(f"camera matrix is {self.camera_matrix.shape}; give finite (3, 3)")
         distortion = self.distortion

@@ -1,4 +1,4 @@
-"""Geometry of a sphere in a picture: normals, views and points of its surface, pixel by pixel.
+"""Geometry of a sphere in a picture: normals, views and points of its surface.
 
 Coordinates are pixels of the image at the plane of the part, from the middle of the frame: x right,
 y up, z towards the camera. The sphere lies on that plane.
@@ -81,7 +81,7 @@ class Sphere:
     def surface_at(
         self, columns: npt.ArrayLike, rows: npt.ArrayLike
     ) -> tuple[FloatArray, FloatArray]:
-        """Unit normals, and unit vectors to the camera, (n, 3) each, at pixels of the sphere.
+        """(n, 3) unit normals, and unit vectors to the camera, at pixels of the sphere.
 
         Pixels beyond the outline get the normal at the outline.
         """

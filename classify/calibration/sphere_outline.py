@@ -189,13 +189,13 @@ _NO_SPHERE = (
 
 
 def _scaled(circle: Circle, factor: float) -> Circle:
-    """The circle in a frame with `factor` times as many pixels; centres of pixels are whole."""
+    """The circle in a frame scaled by `factor`; pixel centres are whole numbers."""
     column, row = ((each + 0.5) * factor - 0.5 for each in circle[:2])
     return Circle(column, row, circle.radius * factor)
 
 
 def _features(images: npt.NDArray[Any], *, is_mirror: bool) -> list[Image]:
-    """Mean, largest and smallest value over the lights, as roots, and how far the lights differ.
+    """Roots of the mean, largest and smallest value over the lights, and a ratio.
 
     Roots let all values weigh alike. In the ratio of a pixel's brighter half of the lights to its
     darker half, the albedo of the background cancels, so that clutter fades and the sphere stays.
@@ -242,9 +242,9 @@ def _chosen(found: list[Outline]) -> Outline:
     best = max(found, key=_rank)
 
     def is_around(each: Outline) -> bool:
-        c, r, radius = (a - b for a, b in zip(each.circle, best.circle, strict=True))
-        apart, ratio = float(np.hypot(c, r)), each.circle.radius / best.circle.radius
-        is_larger = apart < radius + 0.02 * each.circle.radius and ratio > _OUTER_RADIUS
+        dx, dy, growth = (a - b for a, b in zip(each.circle, best.circle, strict=True))
+        apart, ratio = float(np.hypot(dx, dy)), each.circle.radius / best.circle.radius
+        is_larger = apart < growth + 0.02 * each.circle.radius and ratio > _OUTER_RADIUS
         has_same_centre = apart < _SAME_CENTRE * each.circle.radius and ratio > _LARGER
         return (is_larger or has_same_centre) and each.score > _OUTER_SHARE * best.score
 
@@ -252,7 +252,7 @@ def _chosen(found: list[Outline]) -> Outline:
 
 
 def _doubt_px(found: list[Outline], best: Outline) -> float:
-    """Half the largest difference of `best` to a circle that may be the outline as well."""
+    """Half the largest difference of `best` from a circle that may be the outline too."""
     rivals = [
         np.subtract(each.circle, best.circle)
         for each in found
@@ -265,7 +265,7 @@ def _doubt_px(found: list[Outline], best: Outline) -> float:
 def _radial_edges(
     features: list[Image], circle: Circle, band_px: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Points (rays, k, 2) with the steepest slopes along rays, and their weights 0 to 1."""
+    """(rays, k, 2) points of steepest slope along rays, and their weights 0 to 1."""
     step = 0.5
     radii = np.arange(max(circle.radius - band_px, 1.0), circle.radius + band_px, step)
     angles = np.arange(_RAYS) * (2.0 * np.pi / _RAYS)
@@ -295,7 +295,7 @@ def _radial_edges(
 def _fitted(
     features: list[Image], start: Circle, rounds: tuple[tuple[float, float], ...]
 ) -> Outline:
-    """Fit the circle near `start` that most rays have an edge on (RANSAC, then least squares)."""
+    """Fit the circle near `start` with edges on most rays (RANSAC, least squares)."""
     rng = np.random.default_rng(0)
     circle, error_px, score = start, np.inf, 0.0
     rim = np.empty((0, 2))
@@ -340,7 +340,7 @@ def _nearness(off: FloatArray, tolerance: float) -> FloatArray:
 def _scores(
     points: FloatArray, weights: FloatArray, circles: FloatArray, tolerance: float
 ) -> FloatArray:
-    """Edges on each circle, less half of those just outside it; 1 is an edge all around.
+    """Share of each circle with edges, less half of those just outside; 1 all around.
 
     Reflections in a mirror crowd just inside its outline, so the outermost circle is right. Roots
     of the means of sectors favour a circle with edges on all sides over one that touches another.

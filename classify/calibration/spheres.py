@@ -1,4 +1,4 @@
-"""Directions and positions of lights from pictures of a mirror sphere or a matt sphere."""
+"""Directions and positions of lights from pictures of mirror or matt spheres."""
 
 from __future__ import annotations
 
@@ -81,12 +81,17 @@ class SphereLights:
 def lights_from_spheres(
     placements: Sequence[SpherePictures], kind: SphereKind, *, focal_px: float | None = None
 ) -> SphereLights:
-    """Measure lights by spheres: one placement gives directions, several give positions.
+    """Measure lights by spheres.
 
-    Rays from the spheres towards one light meet at its position, by least squares.
+    One placement gives directions, several give positions too where they determine them. Rays from
+    the spheres towards one light meet at its position, by least squares.
 
     Parameters
     ----------
+    placements
+        Pictures of the sphere at each place, under the same lights.
+    kind
+        Surface of the sphere.
     focal_px
         Focal length in pixels. Without it the view counts as orthographic, which turns a light by
         up to (radius / distance of the camera) sin(slant / 2).
@@ -198,7 +203,10 @@ def _without_ambient(pictures: SpherePictures) -> npt.NDArray[Any]:
 
 
 def _mean_directions(directions: FloatArray, errors: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Mean over placements, weighted by errors in radians, and its error by theory or scatter."""
+    """Mean over placements, weighted by errors in radians, and its error.
+
+    The error is the larger of those by `errors` and by the scatter of the placements.
+    """
     weights = 1.0 / np.maximum(errors, 1e-6) ** 2
     mean = (weights[..., None] * directions).sum(axis=0)
     mean /= np.linalg.norm(mean, axis=1, keepdims=True)
@@ -213,9 +221,10 @@ def _mean_directions(directions: FloatArray, errors: FloatArray) -> tuple[FloatA
 def positions_of_rays(
     points: FloatArray, directions: FloatArray, errors: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Where the (J, N, 3) rays towards each of N lights meet; None if a distance stays unknown.
+    """Positions where the rays towards each light meet; None if not determined.
 
-    Minimises the sum over rays of |(I - d d^T)(P - X)|^2 / (error |P - X|)^2 for each light.
+    `points` and `directions` of the rays are (J, N, 3), `errors` (J, N) in radians. Minimises the
+    sum over rays of |(I - d d^T)(P - X)|^2 / (error |P - X|)^2 for each light.
 
     Returns
     -------
