@@ -287,7 +287,7 @@ def image_difference(
 def _variance_of_difference(a: FloatArray, b: FloatArray) -> FloatArray:
     """(H, W) variance from row neighbours, in four groups of brightness (shot noise)."""
     brightness = a + b
-    steps = np.abs(np.diff(a - b, axis=1, append=(a - b)[:, -2:-1]))
+    steps = np.abs(np.diff(a - b, axis=1, append=(a - b)[:, -2:][:, :1]))
     groups = np.searchsorted(np.quantile(brightness, (0.25, 0.5, 0.75)), brightness)
     variance = np.empty_like(a)
     for group in range(4):
