@@ -1,4 +1,4 @@
-"""Random textures at any orientation: a few plane waves, or a whole stationary field."""
+"""Random textures at any orientation: plane waves or a stationary field."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -47,7 +47,7 @@ def test_an_led_that_is_10_percent_off_costs_two_to_three_degrees() -> None:
 
 
 def test_a_wrong_slant_costs_0_8_degrees_for_each_degree() -> None:
-    """As in the table of single faults: slant off by 5 degrees, 4.0 degrees at rms slope 0.45."""
+    """In the table of single faults, 5 degrees cost 4.0 degrees at rms slope 0.45."""
     before, after = errors_deg(Calibration(lights=lights(Lighting.ring(50.0))))
     assert 2.0 < before < 4.0
     assert after < 0.02
@@ -62,7 +62,7 @@ def test_a_response_of_gamma_2_is_costly_and_is_removed() -> None:
 
 
 def test_near_lights_need_their_positions() -> None:
-    """At two fields of view the directions differ over the frame by 14 degrees either way."""
+    """At two fields of view directions differ by 14 degrees over the frame."""
     near = Lighting.near(2.0 * max(SHAPE) * RING.directions)
     field = flat_field(1.0, 1.0, 1.0, 1.0)
     _, flat, after = errors_deg(Calibration(flat_field=field, lights=lights(near)))

@@ -1,4 +1,4 @@
-"""Levels of a white sheet under one light at several exposures, as block means of a camera."""
+"""Block means of a white sheet under one light at several exposures."""
 
 from collections.abc import Callable
 

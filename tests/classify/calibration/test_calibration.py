@@ -1,4 +1,4 @@
-"""`Calibration`: images corrected for the camera, and the lights and noise that go with them."""
+"""`Calibration`: corrected images, and their lights and noise."""
 
 import cv2
 import numpy as np

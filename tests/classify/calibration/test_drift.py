@@ -1,4 +1,4 @@
-"""Drift of a rig against its calibration: what changed is found, named, and told apart."""
+"""Drift of a rig against its calibration: changes are found and named."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -43,7 +43,7 @@ def calibration() -> tuple[Calibration, float]:
 
 
 def drift_of(rig: Plate, calibration: tuple[Calibration, float], before: Plate = RIG) -> Drift:
-    """The drift found on an image of another sheet with the exposure of the calibration."""
+    """The drift found on another sheet at the exposure of the calibration."""
     known, brightness = calibration
     # `Plate` exposes for its brightest pixel, a rig does not.
     light = rig.strengths.max() / before.strengths.max()
@@ -69,7 +69,7 @@ def with_light_moved(rig: Plate, light: int, along_deg: float, down_deg: float) 
 
 
 def with_camera_moved(rig: Plate, right: float, up: float, turn_deg: float) -> Plate:
-    """Shift by shares of the frame and turn; the lights move the other way in the picture."""
+    """Shift the camera by shares of the frame, and rotate it."""
     cosine, sine = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
     moved = np.array(rig.positions) - 2.0 * np.array([right, up, 0.0])
     return replace(
@@ -205,7 +205,7 @@ def test_leds_that_point_down_are_recognised() -> None:
 def test_moved_lights_are_found_without_calibrated_positions(
     calibration: tuple[Calibration, float],
 ) -> None:
-    """The flat field contains them, also where a sphere gave directions or nobody any lights."""
+    """The flat field contains them, also without lights or with directions alone."""
     rig = with_light_moved(replace(RIG, seed=29), 3, 0.0, 5.0)
     for lights in (None, distant_lights(calibration[0])):
         known = replace(calibration[0], lights=lights)
@@ -258,7 +258,7 @@ def test_images_of_anything_but_a_white_sheet_are_refused(
 
 
 def random_rigs(before: Plate) -> Iterator[tuple[str, float, Plate]]:
-    """Yield the kind of the change, its size over the limit of its warning, and the rig."""
+    """Yield the kind of the change, its size over the limit of a warning, and the rig."""
     rng = np.random.default_rng(7)
     sizes = (0.0, 0.5, 0.8, 1.25, 1.6, 2.5)
     for size in sizes:
@@ -286,7 +286,7 @@ def random_rigs(before: Plate) -> Iterator[tuple[str, float, Plate]]:
 @pytest.mark.slow
 @pytest.mark.parametrize("fields", [2, 5, 10, 20])
 def test_changes_are_seldom_missed_or_taken_for_another(fields: int) -> None:
-    """Confusion over random rigs; ``pytest -s`` prints the table of classify/README.md."""
+    """Confusion over random rigs; ``pytest -s`` prints the README's table."""
     before = replace(RIG, positions=ring_positions(2.0 * fields))
     calibration = calibrated(before)
     counts: Counter[tuple[str, float, str]] = Counter()

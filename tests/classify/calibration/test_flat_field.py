@@ -1,4 +1,4 @@
-"""Flat field of rendered sheets: its error, what does not go into it, and its degree."""
+"""Flat field of rendered sheets: errors, what is left out, and degree."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def fitted(
 
 
 def errors(found: FittedFlatField, plate: Plate) -> Array:
-    """(N, H, W) logarithms by which a flat field differs from the light on a level sheet."""
+    """(N, H, W) log ratio of the flat field to the light on a level sheet."""
     rows, columns = plate.shape
     strengths = found.flat_field.strengths(np.arange(rows), np.arange(columns), plate.shape)
     difference = np.log(strengths / plate.strengths)

@@ -1,4 +1,4 @@
-"""A flat part with a groove under near LEDs, calibrated by its own flat areas and solved."""
+"""A part with a groove under near LEDs, calibrated by its flat areas."""
 
 import numpy as np
 import pytest

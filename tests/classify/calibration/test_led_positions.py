@@ -1,4 +1,4 @@
-"""LED positions from rendered sheets: their errors, and whether the stated errors are true."""
+"""LED positions from rendered sheets: true errors against stated ones."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Calibration from images of a level white matt sheet, and images refused with their cause."""
+"""Calibration by images of a white matt sheet, and causes of refusals."""
 
 from dataclasses import replace
 

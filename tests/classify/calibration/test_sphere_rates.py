@@ -1,4 +1,4 @@
-"""How well spheres give lights, over many rendered pictures; prints the table of the README.
+"""Errors of lights from many rendered spheres; prints the README's table.
 
 ``pytest -s -m slow tests/classify/calibration/test_sphere_rates.py``
 """

@@ -25,7 +25,7 @@ def library(stationary) -> TextureLibrary:
 
 @pytest.fixture(scope="module")
 def tests(stationary):
-    """(kind, orientation_deg, surface): other patches, none at a multiple of 90 degrees."""
+    """(kind, orientation_deg, surface) of other patches, none at 90 degrees."""
     return [
         (kind, orientation_deg, stationary(kind, orientation_deg, seed=2 + seed))
         for kind in KINDS
@@ -103,7 +103,7 @@ def test_twins_of_equal_spectrum_are_distinguished(stationary) -> None:
 
 
 def test_sets_that_differ_do_not_raise_the_limit(stationary) -> None:
-    """A class of three textures: each is near its own set, and a fourth texture is unknown."""
+    """In a class of three textures each is near its own set; a fourth is unknown."""
     kinds = ("malv", "rough", "brushed")
     sets = [("mixed", stationary(kind, seed=4)) for kind in kinds]
     mixed = TextureLibrary.train(sets)
@@ -168,7 +168,7 @@ def test_a_class_with_a_figure_in_a_corner_does_not_accept_other_textures(statio
 
 
 def test_the_unit_of_distances_is_the_distance_between_quarters(library, signatures) -> None:
-    """Another patch of the same texture is at a distance of about 1, for every texture."""
+    """Another patch of any texture is at a distance of about 1."""
     assert set(library.limits) == set(KINDS)
     distances = [library.match(signature).distance for signature in signatures]
     assert all(0.05 < distance < 4.0 for distance in distances)
@@ -215,7 +215,7 @@ def test_parameters_are_positive_floors_and_a_triangular_whitening(library) -> N
 
 
 def test_a_change_of_contrast_counts_by_the_square_of_its_gain(library, stationary) -> None:
-    """More power at all frequencies is one difference; the shape of the spectrum counts in full."""
+    """More power at all frequencies is a single difference."""
     parameters = {**library.parameters, "density_floor": np.array(1e-12)}
     equal = {**parameters, CONTRAST_GAINS: np.ones(3)}
     polar = observe(stationary("dyed", seed=1), library.segment_px).frame.polar
@@ -257,7 +257,7 @@ def test_additional_noise_does_not_make_a_texture_unknown(library, stationary, k
 
 @pytest.fixture(scope="module")
 def low_light(stationary, photographed):
-    """Make a surface solved from low lights, much in shadow: kind, orientation_deg, seed."""
+    """Make a surface from low lights, much in shadow: kind, orientation_deg, seed."""
     lighting = Lighting.ring(72.0)
 
     def make(kind: str, orientation_deg: float = 0.0, seed: int = 1):

@@ -1,4 +1,4 @@
-"""The default classifier out of focus: recognition, the blur that it finds, and its bounds."""
+"""The default classifier out of focus: recognition, blur found, and bounds."""
 
 from dataclasses import replace
 
@@ -90,7 +90,7 @@ def test_blur_is_not_added_to_decide_between_two_classes(stationary, tests) -> N
 
 
 def test_statistics_between_the_knots_are_linear(library, tests) -> None:
-    """Half way between two knots they err by less than 0.06 of the distance of statistics."""
+    """Half way between knots they err by less than 0.06 of their distance."""
     levels = levels_for(64)
     for kind in FINE:
         fields = texture_fields(tests[kind])
@@ -115,7 +115,7 @@ def test_statistics_between_the_knots_are_linear(library, tests) -> None:
 
 
 def test_the_nearest_of_many_is_found_out_of_focus(library, tests) -> None:
-    """The bounds of a large library follow the changes by blur: few references are compared."""
+    """Bounds follow the changes by blur, so that few references are compared."""
     rng = np.random.default_rng(0)
     count = 600
     members = np.arange(count) % len(KINDS)

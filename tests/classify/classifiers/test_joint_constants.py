@@ -53,7 +53,7 @@ def observed(request):
 
 
 def _rates(trained, tested) -> tuple[float, float, float]:
-    """Percent nearest right, 99 % of known and 5 % of unknown distances over their limits."""
+    """Nearest right in %, and quantiles of known and unknown distances over limits."""
     labels = list(trained)
     parameters = JOINT.learn(list(trained.values()), labels)
     rows = [JOINT.references(each, parameters) for each in trained.values()]

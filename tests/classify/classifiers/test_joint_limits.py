@@ -37,7 +37,7 @@ def test_no_limit_exceeds_the_distance_to_the_nearest_other_class(count: int) ->
 
 
 def test_sets_far_apart_do_not_raise_a_limit() -> None:
-    """Neither above that of one set, nor above the distance to another class between them."""
+    """Not above that of one set, nor above the distance to a class between them."""
     limits = limits_of(np.array([0.0, 50.0, 20.0]), ["apart", "apart", "between"], 2.0)
     assert limits == {"apart": pytest.approx(2.0), "between": pytest.approx(2.0)}
     limits = limits_of(np.array([0.0, 5.0, 1.0]), ["apart", "apart", "between"], 2.0)

@@ -52,7 +52,7 @@ CONSTANTS = {
 
 @pytest.fixture(scope="module")
 def parts() -> list[tuple[list[Oriented], list[Oriented], list[Oriented]]]:
-    """Taught, good and defective parts of each texture, with the orientations that are found."""
+    """Taught, good and defective parts of each texture, with found orientations."""
     textures = [*material_textures(None), *map(Texture, ("malv", "brushed", "weave_dyed"))]
     found = []
     for texture, foreign in zip(textures, [*textures[1:], textures[0]], strict=True):
@@ -73,7 +73,7 @@ def parts() -> list[tuple[list[Oriented], list[Oriented], list[Oriented]]]:
 
 
 def _rates(parts) -> tuple[float, ...]:
-    """Alarms of good parts and found defects of each group, %; mean log score of defects."""
+    """Alarms of good parts and found defects in %, and mean log score of defects."""
     alarms, scores = [], []
     for taught, good, defective in parts:
         model = learn_defects(*zip(*taught, strict=True))

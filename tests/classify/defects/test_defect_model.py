@@ -1,4 +1,4 @@
-"""Defect maps: found where they are, silent on good parts, alike at all orientations."""
+"""Defect maps: defects found, good parts silent, all orientations alike."""
 
 from dataclasses import replace
 
@@ -133,16 +133,16 @@ def test_good_parts_are_below_the_limit_at_about_the_rate(model, stationary) -> 
     assert np.median(scores) > 0.3
 
 
-def test_a_part_turned_by_90_degrees_has_the_same_scores_turned(model, good) -> None:
+def test_a_part_rotated_by_90_degrees_has_the_same_scores_rotated(model, good) -> None:
     bump = with_bump(good, 4.0)
-    turned = replace(
+    rotated = replace(
         bump,
         p=-np.rot90(bump.q),
         q=np.rot90(bump.p),
         albedo=np.rot90(bump.albedo),
         valid=np.rot90(bump.valid),
     )
-    here, there = model.map_of(bump, 0.0), model.map_of(turned, 90.0)
+    here, there = model.map_of(bump, 0.0), model.map_of(rotated, 90.0)
     for kind in ("relief", "albedo", "texture"):
         expected = np.rot90(getattr(here, kind))
         np.testing.assert_allclose(getattr(there, kind), expected, rtol=0.02, atol=0.02)

@@ -13,7 +13,7 @@ ONES = np.ones(4, np.float32)
 
 
 def images_of_bumps(lighting: Lighting, sigma: float, seed: int = 0) -> np.ndarray:
-    """A surface with slopes and paint in float32, about 100 bright, with Gaussian noise."""
+    """Float32 images of relief and paint, about 100 bright, with Gaussian noise."""
     rng = np.random.default_rng(seed)
     x, y = np.meshgrid(np.arange(SIDE) / 9.0, np.arange(SIDE) / 7.0)
     p, q = 0.3 * np.sin(x), 0.3 * np.cos(x + y)

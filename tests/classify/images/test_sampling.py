@@ -21,7 +21,7 @@ def test_samples_are_symmetric_and_evenly_spread(size: int, step: int) -> None:
 
 
 @given(st.integers(0, 60), st.integers(0, 60), st.integers(1, 500), st.integers(0, 3))
-def test_samples_of_a_turned_or_mirrored_frame_are_the_same_pixels(
+def test_samples_of_a_rotated_or_mirrored_frame_are_the_same_pixels(
     rows: int, columns: int, most: int, margin: int
 ) -> None:
     frame = np.arange(rows * columns).reshape(rows, columns)

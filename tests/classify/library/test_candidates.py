@@ -64,7 +64,7 @@ class Points:
 
 
 def clustered(seed: int, count: int, classes: int, spread: float, level: float) -> Points:
-    """Points about one centre for each class; far from the origin where `level` is high.
+    """Points about one centre for each class, at `level` from the origin.
 
     The sieve sees most of what sets the centres apart.
     """
@@ -89,7 +89,7 @@ def clustered(seed: int, count: int, classes: int, spread: float, level: float) 
 def test_nearest_and_runner_up_are_those_of_comparing_everything(
     seed: int, count: int, classes: int, spread: float, level: float, known: bool, divisor: float
 ) -> None:
-    """Clusters from a ten thousandth of their distance wide to wider than their distance."""
+    """For clusters much narrower to wider than their distance."""
     library = clustered(seed, count, classes, spread, level)
     library.divisor = divisor
     rng = np.random.default_rng(seed ^ 1)
@@ -99,7 +99,7 @@ def test_nearest_and_runner_up_are_those_of_comparing_everything(
 
 
 def test_thousands_of_members_of_one_class_do_not_hide_the_runner_up() -> None:
-    """More references than are compared have lower bounds than those of the other class."""
+    """More references than are compared have lower bounds than the other class."""
     library = clustered(0, 12_000, 2, 0.05, 0.0)
     assert 2 * MOST < 12_000
     test = library.points[0]

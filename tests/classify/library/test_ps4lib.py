@@ -381,7 +381,7 @@ def test_a_zip_without_one_of_the_members_is_no_library(saved: Path, name: str) 
 def test_members_that_would_fill_the_memory_are_refused(
     saved: Path, name: str, content: bytes
 ) -> None:
-    """The sizes that the directory declares are compared with the file before it is unpacked."""
+    """Declared sizes are compared with that of the file before it is unpacked."""
     write_members(saved, members(saved) | {name: content}, zipfile.ZIP_DEFLATED)
     size = saved.stat().st_size
     assert size < 2**16

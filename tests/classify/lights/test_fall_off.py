@@ -1,4 +1,4 @@
-"""Fall-off of near lights over planar parts: found, divided out, and told from relief."""
+"""Fall-off of near lights over planar parts: found and told from relief."""
 
 from collections.abc import Callable
 
@@ -120,8 +120,8 @@ def test_no_direction_is_preferred(turns: int, mirrored: bool, shape: tuple[int,
     first = solved(images)
 
     def moved(array: Field) -> Field:
-        turned = np.rot90(array, turns, axes=(-2, -1))
-        return turned[..., ::-1] if mirrored else turned
+        rotated = np.rot90(array, turns, axes=(-2, -1))
+        return rotated[..., ::-1] if mirrored else rotated
 
     directions = RING.directions.copy()
     expected = np.stack([first.p, first.q])

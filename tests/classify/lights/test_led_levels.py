@@ -99,7 +99,7 @@ def test_levels_of_glossy_photographs_are_found_from_their_brightness(slant_deg:
 
 
 def test_a_tilted_surface_is_not_taken_for_unequal_lights() -> None:
-    """Its images differ in brightness as those of unequal lights do, but leave no residual."""
+    """Its images differ in brightness as under unequal lights, without residual."""
     normals = relief(0.1)
     p, q = -normals[0] / normals[2] + 0.3, -normals[1] / normals[2] - 0.2
     tilted = np.stack([-p, -q, np.ones_like(p)]) / np.sqrt(1.0 + p * p + q * q)

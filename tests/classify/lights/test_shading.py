@@ -1,4 +1,4 @@
-"""The order of lights and the scene of photographs, by the shading of their detail."""
+"""The order of lights and the scene of photographs, by their shading."""
 
 import json
 from collections.abc import Callable
@@ -37,7 +37,7 @@ def relief(stationary: Texture) -> SurfaceEstimate:
 
 @pytest.fixture(scope="module")
 def butterfly() -> tuple[np.ndarray, np.ndarray]:
-    """(8, 128, 128) photographs less the ambient one, and (8, 3) directions of their lights."""
+    """(8, 128, 128) photographs less ambient light, and (8, 3) light directions."""
     entries = json.loads((BUTTERFLY / "lights.json").read_text())["images"]
     names = [str(BUTTERFLY / entry["file"]) for entry in entries]
     images = np.stack([cv2.imread(name, cv2.IMREAD_GRAYSCALE) for name in names])
@@ -50,7 +50,7 @@ def verdict(images: np.ndarray, directions: np.ndarray) -> str:
 
 
 def test_near_weak_glossy_lights_in_their_order_are_confirmed(relief: SurfaceEstimate) -> None:
-    """Light that varies over the frame by half, LED levels that differ by half, and gloss."""
+    """Light and LED levels that vary by half, and gloss."""
     side = np.linspace(0.0, 1.0, 192)
     falls_off = (1.2 - 0.6 * side, 0 * side + 1.0, 0.6 + 0.6 * side, 1.3 - 0.5 * side**2)
     near = np.stack([np.tile(each, (192, 1)) for each in falls_off])
@@ -68,7 +68,7 @@ def test_near_weak_glossy_lights_in_their_order_are_confirmed(relief: SurfaceEst
 
 @settings(max_examples=8, deadline=None)
 @given(st.integers(0, 3), st.booleans(), st.permutations(range(4)))
-def test_the_verdict_is_the_same_for_turned_and_mirrored_images(
+def test_the_verdict_is_the_same_for_rotated_and_mirrored_images(
     relief: SurfaceEstimate, turns: int, mirrored: bool, order: list[int]
 ) -> None:
     images, directions = images_of(relief, RING), RING.directions[order]

@@ -73,7 +73,7 @@ def test_a_tilted_plane_has_no_curvature(of: SurfaceOf, slopes: tuple[float, flo
 
 @pytest.mark.parametrize("twisted", [False, True])
 def test_a_saddle_has_negative_gaussian_curvature(of: SurfaceOf, twisted: bool) -> None:
-    """Z = (x^2 - y^2) / (2 R), or x y / R with the mixed derivative alone, p_y = q_x = 1/R."""
+    """Z = (x^2 - y^2) / (2 R), or x y / R with p_y = q_x = 1/R alone."""
     radius = 200.0
     x, y = grid()
     p, q = (y / radius, x / radius) if twisted else (x / radius, -y / radius)
@@ -85,7 +85,7 @@ def test_a_saddle_has_negative_gaussian_curvature(of: SurfaceOf, twisted: bool) 
 
 
 def test_curl_adds_no_curvature(of: SurfaceOf) -> None:
-    """P = -c y, q = c x belongs to no surface: p_y + q_x = 0. Where it is flat, H = K = 0."""
+    """P = -c y, q = c x is no surface, p_y + q_x = 0. Where it is flat, H = K = 0."""
     x, y = grid(41, 41)
     found = surface_curvature(of((-0.02 * y, 0.02 * x)))
     assert abs(found.mean[20, 20]) < 1e-6
@@ -94,7 +94,7 @@ def test_curl_adds_no_curvature(of: SurfaceOf) -> None:
 
 @pytest.fixture(scope="module")
 def egg_box() -> tuple[Gradients, np.ndarray, np.ndarray]:
-    """Z = A sin(u x) cos(v y) with its curvatures after the formulas for a Monge patch."""
+    """Z = A sin(u x) cos(v y) with its curvatures as a Monge patch."""
     x, y = grid(160, 200)
     A, u, v = 3.0, 2 * np.pi / 40, 2 * np.pi / 60
     sx, cx, sy, cy = np.sin(u * x), np.cos(u * x), np.sin(v * y), np.cos(v * y)

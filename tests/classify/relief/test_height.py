@@ -84,7 +84,7 @@ def periodic_height(p: np.ndarray, q: np.ndarray) -> np.ndarray:
 
 
 def test_a_crop_that_is_not_periodic_is_integrated_well() -> None:
-    """The relative error is 1 % or less, and a tenth of that of periodic integration or less."""
+    """The error is at most 1 %, and a tenth of that of periodic integration."""
     rows, columns = 120, 150
     x = np.arange(columns)[None, :] / columns
     y = 1.0 - np.arange(rows)[:, None] / rows

@@ -46,7 +46,7 @@ def test_sweep_agrees_with_ray_march(sand: np.ndarray, tilt_deg: int, slant_deg:
 @pytest.mark.parametrize("tilt_deg", [0.0, 90.0, 180.0, 270.0])
 @pytest.mark.parametrize("slant_deg", [30.0, 45.0, 70.0])
 def test_wall_casts_its_height_times_tan_slant(tilt_deg: float, slant_deg: float) -> None:
-    """A wall 6.1 px high across the middle; its shadow lies on the side away from the light."""
+    """The shadow of a wall 6.1 px high lies on the side away from the light."""
     height = np.zeros((101, 101), np.float32)
     if tilt_deg in (0.0, 180.0):
         height[:, 50] = 6.1
@@ -65,7 +65,7 @@ def test_wall_casts_its_height_times_tan_slant(tilt_deg: float, slant_deg: float
 
 
 def test_oblique_wall_shadow_points_away_from_the_light() -> None:
-    """A post lit from tilt 30: its shadow runs towards tilt 210, as long as geometry says."""
+    """The shadow of a post lit from tilt 30 runs towards tilt 210."""
     height = np.zeros((121, 121), np.float32)
     height[58:63, 58:63] = 20.0
     rows, cols = np.nonzero(cast_shadow(height, light_vectors(30.0, 60.0)))
@@ -94,7 +94,7 @@ def test_rotating_grid_and_light_rotates_the_shadow(
 def test_a_lit_plane_has_no_cast_shadow(
     tilt_deg: float, slant_deg: float, share: float, facing_deg: float
 ) -> None:
-    """A plane as steep as `share` of the light's elevation, facing any way, at any offset."""
+    """A plane as steep as `share` of the light's elevation, facing any way."""
     slope = share / np.tan(np.radians(slant_deg))
     rows, cols = np.mgrid[:40, :50]
     facing = np.radians(facing_deg)

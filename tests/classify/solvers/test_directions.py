@@ -1,4 +1,4 @@
-"""No direction is preferred: turned or mirrored images give the turned or mirrored surface."""
+"""Rotated or mirrored images give the rotated or mirrored surface."""
 
 import json
 from pathlib import Path
@@ -32,12 +32,12 @@ def photographs(name: str, lights: list[int]) -> tuple[np.ndarray, Lighting, np.
     return images, lighting, cv2.imread(str(ambient), 0) if ambient.exists() else None
 
 
-def turned_frame(values: np.ndarray, turns: int, mirrored: bool) -> np.ndarray:
+def rotated_frame(values: np.ndarray, turns: int, mirrored: bool) -> np.ndarray:
     values = np.rot90(values, turns, axes=(-2, -1))
     return np.ascontiguousarray(values[..., ::-1] if mirrored else values)
 
 
-def turned_vectors(
+def rotated_vectors(
     x: np.ndarray, y: np.ndarray, turns: int, mirrored: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     for _ in range(turns):
@@ -45,7 +45,7 @@ def turned_vectors(
     return (-x if mirrored else x), y
 
 
-def turned_method(method: Method, turns: int, mirrored: bool) -> Method:
+def rotated_method(method: Method, turns: int, mirrored: bool) -> Method:
     """The version of PS3 that leaves out the same image."""
     if method not in PS3_TILTS:
         return method
@@ -59,23 +59,23 @@ def assert_no_direction_is_preferred(
 ) -> SurfaceEstimate:
     surface = photometric_stereo(images, lighting, method, ambient=ambient)
     for symmetry in SYMMETRIES:
-        x, y = turned_vectors(*lighting.directions.T[:2], *symmetry)
+        x, y = rotated_vectors(*lighting.directions.T[:2], *symmetry)
         other = photometric_stereo(
-            turned_frame(images, *symmetry),
+            rotated_frame(images, *symmetry),
             Lighting(np.stack([x, y, lighting.directions[:, 2]], axis=1), lighting.intensities),
-            turned_method(method, *symmetry),
-            ambient=None if ambient is None else turned_frame(ambient, *symmetry),
+            rotated_method(method, *symmetry),
+            ambient=None if ambient is None else rotated_frame(ambient, *symmetry),
         )
-        p, q = turned_vectors(
-            turned_frame(surface.p, *symmetry), turned_frame(surface.q, *symmetry), *symmetry
+        p, q = rotated_vectors(
+            rotated_frame(surface.p, *symmetry), rotated_frame(surface.q, *symmetry), *symmetry
         )
         # Steeper slopes are divided by smaller numbers; slopes that are filled in add up rounding.
-        rounding = np.where(turned_frame(surface.repaired, *symmetry), 2e-3, 1e-4)
+        rounding = np.where(rotated_frame(surface.repaired, *symmetry), 2e-3, 1e-4)
         rounding *= 1.0 + p * p + q * q
         assert (np.abs(other.p - p) < rounding).mean() > 0.999
         assert (np.abs(other.q - q) < rounding).mean() > 0.999
         for name in ("valid", "repaired", "dropped", "shadow_count", "specular"):
-            same = getattr(other, name) == turned_frame(getattr(surface, name), *symmetry)
+            same = getattr(other, name) == rotated_frame(getattr(surface, name), *symmetry)
             # Values at a limit may be rounded to either side of it.
             assert same.mean() > 0.998, name
     return surface
@@ -141,12 +141,12 @@ def test_checks_of_the_lights_are_symmetric(
     agreement = light_agreement(images, lighting, dark, 255, None)
     assert agreement.redundancy_residual > 0.01
     for symmetry in SYMMETRIES:
-        x, y = turned_vectors(*lighting.directions.T[:2], *symmetry)
+        x, y = rotated_vectors(*lighting.directions.T[:2], *symmetry)
         other = Lighting(np.stack([x, y, lighting.directions[:, 2]], 1), lighting.intensities)
-        frames, no_light = turned_frame(images, *symmetry), turned_frame(dark, *symmetry)
-        turned_order = light_order(frames, other, ambient=no_light)
-        assert set(turned_order.plausible) == set(order.plausible)
-        assert turned_order.excess == pytest.approx(order.excess, abs=1e-3)
+        frames, no_light = rotated_frame(images, *symmetry), rotated_frame(dark, *symmetry)
+        rotated_order = light_order(frames, other, ambient=no_light)
+        assert set(rotated_order.plausible) == set(order.plausible)
+        assert rotated_order.excess == pytest.approx(order.excess, abs=1e-3)
         found = light_agreement(frames, other, no_light, 255, None)
         assert found.redundancy_residual == pytest.approx(agreement.redundancy_residual, rel=1e-3)
         assert (found.levels is None) == (agreement.levels is None)

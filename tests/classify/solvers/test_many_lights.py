@@ -153,7 +153,7 @@ def test_saturated_lights_are_left_out_of_six(method: str, saturated: int) -> No
 @settings(max_examples=25, deadline=None)
 @given(st.integers(3, 5), SEEDS)
 def test_least_squares_leaves_out_saturated_lights_at_any_pixels(count: int, seed: int) -> None:
-    """Four images are solved by one kernel, more by another; three are filled up to four."""
+    """One kernel solves three or four images, another one more."""
     lighting = ring_of(count)
     rng = np.random.default_rng(seed)
     images = rng.uniform(80.0, 200.0, (count, 6, 7)).astype(np.float32)
@@ -259,7 +259,7 @@ def test_progress_is_told_up_to_the_last_row(method: str) -> None:
 
 
 def test_lights_of_which_no_majority_agrees_are_all_used() -> None:
-    """As of unknown intensities: leaving out most lights would call all pixels specular."""
+    """Without most lights, as of unknown intensities, all pixels would be specular."""
     lighting = ring_of(24)
     _, _, images = bumps(lighting)
     images *= np.random.default_rng(1).lognormal(0.0, 0.2, 24)[:, None, None]

@@ -30,7 +30,7 @@ def slopes(seed: int, steepness: float) -> tuple[np.ndarray, np.ndarray, np.ndar
 def lit_by(
     lighting: Lighting, p: np.ndarray, q: np.ndarray, albedo: np.ndarray, lobe: float = 0.0
 ) -> np.ndarray:
-    """Light of every pixel, by Lambert's law and the inverse square; negative where it faces away.
+    """Images by Lambert's law and the inverse square; negative where facing away.
 
     The strength at the middle of the frame is the intensity of the light.
     """
@@ -226,16 +226,16 @@ def test_levels_that_are_not_given_are_estimated_under_near_lights() -> None:
     assert np.abs(surface.p - truth[0]).max() < 5e-3
 
 
-def test_a_turned_frame_under_turned_near_lights_is_the_turned_surface() -> None:
+def test_a_rotated_frame_under_rotated_near_lights_is_the_rotated_surface() -> None:
     lighting = near(Lighting.from_angles([3, 88, 182, 275], [42, 48, 45, 40]), [2, 2.2, 2.1, 2.4])
     images = np.maximum(lit_by(lighting, *slopes(8, 0.8)), 0.0)
     surface = photometric_stereo(images, lighting)
     x, y, z = lighting.positions_px.T
-    turned = photometric_stereo(
+    rotated = photometric_stereo(
         np.rot90(images, axes=(1, 2)).copy(), Lighting.near(np.stack([-y, x, z], 1), np.ones(4))
     )
-    np.testing.assert_allclose(turned.p, -np.rot90(surface.q), atol=1e-3)
-    np.testing.assert_allclose(turned.q, np.rot90(surface.p), atol=1e-3)
+    np.testing.assert_allclose(rotated.p, -np.rot90(surface.q), atol=1e-3)
+    np.testing.assert_allclose(rotated.q, np.rot90(surface.p), atol=1e-3)
 
 
 def test_the_fall_off_of_a_planar_part_is_found_beside_that_of_near_lights() -> None:

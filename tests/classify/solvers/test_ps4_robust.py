@@ -161,7 +161,7 @@ def test_a_wrong_led_level_is_not_mistaken_for_shadow() -> None:
 
 
 def test_intensities_that_were_given_are_believed() -> None:
-    """Lights a few degrees off leave a residual like that of unequal levels; these are equal."""
+    """Lights a few degrees off leave a residual like that of unequal levels."""
     lighting = Lighting.ring(45.0)
     p, q = waves(0.3, 128)
     moved = Lighting(lighting.directions + np.random.default_rng(5).normal(0.0, 0.05, (4, 3)))
@@ -181,7 +181,7 @@ def test_intensities_that_were_given_are_believed() -> None:
     seed=st.integers(0, 2**32 - 1), slant_deg=st.floats(20.0, 65.0), tilt_deg=st.floats(0.0, 90.0)
 )
 def test_slopes_are_continuous_in_the_images(seed: int, slant_deg: float, tilt_deg: float) -> None:
-    """Also where the light to blame changes. Each row leads from one pixel to another in steps."""
+    """Each row goes from one pixel to another, past changes of the light to blame."""
     lighting = Lighting.ring(slant_deg, [tilt_deg + 90.0 * light for light in range(4)])
     ends = np.random.default_rng(seed).uniform(0.25, 1.0, (2, 4, 40, 1))
     part = np.linspace(0.0, 1.0, 4000)
@@ -223,7 +223,7 @@ def largest_step(values: np.ndarray, surface: SurfaceEstimate) -> float:
 
 
 def test_dark_material_is_not_shadow() -> None:
-    """At slant 70 a level surface gives a third of its albedo: here four standard deviations."""
+    """At slant 70 a level surface gives a third of its albedo, here four sigma."""
     lighting = Lighting.ring(70.0)
     sigma = 2.0
     p, q = waves(0.0, 128)
@@ -236,7 +236,7 @@ def test_dark_material_is_not_shadow() -> None:
 
 
 def test_the_noise_of_the_sensor_decides_which_residual_counts() -> None:
-    """A value of 80 instead of 100 is a residual of five sigma at noise 2, but not at 8."""
+    """80 instead of 100 is a residual of five sigma at noise 2, but not at 8."""
     images = np.full((4, 32, 32), 100.0, np.float32)
     images[2, :8] = 80.0
     for read_noise, dropped in ((2.0, True), (8.0, False)):

@@ -1,4 +1,4 @@
-"""`photometric_stereo` against rendered truth, closed forms and plain numpy references."""
+"""`photometric_stereo` against rendered truth, closed forms and plain numpy."""
 
 from itertools import combinations
 
@@ -28,7 +28,7 @@ def random_slopes(
 def render(
     p: np.ndarray, q: np.ndarray, albedo: np.ndarray | float, lighting: Lighting
 ) -> np.ndarray:
-    """Lambertian images in float64, negative where the surface faces away from the light."""
+    """Lambertian float64 images, negative where the surface faces away."""
     normals = np.stack([-p, -q, np.ones_like(p)]) / np.sqrt(1 + p * p + q * q)
     shading = np.tensordot(lighting.directions, normals, 1)
     return albedo * shading * lighting.intensities[:, None, None]
@@ -163,7 +163,7 @@ def test_the_ambient_image_is_subtracted_from_every_image(method: str) -> None:
 
 @pytest.mark.parametrize("slant_deg", [20.0, 45.0, 70.0])
 def test_ps3_equals_its_closed_form(slant_deg: float) -> None:
-    """The three values may be any; the fourth is chosen so that the noise found is zero."""
+    """For any three values; with the fourth, the noise found is zero."""
     a, b, c = np.random.default_rng(1).uniform(20, 100, (3, 30, 40))
     images = np.stack([a, b, c, a + c - b]).astype(np.float32)
     surface = photometric_stereo(images, Lighting.ring(slant_deg), "ps3a")
@@ -190,7 +190,7 @@ def test_ps3_does_not_depend_on_its_fourth_light(method: str, tilts: tuple[int, 
 
 
 def numpy_ps4(values: np.ndarray, lighting: Lighting) -> np.ndarray:
-    """Scaled normals (H, W, 3): mean of the solutions without each of the darkest lights."""
+    """(H, W, 3) scaled normals: mean of the solutions without each darkest light."""
     solved = np.zeros((*values.shape[1:], 3))
     for r, c in np.ndindex(*values.shape[1:]):
         pixel = values[:, r, c]
@@ -261,7 +261,7 @@ def test_tied_lights_favour_neither_axis() -> None:
 
 @given(general_lights(), SEEDS)
 def test_null_vector_gives_every_three_light_solution(lighting: Lighting, seed: int) -> None:
-    """Without light k, b is pinv(L) i - (nul . i) pinv(L)[:, k] / nul[k], for any values."""
+    """Without light k, b is pinv(L) i - (nul . i) pinv(L)[:, k] / nul[k]."""
     pinv, null = drop_one_constants(lighting, "ps4")
     np.testing.assert_allclose(pinv, np.linalg.pinv(lighting.directions), atol=1e-9)
     np.testing.assert_allclose(null @ lighting.directions, 0.0, atol=1e-6)
@@ -371,7 +371,7 @@ def test_saturation_is_judged_before_ambient_light_is_subtracted() -> None:
 
 
 def test_a_solution_that_faces_away_is_not_valid() -> None:
-    """20 times brighter under the lower of two lights on one side: not a visible surface."""
+    """20 times brighter under the lower of two lights on one side."""
     lighting = Lighting.from_angles([0, 0, 90], [10, 50, 30])
     facing = photometric_stereo(tile([90, 80, 85]), lighting, "least_squares")
     away = photometric_stereo(tile([10, 200, 100]), lighting, "least_squares")
@@ -383,7 +383,7 @@ def test_a_solution_that_faces_away_is_not_valid() -> None:
 
 @pytest.mark.parametrize("method", ["least_squares", "ps4"])
 def test_slopes_that_drown_in_noise_are_not_valid(method: str) -> None:
-    """On a flat surface that grows darker, validity ends where the slope error reaches 0.5."""
+    """On a darkening surface, validity ends where the slope error reaches 0.5."""
     sigma = 2.0
     lighting = Lighting.ring()
     albedo = np.geomspace(200.0, 0.2, 400)[None, :] * np.ones((400, 1))

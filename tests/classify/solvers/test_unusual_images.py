@@ -1,4 +1,4 @@
-"""Every solver on images that do not show a surface: no crash, and no invented slopes."""
+"""Solvers on images that do not show a surface: no crash, no invented slopes."""
 
 import warnings
 

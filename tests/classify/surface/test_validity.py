@@ -1,4 +1,4 @@
-"""What valid, shadow and specular say of photographs, fall-off and unknown intensities."""
+"""Maps of photographs, and under fall-off and unknown intensities."""
 
 import json
 from pathlib import Path
@@ -37,7 +37,7 @@ def solved_photographs(
 def near_plate(
     lights: int, distance: float, intensities: np.ndarray, glints: float = 0.0
 ) -> tuple[np.ndarray, Lighting, np.ndarray]:
-    """A matt plate under LEDs at `distance` sides of the frame, and where it has a glint."""
+    """A matt plate under LEDs at `distance` frames, and the place of its glint."""
     rng = np.random.default_rng(0)
     lighting = Lighting.ring(45.0, np.arange(lights) * 360.0 / lights)
     y, x = (SIDE / 2.0 - np.mgrid[:SIDE, :SIDE]) * np.array([1.0, -1.0])[:, None, None]
@@ -61,7 +61,7 @@ def near_plate(
      ("least_squares", []), ("drbohlav", []), ("rushmeier", [])],
 )  # fmt: skip
 def test_a_black_backdrop_is_neither_valid_nor_shadow(method: Method, lights: list[int]) -> None:
-    """4 DN of the backdrop under some of the lights, 0 under the others; the object has 90."""
+    """The backdrop has 4 DN under some lights and 0 under others, the object 90."""
     surface, cat, backdrop = solved_photographs("cat_crop", lights, method)
     assert surface.valid[backdrop].mean() < 0.02
     assert surface.valid[cat].mean() > 0.96
@@ -76,7 +76,7 @@ def test_a_black_backdrop_is_neither_valid_nor_shadow(method: Method, lights: li
     [("ps4_robust", [6, 0, 2, 4]), ("least_squares", [6, 0, 2, 4]), ("drbohlav", [])],
 )
 def test_a_dark_board_is_not_shadow(method: Method, lights: list[int]) -> None:
-    """Lights of slant 13 leave a slope error above 0.5 on a board of 5 DN with noise of 2."""
+    """At slant 13, a board of 5 DN with noise of 2 has a slope error above 0.5."""
     surface, butterfly, board = solved_photographs("butterfly_crop", lights, method)
     assert surface.valid[board].mean() < 0.08
     assert surface.valid[butterfly].all()
@@ -120,7 +120,7 @@ def test_a_dark_material_under_a_weak_led_is_valid() -> None:
      ("drbohlav", 24), ("least_squares", 72), ("rushmeier", 72)],
 )  # fmt: skip
 def test_fall_off_is_not_gloss(method: Method, lights: int, distance: float) -> None:
-    """At two sides of the frame a near LED gives three times as much in the next corner."""
+    """A near LED at two frames gives three times as much in the nearest corner."""
     images, lighting, _ = near_plate(lights, distance, np.ones(lights))
     surface = photometric_stereo(images, lighting, method)
     assert surface.specular.mean() < 0.07

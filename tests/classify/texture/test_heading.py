@@ -25,7 +25,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 def sawtooth(
     surface_of, orientation_deg: float, seed: int, skew: float = 0.35, side: int = SIDE
 ) -> SurfaceEstimate:
-    """Ripples that are steeper on one side by `skew`, wavy and rough, rotated anticlockwise."""
+    """Wavy, rough ripples, steeper on one side by `skew`, rotated anticlockwise."""
     rng = np.random.default_rng(seed)
     column, row = np.meshgrid(np.arange(side), -np.arange(side))
     angle = np.radians(orientation_deg)
@@ -106,7 +106,7 @@ def measured(surface: SurfaceEstimate) -> np.ndarray:
 
 
 def test_moments_rotate_like_vectors(surface_of) -> None:
-    """A rotation of an odd frame by 90 degrees moves each pixel of each level to another."""
+    """Rotated by 90 degrees, the pixels of each level of an odd frame stay pixels."""
     surface = sawtooth(surface_of, 25.0, 4, side=193)
     rotated = replace(
         surface,

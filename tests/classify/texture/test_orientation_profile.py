@@ -1,4 +1,4 @@
-"""The profile of agreement over all orientations, and of a library's nearest reference."""
+"""Agreement over all orientations, with a library's nearest reference too."""
 
 import numpy as np
 import pytest

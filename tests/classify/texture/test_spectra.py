@@ -13,7 +13,7 @@ from tests.angles import off_deg
 
 
 def ripple(surface_of, frequency: float, angle_deg: float, shape=(128, 128), amplitude=0.2):
-    """A wave of height: the angle of its wave vector, anticlockwise, the amplitude of its slope."""
+    """A wave of height, by the angle of its wave vector and its slope's amplitude."""
     rows, columns = shape
     x, y = np.arange(columns)[None, :], -np.arange(rows)[:, None]
     u, v = frequency * np.cos(np.radians(angle_deg)), frequency * np.sin(np.radians(angle_deg))
@@ -38,7 +38,7 @@ def test_a_wave_peaks_at_its_angle_and_frequency(surface_of, frequency, angle_de
 @pytest.mark.parametrize("orientation_deg", [7.0, 30.0, 45.0, 76.0, 90.0, 121.0, 165.0])
 @pytest.mark.parametrize("kind", ["ripple", "grain"])
 def test_rotating_a_patch_shifts_its_polar_spectrum(texture, kind, orientation_deg) -> None:
-    """One segment, rotated about its middle, which the circular window does not notice."""
+    """One segment is rotated about its middle; its circular window stays the same."""
     still = surface_spectra(texture(kind, 0.0, seed=1), segment_px=128)
     rotated = surface_spectra(texture(kind, orientation_deg, seed=1), segment_px=128)
     for before, after in zip(still.polar, rotated.polar, strict=True):
@@ -88,7 +88,7 @@ def test_polar_and_radial_spectra_are_integrals(texture) -> None:
 
 @pytest.mark.parametrize("kind", ["ripple", "grain", "even"])
 def test_power_is_that_of_the_slopes(texture, kind) -> None:
-    """M over the whole plane is the mean squared slope, A the variance of relative albedo."""
+    """The integral of M is the mean squared slope, of A the variance of albedo."""
     surface = texture(kind, seed=2, side=256)
     spectra = surface_spectra(surface)
     weights = 2.0 * spectra.radii_cpp  # r dr, and both halves of the plane
