@@ -11,7 +11,6 @@ import numpy.typing as npt
 from classify.errors import InputError
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
-from classify.lights.flat_field import FlatField, powers
 
 from .calibration import Calibration
 from .drift_model import Cause, DriftModel, Explanation, Kind, moved_light
@@ -151,7 +150,7 @@ def plate_drift(
         )
     blocks = PlateBlocks.of([calibration.corrected(stack, full_scale)], full_scale)
     check_sheet(blocks, lighting)
-    expected = _logarithms(flat_field, blocks)
+    expected = flat_field.logarithms(blocks.x, blocks.y)
     change, x, y = _joined(blocks, expected)
     change -= change.mean() if brightness is None else math.log(brightness * full_scale)
     model = DriftModel(*_leds(expected, blocks, lighting), x, y)
@@ -168,14 +167,6 @@ def plate_drift(
         found.residual,
         model.shows_moved_lights(math.radians(_LIGHT_MOVED_DEG[1])),
     )
-
-
-def _logarithms(flat_field: FlatField, blocks: PlateBlocks) -> FloatArray:
-    """(N, n, n) logarithms of the flat field at the blocks."""
-    terms = flat_field.coefficients.shape[1]
-    low, high = flat_field.bounds.T[..., None, None]
-    logs = powers(blocks.y, terms) @ flat_field.coefficients @ powers(blocks.x, terms).T
-    return np.asarray(np.clip(logs, low, high), np.float64)
 
 
 def _leds(

@@ -6,21 +6,22 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.lights.flat_field import TERMS, FlatField, exponents, powers
-from classify.lights.polynomial_fit import by_fold, normal_equations, prediction_error, solved
+from classify.lights.polynomial_fit import (
+    MEDIAN_SQUARE,
+    TUKEY,
+    by_fold,
+    normal_equations,
+    prediction_error,
+    solved,
+)
 
 from .plate_blocks import BLOCKS, PlateBlocks
-
-__all__ = ["FittedFlatField", "FlatField", "fit_flat_field"]
 
 FloatArray = npt.NDArray[np.float64]
 
 # The degree is raised while the squared error of predicting left-out parts of the frame falls below
 # this share; classify/README.md has the errors of each degree.
 _DEGREES, _BETTER = (2, 4, 6), 0.98
-# Tukey's biweight with this constant has 95 % of the efficiency of least squares.
-_TUKEY = 4.685
-# Median of the square of a standard normal deviate.
-_MEDIAN_SQUARE = 0.4549
 _ROUNDS = 12
 _TINY = 1e-30
 
@@ -179,8 +180,8 @@ def _combined(
         offsets -= offsets.mean(axis=0)
         squares = np.square(residuals - offsets[..., None, None]).mean(axis=1)
         seen = squares[usable > 0.0]
-        variance = float(np.median(seen)) / _MEDIAN_SQUARE if seen.size else _TINY
-        limit = max(_TUKEY**2 * variance, _TINY)
+        variance = float(np.median(seen)) / MEDIAN_SQUARE if seen.size else _TINY
+        limit = max(TUKEY**2 * variance, _TINY)
         weights = np.square(np.maximum(1.0 - squares / limit, 0.0)) * usable
     totals = weights.sum(axis=0)
     means = ((residuals - offsets[..., None, None]) * weights[:, None]).sum(axis=0)

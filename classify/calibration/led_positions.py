@@ -98,14 +98,14 @@ def fit_led_positions(
         aim=model.aim,
     )
     residuals = -whole.evaluated(found.x)[0].reshape(len(data), size, size)
-    squares_of_used = np.square(found.fun).sum() / (len(data) * np.square(root).sum())
+    mean_square = np.square(found.fun).sum() / (len(data) * np.square(root).sum())
     return LedPositions(
         positions=inverted / squares[:, None],
         direction_errors_deg=np.degrees(across / np.sqrt(squares)),
         distance_errors=along / np.sqrt(squares),
         lobe_exponent=exponent,
         aim=model.aim,
-        residual=float(np.sqrt(squares_of_used)),
+        residual=float(np.sqrt(mean_square)),
         residuals=residuals,
     )
 

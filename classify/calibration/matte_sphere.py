@@ -19,7 +19,8 @@ _INSIDE = 0.9
 # Share of the light on the brightest pixel below which a pixel may be in shadow, or lit by its
 # surroundings.
 _LIT = 0.25
-_SATURATED = 0.995
+# Share of full scale from which on a pixel counts as saturated.
+SATURATED = 0.995
 # With less of the sphere below full scale its brightest part, which shows the light best, is gone.
 _LEAST_UNSATURATED = 0.6
 # Share of the sphere that must be lit and fit. A light at slant 75 reaches 0.4 of it.
@@ -82,7 +83,7 @@ def matte_directions(
     samples = []
     for light, image in enumerate(images):
         values = image[rows, columns].astype(np.float64)
-        usable = values < _SATURATED * full_scale
+        usable = values < SATURATED * full_scale
         if usable.mean() < _LEAST_UNSATURATED:
             raise CalibrationRejected(
                 f"picture {light}: {1.0 - usable.mean():.0%} of the sphere is at full scale; "

@@ -13,7 +13,7 @@ from classify.errors import CalibrationRejected, InputError
 from classify.lighting import Lighting
 
 from .lights import CalibratedLights
-from .matte_sphere import matte_directions
+from .matte_sphere import SATURATED, matte_directions
 from .mirror_sphere import mirror_directions
 from .placements import check_placements_differ
 from .scale import Scale, nominal_camera_matrix
@@ -199,7 +199,7 @@ def _without_ambient(pictures: SpherePictures) -> npt.NDArray[Any]:
         return pictures.images
     images = pictures.images.astype(np.float32)
     lit = images - pictures.ambient.astype(np.float32)
-    return np.where(images >= 0.995 * pictures.full_scale, np.float32(pictures.full_scale), lit)
+    return np.where(images >= SATURATED * pictures.full_scale, np.float32(pictures.full_scale), lit)
 
 
 def _mean_directions(directions: FloatArray, errors: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -20,6 +20,8 @@ from classify.images.stack import ImageStack
 from classify.lighting import Lighting
 from classify.lights.flat_field import FlatField, coordinates, exponential, exponents, powers
 from classify.lights.polynomial_fit import (
+    MEDIAN_SQUARE,
+    TUKEY,
     by_fold,
     normal_equations,
     prediction_error,
@@ -41,10 +43,6 @@ _TERMS = _HIGHER_DEGREE + 1
 # one's, and at least the second share of the smooth ratio cannot be relief. classify/README.md has
 # both figures for photographs and materials.
 _CLEARLY_BETTER, _NO_RELIEF = 0.5, 0.05
-# Tukey's biweight with this constant has 95 % of the efficiency of least squares.
-_TUKEY = 4.685
-# Median of the square of a standard normal deviate.
-_MEDIAN_SQUARE = 0.4549
 # A pixel darker than this share of the bright ones does not count: its ratio is that of noise to
 # noise (tests/classify/lights/test_fall_off.py, a part beside a black board).
 _DARK, _BRIGHT = 0.05, 0.95
@@ -85,7 +83,7 @@ def fall_off(
 
 @dataclass(frozen=True, eq=False)
 class _Grid:
-    """Samples of a frame that turn and mirror with it, and the blocks that they form.
+    """Samples of a frame, symmetric about its middle, and the blocks that they form.
 
     Blocks are in the order of their folds: (folds, blocks of a fold).
 
@@ -187,7 +185,7 @@ class _Samples:
         # The upper median, in a tenth of the time of the mean of the middle two.
         seen = squares[squares < np.inf]
         middle = np.partition(seen, seen.size // 2)[seen.size // 2] if seen.size else _TINY
-        limit = np.float32(max(_TUKEY**2 / _MEDIAN_SQUARE * middle, _TINY))
+        limit = np.float32(max(TUKEY**2 / MEDIAN_SQUARE * middle, _TINY))
         sums = np.empty((1 + len(residuals), _BLOCKS, _BLOCKS))
         _sum_blocks(residuals, squares, limit, sums)
         folds = by_fold(sums)

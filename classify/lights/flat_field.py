@@ -80,12 +80,15 @@ class FlatField:
         self, rows: npt.NDArray[np.intp], columns: npt.NDArray[np.intp], shape: tuple[int, int]
     ) -> FloatArray:
         """(N, rows, columns) strengths at these rows and columns of a frame."""
-        x, y = coordinates(rows, columns, shape)
+        strengths: FloatArray = np.exp(self.logarithms(*coordinates(rows, columns, shape)))
+        return strengths
+
+    def logarithms(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """(N, m, n) logarithms of the strengths at the (n,) `x` and (m,) `y` coordinates."""
         terms = self.coefficients.shape[1]
         logarithms = powers(y, terms) @ self.coefficients @ powers(x, terms).T
         low, high = self.bounds.T[..., None, None]
-        strengths: FloatArray = np.exp(np.clip(logarithms, low, high))
-        return strengths
+        return np.asarray(np.clip(logarithms, low, high), np.float64)
 
     def times(self, factors: npt.ArrayLike) -> "FlatField":
         """The flat field of lights that are stronger by (N,) factors."""

@@ -104,7 +104,8 @@ def photometric_stereo(
     ------
     InputError
         For another shape, dtype or count of images, NaN, infinity or values beyond 1e12 in a float
-        image, a full scale or light intensity out of range, or lights that do not suit the method.
+        image, a full scale or light intensity out of range, lights that do not suit the method, or
+        a mask or flat field that does not fit the images.
 
     Notes
     -----
