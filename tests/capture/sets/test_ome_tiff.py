@@ -263,7 +263,7 @@ def test_an_edited_pixel_is_noticed(path: Path) -> None:
         (lambda f: f["images"].reverse(), "images does not list the 4 lights in order"),
         (lambda f: f["lighting"]["directions"].pop(), "lights? in order|intensities for 3 lights"),
         (lambda f: f["lighting"]["directions"][1].__setitem__(2, -1), "light 1 stands at or below"),
-        (lambda f: f["lighting"]["intensities"].__setitem__(0, 0), "must be positive"),
+        (lambda f: f["lighting"]["intensities"].__setitem__(0, 0), "light 0 has the intensity 0"),
         (lambda f: f.update(pixels_sha256="00"), "the pixels do not match their SHA-256"),
         (lambda f: f.update(label="\ud800"), "the metadata are not valid JSON"),
         (lambda f: f.update(label="a\x1b"), "metadata field label: .*printable"),
