@@ -22,6 +22,9 @@ _MAX_SAMPLES = 16_384
 _GROUPS = 4
 # Fewer samples do not determine their variance.
 _GROUP_SAMPLES = 256
+# One in so many pixels counts as level. Of a tenth, slopes reach 0.3 on rocks, where highlights no
+# longer cancel (test_gloss_is_not_taken_for_noise).
+_FLATTEST = 32
 # At this distance demosaicing and image compression do not correlate the noise.
 _APART_PX = 2
 # Standard normal deviates: of the tenth with the smallest residuals, and 3 sigma of chi-squared
@@ -96,8 +99,9 @@ def noise_of_images(stack: ImageStack, gains: npt.NDArray[np.float32], lighting:
     All of these increase it, so the smallest of several estimates is taken. There is one from the
     combinations themselves, and one from their differences between near pixels, in which a light
     that fails everywhere cancels as well. Each is made for groups of pixels of similar brightness,
-    because the residual of unequal LED levels is proportional to the brightness. Pixels with a
-    light that may be in shadow are left out where enough others remain.
+    because the residual of unequal LED levels is proportional to the brightness. The first is also
+    made for the flattest pixels: highlights of a ring of lights are alike on a level surface and
+    cancel. Pixels with a light that may be in shadow are left out where enough others remain.
 
     In a group, the tenth with the smallest residuals gives a first variance. All residuals within
     three standard deviations give the next, until it no longer changes. Three lights have no
@@ -113,11 +117,10 @@ def noise_of_images(stack: ImageStack, gains: npt.NDArray[np.float32], lighting:
     cancelling = np.linalg.svd(lighting.directions.T)[2][3:].astype(np.float32)
     shape = stack.shape
 
-    def sampled(pixels: IndexArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+    def sampled(pixels: IndexArray) -> tuple[FloatArray, BoolArray]:
         values = stack.values_at(pixels)
         values *= gains[:, None]
-        in_light = values.min(axis=0) > MAYBE_SHADOW * values.max(axis=0)
-        return cancelling @ values, values.sum(axis=0), in_light
+        return values, values.min(axis=0) > MAYBE_SHADOW * values.max(axis=0)
 
     def least_variance(energies: FloatArray, brightness: FloatArray, in_light: BoolArray) -> float:
         if np.count_nonzero(in_light) >= _GROUP_SAMPLES:
@@ -134,21 +137,33 @@ def noise_of_images(stack: ImageStack, gains: npt.NDArray[np.float32], lighting:
             if size >= max(max(sizes) // 2, 1)
         )
 
-    residual, brightness, in_light = sampled(sample_pixels(shape, _MAX_SAMPLES))
-    variance = least_variance(np.square(residual).sum(axis=0), brightness, in_light)
+    values, in_light = sampled(sample_pixels(shape, _MAX_SAMPLES))
+    energies = np.square(cancelling @ values).sum(axis=0)
+    variance = least_variance(energies, values.sum(axis=0), in_light)
+    flattest = _flattest(values[:, in_light], lighting)
+    if flattest is not None:
+        variance = min(variance, _variance(energies[in_light][flattest], freedom, rounding**2))
     # Pairs of pixels on both sides of a sample, in its row and in its column.
     middles = sample_pixels(shape, _MAX_SAMPLES // 2, _APART_PX // 2)
     offsets = np.repeat(np.array([1, shape[1]]) * (_APART_PX // 2), middles.size)
     middles = np.tile(middles, 2)
-    residual, brightness, in_light = sampled(middles - offsets)
-    other, other_brightness, other_in_light = sampled(middles + offsets)
+    values, in_light = sampled(middles - offsets)
+    others, others_in_light = sampled(middles + offsets)
     if middles.size >= _GROUP_SAMPLES:
-        energies = 0.5 * np.square(residual - other).sum(axis=0)
-        differences = least_variance(
-            energies, brightness + other_brightness, in_light & other_in_light
-        )
-        variance = min(variance, differences)
+        energies = 0.5 * np.square(cancelling @ (values - others)).sum(axis=0)
+        brightness = (values + others).sum(axis=0)
+        variance = min(variance, least_variance(energies, brightness, in_light & others_in_light))
     return math.sqrt(variance)
+
+
+def _flattest(values: FloatArray, lighting: Lighting) -> BoolArray | None:
+    """Which of the pixels (N, n) have the smallest slopes; None if there are too few pixels."""
+    count = max(values.shape[1] // _FLATTEST, _GROUP_SAMPLES)
+    if values.shape[1] <= count:
+        return None
+    x, y, z = np.linalg.pinv(lighting.directions).astype(np.float32) @ values
+    squares = (np.square(x) + np.square(y)) / np.square(z)
+    return np.asarray(squares <= np.partition(squares, count)[count])
 
 
 def _variance(energies: FloatArray, freedom: int, least: float) -> float:

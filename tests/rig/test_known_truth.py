@@ -11,7 +11,7 @@ import pytest
 
 from classify import Lighting, Method, SensorNoise, SurfaceEstimate, photometric_stereo
 from rig.scene.material_folder import bundled_materials, load_material
-from rig.scene.render import SceneImages, render_frame
+from rig.scene.render import Gloss, SceneImages, render_frame
 from rig.scene.surfaces import PeriodicSurface
 from rig.scene.synthetic import SYNTHETIC_30, SYNTHETIC_NAMES, synthetic_surface
 from rig.simulation.sensor import SensorModel
@@ -259,3 +259,36 @@ def test_robust_ps4_is_not_worse_on_scanned_materials(slant_deg: float) -> None:
         counted = ~np.isnan(ps4)
         assert (robust <= 1.1 * ps4)[counted].all()
         assert robust[4] < 0.9 * ps4[4]
+
+
+GLOSS_METHODS: tuple[Method, ...] = ("least_squares", "ps4_robust")
+GLOSSES = (Gloss(0.05, 20.0), Gloss(0.1, 8.0), Gloss(0.3, 20.0), Gloss(0.6, 80.0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("slant_deg", [35.0, 45.0, 55.0])
+def test_robust_ps4_is_better_than_least_squares_on_gloss(slant_deg: float) -> None:
+    """Mean angle to the true normals, without a noise model, where most pixels have highlights."""
+    lighting = Lighting.ring(slant_deg)
+    sensor = SensorModel(bit_depth=12)
+    print(f"\nmean error, degrees, slant {slant_deg:g}: least_squares / ps4_robust")
+    table = []
+    for name, folder in bundled_materials().items():
+        material, row = load_material(folder), []
+        for gloss in GLOSSES:
+            scene = render_frame(material, lighting, 256, gloss=gloss)
+            taken = SimulatedSet.expose(scene, lighting, sensor, 1)
+            for method in GLOSS_METHODS:
+                surface = photometric_stereo(taken.images, lighting, method, ambient=taken.ambient)
+                row.append(float(angular_error_deg(scene, surface).mean()))
+        print(
+            f"{name:22}"
+            + " ".join(f"{a:7.2f}/{b:5.2f}" for a, b in zip(row[::2], row[1::2], strict=True))
+        )
+        table.append(row)
+    errors = np.array(table)
+    ratios = errors[:, 1::2] / errors[:, ::2]
+    print(f"{'mean ratio':22}" + " ".join(f"{ratio:13.3f}" for ratio in ratios.mean(axis=0)))
+    assert ratios.mean() < 1.0
+    if slant_deg == 35:  # no shadows
+        assert (ratios < 1.03).all()

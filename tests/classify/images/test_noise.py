@@ -7,6 +7,8 @@ from classify import Lighting
 from classify.errors import InputError
 from classify.images.noise import SensorNoise, noise_of_images
 from classify.images.stack import ImageStack
+from rig.scene.material_folder import bundled_materials, load_material
+from rig.scene.render import Gloss, render_frame
 
 SIDE = 128
 ONES = np.ones(4, np.float32)
@@ -69,6 +71,18 @@ def test_integer_images_have_at_least_rounding_noise() -> None:
         np.sqrt(1 / 12)
     )
     assert noise_of_images(ImageStack(flat.astype(np.float32), None), ONES, Lighting.ring()) < 1e-4
+
+
+@pytest.mark.parametrize(("strength", "exponent"), [(0.1, 8.0), (0.3, 20.0), (0.6, 80.0)])
+def test_gloss_is_not_taken_for_noise(strength: float, exponent: float) -> None:
+    """Highlights wider than the texture are in most pixels, and no Lambertian surface has them."""
+    lighting = Lighting.ring(45.0)
+    ground = load_material(bundled_materials()["Ground054"])
+    scene = render_frame(ground, lighting, 256, gloss=Gloss(strength, exponent))
+    images = scene.lights / scene.lights.max()
+    images += 0.002 * np.random.default_rng(0).standard_normal(images.shape)
+    found = noise_of_images(ImageStack(images.astype(np.float32), None), ONES, lighting)
+    assert 0.0019 < found < 0.005
 
 
 def test_three_lights_determine_the_rounding_only() -> None:
