@@ -12,7 +12,7 @@ from .repeated_frames import RepeatDetector
 
 # Time to wait for a frame beyond what frame rate and queue explain. It is shorter than that of
 # `rig.fresh_frame`, because a set has several attempts.
-SPARE_S = 0.5
+SET_SPARE_S = 0.5
 
 
 def light_name(rig: Rig, light: int | None) -> str:
@@ -91,7 +91,7 @@ class FreshFrames:
 
     def _next(self) -> Frame:
         try:
-            return next_fresh_frame(self._rig, self._not_before_s, self._receive, SPARE_S)
+            return next_fresh_frame(self._rig, self._not_before_s, self._receive, SET_SPARE_S)
         except NoFreshFrameError as error:
             raise SetRejected(
                 f"set rejected: no good frame under {light_name(self._rig, self._light)} "

@@ -22,7 +22,7 @@ from rig.frame_time import start_known_to_s
 from rig.fresh_frame import begin_sequence
 
 from .frame_mean import FrameMean, SetImage
-from .fresh_frames import SPARE_S, light_name
+from .fresh_frames import SET_SPARE_S, light_name
 from .part_sensor import ArrivedPart
 from .sequence_frames import SequenceFrames
 
@@ -94,7 +94,7 @@ def _run(
     """Run one sequence; return the frame of each step, and the controller's report."""
     if part is None:
         sequence = begin_sequence(rig, plan)
-        deadline_s = sequence.asked_s + plan.duration_s + SPARE_S
+        deadline_s = sequence.asked_s + plan.duration_s + SET_SPARE_S
         frames = SequenceFrames(rig, sequence.asked_s, deadline_s)
     else:
         sequence, frames = part.sequence, part.frames

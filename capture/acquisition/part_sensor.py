@@ -8,7 +8,7 @@ from classify.errors import InputError
 from rig import LightControllerError, Rig, RunningSequence
 from rig.fresh_frame import begin_sequence
 
-from .fresh_frames import SPARE_S
+from .fresh_frames import SET_SPARE_S
 from .sequence_frames import SequenceFrames
 
 # Interval of asking whether the part has come: the controller does not wait for the answer.
@@ -67,7 +67,7 @@ def wait_for_part(
             rig.clock.sleep_s(_POLL_S)
             continue
         # The camera runs freely. The set may have begun during the latest frames.
-        deadline_s = rig.clock.now_s() + rig.camera.info.frame_period_s + SPARE_S
+        deadline_s = rig.clock.now_s() + rig.camera.info.frame_period_s + SET_SPARE_S
         frames.begin(sequence.asked_s, deadline_s)
         try:
             frames.take()
@@ -81,5 +81,5 @@ def wait_for_part(
             f"{sequence.report().cause}"
         )
     begun_s = sequence.begun_s()
-    frames.begin(begun_s, begun_s + plan.duration_s + SPARE_S)
+    frames.begin(begun_s, begun_s + plan.duration_s + SET_SPARE_S)
     return ArrivedPart(sequence, frames)
