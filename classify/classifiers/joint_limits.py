@@ -34,6 +34,9 @@ _MEDIAN = 0.82
 _CLASS_SPREAD = 0.34
 _PATCH_SPREAD = 0.26
 _DEVIATIONS = 2.33
+# Mean and standard deviation of the least of one, two and three normal numbers. More sets count as
+# three: they seldom show as many independent patches.
+_LEAST_NORMAL = ((0.0, 1.0), (-0.564, 0.826), (-0.846, 0.748))
 # Below this side the limit falls with the eighth root of the side, by 8 % at 128 px: smaller frames
 # distinguish textures less well.
 _SUFFICIENT_PX = 256
@@ -63,15 +66,23 @@ def limit_of_sets(limit: float, distances: Sequence[float]) -> float:
     `limit` is the limit of one set. The more sets, the less the median distance of the class is in
     doubt. Sets of one patch tell nothing about other patches: a distance more than two standard
     deviations below the expected median is left out, and none counts as less than one below it.
+
+    A part is compared with the nearest set. Whatever the distances, the limit is therefore at most
+    the one of a class of which only the number of its sets is known.
     """
     spread = math.hypot(_CLASS_SPREAD, _PATCH_SPREAD)
     expected = math.log(limit) - _DEVIATIONS * spread
     logs = [math.log(each) for each in distances if each > math.exp(expected - 2.0 * spread)]
+    if not logs:
+        return limit
+    nearest, deviation = _LEAST_NORMAL[min(len(logs), len(_LEAST_NORMAL)) - 1]
+    most = nearest * _PATCH_SPREAD + _DEVIATIONS * math.hypot(
+        _CLASS_SPREAD, deviation * _PATCH_SPREAD
+    )
     trust = 1.0 - 1.0 / (1.0 + len(logs) * (_CLASS_SPREAD / _PATCH_SPREAD) ** 2)
-    above = [max(each - expected, -spread) for each in logs]
-    median = expected + trust * sum(above) / max(len(above), 1)
+    above = trust * sum(max(each - expected, -spread) for each in logs) / len(logs)
     remaining = math.hypot(_CLASS_SPREAD * math.sqrt(1.0 - trust), _PATCH_SPREAD)
-    return math.exp(median + _DEVIATIONS * remaining)
+    return math.exp(expected + min(above + _DEVIATIONS * remaining, most))
 
 
 def class_limits(
@@ -83,7 +94,7 @@ def class_limits(
 ) -> dict[str, float]:
     """Limit of each class.
 
-    It exceeds neither the limit of one set nor the distance to the nearest other class.
+    It does not exceed the distance to the nearest other class.
 
     Parameters
     ----------
@@ -108,7 +119,6 @@ def class_limits(
         own = firsts[same[firsts]][:_MAX_SETS]
         within = [least(i, same & (numbers != numbers[i])) for i in own] if len(own) > 1 else []
         between = min(least(i, ~same) for i in own)
-        of_one = float(single[own].mean())
-        typical = min(limit_of_sets(of_one, within), of_one)
+        typical = limit_of_sets(float(single[own].mean()), within)
         limits[label] = min(typical, between)
     return limits

@@ -259,8 +259,8 @@ def test_a_wrong_outline_is_refused(
 
 
 def test_the_leds_go_out_when_the_command_is_interrupted(tmp_path: Path) -> None:
-    for number in range(60):
-        frame = np.full((48, 64), 100 + number, np.uint8)
+    for number in range(250):
+        frame = np.full((48, 64), number, np.uint8)
         cv2.imwrite(str(tmp_path / f"frame{number:03d}.png"), frame)
     clock = RealClock()
     board = SimulatedBoard(clock)
