@@ -128,6 +128,7 @@ def test_every_led_is_shown_repeatedly() -> None:
     assert preview.png(4) is None
 
 
+@pytest.mark.slow
 def test_a_hardware_error_is_named_and_the_rig_opened_again() -> None:
     gone = {"frames": [{"kind": "gone", "when": {"from_s": 0.5}}]}
     preview = Preview()

@@ -39,6 +39,7 @@ def test_kernels_are_cached_in_the_folder_of_the_environment(tmp_path: Path) -> 
     assert list(tmp_path.rglob("ps4.*.nbc"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("folder", ["/dev/null/cache", "/proc/cache"])
 def test_kernels_run_without_a_cache_where_no_folder_can_be_written(folder: str) -> None:
     only = {"NUMBA_CACHE_LOCATOR_CLASSES": "UserProvidedCacheLocator"}

@@ -97,6 +97,7 @@ def names(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
 
 
+@pytest.mark.slow
 def test_sets_are_captured_analysed_and_exported(ran: Ran, tmp_path: Path) -> None:
     (tmp_path / "sets").mkdir()
     capture = "capture --rig rig.toml --size 96 --rotate 0 --rotate 50"
@@ -144,6 +145,7 @@ def test_lists_of_lights_name_files_with_drives_and_backslashes(ran: Ran, tmp_pa
         assert [each.source_file for each in again.metadata.images[:4]] == [n for n, _ in listed]
 
 
+@pytest.mark.slow
 def test_a_session_is_run_resumed_and_reported(ran: Ran, tmp_path: Path) -> None:
     (tmp_path / "plan.toml").write_text(PLAN.format(python=sys.executable))
     ran("session run plan.toml --rig rig.toml --yes")
@@ -176,6 +178,7 @@ def test_what_needs_linux_says_so_in_one_line(run: Run, command: str, cause: str
     assert len(err.splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_the_program_ends_as_elsewhere(tmp_path: Path) -> None:
     with start("-m", "capture", "info", "none.ome.tif", folder=tmp_path) as process:
         ended = process.communicate(timeout=120.0)

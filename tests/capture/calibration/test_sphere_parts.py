@@ -13,6 +13,7 @@ from classify.lights.flat_field import FlatField
 from rig import Placement, RigConfig, open_rig
 
 
+@pytest.mark.slow
 def test_vignetting_of_the_flat_field_does_not_turn_the_lights_on_a_matt_sphere() -> None:
     config = RigConfig().with_changes(
         camera={"width_px": 192, "height_px": 160},
@@ -40,6 +41,7 @@ def test_vignetting_of_the_flat_field_does_not_turn_the_lights_on_a_matt_sphere(
     assert errors_deg[1] < 0.5 < errors_deg[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("diameter_px", [102.4, 153.6])
 def test_the_card_that_a_mirror_sphere_reflects_is_not_taken_for_its_outline(
     diameter_px: float,

@@ -199,6 +199,7 @@ def test_without_a_terminal_nobody_is_asked(refused: Refused, plan: Path) -> Non
     assert "not the folder of a session" in refused("session", "resume", plan.parent, "--yes")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("closed", ["<&-", "</dev/null"])
 def test_without_a_terminal_a_changed_plan_is_refused(plan: Path, closed: str) -> None:
     make_session(plan)

@@ -25,6 +25,7 @@ def test_a_reader_that_goes_away_does_not_stop_the_work(spawn: Spawn, tmp_path: 
     assert len(list(tmp_path.iterdir())) == 3
 
 
+@pytest.mark.slow
 def test_output_that_cannot_be_written_is_one_line_after_the_work(
     spawn: Spawn, tmp_path: Path
 ) -> None:
@@ -35,6 +36,7 @@ def test_output_that_cannot_be_written_is_one_line_after_the_work(
     assert (tmp_path / "a.ome.tif").is_file()
 
 
+@pytest.mark.slow
 def test_a_closed_output_is_discarded(spawn: Spawn, tmp_path: Path) -> None:
     path = tmp_path / "a.ome.tif"
     process = spawn(*CAPTURE, path, preexec_fn=lambda: os.close(1))
@@ -50,6 +52,7 @@ def test_an_error_never_goes_to_standard_output(spawn: Spawn, arguments: tuple[s
     assert outcome(spawn(*arguments, preexec_fn=lambda: os.close(2))) == (2, "", "")
 
 
+@pytest.mark.slow
 def test_characters_that_the_encoding_lacks_are_escaped(
     spawn: Spawn, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

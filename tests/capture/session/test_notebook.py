@@ -16,6 +16,7 @@ from .conftest import PLAN
 README = Path(__file__).parents[3] / "capture" / "README.md"
 
 
+@pytest.mark.slow
 def test_the_notebook_makes_a_table_and_a_figure(
     in_folder: Path,
     config: RigConfig,

@@ -85,6 +85,7 @@ def test_a_matt_sphere_gives_lights_and_their_levels(
         np.testing.assert_allclose(found.lighting.intensities, levels, rtol=0.03)
 
 
+@pytest.mark.slow
 def test_the_outline_of_a_mirror_sphere_is_found_on_any_background() -> None:
     lights = scattered_lights(4, 8)
     for seed, background in enumerate(("cloth", "clutter", "sheet")):
@@ -277,6 +278,7 @@ def test_a_highlight_is_found_in_a_bright_room_that_each_lamp_lights_unevenly() 
     assert (off < 4.0 * found.direction_errors_deg).all()
 
 
+@pytest.mark.slow
 def test_the_outline_of_a_mirror_is_found_on_cloth_as_bright_as_its_room() -> None:
     lights = scattered_lights(6, 5)
     for seed in (5, 6):

@@ -65,6 +65,7 @@ def difference_at(variance_px2: float, test, test_curve, reference, curve):
     return found
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.floats(-1.69, 4.0), st.sampled_from([0.0, 0.3, 3.0]))
 def test_the_least_distance_is_that_of_trying_all_blurs(

@@ -125,6 +125,7 @@ def test_nothing_is_sent_after_a_failure_so_the_watchdog_trips(bench: Any) -> No
         assert bench.lit() == [0.0] * 4
 
 
+@pytest.mark.slow
 def test_a_thread_keeps_the_led_on_in_real_time_until_the_rig_is_closed() -> None:
     config = SMALL.with_changes(simulation={"clock": "real"}, lights={"watchdog_ms": 2000})
     with open_rig(config) as rig:
@@ -179,13 +180,8 @@ time.sleep(60)
 """
 
 
-@pytest.mark.parametrize(
-    "end",
-    [
-        pytest.param(signal.SIGSTOP, id="hangs"),
-        pytest.param(signal.SIGKILL, id="dies", marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("end", [signal.SIGSTOP, signal.SIGKILL], ids=["hangs", "dies"])
 def test_the_led_of_a_program_that_hangs_or_dies_goes_out(end: signal.Signals) -> None:
     clock = RealClock()
     board = SimulatedBoard(clock)

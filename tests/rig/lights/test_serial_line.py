@@ -31,6 +31,7 @@ def line(monkeypatch: pytest.MonkeyPatch) -> SerialLine:
     return SerialLine("stalled", 115_200, 1.0)
 
 
+@pytest.mark.slow
 def test_time_in_which_the_program_did_not_run_is_not_waited_time(line: SerialLine) -> None:
     patience = Patience(0.4)
     assert line.read_line(patience) == b"1 OK"

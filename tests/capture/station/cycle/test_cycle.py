@@ -405,6 +405,7 @@ def test_a_store_that_fails_strangely_ends_the_run_without_an_announcement(
     assert station.rows() == [(*ids(1), Decision.ERROR), (*ids(2), Decision.PASS)]
 
 
+@pytest.mark.slow
 def test_a_database_that_does_not_answer_holds_results_back(station: Bench) -> None:
     add, calls = station.store.add, 0
 

@@ -136,6 +136,7 @@ for number in range(10):
 """
 
 
+@pytest.mark.slow
 def test_accounts_that_several_programs_add_at_once_are_all_kept(folder: Path) -> None:
     programs = [
         subprocess.Popen(
@@ -174,6 +175,7 @@ def test_a_file_that_another_program_holds_is_left_as_it_is(
     assert Users(folder).all() == ()
 
 
+@pytest.mark.slow
 def test_a_running_panel_refuses_a_removed_user_at_once(panel: RunningPanel) -> None:
     folder = panel.bench.folder.path
 

@@ -309,6 +309,7 @@ def test_a_process_that_died_is_replaced_while_others_hear_of_it(panel: RunningP
     maker.close()
 
 
+@pytest.mark.slow
 def test_a_process_that_never_gets_a_processor_fills_no_queue(
     panel: RunningPanel, monkeypatch: pytest.MonkeyPatch
 ) -> None:

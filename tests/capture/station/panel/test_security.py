@@ -298,6 +298,7 @@ def test_a_slow_body_is_refused(hurried: RunningPanel) -> None:
     assert drip(hurried, head).split()[1] == b"408"
 
 
+@pytest.mark.slow
 def test_a_client_that_does_not_read_is_cut_off(hurried: RunningPanel) -> None:
     host = urlsplit(hurried.url).netloc.encode()
     with connected(hurried) as raw:
@@ -486,6 +487,7 @@ def test_a_panel_with_tls_is_reached_by_https_alone(tmp_path: Path, captured: Ca
         plain.close()
 
 
+@pytest.mark.slow
 def test_a_handshake_has_a_deadline(
     tmp_path: Path, captured: CapturedSet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -547,6 +549,7 @@ def test_texts_that_no_encoding_holds_are_refused(with_users: RunningPanel) -> N
     assert "give 1 to 100 letters" in refused.json["error"]
 
 
+@pytest.mark.slow
 def test_two_requests_at_once_are_both_served(hurried: RunningPanel) -> None:
     """The second of a connection is an endless one: no deadline of a head may end it."""
     host = urlsplit(hurried.url).netloc.encode()

@@ -283,6 +283,7 @@ def test_a_poll_costs_little(tmp_path: Path, captured: CapturedSet) -> None:
     assert poll_s < 1e-3
 
 
+@pytest.mark.slow
 def test_a_plc_whose_heartbeat_stops_is_shown_as_a_fault(
     tmp_path: Path, captured: CapturedSet
 ) -> None:

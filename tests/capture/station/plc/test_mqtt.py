@@ -163,6 +163,7 @@ def test_a_section_that_cannot_work_is_refused(url: str, topic: str) -> None:
         MqttConfig(url=url, topic=topic)
 
 
+@pytest.mark.slow
 def test_a_broker_that_drops_every_connection_collects_no_messages() -> None:
     sent: list[bytes] = []  # by the client in each connection, once it is accepted
 

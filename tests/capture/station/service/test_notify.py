@@ -80,6 +80,7 @@ def triggered(target: TriggerTarget) -> None:
     target.submit(Trigger("timer"))
 
 
+@pytest.mark.slow
 def test_a_capture_that_hangs_ends_the_pings(station: Bench, systemd: SystemdSocket) -> None:
     hangs, may_go_on = threading.Event(), threading.Event()
 

@@ -258,6 +258,7 @@ def test_approvals_within_a_second_keep_their_order(files: RecipeFolder) -> None
         assert approved_states(files)[0] == approved
 
 
+@pytest.mark.slow
 def test_a_limit_that_somebody_changed_stays_until_it_is_removed(files: RecipeFolder) -> None:
     found = read_recipe(files.file)
     measured = found.limits_of["rock"]
