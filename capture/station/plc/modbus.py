@@ -28,6 +28,10 @@ _READS, _WRITES = (3, 4, 23), (6, 16, 22, 23)
 MAX_CONNECTIONS = 16
 # A hundred answers: a client with more unread answers does not read.
 _MOST_UNREAD_BYTES = 16 * 1024
+# What a client has not acknowledged for this long, it does not read, or it is gone. The bound above
+# does not see that: Linux can drop what arrives at a full client, with the acknowledgements of the
+# client's own requests, so that neither side sends anything more.
+_MOST_UNACKNOWLEDGED_MS = 10_000
 _START_S = 10.0
 # Errors in what a client sends are its own: they would fill the terminal.
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
@@ -71,6 +75,10 @@ class _Server(ModbusTcpServer):
         listener: Any = self.transport
         for each in listener.sockets:  # connections inherit it
             each.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _MOST_UNREAD_BYTES)
+            if hasattr(socket, "TCP_USER_TIMEOUT"):  # not on Windows
+                each.setsockopt(
+                    socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _MOST_UNACKNOWLEDGED_MS
+                )
         while True:
             transports = [each.transport for each in self.active_connections.values()]
             for number, each in enumerate(transports):
