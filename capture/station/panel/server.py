@@ -226,6 +226,9 @@ def _listener(settings: PanelConfig) -> socket.socket:
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_EXCLUSIVEADDRUSE, 1)
         else:
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if hasattr(socket, "TCP_USER_TIMEOUT"):  # connections inherit it; not on Windows
+            # What a vanished browser has not acknowledged can be too little for `_Protocol` to see.
+            listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1000 * SEND_S))
         listener.bind((settings.host, settings.port))
         listener.listen(MAX_CONNECTIONS)
     except OSError as error:
