@@ -2,6 +2,7 @@
 
 import csv
 import json
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
@@ -13,10 +14,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from capture.studies.reproduction.photographs.exhibits import photograph_exhibits
 from capture.studies.reproduction.photographs.photograph_set import (
     PhotographSet,
     load_photographs,
 )
+from capture.studies.reproduction.photographs.recognition import PATCH_PX, recognitions
 from capture.studies.reproduction.photographs.run import reproduce_photographs
 from capture.studies.reproduction.photographs.scores import scores_of, solve_pick
 from classify import Lighting
@@ -27,13 +30,17 @@ SIDE_PX = 64
 EIGHT = Lighting.ring(40.0, tuple(np.arange(0.0, 360.0, 45.0)))
 
 
-@pytest.fixture(scope="module")
-def photographs() -> PhotographSet:
+def photographed(name: str, side_px: int) -> PhotographSet:
     """A matt surface under eight lights; the true p is the reference."""
-    scene = render_frame(synthetic_surface("malv", 0, 128), EIGHT, SIDE_PX, ambient=0.0)
+    scene = render_frame(synthetic_surface(name, 0, 2 * side_px), EIGHT, side_px, ambient=0.0)
     images = np.rint(4000.0 * scene.lights).astype(np.uint16)
     lit = ~scene.shadowed.any(axis=0)
-    return PhotographSet("malv", images, None, 4095.0, EIGHT.directions, None, lit, scene.p)
+    return PhotographSet(name, images, None, 4095.0, EIGHT.directions, None, lit, scene.p)
+
+
+@pytest.fixture(scope="module")
+def photographs() -> PhotographSet:
+    return photographed("malv", SIDE_PX)
 
 
 @pytest.fixture
@@ -112,6 +119,34 @@ def test_rotated_and_mirrored_photographs_have_the_rotated_and_mirrored_slopes(
     mirrored = solve_pick(photographs.mirrored(), pick, "least_squares")
     np.testing.assert_allclose(mirrored.p, -still.p[:, ::-1], atol=1e-4)
     np.testing.assert_allclose(mirrored.q, still.q[:, ::-1], atol=1e-4)
+
+
+def test_objects_are_recognised_and_refused_where_they_are_not_taught(
+    photographs: PhotographSet,
+) -> None:
+    textures = [photographed(name, PATCH_PX + 40) for name in ("ogil", "rock", "sand")]
+    found = recognitions([*textures, photographs])  # the last is too small
+    kinds = Counter((each.trial.label, each.kind) for each in found)
+    assert kinds == {
+        (texture.name, kind): count
+        for texture in textures
+        for kind, count in (
+            ("rotated by quarter turns", 3), ("another corner", 3), ("other lights", 1),
+        )
+    }  # fmt: skip
+    assert all(each.trial.is_correct for each in found)
+    # One of the three objects is taught: each of the others twice.
+    assert [len(each.unknown) for each in found] == [2] * len(found)
+    assert {match.label for each in found for match in each.unknown} == {None}
+    table = next(
+        each
+        for each in photograph_exhibits(textures, [], found)
+        if each.key == "photographs_recognition"
+    )
+    assert table.rows[0] == ("rotated by quarter turns", 9, 100.0, 0.0, 0.0, 18, 0.0, None)
+    assert table.rows[-1] == ("all", 21, 100.0, 0.0, 0.0, 42, 0.0, None)
+    assert "patch of 256 x 256 px" in table.text.notes[0]
+    assert recognitions([textures[0], photographs]) == []
 
 
 def test_a_folder_is_read_and_cut_to_the_object(folder: Path, photographs: PhotographSet) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +16,7 @@ from capture.studies.reproduction.exhibit import Exhibit, Row
 from classify import Method
 
 from .photograph_set import PhotographSet
+from .recognition import PATCH_PX, Recognition
 from .scores import Score, solve_pick
 
 if TYPE_CHECKING:
@@ -25,11 +28,13 @@ _SHOWN: Method = "ps4_robust"
 
 
 def photograph_exhibits(
-    sets: Sequence[PhotographSet], scores: Sequence[Score]
+    sets: Sequence[PhotographSet], scores: Sequence[Score], recognised: Sequence[Recognition]
 ) -> Iterator[Exhibit]:
-    """The table by method, the table of all picks, and the pictures."""
+    """The table by method, the table of all picks, recognition, and the pictures."""
     yield _summary(scores)
     yield _picks(scores)
+    if recognised:
+        yield _recognition(recognised)
     yield _maps(sets)
 
 
@@ -100,6 +105,35 @@ def _picks(scores: Sequence[Score]) -> Exhibit:
         ),
         rows,
         digits=2,
+    )  # fmt: skip
+
+
+def _recognition(recognised: Sequence[Recognition]) -> Exhibit:
+    groups: dict[str, list[Recognition]] = {}
+    for name_of in (attrgetter("kind"), attrgetter("trial.label"), lambda _: "all"):
+        for each in recognised:
+            groups.setdefault(name_of(each), []).append(each)
+    rows: list[Row] = []
+    for name, group in groups.items():
+        trials = [each.trial for each in group]
+        right = sum(each.is_correct for each in trials)
+        refused = sum(each.match.label is None for each in trials)
+        shares = (right, refused, len(trials) - right - refused)
+        matches = [match for each in group for match in each.unknown]
+        taken_for = Counter(match.label for match in matches if match.label is not None)
+        rows.append((
+            name, len(trials), *(100.0 * each / len(trials) for each in shares),
+            len(matches), 100.0 * taken_for.total() / len(matches),
+            ", ".join(label for label, _ in taken_for.most_common()) or None,
+        ))  # fmt: skip
+    return Exhibit(
+        "photographs_recognition",
+        (
+            "tests", "patches", "right, %", "refused, %", "wrong, %",
+            "matches without the object", "accepted, %", "taken for",
+        ),
+        rows,
+        values={"side_px": PATCH_PX},
     )  # fmt: skip
 
 

@@ -99,6 +99,12 @@ class PhotographSet:
         x, y, z = self.directions.T
         return self._moved(lambda image: image[..., ::-1], (-x, y, z))
 
+    def patch(self, top: int, left: int, side_px: int) -> PhotographSet:
+        """A square of the photographs, under the same lights."""
+        square = np.s_[..., top : top + side_px, left : left + side_px]
+        x, y, z = self.directions.T
+        return self._moved(lambda image: image[square], (x, y, z))
+
     def _moved(
         self, move: Callable[[npt.NDArray[Any]], npt.NDArray[Any]], directions: tuple[Any, ...]
     ) -> PhotographSet:

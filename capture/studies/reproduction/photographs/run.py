@@ -8,11 +8,14 @@ from classify.durable_file import make_folder
 
 from .exhibits import photograph_exhibits
 from .photograph_set import load_photographs, photograph_folders
+from .recognition import recognitions
 from .scores import scores_of
 
 
 def reproduce_photographs(folder: Path, output: Path) -> Path:
-    """Solve the photographs in a folder of folders, and write all files; returns the page.
+    """Solve and match the photographs in a folder of folders, and write all files.
+
+    Returns the page.
 
     Raises
     ------
@@ -26,5 +29,5 @@ def reproduce_photographs(folder: Path, output: Path) -> Path:
         "photographs": ", ".join(f"{each.name} ({len(each.directions)} lights)" for each in sets),
         "picks of four lights": str(len({(score.name, score.pick) for score in scores})),
     }
-    exhibits = list(photograph_exhibits(sets, scores))
+    exhibits = list(photograph_exhibits(sets, scores, recognitions(sets)))
     return write_page(exhibits, facts, About("photographs", "photographs", simulated=False), output)
