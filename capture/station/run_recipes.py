@@ -15,7 +15,7 @@ from .challenge.challenge import require_challenge
 from .cycle.changeover import UsableRecipe
 from .cycle.outcome import PartInspector, PartJudge
 from .cycle.recipe_request import Asker, RecipeRefusal, RecipeRefused
-from .cycle.self_test import check_calibration_age, check_judge, require_no_fault
+from .cycle.self_test import check_calibration_age, require_no_fault
 from .cycle.station_clock import StationClock
 from .cycle.station_rig import StationRig
 from .errors import ChallengeFailed, NotApproved, error_text
@@ -102,8 +102,7 @@ class RecipeLoader:
             "calibration_sha256": fingerprint.calibration_sha256,
         }
         judge = self._judge(inspector, fields, inspector.calibration)
-        checks = tuple(check_judge(files, inspector, go_on))
-        return UsableRecipe(judge, recipe, inspector.begin, inspector.calibration, checks, by)
+        return UsableRecipe(judge, recipe, inspector.begin, inspector.calibration, by)
 
     def collecting(self) -> UsableRecipe:
         """Return a recipe that judges nothing; an existing one still gives exposure and gain."""
@@ -210,7 +209,7 @@ class RunRecipes:
 
     def _checks_of(self, recipe: UsableRecipe) -> list[Check]:
         file = None if recipe.calibration is None else recipe.calibration.file
-        return [*recipe.checks, *check_calibration_age(file, recipe.recipe.calibration)]
+        return list(check_calibration_age(file, recipe.recipe.calibration))
 
     def _record(self, wanted: UsableRecipe, by: Asker) -> None:
         """Write the change into the log of changes."""

@@ -115,10 +115,12 @@ def keep_replay(
 def require_challenge(
     files: RecipeFolder, inspector: Inspector, go_on: Callable[[], None] = lambda: None
 ) -> Replay:
-    """Check that exactly this inspector has met the challenge set; replay the set otherwise.
+    """Check that this inspector meets the challenge set.
 
-    All its files are hashed, and its first part is judged in any case: otherwise the first part of
-    the line would wait for kernels to be loaded. `go_on` is called before each file; an exception
+    A recorded replay counts if inspector and files are the same. The parts up to the first good one
+    are judged in any case: another processor may judge otherwise, and the first part of the line
+    need not wait for kernels to be loaded. The whole set is replayed if none is on record or one of
+    these parts gets another verdict than it must. `go_on` is called before each file; an exception
     of it ends the check, and nothing is recorded.
 
     Raises
@@ -133,16 +135,26 @@ def require_challenge(
         valid_replay(files, inspector.fingerprint, go_on),
         replay_challenge(files, inspector, go_on),
     )
-    first = next(outcomes)
-    if replay is None or first.is_regression:
-        replay = keep_replay(files, inspector, (first, *outcomes))
+    judged = _up_to_a_good_part(outcomes)
+    if replay is None or any(outcome.is_regression for outcome in judged):
+        replay = keep_replay(files, inspector, (*judged, *outcomes))
     if replay.regressions:
         named = "; ".join(map(str, replay.regressions))
         raise ChallengeFailed(
             f"recipe {inspector.recipe.name} does not run: {len(replay.regressions)} of "
-            f"{len(replay.parts)} parts of its challenge set get another verdict: {named}"
+            f"{len(replay.parts)} parts of its challenge set get another verdict: {named}; "
+            "correct the recipe or the expected verdicts, then run ps4rig station challenge"
         )
     return replay
+
+
+def _up_to_a_good_part(outcomes: Iterator[PartOutcome]) -> list[PartOutcome]:
+    judged = []
+    for outcome in outcomes:
+        judged.append(outcome)
+        if outcome.expected == Decision.PASS:
+            break
+    return judged
 
 
 def has_met_challenge(files: RecipeFolder, inspector: Inspector) -> bool:

@@ -37,8 +37,6 @@ class UsableRecipe:
         Called with the images of each part before their checks.
     calibration
         Calibration of the rig.
-    checks
-        Checks that were made when it was loaded.
     by
         Who asked for it; empty for the recipe of the start.
     """
@@ -47,7 +45,6 @@ class UsableRecipe:
     recipe: Recipe
     begin: Callable[[CapturedSet], None] = lambda _: None
     calibration: FoundCalibration | None = None
-    checks: tuple[Check, ...] = ()
     by: str = ""
 
     @property

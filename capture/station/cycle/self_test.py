@@ -10,13 +10,9 @@ from capture.acquisition.attempts import MAX_ATTEMPTS
 from capture.calibration.ps4cal import CalibrationFile
 from capture.calibration.rig_check import checks_of_drift, drift_of_rig
 from capture.process.utc_time import readable_utc
-from capture.station.challenge.challenge import replay_challenge
 from capture.station.folder import PARTS
-from capture.station.inspection.inspector import Inspector
 from capture.station.recipe.recipe import CalibrationRule
-from capture.station.recipe.recipe_folder import RecipeFolder
 from capture.station.results.store import ResultStore
-from capture.station.verdict import Decision
 from classify.durable_file import durable_file, make_folder
 from rig import HardwareError, Rig
 from rig.doctor.check import Check, collected
@@ -137,22 +133,6 @@ def check_results(store: ResultStore) -> Iterator[Check]:
         yield Check("clock", "warning", seen, "set the clock; numbers of parts keep their order")
         return
     yield Check("clock", "ok", f"after the last result, of {last_at}")
-
-
-def check_judge(
-    files: RecipeFolder, inspector: Inspector, go_on: Callable[[], None] = lambda: None
-) -> Iterator[Check]:
-    """Judge the challenge set up to its first good part, which also loads all kernels.
-
-    Without it the first part of a run waits a second for them. `go_on` as in `replay_challenge`.
-    """
-    for outcome in replay_challenge(files, inspector, go_on):
-        if outcome.is_regression:
-            yield Check("judge", "warning", str(outcome), "run ps4rig station challenge")
-            return
-        if outcome.expected == Decision.PASS:
-            yield Check("judge", "ok", f"{outcome.file} of the challenge set passes")
-            return
 
 
 def check_calibration_age(file: CalibrationFile | None, rule: CalibrationRule) -> Iterator[Check]:

@@ -24,7 +24,6 @@ _CHECKED = {
     "rig": _OF_THE_RIG,  # nothing could be checked
     "clock": (),
     "calibration": (),
-    "judge": (),
 }
 
 

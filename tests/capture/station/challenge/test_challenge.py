@@ -67,6 +67,29 @@ def test_a_changed_limit_blocks_and_the_part_is_named(files: RecipeFolder) -> No
         require_challenge(files, Inspector.load(files))
 
 
+def test_a_bad_part_that_passes_now_blocks_although_a_replay_is_on_record(
+    files: RecipeFolder, monkeypatch: pytest.MonkeyPatch, judged: list[str | None]
+) -> None:
+    """Another processor or a failing one: software and files are those of the recorded replay."""
+    saved(files.challenge, "malv", range(1))
+    expected = {"sand-2": "FAIL", "malv-0": "UNKNOWN", "rock-3": "PASS"}
+    lines = [f'"{name}.ome.tif" = "{verdict}"\n' for name, verdict in expected.items()]
+    (files.challenge / FILE).write_text("".join(["[sets]\n", *lines]))
+    require_challenge(files, Inspector.load(files))
+    require_challenge(files, Inspector.load(files))
+    assert judged == ["sand", "malv", "rock"] * 2  # up to the first good part
+    good = Inspector.load(files).inspect(CapturedSet.load(files.challenge / "rock-3.ome.tif"))
+    inspect = Inspector.inspect
+
+    def passing(inspector: Inspector, captured: CapturedSet) -> Inspection:
+        return good if captured.metadata.label == "malv" else inspect(inspector, captured)
+
+    monkeypatch.setattr(Inspector, "inspect", passing)
+    with pytest.raises(ChallengeFailed, match=r"malv-0.ome.tif must be UNKNOWN and is PASS"):
+        require_challenge(files, Inspector.load(files))
+    assert not has_met_challenge(files, Inspector.load(files))
+
+
 def test_a_part_that_cannot_be_judged_is_a_regression(files: RecipeFolder) -> None:
     next(files.challenge.glob("rock-3*")).write_bytes(b"damaged")
     outcomes = list(replay_challenge(files, Inspector.load(files)))

@@ -301,7 +301,7 @@ def test_devices_follow_the_self_test_and_failures() -> None:
     checks = (
         Check("disk", "ok", "can be written"),
         Check("results", "ok", "the database answers"),
-        Check("judge", "warning", "good-1 is FAIL"),
+        Check("calibration", "warning", "300 days old"),
         Check("LED 0", "ok", "20 %"),
         Check("LED 1", "warning", "9 %: weak"),
     )
