@@ -57,7 +57,9 @@ def cells(spacing_px: float) -> Field:
         periodic = np.pad(elsewhere, reach_px, mode="wrap")
         distance = cv2.distanceTransform(periodic, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
         inside = slice(reach_px, reach_px + side)
-        return _filtered(-(distance[inside, inside].astype(np.float64) ** 2))
+        # Squared distances are whole numbers. OpenCV rounds their roots in two ways, depending on
+        # its number of threads.
+        return _filtered(-np.rint(distance[inside, inside].astype(np.float64) ** 2))
 
     return field
 

@@ -3,6 +3,7 @@
 import zlib
 from functools import cache
 
+import cv2
 import numpy as np
 import pytest
 
@@ -107,6 +108,19 @@ def test_the_four_textures_of_the_thesis_are_filtered_white_noise(name: str, for
     assert np.abs(surface.height - scale * height).max() < 1e-3 * surface.height.std()
     assert rms_slope(surface.p, surface.q) == pytest.approx(0.5, rel=1e-3)
     assert (surface.albedo == np.float32(ALBEDO)).all()
+
+
+def test_cells_do_not_depend_on_the_threads_of_opencv() -> None:
+    """With one thread OpenCV takes its distances from another library, which rounds otherwise."""
+    threads = cv2.getNumThreads()
+    try:
+        found = []
+        for count in (1, 2):
+            cv2.setNumThreads(count)
+            found.append(synthetic_surface("cobbles", 0, SIDE))
+    finally:
+        cv2.setNumThreads(threads)
+    np.testing.assert_array_equal(found[0].height, found[1].height)
 
 
 @pytest.mark.parametrize("name", FOUR_AND_MORE)
