@@ -89,13 +89,16 @@ def check_frames(camera: Camera) -> Iterator[Check]:
         yield Check("frames", "warning", seen, advice)
 
 
-def longest_exposure_ms(
+def exposure_range_ms(
     camera: Camera, listed: Sequence[ListedCamera], config: CameraConfig
-) -> float:
-    """Return the longest exposure in ms that the frame period and the camera allow."""
-    longest_ms = 1e3 * camera.info.frame_period_s
+) -> tuple[float, float]:
+    """Return the shortest and the longest exposure in ms; the same if the exposure is fixed.
+
+    OpenCV does not report the range of a camera, but `listed` does.
+    """
+    shortest_ms, longest_ms = camera.exposure_range_ms
     if not isinstance(config, DeviceCameraConfig):
-        return longest_ms
+        return shortest_ms, longest_ms
     node = Path(device_path(config.device)).resolve()
     limits = [
         control.maximum / EXPOSURE_UNITS_PER_MS
@@ -103,4 +106,4 @@ def longest_exposure_ms(
         for control, _ in each.controls
         if each.node.resolve() == node and control.id == CID_EXPOSURE_ABSOLUTE
     ]
-    return min([longest_ms, *limits])
+    return shortest_ms, max(shortest_ms, min([longest_ms, *limits]))

@@ -17,7 +17,7 @@ from rig.rig import Rig, clock_of, open_camera, open_lights, port_of
 from rig.simulation.rig import Simulation
 from rig.v4l2.camera_list import ListedCamera, list_cameras
 
-from .cameras import check_cameras, check_controls, check_frames, longest_exposure_ms
+from .cameras import check_cameras, check_controls, check_frames, exposure_range_ms
 from .check import Check, collected
 from .light_images import capture_light_images, check_light_images
 from .lights import check_lights
@@ -134,7 +134,7 @@ def _diagnose_open(
             capture_light_images(rig),
             rig.lighting,
             1e3 * camera.info.exposure_s,
-            longest_exposure_ms(camera, cameras, config.camera),
+            exposure_range_ms(camera, cameras, config.camera),
         )
 
     yield from collected("light controller", check_controller)

@@ -73,15 +73,15 @@ def capture_light_images(rig: Rig) -> LightImages:
 
 
 def check_light_images(
-    images: LightImages, lighting: Lighting, exposure_ms: float, longest_ms: float
+    images: LightImages, lighting: Lighting, exposure_ms: float, range_ms: tuple[float, float]
 ) -> Iterator[Check]:
     """Check ambient light, every LED, saturation, exposure, levels and order of the LEDs.
 
-    `lighting` is the configured one; `longest_ms` is the longest exposure that fits into a frame.
+    `lighting` is the configured one; `range_ms` has the shortest and the longest exposure.
     """
     yield from check_leds(images)
     yield _saturation(images)
-    yield _exposure(images, exposure_ms, longest_ms)
+    yield _exposure(images, exposure_ms, range_ms)
     yield _levels(images, lighting)
     yield _order(images, lighting)
 
@@ -165,7 +165,7 @@ def rate_exposure(images: LightImages) -> ExposureRating:
     return ExposureRating(led, float(bright[led]) / full, factor)
 
 
-def _exposure(images: LightImages, exposure_ms: float, longest_ms: float) -> Check:
+def _exposure(images: LightImages, exposure_ms: float, range_ms: tuple[float, float]) -> Check:
     rating = rate_exposure(images)
     seen = (
         f"{exposure_ms:g} ms; the brightest {1 - _BRIGHT_PERCENTILE / 100:.1%} of the pixels under "
@@ -173,8 +173,11 @@ def _exposure(images: LightImages, exposure_ms: float, longest_ms: float) -> Che
     )
     if rating.is_good:
         return Check("exposure", "ok", seen)
-    wanted_ms = exposure_ms * rating.factor
-    if wanted_ms <= longest_ms:
+    wanted_ms, (shortest_ms, longest_ms) = exposure_ms * rating.factor, range_ms
+    if shortest_ms == longest_ms:
+        less, more = "dim the LEDs, or close the aperture", "brighter LEDs, or open the aperture"
+        advice = f"the exposure is fixed: {less if rating.factor < 1.0 else more}"
+    elif wanted_ms <= longest_ms:
         advice = f"set camera.exposure_ms = {_rounded_down(wanted_ms):g}"
         if rating.is_saturated:
             advice += ", then run this again"

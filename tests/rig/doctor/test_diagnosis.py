@@ -13,7 +13,7 @@ from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serv
 from rig import LightControllerError, ListedCamera, RigConfig, open_rig
 from rig.config.camera import V4l2CameraConfig
 from rig.doctor import diagnosis as doctor_module
-from rig.doctor.cameras import check_cameras, check_frames, longest_exposure_ms
+from rig.doctor.cameras import check_cameras, check_frames, exposure_range_ms
 from rig.doctor.check import Check
 from rig.doctor.diagnosis import check_kernel_cache, diagnose
 from rig.doctor.light_images import LightImages, capture_light_images, check_light_images
@@ -302,16 +302,16 @@ def test_cameras_are_listed_with_their_formats(tmp_path: Path) -> None:
     assert (missing.name, missing.status) == ("camera.device", "fault")
 
 
-def test_the_longest_exposure_respects_frame_and_camera(tmp_path: Path) -> None:
+def test_the_range_of_the_exposure_respects_frame_and_camera(tmp_path: Path) -> None:
     node = tmp_path / "video0"
     node.touch()
     exposure = Control(CID_EXPOSURE_ABSOLUTE, 1, "Exposure Time, Absolute", 1, 200, 0)
     listed = [ListedCamera(node, (), controls=((exposure, 50),))]
     config = V4l2CameraConfig(device=str(node))
     with open_rig(RigConfig().with_changes(camera={"width_px": 16, "height_px": 16})) as rig:
-        assert longest_exposure_ms(rig.camera, listed, config) == 20.0
-        assert longest_exposure_ms(rig.camera, [], config) == pytest.approx(33.33, abs=0.01)
-        assert longest_exposure_ms(rig.camera, listed, rig.config.camera) > 33.0
+        assert exposure_range_ms(rig.camera, listed, config)[1] == 20.0
+        assert exposure_range_ms(rig.camera, [], config)[1] == pytest.approx(33.33, abs=0.01)
+        assert exposure_range_ms(rig.camera, listed, rig.config.camera)[1] > 33.0
 
 
 @pytest.fixture(scope="module")
@@ -323,11 +323,14 @@ def images() -> Iterator[LightImages]:
 
 
 def checked(
-    images: LightImages, lights: Any, lighting: Lighting | None = None, longest_ms: float = 33.0
+    images: LightImages,
+    lights: Any,
+    lighting: Lighting | None = None,
+    range_ms: tuple[float, float] = (0.1, 33.0),
 ) -> dict[str, Check]:
     """Check other light images with the ambient image of `images`."""
     changed = LightImages(images.ambient, lights.astype(np.uint16), images.full_scale)
-    found = check_light_images(changed, lighting or Lighting.ring(), 20.0, longest_ms)
+    found = check_light_images(changed, lighting or Lighting.ring(), 20.0, range_ms)
     return {check.name: check for check in found}
 
 
@@ -337,7 +340,7 @@ def scaled(images: LightImages, scale: float) -> Any:
 
 
 def test_the_suggested_exposure_does_not_saturate(images: LightImages) -> None:
-    dim = checked(images, scaled(images, 0.25), longest_ms=200.0)
+    dim = checked(images, scaled(images, 0.25), range_ms=(0.1, 200.0))
     assert dim["exposure"].status == "warning"
     wanted_ms = float(dim["exposure"].advice.rpartition("= ")[2])
     again = checked(images, scaled(images, 0.25 * wanted_ms / 20.0))
@@ -350,8 +353,14 @@ def test_the_suggested_exposure_fits_into_a_frame(images: LightImages) -> None:
     advice = checked(images, scaled(images, 0.25))["exposure"].advice
     assert advice.startswith("set camera.exposure_ms = 33, the longest at this frame rate")
     # 16.7 ms would not fit at 60 Hz.
-    advice = checked(images, scaled(images, 0.25), longest_ms=16.6667)["exposure"].advice
+    advice = checked(images, scaled(images, 0.25), range_ms=(0.1, 16.6667))["exposure"].advice
     assert advice.startswith("set camera.exposure_ms = 16.6, the longest at this frame rate")
+
+
+def test_no_exposure_is_suggested_where_it_is_fixed(images: LightImages) -> None:
+    for scale, advice in ((0.25, "brighter LEDs"), (4.0, "dim the LEDs")):
+        found = checked(images, scaled(images, scale), range_ms=(20.0, 20.0))["exposure"].advice
+        assert found.startswith(f"the exposure is fixed: {advice}")
 
 
 def test_saturation_is_a_fault_and_suggests_a_shorter_exposure(images: LightImages) -> None:
