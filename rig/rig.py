@@ -50,6 +50,11 @@ class Rig:
         """Directions and relative intensities of the lights."""
         return self.config.lights.lighting
 
+    @property
+    def is_simulated(self) -> bool:
+        """Whether it is simulated hardware, also that of `ps4rig rig simulate` behind devices."""
+        return self.simulation is not None or self.lights.identity.is_simulated
+
     def close(self) -> None:
         """Put the LEDs out and release everything; a second call does nothing.
 

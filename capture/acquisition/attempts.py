@@ -164,7 +164,7 @@ def _attempt(
     metadata = SetMetadata(
         label=label,
         created_utc=utc_text(created, timespec="milliseconds"),
-        simulated=rig.simulation is not None or rig.lights.identity.is_simulated,
+        simulated=rig.is_simulated,
         bit_depth=info.bit_depth,
         full_scale=full_scale,
         lighting=LightingRecord.of(rig.lighting),

@@ -193,8 +193,7 @@ def check_order(order: LightOrder | None, lighting: Lighting) -> Literal["confir
     """
     if order is None:
         return "undecided"
-    # A ring rotated by 180 degrees fits nearly as well: the smallest error alone decides that.
-    if order.is_refuted and order.opposite not in order.plausible:
+    if order.is_refuted:
         best = ", ".join(f"{tilt:g}" for tilt in lighting.tilts_deg[list(order.plausible[0])])
         raise SetRejected(
             "set rejected: the LEDs are not in the order of lights.tilts_deg; by their shading "

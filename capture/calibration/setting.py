@@ -107,7 +107,7 @@ class Setting(Record):
         info: CameraInfo = rig.camera.info
         levels = rig.lights.state().levels_percent[: len(rig.lighting)]
         return cls(
-            simulated=rig.simulation is not None or rig.lights.identity.is_simulated,
+            simulated=rig.is_simulated,
             rig_name=rig.config.name,
             camera=None if info.kind == "replay" else f"{info.kind} {info.name}",
             width_px=info.width_px,

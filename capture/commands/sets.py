@@ -107,8 +107,10 @@ def capture(
     with open_rig(configs[0]) as opened:
         placements = [each.simulation.placement for each in configs]
         sets = _captured(opened, placements, count, label, average, known, target)
+        answer = []
         for path, captured in zip(paths, progress(sets, len(paths), "capture"), strict=True):
             describe(captured).save(path)
+            answer.append({"set": str(path), "simulated": captured.metadata.simulated})
             if calibration is not None and known is not None:
                 keep_beside(calibration, known, path)
             if not json:
@@ -116,7 +118,7 @@ def capture(
                 lights = f"{len(captured.images)} lights in {_duration(captured)}"
                 out.print(f"{path}: {lights}{note}", soft_wrap=True)
     if json:
-        print_json([{"set": str(path), "simulated": config.is_simulated} for path in paths])
+        print_json(answer)
 
 
 def _duration(captured: CapturedSet) -> str:

@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,7 @@ from rig import (
     open_rig,
     surface_names,
 )
+from rig.lights.driver import LightController
 from rig.scene.material_folder import bundled_materials
 
 SMALL = RigConfig().with_changes(camera={"width_px": 64, "height_px": 48})
@@ -173,3 +175,18 @@ def test_a_refused_rig_leaves_no_thread_running() -> None:
     with pytest.raises(ConfigError, match="run ps4rig rig latency again"):
         open_rig(config)
     assert set(threading.enumerate()) == before
+
+
+@pytest.mark.parametrize(("serial_number", "is_simulated"), [("SIM-0007", True), ("E66-1", False)])
+def test_a_rig_of_devices_is_simulated_if_its_controller_says_so(
+    rig: Rig, serial_number: str, is_simulated: bool
+) -> None:
+    """`ps4rig rig simulate` answers behind a serial device and a video device."""
+    assert rig.is_simulated
+    clock = VirtualClock()
+    board = SimulatedBoard(clock, serial_number=serial_number)
+    with (
+        serve_pty(SimulatedController(board, clock)) as server,
+        LightController(server.address, clock=clock) as lights,
+    ):
+        assert replace(rig, lights=lights, simulation=None).is_simulated == is_simulated

@@ -268,7 +268,7 @@ class Station:
             captured=captured,
             error=error,
             exposed_s=exposed_s,
-            exposed_utc=None if captured is None else self._clock.now(),
+            exposed_utc=None if captured is None else self._clock.at(exposed_s),
             timings_ms={
                 "capture": 1e3 * (exposed_s - triggered_s),
                 "checks": 1e3 * max(0.0, self._clock.monotonic_s() - exposed_s),

@@ -136,23 +136,22 @@ def check_results(store: ResultStore) -> Iterator[Check]:
 
 
 def check_calibration_age(file: CalibrationFile | None, rule: CalibrationRule) -> Iterator[Check]:
-    """Check that there is a calibration where the recipe requires one, and its greatest age."""
+    """Check the ages of the calibration, and that there is one where the recipe requires it."""
     name = "calibration"
     if file is None:
         if rule.required:
             advice = "set calibration = 'NAME.ps4cal' in rig.toml; ps4rig calibrate makes one"
             yield Check(name, "fault", "the recipe requires one, the rig names none", advice)
         return
-    ages = [record.age_days(datetime.now(UTC)) for record in file.records.values()]
-    if None in ages:
-        yield Check(name, "fault", "a part of it has no date", "calibrate again")
-        return
-    days = max(age for age in ages if age is not None)
-    seen = f"{days} days old, the recipe allows {rule.max_age_days}"
-    if days > rule.max_age_days:
-        yield Check(name, "fault", seen, "calibrate again")
-        return
-    yield Check(name, "ok", seen)
+    now = datetime.now(UTC)
+    ages_days = {part: record.age_days(now) for part, record in file.records.items()}
+    for part, age_days in ages_days.items():
+        fault = rule.age_fault(age_days)
+        if fault is not None:
+            yield Check(name, "fault", f"{part.replace('_', ' ')} {fault}")
+            return
+    oldest_days = max(filter(None, ages_days.values()), default=0)
+    yield Check(name, "ok", f"{oldest_days} days old, the recipe allows {rule.max_age_days}")
 
 
 def check_rig(rig: Rig, sheet: CalibrationFile | None) -> list[Check]:

@@ -3,12 +3,14 @@
 import threading
 import time
 from collections.abc import Callable
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 from capture.process.utc_time import utc_text
 
-# Time servers slew a clock by at most 0.5 ms per second: a larger step was made by hand.
+# Smaller differences are not noted: time servers correct a clock, at most by the rate of
+# adjtime(3).
 _STEP_S = 2.0
+_SLEW_RATE = 5e-4
 
 
 def _utc() -> datetime:
@@ -31,21 +33,27 @@ class StationClock:
     ) -> None:
         self._utc, self.monotonic_s = utc, monotonic_s
         self._lock = threading.Lock()
-        self._offset_s = self._read_offset_s()
+        self._read_s = self._read()
 
     def now(self) -> str:
         """Return the time as records have it."""
         return utc_text(self._utc(), timespec="milliseconds")
 
+    def at(self, monotonic_s: float) -> str:
+        """Return the time of a past instant of the monotonic clock, as records have it."""
+        passed = timedelta(seconds=self.monotonic_s() - monotonic_s)
+        return utc_text(self._utc() - passed, timespec="milliseconds")
+
     def step(self) -> str | None:
         """Return a note if the clock was set since the last call, else None."""
         with self._lock:
-            before_s, self._offset_s = self._offset_s, self._read_offset_s()
-            step_s = self._offset_s - before_s
-        if abs(step_s) < _STEP_S:
+            (utc_s, monotonic_s), self._read_s = self._read_s, self._read()
+            passed_s = self._read_s[1] - monotonic_s
+            step_s = self._read_s[0] - utc_s - passed_s
+        if abs(step_s) < _STEP_S + _SLEW_RATE * passed_s:
             return None
         direction = "back" if step_s < 0.0 else "forward"
         return f"the clock was set {direction} by {abs(step_s):.0f} s before this part"
 
-    def _read_offset_s(self) -> float:
-        return self._utc().timestamp() - self.monotonic_s()
+    def _read(self) -> tuple[float, float]:
+        return self._utc().timestamp(), self.monotonic_s()

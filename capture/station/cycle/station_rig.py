@@ -75,6 +75,7 @@ class StationRig:
         self._config, self._given, self._exposed = config, rig_config, exposed
         self._rig_config = self._with_light_of(recipe)
         self._rig: Rig | None = None
+        self._is_simulated = rig_config.is_simulated
         self._part: ArrivedPart | None = None
         # Parts that the sensor saw and that are accounted for, and the controller that counts them.
         self._counted, self._controller = 0, ""
@@ -84,8 +85,8 @@ class StationRig:
 
     @property
     def is_simulated(self) -> bool:
-        """Whether its sets are simulated."""
-        return self._rig_config.is_simulated
+        """Whether its sets are simulated; the light controller tells when the rig is opened."""
+        return self._is_simulated
 
     def use(
         self,
@@ -115,6 +116,7 @@ class StationRig:
             If it cannot be opened.
         """
         self._rig = open_rig(self._rig_config)
+        self._is_simulated = self._rig.is_simulated
 
     def test(self, *, is_start: bool) -> list[Check]:
         """Check the open rig; compare it with a white sheet at the start, if configured."""

@@ -281,7 +281,7 @@ class Inspector:
             return
         at = at if at.tzinfo is not None else at.replace(tzinfo=UTC)
         for name, record in file.records.items():
-            fault = _age_fault(record.age_days(at), rule.max_age_days)
+            fault = rule.age_fault(record.age_days(at))
             if fault is not None:
                 yield Finding(Cause.CALIBRATION, f"{name.replace('_', ' ')} {fault}")
 
@@ -329,17 +329,6 @@ def _largest_gap_px(defect_map: DefectMap, inside: npt.NDArray[np.bool_]) -> int
     gaps = (np.isnan(defect_map.score) & (share >= 0.5)).astype(np.uint8)
     _, _, about, _ = cv2.connectedComponentsWithStats(gaps, connectivity=8)
     return cell * cell * int(about[1:, cv2.CC_STAT_AREA].max(initial=0))
-
-
-def _age_fault(age_days: int | None, greatest_days: int) -> str | None:
-    """Return why a calibration part of this age is not usable; None if it is."""
-    if age_days is None:
-        return "has a date that cannot be read; calibrate again"
-    if age_days < -1:  # the clocks of two computers may differ
-        return "was measured after the part; set the clock, or calibrate again"
-    if age_days > greatest_days:
-        return f"was measured {age_days} days before the part, at most {greatest_days}"
-    return None
 
 
 @contextmanager

@@ -119,6 +119,19 @@ class CalibrationRule(Section):
     required: bool = False
     max_age_days: int = Field(default=365, ge=1, le=36_500)
 
+    def age_fault(self, age_days: int | None) -> str | None:
+        """Return why a calibration part of this age is not usable; None if it is."""
+        if age_days is None:
+            return "has a date that cannot be read; calibrate again"
+        if age_days < -1:  # the clocks of two computers may differ
+            return "was measured after the part; set the clock, or calibrate again"
+        if age_days > self.max_age_days:
+            return (
+                f"was measured {age_days} days before the part, at most {self.max_age_days}; "
+                "calibrate again"
+            )
+        return None
+
 
 class Approval(Section):
     """Who approved a recipe, when (UTC), and the hash of the recipe that was approved."""

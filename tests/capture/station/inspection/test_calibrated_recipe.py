@@ -13,6 +13,7 @@ from capture.calibration.setting import Setting
 from capture.process.utc_time import utc_text
 from capture.station.challenge.challenge import require_challenge
 from capture.station.challenge.challenge_set import add_to_challenge
+from capture.station.cycle.self_test import check_calibration_age
 from capture.station.inspection.inspector import Inspector
 from capture.station.recipe.recipe import Recipe, Region
 from capture.station.recipe.recipe_file import read_recipe, write_recipe
@@ -95,6 +96,15 @@ def test_a_calibrated_recipe_judges_its_region(tmp_path: Path) -> None:
     too_new = Inspector.load(files, ahead).inspect(replace(known, metadata=about)).verdict
     assert too_new.causes == (Cause.CALIBRATION,)
     assert "flat field was measured after the part" in too_new.reason
+    # The self-test finds both before the first part.
+    (old_check,), (ahead_check,), (known_check,) = (
+        [*check_calibration_age(read_calibration(each), recipe.calibration)]
+        for each in (old, ahead, calibration)
+    )
+    assert old_check.status == ahead_check.status == "fault"
+    assert "at most 365" in old_check.seen
+    assert "was measured after the part" in ahead_check.seen
+    assert known_check.status == "ok"
 
     # A newer calibration may judge, once the challenge set was met with it.
     newer = tmp_path / "newer.ps4cal"
