@@ -40,8 +40,10 @@ class NearRows:
     x, y
         Coordinates in px of the columns and of these rows.
     inner
-        b . X with which the excess was subtracted from the images; a single row where it is not
-        kept, none where nothing was subtracted.
+        b . X used to subtract the excess: one row for each row if the excess is large, a single
+        row to write over if it is not, none if nothing is subtracted.
+    excess_is_large
+        Whether the images need `subtract_rest_of_excess`.
     """
 
     problem: Problem
@@ -49,6 +51,7 @@ class NearRows:
     x: FloatArray
     y: FloatArray
     inner: FloatArray
+    excess_is_large: bool
 
     @classmethod
     def of(cls, problem: Problem, first: int, height: int) -> Self | None:
@@ -58,14 +61,10 @@ class NearRows:
         rows, columns = problem.shape
         x, y = problem.plane_px
         largest = float(np.abs(problem.shear.excess).max()) * 0.5 * float(np.hypot(rows, columns))
-        kept = 0 if largest < _LEAST_EXCESS else 1 if largest < _LARGE_EXCESS else height
+        is_large = largest >= _LARGE_EXCESS
+        kept = 0 if largest < _LEAST_EXCESS else height if is_large else 1
         inner = np.zeros((kept, columns), np.float32)
-        return cls(problem, problem.shear, x, y[first : first + height], inner)
-
-    @property
-    def excess_is_large(self) -> bool:
-        """Whether the images need `subtract_rest_of_excess`."""
-        return len(self.inner) > 1
+        return cls(problem, problem.shear, x, y[first : first + height], inner, is_large)
 
     def subtract_excess(self, stack: ImageStack) -> None:
         """Subtract e_k (b . X) from the images of these rows, with b by least squares.

@@ -21,8 +21,7 @@ _EXCHANGES = 1000
 def start_command(plan: SequencePlan) -> str:
     """Return the command that starts a sequence."""
     verb = "TRIG" if plan.triggers else "ARM"
-    order = ",".join(str(DARK if light is None else light) for light in plan.lights)
-    return f"SEQ:{verb} {plan.settle_us},{plan.wait_us},{order}"
+    return f"SEQ:{verb} {plan.steps}"
 
 
 def exposure_left_s(lights: LightController, plan: SequencePlan) -> float:

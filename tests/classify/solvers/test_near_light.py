@@ -10,8 +10,12 @@ from hypothesis import strategies as st
 
 from classify import InputError, Lighting, Method, SurfaceEstimate, photometric_stereo, relight
 from classify.classifiers.thesis import images_of
+from classify.images.noise import SensorNoise
+from classify.images.stack import ImageStack
 from classify.lights.flat_field import FlatField
 from classify.lights.near_light import Shear, middle_px, sheet_of
+from classify.solvers.problem import Problem
+from classify.solvers.robust import solve_ps4_robust
 
 SHAPE = (48, 64)
 FOUR_LIGHTS: tuple[Method, ...] = ("ps3a", "ps4", "ps4_robust", "least_squares", "drbohlav")
@@ -135,6 +139,18 @@ def test_lights_out_of_one_plane_give_the_surface_in_shadow_as_well(
     error = np.hypot(surface.p - p, surface.q - q)
     assert error[surface.valid & ~shadowed].max() < 1e-4
     assert error[surface.valid & shadowed].mean() < 4e-3
+
+
+def test_strips_of_one_row_give_the_surface_of_the_whole_frame() -> None:
+    lighting = near(RING, 2.0 * np.array([1.0, 1.1, 0.95, 1.05]))
+    images = lit_by(lighting, *slopes(4, 0.3))
+    images[0, :, ::5] *= 0.02
+    stack = ImageStack(images, None)
+    problem = Problem(stack, lighting, None, SensorNoise(1e9, 1e-4), np.float32(np.inf))
+    whole = solve_ps4_robust(problem)
+    rows = solve_ps4_robust(problem, strip_px=SHAPE[1])
+    for name in ("p", "q", "albedo", "valid"):
+        np.testing.assert_array_equal(getattr(whole, name), getattr(rows, name))
 
 
 @pytest.mark.parametrize("lighting", [near(RING, 2.0), near(SIX, 2.0)])
