@@ -80,7 +80,12 @@ def _parser() -> argparse.ArgumentParser:
     where.add_argument(
         "--tcp", nargs="?", type=_port, const=0, metavar="PORT", help="TCP port on 127.0.0.1"
     )
-    parser.add_argument("--serial-number", default="SIM-0001", metavar="S", help="%(default)s")
+    parser.add_argument(
+        "--serial-number",
+        default="SIM-0001",
+        metavar="S",
+        help="serial number that the board reports (%(default)s)",
+    )
     parser.add_argument(
         "--rise-ms", type=float, default=0.5, metavar="X", help="10-90 %% rise time (%(default)s)"
     )

@@ -41,7 +41,7 @@ def scale_part(
         If a board is not found, or the result is too bad; the message names the placement.
     """
     boards = []
-    for number, picture in enumerate(pictures):
+    for number, picture in enumerate(pictures, start=1):
         try:
             boards.append(find_corners(picture, corners))
         except CalibrationRejected as error:

@@ -160,7 +160,13 @@ def _smoothed(means: FloatArray, variances: FloatArray) -> FloatArray:
 
 
 def _departure(means: FloatArray, variances: FloatArray, line: FloatArray) -> float:
-    """Rms over groups of similar mean of the relative departure of their variance."""
+    """Rms over groups of similar mean of the relative departure of their variance.
+
+    Raises
+    ------
+    CalibrationRejected
+        If too few groups hold a block.
+    """
     ends = np.linspace(means.min(), means.max(), _GROUPS + 1)[1:-1]
     group = np.searchsorted(ends, means)
     sizes = np.bincount(group, minlength=_GROUPS)
@@ -168,6 +174,9 @@ def _departure(means: FloatArray, variances: FloatArray, line: FloatArray) -> fl
     expected = np.bincount(group, line[0] + line[1] * means, _GROUPS)
     filled = sizes > 0
     if np.count_nonzero(filled) < _LEAST_GROUPS:
-        return np.inf
+        raise CalibrationRejected(
+            f"only {np.count_nonzero(filled)} of {_GROUPS} ranges of levels are lit, too few to "
+            "test for a line; use more exposures, or a scene of more levels"
+        )
     squares = np.square(measured[filled] / expected[filled] - 1.0)
     return float(np.sqrt(np.average(squares, weights=sizes[filled])))

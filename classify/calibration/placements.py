@@ -26,7 +26,7 @@ def check_placements_differ(images: Sequence[npt.NDArray[Any]]) -> None:
     Raises
     ------
     InputError
-        If two are the same; the message counts from 1.
+        If two are the same.
     """
     for (first, one), (second, other) in combinations(enumerate(images, start=1), 2):
         if np.array_equal(one, other):

@@ -116,7 +116,7 @@ def lights_from_spheres(
     rays = []
     levels = []
     residuals = []
-    for number, each in enumerate(placements):
+    for number, each in enumerate(placements, start=1):
         try:
             if each.mask is None:
                 outline = find_outline(each.images, is_mirror=kind == "mirror")

@@ -1,6 +1,7 @@
 """Checks of an open light controller."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
 from firmware_sim import Clock
 from firmware_sim.firmware import FIRMWARE_VERSION
@@ -67,7 +68,8 @@ def _latency(lights: LightController, clock: Clock) -> Check:
     )
     if found.median_ms <= _SLOW_SWITCH_MS:
         return Check("switch latency", "ok", seen)
-    name = lights.port.rpartition("/")[2]
+    # A port below /dev/serial/by-id is a link to the device that sysfs names.
+    name = Path(lights.port).resolve().name
     advice = (
         "with an FTDI chip, lower its timer: "
         f"echo 1 | sudo tee /sys/bus/usb-serial/devices/{name}/latency_timer; otherwise end other "

@@ -64,11 +64,12 @@ def check_access(name: str, device: str) -> Check:
         group = grp.getgrgid(status.st_gid).gr_name
     except KeyError:
         group = str(status.st_gid)
-    own = "its group is one of yours, but " if status.st_gid in os.getgroups() else ""
+    is_own = status.st_gid in os.getgroups()
+    own = "its group is one of yours, but " * is_own
     mode = f"{status.st_mode & 0o777:o}"
     seen = f"{device} belongs to group {group}, mode {mode}; {own}you may not read and write it"
-    usermod = f"sudo usermod -aG {group} $USER and log in again"
-    return Check(name, "fault", seen, f"{usermod}, or install the udev rules: {_INSTALL_RULES}")
+    join = f"sudo usermod -aG {group} $USER and log in again, or " * (not is_own)
+    return Check(name, "fault", seen, f"{join}install the udev rules: {_INSTALL_RULES}")
 
 
 def check_modem_manager(

@@ -134,7 +134,16 @@ class V4l2Camera:
         if self._written is not None:
             while (number := self._written.number_of(capture.timestamp_s)) is None:
                 left_s = max(0.0, deadline_s - time.monotonic())
-                capture = self._device.next_capture(left_s)
+                try:
+                    capture = self._device.next_capture(left_s)
+                except CameraError as error:
+                    if time.monotonic() < deadline_s:
+                        raise
+                    raise CameraError(
+                        f"{self._device.path}: frames arrive, but in {timeout_s:g} s none was "
+                        f"stamped by a writer of {1.0 / self._period_s:g} Hz in step with the last "
+                        "one; set camera.frame_rate_hz to the writer's rate, and open it again"
+                    ) from error
             return replace(capture, sequence=number)
         if not capture.is_monotonic:
             raise CameraError(

@@ -196,6 +196,8 @@ class V4l2Device(VideoNode):
             self.call(f"cannot set {rate_hz:g} Hz", abi.VIDIOC_S_PARM, parm)
         period = capture.timeperframe
         given_hz = period.denominator / period.numerator if period.numerator else 0.0
+        if not given_hz > 0.0:
+            raise CameraError(f"{self.path}: the driver gives no frame rate; use another camera")
         if abs(given_hz - rate_hz) > RATE_TOLERANCE * rate_hz:
             raise CameraError(
                 f"{self.path}: camera.frame_rate_hz = {rate_hz:g} was asked for, the driver gives "

@@ -9,9 +9,9 @@ class WrittenFrames:
     """Numbers frames by their time stamps, for a driver that does not count them.
 
     ``v4l2loopback`` replaces the stamps of all its frames by the current time whenever a program
-    claims buffers. So a frame stamped until `opened_s`, when this program claimed its buffers on
-    the monotonic clock, has no number. Neither has a frame that is not a whole number of periods
-    later than the last one.
+    claims buffers. So a frame has no number if its stamp is not later than `opened_s`, the
+    monotonic time at which this program claimed its buffers, or not a whole number of periods
+    after that of the last numbered frame.
     """
 
     def __init__(self, opened_s: float, period_s: float) -> None:

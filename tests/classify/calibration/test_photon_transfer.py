@@ -83,6 +83,15 @@ def test_noise_that_rounding_hides_is_refused() -> None:
         photon_transfer(levels, 4.0, 255.0)
 
 
+def test_three_levels_show_no_line() -> None:
+    levels = [
+        BlockLevels(np.full(9, level), np.full(9, 0.4 * level), 0.0, 3000.0)
+        for level in (100.0, 500.0, 1500.0)
+    ]
+    with pytest.raises(CalibrationRejected, match="only 3 of 12 ranges of levels are lit"):
+        photon_transfer(levels, 0.0, 4095.0)
+
+
 def test_noise_without_light_alone_is_refused() -> None:
     levels = [BlockLevels(np.full(99, 64.0), np.full(99, 4.0), 0.0, 3000.0)]
     with pytest.raises(CalibrationRejected, match="too few levels"):

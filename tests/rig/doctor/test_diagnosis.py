@@ -235,11 +235,14 @@ def test_a_missing_permission_is_named_with_group_and_rule(
     port.touch(mode=0o060)
     # The superuser may read and write every file.
     monkeypatch.setattr("rig.doctor.serial_ports.os.access", lambda *_: False)
-    check = check_access("permission", str(port))
-    assert check.status == "fault"
-    assert "belongs to group" in check.seen
-    assert "usermod -aG" in check.advice
-    assert str(RULES_FILE) in check.advice
+    for groups, is_own in (([], False), ([port.stat().st_gid], True)):
+        monkeypatch.setattr("rig.doctor.serial_ports.os.getgroups", lambda found=groups: found)
+        check = check_access("permission", str(port))
+        assert check.status == "fault"
+        assert "belongs to group" in check.seen
+        assert ("usermod -aG" in check.advice) == (not is_own)
+        assert ("its group is one of yours" in check.seen) == is_own
+        assert str(RULES_FILE) in check.advice
 
 
 def test_the_udev_rules_are_installed_and_sorted_before_uaccess() -> None:

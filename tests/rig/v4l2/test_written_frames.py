@@ -60,3 +60,20 @@ def test_frames_without_a_number_do_not_extend_the_time_out() -> None:
         camera.read(60.0)
     assert timeouts_s[1] <= 59.95
     assert timeouts_s[2] <= 59.90
+
+
+def test_frames_out_of_step_with_their_writer_are_no_silence() -> None:
+    class Device:
+        path = "/dev/video9"
+
+        def next_capture(self, timeout_s: float) -> Capture:
+            time.sleep(min(timeout_s, 0.02))
+            if timeout_s < 0.02:
+                raise CameraError(f"no frame in {timeout_s:g} s")
+            return Capture(bytearray(), False, OPENED_S, True, False, 0)
+
+    camera = V4l2Camera.__new__(V4l2Camera)
+    camera._device, camera._period_s = Device(), 0.1  # type: ignore[assignment]
+    camera._written = WrittenFrames(OPENED_S, 0.1)
+    with pytest.raises(CameraError, match=r"in 0.05 s none was stamped by a writer of 10 Hz"):
+        camera.read(0.05)
