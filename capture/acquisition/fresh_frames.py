@@ -106,11 +106,14 @@ class FreshFrames:
 
     def _kind_of(self, frame: Frame, not_before_s: float) -> FrameKind:
         check_frame(frame, self._rig.camera.info, self._rig.clock.now_s())
-        if self._history.repeats.is_repeat(frame):
+        is_repeat = self._history.repeats.is_repeat(frame)
+        if self._last_sequence is not None:
+            # A repeated frame may have a number of its own.
+            self.lost += max(frame.sequence - self._last_sequence - 1, 0)
+            self._last_sequence = max(frame.sequence, self._last_sequence)
+        if is_repeat:
             return FrameKind.REPEATED
         self._history.timeline.add(frame.exposure_start_s)
-        if self._last_sequence is not None:
-            self.lost += frame.sequence - self._last_sequence - 1
         kind = kind_of(frame, not_before_s)
         self._last_sequence = None if kind is FrameKind.STALE else frame.sequence
         # An ambient image may be all zero, because some cameras clip their noise.

@@ -51,7 +51,7 @@ def _facts(found: Comparison) -> Iterator[tuple[str, str]]:
     yield "A", str(found.first.path)
     yield "B", str(found.second.path)
     if found.texture is None:
-        yield "texture", "too small to compare"
+        yield "texture", "not compared: a side is too small, or has no valid pixel"
         return
     yield "texture distance", number_text(found.texture.distance)
     angle = found.angle_deg
@@ -82,12 +82,12 @@ def _maps(found: Comparison) -> Iterator[str]:
             scale = ColourScale.signed(off)
             yield figure_html(MapView(None, f"B - A: {name}", "", scale.paint(off), scale, unit))
         else:
-            yield "<p>Not comparable pixel by pixel: another size or unit.</p>"
+            yield "<p>Not comparable: another size or unit, or no pixel is valid in both.</p>"
 
 
 def _differences(found: Comparison) -> str:
     if not found.maps:
-        return "<p>The sides have unlike sizes.</p>"
+        return "<p>The sides have unlike sizes, or no pixel is valid in both.</p>"
     rows = [
         _row(
             name,

@@ -12,23 +12,30 @@ from .ome_tiff import SUFFIX
 def find_sets(places: Sequence[Path]) -> list[Path]:
     """Return the files among `places`, and all captured sets below each folder, sorted.
 
+    A file that is named twice, or is below a folder that is named too, is returned once.
+
     Raises
     ------
     InputError
         If a place does not exist, or a folder holds no set.
     """
-    found: list[Path] = []
+    found: dict[Path, Path] = {}  # by their true paths
+
+    def add(path: Path) -> None:
+        found.setdefault(path.resolve(), path)
+
     for place in places:
         if place.is_dir():
             below = sorted(path for path in place.rglob(f"*{SUFFIX}") if path.is_file())
             if not below:
                 raise InputError(f"{place}: holds no captured sets (*{SUFFIX})")
-            found += below
+            for path in below:
+                add(path)
         elif place.exists():
-            found.append(place)
+            add(place)
         else:
             raise InputError(f"{place}: no such file or folder")
-    return found
+    return [*found.values()]
 
 
 def output_folders(places: Sequence[Path], output: Path) -> dict[Path, Path]:
@@ -52,7 +59,7 @@ def output_folders(places: Sequence[Path], output: Path) -> dict[Path, Path]:
         )
     except ValueError as error:  # on Windows, for different drives
         raise InputError(
-            "sets of several drives; name those of each drive by themselves"
+            f"{', '.join(map(str, places))}: on different drives; run the command for each drive"
         ) from error
     return {
         path: output / _absolute(path).relative_to(top).with_name(path.name.removesuffix(SUFFIX))

@@ -311,6 +311,20 @@ def test_lost_frames_are_recorded(rig: Rig) -> None:
     assert all(record.lost_frames in (4, 6) for record in records)
 
 
+def test_a_frame_repeated_by_its_pixels_is_not_lost(rig: Rig) -> None:
+    before: list[Frame] = []
+
+    def sometimes_repeated(frame: Frame) -> Frame:
+        repeats = frame.sequence % 5 == 0 and len(before) > 0
+        frame = replace(frame, pixels=before[-1].pixels) if repeats else frame
+        before.append(frame)
+        return frame
+
+    records = capture_set(with_frames(rig, sometimes_repeated), average=8).metadata.images
+    assert sum(record.repeated_frames for record in records) >= 5
+    assert [record.lost_frames for record in records] == [0] * len(records)
+
+
 def test_the_level_of_each_led_is_recorded(rig: Rig) -> None:
     rig.lights.set_level(1, 97)
     records = capture_set(rig).metadata.images

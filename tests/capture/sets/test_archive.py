@@ -36,6 +36,11 @@ def test_sets_below_a_folder_are_found(archive: Path) -> None:
     assert find_sets([text, archive / "x" / "y"]) == [text, archive / "x" / "y" / "a.ome.tif"]
 
 
+def test_a_set_that_is_named_twice_counts_once(archive: Path) -> None:
+    named = [archive, archive / "x" / "a.ome.tif", archive / "x" / ".." / "b.ome.tif"]
+    assert find_sets(named) == find_sets([archive])
+
+
 @pytest.mark.parametrize(
     ("place", "message"),
     [
