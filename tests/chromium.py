@@ -134,6 +134,13 @@ class Page:
             assert time.monotonic() < given_up_s, f"never true: {script}"
             time.sleep(pause_s)
 
+    def until_at(self, path: str) -> None:
+        """Wait until a link or a form has led to a page, and the page is loaded.
+
+        Its address changes before it has any element.
+        """
+        self.until(f"document.readyState == 'complete' && location.pathname == {json.dumps(path)}")
+
     def press(self, key: str) -> None:
         """Press a key."""
         about = {"key": key, "code": key, "windowsVirtualKeyCode": KEYS[key]}

@@ -33,5 +33,5 @@ def logged_in(browser: Chromium, station: ServedPanel) -> Page:
     page.press("Tab")
     page.type(PASSWORD)
     page.press("Enter")
-    page.until("location.pathname == '/'")
+    page.until_at("/")
     return page

@@ -111,13 +111,15 @@ def test_an_engineer_finds_a_part_and_opens_it_by_the_keyboard_alone(
     page.go(station.url)
     page.tab_to('nav a[href="/history"]')
     page.press("Enter")
-    page.until("location.pathname == '/history'")
+    page.until_at("/history")
     page.tab_to('input[name="part"]')
     page.type(part_id)
     page.press("Enter")
-    page.until("document.querySelectorAll('.parts tbody tr').length == 1")
+    page.until(
+        "document.readyState == 'complete' && document.querySelectorAll('.parts tbody tr').length == 1"
+    )
     page.tab_to(f'a[href="/parts/{part_id}"]')
     page.press("Enter")
-    page.until(f"location.pathname == '/parts/{part_id}'")
+    page.until_at(f"/parts/{part_id}")
     assert part_id in page.value("document.querySelector('h1').textContent")
     assert page.errors() == []

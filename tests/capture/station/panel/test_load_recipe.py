@@ -126,7 +126,7 @@ def test_a_recipe_is_loaded_by_the_keyboard_and_the_operator_sees_it(
         engineer.press("Tab")
         engineer.type(PASSWORD)
         engineer.press("Enter")
-        engineer.until("location.pathname == '/'")
+        engineer.until_at("/")
         operator = browser.page(line.url)
         assert operator.text("recipe").startswith(FIRST)
         engineer.go(f"{line.url}recipes")

@@ -63,7 +63,7 @@ def test_a_stored_part_has_all_its_pictures(panel: RunningPanel) -> None:
     large = panel.local.get(f"/api/v1/parts/{part_id}/pictures?size=large").json
     assert {each["name"] for each in large["pictures"]} == NAMES | {"slopes"}
     # The station's recipe is not taught: the page says how the pictures differ from a judgement.
-    assert "solved by default" in about["notes"][0]
+    assert "solved by the default method" in about["notes"][0]
 
 
 def test_the_slopes_are_the_normals_in_twelve_bits(

@@ -83,7 +83,7 @@ def test_two_textures_are_taught_challenged_and_approved_by_the_keyboard_alone(
         page.tab_to(f"button[value={button}]")
         page.press("Enter")
 
-    page.until(f"{LOADED} && location.pathname == '/recipes'")
+    page.until_at("/recipes")
     page.tab_to("main button")
     page.press("Enter")  # the name of the configured recipe is there
     use(ids("rock")[:3], "good", "rock")
@@ -96,7 +96,7 @@ def test_two_textures_are_taught_challenged_and_approved_by_the_keyboard_alone(
     assert "sand: 0 of 3 good parts were rejected" in said
     page.go(f"{line.url}recipes/example/parts")
     use([ids("rock")[3], ids("sand")[3]], "challenge")
-    page.until("location.pathname == '/recipes/example'")
+    page.until_at("/recipes/example")
     page.go(f"{line.url}recipes/example/parts")
     use(ids("malv"), "challenge", downs=2)
     page.until(f"{LOADED} && document.body.innerText.includes('part-000009.ome.tif')")
