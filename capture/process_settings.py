@@ -12,8 +12,8 @@ _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8
 # Freed memory that the process keeps: the maps of a frame of several megapixels.
 _TRIM_BYTES = 256 * 2**20
 _MMAP_BYTES = 32 * 2**20  # the largest value that glibc accepts
-# A thread that ends a kernel waits so long for the interpreter while another thread computes in
-# Python, by default 5 ms. capture/README.md has the gain.
+# Longest time that a thread returning from a kernel waits while another one computes in Python; by
+# default 5 ms. capture/README.md has the gain.
 _SWITCH_S = 0.5e-3
 
 

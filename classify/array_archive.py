@@ -112,7 +112,8 @@ class ArrayArchive:
             if isinstance(version, int) and version not in kind.versions:
                 newer = "use a newer ps4rig or " * (version > kind.versions[-1])
                 raise kind.error(
-                    f"{kind.noun} version {version}, this program reads {kind.versions[-1]}; "
+                    f"{kind.noun} version {version}; this program reads "
+                    f"{', '.join(map(str, kind.versions))}; "
                     f"{newer}{kind.remedy}"
                 )
             unknown = raw.keys() - model.model_fields

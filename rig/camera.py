@@ -11,8 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 EXPOSURE_LAG_FRAMES = 3
-"""Frames after a change of the exposure that may have the old one: sensors take a new value at the
-next frame or the one after it, USB cameras one later."""
+"""Frames after a change of the exposure that may have the previous one.
+
+Sensors take a new value at the next frame or the one after it, USB cameras one later.
+"""
 
 Pixels = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 

@@ -114,7 +114,9 @@ class OpencvCamera:
         try:
             grabbed = self._frames.get(timeout=timeout_s)
         except queue.Empty:
-            raise CameraError(f"{self._path}: no frame in {timeout_s:g} s") from None
+            raise CameraError(
+                f"{self._path}: no frame in {timeout_s:g} s; check the cable"
+            ) from None
         if isinstance(grabbed, CameraError):
             # Every later call raises it again.
             with suppress(queue.Full):

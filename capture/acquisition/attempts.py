@@ -65,8 +65,8 @@ def capture_set(
     A frame counts only if its exposure began after the controller's acknowledge and the settle
     time. After each frame the controller is asked whether the LED is still on. The light images
     are then checked, see `light_checks`. A failed attempt is repeated with a new link to the
-    controller; the error of the third attempt is raised. All LEDs are off at the end, also after
-    an error.
+    controller; the error of the last attempt is raised, or the first one if no link can be opened.
+    All LEDs are off at the end, also after an error.
 
     Parameters
     ----------
@@ -77,8 +77,8 @@ def capture_set(
     average
         Frames per image. The mean of several is stretched to 16 bits.
     calibration
-        Of this rig at this setting. The set keeps the pixel values of the camera and names it, and
-        the checks take its lights into account.
+        Calibration of this rig at this setting. The set keeps the pixel values of the camera and
+        the hash of the calibration. The checks take its lights into account.
     is_target
         The part is a calibration target: no image is rejected for its brightness or shading.
     part
@@ -206,9 +206,9 @@ def _capture(
 
     `arrived` is given each of them, as early as possible.
 
-    By software, lights with the same sign in the redundancy follow each other, with the second
-    ambient image between the two groups. Then extra light during any consecutive images shows in
-    the redundancy residual or in the ambient images.
+    With lights switched by software, lights of equal sign in the redundancy follow each other, with
+    the second ambient image between the two groups. Then extra light during any consecutive images
+    shows in the redundancy residual or in the ambient images.
     """
     if rig.config.sequence_plan is not None:
         images = images_in_sequence(rig, average, part)

@@ -16,7 +16,7 @@ from rig.signals import uninterrupted
 from .frame_mean import check_frame
 from .repeated_frames import RepeatDetector
 
-# Ratios of each exposure to the next shorter one. The first steps are fine, because the highest
+# Ratios of each exposure to the next shorter one. The first steps are small, because the highest
 # levels tell most about the curve. The range is 1 to 63, so that a camera of gamma 2.2 also shows
 # the lower seventh of its values.
 _RATIOS = (*[1.12] * 6, *[1.25] * 5, *[1.6] * 5)
@@ -61,7 +61,7 @@ def require_free_running(rig: Rig) -> None:
 
 @contextmanager
 def exposure_kept(rig: Rig) -> Iterator[None]:
-    """Set the exposure back and put LEDs out at the end, also after an error."""
+    """Restore the exposure and put the LEDs out at the end, also after an error."""
     configured_ms = 1e3 * rig.camera.info.exposure_s
 
     def restore() -> None:

@@ -138,8 +138,9 @@ def _tolerance_s(rig: Rig, report: SequenceReport) -> float:
     if report.clock.uncertainty_s > most_s:
         raise SetRejected(
             "set rejected: the controller's clock is known only to "
-            f"{1e3 * report.clock.uncertainty_s:.1f} ms, too coarse to tell frames apart: the "
-            "serial line or this computer is too slow; stop other programs"
+            f"{1e3 * report.clock.uncertainty_s:.1f} ms (limit {1e3 * most_s:.1f} ms), too coarse "
+            "to tell frames apart: the serial line or this computer is too slow; stop other "
+            "programs"
         )
     camera = rig.config.camera
     assert isinstance(camera, StampedCameraConfig)  # RigConfig plans a sequence for no other
@@ -185,8 +186,9 @@ def _exposures_s(rig: Rig, plan: SequencePlan, report: SequenceReport) -> list[f
             )
         if begun_us - step.lit_us < plan.settle_us or changed_us < ended_us:
             raise SetRejected(
-                f"set rejected: the light changed during the exposure under {name}: the controller "
-                "was late, or the line is noisy; shorten the exposure, or check the strobe's cable"
+                f"set rejected: the exposure under {name} began before the light had settled, or "
+                "ended after it changed: the controller was late, or the line is noisy; shorten "
+                "the exposure, or check the strobe's cable"
             )
         if begun_s and not without_strobe and step.exposures != plan.frames_per_step:
             raise SetRejected(

@@ -36,7 +36,7 @@ _STAYS_ON_CORRELATION = 0.3
 
 
 def check_images(images: LightImages) -> None:
-    """Reject images that are saturated or dark, by the levels of `rig.acceptance`.
+    """Reject images that are saturated or dark, by the limits of `rig.acceptance`.
 
     Raises
     ------
@@ -88,15 +88,15 @@ def check_ambient(images: LightImages) -> float | None:
     change = image_difference(images.ambient, images.later_ambient, signal, images.noise)
     if change > MAX_AMBIENT_CHANGE:
         raise SetRejected(
-            f"set rejected: the two ambient images differ by {change:.0%} of an LED's light: an "
-            "LED stays on, a frame was black, torn or older than its time stamp, or other light "
-            "changed; shield the rig, then run ps4rig rig doctor"
+            f"set rejected: the two ambient images differ by {change:.1%} of an LED's light (limit "
+            f"{MAX_AMBIENT_CHANGE:.0%}): an LED stays on, a frame was black, torn or older than "
+            "its time stamp, or other light changed; shield the rig, then run ps4rig rig doctor"
         )
     return change
 
 
 def check_target(images: LightImages) -> ChecksRecord:
-    """Check the images of a calibration target only for what no target explains.
+    """Check the images of a calibration target for faults that no target causes.
 
     Lights are unequal and near before they are calibrated, a mirror sphere is dark but for its
     highlight, and a sheet has no shading. The procedures of the calibration judge these.
@@ -150,9 +150,10 @@ def check_retake(images: LightImages, retaken: Images) -> None:
         change = max(change, abs(float(second.mean()) - ambient - signal) / signal)
         if change > MAX_RETAKE_CHANGE:
             raise SetRejected(
-                f"set rejected: the retake under {name} differs by {change:.0%}: the LED flickers, "
-                "the exposure drifts, a frame was torn or showed another light, or the part moved; "
-                "keep the part still, then run ps4rig rig doctor"
+                f"set rejected: the retake under {name} differs by {change:.1%} (limit "
+                f"{MAX_RETAKE_CHANGE:.0%}): the LED flickers, the exposure drifts, a frame was "
+                "torn or showed another light, or the part moved; keep the part still, then run "
+                "ps4rig rig doctor"
             )
 
 

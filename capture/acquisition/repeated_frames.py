@@ -31,7 +31,7 @@ class RepeatDetector:
 
 
 def _sample(frame: Frame) -> bytes:
-    """Pixels spread over the frame; empty for an even frame, such as several dark ones."""
+    """Pixels spread over the frame; empty for a uniform one: dark frames may be equal."""
     pixels = frame.pixels.reshape(-1)
     sample = pixels[:: max(1, pixels.size // _SAMPLED_PX)]
     return sample.tobytes() if int(sample.max()) - int(sample.min()) > 1 else b""

@@ -35,7 +35,7 @@ class SetTiming:
     exposures_ms
         Median time from the start of the first exposure to the end of the last.
     limit_ms
-        One frame period for each image: the shortest possible time.
+        One frame period for each light and one for an ambient image: no set is shorter.
     """
 
     synchronisation: Literal["software", "strobe", "trigger"]

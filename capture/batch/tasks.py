@@ -309,7 +309,8 @@ def solve_set(
     if not surface.valid.any():
         raise SetRejected(
             f"{task.path}: no pixel can be solved: {saturated:.0%} are saturated, "
-            f"{1.0 - saturated:.0%} too dark; check exposure and lights"
+            f"{1.0 - saturated:.0%} too dark or outside of the mask; check exposure, lights and "
+            "mask"
         )
     found = surface.fall_off
     if not planar and surface.divided_by is None:

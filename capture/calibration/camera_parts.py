@@ -39,7 +39,7 @@ def dark_part(
 ) -> MeasuredPart:
     """Describe frames with the lens covered.
 
-    `dark` is their part, perhaps with ambient light.
+    `dark` is the part made from these frames; it may include the ambient light.
     """
     full = dark.full_scale
     hot = len(dark.hot_pixels)
@@ -197,7 +197,7 @@ def _response(
     if not found.linear and ladder.highest < _HIGH * full_scale:
         unseen = (
             f"no level above {ladder.highest / full:.0f} % of full scale was seen, where the curve "
-            "is a continuation: keep images below, or measure it with longer exposures or a wider "
+            "is extrapolated: keep images below, or measure it with longer exposures or a wider "
             "aperture"
         )
         warnings = [*warnings, unseen]

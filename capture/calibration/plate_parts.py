@@ -110,7 +110,7 @@ def _flat_field(measured: MeasuredPlate, setting: Setting, source: Sequence[str]
         placements = "one placement" if count == 1 else f"{count} sets, but one placement"
         warnings.append(
             f"{placements} of the sheet: its tilt is in the flat field; give a second set with the "
-            "sheet turned by half a turn"
+            "sheet rotated by 180 degrees"
         )
     if measured.no_lights_because is not None:
         warnings.append(measured.no_lights_because)

@@ -60,7 +60,7 @@ def compare(
 def _print(found: Comparison) -> None:
     texture = found.texture
     if texture is None:
-        out.print("texture: too small to compare")
+        out.print("texture: not compared: a side is too small, or has no valid pixel")
     else:
         angle = "no clear angle" if found.angle_deg is None else f"{found.angle_deg:.1f} degrees"
         out.print(f"texture: distance {texture.distance:.2f}, {angle} from A to B")

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from classify import Lighting
 
 _RELIT = "135,45"
-# Near light of the table of faults in `ps4rig reproduce`; without --planar it costs textures.
+# Fall-off of the near LEDs in the table of faults of `ps4rig reproduce`; without --planar,
+# textures under them are confused.
 _PLAIN_FALL_OFF = 0.25
 
 

@@ -49,8 +49,8 @@ class Outline:
     lines: tuple[Line, ...]
     is_of_part: bool
 
-    def turned(self, angle_deg: float) -> "Outline":
-        """Turn the lines anticlockwise about the middle of the frame."""
+    def rotated(self, angle_deg: float) -> "Outline":
+        """Rotate the lines anticlockwise about the middle of the frame."""
         middle = np.array([self.width_px - 1, self.height_px - 1]) / 2.0
         angle = np.radians(angle_deg)
         cosine, sine = np.cos(angle), np.sin(angle)

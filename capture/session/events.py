@@ -67,7 +67,7 @@ class SetDamaged:
 
 @dataclass(frozen=True)
 class RigCompared:
-    """The rig was compared with its calibration; if it was not, the only check is unknown."""
+    """Checks of the rig against its calibration; one of status ``unknown`` if not compared."""
 
     checks: tuple[Check, ...]
 

@@ -202,7 +202,7 @@ class SessionFolder:
 
 
 def read_session(path: Path) -> SessionFolder:
-    """Read a session; it must not be written.
+    """Read a session without locking it; to write, use `session_folder`.
 
     Raises
     ------

@@ -48,7 +48,7 @@ class PlacementGuide:
         changed_ns = first.stat().st_mtime_ns if first.is_file() else 0
         outline, reference, first_deg = _known(first, changed_ns)
         asked_deg = first_deg if asked_deg is None else asked_deg
-        return cls(outline.turned(asked_deg - first_deg), reference, asked_deg)
+        return cls(outline.rotated(asked_deg - first_deg), reference, asked_deg)
 
     def said_of(self, lighting: Lighting, frames: Sequence[Frame]) -> str | None:
         """Say at which orientation a part lies, from a frame under each light.

@@ -1,4 +1,4 @@
-"""The images of one set as values of the checks that captures and imports share."""
+"""`LightImages`: images of a set, with the values that checks of captures and imports use."""
 
 from __future__ import annotations
 

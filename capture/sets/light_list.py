@@ -31,8 +31,8 @@ _ALIKE = {
     "file": {"file", "filename", "image", "name", "path", "photo"},
     "images": {"images", "image", "lights", "photos", "photographs", "files"},
 }  # fmt: skip
-# Similarity from which on a word is a misspelling of one that is at least so long: one or two
-# letters of ten differ. A short word is similar to too many others.
+# A word is a misspelling of a known one of at least `_LONG_WORD` letters if their similarity is at
+# least `_MISSPELT`: one or two letters of ten differ. A short word is similar to too many others.
 _MISSPELT, _LONG_WORD = 0.8, 8
 
 
@@ -136,7 +136,7 @@ def load_light_list(path: Path, *, unknown_keys: bool = False) -> LightList:
     ----------
     unknown_keys
         Whether to ignore keys of JSON that look like a missing one, such as
-        ``relative_intensity``. Others are ignored always. The warnings name them all.
+        ``relative_intensity``. Other unknown keys are always ignored. The warnings name them all.
 
     Raises
     ------

@@ -42,7 +42,7 @@ class PixelHash:
         return page < self._next or page in self._waiting
 
     def sha256(self) -> str:
-        """Wait for all pages and return the hash; ValueError if a page is missing."""
+        """Wait for all pages and return the hash; ValueError if one before the last is missing."""
         if self._waiting:
             raise ValueError(f"page {self._next} is missing")
         hashed, self._hashed = self._hashed, lambda: None

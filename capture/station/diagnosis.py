@@ -55,8 +55,8 @@ def _check_recipe(station: StationFolder) -> Iterator[Check]:
             "approval", "ok", f"by {recipe.approval.by}, {readable_utc(recipe.approval.utc)}"
         )
     else:
-        state = "was changed since" if recipe.approval else "is not approved"
-        yield Check("approval", "fault", state, "run ps4rig station approve")
+        state = "is not approved" if recipe.approval is None else "was changed after its approval"
+        yield Check("approval", "fault", f"the recipe {state}", "run ps4rig station approve")
     yield from collected("challenge", lambda: _check_challenge(files, inspector))
     file = None if path is None else read_calibration(Path(path))
     yield from check_calibration_age(file, recipe.calibration)

@@ -64,10 +64,13 @@ class Calibration:
         """
         if self.dark is not None and self.dark.hot_pixels.size:
             hot = self.dark.hot_pixels
-            if (hot >= stack.shape).any():
+            outside = hot[(hot >= stack.shape).any(axis=1)]
+            if len(outside):
+                row, column = outside[0].tolist()
                 raise InputError(
-                    f"a hot pixel of the calibration is beyond {stack.shape[1]} x {stack.shape[0]} "
-                    "px; use a calibration of this frame"
+                    f"a hot pixel of the calibration, row {row}, column {column}, is outside of "
+                    f"images of {stack.shape[1]} x {stack.shape[0]} px; use a calibration of this "
+                    "frame size"
                 )
             ambient = None if stack.ambient is None else without_hot_pixels(stack.ambient, hot)
             stack = ImageStack(without_hot_pixels(stack.images, hot), ambient)

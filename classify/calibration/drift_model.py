@@ -30,8 +30,8 @@ _TILT_SPREAD, _BOW_SPREAD = 0.009, 0.01
 # Level of an LED, gradient and curvature of its light, without a cause worth a warning: its
 # temperature, another paper's sheen.
 _LEVEL_SPREAD, _GRADIENT_SPREAD, _CURVATURE_SPREAD = 0.01, 0.001, 0.0005
-# Natural logarithm of the odds against a cause, and against a sheet that lies askew: a sheet on a
-# table does not. test_drift.py counts which causes are mistaken for others.
+# Natural logarithm of the odds against a cause, and against a tilted sheet: one on a table seldom
+# is. test_drift.py counts which causes are mistaken for others.
 _AGAINST, _AGAINST_TILT = 3.0, 6.0
 _MOST_CAUSES = 3
 # Gauss-Newton, in standard deviations of the numbers: step of derivatives and of convergence,

@@ -158,7 +158,7 @@ def _check_levels(levels: FloatArray, times: FloatArray) -> None:
     steps = np.array([np.nan if np.isnan(each).all() else np.nanmedian(each) for each in rises])
     if np.isnan(steps).all():
         raise CalibrationRejected(
-            "no part of the frame is neither saturated nor black at two neighbouring exposures; "
+            "at any two neighbouring exposures every part of the frame is saturated or black; "
             "give exposures that differ by less"
         )
     if np.nanmin(steps) < -_FALL:

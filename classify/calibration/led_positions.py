@@ -43,11 +43,11 @@ class LedPositions:
     positions
         (N, 3) in half of the longer side, from the middle of the frame.
     direction_errors_deg, distance_errors
-        (N,) standard errors; of the distances as shares of them.
+        (N,) standard errors; those of the distances are relative.
     lobe_exponent, aim
         m of the strength cos^m at an angle to the axis of an LED, and where the axes point.
     residual
-        rms of the logarithms of the ratios from the model.
+        rms deviation of the logarithms of the ratios from the model.
     residuals
         (N, 16, 16) excess of the logarithms over the model, also of blocks without weight.
     """

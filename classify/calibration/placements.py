@@ -1,4 +1,4 @@
-"""Whether placements of a target that calibrate a rig together do differ."""
+"""Check that the placements of a calibration target differ."""
 
 from collections.abc import Sequence
 from itertools import combinations

@@ -33,7 +33,7 @@ _MOST_TILTED_DEG, _MOST_TILTED_ALONE_DEG, _MOST_TILTED_BY_LEVELS_DEG = 4.0, 7.0,
 # A tilt explains differences of directions, or of levels, if it leaves at most this share of them.
 _LEFT_OF_DIRECTIONS, _LEFT_OF_LEVELS = 0.5, 0.05
 # Positions with larger standard errors are no better than the configured directions. An error of
-# 20 % in the distance changes normals less than 3 degrees in the direction.
+# 20 % in the distance changes normals less than an error of 3 degrees in the direction does.
 _WORST_DIRECTION_DEG, _WORST_DISTANCE = 3.0, 0.2
 # Largest residual of the model of LEDs: sheets have 0.03 %, `gelsight_groove6` 0.8 %, a broad
 # highlight of 30 % has 2.8 %.

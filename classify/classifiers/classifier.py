@@ -35,8 +35,8 @@ class Comparison(NamedTuple):
     distances
         How different they are; 0 equal.
     orientations_deg
-        Orientation of the surface relative to the reference, anticlockwise, [0, 180). None where
-        the classifier finds no orientation, as are the fields that follow.
+        Orientation of the surface relative to the reference, anticlockwise, [0, 180). This field
+        and those below are None where the classifier finds no orientation.
     sharpness
         How well the orientation is determined: 0 not at all, 1 exactly.
     headings

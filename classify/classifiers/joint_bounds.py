@@ -1,9 +1,10 @@
 """Lower bounds on the distances of the joint classifier.
 
 They follow from numbers that rotations do not change. A reference and its changes by blur form a
-path in feature space. A few directions are kept, along which the references of a library change
-most; of the rest of each change only its length is kept. A bound is the distance along these
-directions, with the rest of the difference shortened by the length of the rest of the change.
+path in feature space. Each change is split into its components along the few directions in which
+the references of a library change most, and a remainder, of which only the length is kept. A bound
+is the distance along these directions and the remaining difference, which is shortened by the
+length of the remainder of the change.
 """
 
 from functools import partial
@@ -61,11 +62,11 @@ def blur_basis(curves: FloatMap, rings: int) -> npt.NDArray[np.float64]:
 def blur_coordinates(
     levels: FloatMap, curves: FloatMap, basis: npt.NDArray[np.float64], rings: int
 ) -> FloatMap:
-    """(n, 4 m + 6) features and changes along m directions, and lengths of the rest.
+    """(n, 4 m + 6) features and changes along m directions, and lengths of the remainders.
 
-    `levels` (n, d) and `curves` (n, 3, d) are those of `least_over_blurs`. The six lengths are
-    those at the knots of a reference, of its first change of statistics, and of the first two
-    changes of the rings of a test.
+    `levels` (n, d) and `curves` (n, 3, d) are those of `least_over_blurs`. Of the six lengths three
+    are those of a reference, one for each knot; one is that of the statistics in its first change;
+    two are those of the rings of a test in its first and second change.
     """
     directions = basis.astype(np.float32)
     coordinates = levels @ directions.T
@@ -81,7 +82,7 @@ def blur_coordinates(
 
 
 def bounds(test: FloatMap, references: FloatMap, parameters: Parameters) -> Bounds:
-    """(n,) bounds on the distances of a test, of invariants (k,), to n references."""
+    """(n,) lower bounds on the distances from a test, with (k,) invariants, to n references."""
     size = RING_DIRECTIONS + LOCAL_DIRECTIONS if BLUR_BASIS in parameters else 0
     plain = 2 * SERIES + len(parameters["whitening"])
     paths = []

@@ -26,9 +26,10 @@ _LEAST_SCATTER = 0.5
 # The largest factor of the 22 materials. Quarters of a part with a figure in one of them differ
 # more than textures do (test_a_class_with_a_figure_in_a_corner...).
 _LARGEST_FACTOR = 1.5
-# Median distance of another patch to a class of scatter 1, and standard deviations of its
-# logarithm: of classes whose quarters scatter alike, and of patches of one class. On 22 scanned
-# materials the median is 0.84 and the deviation 0.53.
+# Median distance of another patch to a class of scatter 1, and standard deviations of its logarithm
+# between classes of equal scatter and between patches of one class, together 0.43. On 22 scanned
+# materials the median is 0.84 and the deviation 0.53; classify/README.md shows what larger ones
+# accept.
 # A limit is the 99th percentile, 2.33 deviations above the median.
 _MEDIAN = 0.82
 _CLASS_SPREAD = 0.34
@@ -67,8 +68,8 @@ def limit_of_sets(limit: float, distances: Sequence[float]) -> float:
     doubt. Sets of one patch tell nothing about other patches: a distance more than two standard
     deviations below the expected median is left out, and none counts as less than one below it.
 
-    A part is compared with the nearest set. Whatever the distances, the limit is therefore at most
-    the one of a class of which only the number of its sets is known.
+    A part is compared with the nearest set. However large the distances are, the limit is therefore
+    at most the 99th percentile of the smallest of as many distances.
     """
     spread = math.hypot(_CLASS_SPREAD, _PATCH_SPREAD)
     expected = math.log(limit) - _DEVIATIONS * spread

@@ -66,7 +66,9 @@ def learn_defects(
     if not LEAST_PARTS <= len(parts) <= MOST_PARTS:
         raise InputError(f"{len(parts)} good parts; give {LEAST_PARTS} to {MOST_PARTS}")
     if len(angles) != len(parts) or not all(map(math.isfinite, angles)):
-        raise InputError(f"{len(angles)} orientations of {len(parts)} parts; give a number of each")
+        raise InputError(
+            f"{len(angles)} orientations for {len(parts)} parts; give one finite angle for each"
+        )
     if len({part.shape for part in parts}) > 1:
         raise InputError("the good parts differ in the size of their frames; capture them alike")
     observed = _observed(parts, angles)

@@ -78,8 +78,10 @@ def read(
             fits = len(found) == len(shape) and all(
                 side in (None, length) for side, length in zip(shape, found, strict=True)
             )
-            if not fits or not np.isfinite(arrays[name]).all():
-                raise archive.damaged(f"{name} is {found} or contains NaN")
+            if not fits:
+                raise archive.damaged(f"{name} has the shape {found} instead of {shape}")
+            if not np.isfinite(arrays[name]).all():
+                raise archive.damaged(f"{name} contains NaN or infinity")
         if digest(header.version, header.false_alarm_rate, arrays) != header.sha256:
             raise archive.error("its arrays do not match their SHA-256: the file was changed")
     return header.false_alarm_rate, arrays

@@ -120,7 +120,7 @@ def whitened(
 
 @lru_cache(maxsize=2)
 def _window(segment: int) -> FloatMap:
-    """Hann window of unit mean square over the segment's pixels in all."""
+    """Hann window whose squares sum to 1."""
     line = 0.5 - 0.5 * np.cos(2.0 * np.pi * (np.arange(segment) + 0.5) / segment)
     window = np.outer(line, line)
     return np.asarray(window / np.sqrt(np.sum(window**2)), np.float32)

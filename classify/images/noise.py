@@ -22,8 +22,8 @@ _MAX_SAMPLES = 16_384
 _GROUPS = 4
 # Fewer samples do not determine their variance.
 _GROUP_SAMPLES = 256
-# One in so many pixels counts as level. Of a tenth, slopes reach 0.3 on rocks, where highlights no
-# longer cancel (test_gloss_is_not_taken_for_noise).
+# One pixel in this many counts as level. In the flattest tenth of a rock slopes reach 0.3, and
+# highlights no longer cancel (test_gloss_is_not_taken_for_noise).
 _FLATTEST = 32
 # At this distance demosaicing and image compression do not correlate the noise.
 _APART_PX = 2
@@ -67,8 +67,8 @@ class SensorNoise:
         gain, read_noise, black = self.gain_e_per_dn, self.read_noise_dn, self.black_level_dn
         if not (1.0 / _LARGEST <= gain < math.inf and 0.0 <= read_noise <= _LARGEST):
             raise InputError(
-                f"sensor noise of {gain:g} e per DN and {read_noise:g} DN read noise; the gain "
-                f"must be positive, the read noise 0 or more, and neither beyond any camera"
+                f"sensor noise of {gain:g} e per DN and {read_noise:g} DN read noise; give a gain "
+                f"of {1.0 / _LARGEST:g} or more and a read noise of 0 to {_LARGEST:g}"
             )
         if not abs(black) <= _LARGEST:
             raise InputError(f"sensor noise with a black level of {black:g} DN; give a pixel value")

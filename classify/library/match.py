@@ -16,7 +16,7 @@ _LEAST_SAID_PX = 0.3
 # Least margin of a known surface, for classifiers with limits. classify/README.md shows how often
 # the nearest class is wrong below and above it.
 LEAST_MARGIN = 0.15
-# An estimate that is nearer to its bound is at the bound.
+# An estimate of blur within this of its lower or upper bound counts as at the bound.
 _ROUNDING_PX = 1e-3
 
 
@@ -117,7 +117,7 @@ def match_of(
             reason += f"; next is {runner_up} at {runner_up_distance:.2f}"
             if label is not None and limit is not None and margin < LEAST_MARGIN:
                 label = None
-                reason += ", too near to it to decide"
+                reason += ", too close to decide"
     orientation_deg = heading_deg = sharpness = None
     if found.orientations_deg is not None:
         sum_deg = float(orientations_deg[winner] + found.orientations_deg[winner])

@@ -174,7 +174,8 @@ class TextureLibrary(LibraryContents):
         """Find the nearest class, or unknown, and the orientation; raises as `observe`.
 
         A surface that is sharper than its nearest training set is blurred and compared again,
-        unless it is about as near to another class: blur would take it away from that.
+        unless its margin is below `LEAST_MARGIN`: blur would raise the distance to the runner-up
+        alone, and hide the doubt.
         """
         match = self.match(self.observe(surface))
         decided = match.margin is None or match.margin >= LEAST_MARGIN
@@ -184,7 +185,7 @@ class TextureLibrary(LibraryContents):
         return self.match(self.observe(blurred), blurred_px=-match.blur_px)
 
     def distances(self, surface: SurfaceEstimate) -> dict[str, float]:
-        """Distance of a surface to each class, which is that to its nearest reference.
+        """Distance of a surface to the nearest reference of each class.
 
         Raises as `observe`. Unlike `classify` it compares all references.
         """
@@ -240,8 +241,8 @@ def _check_same_lights(
     if lighting is None or trained is None or lighting.within(SAME_LIGHT_DEG, trained):
         return
     raise InputError(
-        f"this set was lit from slant {lighting.slants_deg.mean():.0f}, the library's from "
-        f"{trained.slants_deg.mean():.0f} degrees or other tilts: to {classifier}, which compares "
-        "images, it is another surface; capture it under the library's lights, or train a library "
-        "that compares surfaces"
+        f"the lights of this set, at slant {lighting.slants_deg.mean():.0f}, differ in slant or "
+        f"tilt from the library's, at slant {trained.slants_deg.mean():.0f}: {classifier} compares "
+        "images, which depend on them; capture the set under the library's lights, or train with "
+        "--classifier joint"
     )

@@ -287,7 +287,9 @@ def image_difference(
 def _variance_of_difference(a: FloatArray, b: FloatArray) -> FloatArray:
     """(H, W) variance from row neighbours, in four groups of brightness (shot noise)."""
     brightness = a + b
-    steps = np.abs(np.diff(a - b, axis=1, append=(a - b)[:, -2:][:, :1]))
+    difference = a - b
+    # The last column has no right neighbour: it gets the step from its left one.
+    steps = np.abs(np.diff(difference, axis=1, append=difference[:, -2:][:, :1]))
     groups = np.searchsorted(np.quantile(brightness, (0.25, 0.5, 0.75)), brightness)
     variance = np.empty_like(a)
     for group in range(4):
@@ -303,7 +305,10 @@ def _spread_out(size: int) -> IndexArray:
 
 
 def _beyond_noise(deviation: FloatArray, variance: FloatArray, counted: BoolArray) -> float:
-    """Largest rms deviation beyond noise over bands of rows, of all heights."""
+    """Rms deviation beyond noise over the frame, from the bands of rows that exceed the noise.
+
+    Bands have 1, 4, 16, ... rows; the largest value of all heights counts.
+    """
     rows = len(deviation)
     squares = np.square(deviation)
     squares /= variance

@@ -149,7 +149,7 @@ class Problem:
 
     @cached_property
     def dark_albedo(self) -> np.float32:
-        """Albedo from which on a pixel is not dark, or steeper than most surfaces."""
+        """Albedo above which a pixel is not dark, unless it is steeper than most surfaces."""
         return np.float32(_DARK_ALBEDO * self.dark_level / self.directions[:, 2].mean())
 
     @property

@@ -34,7 +34,7 @@ def solve_strips(
         Pixels of a strip; by default as many values as of four images in `STRIP_PX`, so that they
         stay in the cache.
     from_all_lights
-        Whether it is least squares of all lights, to which lights out of one plane do no harm.
+        Whether `solve` is least squares of all lights, which lights out of one plane do not change.
     """
     rows, done = problem.shape[0], list[int]()
     # The threads would each compute them.

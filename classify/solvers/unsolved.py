@@ -44,11 +44,10 @@ class Unsolved:
         (n,) the pair of lights of each pixel, or `NO_LINE` or `SKIPPED`, and (7, 3) the direction
         d of the line of each pair. Pixels that `relax` must leave alone become `SKIPPED`.
     near
-        (n, 8) where in this list each neighbour is, else `_SOLVED` or `NOTHING`; written by `link`
-        as `solved`.
+        (n, 8) index in this list of each neighbour, or `_SOLVED` or `NOTHING`; written by `link`.
     solved
         (n, 7) sums over the solved neighbours: weighted p, q, albedo and 1 for the first values,
-        and their part of the minima of p, q and albedo.
+        and their part of the minima of p, q and albedo; written by `link`.
     values
         (n, 3) p, q and albedo; written.
     depth

@@ -31,7 +31,7 @@ class SurfaceEstimate:
     The solver writes p, q, albedo and `valid`, and some methods also what was left out or repaired
     at each pixel. `residual`, `shadow_count`, `saturated`, and for some methods `dropped` and
     `specular`, are computed from these and the images when they are first read. The images are
-    not copied and must not be changed before.
+    not copied: do not change them until these maps have been read.
 
     Attributes
     ----------
@@ -61,7 +61,8 @@ class SurfaceEstimate:
     saturation
         Value of saturated pixels of the images; None for `full_scale`.
     fall_off
-        By which the images of a planar part were divided; None where too little of it was lit.
+        Fall-off by which the images of a planar part were divided; None for other parts, or if too
+        little of the part was lit.
     led_levels
         (N,) intensities that ps4_robust estimated from the images (`level_corrections`); None where
         the intensities were given, and for other methods.
@@ -73,8 +74,8 @@ class SurfaceEstimate:
         bool, true where fewer than three lights were usable and the slope, with one light or none
         the albedo too, comes from the pixels around (ps4_robust only).
     mask
-        bool, false outside the part, where nothing is valid, in shadow or a highlight; None for the
-        whole frame.
+        bool, false outside the part: no pixel there is valid, in shadow or a highlight. None for
+        the whole frame.
     """
 
     p: FloatMap
@@ -101,7 +102,7 @@ class SurfaceEstimate:
         """(H, W) uint8 index of the light left out, 255 where all were used.
 
         Where several were left out, or were equally dark, it is the first of them; for rushmeier
-        it is the lowest.
+        it is the darkest.
         """
         if self.left_out is not None:
             return self.left_out

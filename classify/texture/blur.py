@@ -101,8 +101,8 @@ def least_over_blurs(
 
     Returns
     -------
-    (n,) squared distances, and (n,) variances of the test minus those of the reference, px^2:
-    within the square of -`MAX_SHARPER_PX` and of `MAX_BLURRIER_PX`.
+    (n,) squared distances, and (n,) variances of the test minus those of the reference, px^2, from
+    minus the square of `MAX_SHARPER_PX` to the square of `MAX_BLURRIER_PX`.
     """
     least = np.empty((len(references), 2), np.float64)
     rows = partial(_least_rows, test, test_curve, references, curves, rings, penalty, least)

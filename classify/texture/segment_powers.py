@@ -65,7 +65,8 @@ def segment_powers(fields: TextureFields, side: int) -> FloatMap:
 def _starts(length: int, side: int) -> list[int]:
     """First pixels of segments that cover `length` evenly and overlap by half or more.
 
-    They are symmetric about the middle. An odd rest has no middle segment, but one more.
+    They are symmetric about the middle. If `length` - `side` is odd, no segment lies in the middle,
+    and an odd count is raised by one.
     """
     rest = length - side
     count = -(-2 * length // side) - 1

@@ -99,7 +99,8 @@ class RigConfig(Section):
         pixels = self.camera.width_px * self.camera.height_px
         if self.simulation.hot_pixels > pixels // 2:
             raise ValueError(
-                f"simulation.hot_pixels = {self.simulation.hot_pixels} of {pixels} pixels; lower it"
+                f"simulation.hot_pixels = {self.simulation.hot_pixels} is more than half of the "
+                f"{pixels} pixels; set at most {pixels // 2}"
             )
         return self
 

@@ -59,7 +59,7 @@ class SimulationConfig(Section):
     vignetting_percent
         Light missing in the corners of the frame.
     response_gamma
-        The camera's pixel values are the linear ones, as shares of full scale, to 1 / gamma.
+        Share of full scale of a pixel value: the linear share to the power of 1 / gamma.
     hot_pixels
         Number of pixels, at places of the camera, that read 10 to 100 % of full scale too much.
     mm_per_px

@@ -74,7 +74,13 @@ Ask = Callable[[str], ControllerIdentity]
 
 
 def list_serial_ports() -> list[SerialPort]:
-    """List all serial ports of the system, sorted by name; `ConfigError` if it has none."""
+    """List the serial ports, sorted by name; none if nothing is plugged in.
+
+    Raises
+    ------
+    ConfigError
+        If pyserial knows no serial ports on this system.
+    """
     pyserial()
     from serial.tools.list_ports import comports
 

@@ -160,8 +160,8 @@ class LightController:
         if state.led != led:
             cause = self._exchange("SYST:ERR?").text
             raise self._failed(
-                f"{_named(led)} should be lit but {_named(state.led)} is; "
-                f"its watchdog may have tripped (it says {cause})"
+                f"{_named(led)} should be lit but {_named(state.led)} is; the oldest error of the "
+                f"controller is {cause}"
             )
         return state
 

@@ -91,7 +91,7 @@ def flash_folder(
     """Put files into the folder that a MicroPython board shows as its drive.
 
     The folder must hold the firmware already or be one of `drives` (by default those of
-    `find_drives`), unless `force` is set. A `dry_run` checks and writes nothing.
+    `find_drives`), unless `force` is set. With `dry_run` all checks run, and nothing is written.
 
     Raises
     ------

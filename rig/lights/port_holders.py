@@ -56,7 +56,7 @@ def _target(entry: os.DirEntry[str]) -> str:
 
 
 def _is_of_a_container(entry: os.DirEntry[str], wanted: str) -> bool:
-    """Whether an open pseudo-terminal is of another /dev/pts, where names are given anew."""
+    """Whether an open pseudo-terminal is of another /dev/pts, which uses the same names."""
     if not wanted.startswith("/dev/pts/"):
         return False
     try:

@@ -13,7 +13,7 @@ from rig.errors import ConfigError, LightControllerError
 from .port_holders import port_holders
 
 READ_SLICE_S = 0.05  # longest blocking read, and so the error of a time-out
-_CONNECT_S = 5.0  # over a network a lost packet costs 3 s; a local connection takes less than 1 ms
+_CONNECT_S = 5.0  # two lost packets cost 3 s (RFC 6298); a local connection takes less than 1 ms
 _TCP_SCHEME = "socket"
 _TCP_READ_BYTES = 4096
 _IN_USE = "in use by {}; close that first"
@@ -40,7 +40,7 @@ def open_port(port: str, baud: int, write_timeout_s: float) -> BytePort:
     LightControllerError
         If it is missing, not permitted, in use, or not a serial port.
     ConfigError
-        If this system has no serial ports.
+        If pyserial knows no serial ports on this system.
     """
     try:
         address = urlsplit(port)

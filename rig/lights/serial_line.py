@@ -9,7 +9,7 @@ from rig.errors import LightControllerError
 
 from .ports import READ_SLICE_S, open_port
 
-_MAX_LINE_BYTES = 512  # replies have at most 100 bytes
+_MAX_LINE_BYTES = 512  # the longest reply, LED:STAT? of 64 LEDs, has about 280 bytes
 
 
 class Patience:

@@ -106,8 +106,8 @@ def render_scene(
         (N,). Every pixel then has its own light directions, and light falls off with the square of
         the distance. Cast shadows have the direction of the light at the centre.
     lobe_exponent
-        Power of the cosine from the axis of a near light, which points at the centre of the frame,
-        by which it shines: 0 is isotropic, 1 an LED that follows Lambert's law.
+        m of the strength cos^m of a near light at an angle to its axis, which points at the centre
+        of the frame: 0 is isotropic, 1 an LED that follows Lambert's law.
     gloss
         None for a matt surface.
 
@@ -179,9 +179,9 @@ def render_frame(
 def led_distance_for(fall_off: float, slant_deg: float, size_px: int) -> float:
     """Distance of an LED in pixels for a given fall-off of its light across a frame.
 
-    The LED is isotropic (`lobe_exponent` 0). The share, 0 to below 1, is that by which a level
-    white surface is darker at the far end of the frame's middle line, along the light's azimuth,
-    than at the near end.
+    The LED is isotropic (`lobe_exponent` 0). `fall_off`, 0 to below 1, is the share by which a
+    level white surface is darker at the far end of the frame's middle line, along the light's
+    azimuth, than at the near end.
 
     Raises
     ------

@@ -246,7 +246,9 @@ class V4l2Device(VideoNode):
                 self.fail("delivers no frame", error)
             left_s = deadline_s - time.monotonic()
             if left_s <= 0.0:
-                raise CameraError(f"{self.path}: no frame in {timeout_s:g} s")
+                raise CameraError(
+                    f"{self.path}: no frame in {timeout_s:g} s; check cable and trigger"
+                )
             # Rounded up, because a timeout of 0 ms would make a busy loop.
             events = poll.poll(int(left_s * 1e3) + 1)
             if events and not events[0][1] & select.POLLIN:

@@ -102,8 +102,8 @@ class V4l2Output(VideoNode):
         if given == (fourcc, width_px, height_px) and pix.bytesperline != bytes_per_line:
             # v4l2loopback treats Y10 and Y12 as packed, so that its buffers are too small.
             raise CameraError(
-                f"{self.path}: the driver gives a line of {asked} {pix.bytesperline} bytes "
-                f"instead of {bytes_per_line}; set camera.pixel_format to GREY or Y16"
+                f"{self.path}: for {asked} the driver has {pix.bytesperline} bytes a line instead "
+                f"of {bytes_per_line}; set camera.pixel_format to GREY or Y16"
             )
         if given != (fourcc, width_px, height_px):
             raise CameraError(

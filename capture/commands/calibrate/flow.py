@@ -138,7 +138,7 @@ def target_sets(
     Raises
     ------
     InputError
-        If both a rig and sets are given, or none of them.
+        If both a rig and sets are given, or neither.
     """
     from rig import open_rig
 

@@ -47,7 +47,7 @@ def plate(
     """Measure how bright each light is over the frame, and where the LEDs stand, by a white sheet.
 
     The sheet is white and matt, fills the frame and lies flat. It is captured twice, the second
-    time turned by half a turn. Flat areas of a part serve as well, see --mask.
+    time rotated by 180 degrees. Flat areas of a part serve as well, see --mask.
     """
     if mask is not None and rig is not None:
         raise InputError("--mask is for the sets of --from; let the sheet fill the frame of a rig")

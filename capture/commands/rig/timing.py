@@ -17,9 +17,9 @@ def timing(
 ) -> None:
     """Measure the time that a set and a switch of the lights take.
 
-    Sets are captured by software and, if the rig is configured so, by the controller alone. The
-    simulated rig is measured in all modes, at 30 and 60 frames per second, on the virtual and on
-    the real clock. A set takes at least one frame period per image.
+    Sets are captured as the rig is configured, and with a strobe by software, too. The simulated
+    rig is measured in all modes, at 30 and 60 frames per second, on the virtual and on the real
+    clock. A set takes at least one frame period per light and one for the ambient image.
     """
     from capture.acquisition.timing import compared_configs, measure_set_timing
     from rig.config.rig import config_of

@@ -160,7 +160,7 @@ class Changeover:
             wanted.answer.set_exception(RecipeRefused(reason, RecipeRefusal.NOT_READY))
 
     def taken(self) -> WantedRecipe | None:
-        """Return the waiting recipe for `take`, or None; from now on `refuse` spares it."""
+        """Return the waiting recipe for `take`, or None; `refuse` no longer affects it."""
         wanted, self._wanted = self._wanted, None
         return wanted
 
@@ -173,7 +173,7 @@ class Changeover:
         recipes, recipe = self._recipes, wanted.recipe
         assert recipes is not None
         try:
-            with self_test.told() as require:
+            with self_test.collecting() as require:
                 require(recipes.use(recipe))
                 require(camera.test(is_start=False))
             # Before the announcement: a kill now leaves a recipe that could be taken.

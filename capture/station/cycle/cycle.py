@@ -43,7 +43,7 @@ _POLL_S = 0.2
 _PAUSE_S = 0.02
 # Pause between two attempts to write to a database that does not answer.
 _RETRY_S = 0.5
-# Time that a result waits for the database after a stop; later the next start makes an ERROR.
+# Time that a result waits for the database after a stop; then the next start makes it an ERROR.
 _LAST_WAIT_S = 5.0
 # The rig is as it was: the set alone failed.
 _OF_THE_SET = (SetRejected, CalibrationError)
@@ -219,7 +219,7 @@ class Station:
         if self._was_ready and self._stops_within(self._config.reconnect_s):
             return
         try:
-            with self._self_test.told() as require:
+            with self._self_test.collecting() as require:
                 require(self._prepare())
                 self._camera.open()
                 with self._lock:

@@ -70,7 +70,7 @@ class PartBegun:
 class ExposureComplete:
     """No further exposure of the part is needed: it may move.
 
-    Published when the set has passed its checks: one that fails is captured again.
+    Published after the last attempt: its set has passed the checks, or the part is an ERROR.
     """
 
     part_id: str

@@ -57,10 +57,10 @@ class SelfTest:
 
     def __init__(self, publish: Callable[[SelfTestFinished], None]) -> None:
         self._publish = publish
-        self._told: list[str] = []
+        self._published: list[str] = []
 
     @contextmanager
-    def told(self) -> Iterator[Callable[[list[Check]], None]]:
+    def collecting(self) -> Iterator[Callable[[list[Check]], None]]:
         """Yield a function that takes checks and raises as `require_no_fault`."""
         checks: list[Check] = []
 
@@ -72,9 +72,9 @@ class SelfTest:
             yield require
         finally:
             found = [f"{each.name} {each.status}" for each in checks]
-            if found != self._told:
+            if found != self._published:
                 self._publish(SelfTestFinished(tuple(checks)))
-            self._told = found
+            self._published = found
 
 
 def disk_fault(folder: Path, floor_mb: int, sets_bytes: int = 0) -> str | None:

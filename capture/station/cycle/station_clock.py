@@ -7,8 +7,7 @@ from datetime import UTC, datetime, timedelta
 
 from capture.process.utc_time import utc_text
 
-# Smaller differences are not noted: time servers correct a clock, at most by the rate of
-# adjtime(3).
+# Smaller differences get no note: time servers correct a clock, at most by the rate of adjtime(3).
 _STEP_S = 2.0
 _SLEW_RATE = 5e-4
 

@@ -21,7 +21,7 @@ from rig.lights.sequence import parts_seen
 from .self_test import check_rig
 from .simulated_parts import simulated_part
 
-# Least time from the begin of the wait to a simulated part: the controller is armed by then.
+# Least time from the beginning of the wait to a simulated part: the controller is armed by then.
 _SIMULATED_ARRIVAL_S = 0.1
 # Parts whose pixels are not accepted for another part; their hashes take 2 MB.
 MOST_KNOWN = 10_000
@@ -204,7 +204,8 @@ class StationRig:
         earlier = self._parts.setdefault(pixels_sha256, number)
         if earlier != number:
             raise CameraError(
-                f"every pixel is that of part number {earlier}: the camera repeats its images"
+                f"every pixel is that of part number {earlier}: the camera repeats its images; "
+                "restart it"
             )
         if len(self._parts) > MOST_KNOWN:
             del self._parts[next(iter(self._parts))]

@@ -165,7 +165,7 @@ class BackgroundJobs:
             ended(job)
         except Exception:
             _log.exception("after the job %s", job.title)
-        # Last: who sees that the job has ended looks for what `ended` wrote.
+        # Last, because a reader that sees the job as ended looks for what `ended` wrote.
         with self._lock:
             self._job = job
 

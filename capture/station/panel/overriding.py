@@ -22,7 +22,7 @@ def override_part(
 ) -> Decision:
     """Give a part another verdict; the station's own stays beside it.
 
-    The same once more, as by a second click on a button, changes nothing.
+    The same override again, as by a second click on a button, changes nothing.
 
     Raises
     ------

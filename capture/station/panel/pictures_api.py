@@ -146,7 +146,7 @@ async def _asked(
         text = f"part {entry.result.part_id}: too many parts wait for pictures"
         raise Denied(503, text, {"Retry-After": "2"})
     made = asyncio.wrap_future(future)
-    # Nobody may be left to hear of an error.
+    # asyncio logs an exception that nobody retrieves: all requests may have ended.
     made.add_done_callback(lambda made: made.cancelled() or made.exception())
     # Shielded, because others may wait for the same pictures.
     try:
@@ -154,7 +154,7 @@ async def _asked(
     except asyncio.CancelledError:
         if not made.cancelled():
             raise
-        raise TimeoutError from None  # somebody else could not wait, and has them
+        raise TimeoutError from None  # another request could not wait, and made them
 
 
 ROUTES = (

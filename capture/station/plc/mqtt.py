@@ -149,8 +149,8 @@ class MqttPublisher:
         if reason.is_failure:
             self._say(f"not connected: {reason}")
             return
-        # Each connection tells it anew. With confirmation, paho would keep one for each connection
-        # that a broker closes before it confirms, and send them all before any result.
+        # Published at each connection. With confirmation, paho would keep one message for each
+        # connection that a broker closes before it confirms, and send them all before any result.
         client.publish(f"{self._topic}/online", "true", qos=0, retain=True)
         with self._changed:
             self._is_connected = True

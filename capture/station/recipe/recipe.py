@@ -79,8 +79,8 @@ class Limits(Section):
 class GeneralLimits(Limits):
     """Limits of all textures, with the default values of those that a recipe does not set.
 
-    A blur of 1 px costs the statistics of the finest scale (``classify/texture/blur.py``). A part
-    is not judged where its slope is unknown; teaching limits that to what the good parts show. Four
+    A blur of 1 px removes the statistics of the finest scale (``classify/texture/blur.py``). A part
+    is not judged where its slope is unknown; teaching takes the limit from the good parts. Four
     adjacent cells of the defect map without a score, 2 x 2 or 256 px, are a hole in the surface.
     """
 
@@ -193,7 +193,7 @@ class Recipe(Section):
 
     @property
     def version_text(self) -> str:
-        """Version and the begin of the hash, for people to compare."""
+        """Version and the beginning of the hash, for people to compare."""
         return f"version {self.version}, {self.sha256[:_DIGITS]}"
 
     @property

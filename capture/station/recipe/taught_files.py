@@ -32,7 +32,8 @@ def taught_for(recipe: Recipe, files: RecipeFolder) -> Taught:
     if missing is not None or not recipe.passes:
         named = "is empty" if missing is None else f"names {missing!r}, which was not taught"
         raise RecipeError(
-            f"{files.file}: pass {named}; taught are {', '.join(map(repr, taught.textures))}"
+            f"{files.file}: pass {named}; taught are {', '.join(map(repr, taught.textures))}; "
+            "correct pass, or run ps4rig station teach"
         )
     for name in recipe.passes:
         _defects_of(recipe, taught, name)

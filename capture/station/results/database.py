@@ -82,8 +82,8 @@ def sqlite_engine(url: URL, *, patience_s: float, is_writer: bool) -> Engine:
     patience_s
         How long a statement waits for a lock of another program.
     is_writer
-        Whether a transaction takes the lock for writing at its begin. A transaction that takes it
-        later fails at once if another program has written in between.
+        Whether a transaction takes the lock for writing at its beginning. One that takes it later
+        fails at once if another program has written in between.
     """
     engine = create_engine(
         url,

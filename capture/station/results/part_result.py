@@ -132,7 +132,10 @@ class PartResult:
             if time is not None:
                 require_utc(time)
         if not 1 <= self.number <= _MAX_INTEGER or abs(self.recipe_version or 0) > _MAX_INTEGER:
-            raise ValueError(f"number {self.number}, recipe version {self.recipe_version}")
+            raise ValueError(
+                f"number {self.number} is below 1, or it or recipe version {self.recipe_version} "
+                "exceeds 64 bits"
+            )
         for name, value in self._measured():
             if value is not None and not math.isfinite(value):
                 raise ValueError(f"{name} of part {self.part_id} is {value}")

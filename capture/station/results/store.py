@@ -315,7 +315,7 @@ class ResultStore:
     def lock_station(self, connection: Connection, utc: str) -> None:
         """Lock the numbers of this station for one writer, until the end of a transaction.
 
-        On SQLite a writing transaction locks the whole file from its begin.
+        On SQLite a writing transaction locks the whole file from its beginning.
         """
         row = select(stations).where(stations.c.station == self.station)
         if connection.execute(row.with_for_update()).first() is None:

@@ -114,7 +114,7 @@ class OpenBackup:
         try:
             yield
         except KeyError as error:
-            raise InputError(f"{self._path}: no backup of a station") from error
+            raise InputError(f"{self._path}: not a backup of a station") from error
         except _UNREADABLE as error:
             raise InputError(f"{self._path}: damaged: {error}") from error
 
@@ -132,7 +132,7 @@ def opened_backup(path: Path) -> Iterator[OpenBackup]:
         try:
             archive = zipfile.ZipFile(file)
         except _UNREADABLE as error:
-            raise InputError(f"{path}: no backup of a station: {error}") from error
+            raise InputError(f"{path}: not a backup of a station: {error}") from error
         with archive:
             yield OpenBackup(path, archive)
 

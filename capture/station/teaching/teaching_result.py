@@ -37,7 +37,7 @@ class Overlap:
     def __str__(self) -> str:
         return (
             f"{self.texture} and {self.other} overlap: {len(self.sets)} of {self.parts} parts of "
-            f"{self.texture} are as near to {self.other}"
+            f"{self.texture} match {self.other}, or are nearly as close to it"
         )
 
 

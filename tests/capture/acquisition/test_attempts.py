@@ -364,7 +364,7 @@ def test_a_second_attempt_follows_a_tripped_watchdog(rig: Rig) -> None:
         rig.clock.sleep_s(5.5)
 
     (cause,) = capture_set(under(rig, 1, hang)).metadata.failed_attempts
-    assert re.search(r"LED \d should be lit but no LED is.*watchdog", cause)
+    assert re.search(r"LED \d should be lit but no LED is.*Watchdog", cause)
 
 
 def test_a_second_attempt_follows_a_restart_of_the_controller(rig: Rig) -> None:

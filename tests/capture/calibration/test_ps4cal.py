@@ -152,8 +152,8 @@ def test_any_part_is_the_same_after_it_was_taken_apart(intensities, offset, ambi
 @pytest.mark.parametrize(
     ("edit", "cause"),
     [
-        (lambda h: h.update(version=VERSION + 1), "version 2, this program reads 1; use a newer"),
-        (lambda h: h.update(version=0), "version 0, this program reads 1; calibrate again"),
+        (lambda h: h.update(version=VERSION + 1), "version 2; this program reads 1; use a newer"),
+        (lambda h: h.update(version=0), "version 0; this program reads 1; calibrate again"),
         (lambda h: h.update(format="zip"), "header field format"),
         (lambda h: h.update(more=1), "header field 'more'"),
         (lambda h: h["parts"].pop("dark"), "do not match their SHA-256"),

@@ -57,7 +57,7 @@ def test_the_turned_outline_lies_on_the_turned_part(
     outline = outline_of(photographed(made_set, 0.0, ground=ground))
     assert outline.is_of_part
     assert len(outline.lines) == 1
-    turned = outline.turned(angle_deg)
+    turned = outline.rotated(angle_deg)
     assert np.percentile(gap_px(turned, part_mask(angle_deg)), 95) < 2.5
     # The hand leaves the least gap.
     tried = np.arange(-10.0, 10.1, 0.5)
@@ -100,5 +100,5 @@ def test_the_image_has_the_size_of_the_frame_and_closed_lines() -> None:
     assert svg.attrib["viewBox"] == "0 0 20 10"
     assert [path.attrib["d"] for path in svg] == ["M0.5 0.5L10.5 0.5L10.5 5.5Z"] * 2
     # A quarter turn anticlockwise about the middle of a frame of 21 x 11 px.
-    turned = Outline(21, 11, (line,), is_of_part=True).turned(90.0)
+    turned = Outline(21, 11, (line,), is_of_part=True).rotated(90.0)
     np.testing.assert_allclose(turned.lines[0], [(5.0, 15.0), (5.0, 5.0), (10.0, 5.0)], atol=1e-4)

@@ -76,7 +76,7 @@ def test_a_hot_pixel_among_hot_ones_stays_and_one_outside_is_refused() -> None:
     corrected = calibration.corrected(stack_of(images), FULL).images
     assert (corrected[:, 6, 6] == 4000).all()
     assert np.count_nonzero(corrected != 100) == 4
-    with pytest.raises(InputError, match="beyond 30 x 24 px"):
+    with pytest.raises(InputError, match="row 24, column 0, is outside of images of 30 x 24 px"):
         Calibration(dark(hot=[[24, 0]])).corrected(stack_of(images), FULL)
 
 

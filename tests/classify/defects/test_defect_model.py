@@ -213,8 +213,8 @@ def test_frames_of_any_size_are_covered(model, stationary) -> None:
     [
         (2, SIDE, [0.0, 0.0], 0.01, "2 good parts; give 3"),
         (3, 128, [0.0] * 3, 0.01, "128 x 128 px; its sides must be 256 px"),
-        (3, SIDE, [0.0, 0.0], 0.01, "2 orientations of 3 parts"),
-        (3, SIDE, [0.0, 0.0, float("nan")], 0.01, "a number of each"),
+        (3, SIDE, [0.0, 0.0], 0.01, "2 orientations for 3 parts"),
+        (3, SIDE, [0.0, 0.0, float("nan")], 0.01, "one finite angle for each"),
         (3, SIDE, [0.0] * 3, 0.0, "false alarm rate of 0.0"),
     ],
 )

@@ -89,7 +89,7 @@ def test_two_equally_near_classes_make_a_surface_unknown() -> None:
 def test_a_surface_about_as_near_to_two_classes_is_unknown() -> None:
     match = matched([2.4, 2.8, 4.0, 9.0], a=3.0)
     assert (match.label, match.nearest) == (None, "a")
-    assert match.reason.endswith("limit 3.00; next is b at 2.80, too near to it to decide")
+    assert match.reason.endswith("limit 3.00; next is b at 2.80, too close to decide")
     assert matched([2.3, 2.8, 4.0, 9.0], a=3.0).label == "a", "the margin is large enough"
     assert matched([2.4, 2.8, 4.0, 9.0]).label == "a", "a classifier without limits"
 

@@ -164,13 +164,16 @@ def test_saving_again_replaces_the_file(saved: Path, library) -> None:
 @pytest.mark.parametrize(
     ("edit", "cause"),
     [
-        (lambda h: h.update(version=VERSION + 1), "version 7, this program reads 6; use a newer"),
+        (
+            lambda h: h.update(version=VERSION + 1),
+            "version 7; this program reads 3, 4, 5, 6; use a newer",
+        ),
         (
             lambda h: h.update(version=1, references=[]),
-            "version 1, this program reads 6; train it again",
+            "version 1; this program reads 3, 4, 5, 6; train it again",
         ),
-        (lambda h: h.update(version=0), "version 0, this program reads 6; train it again"),
-        (lambda h: h.update(version=10**30), "this program reads 6; use a newer"),
+        (lambda h: h.update(version=0), "version 0; this program reads 3, 4, 5, 6; train it again"),
+        (lambda h: h.update(version=10**30), "this program reads 3, 4, 5, 6; use a newer"),
         (lambda h: h.update(version="3"), "header field version"),
         (lambda h: h.update(version=2.5), "header field version"),
         (lambda h: h.update(version=None), "header field version"),

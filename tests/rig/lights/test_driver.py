@@ -119,7 +119,7 @@ def test_the_configured_watchdog_time_is_used(bench: Any) -> None:
         bench.clock.sleep_s(0.65)
         lights.confirm(0)
         bench.clock.sleep_s(0.75)
-        with pytest.raises(LightControllerError, match=r"LED 0 should be lit but no LED is.*watch"):
+        with pytest.raises(LightControllerError, match=r"LED 0 should be lit but no LED is.*Watch"):
             lights.confirm(0)
 
 

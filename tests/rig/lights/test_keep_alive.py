@@ -85,7 +85,9 @@ def test_nothing_is_sent_during_an_exchange(bench: Any) -> None:
             thread.join()
         assert waits == [0.5]
         bench.clock.sleep_s(0.2)
-        with pytest.raises(LightControllerError, match="watchdog may have tripped"):
+        with pytest.raises(
+            LightControllerError, match=r"oldest error of the controller is .*Watchdog"
+        ):
             lights.confirm(1)
 
 

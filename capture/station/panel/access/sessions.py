@@ -113,7 +113,7 @@ class LoginLimit:
             return 0.0
 
     def succeeded(self, name: str, address: str) -> None:
-        """Take back that the last attempt failed, and forget the failures of its name."""
+        """Do not count the last attempt as a failure; forget the failures of its name."""
         with self._lock:
             self._failures.pop(("name", name), None)
             count, last_s = self._failures.get(("address", address), (1, 0.0))

@@ -72,8 +72,8 @@ def _painted(
     )  # fmt: skip
     colours, about = pictures.normal_map(normals), "Red to the right, green up, blue to the camera."
     yield "normals", _jpeg("normals", about, colours)
-    none = "None" if view.score is not None else "Without a defect map"
-    about = f"{len(view.outlines) or none}, over the albedo."
+    none = "none" if view.score is not None else "no defect map"
+    about = f"Outlined defects: {len(view.outlines) or none}; drawn over the albedo."
     yield "defects", _jpeg("defects", about, _outlined(albedo, view))
     if view.score is not None:
         score = _outlined(_score_picture(view.score, longest_px), view)

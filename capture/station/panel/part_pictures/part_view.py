@@ -82,7 +82,7 @@ def part_view(folder: StationFolder, result: PartResult, path: Path) -> PartView
         judged = judged_by(folder, result)
         region = judged.recipe.region
     except InputError as error:
-        notes.append(f"the whole frame, solved by default: {error}")
+        notes.append(f"the whole frame is shown, solved by the default method: {error}")
     if not fits(region, captured):
         region = None
     method = None if judged is None else judged.method

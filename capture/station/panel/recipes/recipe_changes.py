@@ -30,14 +30,14 @@ from capture.station.teaching.teaching_result import Teaching
 
 @dataclass(frozen=True)
 class LongChange:
-    """A change that takes a while; its begin is recorded already.
+    """A change that takes a while; its beginning is recorded already.
 
     Attributes
     ----------
     title
         What it does, for people.
     ended
-        Records its end and its outcome; None stands for the recipe at that time.
+        Records the end of the change and its outcome; for None, the recipe as it is then.
     """
 
     title: str
@@ -109,7 +109,7 @@ class RecipeChanges:
     def approve(self, by: str, seen_sha256: str | None = None) -> Recipe:
         """Approve the recipe; the row has the settings that differ from the last approved state.
 
-        The same once more, as by a second click on a button, changes nothing.
+        Approving the same recipe again, as by a second click on a button, changes nothing.
 
         Raises
         ------
@@ -180,7 +180,7 @@ class RecipeChanges:
                 self._record("", before, found or (None if now is None else with_approval(now)))
                 if known is not None and now is not None:
                     self._record_settings(known, now)
-            except ResultsUnavailable as error:  # its words are for changes that were not made
+            except ResultsUnavailable as error:  # its message says that nothing was changed
                 raise ResultsUnavailable(
                     f"{title}: ended, but the log of changes lacks its end: {error.__cause__}"
                 ) from error

@@ -262,7 +262,7 @@ def test_levels_that_the_ladder_does_not_reach_are_named(ps4rig: Run, tmp_path: 
     toml.write_text(toml.read_text().replace("[camera]\n", fast))
     done = ps4rig("calibrate", "response", "--rig", toml, tmp_path / "rig.ps4cal")
     assert done.exit_code == 0, done.stderr
-    assert "% of full scale was seen, where the curve is a continuation" in done.stderr
+    assert "% of full scale was seen, where the curve is extrapolated" in done.stderr
     curve = CalibrationFile.read(tmp_path / "rig.ps4cal").calibration.response.curve
     # The true curve up to its scale, which the highest level of the ladder determines.
     seen = LEVELS < 0.6

@@ -327,11 +327,11 @@ def test_every_damaged_byte_of_a_short_backup_is_noticed_or_harmless(
 def test_a_file_that_is_no_backup_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "notes.ps4backup"
     path.write_text("notes")
-    with pytest.raises(InputError, match="no backup of a station"):
+    with pytest.raises(InputError, match="not a backup of a station"):
         restore(path, tmp_path / "again")
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("notes.txt", "notes")
-    with pytest.raises(InputError, match="no backup of a station"):
+    with pytest.raises(InputError, match="not a backup of a station"):
         restore(path, tmp_path / "again")
 
 
