@@ -18,7 +18,7 @@ from .journal import SetMeasures
 _MAX_PLACEMENT_DEG = 8.0
 # Agreement with the first set below which a texture determines no orientation, and by how much the
 # entered orientation must agree less than the best: a weave agrees as well after a quarter turn.
-# tests/capture/session/test_orientation_flags.py has the rates of both on 54 textures.
+# tests/capture/session/test_orientation_flags.py has the rates of both on 52 textures.
 LEAST_SHARPNESS = 0.45
 _LEAST_DROP = 0.03
 # Blur that costs the statistics of the finest scale (classify/texture/blur.py).

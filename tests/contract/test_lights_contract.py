@@ -79,7 +79,7 @@ def test_the_watchdog_puts_the_leds_out_when_the_host_is_silent(controller: Any)
         lights.select(3)
         controller.clock.sleep_s(0.25)
         assert controller.lit() == []
-        with pytest.raises(LightControllerError, match="watchdog"):
+        with pytest.raises(LightControllerError, match="Watchdog"):
             lights.confirm(3)
 
 

@@ -115,9 +115,8 @@ def test_an_engineer_finds_a_part_and_opens_it_by_the_keyboard_alone(
     page.tab_to('input[name="part"]')
     page.type(part_id)
     page.press("Enter")
-    page.until(
-        "document.readyState == 'complete' && document.querySelectorAll('.parts tbody tr').length == 1"
-    )
+    rows = "document.querySelectorAll('.parts tbody tr').length"
+    page.until(f"document.readyState == 'complete' && {rows} == 1")
     page.tab_to(f'a[href="/parts/{part_id}"]')
     page.press("Enter")
     page.until_at(f"/parts/{part_id}")
