@@ -16,7 +16,7 @@ from .ps4cal import MeasuredPart
 from .setting import Setting
 from .stated_error import stated_error
 
-# Figure of a flat field by which a later picture of a sheet shows another exposure.
+# Figure of a flat field by which a later light image of a sheet shows another exposure.
 SHEET_BRIGHTNESS = "sheet_brightness"
 # A sheet under LEDs of round lobes leaves less than 0.1 % (classify/README.md).
 _ROUND_LOBES = 0.002

@@ -167,7 +167,7 @@ class CalibrationFile:
         old = [name.replace("_", " ") for name in curved if records[name].date < since]
         if not old:
             return []
-        what = f"{' and '.join(old)} measured before the response, which changes their pictures"
+        what = f"{' and '.join(old)} measured before the response, which changes their light images"
         return [f"{what}; run ps4rig calibrate plate again"]
 
     def write(self, path: str | Path) -> None:

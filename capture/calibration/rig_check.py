@@ -1,4 +1,4 @@
-"""Compare a rig with its calibration by one picture of a white sheet under each light.
+"""Compare a rig with its calibration by light images of a white sheet.
 
 The doctor, the start of a session and the start of a station make these checks.
 """
@@ -76,7 +76,7 @@ def drift_of_rig(rig: Rig, file: CalibrationFile) -> Drift:
     InputError
         If the calibration has no flat field.
     CalibrationRejected
-        If the pictures show no white matt sheet.
+        If the light images show no white matt sheet.
     HardwareError
         If the controller or the camera fails.
     """

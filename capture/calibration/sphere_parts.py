@@ -1,4 +1,4 @@
-"""The parts of a calibration that pictures of a sphere give, with their records."""
+"""The parts of a calibration from light images of a sphere, with their records."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,9 +11,9 @@ from capture.sets.photographs import Gamma, read_mask, read_photographs
 from classify.calibration.calibration import Calibration
 from classify.calibration.scale import Scale
 from classify.calibration.spheres import (
+    SphereImages,
     SphereKind,
     SphereLights,
-    SpherePictures,
     lights_from_spheres,
     scale_of_spheres,
 )
@@ -32,16 +32,16 @@ _POSITIONS_LOST = (
     "the calibration held the positions of the lights, and now it holds directions; several "
     "placements of the sphere, or ps4rig calibrate plate, give positions"
 )
-_OF_PICTURES: tuple[PartName, ...] = ("dark", "response", "scale", "flat_field")
+_OF_IMAGES: tuple[PartName, ...] = ("dark", "response", "scale", "flat_field")
 
 
-def pictures_of_photographs(
+def images_of_photographs(
     paths: Sequence[Path],
     masks: Sequence[Path],
     lights: int | None,
     gamma: Gamma | None,
     file: CalibrationFile,
-) -> tuple[list[SpherePictures], Setting]:
+) -> tuple[list[SphereImages], Setting]:
     """Read photographs of a sphere, one per light, placement after placement.
 
     Parameters
@@ -70,7 +70,7 @@ def pictures_of_photographs(
     read = read_photographs(paths, gamma=gamma, bits=None, crop=None)
     planes = np.stack(read.planes)
     pictures = [
-        SpherePictures(
+        SphereImages(
             planes[lights * k : lights * (k + 1)],
             read.full_scale,
             mask=read_mask(masks[k], read.frame, None) if masks else None,
@@ -81,11 +81,11 @@ def pictures_of_photographs(
     return [_corrected(each, setting, file) for each in pictures], setting
 
 
-def pictures_of_sets(sets: Sequence[CapturedSet], file: CalibrationFile) -> list[SpherePictures]:
+def images_of_sets(sets: Sequence[CapturedSet], file: CalibrationFile) -> list[SphereImages]:
     """Return the images of sets of a sphere, corrected for a calibrated camera."""
     return [
         _corrected(
-            SpherePictures(
+            SphereImages(
                 captured.images, captured.metadata.full_scale, captured.ambient, captured.mask
             ),
             Setting.of_set(captured),
@@ -95,15 +95,15 @@ def pictures_of_sets(sets: Sequence[CapturedSet], file: CalibrationFile) -> list
     ]
 
 
-def _corrected(pictures: SpherePictures, setting: Setting, file: CalibrationFile) -> SpherePictures:
-    """Correct pictures by the parts of the calibration that hold for them.
+def _corrected(pictures: SphereImages, setting: Setting, file: CalibrationFile) -> SphereImages:
+    """Correct light images by the parts of the calibration that hold for them.
 
     They are divided by the part of the flat field that all lights share: the vignetting of the
     lens, which turns the lights on a matt sphere (tests/capture/calibration/test_sphere_parts.py).
     """
     parts = {
         name: getattr(file.calibration, name)
-        for name in _OF_PICTURES
+        for name in _OF_IMAGES
         if name in file.records and not file.records[name].setting.differences(setting, name)
     }
     known, full_scale = Calibration(**parts), pictures.full_scale
@@ -114,11 +114,11 @@ def _corrected(pictures: SpherePictures, setting: Setting, file: CalibrationFile
         full_scale = float(shared.saturation(full_scale))
     mask = None if pictures.mask is None else known.corrected_mask(pictures.mask)
     vignetting = None if known.flat_field is None else 0.0
-    return SpherePictures(stack.images, full_scale, stack.ambient, mask, vignetting)
+    return SphereImages(stack.images, full_scale, stack.ambient, mask, vignetting)
 
 
 def sphere_parts(
-    pictures: Sequence[SpherePictures],
+    pictures: Sequence[SphereImages],
     kind: SphereKind,
     file: CalibrationFile,
     setting: Setting,
@@ -173,7 +173,7 @@ def _lights_part(
     )
     if worst_deg > _FAIR_DEG:
         quality += (
-            " A larger picture of the sphere, a background that its outline stands out from, or a "
+            " A larger image of the sphere, a background that its outline stands out from, or a "
             "mask makes it better."
         )
     figures = {

@@ -1,4 +1,4 @@
-"""Compare a rig with its calibration, by one set of pictures of a white sheet."""
+"""Compare a rig with its calibration, by one set of light images of a white sheet."""
 
 import math
 from collections.abc import Iterator
@@ -115,13 +115,13 @@ def plate_drift(
     *,
     brightness: float | None = None,
 ) -> Drift:
-    """Compare pictures of a white sheet with a calibration.
+    """Compare light images of a white sheet with a calibration.
 
     Parameters
     ----------
     stack
-        One picture of a white matt sheet under each light, and the ambient image, as captured. The
-        sheet may be another one, and need not lie as it did.
+        Light images of a white matt sheet and the ambient image, as captured. The sheet may be
+        another one, and need not lie as it did.
     full_scale
         Pixel value at which the sensor saturates.
     lighting
@@ -139,14 +139,15 @@ def plate_drift(
     InputError
         If the calibration has no flat field, or is one of another number of lights.
     CalibrationRejected
-        If the pictures are saturated or too dark, or show no white matt sheet.
+        If the light images are saturated or too dark, or show no white matt sheet.
     """
     flat_field, lighting = calibration.flat_field, calibration.lighting_of(lighting)
     if flat_field is None:
         raise InputError("the calibration has no flat field; run ps4rig calibrate plate")
     if not len(flat_field.coefficients) == len(lighting) == len(stack.images):
         raise InputError(
-            f"the calibration is of {len(lighting)} lights, the pictures are of {len(stack.images)}"
+            f"the calibration is of {len(lighting)} lights, the light images are of "
+            f"{len(stack.images)}"
         )
     blocks = PlateBlocks.of([calibration.corrected(stack, full_scale)], full_scale)
     check_sheet(blocks, lighting)

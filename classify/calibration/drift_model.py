@@ -1,6 +1,6 @@
-"""Model of how changes of a rig change its pictures of a sheet.
+"""Model of how changes of a rig change its light images of a sheet.
 
-The change is the logarithm of a picture over the flat field, for each light and block of the frame.
+The change is the logarithm of a light image over the flat field, by light and block of the frame.
 Changes that need no cause, such as noise and the place of the sheet, have normal distributions.
 Each cause adds a few numbers with wider normal distributions. Causes are added as long as they make
 the change more probable (Laplace's approximation: MacKay 2003, Information Theory, chapter 28).
@@ -248,7 +248,7 @@ class DriftModel:
                 yield (_CURVATURE_SPREAD * light * term).ravel()
 
     def _all_causes(self) -> Iterator[Cause]:
-        # The spreads are at least the limits of a fault in `drift`, so that the pictures decide.
+        # The spreads are at least the limits of a fault in `drift`, so that the images decide.
         for light in range(len(self.positions)):
             yield Cause("led level", light, (0.3,), self._level_change(light))
             yield Cause("light moved", light, (0.2, 0.2, 0.2), self._light_change(light))

@@ -1,4 +1,4 @@
-"""Flat field of each light from pictures of a white matt sheet."""
+"""Flat field of each light from light images of a white matt sheet."""
 
 from dataclasses import dataclass
 

@@ -1,6 +1,6 @@
-"""Positions of LEDs near a white sheet, from the ratios of their pictures.
+"""Positions of LEDs near a white sheet, from the ratios of their light images.
 
-The ratio of two lights' pictures of a matt sheet contains neither the sheet nor the lens. What
+The ratio of two lights' light images of a matt sheet contains neither the sheet nor the lens. What
 remains is cos(sheet) cos^m(LED) / r^2 of each light, and a constant for its level. For an LED at P,
 relative to the middle of the frame, and v = P / |P|^2, this is at a place X of the sheet
 
@@ -64,7 +64,7 @@ class LedPositions:
 def fit_led_positions(
     ratios: FloatArray, weights: FloatArray, x: FloatArray, y: FloatArray
 ) -> LedPositions:
-    """Fit positions, levels and lobe of N >= 3 LEDs to the ratios of their pictures.
+    """Fit positions, levels and lobe of N >= 3 LEDs to the ratios of their light images.
 
     Parameters
     ----------

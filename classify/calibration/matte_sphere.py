@@ -45,12 +45,12 @@ _WORST_RESIDUAL = 0.12
 def matte_directions(
     images: npt.NDArray[Any], sphere: Sphere, full_scale: float, vignetting: float | None = None
 ) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-    """Find the light of each picture by its shading of a matt sphere.
+    """Find the light of each light image by its shading of a matt sphere.
 
     The value of a lit pixel is a function of n . l alone, times the vignetting of the lens, which
     falls with the squared distance from the middle of the frame. l and a polynomial of third degree
-    are fitted to each picture by least squares, first with Lambert's law. Pixels in shadow, at full
-    scale or far off the fit, such as gloss and dirt, are left out.
+    are fitted to each light image by least squares, first with Lambert's law. Pixels in shadow, at
+    full scale or far off the fit, such as gloss and dirt, are left out.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def matte_directions(
     Raises
     ------
     CalibrationRejected
-        If a picture does not show the shading of a matt sphere; the message names it.
+        If a light image does not show the shading of a matt sphere; the message names it.
     """
     rows, columns = sphere.pixels(_INSIDE)
     every = -(-len(rows) // _MOST_PIXELS)
@@ -86,11 +86,11 @@ def matte_directions(
         usable = values < SATURATED * full_scale
         if usable.mean() < _LEAST_UNSATURATED:
             raise CalibrationRejected(
-                f"picture {light}: {1.0 - usable.mean():.0%} of the sphere is at full scale; "
+                f"light image {light}: {1.0 - usable.mean():.0%} of the sphere is at full scale; "
                 "shorten the exposure"
             )
         samples.append(_Samples(light, normals[usable], values[usable], squared[usable]))
-    # The lens is the same in all pictures.
+    # The lens is the same in all light images.
     if vignetting is None:
         vignetting = float(np.median([_fit(each, None).vignetting for each in samples]))
     fits = [_fit(each, vignetting) for each in samples]
@@ -98,7 +98,7 @@ def matte_directions(
     for each, fit in zip(samples, fits, strict=True):
         if fit.residual > _WORST_RESIDUAL:
             raise CalibrationRejected(
-                f"picture {each.light}: the shading is {fit.residual:.0%} off that of a matt "
+                f"light image {each.light}: the shading is {fit.residual:.0%} off that of a matt "
                 "sphere; use a matt ball, and --sphere mirror for a polished one"
             )
         scatter = _jackknife_deg(each.only(fit.lit), fit)
@@ -113,7 +113,7 @@ def matte_directions(
 
 @dataclass(frozen=True, eq=False)
 class _Samples:
-    """Pixels of the sphere in one picture."""
+    """Pixels of the sphere in one light image."""
 
     light: int
     normals: FloatArray
@@ -138,7 +138,7 @@ class _Fit:
 
 
 def _fit(samples: _Samples, vignetting: float | None) -> _Fit:
-    """Fit one picture; its vignetting too if that is None."""
+    """Fit one light image; its vignetting too if that is None."""
     normals, values = samples.normals, samples.values
     design = np.column_stack([normals, np.ones(len(normals))])
     lit = values > _LIT * np.quantile(values, 0.98)
@@ -148,7 +148,7 @@ def _fit(samples: _Samples, vignetting: float | None) -> _Fit:
         length = float(np.linalg.norm(scaled[:3]))
         if length <= 1e-9 * max(float(values.max()), 1e-9):
             raise CalibrationRejected(
-                f"picture {samples.light}: the sphere is not shaded; is a light on?"
+                f"light image {samples.light}: the sphere is not shaded; is a light on?"
             )
         direction = np.asarray(scaled[:3] / length, np.float64)
         lit = _kept(samples, direction, share, lit)
@@ -173,8 +173,8 @@ def _kept(
     kept = np.asarray((cosine > _LIT) & ~far)
     if kept.mean() < _LEAST_USED:
         raise CalibrationRejected(
-            f"picture {samples.light}: {kept.mean():.0%} of the sphere shows the shading of a matt "
-            "sphere; use a matt ball (--sphere mirror is for a polished one), lit from above"
+            f"light image {samples.light}: {kept.mean():.0%} of the sphere shows the shading of a "
+            "matt sphere; use a matt ball (--sphere mirror is for a polished one), lit from above"
         )
     return kept
 

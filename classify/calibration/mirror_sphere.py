@@ -29,7 +29,7 @@ _DOUBTFUL = 0.5
 # Lights this low and lower are reflections from below, such as of the table: z of their direction.
 _LOWEST_Z = 0.02
 # A reflection that fills more than this solid angle (steradian, a cone of 30 degrees radius) is a
-# lit wall or an overexposed picture.
+# lit wall or an overexposed light image.
 _LARGEST = 2.0 * np.pi * (1.0 - np.cos(np.radians(30.0)))
 # Error of a highlight's centre as a share of its size: a lamp is not brightest in its middle.
 _CENTRE_SHARE = 0.1
@@ -40,18 +40,18 @@ _PIXEL = 0.15
 def mirror_directions(
     images: npt.NDArray[Any], sphere: Sphere, ambient: npt.NDArray[Any] | None = None
 ) -> tuple[FloatArray, FloatArray, FloatArray, list[str]]:
-    """Find the light of each picture by its image in a mirror sphere.
+    """Find the light of each light image by its image in a mirror sphere.
 
-    The pictures share the room; the rest of each picture is its light. Its direction
+    The light images share the room; the rest of each light image is its light. Its direction
     l = 2 (n . v) n - v is averaged over the highlight, weighted by the light: equal areas of the
-    picture of a mirror sphere are equal solid angles, 4 / radius^2.
+    image of a mirror sphere are equal solid angles, 4 / radius^2.
 
     Parameters
     ----------
     images
         (N, H, W) pictures, one per light.
     ambient
-        (H, W) picture without any light, which shows the room too.
+        (H, W) image without any of the lights, which shows the room too.
 
     Returns
     -------
@@ -63,7 +63,7 @@ def mirror_directions(
     Raises
     ------
     CalibrationRejected
-        If a picture has no highlight; the message names the picture.
+        If a light image has no highlight; the message names it.
     """
     rows, columns = sphere.pixels(_INSIDE)
     top, left = int(rows.min()), int(columns.min())
@@ -92,21 +92,21 @@ def mirror_directions(
         above = [blob for blob in blobs if blob[3][2] > _LOWEST_Z]
         if not above:
             raise CalibrationRejected(
-                f"picture {light}: its brightest reflection is in the rim of the sphere, as of a "
-                "light behind the plane of the part; light it from the camera's side, or leave "
-                "the picture out"
+                f"light image {light}: its brightest reflection is in the rim of the sphere, as of "
+                "a light behind the plane of the part; light it from the camera's side, or leave "
+                "this light out"
             )
         above.sort(key=lambda blob: -blob[0])
         total, at, weights, direction = above[0]
         if at.size * 4.0 / sphere.radius_px**2 > _LARGEST:
             raise CalibrationRejected(
-                f"picture {light}: the light fills {at.size / len(rows):.0%} of the sphere; use a "
-                "smaller lamp or a shorter exposure, and a polished sphere"
+                f"light image {light}: the light fills {at.size / len(rows):.0%} of the sphere; "
+                "use a smaller lamp or a shorter exposure, and a polished sphere"
             )
         if len(above) > 1 and above[1][0] > _DOUBTFUL * total:
             doubts.append(
-                f"picture {light} has two reflections that differ from the other pictures, with "
-                f"{above[1][0] / total:.0%} of the light of the brighter one; that one was taken"
+                f"light image {light} has two reflections that differ from the other light images, "
+                f"with {above[1][0] / total:.0%} of the light of the brighter one, which was taken"
             )
         normal = direction + weights @ views[at] / weights.sum()
         normal /= np.linalg.norm(normal)
@@ -121,7 +121,7 @@ def mirror_directions(
 
 
 def _room(others: Sequence[FloatArray], values: FloatArray) -> FloatArray:
-    """The room without this light: median of the other pictures, minimum of up to two."""
+    """The room without this light: median of the other light images, minimum of up to two."""
     if not others:
         return np.full(values.shape, np.median(values))
     return np.asarray(np.median(others, axis=0) if len(others) > 2 else np.min(others, axis=0))
@@ -141,8 +141,8 @@ def _lit_share(values: FloatArray, room: FloatArray, light: int) -> tuple[FloatA
     noise = max(scatter, 1.0 if float(values.max()) > 1.0 else 0.0)
     if highest - middle < _LEAST_CONTRAST * noise or highest <= 0.0:
         raise CalibrationRejected(
-            f"picture {light} has no highlight on the sphere that the other pictures lack; is it a "
-            "polished sphere, and does each picture have its own light?"
+            f"light image {light} has no highlight on the sphere that the others lack; is it a "
+            "polished sphere, and does each light image have its own light?"
         )
     bright = values[change >= 0.5 * highest]
     is_clipped = (bright == bright.max()).sum() > 1

@@ -19,7 +19,7 @@ _ALIKE = 0.7
 
 
 def check_placements_differ(images: Sequence[npt.NDArray[Any]]) -> None:
-    """Check that no two placements have the same pictures.
+    """Check that no two placements have the same light images.
 
     They would count as two measurements although their errors are the same.
 
@@ -31,8 +31,8 @@ def check_placements_differ(images: Sequence[npt.NDArray[Any]]) -> None:
     for (first, one), (second, other) in combinations(enumerate(images, start=1), 2):
         if np.array_equal(one, other):
             raise InputError(
-                f"placements {first} and {second} are the same pictures; turn or move the target "
-                "between them, or give them once"
+                f"placements {first} and {second} have the same light images; rotate or move the "
+                "target between them, or give them once"
             )
 
 

@@ -1,4 +1,4 @@
-"""Flat field and LED positions from pictures of a white matt sheet."""
+"""Flat field and LED positions from light images of a white matt sheet."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -95,7 +95,7 @@ def measure_plate(
     CalibrationRejected
         For a sheet that is saturated, too dark, tilted or shiny, or that is no white matt sheet.
     InputError
-        For placements that differ in shape or lights, or that are the same pictures.
+        For placements that differ in shape or lights, or that have the same light images.
     """
     if len(lighting) < 3:
         raise InputError(f"{len(lighting)} lights; a sheet shows the positions of three or more")
@@ -134,12 +134,12 @@ def measure_plate(
 
 
 def check_sheet(blocks: PlateBlocks, lighting: Lighting) -> None:
-    """Check that the pictures show a sheet in a suitable exposure.
+    """Check that the light images show a sheet in a suitable exposure.
 
     Raises
     ------
     CalibrationRejected
-        For pictures that are saturated or too dark, or of something with relief.
+        For light images that are saturated or too dark, or of something with relief.
     """
     _check_exposure(blocks)
     slopes = blocks.relief[blocks.usable] / np.tan(np.radians(lighting.slants_deg)).mean()

@@ -1,4 +1,4 @@
-"""Pictures of a white sheet as means of blocks, without dust and saturated pixels."""
+"""Light images of a white sheet as means of blocks, without dust and saturated pixels."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

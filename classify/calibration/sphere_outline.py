@@ -1,4 +1,4 @@
-"""Find the sphere in pictures of it: its outline, to a fraction of a pixel.
+"""Find the sphere in light images of it: its outline, to a fraction of a pixel.
 
 The circles that edges vote for (`circle_votes`) are compared by the edges that lie on them, ray by
 ray.
@@ -70,7 +70,7 @@ _CUT = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """The outline of a sphere in a picture.
+    """The outline of a sphere in a light image.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ def outline_of_mask(mask: BoolArray) -> Outline:
 
 
 def find_outline(images: npt.NDArray[Any], *, is_mirror: bool = True) -> Outline:
-    """Find the outline of the one sphere in (N, H, W) pictures under N lights.
+    """Find the outline of the one sphere in (N, H, W) light images under N lights.
 
     For a matt sphere the differences between lights are not used: they are largest at the edges of
     its attached shadows.
@@ -183,8 +183,8 @@ def find_outline(images: npt.NDArray[Any], *, is_mirror: bool = True) -> Outline
 
 
 _NO_SPHERE = (
-    "no sphere is seen in the pictures; put it on a background that is brighter or darker than its "
-    "rim, or give a mask that is white where it is"
+    "no sphere is seen in the light images; put it on a background that is brighter or darker than "
+    "its rim, or give a mask that is white where it is"
 )
 
 

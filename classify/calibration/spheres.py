@@ -1,4 +1,4 @@
-"""Directions and positions of lights from pictures of mirror or matt spheres."""
+"""Directions and positions of lights from light images of mirror or matt spheres."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ _WORST_ERROR_DEG = 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class SpherePictures:
-    """Pictures of a sphere at one place, under each light.
+class SphereImages:
+    """Light images of a sphere at one place, under each light.
 
     Attributes
     ----------
     images
-        (N, H, W) one picture per light.
+        (N, H, W) one per light.
     full_scale
         Value of saturation.
     ambient
-        (H, W) picture with all lights off, or None.
+        (H, W) image with all lights off, or None.
     mask
         (H, W) true on the sphere, or None if its outline is to be found.
     vignetting
@@ -79,7 +79,7 @@ class SphereLights:
 
 
 def lights_from_spheres(
-    placements: Sequence[SpherePictures], kind: SphereKind, *, focal_px: float | None = None
+    placements: Sequence[SphereImages], kind: SphereKind, *, focal_px: float | None = None
 ) -> SphereLights:
     """Measure lights by spheres.
 
@@ -89,7 +89,7 @@ def lights_from_spheres(
     Parameters
     ----------
     placements
-        Pictures of the sphere at each place, under the same lights.
+        Light images of the sphere at each place, under the same lights.
     kind
         Surface of the sphere.
     focal_px
@@ -100,9 +100,9 @@ def lights_from_spheres(
     ------
     InputError
         For no placement, placements with different numbers of lights or sizes, or two with the
-        same pictures.
+        same light images.
     CalibrationRejected
-        If a sphere or the light on it is not found; the message names placement and picture.
+        If a sphere or the light on it is not found; the message names placement and light image.
     """
     shapes = {each.images.shape for each in placements}
     if len(shapes) != 1:
@@ -193,8 +193,8 @@ def scale_of_spheres(spheres: Sequence[Sphere], diameter_mm: float) -> Scale:
     )
 
 
-def _without_ambient(pictures: SpherePictures) -> npt.NDArray[Any]:
-    """The pictures less the ambient one; pixels at full scale stay there."""
+def _without_ambient(pictures: SphereImages) -> npt.NDArray[Any]:
+    """The light images less the ambient one; pixels at full scale stay there."""
     if pictures.ambient is None:
         return pictures.images
     images = pictures.images.astype(np.float32)

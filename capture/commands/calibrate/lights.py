@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from capture.calibration.setting import Setting
     from capture.sets.captured_set import CapturedSet
     from classify.calibration.lights import CalibratedLights
-    from classify.calibration.spheres import SpherePictures
+    from classify.calibration.spheres import SphereImages
     from rig import Rig
 
 # Places of the sphere on a simulated rig, in shares of the shorter side of the frame: the sphere,
@@ -108,7 +108,7 @@ def lights(
     several placements of the sphere give the positions of near lights.
     """
     from capture.calibration.setting import Setting
-    from capture.calibration.sphere_parts import pictures_of_sets, sphere_parts
+    from capture.calibration.sphere_parts import images_of_sets, sphere_parts
     from capture.outputs import check_output
     from capture.sets.light_list_file import require_light_list_name, write_light_list
     from rig import open_rig
@@ -129,7 +129,7 @@ def lights(
         with open_rig(rig) as opened:
             sets = list(_captured(opened, target, placements, yes))
             setting = Setting.of_rig(opened)
-        pictures, names = pictures_of_sets(sets, file), ["captured"]
+        pictures, names = images_of_sets(sets, file), ["captured"]
         image_names = [f"light{k}.tif" for k in range(len(sets[0].images))]
     else:
         pictures, setting, image_names = _of_files(
@@ -178,9 +178,9 @@ def _of_files(
     gamma: Literal["linear", "srgb"] | None,
     sphere: Literal["mirror", "matte"],
     file: CalibrationFile,
-) -> tuple[list[SpherePictures], Setting, list[str]]:
+) -> tuple[list[SphereImages], Setting, list[str]]:
     from capture.calibration.setting import Setting
-    from capture.calibration.sphere_parts import pictures_of_photographs, pictures_of_sets
+    from capture.calibration.sphere_parts import images_of_photographs, images_of_sets
     from capture.sets.captured_set import CapturedSet
 
     photographs, sets = files_given(given)
@@ -189,13 +189,13 @@ def _of_files(
     if photographs:
         # Where a highlight is does not depend on the coding of brightness.
         coding = gamma or ("linear" if sphere == "mirror" else None)
-        pictures, setting = pictures_of_photographs(photographs, masks, count, coding, file)
+        pictures, setting = images_of_photographs(photographs, masks, count, coding, file)
         return pictures, setting, [path.name for path in photographs[: len(pictures[0].images)]]
     if masks or count is not None or gamma is not None:
         raise InputError("--mask, --lights and --gamma are for photographs; sets state them")
     captured = [CapturedSet.load(path) for path in sets]
     names = [f"light{k}.tif" for k in range(len(captured[0].images))]
-    return pictures_of_sets(captured, file), Setting.of_set(captured[0]), names
+    return images_of_sets(captured, file), Setting.of_set(captured[0]), names
 
 
 def _captured(rig: Rig, target: Target, placements: int, yes: bool) -> Iterator[CapturedSet]:

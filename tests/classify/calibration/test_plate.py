@@ -116,7 +116,7 @@ def test_placements_must_be_alike() -> None:
 
 
 def test_the_same_pictures_are_no_second_placement() -> None:
-    with pytest.raises(InputError, match="placements 1 and 2 are the same pictures; turn or move"):
+    with pytest.raises(InputError, match="placements 1 and 2 have the same light images; rotate"):
         measured(SHEET, (0, 0))
 
 

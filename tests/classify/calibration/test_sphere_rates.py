@@ -6,7 +6,7 @@
 import numpy as np
 import pytest
 
-from classify.calibration.spheres import SphereKind, SpherePictures, lights_from_spheres
+from classify.calibration.spheres import SphereImages, SphereKind, lights_from_spheres
 from classify.errors import CalibrationRejected
 from tests.sphere_pictures import Background, Picture, scattered_lights
 
@@ -35,7 +35,7 @@ def test_rates(kind: SphereKind, background: Background, is_masked: bool) -> Non
     for seed in range(SPHERES):
         scene = picture(background, seed + 1000)
         images, mask = scene.images(kind)
-        given = SpherePictures(images, 255.0, None, mask if is_masked else None)
+        given = SphereImages(images, 255.0, None, mask if is_masked else None)
         try:
             lights = lights_from_spheres([given], kind).lights
         except CalibrationRejected as error:

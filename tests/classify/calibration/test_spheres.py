@@ -11,8 +11,8 @@ from classify.calibration.circle import Circle
 from classify.calibration.sphere import Sphere
 from classify.calibration.sphere_outline import Outline, find_outline, outline_of_mask
 from classify.calibration.spheres import (
+    SphereImages,
     SphereKind,
-    SpherePictures,
     lights_from_spheres,
     positions_of_rays,
     scale_of_spheres,
@@ -29,9 +29,9 @@ def off_deg(found: np.ndarray, true: np.ndarray) -> np.ndarray:
     return np.degrees(np.arccos(np.clip((found * true).sum(axis=1), -1.0, 1.0)))
 
 
-def taken(picture: Picture, kind: str, *, masked: bool = True) -> SpherePictures:
+def taken(picture: Picture, kind: str, *, masked: bool = True) -> SphereImages:
     images, mask = picture.images(kind)
-    return SpherePictures(images, 255.0, None, mask if masked else None)
+    return SphereImages(images, 255.0, None, mask if masked else None)
 
 
 PLACES = st.tuples(st.floats(-40, 40), st.floats(-20, 20), st.floats(40, 70))
@@ -164,7 +164,7 @@ def test_rays_from_one_point_give_no_positions() -> None:
 @pytest.mark.parametrize("kind", ["mirror", "matte"])
 def test_the_same_pictures_are_no_second_placement(kind: SphereKind) -> None:
     pictures = taken(Picture(scattered_lights(4, 1), radius=50.0), kind)
-    with pytest.raises(InputError, match="placements 1 and 2 are the same pictures"):
+    with pytest.raises(InputError, match="placements 1 and 2 have the same light images"):
         lights_from_spheres([pictures, pictures], kind)
 
 
@@ -198,20 +198,20 @@ def test_pictures_without_a_usable_light_are_refused(
     kind: str, change: dict[str, object], cause: str
 ) -> None:
     picture = replace(Picture(scattered_lights(4, 1), background="sheet"), **change)
-    with pytest.raises(CalibrationRejected, match=f"picture 0.*{cause}"):
+    with pytest.raises(CalibrationRejected, match=f"light image 0.*{cause}"):
         lights_from_spheres([taken(picture, kind)], kind)
 
 
 def test_a_mirror_sphere_is_refused_as_a_matt_sphere() -> None:
     picture = Picture(scattered_lights(4, 1), background="sheet")
-    with pytest.raises(CalibrationRejected, match=r"picture 0.*matt"):
+    with pytest.raises(CalibrationRejected, match=r"light image 0.*matt"):
         lights_from_spheres([taken(picture, "mirror")], "matte")
 
 
 def test_a_light_behind_the_part_is_named() -> None:
     lights = light_vectors([0.0, 90.0, 180.0], [30.0, 30.0, 110.0])
     pictures = taken(Picture(lights, background="sheet"), "mirror")
-    with pytest.raises(CalibrationRejected, match=r"picture 2.*behind the plane"):
+    with pytest.raises(CalibrationRejected, match=r"light image 2.*behind the plane"):
         lights_from_spheres([pictures], "mirror")
 
 
@@ -262,7 +262,7 @@ def test_a_wall_that_each_lamp_lights_is_not_the_lamp(value: int) -> None:
     for number, image in enumerate(images):
         wall = np.s_[80 + 5 * number : 110 + 5 * number, 105:150]
         image[wall] = np.maximum(image[wall], value)
-    found = lights_from_spheres([SpherePictures(images, 255.0, None, mask)], "mirror")
+    found = lights_from_spheres([SphereImages(images, 255.0, None, mask)], "mirror")
     assert off_deg(found.lights.lighting.directions, lights).max() < 0.6
     assert found.doubts == ()
 
