@@ -20,7 +20,7 @@ from classify.regular_file import read_regular_file
 _MAX_BYTES = 2**22  # 16 KiB a light
 _MAX_LIGHTS = 255  # a captured set has up to 256 images, one of them ambient
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
-_IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".tga", ".dng")
+PHOTOGRAPH_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".tga", ".dng")
 # Words in the names that others give to the keys of this format.
 _ALIKE = {
     "intensity": {
@@ -167,7 +167,7 @@ def _parsed_lp(path: Path, text: str) -> LightList:
         # A name may contain blanks, and folders of another computer.
         name, *fields = line.rsplit(maxsplit=3)
         longer = line.rsplit(maxsplit=4)
-        if longer[0].lower().endswith(_IMAGE_SUFFIXES):
+        if longer[0].lower().endswith(PHOTOGRAPH_SUFFIXES):
             name, *fields = longer
         try:
             x, y, z, *more = map(float, fields)

@@ -51,7 +51,6 @@ PhotographGamma = Annotated[
     ),
 ]
 Yes = Annotated[bool, typer.Option("--yes", help="Do not ask whether the target is in place.")]
-_PHOTOGRAPHS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".tga", ".dng")
 
 
 @dataclass(frozen=True)
@@ -104,15 +103,17 @@ def files_given(places: Sequence[Path]) -> tuple[list[Path], list[Path]]:
     InputError
         If a folder holds none of them.
     """
+    from capture.sets.light_list import PHOTOGRAPH_SUFFIXES
     from capture.sets.ome_tiff import SUFFIX
 
     files: list[Path] = []
     for place in places:
         found = [place]
         if place.is_dir():
-            found = sorted(each for each in place.iterdir() if each.suffix.lower() in _PHOTOGRAPHS)
+            below = sorted(place.iterdir())
+            found = [each for each in below if each.suffix.lower() in PHOTOGRAPH_SUFFIXES]
         if not found:
-            raise InputError(f"{place}: holds no photographs ({', '.join(_PHOTOGRAPHS)})")
+            raise InputError(f"{place}: holds no photographs ({', '.join(PHOTOGRAPH_SUFFIXES)})")
         files += found
     sets = [path for path in files if path.name.endswith(SUFFIX)]
     return [path for path in files if path not in sets], sets

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from capture.station.gauge.gauge import ACCEPTABLE
 from capture.station.inspection.inspector import Inspection
 from capture.station.recipe.recipe import Recipe
 from capture.station.recipe.recipe_folder import TaughtFiles
@@ -17,9 +18,8 @@ from .manual_limits import LimitsOf
 from .taught_part import TaughtPart
 from .taught_sets import KeptSet
 
-# Largest share of bad parts that may pass, and of good parts that may be rejected (AIAG,
-# Measurement Systems Analysis, 4th edition: acceptable for an appraiser of attributes).
-MOST_MISSES, MOST_FALSE_ALARMS = 0.02, 0.05
+# Largest share of bad parts that may pass, and of good parts that may be rejected.
+_, _MOST_MISSES, _MOST_FALSE_ALARMS = ACCEPTABLE
 # Limits of 3 good parts are 10.6 standard deviations wide, those of 10 are 4.0, those of 30 are 3.1
 # (`classify.confidence.tolerance_factor`): from 10 on, more parts narrow them little.
 ENOUGH_PARTS = 10
@@ -111,10 +111,10 @@ class Teaching:
             good = texture in self.recipe.passes
             if good:
                 events = sum(match.label != texture for match in found)
-                limit, event = MOST_FALSE_ALARMS, "rejected"
+                limit, event = _MOST_FALSE_ALARMS, "rejected"
             else:
                 events = sum(match.label in self.recipe.passes for match in found)
-                limit, event = MOST_MISSES, "passed"
+                limit, event = _MOST_MISSES, "passed"
             kind = "good" if good else "bad"
             yield (
                 f"{texture}: {events} of {len(found)} {kind} parts were {event} by their texture "
