@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.errors import CalibrationRejected, InputError
+from classify.images.noise import ROUNDING_VARIANCE
 
 from .block_levels import BLOCKS, Frames, in_blocks, temporal_variances
 from .dark import Dark
@@ -16,7 +17,6 @@ FloatArray = npt.NDArray[np.float64]
 # smaller deviation disturbs an image less than noise does; the mean of 16 frames of normal noise
 # never reaches it.
 _HOT = 6.0
-_ROUNDING_VARIANCE = 1.0 / 12.0
 # Good industrial sensors have fewer than one hot pixel in a thousand.
 _MOST_HOT = 0.01
 # Shares of full scale. An 8-bit camera of gamma 2.2 with an offset of 1/64 shows 15 % in the dark;
@@ -96,7 +96,7 @@ def dark_of(frames: Frames, full_scale: float, lit: Frames | None = None) -> Dar
         _check_unlit(frames, lit, noise, float(full_scale))
     mean = frames.mean(axis=0, dtype=np.float64)
     excess = mean - _per_pixel(medians, mean.shape)
-    hot = np.abs(excess) > _HOT * np.sqrt(noise**2 + _ROUNDING_VARIANCE)
+    hot = np.abs(excess) > _HOT * np.sqrt(noise**2 + ROUNDING_VARIANCE)
     share = float(hot.mean())
     if share > _MOST_HOT:
         raise CalibrationRejected(
@@ -162,7 +162,7 @@ def _check_unlit(frames: Frames, lit: Frames, noise: float, full_scale: float) -
     dark = in_blocks(frames).mean(axis=(0, 2), dtype=np.float64)
     rises = in_blocks(lit).mean(axis=2, dtype=np.float64) - dark
     pixels = frames[0].size / BLOCKS**2
-    error = np.sqrt((noise**2 + _ROUNDING_VARIANCE) / pixels * (1.0 + 1.0 / len(frames)))
+    error = np.sqrt((noise**2 + ROUNDING_VARIANCE) / pixels * (1.0 + 1.0 / len(frames)))
     rise = float(rises.max())
     if rise > _SIGNIFICANT * error + _LEAK * full_scale:
         raise CalibrationRejected(

@@ -15,6 +15,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import cholesky, solve_triangular
 
+from classify.images.noise import SIGMA_PER_MAD
+
 from .led_positions import Aim
 
 FloatArray = npt.NDArray[np.float64]
@@ -38,7 +40,6 @@ _MOST_CAUSES = 3
 # longest step; and the largest number of steps.
 _SHIFT, _LONGEST_STEP, _MOST_STEPS = 1e-3, 1.0, 12
 _NO_SLOPE: FloatArray = np.zeros(2)
-_MAD = 1.4826  # from the median absolute deviation to the standard deviation of normal noise
 _LOWEST_LIGHT = 0.02  # least z of a unit vector: no light of a fit sinks below the plane
 
 
@@ -220,7 +221,7 @@ class DriftModel:
                 slope += found
         shared = rest.mean(axis=0)
         residual = float(np.sqrt(np.square(rest - shared).mean()))
-        unevenness = _MAD * float(np.median(np.abs(shared)))
+        unevenness = SIGMA_PER_MAD * float(np.median(np.abs(shared)))
         return Explanation(tuple(named), levels, brightness, slope, residual, unevenness)
 
     def _nuisances(self) -> Iterator[FloatArray]:

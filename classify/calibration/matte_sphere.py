@@ -10,6 +10,7 @@ import numpy.typing as npt
 from scipy import optimize
 
 from classify.errors import CalibrationRejected
+from classify.images.noise import SIGMA_PER_MAD
 
 from .sphere import FloatArray, Sphere
 
@@ -168,7 +169,7 @@ def _kept(
     """Pixels that face the light and fit the shading to three robust deviations."""
     cosine, values = samples.normals @ direction, samples.flat(vignetting)
     coefficients, off = _shading(cosine[lit], values[lit])
-    spread = 1.4826 * float(np.median(np.abs(off))) + 1e-3 * float(np.ptp(values))
+    spread = SIGMA_PER_MAD * float(np.median(np.abs(off))) + 1e-3 * float(np.ptp(values))
     far = np.abs(values - np.polyval(coefficients, np.clip(cosine, 0.0, 1.0))) > 3.0 * spread
     kept = np.asarray((cosine > _LIT) & ~far)
     if kept.mean() < _LEAST_USED:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from classify.errors import CalibrationRejected
+from classify.images.noise import SIGMA_PER_MAD
 
 from .sphere import FloatArray, Sphere
 
@@ -136,7 +137,7 @@ def _lit_share(values: FloatArray, room: FloatArray, light: int) -> tuple[FloatA
     change = values - room
     highest = float(change.max())
     middle = float(np.median(change))
-    scatter = 1.4826 * float(np.median(np.abs(change - middle)))
+    scatter = SIGMA_PER_MAD * float(np.median(np.abs(change - middle)))
     # Values of one digit have no scatter, and are uncertain by one.
     noise = max(scatter, 1.0 if float(values.max()) > 1.0 else 0.0)
     if highest - middle < _LEAST_CONTRAST * noise or highest <= 0.0:

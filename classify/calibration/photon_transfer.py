@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.errors import CalibrationRejected
-from classify.images.noise import SensorNoise
+from classify.images.noise import ROUNDING_VARIANCE, SensorNoise
 
 from .block_levels import BlockLevels
 from .noise import Noise
@@ -23,7 +23,6 @@ FloatArray = npt.NDArray[np.float64]
 # of rounding is exp(-2 pi^2 v) (4 v + 1 / pi^2) with v = V - 1/12. At 0.24, which EMVA 1288
 # demands, it is 0.03, and the gain of an 8-bit camera on an even sheet comes out 1 % wrong.
 _LEAST_VARIANCE, _ROUNDING_ERROR = 0.4, 0.003
-_ROUNDING_VARIANCE = 1.0 / 12.0
 # EMVA 1288 fits from the dark to 70 % of saturation: beyond, the brightest pixels clip.
 _HIGHEST = 0.7
 # Groups of blocks of similar mean, which are compared with the line. Fewer are no proof of it.
@@ -112,7 +111,7 @@ def photon_transfer(
             f"the variance departs by {error:.0%} from a line in the mean: the camera is not "
             "linear or reduces noise itself, or the light flickers"
         )
-    read_noise = np.sqrt(max(0.0, float(line[0]) - _ROUNDING_VARIANCE))
+    read_noise = np.sqrt(max(0.0, float(line[0]) - ROUNDING_VARIANCE))
     read_error = None
     if known is None:
         # Error of a square root, or near 0 the square root of the error.

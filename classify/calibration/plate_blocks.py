@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from classify.images.noise import SIGMA_PER_MAD
 from classify.images.stack import ImageStack
 from classify.lights.flat_field import coordinates
 
@@ -20,8 +21,6 @@ BLOCKS, _CELLS = 32, 16
 # Cells further from the median of their block than this multiple of its robust standard deviation
 # are dust.
 _DUST = 4.0
-# From the median absolute deviation to the standard deviation of normal noise.
-_MAD = 1.4826
 # Cells darker than this share of the bright ones are beside the sheet, as in `fall_off`.
 _DARK = 0.05
 # Least usable share of a block that counts.
@@ -99,12 +98,12 @@ def _of_placement(
     common = logs.mean(axis=0)
     ratio = logs - common
     away = _deviation(ratio, good)
-    relief = _MAD * np.sqrt(np.square(np.nan_to_num(_median(np.abs(away)))).mean(axis=0))
+    relief = SIGMA_PER_MAD * np.sqrt(np.square(np.nan_to_num(_median(np.abs(away)))).mean(axis=0))
     unevenness = _deviation(common, good)
-    grain = _MAD * np.nan_to_num(_median(np.abs(unevenness)))
+    grain = SIGMA_PER_MAD * np.nan_to_num(_median(np.abs(unevenness)))
     clean = good & (np.abs(unevenness) <= _DUST * grain[..., None] + 1e-9)
     for each in away:
-        spread = _MAD * np.nan_to_num(_median(np.abs(each)))[..., None]
+        spread = SIGMA_PER_MAD * np.nan_to_num(_median(np.abs(each)))[..., None]
         clean &= np.abs(each) <= _DUST * spread + 1e-9
     count = clean.sum(axis=-1)
     means = (values * clean).sum(axis=-1) / np.maximum(count, 1)

@@ -32,8 +32,11 @@ _APART_PX = 2
 _TENTH, BEYOND_NOISE = -1.2816, 2.76
 # Squares of larger values, and their products with gains, are out of reach of float32.
 _LARGEST = 1e9
-# Variance of rounding to whole numbers.
-_ROUNDING_VARIANCE = 1.0 / 12.0
+
+ROUNDING_VARIANCE = 1.0 / 12.0
+"""Variance of the error of rounding to whole numbers."""
+SIGMA_PER_MAD = 1.4826
+"""Standard deviation of normal noise over its median absolute deviation."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +78,7 @@ class SensorNoise:
 
     def coefficients(self) -> npt.NDArray[np.float32]:
         """(3,) a, b and black of the variance a + b (v - black)."""
-        a = self.read_noise_dn**2 + _ROUNDING_VARIANCE
+        a = self.read_noise_dn**2 + ROUNDING_VARIANCE
         return np.array([a, 1.0 / self.gain_e_per_dn, self.black_level_dn], dtype=np.float32)
 
 
@@ -109,7 +112,7 @@ def noise_of_images(stack: ImageStack, gains: npt.NDArray[np.float32], lighting:
     """
     rounding = 0.0
     if stack.images.dtype.kind != "f":
-        rounding = float(gains.max()) * math.sqrt(_ROUNDING_VARIANCE)
+        rounding = float(gains.max()) * math.sqrt(ROUNDING_VARIANCE)
     freedom = len(lighting) - 3
     if freedom < 1:
         return rounding

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from classify.compiling import kernel
 from classify.errors import InputError
-from classify.images.noise import SensorNoise, noise_of_images
+from classify.images.noise import ROUNDING_VARIANCE, SIGMA_PER_MAD, SensorNoise, noise_of_images
 from classify.images.sampling import IndexArray, symmetric_samples
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
@@ -51,7 +51,7 @@ _OUTLIER = 3.0
 _ABOVE_NOISE = 0.3
 _STANDARD_ERRORS = 6.0
 # Rounding has a variance of 1/12, and of 1/4 where all values lie halfway between two numbers.
-_EXTRA_ROUNDING = 1.0 / 4.0 - 1.0 / 12.0
+_EXTRA_ROUNDING = 1.0 / 4.0 - ROUNDING_VARIANCE
 
 
 @dataclass(frozen=True)
@@ -201,7 +201,7 @@ def _compare(
         squares, variance = np.square(gains), noise.coefficients()
     else:
         squares = np.ones(4, np.float32)
-        variance = np.array([max(noise**2, 1.0 / 12.0), 0.0, 0.0], np.float32)
+        variance = np.array([max(noise**2, ROUNDING_VARIANCE), 0.0, 0.0], np.float32)
     means = gains * (raw.mean(axis=(1, 2)) - dark.mean())
     noises, lit = np.empty_like(raw), np.empty(dark.shape, np.bool_)
     _weigh(
@@ -295,7 +295,7 @@ def _variance_of_difference(a: FloatArray, b: FloatArray) -> FloatArray:
     for group in range(4):
         inside = groups == group
         typical = float(np.median(steps[inside])) if inside.any() else 0.0
-        variance[inside] = max(1.0 / 6.0, (1.4826 * typical) ** 2 / 2.0)
+        variance[inside] = max(1.0 / 6.0, (SIGMA_PER_MAD * typical) ** 2 / 2.0)
     return variance
 
 
@@ -331,7 +331,7 @@ def _beyond_noise(deviation: FloatArray, variance: FloatArray, counted: BoolArra
             part = slice(int(edges[band]), int(edges[band + 1]))
             inside = counted[part]
             # The median, as a few glints are not a wrong light.
-            size = 1.4826 * float(np.median(np.abs(deviation[part][inside])))
+            size = SIGMA_PER_MAD * float(np.median(np.abs(deviation[part][inside])))
             noise = float(np.median(variance[part][inside]))
             total += max(0.0, size**2 - noise) * len(inside) / rows
         worst = max(worst, total)

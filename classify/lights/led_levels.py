@@ -18,6 +18,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
+from classify.images.noise import SIGMA_PER_MAD
 from classify.images.sampling import sample_pixels
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
@@ -103,7 +104,7 @@ def fit_levels(terms: FloatArray, noises: FloatArray, level_spread: float) -> Le
         towards = inverse.sum(axis=1)
         factors = towards * (4.0 / towards.sum())
         residual = np.square(factors @ exact) / (np.square(factors) @ noise + _SURFACE_VARIANCE)
-        typical = 1.4826 * math.sqrt(_median(residual))
+        typical = SIGMA_PER_MAD * math.sqrt(_median(residual))
         agreeing = (residual <= (_OUTLIER * max(1.0, typical)) ** 2).astype(np.float64)
     covariance = inverse - np.outer(towards, towards) / towards.sum()
     error = math.sqrt(max(float(np.linalg.eigvalsh(covariance)[-1]), 0.0))
@@ -146,7 +147,7 @@ def residual_spread(values: FloatArray, null: npt.NDArray[np.float64]) -> float:
     if values.shape[1] < _MIN_SAMPLES:
         return 0.0
     residual = np.abs(null.astype(np.float32) @ values) / values.mean(axis=0)
-    return 1.4826 * _median(residual)
+    return SIGMA_PER_MAD * _median(residual)
 
 
 def level_corrections(
@@ -214,7 +215,7 @@ def _levels_of_a_level_part(
     bx, by, bz = pinv.astype(np.float32) @ values
     slopes = np.stack([bx, by]) / bz
     slopes -= np.median(slopes, axis=1, keepdims=True)
-    relief = 1.4826 * np.median(np.abs(slopes), axis=1)
+    relief = SIGMA_PER_MAD * np.median(np.abs(slopes), axis=1)
     tilt = _MEAN_SLOPE**2 + _MEAN_SLOPE_OF_RELIEF**2 * float(np.square(relief).mean())
     across = directions[:, :2] / vertical[:, None]
     # The last term: the images do not tell a common factor of all levels.

@@ -22,6 +22,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from classify.images.noise import SIGMA_PER_MAD
 from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
 
@@ -255,14 +256,14 @@ def _noise_variance(plane: FloatArray, usable: BoolArray) -> float:
     differences = cv2.filter2D(plane, -1, _NOISE_KERNEL)[usable]
     if differences.size == 0:
         return 0.0
-    return float((1.4826 * np.median(np.abs(differences))) ** 2)
+    return float((SIGMA_PER_MAD * np.median(np.abs(differences))) ** 2)
 
 
 def _moments(values: FloatArray) -> Float64Array:
     """Second moments of (M, n) values about their means, with outliers clipped."""
     if values.shape[1] == 0:
         return np.eye(len(values))
-    limit = _OUTLIER * 1.4826 * np.median(np.abs(values), axis=1, keepdims=True)
+    limit = _OUTLIER * SIGMA_PER_MAD * np.median(np.abs(values), axis=1, keepdims=True)
     # A median of 0 says nothing about the width: more than half of the values are equal.
     bounded = np.where(limit > 0.0, np.clip(values, -limit, limit), values)
     bounded = (bounded - bounded.mean(axis=1, keepdims=True)).astype(np.float64)

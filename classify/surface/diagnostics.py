@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.compiling import kernel
+from classify.images.noise import SIGMA_PER_MAD
 from classify.shadow_rule import SHADOW_FLOOR, SHADOW_FRACTION
 
 Array = npt.NDArray[Any]
@@ -114,7 +115,7 @@ def highlight_limits(
         if facing.any():
             ratios = light[facing] / prediction[facing]
             typical = float(np.median(ratios))
-            spread = 1.4826 * float(np.median(np.abs(ratios - typical)))
+            spread = SIGMA_PER_MAD * float(np.median(np.abs(ratios - typical)))
             limits[k] = max(limits[k], typical + _HIGHLIGHT_DEVIATIONS * spread)
     return limits
 
