@@ -44,8 +44,8 @@ def reproduce(
     photographs: Annotated[
         Path | None,
         typer.Option(
-            help="Folder of folders of photographs with lights.json: measure the solvers on "
-            "these instead of the chapter.",
+            help="Folder of folders of photographs with lights.json: measure solvers and "
+            "recognition on these instead of the chapter.",
             metavar="DIR",
         ),
     ] = None,
