@@ -16,6 +16,7 @@ from .errors import ConfigError
 from .lights.discovery import find_controller, known_port, list_serial_ports, ports_to_try
 from .lights.driver import LightController
 from .lights.recovery import Whereabouts
+from .lights.sequence import require_one_line
 from .lights.timeouts import DEFAULT_TIMEOUTS, LinkTimeouts
 from .signals import uninterrupted
 from .simulation.rig import Simulation
@@ -103,6 +104,8 @@ def open_rig(rig: str | Path | RigConfig, *, timeouts: LinkTimeouts = DEFAULT_TI
     (2, 12)
     """
     config = rig if isinstance(rig, RigConfig) else config_of(rig)
+    if config.sequence_plan is not None:
+        require_one_line(config.sequence_plan)
     with ExitStack() as closing:
         simulation = None
         if config.is_simulated:

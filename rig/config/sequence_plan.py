@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from firmware_sim.firmware import DARK, MAX_LINE_BYTES, MAX_STEP_US, MAX_STEPS
+from firmware_sim.firmware import MAX_STEP_US, MAX_STEPS
 
 # Planned time from the end of an exposure until the controller has switched: one or two passes of
 # its main loop (0.2 ms each at most, `controller_turn_us`) and the delay of an optocoupler. Each
@@ -12,8 +12,6 @@ REACTION_S = 0.0005
 # A strobe without an edge for this long beyond the frame period counts as disconnected, and so does
 # that of a camera that stalls for longer.
 _STROBE_PATIENCE_S = 0.25
-# Of the command that starts a sequence, without the steps: longest sequence id, verb, checksum.
-_COMMAND_BYTES = len("#65535 SEQ:TRIG ~FF")
 
 
 @dataclass(frozen=True)
@@ -46,12 +44,6 @@ class SequencePlan:
     frames_per_step: int
     exposed_s: float
     duration_s: float
-
-    @property
-    def steps(self) -> str:
-        """The steps, as the controller's command has them."""
-        order = ",".join(str(DARK if light is None else light) for light in self.lights)
-        return f"{self.settle_us},{self.wait_us},{order}"
 
 
 def plan_sequence(
@@ -100,10 +92,4 @@ def plan_sequence(
             f"steps of {wait_s:.3g} s are too long for the controller, which takes "
             f"{1e-6 * MAX_STEP_US:g} s; shorten exposure, frame period or settle time"
         )
-    plan = SequencePlan(lights, triggers, settle_us, wait_us, frames, exposed_s, duration_s)
-    if _COMMAND_BYTES + len(plan.steps) > MAX_LINE_BYTES:
-        raise ValueError(
-            f"the controller's command for {light_count} lights has more than {MAX_LINE_BYTES} "
-            "bytes; set lights.synchronisation = 'software'"
-        )
-    return plan
+    return SequencePlan(lights, triggers, settle_us, wait_us, frames, exposed_s, duration_s)

@@ -6,22 +6,41 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from firmware_sim.firmware import DARK, MESSAGES
+from firmware_sim.firmware import DARK, MAX_LINE_BYTES, MESSAGES
 from rig.config.sequence_plan import SequencePlan
-from rig.errors import LightControllerError
+from rig.errors import ConfigError, LightControllerError
 
 from .driver import Answer, LightController
+from .wire import encode_command
 
 # Drift between the clocks: two crystals of 50 ppm each, doubled for temperature and age.
 _DRIFT = 2e-4
 # Of a sequence that waits for hours only the latest exchanges relate the clocks.
 _EXCHANGES = 1000
+_LONGEST_ID = 65_535  # of a command
 
 
 def start_command(plan: SequencePlan) -> str:
     """Return the command that starts a sequence."""
     verb = "TRIG" if plan.triggers else "ARM"
-    return f"SEQ:{verb} {plan.steps}"
+    order = ",".join(str(DARK if light is None else light) for light in plan.lights)
+    return f"SEQ:{verb} {plan.settle_us},{plan.wait_us},{order}"
+
+
+def require_one_line(plan: SequencePlan) -> None:
+    """Check that the command of a sequence fits into a line of the controller.
+
+    Raises
+    ------
+    ConfigError
+        If it has too many lights for that.
+    """
+    line = encode_command(_LONGEST_ID, start_command(plan)).removesuffix(b"\n")
+    if len(line) > MAX_LINE_BYTES:
+        raise ConfigError(
+            f"the controller's command for {len(plan.lights) - 1} lights has more than "
+            f"{MAX_LINE_BYTES} bytes; set lights.synchronisation = 'software'"
+        )
 
 
 def exposure_left_s(lights: LightController, plan: SequencePlan) -> float:
