@@ -37,7 +37,7 @@ _START_S = 10.0
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
 
 
-class _Server(ModbusTcpServer):
+class LineServer(ModbusTcpServer):
     """The registers of a line, for up to `MAX_CONNECTIONS` clients that read the answers."""
 
     def __init__(self, line: PlcLine, host: str, port: int) -> None:
@@ -72,24 +72,29 @@ class _Server(ModbusTcpServer):
 
     async def keep(self, where: str) -> None:
         """Count heartbeats, and close connections that are too many or do not read."""
-        listener: Any = self.transport
-        for each in listener.sockets:  # connections inherit it
-            each.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _MOST_UNREAD_BYTES)
-            if hasattr(socket, "TCP_USER_TIMEOUT"):  # not on Windows
-                each.setsockopt(
-                    socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _MOST_UNACKNOWLEDGED_MS
-                )
         while True:
             transports = [each.transport for each in self.active_connections.values()]
             for number, each in enumerate(transports):
                 if not isinstance(each, asyncio.WriteTransport):
                     continue
+                _bound(each)
                 if each.get_write_buffer_size() > _MOST_UNREAD_BYTES:
                     _reset(each)
                 elif number >= MAX_CONNECTIONS:
                     each.abort()
             self._line.tick(len(transports), where)
             await asyncio.sleep(TICK_S)
+
+
+def _bound(transport: asyncio.WriteTransport) -> None:
+    """Bound what waits for a client, and for how long.
+
+    Set on each connection: one that is made before the listener has its options inherits none.
+    """
+    connection = transport.get_extra_info("socket")
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _MOST_UNREAD_BYTES)
+    if hasattr(socket, "TCP_USER_TIMEOUT"):  # not on Windows
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _MOST_UNACKNOWLEDGED_MS)
 
 
 def _reset(transport: asyncio.WriteTransport) -> None:
@@ -116,7 +121,7 @@ def serving_modbus(line: PlcLine, settings: ModbusConfig) -> Iterator[str]:
     failures: list[BaseException] = []
 
     async def serve() -> None:
-        server = _Server(line, settings.host, port)
+        server = LineServer(line, settings.host, port)
         await server.serve_forever(background=True)
         started.set()
         keeper = asyncio.create_task(server.keep(where))
