@@ -105,7 +105,7 @@ def _flat_field(measured: MeasuredPlate, setting: Setting, source: Sequence[str]
         SHEET_BRIGHTNESS: measured.brightness,
     }
     warnings = []
-    if not measured.is_turned:
+    if not measured.is_moved:
         count = len(measured.tilts_deg)
         placements = "one placement" if count == 1 else f"{count} sets, but one placement"
         warnings.append(

@@ -69,7 +69,7 @@ def images_of_photographs(
         )
     read = read_photographs(paths, gamma=gamma, bits=None, crop=None)
     planes = np.stack(read.planes)
-    pictures = [
+    placements = [
         SphereImages(
             planes[lights * k : lights * (k + 1)],
             read.full_scale,
@@ -78,7 +78,7 @@ def images_of_photographs(
         for k in range(count)
     ]
     setting = Setting.of_photographs(read)
-    return [_corrected(each, setting, file) for each in pictures], setting
+    return [_corrected(each, setting, file) for each in placements], setting
 
 
 def images_of_sets(sets: Sequence[CapturedSet], file: CalibrationFile) -> list[SphereImages]:
@@ -95,7 +95,7 @@ def images_of_sets(sets: Sequence[CapturedSet], file: CalibrationFile) -> list[S
     ]
 
 
-def _corrected(pictures: SphereImages, setting: Setting, file: CalibrationFile) -> SphereImages:
+def _corrected(sphere: SphereImages, setting: Setting, file: CalibrationFile) -> SphereImages:
     """Correct light images by the parts of the calibration that hold for them.
 
     They are divided by the part of the flat field that all lights share: the vignetting of the
@@ -106,19 +106,19 @@ def _corrected(pictures: SphereImages, setting: Setting, file: CalibrationFile) 
         for name in _OF_IMAGES
         if name in file.records and not file.records[name].setting.differences(setting, name)
     }
-    known, full_scale = Calibration(**parts), pictures.full_scale
-    stack = known.corrected(ImageStack(pictures.images, pictures.ambient), full_scale)
+    known, full_scale = Calibration(**parts), sphere.full_scale
+    stack = known.corrected(ImageStack(sphere.images, sphere.ambient), full_scale)
     if known.flat_field is not None:
         shared = known.flat_field.shared
         stack = shared.divide(stack, full_scale)
         full_scale = float(shared.saturation(full_scale))
-    mask = None if pictures.mask is None else known.corrected_mask(pictures.mask)
+    mask = None if sphere.mask is None else known.corrected_mask(sphere.mask)
     vignetting = None if known.flat_field is None else 0.0
     return SphereImages(stack.images, full_scale, stack.ambient, mask, vignetting)
 
 
 def sphere_parts(
-    pictures: Sequence[SphereImages],
+    placements: Sequence[SphereImages],
     kind: SphereKind,
     file: CalibrationFile,
     setting: Setting,
@@ -134,7 +134,7 @@ def sphere_parts(
     """
     scale = file.calibration.scale
     focal_px = None if scale is None else scale.focal_px
-    found = lights_from_spheres(pictures, kind, focal_px=focal_px)
+    found = lights_from_spheres(placements, kind, focal_px=focal_px)
     lighting = found.lights.lighting
     if not setting.light_directions:
         rows = tuple((x, y, z) for x, y, z in lighting.directions.tolist())

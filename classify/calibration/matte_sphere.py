@@ -192,13 +192,13 @@ def _refined(
     """Direction near `start` and vignetting with the least residual of the shading."""
     side = np.linalg.svd(start[None])[2][1:]  # two vectors across the direction
 
-    def turned(step: FloatArray) -> FloatArray:
+    def stepped(step: FloatArray) -> FloatArray:
         direction = start + step @ side
         return np.asarray(direction / np.linalg.norm(direction))
 
     def off(values: FloatArray) -> FloatArray:
         share = float(values[2]) if vignetting is None else vignetting
-        return _shading(samples.normals @ turned(values[:2]), samples.flat(share))[1]
+        return _shading(samples.normals @ stepped(values[:2]), samples.flat(share))[1]
 
     free = 3 if vignetting is None else 2
     low, high = [-1.0, -1.0, _VIGNETTING[0]][:free], [1.0, 1.0, _VIGNETTING[1]][:free]
@@ -206,7 +206,7 @@ def _refined(
         off, np.zeros(free), bounds=(low, high), diff_step=1e-4, x_scale=[0.01, 0.01, 0.1][:free],
         max_nfev=20,
     )  # fmt: skip
-    return turned(found.x[:2]), float(found.x[2]) if vignetting is None else vignetting
+    return stepped(found.x[:2]), float(found.x[2]) if vignetting is None else vignetting
 
 
 def _jackknife_deg(samples: _Samples, fit: _Fit) -> float:

@@ -13,8 +13,8 @@ from classify.lights.flat_field import TERMS, FlatField, powers
 from .plate_blocks import PlateBlocks
 
 # Correlation of the grain of two placements of one sheet, as rendered in test_plate.py without
-# dust: 0.09 at most if it was turned between them; if not, 0.73 and more for a grain of 0.5 %, and
-# lost in the noise for an even sheet. The pattern of the sensor does not turn, but is weaker.
+# dust: 0.09 at most if it was rotated between them; if not, 0.73 and more for a grain of 0.5 %, and
+# lost in the noise for an even sheet. The pattern of the sensor does not rotate, but is weaker.
 _ALIKE = 0.7
 
 
@@ -36,8 +36,8 @@ def check_placements_differ(images: Sequence[npt.NDArray[Any]]) -> None:
             )
 
 
-def are_turned(blocks: PlateBlocks, flat_field: FlatField) -> bool:
-    """Whether any two placements of a sheet differ in where its grain and dust lie."""
+def are_moved(blocks: PlateBlocks, flat_field: FlatField) -> bool:
+    """Whether a sheet was rotated or moved: its grain and dust lie elsewhere."""
     y, x = powers(blocks.y, TERMS), powers(blocks.x, TERMS)
     uneven = blocks.logs.mean(axis=1) - y @ flat_field.coefficients.mean(axis=0) @ x.T
     # Subtract the mean of the four neighbours, and with it a smooth bias of the polynomial.

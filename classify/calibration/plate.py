@@ -13,7 +13,7 @@ from classify.lighting import Lighting
 from .flat_field import FittedFlatField, fit_flat_field
 from .led_positions import LedPositions, fit_led_positions
 from .lights import CalibratedLights
-from .placements import are_turned, check_placements_differ
+from .placements import are_moved, check_placements_differ
 from .plate_blocks import PlateBlocks
 
 FloatArray = npt.NDArray[np.float64]
@@ -26,8 +26,8 @@ _DARKEST = 0.05
 _FEWEST_BLOCKS, _MOST_UNUSED = 0.125, 0.5
 _STEEPEST_RELIEF, _ROUGHEST_RATIO, _MOST_UNEVEN = 0.08, 0.02, 0.03
 _SHINIEST, _ON_ITS_SIDE, _MANY = 0.01, 0.2, 0.6
-# Largest tilt of a sheet, by three estimates: the change of the lights when it is turned; the
-# difference of measured and configured lights; the levels of distant lights, of which 10 % look
+# Largest tilt of a sheet, by three estimates: the change of the lights when it is rotated;
+# the difference of measured and configured lights; the levels of distant lights, of which 10 % look
 # like 6 degrees.
 _MOST_TILTED_DEG, _MOST_TILTED_ALONE_DEG, _MOST_TILTED_BY_LEVELS_DEG = 4.0, 7.0, 12.0
 # A tilt explains differences of directions, or of levels, if it leaves at most this share of them.
@@ -60,8 +60,8 @@ class MeasuredPlate:
         (S,) tilt of the sheet in each placement from the mean of all.
     brightness
         Geometric mean of the sheet's pixel values over lights and frame, as a share of full scale.
-    is_turned
-        Whether the sheet was turned or moved between placements. If not, they count as one.
+    is_moved
+        Whether the sheet was rotated or moved between placements. If not, they count as one.
     """
 
     flat_field: FittedFlatField
@@ -69,7 +69,7 @@ class MeasuredPlate:
     no_lights_because: str | None
     tilts_deg: FloatArray
     brightness: float
-    is_turned: bool
+    is_moved: bool
 
 
 def measure_plate(
@@ -118,11 +118,11 @@ def measure_plate(
     _check_surface(fitted)
     logs = np.moveaxis(blocks.logs, 1, -1)[blocks.usable]
     brightness = float(np.exp(logs.mean())) / full_scale
-    is_turned = are_turned(blocks, fitted.flat_field)
+    is_moved = are_moved(blocks, fitted.flat_field)
     if measured is None:
         reason = _why_unknown(positions)
-        return MeasuredPlate(fitted, None, reason, tilts_deg, brightness, is_turned)
-    if is_turned:
+        return MeasuredPlate(fitted, None, reason, tilts_deg, brightness, is_moved)
+    if is_moved:
         level_deg = np.hypot(_TABLE_DEG, _TURN * tilts_deg.max())
     else:
         level_deg = np.hypot(_SINGLE_TILT_DEG, common_deg)
@@ -130,7 +130,7 @@ def measure_plate(
         measured, "plate", np.hypot(positions.direction_errors_deg, level_deg),
         positions.distance_errors, positions.residual, positions.lobe_exponent,
     )  # fmt: skip
-    return MeasuredPlate(fitted, lights, None, tilts_deg, brightness, is_turned)
+    return MeasuredPlate(fitted, lights, None, tilts_deg, brightness, is_moved)
 
 
 def check_sheet(blocks: PlateBlocks, lighting: Lighting) -> None:

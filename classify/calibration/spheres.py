@@ -193,13 +193,13 @@ def scale_of_spheres(spheres: Sequence[Sphere], diameter_mm: float) -> Scale:
     )
 
 
-def _without_ambient(pictures: SphereImages) -> npt.NDArray[Any]:
+def _without_ambient(sphere: SphereImages) -> npt.NDArray[Any]:
     """The light images less the ambient one; pixels at full scale stay there."""
-    if pictures.ambient is None:
-        return pictures.images
-    images = pictures.images.astype(np.float32)
-    lit = images - pictures.ambient.astype(np.float32)
-    return np.where(images >= SATURATED * pictures.full_scale, np.float32(pictures.full_scale), lit)
+    if sphere.ambient is None:
+        return sphere.images
+    images = sphere.images.astype(np.float32)
+    lit = images - sphere.ambient.astype(np.float32)
+    return np.where(images >= SATURATED * sphere.full_scale, np.float32(sphere.full_scale), lit)
 
 
 def _mean_directions(directions: FloatArray, errors: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -18,7 +18,7 @@ from classify.texture.fields import TextureFields, texture_fields
 from classify.texture.rotated_lights import under_rotated_lights
 from classify.texture.spectra import RADII, Spectra, field_spectra, polar_radii_px
 from classify.texture.statistics import (
-    PARTS,
+    QUARTERS,
     LocalStatistics,
     levels_for,
     local_statistics,
@@ -54,7 +54,7 @@ _ALBEDO_LEAK = 0.004
 # Variance of the albedo response over that of the curl response, level by level, for white noise of
 # equal density in slopes and albedo (test_statistics.py measures it).
 ALBEDO_GAINS = (4.06, 6.20, 7.18, 7.56, 8.23)
-_QUARTER_PAIRS = tuple((i, j) for i in range(PARTS) for j in range(i))
+_QUARTER_PAIRS = tuple((i, j) for i in range(QUARTERS) for j in range(i))
 
 
 @dataclass(frozen=True, eq=False)

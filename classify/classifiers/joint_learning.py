@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from classify.texture.heading import MOMENTS, heading_variances
 from classify.texture.spectra import ANGLES
-from classify.texture.statistics import PARTS, levels_for, statistics_length
+from classify.texture.statistics import QUARTERS, levels_for, statistics_length
 
 from .classifier import Parameters, Shape
 from .joint_bounds import BLUR_BASIS, LOCAL_DIRECTIONS, RING_DIRECTIONS, blur_basis
@@ -146,7 +146,7 @@ def _whitening(quarters: npt.NDArray[np.float64], levels: int) -> npt.NDArray[np
     class. The fewer sets, the nearer are variances to their geometric mean and correlations to 0.
     """
     deviations = (quarters - quarters.mean(axis=1, keepdims=True)).reshape(-1, quarters.shape[-1])
-    degrees = len(quarters) * (PARTS - 1)
+    degrees = len(quarters) * (QUARTERS - 1)
     covariance = deviations.T @ deviations / degrees
     np.fill_diagonal(covariance, np.diag(covariance) + _LEAST_VARIANCE)
     variances = np.diag(covariance)

@@ -18,7 +18,7 @@ from classify.threads import run_on_rows
 from .fields import TextureFields
 from .heading import HEADING_SUMS, add_row, heading_moments
 
-PARTS = 4
+QUARTERS = 4
 """Quarters of a frame; their differences show how much one surface differs from itself."""
 
 # Blur before the first derivative, which makes the 3 x 3 stencils isotropic (test_statistics.py).
@@ -97,9 +97,9 @@ def local_statistics(fields: TextureFields, levels: int) -> LocalStatistics:
         odd = np.zeros((rows if level else 0, 2, HEADING_SUMS), np.float64)
         respond = partial(_respond, *planes, p_mean, q_mean, energy, row_sums, odd)
         run_on_rows(respond, (rows, columns))
-        sums.append(_of_parts(row_sums))
+        sums.append(_of_quarters(row_sums))
         if level:
-            odd_sums.append(_of_parts(odd))
+            odd_sums.append(_of_quarters(odd))
         energies = [cv2.pyrDown(each) for each in energies] if level else []
         energies.append(energy)
     powers = np.stack(sums, axis=1)
@@ -108,7 +108,7 @@ def local_statistics(fields: TextureFields, levels: int) -> LocalStatistics:
         moments=moments,
         energies=_energy_covariances(np.concatenate(energies, axis=2)),
         headings=heading_moments(
-            np.array(odd_sums).reshape(-1, 1 + PARTS, HEADING_SUMS).swapaxes(0, 1),
+            np.array(odd_sums).reshape(-1, 1 + QUARTERS, HEADING_SUMS).swapaxes(0, 1),
             powers[:, 1:, 0],
             moments[:, 1:, :2],
         ),
@@ -253,7 +253,7 @@ def _respond_row(p: Array, q: Array, albedo: Array, responses: Array) -> None:
         responses[2, left] = dq_dx - dp_dy
 
 
-def _of_parts(row_sums: Array) -> Moments:
+def _of_quarters(row_sums: Array) -> Moments:
     """(5, d) sums of the frame and of its quarters, from sums per row and side."""
     half = len(row_sums) // 2
     quarters = np.concatenate([row_sums[:half].sum(axis=0), row_sums[half:].sum(axis=0)])

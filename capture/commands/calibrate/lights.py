@@ -104,7 +104,7 @@ def lights(
 ) -> None:
     """Measure the directions of the lights by a mirror sphere or a matt one below the camera.
 
-    The sphere is found in the pictures, or given by --mask. One picture per light gives directions;
+    The sphere is found in the images, or given by --mask. One image per light gives directions;
     several placements of the sphere give the positions of near lights.
     """
     from capture.calibration.setting import Setting
@@ -129,14 +129,14 @@ def lights(
         with open_rig(rig) as opened:
             sets = list(_captured(opened, target, placements, yes))
             setting = Setting.of_rig(opened)
-        pictures, names = images_of_sets(sets, file), ["captured"]
+        spheres, names = images_of_sets(sets, file), ["captured"]
         image_names = [f"light{k}.tif" for k in range(len(sets[0].images))]
     else:
-        pictures, setting, image_names = _of_files(
+        spheres, setting, image_names = _of_files(
             photographs, mask or (), count, gamma, sphere, file
         )
         names = [path.name for path in photographs]
-    parts = sphere_parts(pictures, sphere, file, setting, names, diameter_mm)
+    parts = sphere_parts(spheres, sphere, file, setting, names, diameter_mm)
     keep_parts(calibration, file, parts, json=json)
     if list_file is not None:
         write_light_list(list_file, parts[0].part.lighting, image_names)
@@ -189,8 +189,8 @@ def _of_files(
     if photographs:
         # Where a highlight is does not depend on the coding of brightness.
         coding = gamma or ("linear" if sphere == "mirror" else None)
-        pictures, setting = images_of_photographs(photographs, masks, count, coding, file)
-        return pictures, setting, [path.name for path in photographs[: len(pictures[0].images)]]
+        spheres, setting = images_of_photographs(photographs, masks, count, coding, file)
+        return spheres, setting, [path.name for path in photographs[: len(spheres[0].images)]]
     if masks or count is not None or gamma is not None:
         raise InputError("--mask, --lights and --gamma are for photographs; sets state them")
     captured = [CapturedSet.load(path) for path in sets]

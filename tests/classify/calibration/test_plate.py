@@ -115,13 +115,13 @@ def test_placements_must_be_alike() -> None:
         measure_plate([SHEET.stack, other.stack], SHEET.full_scale, RING)
 
 
-def test_the_same_pictures_are_no_second_placement() -> None:
+def test_the_same_light_images_are_no_second_placement() -> None:
     with pytest.raises(InputError, match="placements 1 and 2 have the same light images; rotate"):
         measured(SHEET, (0, 0))
 
 
 @pytest.mark.parametrize(("distance", "bits"), [(2.0, 8), (8.0, 12), (300.0, 12)])
-def test_a_sheet_that_was_not_turned_counts_as_one_placement(distance: float, bits: int) -> None:
+def test_a_sheet_that_was_not_rotated_counts_as_one_placement(distance: float, bits: int) -> None:
     plate = replace(SHEET, positions=ring_positions(distance), grain=0.01, bits=bits, specks=0)
     clean = replace(plate, noise=0.0).stack
     again = []
@@ -131,12 +131,12 @@ def test_a_sheet_that_was_not_turned_counts_as_one_placement(distance: float, bi
         images = np.rint(np.clip(clean.images + noise, 0.0, plate.full_scale))
         again.append(ImageStack(images.astype(clean.images.dtype), clean.ambient))
     found = measure_plate(again, plate.full_scale, RING)
-    assert not found.is_turned
+    assert not found.is_moved
     assert found.lights is None or found.lights.direction_errors_deg.min() > 1.0
     for turn in (1, 2):
-        assert measured(plate, (0, turn)).is_turned
+        assert measured(plate, (0, turn)).is_moved
     moved = ImageStack(np.roll(clean.images, 3, axis=2), clean.ambient)
-    assert measure_plate([clean, moved], plate.full_scale, RING).is_turned
+    assert measure_plate([clean, moved], plate.full_scale, RING).is_moved
 
 
 def test_one_picture_for_all_lights_gives_no_positions() -> None:

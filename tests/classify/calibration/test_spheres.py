@@ -162,7 +162,7 @@ def test_rays_from_one_point_give_no_positions() -> None:
 
 
 @pytest.mark.parametrize("kind", ["mirror", "matte"])
-def test_the_same_pictures_are_no_second_placement(kind: SphereKind) -> None:
+def test_the_same_light_images_are_no_second_placement(kind: SphereKind) -> None:
     pictures = taken(Picture(scattered_lights(4, 1), radius=50.0), kind)
     with pytest.raises(InputError, match="placements 1 and 2 have the same light images"):
         lights_from_spheres([pictures, pictures], kind)

@@ -11,7 +11,6 @@ from classify.classifiers.joint_features import ALBEDO_GAINS
 from classify.texture.fields import TextureFields, texture_fields
 from classify.texture.spectra import MAX_SEGMENT_PX, segment_for
 from classify.texture.statistics import (
-    PARTS,
     levels_for,
     local_statistics,
     statistics_vector,
@@ -184,8 +183,8 @@ def test_a_relief_has_no_curl(texture) -> None:
 def test_energies_are_covariances_of_all_levels(tinted) -> None:
     found = local_statistics(tinted, 3)
     assert found.levels == 3
-    assert found.moments.shape == (1 + PARTS, 3, 8)
-    assert found.energies.shape == (1 + PARTS, 6, 6)
+    assert found.moments.shape == (1 + len(QUARTERS), 3, 8)
+    assert found.energies.shape == (1 + len(QUARTERS), 6, 6)
     for covariance in found.energies:
         np.testing.assert_array_equal(covariance, covariance.T)
         assert np.linalg.eigvalsh(covariance).min() > -1e-6
