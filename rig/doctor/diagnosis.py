@@ -12,6 +12,7 @@ from rig.config.rig import RigConfig, config_of
 from rig.errors import ConfigError, ControlError, HardwareError
 from rig.lights.discovery import list_serial_ports
 from rig.lights.driver import LightController
+from rig.lights.sequence import require_one_line
 from rig.lights.timeouts import DEFAULT_TIMEOUTS, LinkTimeouts
 from rig.rig import Rig, clock_of, open_camera, open_lights, port_of
 from rig.simulation.rig import Simulation
@@ -105,6 +106,8 @@ def _diagnose_open(
             yield from check_port(port)
         lights = closing.enter_context(open_lights(config, simulation, timeouts))
         yield from check_lights(lights, clock_of(simulation), config.lights)
+        if config.sequence_plan is not None:
+            require_one_line(config.sequence_plan)
 
     def check_camera() -> Iterator[Check]:
         nonlocal camera

@@ -98,6 +98,14 @@ def test_each_fault_is_found(checks_of: Any, fault: str, name: str, status: str,
     assert checks[name].advice
 
 
+def test_a_sequence_that_is_too_long_for_the_controller_is_a_fault(checks_of: Any) -> None:
+    text = SMALL + f"synchronisation = 'strobe'\ntilts_deg = {[24 * n for n in range(15)]}\n"
+    checks = checks_of(text=text)
+    assert checks["LEDs"].status == "ok"
+    assert checks["light controller"].status == "fault"
+    assert "command for 15 lights has more than 64 bytes" in checks["light controller"].seen
+
+
 def test_a_failing_camera_does_not_prevent_the_other_checks(checks_of: Any) -> None:
     checks = checks_of("[[simulation.faults.frames]]\nkind = 'gone'")
     assert checks["watchdog"].status == "ok"
