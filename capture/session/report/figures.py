@@ -11,12 +11,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from capture.page.colours import curve_colour
 from capture.session.journal import SetEntry
 from classify import Spectra
 
 from .analysis import Separation
 
-_COLOURS = ("#2166ac", "#b2182b", "#1b7837", "#762a83", "#e08214", "#01665e", "#555555", "#c51b7d")
 _MARKS = "osD^v<>Ph*"
 _GRID = "#dddddd"
 
@@ -38,7 +38,7 @@ def levels_figure(entries: Sequence[SetEntry]) -> str:
     for light, curve in sorted(curves.items()):
         axes.plot(
             *zip(*curve, strict=True),
-            ".-", linewidth=0.8, color=_colour(light), label=f"LED {light}",
+            ".-", linewidth=0.8, color=curve_colour(light), label=f"LED {light}",
         )  # fmt: skip
     axes.set_ylabel("% of the first set")
     axes.xaxis_date()
@@ -59,7 +59,7 @@ def orientations_figure(entries: Sequence[SetEntry]) -> str:
         ]
         if points:
             axes.plot(
-                *zip(*points, strict=True), _mark(number), markersize=4, color=_colour(number),
+                *zip(*points, strict=True), _mark(number), markersize=4, color=curve_colour(number),
                 label=specimen,
             )  # fmt: skip
     axes.axhline(0.0, color=_GRID, zorder=0)
@@ -90,7 +90,7 @@ def matrix_figure(separation: Separation) -> str:
     matrix_axes.set_yticks(range(len(names)), names, fontsize=7)
     figure.colorbar(image, ax=matrix_axes, shrink=0.7, label="distance")
     for branch in separation.tree.branches:
-        tree_axes.plot(branch[:, 0], branch[:, 1], color=_COLOURS[0], linewidth=1.0)
+        tree_axes.plot(branch[:, 0], branch[:, 1], color=curve_colour(0), linewidth=1.0)
     tree_axes.set_ylim(len(names) - 0.5, -0.5)
     tree_axes.set_yticks(range(len(names)), names, fontsize=7)
     tree_axes.yaxis.tick_right()
@@ -105,7 +105,7 @@ def map_figure(separation: Separation) -> str:
     for number, specimen in enumerate(separation.specimens):
         chosen = [entry.specimen == specimen for entry in separation.entries]
         axes.plot(
-            *separation.places[chosen].T, _mark(number), markersize=5, color=_colour(number),
+            *separation.places[chosen].T, _mark(number), markersize=5, color=curve_colour(number),
             label=specimen, alpha=0.8,
         )  # fmt: skip
     axes.set_aspect("equal", adjustable="datalim")
@@ -117,9 +117,10 @@ def spectrum_figure(spectra: Spectra) -> str:
     """Draw the polar spectra of gradient and albedo of a specimen."""
     figure = Figure(figsize=(2.0, 2.0), layout="constrained")
     axes = figure.add_subplot(projection="polar")
-    for values, colour in zip(spectra.polar, _COLOURS, strict=False):
+    for number, values in enumerate(spectra.polar):
         around = np.concatenate([values, values, values[:1]]) / max(float(values.max()), 1e-12)
-        axes.plot(np.linspace(0.0, 2.0 * np.pi, len(around)), around, color=colour, linewidth=1.0)
+        angles = np.linspace(0.0, 2.0 * np.pi, len(around))
+        axes.plot(angles, around, color=curve_colour(number), linewidth=1.0)
     axes.set_yticklabels([])
     axes.tick_params(labelsize=6)
     return _svg(figure)
@@ -137,10 +138,6 @@ def _legend(axes: Axes) -> None:
     handles, _ = axes.get_legend_handles_labels()
     if 0 < len(handles) <= 40:
         axes.legend(fontsize=6, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-
-
-def _colour(number: int) -> str:
-    return _COLOURS[number % len(_COLOURS)]
 
 
 def _mark(number: int) -> str:

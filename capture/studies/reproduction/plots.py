@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from capture.page.colours import curve_colour
+
 from .exhibit import Row, as_text
 
 if TYPE_CHECKING:
@@ -20,7 +22,6 @@ COLOURS = {"ps3a": "#d6604d", "ps4": "#4393c3", "ps4_robust": "#1b7837"}
 OUR_COLOUR = "#f4c542"
 """Colour of our classifier, where others have the colours of their solvers."""
 
-_CYCLE = ("#2166ac", "#b2182b", "#1b7837", "#762a83", "#e08214", "#01665e", "#555555", "#c51b7d")
 # Height of a row and width of a character of a table at 8 points, with some space.
 _ROW_IN, _CHARACTER_IN = 0.24, 0.072
 
@@ -66,7 +67,7 @@ def draw_lines(
             y = [np.nan if value is None else value for value in line.y]
             ax.plot(
                 line.x, y, line.style, label=line.label, markersize=4, linewidth=1.4,
-                color=line.colour or _CYCLE[number % len(_CYCLE)],
+                color=line.colour or curve_colour(number),
             )  # fmt: skip
         ax.set_title(title, fontsize=10)
         ax.set_xlabel(x_label)
@@ -113,7 +114,7 @@ def draw_polar(
         for index, (label, values) in enumerate(curves):
             around = np.concatenate([values, values, values[:1]]) / top
             angles = np.linspace(0.0, 2.0 * np.pi, len(around))
-            ax.plot(angles, around, linewidth=1.1, label=label, color=_CYCLE[index % len(_CYCLE)])
+            ax.plot(angles, around, linewidth=1.1, label=label, color=curve_colour(index))
         ax.set_title(title, fontsize=10)
         ax.set_ylim(0.0, 1.05)
         ax.set_yticklabels([])
