@@ -1,14 +1,14 @@
 """Compile numeric kernels, and cache the machine code on disk where possible."""
 
-import hashlib
 from collections.abc import Callable
 from contextlib import suppress
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy.typing as npt
 from numba import njit
+
+from .kernel_cache import KernelCache
 
 Array = npt.NDArray[Any]
 """An argument of a kernel, of the type that its function states."""
@@ -33,12 +33,7 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     )
     dispatcher: Any = compiled
     with suppress(RuntimeError, OSError):
-        dispatcher.enable_caching()
-        # numba compares the kernel's own file only. Kernels and constants of other files are
-        # compiled into it, and after an upgrade the old code of those would be used.
-        with suppress(AttributeError):
-            file = dispatcher._cache._cache_file
-            file._source_stamp = (file._source_stamp, _kernel_sources())
+        dispatcher._cache = KernelCache(function)
     return compiled
 
 
@@ -51,17 +46,6 @@ def kernel_cache_folder() -> Path | None:
     """
     path = _probe.stats.cache_path  # type: ignore[attr-defined]
     return None if path is None else Path(path)
-
-
-@lru_cache(maxsize=1)
-def _kernel_sources() -> bytes:
-    """Digest of the files that define kernels or their constants (test_compiling.py)."""
-    digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.rglob("*.py")):
-        source = path.read_bytes()
-        if b"@kernel" in source or path.name == "shadow_rule.py":
-            digest.update(source)
-    return digest.digest()
 
 
 @kernel

@@ -26,8 +26,8 @@ NEVER = {
 # Within a room: a folder, or a file beside the folders, imports only what stands on a storey below.
 STOREYS = {
     "classify": (
-        {"errors", "methods", "compiling", "processors", "shadow_rule"},
-        {"workers"},
+        {"errors", "kernel_cache", "methods", "processors", "shadow_rule"},
+        {"compiling", "workers"},
         {"confidence", "durable_file", "labels", "lighting", "regular_file", "threads"},
         {"array_archive", "durable_folder"},
         {"images"},
