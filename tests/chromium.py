@@ -12,7 +12,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-WAIT_S = 60.0
+# Long enough for a browser `is_elsewhere` while other tests want all processors.
+WAIT_S = 300.0
 # The pipes of --remote-debugging-pipe are the descriptors 3 and 4.
 _START = 'exec chromium "$@" 3<&{commands} 4>&{answers}'
 _OPTIONS = (

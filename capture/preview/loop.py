@@ -31,7 +31,7 @@ class Preview:
     Attributes
     ----------
     stale_after_s
-        Age in seconds at which the page blanks an image.
+        Age in seconds at which the page blanks an image; longer with a rig of slow frames.
     now_s
         The clock of the frames' exposure times.
     """
@@ -84,7 +84,7 @@ class Preview:
             self._lights = tuple(f"LED {k}, tilt {tilt:g}°" for k, tilt in enumerate(tilts_deg))
             # A fresh frame takes two or three periods.
             round_s = len(self._lights) * (3.0 * info.frame_period_s + _PAUSE_S)
-            self.stale_after_s = max(_MIN_STALE_S, 2.0 * round_s)
+            self.stale_after_s = max(self.stale_after_s, 2.0 * round_s)
 
     def shown(self, light: int, image: PreviewImage) -> None:
         """Store the newest image under a light."""

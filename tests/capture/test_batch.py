@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from functools import partial
 from itertools import count, islice
 from pathlib import Path
@@ -57,6 +57,12 @@ class Cluster:
         """Replace dead workers; return the address once two workers are alive."""
         from distributed import Client
 
+        with Client(self.address, set_as_default=False) as client:
+            eventually(lambda: self._has_two_workers(len(client.nthreads())))
+        return self.address
+
+    def _has_two_workers(self, known: int) -> bool:
+        """Replace dead workers; a killed one is not dead at once, nor forgotten."""
         for name, worker in list(self._workers.items()):
             if worker.poll() is not None:
                 del self._workers[name]
@@ -65,9 +71,7 @@ class Cluster:
             # A worker has two threads, of which only one may run an item at a time.
             options = ("--nthreads=2", "--no-nanny", f"--local-directory={self._folder}")
             self._workers[name] = self._start("worker", self.address, f"--name={name}", *options)
-        with Client(self.address, set_as_default=False) as client:
-            eventually(lambda: len(client.nthreads()) == 2)
-        return self.address
+        return known == 2
 
     def kill_a_worker_at_work(self) -> None:
         from distributed import Client
@@ -386,11 +390,13 @@ def test_a_killed_worker_changes_no_answer(
 
     options = everywhere(cluster)[place]
     kill = kill_a_process if place == "local" else cluster.kill_a_worker_at_work
-    killer = threading.Thread(target=kill)
-    killer.start()
-    with Batch(**options) as run:
-        assert list(run.map(task, paths * times)) == expected * times
-    killer.join()
+    with Batch(**options) as run, ThreadPoolExecutor(1) as threads:
+        killing = threads.submit(kill)
+        is_killed = False
+        while not is_killed:
+            assert list(run.map(task, paths * times)) == expected * times
+            is_killed = killing.done()
+        killing.result()
 
 
 def test_commands_print_the_same_with_a_cluster(

@@ -6,8 +6,8 @@ from functools import cached_property
 import numpy as np
 import pytest
 
-from capture import CapturedSet, capture_set
-from rig import RigConfig, open_rig
+from capture import CapturedSet, SetRejected, capture_set
+from rig import CameraError, RigConfig, open_rig
 from rig.latency.camera import measure_latency, without_timing
 
 SETS = 8
@@ -61,8 +61,12 @@ def set_times(bench: Bench) -> tuple[np.ndarray, np.ndarray]:
             # At all phases of the frames, with stale ones in the queue.
             rig.clock.sleep_s(0.3 + number / SETS * period_s)
             begun_s = rig.clock.now_s()
-            captured = capture_set(rig)
-            if failed := captured.metadata.failed_attempts:
+            try:
+                captured = capture_set(rig)
+                failed = captured.metadata.failed_attempts
+            except (SetRejected, CameraError) as error:
+                failed = error
+            if failed:
                 # On the real clock, a busy machine may answer too late.
                 assert bench.clock == "real", failed
                 continue

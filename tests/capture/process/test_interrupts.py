@@ -17,10 +17,11 @@ DEADLINE_S = 60.0
 RIG = """
 [lights]
 port = "simulated"
+watchdog_ms = 60000
 [camera]
 width_px = 64
 height_px = 64
-frame_rate_hz = 1
+frame_rate_hz = 0.2
 [simulation]
 clock = "real"
 """
@@ -43,7 +44,7 @@ except KeyboardInterrupt:
 
 @pytest.fixture
 def slow_capture(spawn: Spawn, tmp_path: Path) -> Callable[[], Any]:
-    """Start a capture of five seconds that writes to tmp_path/sets only."""
+    """Start a capture of 25 seconds that writes to tmp_path/sets only."""
     config = tmp_path / "rig.toml"
     config.write_text(RIG)
     (tmp_path / "sets").mkdir()
@@ -93,7 +94,7 @@ def test_a_signal_at_any_moment_of_the_start_is_one_line(
     for _ in range(24):
         process = slow_capture()
         wait_until(handles_sigterm, process)
-        time.sleep(moments.uniform(0.0, 1.0))  # any delay is good: the capture takes five seconds
+        time.sleep(moments.uniform(0.0, 1.0))  # any delay is good: the capture takes 25 seconds
         process.send_signal(moments.choice([signal.SIGINT, signal.SIGTERM]))
         stdout, stderr = process.communicate(timeout=DEADLINE_S)
         assert (process.returncode, stdout, stderr) == INTERRUPTED

@@ -129,10 +129,10 @@ def test_nothing_is_sent_after_a_failure_so_the_watchdog_trips(bench: Any) -> No
 
 @pytest.mark.slow
 def test_a_thread_keeps_the_led_on_in_real_time_until_the_rig_is_closed() -> None:
-    config = SMALL.with_changes(simulation={"clock": "real"}, lights={"watchdog_ms": 2000})
+    config = SMALL.with_changes(simulation={"clock": "real"}, lights={"watchdog_ms": 5000})
     with open_rig(config) as rig:
         rig.lights.select(1)
-        time.sleep(2.5)
+        time.sleep(5.5)
         assert rig.lights.confirm(1).led == 1
         assert [thread.name for thread in threading.enumerate()].count("light heartbeat") == 1
     assert "light heartbeat" not in [thread.name for thread in threading.enumerate()]
@@ -174,7 +174,7 @@ _HOLDS_AN_LED = """
 import sys, time
 sys.path[:] = {path!r}
 from rig.lights.driver import LightController
-lights = LightController({port!r}, watchdog_ms=2000)
+lights = LightController({port!r}, watchdog_ms=5000)
 lights.keep_alive()
 lights.select(2)
 print("lit", flush=True)
@@ -193,7 +193,7 @@ def test_the_led_of_a_program_that_hangs_or_dies_goes_out(end: signal.Signals) -
         try:
             assert program.stdout is not None
             assert program.stdout.readline() == b"lit\n"
-            time.sleep(2.5)
+            time.sleep(5.5)
             assert board.output(2, clock.now_s()) > 0.99
             os.kill(program.pid, end)
             deadline_s = time.monotonic() + 60.0
