@@ -161,7 +161,8 @@ class Page:
         raise AssertionError(f"Tab does not reach {selector}")
 
     def type(self, text: str) -> None:
-        """Type a text into the element that has the focus."""
+        """Type a text into the field that has the focus, or gets it by `autofocus`."""
+        self.until("!!document.activeElement?.matches('input, textarea, select')")
         self.call("Input.insertText", text=text)
 
     def picture(self, path: Path, *, scale: float = 1.0) -> None:

@@ -40,7 +40,7 @@ _RATE_WINDOW_S = 60.0
 # A line of 10 parts a second fills it in the window; the rate is right with fewer, too.
 _KEPT_TIMES = 600
 # Longest wait for the event of a loaded recipe, which passes other subscribers first.
-_TOLD_S = 1.0
+_TOLD_S = 30.0
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from capture.station.face_config import PanelConfig
+from capture.station.listening import listening_socket
 from classify.errors import InputError
 
 from .app import panel_app
@@ -219,25 +220,19 @@ def _no_password() -> str:
 
 
 def _listener(settings: PanelConfig) -> socket.socket:
-    family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
-    listener = socket.socket(family, socket.SOCK_STREAM)
+    # What a vanished browser has not acknowledged can be too little for `_Protocol` to see.
     try:
-        if hasattr(socket, "SO_EXCLUSIVEADDRUSE"):  # Windows
-            listener.setsockopt(socket.SOL_SOCKET, socket.SO_EXCLUSIVEADDRUSE, 1)
-        else:
-            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        if hasattr(socket, "TCP_USER_TIMEOUT"):  # connections inherit it; not on Windows
-            # What a vanished browser has not acknowledged can be too little for `_Protocol` to see.
-            listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1000 * SEND_S))
-        listener.bind((settings.host, settings.port))
-        listener.listen(MAX_CONNECTIONS)
+        return listening_socket(
+            settings.host,
+            settings.port,
+            MAX_CONNECTIONS,
+            most_unacknowledged_ms=round(1000 * SEND_S),
+        )
     except OSError as error:
-        listener.close()
         raise PortTaken(
             f"[panel] {settings.host}:{settings.port}: {error.strerror}; give another port with "
             "--port, or --no-panel"
         ) from error
-    return listener
 
 
 def _address(settings: PanelConfig, listener: socket.socket) -> str:

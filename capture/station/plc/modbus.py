@@ -7,6 +7,7 @@ import struct
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any, Self
 
 from pymodbus.client import ModbusTcpClient
@@ -17,6 +18,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 
 from capture.station.errors import error_text
 from capture.station.face_config import ModbusConfig
+from capture.station.listening import listening_socket
 from classify.errors import InputError
 
 from .line import TICK_S, PlcLine
@@ -32,21 +34,25 @@ _MOST_UNREAD_BYTES = 16 * 1024
 # does not see that: Linux can drop what arrives at a full client, with the acknowledgements of the
 # client's own requests, so that neither side sends anything more.
 _MOST_UNACKNOWLEDGED_MS = 10_000
-_START_S = 10.0
+_START_S = 60.0
 # Errors in what a client sends are its own: they would fill the terminal.
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
 
 
-class LineServer(ModbusTcpServer):
+class _Server(ModbusTcpServer):
     """The registers of a line, for up to `MAX_CONNECTIONS` clients that read the answers."""
 
-    def __init__(self, line: PlcLine, host: str, port: int) -> None:
+    def __init__(self, line: PlcLine, listener: socket.socket) -> None:
         self._line = line
         page = [
             SimData(0, count=STATION_WORDS, datatype=DataType.REGISTERS, readonly=True),
             SimData(PLC_ADDRESS, count=PLC_WORDS, datatype=DataType.REGISTERS),
         ]
-        super().__init__(SimDevice(0, page, action=self._serve), address=(host, port))
+        super().__init__(SimDevice(0, page, action=self._serve), address=listener.getsockname()[:2])
+        # pymodbus would make a socket of its own.
+        self.call_create = partial(
+            self.loop.create_server, self.handle_new_connection, sock=listener
+        )
 
     async def _serve(
         self,
@@ -77,24 +83,12 @@ class LineServer(ModbusTcpServer):
             for number, each in enumerate(transports):
                 if not isinstance(each, asyncio.WriteTransport):
                     continue
-                _bound(each)
                 if each.get_write_buffer_size() > _MOST_UNREAD_BYTES:
                     _reset(each)
                 elif number >= MAX_CONNECTIONS:
                     each.abort()
             self._line.tick(len(transports), where)
             await asyncio.sleep(TICK_S)
-
-
-def _bound(transport: asyncio.WriteTransport) -> None:
-    """Bound what waits for a client, and for how long.
-
-    Set on each connection: one that is made before the listener has its options inherits none.
-    """
-    connection = transport.get_extra_info("socket")
-    connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _MOST_UNREAD_BYTES)
-    if hasattr(socket, "TCP_USER_TIMEOUT"):  # not on Windows
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _MOST_UNACKNOWLEDGED_MS)
 
 
 def _reset(transport: asyncio.WriteTransport) -> None:
@@ -113,15 +107,15 @@ def serving_modbus(line: PlcLine, settings: ModbusConfig) -> Iterator[str]:
     InputError
         If it cannot listen there.
     """
-    port = _free_port(settings)
-    where = f"{settings.host}:{port}"
+    listener = _listener(settings)
+    where = f"{settings.host}:{listener.getsockname()[1]}"
     loop = asyncio.new_event_loop()
     started: threading.Event = threading.Event()
     stopping = asyncio.Event()
     failures: list[BaseException] = []
 
     async def serve() -> None:
-        server = LineServer(line, settings.host, port)
+        server = _Server(line, listener)
         await server.serve_forever(background=True)
         started.set()
         keeper = asyncio.create_task(server.keep(where))
@@ -158,12 +152,16 @@ def _log_failure(keeper: asyncio.Task[None]) -> None:
         _log.error("the heartbeat to the PLC stopped", exc_info=error)
 
 
-def _free_port(settings: ModbusConfig) -> int:
-    """Return the port to listen on; pymodbus itself does not say why it cannot."""
-    family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
+def _listener(settings: ModbusConfig) -> socket.socket:
+    """Listen; pymodbus itself does not say why it cannot."""
     try:
-        with socket.create_server((settings.host, settings.port), family=family) as listener:
-            return int(listener.getsockname()[1])
+        return listening_socket(
+            settings.host,
+            settings.port,
+            MAX_CONNECTIONS,
+            most_unacknowledged_ms=_MOST_UNACKNOWLEDGED_MS,
+            send_buffer_bytes=_MOST_UNREAD_BYTES,
+        )
     except OSError as error:
         raise InputError(
             f"[modbus] {settings.host}:{settings.port}: {error.strerror}; give another host or "

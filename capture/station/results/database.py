@@ -1,6 +1,7 @@
 """Connections to the database of results: SQLite in a file, or a PostgreSQL server."""
 
 import sqlite3
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -20,6 +21,7 @@ from classify.errors import InputError, Ps4rigError
 # Twice as long as another program may lock the database without an error (README.md: 10 s).
 PATIENCE_S = 20.0
 _CONNECT_TIMEOUT_S = 5
+_PAUSE_S = 0.01  # between two tries of a new SQLite file
 _PLACES = "give postgresql://USER@HOST/DATABASE, or a file name such as results.sqlite"
 # Advisory locks of PostgreSQL are named by two integers: the letters "ps4r", and the station.
 _LOCK_CLASS = 0x70733472
@@ -98,7 +100,8 @@ def sqlite_engine(url: URL, *, patience_s: float, is_writer: bool) -> Engine:
     def _prepare(connection: sqlite3.Connection, _record: Any) -> None:
         # Python must not begin transactions by itself: changes of tables belong to them too.
         connection.isolation_level = None
-        for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON"):
+        _use_write_ahead_log(connection, patience_s)
+        for pragma in ("synchronous = FULL", "foreign_keys = ON"):
             connection.execute(f"PRAGMA {pragma}")
 
     @event.listens_for(engine, "begin")
@@ -106,6 +109,20 @@ def sqlite_engine(url: URL, *, patience_s: float, is_writer: bool) -> Engine:
         connection.exec_driver_sql("BEGIN IMMEDIATE" if is_writer else "BEGIN")
 
     return engine
+
+
+def _use_write_ahead_log(connection: sqlite3.Connection, patience_s: float) -> None:
+    """Change the journal of a new file; SQLite itself does not wait for another program here."""
+    given_up_s = time.monotonic() + patience_s
+    while True:
+        try:
+            connection.execute("PRAGMA journal_mode = WAL")
+            return
+        except sqlite3.OperationalError as error:
+            is_locked = error.sqlite_errorcode & 0xFF == sqlite3.SQLITE_BUSY
+            if not is_locked or time.monotonic() > given_up_s:
+                raise
+        time.sleep(_PAUSE_S)
 
 
 def postgresql_engine(url: URL, *, patience_s: float, writing_station: str | None) -> Engine:

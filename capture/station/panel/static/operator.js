@@ -11,6 +11,7 @@ const REJECTED = 12;
 const byId = (id) => document.getElementById(id);
 const csrf = document.querySelector('meta[name="csrf"]').content;
 
+let drawn = { run: "", id: 0 }; // the last event that the page shows
 let last = null; // the last result
 let due = 0; // number of the last part, 5 s ago
 let counts = { PASS: 0, FAIL: 0, UNKNOWN: 0, ERROR: 0 };
@@ -104,6 +105,7 @@ function showRejected() {
 }
 
 function showSnapshot(all) {
+  drawn = { run: all.run, id: all.event_id };
   last = all.last;
   inspected = all.inspected;
   counts = all.announced;
@@ -129,7 +131,6 @@ const takes = {
     showVerdict(true);
   },
   part: (event) => {
-    if (last !== null && event.number <= last.number) return; // held back; the page has it
     last = event;
     if (inspected === event.part_id) inspected = null;
     counts[event.decision] += 1;
@@ -182,9 +183,15 @@ function follow() {
   source = stream;
   for (const [kind, take] of Object.entries(takes)) {
     stream.addEventListener(kind, (message) => {
+      const [run, id] = message.lastEventId.split(".");
       const wasLost = !isConnected;
       heard();
-      take(JSON.parse(message.data));
+      // An event that was held back may be older than a whole state that is drawn. The events after
+      // a snapshot follow it.
+      if (kind === "snapshot" || run !== drawn.run || Number(id) > drawn.id) {
+        drawn = { run, id: Number(id) };
+        take(JSON.parse(message.data));
+      }
       if (wasLost && kind !== "snapshot") refresh(true);
     });
   }
@@ -209,8 +216,9 @@ async function refresh(isWhole = false) {
     heard();
     const isBehind = due > (last?.number ?? 0);
     due = all.last?.number ?? 0;
-    if (wasLost || isWhole || isBehind) showSnapshot(all);
-    else setText("rate", String(all.parts_per_minute));
+    if (!wasLost && !isWhole && !isBehind) setText("rate", String(all.parts_per_minute));
+    else if (all.run === drawn.run && all.event_id < drawn.id) refresh(true); // events overtook it
+    else showSnapshot(all);
   } catch {
     lost();
   }

@@ -13,6 +13,7 @@ import pytest
 
 from capture.errors import CalibrationError, SetRejected
 from capture.sets.captured_set import CapturedSet
+from capture.station.cycle.cycle import Station
 from capture.station.cycle.events import (
     ExposureComplete,
     PartAnnounced,
@@ -34,6 +35,7 @@ from capture.station.cycle.triggers import (
 )
 from capture.station.results.database import ResultsUnavailable
 from capture.station.verdict import Cause, Decision, Verdict
+from classify.durable_file import durable_file
 from classify.errors import InputError
 from rig import CameraError, HardwareError
 from rig.doctor.check import Check
@@ -201,6 +203,46 @@ def test_a_trigger_is_refused_while_all_buffers_wait_for_verdicts(station: Bench
     station.run(Manual(feed), buffers=2)
     assert len(station.announced()) == 2
     assert station.store.counters().simulated.refused_triggers == len(station.of(TriggerRefused))
+
+
+def test_a_part_that_is_accepted_just_before_the_stop_gets_its_verdict(
+    station: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The thread that captures asks whether to end while other threads trigger and stop."""
+    is_ready, has_asked = threading.Event(), threading.Event()
+
+    def is_stopping(cycle: Station) -> bool:
+        is_capture = threading.current_thread().name == "station capture"
+        if is_capture and is_ready.is_set() and not has_asked.is_set():
+            has_asked.set()
+            assert isinstance(trigger(cycle), Accepted)
+            cycle.stop()
+        return cycle._stopping.is_set()
+
+    def feed(target: TriggerTarget) -> None:
+        until_ready(target)
+        is_ready.set()
+        assert has_asked.wait(10.0)
+
+    monkeypatch.setattr(Station, "is_stopping", property(is_stopping))
+    station.run(Manual(feed))
+    assert [part_id for part_id, _ in station.announced()] == ["part-000001"]
+    assert station.store.unfinished() == []
+
+
+def test_no_backup_sees_the_file_of_the_self_test(
+    station: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Backups leave hidden files out; another one that is gone at once would end them."""
+    written: list[str] = []
+
+    def noted(path: Path) -> Any:
+        written.append(path.name)
+        return durable_file(path)
+
+    monkeypatch.setattr("capture.station.cycle.self_test.durable_file", noted)
+    assert [each.status for each in check_disk(station.folder.path, 1)] == ["ok"]
+    assert [name[0] for name in written] == ["."]
 
 
 def test_a_folder_that_cannot_be_written_keeps_the_station_from_ready(station: Bench) -> None:

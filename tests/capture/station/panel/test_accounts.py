@@ -125,9 +125,11 @@ def test_users_that_are_added_at_the_same_moment_are_all_kept(folder: Path) -> N
 ADD_TOKENS = """
 import sys
 from pathlib import Path
+from capture.station.panel.access import private_file
 from capture.station.panel.access.roles import Role
 from capture.station.panel.access.tokens import Tokens
 
+private_file.PATIENCE_S = 600.0
 tokens = Tokens(Path(sys.argv[1]))
 print("ready", flush=True)
 sys.stdin.readline()
@@ -137,7 +139,10 @@ for number in range(10):
 
 
 @pytest.mark.slow
-def test_accounts_that_several_programs_add_at_once_are_all_kept(folder: Path) -> None:
+def test_accounts_that_several_programs_add_at_once_are_all_kept(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("capture.station.panel.access.private_file.PATIENCE_S", 600.0)
     programs = [
         subprocess.Popen(
             [sys.executable, "-c", ADD_TOKENS, str(folder), name],

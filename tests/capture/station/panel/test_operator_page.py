@@ -149,6 +149,7 @@ def test_fifty_parts_are_seen_each_within_the_time_of_a_glance(
         "}}).observe(document.body, {subtree: true, childList: true, characterData: true,"
         "  attributes: true}); 1"
     )
+    page.until("!trigger.disabled")  # it has the state, and follows the events
     ids = [panel.parts(1)[0] for _ in range(50)]
     page.until(f"part.textContent == '{ids[-1]}'")
     page.until(f"'{ids[-1]}' in seen")
@@ -167,6 +168,40 @@ def test_fifty_parts_are_seen_each_within_the_time_of_a_glance(
     counts = [page.text(f"count-{name}") for name in VERDICTS]
     assert counts == ["13", "13", "12", "12"]
     assert page.errors() == []
+
+
+@pytest.mark.browser
+def test_a_state_that_events_have_overtaken_is_not_drawn(
+    panel: RunningPanel, browser: Chromium
+) -> None:
+    panel.bench.inspector.inspect = lambda _: Said(PASSED)
+    panel.until_ready()
+    page = browser.page(panel.url)
+    page.until("!trigger.disabled")
+    panel.parts(1)
+    page.until("word.textContent == 'PASS'")
+    # The page asks for the whole state after it was lost; the answer comes after a later part.
+    page.value("window.given = window.fetch; window.fetch = () => Promise.reject('lost'); 1")
+    page.until("!lost.hidden")
+    page.value(
+        "window.answers = 0;"
+        "window.released = new Promise((release) => { window.release = release; });"
+        "window.fetch = async (...request) => {"
+        "  const answer = await window.given(...request);"
+        "  window.answers += 1;"
+        "  if (window.answers == 1) await window.released;"
+        "  return answer;"
+        "}; 1"
+    )
+    panel.parts(1)
+    page.until("window.answers == 1")
+    (last,) = panel.parts(1)
+    page.until(f"part.textContent == '{last}'")
+    page.value("window.release(); 1")
+    page.until("window.answers > 1")
+    assert page.text("part") == last
+    page.until("lost.hidden && !trigger.disabled")
+    assert (page.text("part"), page.text("count-PASS")) == (last, "3")
 
 
 @pytest.mark.browser
@@ -277,7 +312,7 @@ def test_all_pages_show_the_pictures_of_the_same_parts(
         page.until(f"asked.some((path) => path.includes('/{last}/pictures'))")
     asked = [[path for path in page.value("asked") if "/pictures" in path] for page in pages]
     longest_s = time.monotonic() - began_s
-    # Parts of each second, the last one, and one that a page chose while another was late.
-    assert all(2 <= len(each) <= longest_s + 2 for each in asked)
+    # Parts of each second, and the last one. A page that is late may choose others.
+    assert all(1 <= len(each) <= longest_s + 2 for each in asked)
     assert len(parts) == len(set(parts))
-    assert len(parts) <= longest_s + 4
+    assert len(parts) <= len(pages) * (longest_s + 2)

@@ -259,7 +259,7 @@ def test_pictures_of_an_earlier_part_are_blanked_with_their_age(
         "hidden"
     )
     told = page.value("document.querySelector('.picture .age').textContent")
-    assert re.fullmatch(f"picture of {part_id}, \\d+ s old", told)
+    assert re.fullmatch(f"picture of {part_id}, \\d+ (s|min) old", told)
     # The second part has no picture of its shadows, and that of the first is no stand-in.
     monkeypatch.setattr(picture_maker, "painted", without_shadow)
     judging.set()

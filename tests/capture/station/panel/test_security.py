@@ -305,14 +305,20 @@ def test_a_slow_body_is_refused(hurried: RunningPanel) -> None:
     [pytest.param(4096, 100_000, id="fills up"), pytest.param(1, 1000, id="drops events")],
 )
 def test_a_client_that_does_not_read_is_cut_off(
-    hurried: RunningPanel, buffer_bytes: int, event_bytes: int
+    hurried: RunningPanel,
+    monkeypatch: pytest.MonkeyPatch,
+    buffer_bytes: int,
+    event_bytes: int,
 ) -> None:
+    monkeypatch.setattr(server, "HEAD_S", LONG_S)
     host = urlsplit(hurried.url).netloc.encode()
     with connected(hurried) as raw:
         raw.sendall(b"GET /api/v1/events HTTP/1.1\r\nHost: " + host + b"\r\n\r\n")
         read = b""
         while b"retry:" not in read:  # the first line of the stream
-            read += raw.recv(100)
+            block = raw.recv(100)
+            assert block, "the connection is closed"
+            read += block
         raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer_bytes)
         given_up_s = time.monotonic() + LONG_S
         assert hurried.live.snapshot().subscribers == 1
@@ -503,6 +509,7 @@ def test_a_handshake_has_a_deadline(
     with panel_with_tls(tmp_path / "a", captured) as panel, connected(panel) as raw:
         with suppress(ConnectionError):
             assert raw.recv(1) == b""
+        monkeypatch.setattr(server, "HEAD_S", LONG_S)
         assert by_https(panel).status == 200
 
 
@@ -557,14 +564,22 @@ def test_texts_that_no_encoding_holds_are_refused(with_users: RunningPanel) -> N
 
 
 @pytest.mark.slow
-def test_two_requests_at_once_are_both_served(hurried: RunningPanel) -> None:
+def test_two_requests_at_once_are_both_served(
+    panel: RunningPanel, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The second of a connection is an endless one: no deadline of a head may end it."""
-    host = urlsplit(hurried.url).netloc.encode()
-    with connected(hurried) as raw:
+    head_s = 2.0
+    monkeypatch.setattr(server, "HEAD_S", head_s)
+    host = urlsplit(panel.url).netloc.encode()
+    with connected(panel) as raw:
         first = b"GET /api/v1/state HTTP/1.1\r\nHost: " + host + b"\r\n\r\n"
         raw.sendall(first + first.replace(b"state", b"events"))
-        time.sleep(5 * SHORT_S)  # longer than the deadline
-        assert hurried.live.snapshot().subscribers == 1
+        given_up_s = time.monotonic() + LONG_S
+        while panel.live.snapshot().subscribers != 1:
+            assert time.monotonic() < given_up_s
+            time.sleep(0.01)
+        time.sleep(1.5 * head_s)
+        assert panel.live.snapshot().subscribers == 1
 
 
 def test_behind_a_proxy_nobody_is_local(tmp_path: Path, captured: CapturedSet) -> None:

@@ -151,12 +151,15 @@ def test_a_job_of_teaching_leaves_the_parts_of_the_station_as_fast_as_they_were(
             assert time.monotonic() < ends_s
             beside.append(times_ms(line, client))
         assert job["result"]["version"] == 3, job
+        after_ms = np.array([times_ms(line, client) for _ in range(count)])
         assert all(each is Decision.PASS for _, each in line.bench.announced())
+    assert beside
     beside_ms = np.array(beside)
     for name, each in (("alone", alone_ms), ("beside a job", beside_ms)):
         p50_ms, p99_ms = np.percentile(each[:, 0], [50, 99])
         print(f"{name}: {len(each)} parts, p50 {p50_ms:.1f} ms, p99 {p99_ms:.1f} ms")
-    latency_ms, processor_ms = np.median(alone_ms, axis=0)
+    # Other tests may begin or end meanwhile.
+    latency_ms, processor_ms = np.maximum(*(np.median(e, axis=0) for e in (alone_ms, after_ms)))
     assert np.percentile(beside_ms[:, 0], 10) < 3.0 * latency_ms
     assert np.median(beside_ms[:, 1]) < 3.0 * processor_ms
 

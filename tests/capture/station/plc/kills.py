@@ -68,7 +68,8 @@ class Journal:
             file.write(json.dumps(fields).encode() + b"\n")
 
     def read(self) -> list[dict[str, Any]]:
-        return [json.loads(line) for line in self._path.read_bytes().splitlines()]
+        lines, _, _ = self._path.read_bytes().rpartition(b"\n")  # the last may be incomplete
+        return [json.loads(line) for line in lines.splitlines()]
 
 
 def forked(work: Callable[[], None]) -> int:

@@ -1,6 +1,5 @@
 """A real pymodbus client and a station with a fake rig: the documented end of each fault."""
 
-import asyncio
 import itertools
 import json
 import socket
@@ -23,7 +22,7 @@ from capture.station.face_config import ModbusConfig
 from capture.station.live.live_station import LiveStation
 from capture.station.plc.handshake import Handshake
 from capture.station.plc.line import PlcLine
-from capture.station.plc.modbus import MAX_CONNECTIONS, LineServer, serving_modbus
+from capture.station.plc.modbus import MAX_CONNECTIONS, serving_modbus
 from capture.station.plc.registers import (
     CAUSES,
     PAGE_VERSION,
@@ -232,31 +231,6 @@ def test_a_client_that_reads_no_answers_and_connections_beyond_the_limit_are_clo
             each.close()
         trigger(plc, 1)
         assert until(plc, Status.RESULTS_VALID)["result_number"] == 1
-
-
-def test_a_connection_that_is_made_while_the_server_starts_is_bounded() -> None:
-    async def until_bounded() -> None:
-        line = PlcLine(
-            LiveStation("line-1", simulated=True),
-            Handshake(SESSION, is_trigger=True, is_simulated=True),
-            time.monotonic,
-            last_s=0.0,
-        )
-        server = LineServer(line, "127.0.0.1", 0)
-        await server.serve_forever(background=True)
-        [listener] = server.transport.sockets
-        _, writer = await asyncio.open_connection(*listener.getsockname())
-        keeper = asyncio.create_task(server.keep(""))
-        while not (accepted := list(server.active_connections.values())):
-            await asyncio.sleep(0.01)
-        connection = accepted[0].transport.get_extra_info("socket")
-        while connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) != 10_000:
-            await asyncio.sleep(0.01)
-        keeper.cancel()
-        writer.close()
-        await server.shutdown()
-
-    asyncio.run(asyncio.wait_for(until_bounded(), WAIT_S))
 
 
 def test_a_client_that_polls_without_a_pause_sees_whole_pages_and_delays_no_part(

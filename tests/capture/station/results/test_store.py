@@ -265,6 +265,16 @@ def test_a_full_disk_loses_nothing(tmp_path: Path) -> None:
         assert store.unfinished() == []
 
 
+def test_a_new_database_that_another_program_prepares_is_waited_for(tmp_path: Path) -> None:
+    path = tmp_path / "results.sqlite"
+    other = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
+    other.execute("BEGIN IMMEDIATE")
+    threading.Timer(0.3, lambda: other.execute("COMMIT")).start()
+    with open_store(str(path), "line-1", create=True) as store:
+        assert store.counters().production.parts == 0
+    other.close()
+
+
 def test_commits_of_sqlite_are_on_disk_when_they_return(tmp_path: Path) -> None:
     url = database_url(str(tmp_path / "results.sqlite"))
     with sqlite_engine(url, patience_s=1.0, is_writer=True).connect() as connection:

@@ -1,0 +1,49 @@
+"""Sockets on which the station listens."""
+
+import socket
+
+
+def listening_socket(
+    host: str,
+    port: int,
+    most_waiting: int,
+    *,
+    most_unacknowledged_ms: int,
+    send_buffer_bytes: int | None = None,
+) -> socket.socket:
+    """Listen on a port that no other program has; 0 chooses a free one.
+
+    All options are set before it listens: a connection inherits those of its first moment.
+
+    Parameters
+    ----------
+    most_waiting
+        Connections that may wait to be accepted.
+    most_unacknowledged_ms
+        A connection ends when the other side has not acknowledged something for this long, where
+        the system can do that. It bounds what is too little to fill a buffer.
+    send_buffer_bytes
+        Bytes that the system holds for a client that does not read.
+
+    Raises
+    ------
+    OSError
+        If it cannot listen there.
+    """
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        if hasattr(socket, "SO_EXCLUSIVEADDRUSE"):  # Windows
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_EXCLUSIVEADDRUSE, 1)
+        else:
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if hasattr(socket, "TCP_USER_TIMEOUT"):  # not on Windows
+            listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, most_unacknowledged_ms)
+        if send_buffer_bytes is not None:
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, send_buffer_bytes)
+        listener.bind((host, port))
+        listener.listen(most_waiting)
+    except OSError:
+        listener.close()
+        raise
+    return listener
