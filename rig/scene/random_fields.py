@@ -58,7 +58,7 @@ def cells(spacing_px: float) -> Field:
         distance = cv2.distanceTransform(periodic, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
         inside = slice(reach_px, reach_px + side)
         # Squared distances are whole numbers. OpenCV rounds their roots in two ways, depending on
-        # its number of threads.
+        # its number of threads and on the address of the array.
         return _filtered(-np.rint(distance[inside, inside].astype(np.float64) ** 2))
 
     return field
