@@ -20,6 +20,12 @@ class ChallengeFailed(Ps4rigError):  # noqa: N818 - a verdict on a recipe, no er
     exit_status = 1
 
 
+class CannotListen(InputError):  # noqa: N818 - the state of the machine, no error of the program
+    """A port is taken, or the network does not have its address yet: a later start may succeed."""
+
+    exit_status = 3
+
+
 def error_text(error: BaseException) -> str:
     """Return the text of an error as one line; unknown kinds of errors are named."""
     if isinstance(error, MemoryError):

@@ -2,12 +2,16 @@
 
 import socket
 
+from .errors import CannotListen
+
 
 def listening_socket(
+    section: str,
     host: str,
     port: int,
     most_waiting: int,
     *,
+    advice: str,
     most_unacknowledged_ms: int,
     send_buffer_bytes: int | None = None,
 ) -> socket.socket:
@@ -17,8 +21,12 @@ def listening_socket(
 
     Parameters
     ----------
+    section
+        Of ``station.toml``, for messages.
     most_waiting
         Connections that may wait to be accepted.
+    advice
+        What to do if it cannot listen there.
     most_unacknowledged_ms
         A connection ends when the other side has not acknowledged something for this long, where
         the system can do that. It bounds what is too little to fill a buffer.
@@ -27,7 +35,7 @@ def listening_socket(
 
     Raises
     ------
-    OSError
+    CannotListen
         If it cannot listen there.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -43,7 +51,7 @@ def listening_socket(
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, send_buffer_bytes)
         listener.bind((host, port))
         listener.listen(most_waiting)
-    except OSError:
+    except OSError as error:
         listener.close()
-        raise
+        raise CannotListen(f"[{section}] {host}:{port}: {error.strerror}; {advice}") from error
     return listener

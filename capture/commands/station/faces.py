@@ -36,13 +36,14 @@ def panel_of(
     InputError
         If it cannot be served.
     """
+    from capture.station.errors import CannotListen
     from capture.station.panel.panel import Panel
-    from capture.station.panel.server import PortTaken, serving_panel
+    from capture.station.panel.server import serving_panel
 
     with ExitStack() as stack:
         try:
             address = stack.enter_context(serving_panel(Panel.of(folder, live, settings)))
-        except PortTaken as error:
+        except CannotListen as error:
             if is_asked:
                 raise
             complain(f"warning: no panel: {error}")

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from capture.station.cycle.events import Event, PartAnnounced, Subscriber, Warned
+from capture.station.cycle.events import Event, PartAnnounced, RecipeLoaded, Subscriber, Warned
 from capture.station.inspection.judge import STOP_LED_LEVEL
 from capture.station.results.part_result import PartResult
 
@@ -122,7 +122,8 @@ class ControlChart:
     """Charts of a running station; subscribe it to the events of the station.
 
     Each point is the mean of five parts that matched a texture; 20 points are the baseline. Every
-    warning is passed on once as `Warned`, until it has not held for eight points.
+    warning is passed on once as `Warned`, until it has not held for eight points. The charts begin
+    anew with each recipe, whose distances and taught levels are others.
 
     Parameters
     ----------
@@ -135,13 +136,18 @@ class ControlChart:
     def __init__(self, led_names: Sequence[str], *subscribers: Subscriber) -> None:
         self._led_names = tuple(led_names)
         self._subscribers = subscribers
-        self._levels = {name: _Watched() for name in led_names}
+        self._begin()
+
+    def _begin(self) -> None:
+        self._levels = {name: _Watched() for name in self._led_names}
         self._distance = _Watched()
         self._group: list[PartResult] = []
 
     def __call__(self, event: Event) -> None:
-        """Add the result of a part that was announced, and pass warnings on."""
-        if isinstance(event, PartAnnounced):
+        """Take an event of the station: the result of a part, or another recipe."""
+        if isinstance(event, RecipeLoaded):
+            self._begin()
+        elif isinstance(event, PartAnnounced):
             for text in self.add(event.result):
                 for subscriber in self._subscribers:
                     subscriber(Warned(text))

@@ -33,10 +33,6 @@ _STOP_S = 5
 _START_POLL_S = 0.01
 
 
-class PortTaken(InputError):  # noqa: N818 - the state of the machine, no error of the program
-    """The panel cannot listen where it should."""
-
-
 class _Protocol(H11Protocol):
     """HTTP/1.1 with a limit of connections, and deadlines for heads and for slow readers."""
 
@@ -136,13 +132,21 @@ def serving_panel(panel: Panel) -> Iterator[str]:
     ------
     InputError
         If the settings are not safe, or the TLS files cannot be used.
-    PortTaken
-        If it cannot listen there.
+    CannotListen
+        If its port is taken, or the address is not there.
     """
     settings = panel.settings
     require_safe(panel)
     protocol = _protocol(panel)
-    listener = _listener(settings)
+    listener = listening_socket(
+        "panel",
+        settings.host,
+        settings.port,
+        MAX_CONNECTIONS,
+        advice="give another port with --port, or --no-panel",
+        # What a vanished browser has not acknowledged can be too little for `_Protocol` to see.
+        most_unacknowledged_ms=round(1000 * SEND_S),
+    )
     config = uvicorn.Config(
         panel_app(panel),
         http=protocol,  # type: ignore[arg-type]
@@ -217,22 +221,6 @@ def _tls(panel: Panel) -> ssl.SSLContext | None:
 def _no_password() -> str:
     """Refuse a key with a password: OpenSSL would ask for it on the terminal."""
     raise ValueError("the key has a password; give one without")
-
-
-def _listener(settings: PanelConfig) -> socket.socket:
-    # What a vanished browser has not acknowledged can be too little for `_Protocol` to see.
-    try:
-        return listening_socket(
-            settings.host,
-            settings.port,
-            MAX_CONNECTIONS,
-            most_unacknowledged_ms=round(1000 * SEND_S),
-        )
-    except OSError as error:
-        raise PortTaken(
-            f"[panel] {settings.host}:{settings.port}: {error.strerror}; give another port with "
-            "--port, or --no-panel"
-        ) from error
 
 
 def _address(settings: PanelConfig, listener: socket.socket) -> str:

@@ -104,10 +104,20 @@ def serving_modbus(line: PlcLine, settings: ModbusConfig) -> Iterator[str]:
 
     Raises
     ------
+    CannotListen
+        If its port is taken, or the address is not there.
     InputError
-        If it cannot listen there.
+        If the server does not start.
     """
-    listener = _listener(settings)
+    listener = listening_socket(
+        "modbus",
+        settings.host,
+        settings.port,
+        MAX_CONNECTIONS,
+        advice="give another host or port in station.toml",
+        most_unacknowledged_ms=_MOST_UNACKNOWLEDGED_MS,
+        send_buffer_bytes=_MOST_UNREAD_BYTES,
+    )
     where = f"{settings.host}:{listener.getsockname()[1]}"
     loop = asyncio.new_event_loop()
     started: threading.Event = threading.Event()
@@ -150,23 +160,6 @@ def _log_failure(keeper: asyncio.Task[None]) -> None:
     """Log why the heartbeat stopped, by which the PLC sees it."""
     if not keeper.cancelled() and (error := keeper.exception()) is not None:
         _log.error("the heartbeat to the PLC stopped", exc_info=error)
-
-
-def _listener(settings: ModbusConfig) -> socket.socket:
-    """Listen; pymodbus itself does not say why it cannot."""
-    try:
-        return listening_socket(
-            settings.host,
-            settings.port,
-            MAX_CONNECTIONS,
-            most_unacknowledged_ms=_MOST_UNACKNOWLEDGED_MS,
-            send_buffer_bytes=_MOST_UNREAD_BYTES,
-        )
-    except OSError as error:
-        raise InputError(
-            f"[modbus] {settings.host}:{settings.port}: {error.strerror}; give another host or "
-            "port in station.toml"
-        ) from error
 
 
 class PlcConnection:

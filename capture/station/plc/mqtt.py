@@ -1,5 +1,6 @@
 """MQTT by paho: results of a station as retained JSON for a broker."""
 
+import hashlib
 import json
 import ssl
 import threading
@@ -58,7 +59,10 @@ class MqttPublisher:
         self._is_connected = self._is_closed = False
         self._said = ""
         self._thread = threading.Thread(target=self._run, name="mqtt", daemon=True)
-        self._client = Client(CallbackAPIVersion.VERSION2)
+        # Each connection has the same name, so that the broker ends the one before, of whose loss
+        # it may not know. It publishes the last will of that one before this one is online.
+        name = f"ps4rig-{hashlib.sha256(settings.topic.encode()).hexdigest()[:16]}"
+        self._client = Client(CallbackAPIVersion.VERSION2, client_id=name)
         self._client.on_connect = self._connected
         self._client.on_connect_fail = lambda *_: self._say("cannot be reached")
         self._client.on_disconnect = self._disconnected

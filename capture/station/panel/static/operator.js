@@ -7,6 +7,7 @@ const SILENCE_MS = 20000; // the state is asked for each 5 s
 // verdict, and not while the station computes it.
 const GATHER_MS = 150;
 const REFRESH_MS = 5000; // the rate falls without an event, and a proxy may hold events back
+const RETRY_MS = 5000;
 const REJECTED = 12;
 const byId = (id) => document.getElementById(id);
 const csrf = document.querySelector('meta[name="csrf"]').content;
@@ -178,7 +179,6 @@ function lost() {
 }
 
 function follow() {
-  heardMs = Date.now();
   const stream = new EventSource(`/api/v1/events?gather_ms=${GATHER_MS}`);
   source = stream;
   for (const [kind, take] of Object.entries(takes)) {
@@ -197,8 +197,11 @@ function follow() {
   }
   stream.addEventListener("error", () => {
     lost();
-    // A refused stream, such as after the session's end, is not tried again by the browser.
-    if (stream.readyState === EventSource.CLOSED) setTimeout(() => window.location.reload(), 5000);
+    if (stream.readyState !== EventSource.CLOSED) return;
+    // The browser does not try again, as after the session's end or when a proxy answers.
+    setTimeout(() => {
+      if (source === stream) follow();
+    }, RETRY_MS);
   });
 }
 
@@ -266,6 +269,7 @@ setInterval(() => {
 // A hidden page costs the station nothing; the stream begins with the whole state.
 document.addEventListener("visibilitychange", () => {
   if (!document.hidden) {
+    heardMs = Date.now();
     follow();
     return;
   }

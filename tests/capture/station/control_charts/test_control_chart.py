@@ -13,7 +13,7 @@ from capture.station.control_charts.control_chart import (
     broken_rules,
 )
 from capture.station.control_charts.control_history import chart_histories
-from capture.station.cycle.events import Event, PartAnnounced, Warned
+from capture.station.cycle.events import Event, PartAnnounced, RecipeLoaded, Warned
 from capture.station.results.part_result import PartResult
 from capture.station.results.statistics import ChartedPart
 from capture.station.verdict import Decision, Verdict
@@ -109,6 +109,23 @@ def test_a_growing_distance_is_noticed() -> None:
     logs = draw.normal(0.0, 0.1, parts)
     logs[BASELINE_PARTS:] += 0.15
     told = fed(np.ones((parts, 4)), np.exp(logs))
+    assert any(text.startswith("distance") for text in told)
+
+
+def test_another_recipe_begins_another_baseline() -> None:
+    """Its distances and the levels at which it was taught are others."""
+    draw, told = np.random.default_rng(5), list[str]()
+    chart = ControlChart(LEDS, lambda event: told.append(event.text))
+
+    def judge(logs: np.ndarray) -> None:
+        for log in logs:
+            chart(PartAnnounced(replace(PART, distance=float(np.exp(log))), 1.0))
+
+    judge(draw.normal(0.0, 0.1, BASELINE_PARTS + 2))
+    chart(RecipeLoaded("other", 1, "0" * 64))
+    judge(draw.normal(0.4, 0.1, BASELINE_PARTS))
+    assert told == []
+    judge(draw.normal(0.55, 0.1, 100))
     assert any(text.startswith("distance") for text in told)
 
 

@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 
 from capture.sets.captured_set import CapturedSet
+from capture.station.panel import event_stream
 from capture.station.panel.access.roles import Role
 from capture.station.panel.part_pictures import picture_maker
 from capture.station.panel.part_pictures.picture_maker import PartPictures, PictureTask
 from capture.station.verdict import Cause, Decision, Verdict
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel, running_panel
 from tests.capture.station.stations import PASSED, Said
-from tests.chromium import Chromium, chromium
+from tests.chromium import WAIT_S, Chromium, chromium
 
 VERDICTS = {
     Decision.PASS: PASSED,
@@ -184,21 +185,23 @@ def test_a_state_that_events_have_overtaken_is_not_drawn(
     page.value("window.given = window.fetch; window.fetch = () => Promise.reject('lost'); 1")
     page.until("!lost.hidden")
     page.value(
-        "window.answers = 0;"
+        "window.requests = window.answers = 0;"
         "window.released = new Promise((release) => { window.release = release; });"
         "window.fetch = async (...request) => {"
+        "  window.requests += 1;"
         "  const answer = await window.given(...request);"
         "  window.answers += 1;"
-        "  if (window.answers == 1) await window.released;"
+        "  await window.released;"
         "  return answer;"
         "}; 1"
     )
-    panel.parts(1)
-    page.until("window.answers == 1")
+    (first,) = panel.parts(1)
+    page.until(f"part.textContent == '{first}' && window.answers == window.requests")
+    held = page.value("window.answers")
     (last,) = panel.parts(1)
     page.until(f"part.textContent == '{last}'")
     page.value("window.release(); 1")
-    page.until("window.answers > 1")
+    page.until(f"window.answers > {held}")
     assert page.text("part") == last
     page.until("lost.hidden && !trigger.disabled")
     assert (page.text("part"), page.text("count-PASS")) == (last, "3")
@@ -264,6 +267,34 @@ def test_a_station_that_does_not_answer_is_noticed(panel: RunningPanel, browser:
         " signal.addEventListener('abort', () => reject(signal.reason))); 1"
     )
     page.until("!lost.hidden && trigger.disabled")
+
+
+@pytest.mark.browser
+def test_a_refused_stream_is_asked_for_again_without_leaving_the_page(
+    panel: RunningPanel, browser: Chromium, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A proxy answers for a station that starts again; its own page would ask for nothing more."""
+    panel.until_ready()
+    monkeypatch.setattr(event_stream, "MOST_STREAMS", 0)
+    page = browser.page(panel.url)
+    page.until("!lost.hidden")
+    page.value("window.isTheSame = true; 1")
+    monkeypatch.undo()
+    deadline_s = time.monotonic() + WAIT_S
+    while panel.live.snapshot().subscribers == 0:
+        assert time.monotonic() < deadline_s
+        time.sleep(0.02)
+    page.until("lost.hidden && !trigger.disabled")
+    assert page.value("window.isTheSame")
+
+
+@pytest.mark.browser
+def test_a_verdict_is_old_until_the_page_follows_the_station(panel: RunningPanel) -> None:
+    """The connection may be lost before the page has its script."""
+    panel.parts(1)
+    served = panel.local.get("/").text
+    assert 'data-decision="PASS"' in served
+    assert 'class="verdict old"' in served
 
 
 @pytest.mark.browser

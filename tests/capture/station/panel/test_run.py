@@ -10,10 +10,10 @@ import pytest
 
 from capture.commands.station.faces import panel_of, panel_settings
 from capture.station.approval.approval import approve
+from capture.station.errors import CannotListen
 from capture.station.face_config import PanelConfig
 from capture.station.folder import StationFolder, make_station
 from capture.station.live.live_station import LiveStation
-from capture.station.panel.server import PortTaken
 from capture.station.recipe.recipe_folder import RecipeFolder
 from rig.errors import ConfigError
 from tests.capture.station.panel.panels import Client
@@ -30,7 +30,7 @@ def test_a_taken_port_stops_only_a_run_that_asked_for_the_panel(
             said = capsys.readouterr().err
         assert f"warning: no panel: [panel] 127.0.0.1:{settings.port}" in said
         with (
-            pytest.raises(PortTaken, match="give another port with --port, or --no-panel"),
+            pytest.raises(CannotListen, match="give another port with --port, or --no-panel"),
             panel_of(folder, live, settings, is_asked=True),
         ):
             pass

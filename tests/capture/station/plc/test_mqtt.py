@@ -70,6 +70,18 @@ def test_the_last_result_is_retained_and_the_end_of_a_run_is_told(broker: Broker
 
 
 @pytest.mark.mqtt
+def test_a_new_connection_ends_the_one_before_it_with_its_last_will(broker: Broker) -> None:
+    """A broker that was not told of a lost connection would publish its last will much later."""
+    broker.start()
+    lost: list[str] = []
+    with publisher(broker, lost), broker.subscribed(ONLINE) as live:
+        until_so(lambda: live == {ONLINE: ["true"]})
+        with publisher(broker, []):
+            until_so(lambda: live[ONLINE][:3] == ["true", "false", "true"])
+            until_so(lambda: any("not connected" in text for text in lost))
+
+
+@pytest.mark.mqtt
 def test_the_end_of_a_run_is_told_to_a_broker_that_hangs(broker: Broker) -> None:
     broker.start()
     assert broker.process is not None
