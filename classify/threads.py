@@ -116,7 +116,8 @@ def beside(work: Callable[[], Result], *, is_long: bool = False) -> Callable[[],
 
     The caller does the work itself if no thread was free until then, and otherwise helps other
     threads until the result is there. Give `is_long` for work that a thread that waits for another
-    result should not begin.
+    result should not begin. Work must not wait for other work that was begun `beside`, unless it is
+    long: a thread could begin it while it does that other work, and never end.
     """
     if thread_count() == 1:
         return work

@@ -1,8 +1,9 @@
 """`PixelHash`: the SHA-256 of the pixels of a set, computed while its images arrive."""
 
 import hashlib
+import threading
+from collections import deque
 from collections.abc import Callable
-from functools import partial
 
 from classify.threads import beside
 from rig.set_file import Planes, hash_page
@@ -11,15 +12,19 @@ from rig.set_file import Planes, hash_page
 class PixelHash:
     """SHA-256 of the pages of a set, which may arrive in any order; see `pixels_sha256`.
 
-    A page is hashed in another thread as soon as all pages before it have arrived.
+    A page is hashed in another thread as soon as all pages before it have arrived. One task hashes
+    all pages that are due: a task for each would wait for that of the page before.
     """
 
     def __init__(self) -> None:
         self._digest = hashlib.sha256()
         self._waiting: dict[int, Planes] = {}  # pages that come before their turn
         self._next = 0
-        # Waits until the last page that was begun is hashed; called once, for the next page.
-        self._hashed: Callable[[], None] = lambda: None
+        # Shared with the thread that hashes.
+        self._lock = threading.Lock()
+        self._due: deque[Planes] = deque()
+        self._is_hashing = False
+        self._hashed: Callable[[], None] = lambda: None  # waits for that thread
 
     def add(self, page: int, plane: Planes) -> None:
         """Add a page; return at once.
@@ -32,10 +37,14 @@ class PixelHash:
         if self.has(page):
             raise ValueError(f"page {page} is added a second time")
         self._waiting[page] = plane
-        while self._next in self._waiting:
-            due = self._waiting.pop(self._next)
-            self._next += 1
-            self._hashed = beside(partial(self._hash, self._hashed, due))
+        with self._lock:
+            while self._next in self._waiting:
+                self._due.append(self._waiting.pop(self._next))
+                self._next += 1
+            begins = bool(self._due) and not self._is_hashing
+            self._is_hashing |= begins
+        if begins:
+            self._hashed = beside(self._hash_due)
 
     def has(self, page: int) -> bool:
         """Whether a page was added."""
@@ -49,6 +58,11 @@ class PixelHash:
         hashed()
         return self._digest.hexdigest()
 
-    def _hash(self, before: Callable[[], None], plane: Planes) -> None:
-        before()
-        hash_page(self._digest, plane)
+    def _hash_due(self) -> None:
+        while True:
+            with self._lock:
+                if not self._due:
+                    self._is_hashing = False
+                    return
+                plane = self._due.popleft()
+            hash_page(self._digest, plane)

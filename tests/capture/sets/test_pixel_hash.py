@@ -1,5 +1,8 @@
 """Tests of the hash of images that arrive one by one."""
 
+import threading
+import time
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -27,6 +30,27 @@ def test_the_hash_of_pages_in_any_order_is_that_of_the_whole(
         assert hashed.sha256() == hashed.sha256() == pixels_sha256(PLANES[:pages])
     finally:
         set_thread_count(None)
+
+
+def test_pages_that_come_at_once_are_hashed_by_any_number_of_threads() -> None:
+    def hash_sets() -> None:
+        for _ in range(300):
+            hashed = PixelHash()
+            for page, plane in enumerate(planes):
+                hashed.add(page, plane)
+            time.sleep(1e-4)
+            found.add(hashed.sha256())
+
+    planes, found = np.tile(PLANES, (1, 20, 20)), set[str]()
+    set_thread_count(4)
+    try:
+        thread = threading.Thread(target=hash_sets, daemon=True)
+        thread.start()
+        thread.join(60.0)
+    finally:
+        set_thread_count(None)
+    assert not thread.is_alive()
+    assert found == {pixels_sha256(planes)}
 
 
 def test_pages_of_any_layout_are_hashed_as_rows() -> None:
