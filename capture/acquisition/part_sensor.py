@@ -1,11 +1,12 @@
 """The part sensor: the controller begins a set by itself when a part arrives."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 from capture.errors import SetRejected
 from classify.errors import InputError
-from rig import LightControllerError, Rig, RunningSequence
+from rig import HardwareError, LightControllerError, Rig, RunningSequence, SequencePlan
 from rig.fresh_frame import begin_sequence
 
 from .fresh_frames import SET_SPARE_S
@@ -56,6 +57,24 @@ def wait_for_part(
             "a part sensor needs lights.synchronisation = 'strobe' or 'trigger' in rig.toml"
         )
     rig.lights.recover()
+    with _put_out_after_an_error(rig):
+        return _arrived_part(rig, plan, is_stopping, delay_s)
+
+
+@contextmanager
+def _put_out_after_an_error(rig: Rig) -> Iterator[None]:
+    """The controller would still wait for the part, and light it with nobody looking."""
+    try:
+        yield
+    except BaseException:
+        with suppress(HardwareError):
+            rig.lights.off()
+        raise
+
+
+def _arrived_part(
+    rig: Rig, plan: SequencePlan, is_stopping: Callable[[], bool], delay_s: float
+) -> ArrivedPart | None:
     sequence = begin_sequence(rig, plan, part_delay_s=delay_s)
     frames = SequenceFrames(rig, sequence.asked_s, sequence.asked_s)
     kept = plan.frames_per_step * len(plan.lights)

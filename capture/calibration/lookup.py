@@ -1,6 +1,5 @@
 """Find the calibration of a captured set, and check that it holds for the set."""
 
-import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -9,7 +8,7 @@ from pathlib import Path
 from capture.errors import CalibrationError
 from capture.sets.captured_set import CapturedSet
 from capture.sets.metadata import SetMetadata
-from classify.durable_file import durable_file, make_folder
+from classify.durable_file import make_folder
 
 from .ps4cal import SUFFIX, CalibrationFile, utc_of
 from .setting import Setting
@@ -106,9 +105,9 @@ def read_calibration(path: Path) -> CalibrationFile:
 
 
 def keep_beside(source: Path, file: CalibrationFile, set_path: Path) -> None:
-    """Put a copy of a calibration, if missing, where the set at `set_path` finds it.
+    """Put a calibration, if missing, where the set at `set_path` finds it.
 
-    The copy is named after its hash, so that a later change of `source` does not concern the set.
+    It is named after its hash: what is at `source` now may be another calibration.
 
     Raises
     ------
@@ -118,11 +117,9 @@ def keep_beside(source: Path, file: CalibrationFile, set_path: Path) -> None:
     above = set_path.absolute().parent.parent / FOLDER
     folder = above if above.is_dir() else set_path.absolute().parent / FOLDER
     copy = folder / f"{source.stem}-{file.hash[:_DIGITS]}{SUFFIX}"
-    if _hash_at(copy) == file.hash or _hash_at(source) != file.hash:
-        return
-    make_folder(folder)
-    with durable_file(copy) as temporary:
-        shutil.copyfile(source, temporary)
+    if _hash_at(copy) != file.hash:
+        make_folder(folder)
+        file.write(copy)
 
 
 @lru_cache(maxsize=8)

@@ -109,10 +109,10 @@ def capture(
         sets = _captured(opened, placements, count, label, average, known, target)
         answer = []
         for path, captured in zip(paths, progress(sets, len(paths), "capture"), strict=True):
-            describe(captured).save(path)
-            answer.append({"set": str(path), "simulated": captured.metadata.simulated})
             if calibration is not None and known is not None:
                 keep_beside(calibration, known, path)
+            describe(captured).save(path)
+            answer.append({"set": str(path), "simulated": captured.metadata.simulated})
             if not json:
                 note = " (simulated)" if captured.metadata.simulated else ""
                 lights = f"{len(captured.images)} lights in {_duration(captured)}"
@@ -271,9 +271,9 @@ def import_(
     captured = described(captured, specimen=specimen, operator=operator, note=note)
     if known is not None:
         captured = named_by(captured, known)
-    captured.save(output)
     if calibration is not None and known is not None:
         keep_beside(calibration, known, output)
+    captured.save(output)
     metadata = captured.metadata
     for warning in metadata.warnings:
         complain(f"warning: {output}: {warning}")

@@ -34,6 +34,12 @@ _ENTRY_BYTES = 2_000
 _SPARE_BYTES = 64_000
 
 
+def _is_of_the_machine(error: BaseException | None) -> bool:
+    """Whether a file could not be read although it may be whole."""
+    has_failed = isinstance(error, OSError) and error.errno is not None
+    return has_failed or isinstance(error, MemoryError)
+
+
 class SessionFolder:
     """A session on disk, for reading; `session_folder` opens one for writing.
 
@@ -132,6 +138,8 @@ class SessionFolder:
             try:
                 metadata = CapturedSet.load(path).metadata
             except InputError as error:
+                if _is_of_the_machine(error.__cause__):
+                    raise
                 yield planned, str(error).removeprefix(f"{path}: ")
                 continue
             if metadata.pixels_sha256 == entry.pixels_sha256:

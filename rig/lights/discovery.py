@@ -1,8 +1,10 @@
 """Find the port of the light controller by serial number, USB id, or asking ``*IDN?``."""
 
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from rig.config.lights import AUTO, LightsConfig
 from rig.errors import LightControllerError
@@ -13,6 +15,7 @@ from .ports import pyserial
 from .timeouts import DEFAULT_TIMEOUTS, LinkTimeouts
 
 _BY_ID = Path("/dev/serial/by-id")
+_TRIES = 3  # of listing the ports
 # USB vendors of microcontroller boards and of their USB chips. Devices of other vendors, such as
 # modems, are not asked unless their USB id is configured.
 _VENDORS = {
@@ -93,9 +96,17 @@ def list_serial_ports() -> list[SerialPort]:
             description="" if info.description in (None, "n/a") else info.description,
             by_id=names.get(Path(info.device).resolve()),
         )
-        for info in comports()
+        for info in _present(comports)
     ]
     return sorted(ports, key=lambda port: port.device)
+
+
+def _present(comports: Callable[[], list[Any]]) -> list[Any]:
+    """List the ports; pyserial fails on one that is unplugged just then."""
+    for _ in range(_TRIES):
+        with suppress(TypeError, ValueError, OSError):
+            return list(comports())
+    return []
 
 
 def identify(

@@ -232,11 +232,11 @@ class LightController:
             self._usage.mark_used()
             self._link.close()
             self._link = find_again(self.identity, self._whereabouts, self._baud, self._timeouts)
-            self._has_failed = False
             self._missed_keep_alive = None
             self._prepare()
             for led, percent in self._levels_percent.items():
                 self._exchange(f"LED:LEV {led},{percent}")
+            self._has_failed = False
 
     def put_out(self) -> None:
         """Put all LEDs out, also after an exchange that was interrupted.

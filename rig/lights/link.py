@@ -66,7 +66,8 @@ class ControllerLink:
         # Random, so that late replies to an earlier program do not match a command of this one.
         self._sequence = secrets.randbelow(MAX_SEQUENCE) + 1
         self._reply_s = timeouts.reply_s
-        self._line = SerialLine(port, baud, timeouts.reply_s)
+        # Real time, in which a busy computer may not run this program.
+        self._line = SerialLine(port, baud, write_timeout_s=20.0 * timeouts.reply_s)
         try:
             self.identity = self._identify(timeouts.open_s)
         except BaseException:

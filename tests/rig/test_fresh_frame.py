@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from rig import FrameFlag, RigConfig, open_rig
-from rig.fresh_frame import NoFreshFrameError, fresh_frame
+from rig import Frame, FrameFlag, RigConfig, open_rig
+from rig.fresh_frame import FrameKind, NoFreshFrameError, fresh_frame, kind_of, next_fresh_frame
 from tests.changed_frames import with_frames
 
 SMALL = RigConfig().with_changes(camera={"width_px": 32, "height_px": 32})
@@ -49,6 +49,20 @@ def test_waiting_for_a_fresh_frame_ends_with_the_counts_of_all_others(
         with pytest.raises(NoFreshFrameError, match=rf"no fresh frame .*{counts}"):
             fresh_frame(with_frames(rig, lambda frame: replace(frame, **changes)), 0)
         assert rig.clock.now_s() - asked_s < 3.0
+
+
+def test_a_program_that_was_stopped_meanwhile_takes_the_frames_that_waited() -> None:
+    with open_rig(SMALL) as rig:
+        stops = iter([True])
+
+        def kind_after_a_stop(frame: Frame, not_before_s: float) -> FrameKind:
+            if next(stops, False):
+                rig.clock.sleep_s(10.0)
+                return FrameKind.STALE
+            return kind_of(frame, not_before_s)
+
+        asked_s = rig.clock.now_s()
+        assert next_fresh_frame(rig, asked_s, kind_after_a_stop).exposure_start_s >= asked_s
 
 
 @pytest.mark.parametrize("light", [None, 0, 3])

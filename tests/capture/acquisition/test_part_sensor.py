@@ -60,6 +60,19 @@ def test_a_wait_can_be_ended(rig):
     capture_set(rig)
 
 
+def test_after_a_failed_wait_the_controller_waits_no_longer(rig):
+    def fails() -> bool:
+        raise CameraError("unplugged")
+
+    with pytest.raises(CameraError):
+        wait_for_part(rig, 0.0, fails)
+    rig.simulation.see_part(0.1)
+    rig.clock.sleep_s(0.2)
+    assert rig.lights.state().led is None
+    rig.simulation.see_part(0.3)
+    assert wrong_light(rig, capture_set(rig, part=wait_for_part(rig, 0.0))) < WRONG_LIGHT
+
+
 def test_a_wait_that_the_controller_ends_is_an_error_and_no_part(rig):
     def put_out() -> bool:
         rig.lights.off()

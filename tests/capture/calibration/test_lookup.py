@@ -69,6 +69,16 @@ def test_a_named_calibration_is_found_beside_the_set(
     assert found.warnings == ()
 
 
+def test_a_set_keeps_its_calibration_although_the_file_was_measured_anew(
+    tmp_path: Path, placed: CapturedSet
+) -> None:
+    source, path = tmp_path / "rig.ps4cal", tmp_path / "sets" / "a.ome.tif"
+    known, other = file_of(Setting.of_set(placed)), file_of(SETTING)
+    other.write(source)
+    keep_beside(source, known, path)
+    assert find(path, named_by(placed, known)).file.hash == known.hash != other.hash
+
+
 def test_a_missing_calibration_is_an_error_that_names_what_is_there(
     tmp_path: Path, placed: CapturedSet
 ) -> None:

@@ -1,6 +1,7 @@
 """The runner of a session on the simulated rig."""
 
 import csv
+import errno
 import shutil
 import sys
 from collections.abc import Callable
@@ -303,6 +304,25 @@ def test_a_captured_set_that_was_damaged_later_is_captured_again(
     assert names(folder()) == FILES
     aside.unlink()
     assert {each.state for path in files_below(session) for each in verify_file(path)} == {"good"}
+
+
+@pytest.mark.parametrize("error", [MemoryError(), OSError(errno.EIO, "Input/output error")])
+def test_a_set_that_cannot_be_read_for_a_moment_stays(
+    run: Run, folder: Folder, session: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    """The file may be whole: nobody must capture the set again."""
+    run()
+
+    def fails(*_: object, **__: object) -> None:
+        raise error
+
+    with monkeypatch.context() as patch:
+        patch.setattr("tifffile.TiffPage.asarray", fails)
+        with pytest.raises(InputError, match="not a readable TIFF"):
+            run()
+    assert names(folder()) == FILES
+    assert not (session / "replaced").exists()
+    run()
 
 
 def test_a_run_that_stops_at_once_leaves_a_damaged_set_missing(

@@ -85,6 +85,22 @@ def test_an_acknowledge_is_later_than_the_change_on_the_rig_clock(bench: Any) ->
             assert bench.board.output(led, changed_s + 0.001) > 0.5
 
 
+def test_a_program_that_stands_still_while_it_writes_has_lost_nothing(
+    bench: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = os.write
+
+    def slow(descriptor: int, data: bytes) -> int:
+        written = write(descriptor, data)
+        if b"LED:STAT?" in data:
+            time.sleep(0.7)  # longer than a reply is waited for
+        return written
+
+    with LightController(bench.port, clock=bench.clock) as lights:
+        monkeypatch.setattr("serial.serialposix.os.write", slow)
+        assert lights.state().led is None
+
+
 def test_a_level_dims_the_led(bench: Any) -> None:
     with LightController(bench.port, clock=bench.clock) as lights:
         lights.set_level(1, 25)

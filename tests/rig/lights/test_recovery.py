@@ -14,6 +14,7 @@ from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serv
 from rig import LightControllerError, RigConfig, open_rig
 from rig.lights.driver import LightController
 from rig.lights.timeouts import LinkTimeouts
+from rig.lights.wire import encode_command
 
 SMALL = RigConfig().with_changes(camera={"width_px": 48, "height_px": 48})
 SHORT = LinkTimeouts(recover_s=0.3)
@@ -63,6 +64,25 @@ def test_an_unplugged_controller_is_named_as_missing() -> None:
         rig.simulation.replug_lights()
         rig.lights.recover()
         assert rig.lights.select(3).led == 3
+
+
+def test_a_recovery_that_was_refused_is_made_again(
+    bench: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with LightController(bench.port, clock=bench.clock) as lights:
+        lights.set_level(0, 40)
+        with pytest.raises(LightControllerError):
+            lights.ask("*IDN?", 1)  # not a number
+        monkeypatch.setattr("rig.lights.link.encode_command", damaged_level)
+        with pytest.raises(LightControllerError):
+            lights.recover()
+        monkeypatch.undo()
+        lights.recover()
+        assert lights.state().levels_percent[0] == 40
+
+
+def damaged_level(sequence: int, command: str) -> bytes:
+    return encode_command(sequence, command).replace(b"LEV 0,40", b"LEV 0,4!")
 
 
 def test_recovery_waits_for_a_controller_that_restarts() -> None:
