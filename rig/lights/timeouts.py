@@ -13,7 +13,8 @@ class LinkTimeouts:
         For the first answer after a port is opened. An Arduino that resets when its port is
         opened answers after about two seconds.
     reply_s
-        For the reply to one command. The firmware answers within milliseconds.
+        For the reply to one command. The firmware answers within milliseconds. A port that takes
+        no bytes is waited for 20 times as long.
     recover_s
         For a controller that was plugged in again; Linux needs a second or two for its port.
     unused_s
