@@ -1,7 +1,7 @@
 """The part sensor: the controller begins a set by itself when a part arrives."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
 from capture.errors import SetRejected
@@ -57,16 +57,10 @@ def wait_for_part(
             "a part sensor needs lights.synchronisation = 'strobe' or 'trigger' in rig.toml"
         )
     rig.lights.recover()
-    with _put_out_after_an_error(rig):
-        return _arrived_part(rig, plan, is_stopping, delay_s)
-
-
-@contextmanager
-def _put_out_after_an_error(rig: Rig) -> Iterator[None]:
-    """The controller would still wait for the part, and light it with nobody looking."""
     try:
-        yield
+        return _arrived_part(rig, plan, is_stopping, delay_s)
     except BaseException:
+        # The controller would still wait for the part, and light it with nobody looking.
         with suppress(HardwareError):
             rig.lights.off()
         raise

@@ -142,6 +142,7 @@ def serving_modbus(line: PlcLine, settings: ModbusConfig) -> Iterator[str]:
         finally:
             started.set()
             loop.close()
+            listener.close()  # also if the server did not start
 
     thread = threading.Thread(target=run, name="modbus", daemon=True)
     thread.start()
