@@ -30,6 +30,7 @@ _AT_ONCE, _NEVER = -math.inf, math.inf
 # its first interrupt, and the end of the clean-up after that.
 _exit_after_s = _AT_ONCE
 _last_signal: int = signal.SIGINT
+_was_interrupted = False
 
 
 def install_handlers() -> None:
@@ -41,7 +42,7 @@ def install_handlers() -> None:
     for number in (getattr(signal, name) for name in names if hasattr(signal, name)):
         if signal.getsignal(number) not in (signal.SIG_IGN, None):
             signal.signal(number, _handle)
-    sys.unraisablehook = _retry_lost_interrupt
+    sys.unraisablehook = _handle_lost
 
 
 @contextmanager
@@ -59,7 +60,7 @@ def interruptible() -> Iterator[None]:
 
 
 def _handle(number: int, frame: FrameType | None) -> None:
-    global _exit_after_s, _last_signal
+    global _exit_after_s, _last_signal, _was_interrupted
     now_s = time.monotonic()
     if now_s > _exit_after_s:
         with suppress(OSError):
@@ -75,17 +76,23 @@ def _handle(number: int, frame: FrameType | None) -> None:
             return
         frame = frame.f_back
     _exit_after_s = now_s + _CLEANUP_S
+    _was_interrupted = True
     raise KeyboardInterrupt
 
 
-def _retry_lost_interrupt(lost: sys.UnraisableHookArgs) -> None:
-    """Retry an interrupt that Python lost in a finalizer or a callback from C."""
+def _handle_lost(lost: sys.UnraisableHookArgs) -> None:
+    """Retry an interrupt that Python lost in a finalizer or a callback from C; report the rest.
+
+    An object whose constructor was interrupted may lack attributes that its finalizer uses, as
+    those of llvmlite do while numba loads a kernel: that is not reported.
+    """
     global _exit_after_s
-    if not issubclass(lost.exc_type, KeyboardInterrupt):
+    if issubclass(lost.exc_type, KeyboardInterrupt):
+        if _exit_after_s > _AT_ONCE:
+            _exit_after_s = _NEVER
+            _retry_later()
+    elif not (_was_interrupted and issubclass(lost.exc_type, AttributeError)):
         sys.__unraisablehook__(lost)
-    elif _exit_after_s > _AT_ONCE:
-        _exit_after_s = _NEVER
-        _retry_later()
 
 
 def _retry_later() -> None:

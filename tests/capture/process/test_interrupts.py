@@ -33,6 +33,14 @@ class Interrupts:
     def __del__(self):
         signal.raise_signal(signal.SIGTERM)
 
+class HalfBuilt:
+    def __init__(self):
+        signal.raise_signal(signal.SIGTERM)
+        self.handle = 1
+
+    def __del__(self):
+        del self.handle
+
 install_handlers()
 try:
     with interruptible():
@@ -128,6 +136,8 @@ def test_an_interrupt_that_an_import_swallows_is_raised_later(
         # The same in a job in the background, for which a shell ignores SIGINT.
         ("signal.signal(signal.SIGINT, signal.SIG_IGN); Interrupts(); time.sleep(60)",
          "interrupted\n"),
+        # The finalizer of an object whose constructor was interrupted lacks its attributes.
+        ("HalfBuilt()", "interrupted\n"),
         # A second signal does not disturb the clean-up after the first.
         (
             """try: signal.raise_signal(signal.SIGINT)
