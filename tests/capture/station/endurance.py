@@ -54,9 +54,8 @@ KEPT_S, REMOVED_EACH_S = 20.0, 10.0
 LINES = 20
 # Growth of the resident memory over the last half of a run that still counts as flat: of all its
 # readings, and at the pace of the median between two readings. By the half of 20,000 parts all that
-# a run keeps is full (capture/station/README.md), but for pages of SQLite: 2 MB in a connection
-# that was little used before. The allocator took 0.3 MB once, between parts 15,000 and 16,000. A
-# leak of 110 bytes a part exceeds the second limit.
+# a run keeps is full (capture/station/README.md); the allocator still takes a little. A leak of 110
+# bytes a part exceeds the second limit.
 MOST_MB, FLAT_MB = 3.0, 1.0
 # Of the set files, one in so many is read whole and hashed: all of them would take as long as a
 # tenth of the run.

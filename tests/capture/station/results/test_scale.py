@@ -3,6 +3,8 @@
 ``PARTS`` is the number of parts of the run.
 """
 
+import _sqlite3
+import ctypes
 import io
 import os
 import resource
@@ -29,6 +31,13 @@ PARTS = int(os.environ.get("PARTS", "2000"))
 def resident_bytes() -> int:
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * resource.getpagesize()
+
+
+def sqlite_bytes() -> int:
+    """Memory of all SQLite connections of this process."""
+    used = ctypes.CDLL(_sqlite3.__file__).sqlite3_memory_used
+    used.restype = ctypes.c_int64
+    return used()
 
 
 @pytest.mark.slow
@@ -105,3 +114,11 @@ def test_the_history_of_100_000_parts_is_read_in_seconds_and_never_held(
     print(f"\n100,000 parts, CPU time: {figures}; memory +{(most - before) / 1e6:.1f} MB")
     assert most - before < 10e6
     assert counters.production.by_station == dict.fromkeys(Decision, 25_000)
+
+
+@pytest.mark.slow
+def test_a_reader_of_a_large_table_keeps_few_of_its_pages(large_store: ResultStore) -> None:
+    before = sqlite_bytes()
+    deque(large_store.parts(), maxlen=0)
+    assert sqlite_bytes() - before < 0.5e6
+    large_store.close()
