@@ -3,6 +3,8 @@
 import tracemalloc
 from collections.abc import Callable
 
+from capture.process.memory import resident_bytes
+
 
 def growth_bytes(work: Callable[[int, int], object], first: int, full: int, last: int) -> int:
     """Memory that work on the numbers `full` to `last` adds to that of `first` to `full`."""
@@ -15,3 +17,10 @@ def growth_bytes(work: Callable[[int, int], object], first: int, full: int, last
     finally:
         tracemalloc.stop()
     return after_bytes - before_bytes
+
+
+def resident_mb() -> float:
+    """Resident memory of this process."""
+    resident = resident_bytes()
+    assert resident is not None, "memory is read from /proc"
+    return resident / 1e6

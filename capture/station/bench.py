@@ -14,6 +14,7 @@ from capture.acquisition.attempts import capture_set
 from capture.acquisition.set_checks import check_set
 from capture.batch.tasks import PLANAR
 from capture.calibration.setting import Setting
+from capture.process.memory import resident_bytes
 from capture.process_settings import settle_station
 from capture.sets.captured_set import CapturedSet
 from capture.sets.image_checks import LightImages
@@ -53,7 +54,6 @@ _GOOD, _OTHER = "rock", "sand"
 _STEP_PX = 1500.0
 # Sets that stay in the folder, for pictures of the last parts; a thousand parts would write 10 GB.
 _KEPT_SETS = 16
-_STATUS = Path("/proc/self/status")
 _NO_HASH = "0" * 64
 
 
@@ -299,10 +299,5 @@ def _inspector(good: Sequence[CapturedSet], other: CapturedSet, classes: int) ->
 
 
 def _memory_mb() -> float | None:
-    """Resident memory of this process; None on systems without /proc."""
-    if not _STATUS.exists():
-        return None
-    for line in _STATUS.read_text(encoding="utf-8").splitlines():
-        if line.startswith("VmRSS"):
-            return float(line.split()[1]) / 1e3
-    return None
+    resident = resident_bytes()
+    return None if resident is None else resident / 1e6

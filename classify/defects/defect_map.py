@@ -49,11 +49,6 @@ class DefectMap:
         """The largest score of the part; NaN if no cell is valid."""
         return float(np.fmax.reduce(self.score, axis=None))
 
-    @property
-    def invalid_share(self) -> float:
-        """Share of cells without a score, 0 to 1."""
-        return float(np.isnan(self.score).mean())
-
 
 @dataclass(frozen=True, eq=False)
 class DefectRegion:

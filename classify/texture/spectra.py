@@ -30,6 +30,8 @@ _LAST_NYQUIST = 0.98
 class Spectra:
     """Power spectra of a surface, mean of segments, on a polar grid of 180 degrees.
 
+    Rows are radii; the 90 columns are directions in steps of 2 degrees, anticlockwise from +x.
+
     Attributes
     ----------
     gradient
@@ -53,11 +55,6 @@ class Spectra:
     relief: FloatMap
     co_spectrum: FloatMap
     segment_px: int
-
-    @property
-    def angles_deg(self) -> npt.NDArray[np.float64]:
-        """(90,) direction of each column, anticlockwise from +x, [0, 180)."""
-        return np.linspace(0.0, 180.0, ANGLES, endpoint=False)
 
     @property
     def radii_cpp(self) -> npt.NDArray[np.float64]:

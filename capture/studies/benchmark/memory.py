@@ -10,6 +10,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from capture.console import progress
+from capture.process.memory import peak_bytes, resident_bytes
 from classify import Method, TextureLibrary
 from classify.surface.estimate import FloatMap
 from rig.simulation.simulated_set import SimulatedSet
@@ -19,7 +20,7 @@ from .measurements import Measurement, Section
 Step = Callable[[], Callable[[], object]]
 """Compiles a step with a call on little data, and returns the call to measure."""
 
-_STATUS, _CLEAR = Path("/proc/self/status"), Path("/proc/self/clear_refs")
+_CLEAR = Path("/proc/self/clear_refs")
 _WARM_UP_PX = 256
 
 
@@ -30,7 +31,7 @@ def memory_section(steps: Mapping[str, Step]) -> Section:
     found = []
     for name, step in progress(steps.items(), len(steps), "memory"):
         with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as process:
-            before, peak = process.submit(_peak_mb, step).result()
+            before, peak = process.submit(_memory_mb, step).result()
         found.append(Measurement(name, peak - before, f"MB beyond {before:.0f} MB"))
     note = (
         "In addition to the memory of the process after it has loaded the program and read the "
@@ -64,8 +65,8 @@ def _corner(image_set: SimulatedSet) -> SimulatedSet:
     return replace(image_set, images=image_set.images[corner], ambient=ambient)
 
 
-def _peak_mb(step: Step) -> tuple[float, float]:
-    """Resident memory before a step, and the maximum during it, in megabytes."""
+def _memory_mb(step: Step) -> tuple[float, float]:
+    """Resident memory before a step, and the maximum during it."""
     measured = step()
     gc.collect()
     # The step could use freed memory that the allocator keeps, and the peak would not show it.
@@ -73,21 +74,8 @@ def _peak_mb(step: Step) -> tuple[float, float]:
     if trim is not None:
         trim(0)
     _CLEAR.write_text("5", encoding="ascii")  # resets the peak, see proc(5)
-    before = _read_bytes(_STATUS, "VmRSS")
+    before = resident_bytes() or 0
     kept = measured()
-    peak = _read_bytes(_STATUS, "VmHWM")
+    peak = peak_bytes() or 0
     del kept
     return before / 1e6, peak / 1e6
-
-
-def available_memory() -> int:
-    """Bytes of memory that are available without swapping."""
-    return _read_bytes(Path("/proc/meminfo"), "MemAvailable")
-
-
-def _read_bytes(path: Path, field: str) -> int:
-    for line in path.read_text(encoding="ascii").splitlines():
-        name, value = line.split(":")
-        if name == field:
-            return 1024 * int(value.split()[0])  # "kB" in /proc is 1024 bytes
-    return 0

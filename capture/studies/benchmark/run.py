@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from capture.console import out, print_json
+from capture.process.memory import available_bytes
 from classify.defects.whitening import MIN_SIDE_PX
 from classify.threads import thread_count
 
@@ -75,7 +76,7 @@ def fits(references: int, textures: Textures, folder: Path, free: Free | None = 
     size = references * textures.signatures.shape[-1] * textures.signatures.itemsize
     # Invariants add a tenth to the file. Writing needs the signatures twice in memory.
     disk_bytes, memory_bytes = int(1.15 * size), int(2.5 * size)
-    free_disk, free_memory = free or (shutil.disk_usage(folder).free, memory.available_memory())
+    free_disk, free_memory = free or (shutil.disk_usage(folder).free, available_bytes() or 0)
     enough = disk_bytes < free_disk and memory_bytes < free_memory
     _say(
         f"{'' if enough else 'left out: '}{references:,} references need {disk_bytes / 1e9:.1f} GB "

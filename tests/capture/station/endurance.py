@@ -11,7 +11,6 @@ import argparse
 import gc
 import json
 import os
-import re
 import sys
 import tempfile
 import time
@@ -44,6 +43,7 @@ from tests.capture.station.production import (
     run_parts,
     taught_station,
 )
+from tests.memory_growth import resident_mb
 
 # Their scenes, of 2.4 MB each, fit into the cache of the simulated rig (rig/simulation/scenes.py).
 PLACEMENTS = 20
@@ -69,12 +69,6 @@ class Reading(NamedTuple):
     memory_mb: float
     open_files: int  # the least since the reading before: a set in writing has three for a moment
     cpu_ms: float  # of a part, since the reading before
-
-
-def resident_mb() -> float:
-    found = re.search(r"VmRSS:\s+(\d+) kB", Path("/proc/self/status").read_text())
-    assert found is not None
-    return int(found[1]) / 1024
 
 
 def known_part(feed: SimulatedParts, number: int, frame_px: int) -> SimulatedPart:

@@ -38,5 +38,4 @@ def test_a_map_without_a_score_has_no_worst_and_no_region() -> None:
     nothing = np.full(CELLS, np.nan, np.float32)
     found = DefectMap(nothing, nothing, nothing, nothing, SHAPE)
     assert np.isnan(found.worst)
-    assert found.invalid_share == 1.0
     assert regions_of(found) == ()

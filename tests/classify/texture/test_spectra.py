@@ -25,13 +25,13 @@ def ripple(surface_of, frequency: float, angle_deg: float, shape=(128, 128), amp
 @given(st.floats(0.06, 0.42), st.floats(0, 180), st.sampled_from([(128, 128), (96, 200)]))
 def test_a_wave_peaks_at_its_angle_and_frequency(surface_of, frequency, angle_deg, shape) -> None:
     spectra = surface_spectra(ripple(surface_of, frequency, angle_deg, shape))
-    radii, angles = spectra.radii_cpp, spectra.angles_deg
+    radii, angles_deg = spectra.radii_cpp, np.arange(ANGLES) * 180.0 / ANGLES
     for density in (spectra.gradient, spectra.albedo):
         row, column = np.unravel_index(density.argmax(), density.shape)
         bin_cpp = 1.0 / spectra.segment_px
         nearest = np.abs(radii - frequency).min()
         assert abs(radii[row] - frequency) <= nearest + 0.75 * bin_cpp
-        off = off_deg(angles[column], angle_deg)
+        off = off_deg(angles_deg[column], angle_deg)
         assert np.radians(off) * frequency <= 0.75 * bin_cpp + np.radians(1.0) * frequency
 
 

@@ -19,6 +19,7 @@ from capture.station.panel.panel import Panel
 from capture.station.panel.server import serving_panel
 from tests.capture.station.panel.panels import Client
 from tests.capture.station.panel.test_live import result
+from tests.memory_growth import resident_mb
 
 STREAMS, PARTS = 5, 2000
 # Of the kernels' and the reader's own noise; a history of 2000 results would take 10 MB.
@@ -27,12 +28,6 @@ MOST_GROWTH_MB = 3.0
 MOST_CPU_MS = 12.0
 # A stream is never so late, however busy the machine.
 LONGEST_S = 120.0
-STATUS = Path("/proc/self/status")
-
-
-def resident_mb() -> float:
-    [line] = [each for each in STATUS.read_text().splitlines() if each.startswith("VmRSS")]
-    return float(line.split()[1]) / 1e3
 
 
 class Follower(threading.Thread):
@@ -53,7 +48,6 @@ class Follower(threading.Thread):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not STATUS.exists(), reason="memory is read from /proc")
 def test_five_streams_see_every_part_and_memory_stays_flat(tmp_path: Path) -> None:
     make_station(tmp_path / "line-1")
     live = LiveStation("line-1", simulated=True)

@@ -7,7 +7,6 @@ import _sqlite3
 import ctypes
 import io
 import os
-import resource
 import time
 from collections import deque
 from pathlib import Path
@@ -22,15 +21,11 @@ from capture.station.results.rows import row_of
 from capture.station.results.schema import begun_parts, results, stations
 from capture.station.results.store import BegunPart, ResultStore, open_store
 from capture.station.verdict import Decision
+from tests.memory_growth import resident_mb
 
 from .parts import UTC, begin, result_of
 
 PARTS = int(os.environ.get("PARTS", "2000"))
-
-
-def resident_bytes() -> int:
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * resource.getpagesize()
 
 
 def sqlite_bytes() -> int:
@@ -51,17 +46,17 @@ def test_memory_of_a_run_does_not_grow_with_its_parts(tmp_path: Path) -> None:
             store.add(result)
             took_s.append(time.perf_counter() - began_s)
             if number == PARTS // 10:
-                early = resident_bytes()
-        grown = resident_bytes() - early
+                early_mb = resident_mb()
+        grown_mb = resident_mb() - early_mb
         files = len(list(Path("/proc/self/fd").iterdir()))
         p50, p99 = np.percentile(np.array(took_s) * 1e3, (50, 99))
         size = (tmp_path / "results.sqlite").stat().st_size
         print(
             f"\n{PARTS} parts: add() {p50:.2f} ms at p50, {p99:.2f} ms at p99; memory "
-            f"+{grown / 1e6:.1f} MB after the first tenth; {files} open files; {size / PARTS:.0f} "
+            f"+{grown_mb:.1f} MB after the first tenth; {files} open files; {size / PARTS:.0f} "
             "bytes a part"
         )
-        assert grown < 10e6
+        assert grown_mb < 10.0
         assert store.counters().production.parts == PARTS
 
 
@@ -105,14 +100,14 @@ def test_the_history_of_100_000_parts_is_read_in_seconds_and_never_held(
     timed("last 50", lambda: list(large_store.parts(newest=50)))
     failed = Selection(decision=Decision.FAIL)
     timed("FAIL", lambda: deque[HistoryEntry](large_store.parts(failed), maxlen=0))
-    before = most = resident_bytes()
+    before_mb = most_mb = resident_mb()
     for entry in large_store.parts():
         if entry.result.number % 5000 == 0:
-            most = max(most, resident_bytes())
+            most_mb = max(most_mb, resident_mb())
     large_store.close()
     figures = ", ".join(f"{name} {seconds:.2f} s" for name, seconds in took_s.items())
-    print(f"\n100,000 parts, CPU time: {figures}; memory +{(most - before) / 1e6:.1f} MB")
-    assert most - before < 10e6
+    print(f"\n100,000 parts, CPU time: {figures}; memory +{most_mb - before_mb:.1f} MB")
+    assert most_mb - before_mb < 10.0
     assert counters.production.by_station == dict.fromkeys(Decision, 25_000)
 
 
