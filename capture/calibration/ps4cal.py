@@ -6,9 +6,10 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Final, Literal, Self
+from typing import Any, Final, Literal, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -123,6 +124,13 @@ class _Header(Record):
         return fields_sha256(self.model_dump(mode="json", exclude={"sha256"}))
 
 
+class _Encoded(NamedTuple):
+    """A calibration as it is in the file: the header, and the arrays by their names there."""
+
+    header: _Header
+    arrays: dict[str, npt.NDArray[Any]]
+
+
 @dataclass(frozen=True, eq=False)
 class CalibrationFile:
     """A calibration with the records of its parts.
@@ -131,20 +139,24 @@ class CalibrationFile:
     ----------
     records
         By the name of the part; every part has one.
-    hash
-        SHA-256 by which a set names this calibration. It covers parts and records.
     path
         File that it was read from; None for one that was not.
     """
 
     calibration: Calibration = field(default_factory=Calibration)
     records: Mapping[PartName, PartRecord] = field(default_factory=dict)
-    hash: str = ""
     path: Path | None = None
+    _encoded: _Encoded | None = None
 
-    def __post_init__(self) -> None:
-        if not self.hash:
-            object.__setattr__(self, "hash", self._encoded()[0].sha256)
+    @property
+    def hash(self) -> str:
+        """SHA-256 by which a set names this calibration. It covers parts and records."""
+        return self._encoding.header.sha256
+
+    @cached_property
+    def _encoding(self) -> _Encoded:
+        # A part that was read may be encoded otherwise: directions are normalised again.
+        return self._encoded or _encode(self.calibration, self.records)
 
     def with_part(self, name: PartName, part: Any, record: PartRecord) -> CalibrationFile:
         """Return this calibration with one part added or replaced."""
@@ -181,7 +193,7 @@ class CalibrationFile:
         path = Path(path)
         if path.suffix != SUFFIX:
             raise InputError(f"{path}: let the name of a calibration end in {SUFFIX}")
-        header, arrays = self._encoded()
+        header, arrays = self._encoding
         write_archive(path, _KIND, header.model_dump_json(indent=1), arrays)
 
     @classmethod
@@ -199,30 +211,43 @@ class CalibrationFile:
             header = archive.header(_Header)
             if header.sha256 != header.own_sha256():
                 raise archive.error("its fields do not match their SHA-256: the file was changed")
-            parts = {name: _part(archive, name, part) for name, part in header.parts.items()}
+            arrays = {name: _arrays(archive, name, part) for name, part in header.parts.items()}
+            parts = {
+                name: _part(archive, name, part, arrays[name])
+                for name, part in header.parts.items()
+            }
         records = {name: part.record for name, part in header.parts.items()}
-        return cls(Calibration(**parts), records, header.sha256, path)
-
-    def _encoded(self) -> tuple[_Header, dict[str, npt.NDArray[Any]]]:
-        """The header, and the arrays by their names in the file."""
-        parts: dict[PartName, _PartHeader] = {}
-        members: dict[str, npt.NDArray[Any]] = {}
-        for name in PART_NAMES:
-            part = getattr(self.calibration, name)
-            if part is None:
-                continue
-            values, arrays = taken_apart(part)
-            hashes = {key: _sha256(array) for key, array in arrays.items()}
-            parts[name] = _PartHeader(record=self.records[name], values=values, arrays=hashes)
-            members |= {f"{name}/{key}": array for key, array in arrays.items()}
-        return _Header(parts=parts).hashed(), members
+        members = {f"{name}/{key}": each for name in arrays for key, each in arrays[name].items()}
+        return cls(Calibration(**parts), records, path, _Encoded(header, members))
 
 
-def _part(archive: ArrayArchive, name: PartName, header: _PartHeader) -> Any:
+def _encode(calibration: Calibration, records: Mapping[PartName, PartRecord]) -> _Encoded:
+    parts: dict[PartName, _PartHeader] = {}
+    members: dict[str, npt.NDArray[Any]] = {}
+    for name in PART_NAMES:
+        part = getattr(calibration, name)
+        if part is None:
+            continue
+        values, arrays = taken_apart(part)
+        hashes = {key: _sha256(array) for key, array in arrays.items()}
+        parts[name] = _PartHeader(record=records[name], values=values, arrays=hashes)
+        members |= {f"{name}/{key}": array for key, array in arrays.items()}
+    return _Encoded(_Header(parts=parts).hashed(), members)
+
+
+def _arrays(
+    archive: ArrayArchive, name: PartName, header: _PartHeader
+) -> dict[str, npt.NDArray[Any]]:
     arrays = {key: archive.array(f"{name}/{key}.npy", _DTYPES) for key in header.arrays}
     for key, array in arrays.items():
         if _sha256(array) != header.arrays[key]:
             raise archive.error(f"{name}/{key} does not match its SHA-256: the file was changed")
+    return arrays
+
+
+def _part(
+    archive: ArrayArchive, name: PartName, header: _PartHeader, arrays: dict[str, npt.NDArray[Any]]
+) -> Any:
     try:
         return put_together(name, dict(header.values), arrays)
     except InputError as error:

@@ -17,6 +17,7 @@ from capture.calibration.setting import Setting
 from capture.errors import CalibrationError
 from classify import Lighting
 from classify.calibration.dark import Dark
+from classify.calibration.lights import CalibratedLights
 from classify.calibration.scale import Scale
 from rig import Rig
 
@@ -77,6 +78,23 @@ def test_a_set_keeps_its_calibration_although_the_file_was_measured_anew(
     other.write(source)
     keep_beside(source, known, path)
     assert find(path, named_by(placed, known)).file.hash == known.hash != other.hash
+
+
+def test_a_calibration_that_was_read_keeps_its_hash_in_the_copy(
+    tmp_path: Path, placed: CapturedSet
+) -> None:
+    """Directions that are normalised again when they are read may change in the last bit."""
+    source, path = tmp_path / "rig.ps4cal", tmp_path / "sets" / "a.ome.tif"
+    record = file_of(Setting.of_set(placed)).records["scale"]
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        lighting = Lighting(rng.uniform((-1, -1, 0.5), (1, 1, 1), (4, 3)))
+        lights = CalibratedLights(lighting, "mirror sphere", np.full(4, 0.3), None, 0.01, None)
+        CalibrationFile().with_part("lights", lights, record).write(source)
+        read = CalibrationFile.read(source)
+        keep_beside(source, read, path)
+        found = find(path, named_by(placed, read))
+        assert found.path == path.parent / "calibration" / f"rig-{read.hash[:8]}.ps4cal"
 
 
 def test_a_missing_calibration_is_an_error_that_names_what_is_there(
