@@ -64,9 +64,9 @@ class _CodeFiles(IndexDataCacheFile):
             return None
         try:
             content = (self._folder / name).read_bytes()
-        except OSError:
+            return self._load_data(name) if self._name_of(content) == name else None
+        except OSError:  # another program may remove it between the two reads
             return None
-        return self._load_data(name) if self._name_of(content) == name else None
 
     def _load_index(self) -> dict[Any, str]:
         try:

@@ -62,7 +62,7 @@ def wait_for_part(
     except BaseException:
         # The controller would still wait for the part, and light it with nobody looking.
         with suppress(HardwareError):
-            rig.lights.off()
+            rig.lights.put_out()
         raise
 
 

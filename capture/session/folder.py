@@ -34,10 +34,19 @@ _ENTRY_BYTES = 2_000
 _SPARE_BYTES = 64_000
 
 
-def _is_of_the_machine(error: BaseException | None) -> bool:
-    """Whether a file could not be read although it may be whole."""
-    has_failed = isinstance(error, OSError) and error.errno is not None
-    return has_failed or isinstance(error, MemoryError)
+def _read_error(path: Path, error: InputError) -> InputError | None:
+    """The error of a set that may be intact because disk or memory failed; None if it is not."""
+    cause = error.__cause__
+    if isinstance(cause, MemoryError):
+        why = "not enough memory"
+    elif isinstance(cause, OSError) and cause.errno is not None:
+        why = cause.strerror or str(cause)
+    else:
+        return None
+    return InputError(
+        f"{path}: cannot be read ({why}), but may be intact; try again, or remove the file to "
+        "capture the set again"
+    )
 
 
 class SessionFolder:
@@ -125,10 +134,11 @@ class SessionFolder:
             stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
             path.rename(self.path / REPLACED / f"{stamp}-{path.name}")
 
-    def read_again(self) -> Iterator[tuple[PlannedSet, SetMetadata | str]]:
-        """Read and hash the file of each captured set: its metadata, or why it is damaged.
+    def read_again(self) -> Iterator[tuple[PlannedSet, SetMetadata | str | InputError]]:
+        """Read and hash the file of each captured set.
 
-        A file that a killed run wrote but could not enter is left to `orphans`.
+        Yields its metadata, why it is damaged, or the error of a file that could not be read and
+        may be intact. A file that a killed run wrote but could not enter is left to `orphans`.
         """
         for planned in self.plan.sets():
             entry = self.journal.entry_of(planned)
@@ -138,9 +148,8 @@ class SessionFolder:
             try:
                 metadata = CapturedSet.load(path).metadata
             except InputError as error:
-                if _is_of_the_machine(error.__cause__):
-                    raise
-                yield planned, str(error).removeprefix(f"{path}: ")
+                damage = str(error).removeprefix(f"{path}: ")
+                yield planned, _read_error(path, error) or damage
                 continue
             if metadata.pixels_sha256 == entry.pixels_sha256:
                 yield planned, metadata
@@ -164,8 +173,13 @@ class SessionFolder:
     def orphans(self) -> Iterator[tuple[PlannedSet, CapturedSet]]:
         """Intact files of planned sets that a killed run could not enter into the journal.
 
-        A file is left out if it cannot be read, is of another specimen, orientation or number of
-        lights, or has the pixels of a set in the journal.
+        A file is left out if it is damaged, of another specimen, orientation or number of lights,
+        or has the pixels of a set in the journal.
+
+        Raises
+        ------
+        InputError
+            If disk or memory fails while a file is read.
         """
         for planned in self.plan.sets():
             path, entry = self.file_of(planned), self.journal.entry_of(planned)
@@ -174,8 +188,9 @@ class SessionFolder:
                     header, _ = read_header(path)
                     if self._is_unentered(planned, header):
                         yield planned, CapturedSet.load(path)
-                except InputError:
-                    continue
+                except InputError as error:
+                    if failed := _read_error(path, error):
+                        raise failed from error
 
     def _is_unentered(self, planned: PlannedSet, metadata: SetMetadata) -> bool:
         """Whether a file is of a planned set and this rig, and not in the journal.

@@ -20,7 +20,7 @@ from capture.errors import SetRejected
 from capture.process.utc_time import utc_text
 from capture.sets.captured_set import CapturedSet
 from capture.sets.description import corrections_of, described
-from classify.errors import Ps4rigError
+from classify.errors import InputError, Ps4rigError
 from rig import HardwareError, Placement, Rig, RigConfig, open_rig
 
 from .events import (
@@ -165,6 +165,8 @@ class _Runner:
         """Set damaged files aside, and enter what was corrected in the others."""
         self._publish(StateChanged(State.READING, None))
         for planned, found in self._folder.read_again():
+            if isinstance(found, InputError):
+                raise found
             if isinstance(found, str):
                 self._folder.give_up(planned)
                 self._publish(SetDamaged(planned, found))

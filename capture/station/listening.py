@@ -9,7 +9,6 @@ def listening_socket(
     section: str,
     host: str,
     port: int,
-    most_waiting: int,
     *,
     advice: str,
     most_unacknowledged_ms: int,
@@ -17,19 +16,18 @@ def listening_socket(
 ) -> socket.socket:
     """Listen on a port that no other program has; 0 chooses a free one.
 
-    All options are set before it listens: a connection inherits those of its first moment.
+    All options are set before the socket listens, because a connection inherits the options that
+    the listener has when the connection is made.
 
     Parameters
     ----------
     section
-        Of ``station.toml``, for messages.
-    most_waiting
-        Connections that may wait to be accepted.
+        Section of ``station.toml`` that messages name.
     advice
         What to do if it cannot listen there.
     most_unacknowledged_ms
-        A connection ends when the other side has not acknowledged something for this long, where
-        the system can do that. It bounds what is too little to fill a buffer.
+        A connection ends when sent data stay unacknowledged for this long (not on Windows). It
+        also ends connections with too little unsent data to fill a buffer.
     send_buffer_bytes
         Bytes that the system holds for a client that does not read.
 
@@ -50,7 +48,7 @@ def listening_socket(
         if send_buffer_bytes is not None:
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, send_buffer_bytes)
         listener.bind((host, port))
-        listener.listen(most_waiting)
+        listener.listen()
     except OSError as error:
         listener.close()
         raise CannotListen(f"[{section}] {host}:{port}: {error.strerror}; {advice}") from error

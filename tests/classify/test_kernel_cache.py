@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from classify.kernel_cache import _CodeFiles
+
 # `scaled` is compiled for arrays that are contiguous, and for others.
 PROGRAM = """
 import resource, sys
@@ -93,6 +95,23 @@ def test_files_that_were_not_written_to_the_end_are_written_again(
         os.truncate(path, int(left * path.stat().st_size))
     assert program.run() == FIRST
     assert program.run() == f"{FIRST} 1 1"
+
+
+def test_code_that_another_program_removes_while_it_is_read_is_compiled_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files = _CodeFiles(str(tmp_path), "kernel", "stamp")
+    files.save("float32", "code")
+    assert files.load("float32") == "code"
+    read_bytes = Path.read_bytes
+
+    def read_and_remove(path: Path) -> bytes:
+        content = read_bytes(path)
+        path.unlink()
+        return content
+
+    monkeypatch.setattr(Path, "read_bytes", read_and_remove)
+    assert files.load("float32") is None
 
 
 def test_a_full_disk_costs_the_cache_and_nothing_else(program: Program) -> None:

@@ -10,6 +10,7 @@ import typer
 from capture.commands import options
 from capture.console import new_table, out, print_json, print_table, progress, reported
 from capture.process.utc_time import readable_utc
+from classify.errors import InputError
 
 if TYPE_CHECKING:
     from capture.session.plan import PlannedSet
@@ -26,7 +27,7 @@ def status(
     session = read_session(folder)
     gone = set(session.missing())
     read = progress(session.read_again(), len(session.plan) - len(gone), "sets")
-    damaged = {planned: found for planned, found in read if isinstance(found, str)}
+    damaged = {planned: why for planned, why in read if isinstance(why, str | InputError)}
     missing = [each for each in session.plan.sets() if each in gone or each in damaged]
     found = {each: session.journal.entry_of(each) for each in session.plan.sets()}
     entries = [entry for entry in found.values() if entry is not None]
@@ -39,7 +40,7 @@ def status(
                 "planned": len(session.plan),
                 "missing": [_as_json(each) for each in missing],
                 "damaged": [
-                    {**_as_json(each), "reason": reason} for each, reason in damaged.items()
+                    {**_as_json(each), "reason": str(reason)} for each, reason in damaged.items()
                 ],
                 "skipped": [entry.model_dump(mode="json") for entry in skipped],
                 "warned": [entry.model_dump(mode="json") for entry in warned],
@@ -75,7 +76,8 @@ def status(
             soft_wrap=True,
         )
     for planned, reason in damaged.items():
-        out.print(f"{planned}: its file is damaged: {reason}", soft_wrap=True)
+        said = f"its file is damaged: {reason}" if isinstance(reason, str) else reason
+        out.print(f"{planned}: {said}", soft_wrap=True)
     for entry in warned:
         assert entry.measures is not None
         out.print(f"{entry.file}: {'; '.join(entry.measures.warnings)}", soft_wrap=True)

@@ -142,7 +142,6 @@ def serving_panel(panel: Panel) -> Iterator[str]:
         "panel",
         settings.host,
         settings.port,
-        MAX_CONNECTIONS,
         advice="give another port with --port, or --no-panel",
         # What a vanished browser has not acknowledged can be too little for `_Protocol` to see.
         most_unacknowledged_ms=round(1000 * SEND_S),

@@ -113,7 +113,6 @@ def serving_modbus(line: PlcLine, settings: ModbusConfig) -> Iterator[str]:
         "modbus",
         settings.host,
         settings.port,
-        MAX_CONNECTIONS,
         advice="give another host or port in station.toml",
         most_unacknowledged_ms=_MOST_UNACKNOWLEDGED_MS,
         send_buffer_bytes=_MOST_UNREAD_BYTES,

@@ -73,6 +73,18 @@ def test_after_a_failed_wait_the_controller_waits_no_longer(rig):
     assert wrong_light(rig, capture_set(rig, part=wait_for_part(rig, 0.0))) < WRONG_LIGHT
 
 
+def test_after_an_interrupted_write_the_controller_waits_no_longer(rig):
+    def interrupted() -> bool:
+        rig.lights._link._line.write(b"#9 LED:S")
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        wait_for_part(rig, 0.0, interrupted)
+    rig.simulation.see_part(0.1)
+    rig.clock.sleep_s(0.2)
+    assert rig.lights.state().led is None
+
+
 def test_a_wait_that_the_controller_ends_is_an_error_and_no_part(rig):
     def put_out() -> bool:
         rig.lights.off()

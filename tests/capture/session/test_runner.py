@@ -318,11 +318,33 @@ def test_a_set_that_cannot_be_read_for_a_moment_stays(
 
     with monkeypatch.context() as patch:
         patch.setattr("tifffile.TiffPage.asarray", fails)
-        with pytest.raises(InputError, match="not a readable TIFF"):
+        with pytest.raises(InputError, match=r"may be intact; try again, or remove the file"):
             run()
+        found = dict(folder().read_again())
+    assert [planned.file_name for planned in found] == [f"{name}.ome.tif" for name in FILES]
+    assert all(isinstance(each, InputError) for each in found.values())
     assert names(folder()) == FILES
     assert not (session / "replaced").exists()
     run()
+
+
+def test_a_set_without_entry_that_cannot_be_read_for_a_moment_stays(
+    run: Run, folder: Folder, session: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run(Answer.GO, Answer.STOP)
+    killed = folder()
+    killed.journal.model_copy(update={"entries": ()}).write(session / "journal.json")
+
+    def fails(*_: object, **__: object) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("tifffile.TiffPage.asarray", fails)
+        with pytest.raises(InputError, match=r"Input/output error.*may be intact; try again"):
+            run()
+    (adopted,) = (event for event in run().events if isinstance(event, SetAdopted))
+    assert adopted.entry == killed.journal.entries[0]
+    assert not (session / "replaced").exists()
 
 
 def test_a_run_that_stops_at_once_leaves_a_damaged_set_missing(
