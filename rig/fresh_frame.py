@@ -144,7 +144,7 @@ def frames_until_fresh(
     frames_s = (info.queue_length + 3) * info.frame_period_s + info.exposure_s
     patience_s = max(not_before_s - now_s, 0.0) + frames_s + spare_s
     counts: Counter[FrameKind] = Counter()
-    # A busy computer may not have run this program until then, while its frames waited.
+    # Also read the frames that were queued while a busy computer did not run this program.
     while rig.clock.now_s() < now_s + patience_s or counts.total() < info.queue_length + 3:
         # The full time for each read: after a stale frame the camera may still be slow.
         frame = rig.camera.read(patience_s)
@@ -153,4 +153,4 @@ def frames_until_fresh(
         yield frame, kind
         if kind is FrameKind.FRESH:
             return
-    raise NoFreshFrameError(counts, patience_s)
+    raise NoFreshFrameError(counts, rig.clock.now_s() - now_s)

@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import AfterValidator, ConfigDict, Field, FiniteFloat
 
 from classify import Lighting
-from classify.images.noise import SensorNoise
+from classify.images.noise import ROUNDING_VARIANCE, SensorNoise
 from rig import Placement
 from rig.config.section import Record
 
@@ -260,7 +260,7 @@ def image_noise(
     if sensor is None:
         return None
     stretch = full_scale / ((1 << bit_depth) - 1)
-    rounding = 1.0 / 12.0 if frames > 1 else 0.0
+    rounding = ROUNDING_VARIANCE if frames > 1 else 0.0
     return SensorNoise(
         gain_e_per_dn=sensor.gain_e_per_dn * frames / stretch,
         read_noise_dn=stretch * math.sqrt((sensor.read_noise_dn**2 + rounding) / frames),

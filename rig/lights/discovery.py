@@ -15,7 +15,7 @@ from .ports import pyserial
 from .timeouts import DEFAULT_TIMEOUTS, LinkTimeouts
 
 _BY_ID = Path("/dev/serial/by-id")
-_TRIES = 3  # of listing the ports
+_TRIES = 3  # to list the ports
 # USB vendors of microcontroller boards and of their USB chips. Devices of other vendors, such as
 # modems, are not asked unless their USB id is configured.
 _VENDORS = {
@@ -83,6 +83,8 @@ def list_serial_ports() -> list[SerialPort]:
     ------
     ConfigError
         If pyserial knows no serial ports on this system.
+    LightControllerError
+        If they cannot be listed.
     """
     pyserial()
     from serial.tools.list_ports import comports
@@ -96,17 +98,20 @@ def list_serial_ports() -> list[SerialPort]:
             description="" if info.description in (None, "n/a") else info.description,
             by_id=names.get(Path(info.device).resolve()),
         )
-        for info in _present(comports)
+        for info in _listed(comports)
     ]
     return sorted(ports, key=lambda port: port.device)
 
 
-def _present(comports: Callable[[], list[Any]]) -> list[Any]:
-    """List the ports; pyserial fails on one that is unplugged just then."""
-    for _ in range(_TRIES):
+def _listed(comports: Callable[[], list[Any]]) -> list[Any]:
+    """List the ports; try again, because pyserial fails if a port is unplugged meanwhile."""
+    for _ in range(_TRIES - 1):
         with suppress(TypeError, ValueError, OSError):
             return list(comports())
-    return []
+    try:
+        return list(comports())
+    except (TypeError, ValueError, OSError) as error:
+        raise LightControllerError(f"the serial ports cannot be listed ({error})") from error
 
 
 def identify(

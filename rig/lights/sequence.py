@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from firmware_sim.firmware import DARK, MAX_LINE_BYTES, MESSAGES
+from firmware_sim.firmware import DARK, MAX_LINE_BYTES, MAX_SEQUENCE, MESSAGES
 from rig.config.sequence_plan import SequencePlan
 from rig.errors import ConfigError, LightControllerError
 
@@ -17,7 +17,6 @@ from .wire import encode_command
 _DRIFT = 2e-4
 # Of a sequence that waits for hours only the latest exchanges relate the clocks.
 _EXCHANGES = 1000
-_LONGEST_ID = 65_535  # of a command
 
 
 def start_command(plan: SequencePlan) -> str:
@@ -35,7 +34,7 @@ def require_one_line(plan: SequencePlan) -> None:
     ConfigError
         If it has too many lights for that.
     """
-    line = encode_command(_LONGEST_ID, start_command(plan)).removesuffix(b"\n")
+    line = encode_command(MAX_SEQUENCE, start_command(plan)).removesuffix(b"\n")
     if len(line) > MAX_LINE_BYTES:
         raise ConfigError(
             f"the controller's command for {len(plan.lights) - 1} lights has more than "

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from functools import partial
 from itertools import count, islice
@@ -58,11 +58,14 @@ class Cluster:
         from distributed import Client
 
         with Client(self.address, set_as_default=False) as client:
-            eventually(lambda: self._has_two_workers(len(client.nthreads())))
+            eventually(lambda: self._has_two_workers(client.scheduler_info()["workers"]))
         return self.address
 
-    def _has_two_workers(self, known: int) -> bool:
-        """Replace dead workers; a killed one is not dead at once, nor forgotten."""
+    def _has_two_workers(self, known: Mapping[str, Any]) -> bool:
+        """Replace dead workers; whether the scheduler knows the two living ones, and no other.
+
+        A killed worker is not dead at once, nor forgotten.
+        """
         for name, worker in list(self._workers.items()):
             if worker.poll() is not None:
                 del self._workers[name]
@@ -71,7 +74,7 @@ class Cluster:
             # A worker has two threads, of which only one may run an item at a time.
             options = ("--nthreads=2", "--no-nanny", f"--local-directory={self._folder}")
             self._workers[name] = self._start("worker", self.address, f"--name={name}", *options)
-        return known == 2
+        return {about["name"] for about in known.values()} == self._workers.keys()
 
     def kill_a_worker_at_work(self) -> None:
         from distributed import Client

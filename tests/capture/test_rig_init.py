@@ -28,5 +28,7 @@ def test_an_existing_file_is_only_replaced_by_force(
     path.write_text("mine")
     assert "exists already" in refused("rig", "init", path, "--port", "/dev/ttyNONE")
     assert path.read_text() == "mine"
-    assert ps4rig("rig", "init", path, "--port", "/dev/ttyNONE", "--force").exit_code == 0
+    done = ps4rig("rig", "init", path, "--port", "/dev/ttyNONE", "--force")
+    assert done.exit_code == 0
+    assert "/dev/ttyNONE: no such port" in done.stderr
     assert "No light controller answered" in path.read_text()

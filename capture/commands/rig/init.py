@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from capture.commands import options
-from capture.console import out, reported
+from capture.console import complain, out, reported
 from capture.outputs import check_output
 
 
@@ -25,16 +25,21 @@ def init(
     device is not found are comments that tell how to fill them in.
     """
     from classify.durable_file import durable_file
-    from rig import list_cameras
+    from rig import LightControllerError, list_cameras
     from rig.initial_config import answering_controllers, initial_config
-    from rig.lights.discovery import SerialPort, list_serial_ports
+    from rig.lights.discovery import SerialPort, identify, list_serial_ports
 
     check_output(file, suffix=".toml", force=force)
-    if port is not None:
-        ports = [SerialPort(port)]
+    if port is None:
+        boards = [each for each in list_serial_ports() if each.may_be_a_microcontroller]
+        controllers = answering_controllers(boards)
     else:
-        ports = [each for each in list_serial_ports() if each.may_be_a_microcontroller]
-    controllers, cameras = answering_controllers(ports), list_cameras()
+        try:
+            controllers = [(SerialPort(port), identify(port))]
+        except LightControllerError as error:
+            complain(f"warning: {error}")
+            controllers = []
+    cameras = list_cameras()
     with durable_file(file) as temporary:
         temporary.write_text(initial_config(controllers, cameras), encoding="utf-8")
     out.print(

@@ -221,6 +221,17 @@ def test_a_port_that_is_unplugged_while_it_is_listed_does_no_harm(
     assert list_serial_ports() == []
 
 
+def test_ports_that_cannot_be_listed_are_an_error_and_not_missing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fails() -> None:
+        raise PermissionError(13, "Permission denied", "/sys/class/tty")
+
+    monkeypatch.setattr("serial.tools.list_ports.comports", fails)
+    with pytest.raises(LightControllerError, match=r"cannot be listed .*/sys/class/tty"):
+        list_serial_ports()
+
+
 def test_holders_are_found_through_links_until_they_end(
     tmp_path: Path, held: Callable[[str], int]
 ) -> None:

@@ -288,7 +288,6 @@ def test_a_refused_stream_is_asked_for_again_without_leaving_the_page(
     assert page.value("window.isTheSame")
 
 
-@pytest.mark.browser
 def test_a_verdict_is_old_until_the_page_follows_the_station(panel: RunningPanel) -> None:
     """The connection may be lost before the page has its script."""
     panel.parts(1)
