@@ -116,8 +116,9 @@ def beside(work: Callable[[], Result], *, is_long: bool = False) -> Callable[[],
 
     The caller does the work itself if no thread was free until then, and otherwise helps other
     threads until the result is there. Give `is_long` for work that a thread that waits for another
-    result should not begin. Work must not wait for other work that was begun `beside`, unless it is
-    long: a thread could begin it while it does that other work, and never end.
+    result should not begin. Short work must not wait for other work started by `beside`: a thread
+    that waits within the other work could take the short work, which then waits for what lies below
+    it on the same stack.
     """
     if thread_count() == 1:
         return work

@@ -107,12 +107,12 @@ def read_calibration(path: Path) -> CalibrationFile:
 def keep_beside(source: Path, file: CalibrationFile, set_path: Path) -> None:
     """Put a calibration, if missing, where the set at `set_path` finds it.
 
-    It is named after its hash: what is at `source` now may be another calibration.
+    Its name has its hash. The file at `source` may have changed since it was read.
 
     Raises
     ------
     InputError
-        If the copy cannot be written.
+        If the file cannot be written.
     """
     above = set_path.absolute().parent.parent / FOLDER
     folder = above if above.is_dir() else set_path.absolute().parent / FOLDER

@@ -13,7 +13,8 @@ class PixelHash:
     """SHA-256 of the pages of a set, which may arrive in any order; see `pixels_sha256`.
 
     A page is hashed in another thread as soon as all pages before it have arrived. One task hashes
-    all pages that are due: a task for each would wait for that of the page before.
+    all pages that are due. With one task per page, each would have to wait for the task before it,
+    which can deadlock (see `beside`).
     """
 
     def __init__(self) -> None:

@@ -37,7 +37,7 @@ def check_placements_differ(images: Sequence[npt.NDArray[Any]]) -> None:
 
 
 def are_moved(blocks: PlateBlocks, flat_field: FlatField) -> bool:
-    """Whether a sheet was rotated or moved: its grain and dust lie elsewhere."""
+    """Whether the sheet was rotated or moved between any two placements, by its grain and dust."""
     y, x = powers(blocks.y, TERMS), powers(blocks.x, TERMS)
     uneven = blocks.logs.mean(axis=1) - y @ flat_field.coefficients.mean(axis=0) @ x.T
     # Subtract the mean of the four neighbours, and with it a smooth bias of the polynomial.

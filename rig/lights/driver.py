@@ -10,7 +10,7 @@ from firmware_sim.firmware import WATCHDOG_MIN_MS
 from rig.errors import LightControllerError
 from rig.signals import uninterrupted
 
-from .keep_alive import Heartbeat, LightUsage
+from .keep_alive import KeepAliveThread, LightUsage
 from .link import ControllerIdentity, ControllerLink
 from .recovery import Whereabouts, find_again
 from .timeouts import DEFAULT_TIMEOUTS, LinkTimeouts
@@ -92,7 +92,7 @@ class LightController:
         self._watchdog_ms = watchdog_ms
         self._whereabouts = whereabouts if whereabouts is not None else lambda: (port,)
         self._lock = threading.RLock()
-        self._heartbeat: Heartbeat | None = None
+        self._keep_alive_thread: KeepAliveThread | None = None
         self._missed_keep_alive: LightControllerError | None = None
         self._levels_percent: dict[int, int] = {}
         self._has_failed = False
@@ -185,8 +185,8 @@ class LightController:
 
     def keep_alive(self) -> None:
         """Start a thread that keeps the watchdog quiet, in real time."""
-        if self._heartbeat is None:
-            self._heartbeat = Heartbeat(self.keep_alive_if_due)
+        if self._keep_alive_thread is None:
+            self._keep_alive_thread = KeepAliveThread(self.keep_alive_if_due)
 
     def keep_alive_if_due(self) -> float:
         """Keep the watchdog quiet if half its time has passed without a command.
@@ -264,8 +264,8 @@ class LightController:
             self.off()
 
     def _close(self) -> None:
-        if self._heartbeat is not None:
-            self._heartbeat.stop(2.0 * self._timeouts.reply_s)
+        if self._keep_alive_thread is not None:
+            self._keep_alive_thread.stop(2.0 * self._timeouts.reply_s)
         try:
             with suppress(LightControllerError):  # the watchdog puts the LEDs out
                 self._put_out()

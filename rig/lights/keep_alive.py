@@ -45,7 +45,7 @@ class LightUsage:
         self._sent_s = self._clock.now_s()
 
 
-class Heartbeat:
+class KeepAliveThread:
     """A thread that keeps a controller alive in real time until it is stopped.
 
     The thread calls `keep_alive`, which needs its own deadline and must not raise.
@@ -54,7 +54,7 @@ class Heartbeat:
     def __init__(self, keep_alive: KeepAlive) -> None:
         self._keep_alive = keep_alive
         self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="light heartbeat", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="light keep-alive", daemon=True)
         self._thread.start()
 
     def stop(self, timeout_s: float) -> None:

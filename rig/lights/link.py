@@ -13,6 +13,7 @@ from .wire import BANNER, Garbled, Reply, decode_reply, encode_command
 
 PROTOCOL_VERSION = 2
 VENDOR = "PS4RIG"
+_WRITE_PATIENCE = 20.0  # times the time-out of a reply (test_driver.py: "stands still")
 _SIMULATED = "SIM-"  # the beginning of a simulated board's serial number
 
 
@@ -66,8 +67,8 @@ class ControllerLink:
         # Random, so that late replies to an earlier program do not match a command of this one.
         self._sequence = secrets.randbelow(MAX_SEQUENCE) + 1
         self._reply_s = timeouts.reply_s
-        # Real time, in which a busy computer may not run this program.
-        self._line = SerialLine(port, baud, write_timeout_s=20.0 * timeouts.reply_s)
+        # In real time, in which a busy computer may not run this program.
+        self._line = SerialLine(port, baud, write_timeout_s=_WRITE_PATIENCE * timeouts.reply_s)
         try:
             self.identity = self._identify(timeouts.open_s)
         except BaseException:

@@ -13,13 +13,13 @@ class LinkTimeouts:
         For the first answer after a port is opened. An Arduino that resets when its port is
         opened answers after about two seconds.
     reply_s
-        For the reply to one command. The firmware answers within milliseconds. A port that takes
-        no bytes is waited for 20 times as long.
+        For the reply to one command. The firmware answers within milliseconds. A write may
+        take 20 times as long.
     recover_s
         For a controller that was plugged in again; Linux needs a second or two for its port.
     unused_s
         A program that has not used the lights for this long has forgotten them or hangs, and its
-        heartbeat ends.
+        keep-alive ends.
     """
 
     open_s: float = 3.0

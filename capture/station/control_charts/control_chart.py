@@ -122,8 +122,8 @@ class ControlChart:
     """Charts of a running station; subscribe it to the events of the station.
 
     Each point is the mean of five parts that matched a texture; 20 points are the baseline. Every
-    warning is passed on once as `Warned`, until it has not held for eight points. The charts begin
-    anew with each recipe, whose distances and taught levels are others.
+    warning is passed on once as `Warned`, until it has not held for eight points. The charts start
+    again with each recipe, because its distances and taught levels differ.
 
     Parameters
     ----------

@@ -22,7 +22,8 @@ from .events import SelfTestFinished
 
 # Two computers that write to one database may differ by this much.
 _CLOCK_TOLERANCE = timedelta(seconds=2)
-_PROBE = ".self-test.tmp"  # hidden, so that no backup waits for it
+# Hidden: a backup leaves it out, and would fail on a file that is removed meanwhile.
+_PROBE = ".self-test.tmp"
 
 
 class SelfTestFailed(HardwareError):  # noqa: N818 - the state of the station, no program error

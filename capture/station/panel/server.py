@@ -133,7 +133,7 @@ def serving_panel(panel: Panel) -> Iterator[str]:
     InputError
         If the settings are not safe, or the TLS files cannot be used.
     CannotListen
-        If its port is taken, or the address is not there.
+        If the port is taken, or this machine does not have the address.
     """
     settings = panel.settings
     require_safe(panel)

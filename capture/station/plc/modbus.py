@@ -105,7 +105,7 @@ def serving_modbus(line: PlcLine, settings: ModbusConfig) -> Iterator[str]:
     Raises
     ------
     CannotListen
-        If its port is taken, or the address is not there.
+        If the port is taken, or this machine does not have the address.
     InputError
         If the server does not start.
     """

@@ -59,10 +59,10 @@ class MqttPublisher:
         self._is_connected = self._is_closed = False
         self._said = ""
         self._thread = threading.Thread(target=self._run, name="mqtt", daemon=True)
-        # Each connection has the same name, so that the broker ends the one before, of whose loss
-        # it may not know. It publishes the last will of that one before this one is online.
-        name = f"ps4rig-{hashlib.sha256(settings.topic.encode()).hexdigest()[:16]}"
-        self._client = Client(CallbackAPIVersion.VERSION2, client_id=name)
+        # All connections of a station use the same client id. A broker that has not noticed the
+        # loss of the earlier one then ends it, and publishes its last will before "true".
+        client_id = f"ps4rig-{hashlib.sha256(settings.topic.encode()).hexdigest()[:16]}"
+        self._client = Client(CallbackAPIVersion.VERSION2, client_id=client_id)
         self._client.on_connect = self._connected
         self._client.on_connect_fail = lambda *_: self._say("cannot be reached")
         self._client.on_disconnect = self._disconnected

@@ -22,8 +22,8 @@ from classify.errors import InputError, Ps4rigError
 PATIENCE_S = 20.0
 _CONNECT_TIMEOUT_S = 5
 _PAUSE_S = 0.01  # between two tries of a new SQLite file
-# Pages of an SQLite file that a connection for reading keeps. Each part that is recorded makes them
-# stale, and no query is slower than with SQLite's 2 MB, which a scan of a table fills.
+# Cache of an SQLite connection that only reads. A scan of a table would fill SQLite's default of
+# 2 MB, and keep it. Queries are as fast with this one: pytest -m slow -s test_scale.py.
 _READ_CACHE_KB = 256
 _PLACES = "give postgresql://USER@HOST/DATABASE, or a file name such as results.sqlite"
 # Advisory locks of PostgreSQL are named by two integers: the letters "ps4r", and the station.
@@ -117,7 +117,10 @@ def sqlite_engine(url: URL, *, patience_s: float, is_writer: bool) -> Engine:
 
 
 def _use_write_ahead_log(connection: sqlite3.Connection, patience_s: float) -> None:
-    """Change the journal of a new file; SQLite itself does not wait for another program here."""
+    """Switch the file to the write-ahead log.
+
+    SQLite's own time-out does not cover another program that prepares the same new file.
+    """
     given_up_s = time.monotonic() + patience_s
     while True:
         try:

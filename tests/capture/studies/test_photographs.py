@@ -187,7 +187,7 @@ def test_the_page_has_tables_and_pictures(
     out = tmp_path / "out"
     page = reproduce_photographs(folder.parent, out)
     html = self_contained(page)
-    assert "Solvers on real photographs" in html
+    assert "Solvers and recognition on real photographs" in html
     assert "Simulated" not in html
     assert json.loads((out / "results.json").read_text())["simulated"] is False
     with (out / "photographs_picks.csv").open(encoding="utf-8", newline="") as file:

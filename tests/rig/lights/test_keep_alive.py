@@ -13,7 +13,7 @@ import pytest
 from firmware_sim import RealClock, SimulatedBoard, SimulatedController, VirtualClock, serve_pty
 from rig import LightControllerError, RigConfig, open_rig
 from rig.lights.driver import LightController
-from rig.lights.keep_alive import Heartbeat, KeepAliveClock
+from rig.lights.keep_alive import KeepAliveThread, KeepAliveClock
 from rig.lights.timeouts import LinkTimeouts
 
 SMALL = RigConfig().with_changes(
@@ -134,13 +134,13 @@ def test_a_thread_keeps_the_led_on_in_real_time_until_the_rig_is_closed() -> Non
         rig.lights.select(1)
         time.sleep(5.5)
         assert rig.lights.confirm(1).led == 1
-        assert [thread.name for thread in threading.enumerate()].count("light heartbeat") == 1
-    assert "light heartbeat" not in [thread.name for thread in threading.enumerate()]
+        assert [thread.name for thread in threading.enumerate()].count("light keep-alive") == 1
+    assert "light keep-alive" not in [thread.name for thread in threading.enumerate()]
 
 
-def test_a_stopped_heartbeat_makes_no_further_call() -> None:
+def test_a_stopped_keep_alive_makes_no_further_call() -> None:
     calls: list[float] = []
-    beats = Heartbeat(lambda: calls.append(time.monotonic()) or 0.01)  # type: ignore[func-returns-value]
+    beats = KeepAliveThread(lambda: calls.append(time.monotonic()) or 0.01)  # type: ignore[func-returns-value]
     deadline_s = time.monotonic() + 60.0
     while len(calls) < 2:
         assert time.monotonic() < deadline_s

@@ -198,7 +198,7 @@ function follow() {
   stream.addEventListener("error", () => {
     lost();
     if (stream.readyState !== EventSource.CLOSED) return;
-    // The browser does not try again, as after the session's end or when a proxy answers.
+    // The browser does not retry a refused stream, such as after the end of a session.
     setTimeout(() => {
       if (source === stream) follow();
     }, RETRY_MS);

@@ -234,7 +234,7 @@ def test_a_part_that_is_accepted_just_before_the_stop_gets_its_verdict(
 def test_no_backup_sees_the_file_of_the_self_test(
     station: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Backups leave hidden files out; another one that is gone at once would end them."""
+    """A backup leaves out hidden files. Any other that is removed meanwhile would end it."""
     written: list[str] = []
 
     def noted(path: Path) -> Any:

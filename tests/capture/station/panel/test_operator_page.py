@@ -273,7 +273,7 @@ def test_a_station_that_does_not_answer_is_noticed(panel: RunningPanel, browser:
 def test_a_refused_stream_is_asked_for_again_without_leaving_the_page(
     panel: RunningPanel, browser: Chromium, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A proxy answers for a station that starts again; its own page would ask for nothing more."""
+    """A proxy answers while the station restarts; its error page, once shown, never retries."""
     panel.until_ready()
     monkeypatch.setattr(event_stream, "MOST_STREAMS", 0)
     page = browser.page(panel.url)
