@@ -15,7 +15,7 @@ class CalibrationError(InputError):
     """A calibration file that cannot be read, or does not hold for a set."""
 
 
-class Cause(StrEnum):
+class ImportCause(StrEnum):
     """Causes for which photographs are refused; ``import --accept`` takes these names."""
 
     EQUAL_IMAGES = "equal-images"

@@ -139,7 +139,7 @@ class LoadedSet:
     def solve_texture(self, method: Method | None, *, planar: bool) -> SurfaceEstimate:
         """Solve a part with a texture.
 
-        A flat field replaces the fall-off of a planar part: that is fitted to the part itself.
+        With a flat field in the calibration, no fall-off is fitted to the part.
         """
         known = self.calibration
         planar = planar and (known is None or known.flat_field is None)
@@ -198,8 +198,7 @@ def classify_set(
     """
     loaded = LoadedSet.of(path, calibration)
     captured, metadata = loaded.captured, loaded.captured.metadata
-    about = library.stat()
-    trained = _loaded(library, about.st_mtime_ns, about.st_size)
+    trained = _read_library(library)
     with named(path):
         if label_required:
             _usable_label(metadata.label)
@@ -348,7 +347,9 @@ def solve_set(
 
 def _usable_label(label: str | None) -> str:
     if not label:
-        raise InputError("has no label; capture or import it with --label")
+        raise InputError(
+            "has no label; capture or import it with --label, or ps4rig info --set label=NAME"
+        )
     return checked_label(label)
 
 
@@ -360,6 +361,15 @@ def _solver(metadata: SetMetadata, method: Method | None) -> Method:
         advice = "give --method least_squares" if count >= 3 else "3 are needed"
         raise InputError(f"has {count} lights, which {chosen} cannot solve; {advice}")
     return chosen
+
+
+def _read_library(path: Path) -> TextureLibrary:
+    """Load a library, or return the one that was loaded from the unchanged file before."""
+    try:
+        about = path.stat()
+    except OSError:
+        return TextureLibrary.load(path)  # which raises the error
+    return _loaded(path, about.st_mtime_ns, about.st_size)
 
 
 @lru_cache(maxsize=1)

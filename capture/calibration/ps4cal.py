@@ -50,7 +50,8 @@ class PartRecord(Record):
     date
         UTC, ISO 8601.
     quality, figures
-        How good it is, in words and in numbers by name; units are in the names.
+        How good it is, in words and in numbers by name. Units are in the names; a number whose name
+        has none is a share or a count.
     source
         ``captured``, or the names of the sets or images that were given.
     """

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from capture.sets.captured_set import CapturedSet
-from classify.calibration.checkerboard import find_corners, scale_of_boards
+from classify.calibration.checkerboard import SEEN_TILT_DEG, find_corners, scale_of_boards
 from classify.errors import CalibrationRejected
 
 from .ps4cal import MeasuredPart
@@ -17,12 +17,10 @@ from .stated_error import stated_error
 _GOOD, _FAIR = 0.002, 0.01
 # Share of the way to the frame's corners that the board should reach to show distortion.
 _COVERED = 0.6
-# Smaller tilts are within the error of the corners, as in classify.calibration.checkerboard.
-_SEEN_TILT_DEG = 5.0
 
 
 def board_of_set(captured: CapturedSet) -> npt.NDArray[np.float32]:
-    """Return the mean of the light images of a set, which has the least noise and shadow."""
+    """Return the mean of the light images of a set, (H, W): it has the least noise and shadow."""
     return np.asarray(captured.images.mean(axis=0, dtype=np.float32), np.float32)
 
 
@@ -34,6 +32,15 @@ def scale_part(
     source: Sequence[str],
 ) -> MeasuredPart:
     """Measure the scale from one picture per placement of a checkerboard.
+
+    Parameters
+    ----------
+    pictures
+        (H, W) each, of any dtype.
+    corners
+        Inner corners of the board along its two sides, in any order.
+    source
+        Names of the pictures for the record, or ``captured``.
 
     Raises
     ------
@@ -55,7 +62,9 @@ def scale_part(
         if scale.distortion is not None
         else "no distortion of the lens beyond half a pixel is seen"
     )
-    quality = f"{word}: {scale.mm_per_px:.5g} mm per px to {stated_error(scale.error, 2)}; {lens}."
+    quality = (
+        f"{word}: {scale.mm_per_px:.5g} mm per px, known to {stated_error(scale.error, 2)}; {lens}."
+    )
     if scale.error > _FAIR:
         quality += " Lay the board flat where the part will be, and let it fill the frame."
     figures = {
@@ -70,7 +79,7 @@ def scale_part(
     if scale.focal_px is not None and scale.focal_error is not None:
         figures |= {"focal_length_px": scale.focal_px, "focal_error": scale.focal_error}
     warnings = []
-    if found.tilts_deg.min() > _SEEN_TILT_DEG:
+    if found.tilts_deg.min() > SEEN_TILT_DEG:
         warnings.append(
             f"the board is tilted by {found.tilts_deg.min():.1f} degrees; its scale is that along "
             "the axis of the tilt"

@@ -210,7 +210,7 @@ def _scale_part(
     source: Sequence[str],
 ) -> MeasuredPart:
     quality = (
-        f"{'Good' if scale.error <= 0.005 else 'Fair'}: {scale.mm_per_px:.5g} mm per px to "
+        f"{'Good' if scale.error <= 0.005 else 'Fair'}: {scale.mm_per_px:.5g} mm per px, known to "
         f"{stated_error(scale.error, 1)}, from a sphere of {diameter_mm:g} mm."
     )
     figures = {

@@ -32,14 +32,16 @@ Label = Annotated[str | None, typer.Option(help="Texture class of the part.")]
 Specimen = Annotated[str | None, typer.Option(help="Which piece it is, such as fabric-07.")]
 Operator = Annotated[str | None, typer.Option(help="Name of the operator.")]
 Note = Annotated[str | None, typer.Option(help="Anything else that belongs to the set.")]
-Calibration = Annotated[
-    Path | None,
-    typer.Option(
-        help="Calibration of the rig, NAME.ps4cal.",
-        show_default="the one that the set or rig.toml names",
-        metavar="CAL",
-    ),
-]
+
+
+def calibration(default: str) -> Any:
+    """Make the option ``--calibration``, whose default is described by `default`."""
+    return typer.Option(
+        help="Calibration of the rig, NAME.ps4cal.", show_default=default, metavar="CAL"
+    )
+
+
+CalibrationOfSet = Annotated[Path | None, calibration("the one that the set names")]
 Workers = Annotated[
     int | None,
     typer.Option(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from capture.console import complain, out, print_json, progress, reported
-from capture.errors import Cause
+from capture.errors import ImportCause
 from capture.outputs import check_output
 from classify.errors import InputError
 
@@ -35,7 +35,7 @@ def capture(
     operator: options.Operator = None,
     note: options.Note = None,
     average: Annotated[int, typer.Option(min=1, help="Frames that each image averages.")] = 1,
-    calibration: options.Calibration = None,
+    calibration: Annotated[Path | None, options.calibration("that of rig.toml")] = None,
     count: Annotated[
         int,
         typer.Option(
@@ -220,9 +220,9 @@ def import_(
             metavar="X,Y,W,H",
         ),
     ] = None,
-    calibration: options.Calibration = None,
+    calibration: Annotated[Path | None, options.calibration("none")] = None,
     accept: Annotated[
-        list[Cause] | None,
+        list[ImportCause] | None,
         typer.Option(help="Import although this was found. Repeat the option for more causes."),
     ] = None,
     label: options.Label = None,
@@ -249,7 +249,7 @@ def import_(
     if lights is not None:
         if slant is not None or tilts is not None:
             raise InputError("--lights gives the directions; leave out --slant and --tilts")
-        light_list = load_light_list(lights, unknown_keys=Cause.LIGHT_KEYS in (accept or ()))
+        light_list = load_light_list(lights, unknown_keys=ImportCause.LIGHT_KEYS in (accept or ()))
         warnings = light_list.warnings
         inputs += [lights, *light_list.image_paths()]
         images = images or light_list.image_paths()

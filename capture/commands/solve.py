@@ -51,7 +51,7 @@ def solve(
             "This also takes away a tilt or bow of the part.",
         ),
     ] = False,
-    calibration: options.Calibration = None,
+    calibration: options.CalibrationOfSet = None,
     raw: Annotated[
         bool, typer.Option("--raw", help="Leave out the calibration that a set names.")
     ] = False,

@@ -13,7 +13,7 @@ from capture.console import out, print_json, progress, reported
 from . import options
 
 if TYPE_CHECKING:
-    from capture.session.verification import Finding
+    from capture.session.verification import FileFinding
 
 
 @reported
@@ -33,7 +33,7 @@ def verify(
     from capture.station.config import CONFIG
 
     paths = [path for folder in folders for path in files_below(folder, CONFIG)]
-    findings: list[Finding] = []
+    findings: list[FileFinding] = []
     for path in progress(paths, len(paths), "verify"):
         if path.name == CONFIG:
             from capture.station.verification import verify_station

@@ -34,7 +34,7 @@ _SUFFIXES = (SET_SUFFIX, LIBRARY_SUFFIX, DEFECTS_SUFFIX, CALIBRATION_SUFFIX)
 
 
 @dataclass(frozen=True)
-class Finding:
+class FileFinding:
     """The state of a file; `said` gives details, and is empty for a good file."""
 
     path: Path
@@ -74,7 +74,7 @@ def files_below(folder: Path, *names: str) -> list[Path]:
     return found
 
 
-def verify_file(path: Path) -> Iterator[Finding]:
+def verify_file(path: Path) -> Iterator[FileFinding]:
     """Read a file and check its hashes; of a journal, check the files of its sets."""
     try:
         if path.name == JOURNAL:
@@ -84,42 +84,42 @@ def verify_file(path: Path) -> Iterator[Finding]:
         elif path.name.endswith(LIBRARY_SUFFIX):
             # Only arrays that are read, not mapped, are compared with their checksums.
             TextureLibrary.load(path, map_from_bytes=sys.maxsize)
-            yield Finding(path, "good")
+            yield FileFinding(path, "good")
         elif path.name.endswith(DEFECTS_SUFFIX):
             DefectModel.load(path)
-            yield Finding(path, "good")
+            yield FileFinding(path, "good")
         else:
             CalibrationFile.read(path)
-            yield Finding(path, "good")
+            yield FileFinding(path, "good")
     except InputError as error:
-        yield Finding(path, "altered", str(error).removeprefix(f"{path}: "))
+        yield FileFinding(path, "altered", str(error).removeprefix(f"{path}: "))
 
 
-def _captured_set(path: Path) -> Finding:
+def _captured_set(path: Path) -> FileFinding:
     captured = CapturedSet.load(path)
     if not captured.metadata.is_protected:
-        return Finding(path, "old schema", UNPROTECTED)
+        return FileFinding(path, "old schema", UNPROTECTED)
     try:
         calibration_of(path, captured.metadata, captured.images.shape[1:])
     except InputError as error:
-        return Finding(path, "without calibration", str(error).removeprefix(f"{path}: "))
-    return Finding(path, "good")
+        return FileFinding(path, "without calibration", str(error).removeprefix(f"{path}: "))
+    return FileFinding(path, "good")
 
 
-def _session(folder: Path) -> Iterator[Finding]:
+def _session(folder: Path) -> Iterator[FileFinding]:
     session = SessionFolder(folder)
     entered = {folder / each.file: each for each in session.journal.entries if each.file}
     for path, entry in entered.items():
         if not path.is_file():
-            yield Finding(path, "missing", "it is in the journal of the session")
+            yield FileFinding(path, "missing", "it is in the journal of the session")
             continue
         try:
             metadata, _ = read_header(path)
         except InputError:
             continue  # the file itself is a finding too
         if metadata.pixels_sha256 != entry.pixels_sha256:
-            yield Finding(path, "altered", "its pixels are not those that the journal names")
+            yield FileFinding(path, "altered", "its pixels are not those that the journal names")
     for path in sorted((folder / SETS).glob(f"*{SET_SUFFIX}")):
         if path not in entered:
-            yield Finding(path, "not in journal", "ps4rig session resume enters or replaces it")
-    yield Finding(folder / JOURNAL, "good")
+            yield FileFinding(path, "not in journal", "ps4rig session resume enters or replaces it")
+    yield FileFinding(folder / JOURNAL, "good")

@@ -59,7 +59,7 @@ def import_images(
     crop
         Column and row of the top left pixel, width and height of the part that is kept.
     accept
-        Names of a `Cause` that is a warning instead of a refusal.
+        Names of an `ImportCause` that is a warning instead of a refusal.
     warnings
         Warnings about the lights, to be kept in the set before those of the checks.
     calibration

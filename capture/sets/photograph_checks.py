@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from capture.errors import Cause
+from capture.errors import ImportCause
 from classify.calibration.calibration import Calibration
 from classify.errors import InputError
 from classify.lights.agreement import LightAgreement
@@ -41,17 +41,17 @@ _LISTED = 3
 
 
 @dataclass(frozen=True)
-class Finding:
+class ImportFinding:
     """The result of a check; `refutes` if no surface under these lights explains it."""
 
-    cause: Cause
+    cause: ImportCause
     text: str
     refutes: bool
 
 
 def check_photographs(
     images: LightImages, mask: npt.NDArray[np.bool_] | None, calibration: Calibration
-) -> tuple[list[Finding], ChecksRecord]:
+) -> tuple[list[ImportFinding], ChecksRecord]:
     """Check photographs inside `mask` (H, W); the record holds the results as of a capture.
 
     Four lights are compared as they are after the calibration.
@@ -79,19 +79,21 @@ def check_photographs(
     return findings, record
 
 
-def _equal(images: LightImages) -> Iterator[Finding]:
+def _equal(images: LightImages) -> Iterator[ImportFinding]:
     for first, second, equal, comparable in images.equal_rows():
         if equal > _SAME_IMAGE * comparable:
             text = f"{first} and {second} are the same image in {equal} of {comparable} rows"
-            yield Finding(Cause.EQUAL_IMAGES, text, refutes=True)
+            yield ImportFinding(ImportCause.EQUAL_IMAGES, text, refutes=True)
 
 
-def _levels(images: LightImages, mask: npt.NDArray[np.bool_] | None) -> Iterator[Finding]:
+def _levels(images: LightImages, mask: npt.NDArray[np.bool_] | None) -> Iterator[ImportFinding]:
     inside = np.ones(images.ambient.shape, np.bool_) if mask is None else mask
     ambient = float(images.ambient[inside].mean())
     if ambient > MAX_AMBIENT_SHARE * images.full_scale:
         share = ambient / images.full_scale
-        yield Finding(Cause.SATURATION, f"ambient light fills {share:.0%} of the range", False)
+        yield ImportFinding(
+            ImportCause.SATURATION, f"ambient light fills {share:.0%} of the range", False
+        )
     saturated = {
         name: float(np.mean(image[inside] >= images.full_scale))
         for name, image in zip(images.names, images.images, strict=True)
@@ -103,7 +105,9 @@ def _levels(images: LightImages, mask: npt.NDArray[np.bool_] | None) -> Iterator
             f"{_listed(over)}: up to {max(over.values()):.1%} of the pixels are saturated at "
             f"{images.full_scale}"
         )
-        yield Finding(Cause.SATURATION, text, spoilt > 0 and len(saturated) - spoilt < _ENOUGH)
+        yield ImportFinding(
+            ImportCause.SATURATION, text, spoilt > 0 and len(saturated) - spoilt < _ENOUGH
+        )
     signals = {
         name: float(image[inside].mean()) - ambient
         for name, image in zip(images.names, images.images, strict=True)
@@ -113,7 +117,9 @@ def _levels(images: LightImages, mask: npt.NDArray[np.bool_] | None) -> Iterator
     if dark:
         least = max(0.0, min(dark.values())) / max(brightest, 1e-9)
         text = f"{_listed(dark)}: down to {least:.1%} of the light of the brightest image"
-        yield Finding(Cause.DARK, text, min(dark.values()) <= MIN_SIGNAL_SHARE * brightest)
+        yield ImportFinding(
+            ImportCause.DARK, text, min(dark.values()) <= MIN_SIGNAL_SHARE * brightest
+        )
 
 
 def _listed(names: Collection[str]) -> str:
@@ -121,7 +127,7 @@ def _listed(names: Collection[str]) -> str:
     return first if len(names) <= _LISTED else f"{first} and {len(names) - _LISTED} more"
 
 
-def _detail(images: LightImages, explained: npt.NDArray[np.float64]) -> Iterator[Finding]:
+def _detail(images: LightImages, explained: npt.NDArray[np.float64]) -> Iterator[ImportFinding]:
     if len(images.images) < 4:  # three images may well be independent
         return
     for name, share in zip(images.names, explained.tolist(), strict=False):
@@ -130,10 +136,10 @@ def _detail(images: LightImages, explained: npt.NDArray[np.float64]) -> Iterator
                 f"{name}: the other photographs explain {share:.0%} of its detail: it shows "
                 "another scene, or the part or the camera moved"
             )
-            yield Finding(Cause.RESIDUAL, text, share < MIN_EXPLAINED_DETAIL)
+            yield ImportFinding(ImportCause.RESIDUAL, text, share < MIN_EXPLAINED_DETAIL)
 
 
-def _order(images: LightImages, order: ShadingOrder) -> Iterator[Finding]:
+def _order(images: LightImages, order: ShadingOrder) -> Iterator[ImportFinding]:
     if order.verdict != "refuted":
         return
     tilts_deg, names = images.lighting.tilts_deg, images.names
@@ -150,15 +156,17 @@ def _order(images: LightImages, order: ShadingOrder) -> Iterator[Finding]:
         image, light = moved[0], order.order[moved[0]]
         text = f"by its shading {names[image]} was taken under the light of {names[light]}"
         text += " and the other way round" if len(moved) == 2 else ", and others in this order too"
-    yield Finding(Cause.LIGHT_ORDER, text, refutes=True)
+    yield ImportFinding(ImportCause.LIGHT_ORDER, text, refutes=True)
 
 
-def _four_lights(images: LightImages, found: LightAgreement | None) -> Iterator[Finding]:
+def _four_lights(images: LightImages, found: LightAgreement | None) -> Iterator[ImportFinding]:
     if len(images.images) == 4 and found is None:
         try:
             drop_one_constants(images.lighting, "ps4_robust")
         except InputError as error:
-            yield Finding(Cause.RESIDUAL, f"{error}; solve with --method least_squares", False)
+            yield ImportFinding(
+                ImportCause.RESIDUAL, f"{error}; solve with --method least_squares", False
+            )
     if found is None or found.levels is None:
         return
     limit = max(MAX_LED_LEVEL_DIFFERENCE, LED_LEVEL_STANDARD_ERRORS * found.level_error)
@@ -168,4 +176,4 @@ def _four_lights(images: LightImages, found: LightAgreement | None) -> Iterator[
                 "of the given intensity" if images.lighting.intensities_given else "of the others"
             )
             text = f"{name}: by the redundancy of the images its light gives {level:.0%} {given}"
-            yield Finding(Cause.RESIDUAL, text, False)
+            yield ImportFinding(ImportCause.RESIDUAL, text, False)

@@ -166,7 +166,7 @@ EXAMPLE = """\
 
 name = "NAME"                # unique among the stations that share a database
 rig = "sim"                  # the simulated rig, or a rig.toml relative to this folder
-recipe = "example"           # recipes/example.toml: which textures pass
+recipe = "example"           # recipes/example.toml, made by ps4rig station teach
 results = "results.sqlite"   # or postgresql://USER:PASSWORD@HOST/DATABASE
 # operator = "Your name"
 trigger = "enter"            # the Enter key, "timer", "sensor", "http" or "modbus"

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from capture.session.verification import Finding
+from capture.session.verification import FileFinding
 from capture.sets.ome_tiff import SUFFIX, read_header
 from classify.errors import InputError, Ps4rigError
 
@@ -14,7 +14,7 @@ from .results.history import HistoryEntry
 from .results.store import ResultStore, open_store
 
 
-def verify_station(folder: Path) -> Iterator[Finding]:
+def verify_station(folder: Path) -> Iterator[FileFinding]:
     """Compare the results of a station with the hashes and names of its set files.
 
     Findings about the results themselves are listed under ``station.toml``; without any, that file
@@ -25,10 +25,10 @@ def verify_station(folder: Path) -> Iterator[Finding]:
         with open_store(config.results_in(folder), config.name, alone=False) as store:
             yield from _results(folder, store)
     except Ps4rigError as error:
-        yield Finding(folder / CONFIG, "altered", f"its results cannot be read: {error}")
+        yield FileFinding(folder / CONFIG, "altered", f"its results cannot be read: {error}")
 
 
-def _results(folder: Path, store: ResultStore) -> Iterator[Finding]:
+def _results(folder: Path, store: ResultStore) -> Iterator[FileFinding]:
     wrong = [f"results: {said}; restore a backup" for said in contradictions(store)]
     if unfinished := store.unfinished():
         first = unfinished[0].part_id
@@ -37,9 +37,9 @@ def _results(folder: Path, store: ResultStore) -> Iterator[Finding]:
             "its next start ends them"
         )
     for said in wrong:
-        yield Finding(folder / CONFIG, "altered", said)
+        yield FileFinding(folder / CONFIG, "altered", said)
     if not wrong:
-        yield Finding(folder / CONFIG, "good")
+        yield FileFinding(folder / CONFIG, "good")
     named = set()
     for entry in store.parts():
         if entry.result.set_file is not None:
@@ -48,17 +48,19 @@ def _results(folder: Path, store: ResultStore) -> Iterator[Finding]:
             yield from _set_file(path, entry)
     for path in sorted((folder / PARTS).glob(f"*/*{SUFFIX}")):
         if path not in named:
-            yield Finding(path, "not in results", "no result of the station names it")
+            yield FileFinding(path, "not in results", "no result of the station names it")
 
 
-def _set_file(path: Path, entry: HistoryEntry) -> Iterator[Finding]:
+def _set_file(path: Path, entry: HistoryEntry) -> Iterator[FileFinding]:
     if not path.is_file():
         if entry.set_removed_utc is None:
-            yield Finding(path, "missing", f"it is in the results, {entry.result.verdict.decision}")
+            yield FileFinding(
+                path, "missing", f"it is in the results, {entry.result.verdict.decision}"
+            )
         return
     try:
         metadata, _ = read_header(path)
     except InputError:
         return  # `verify_file` reports a file that cannot be read
     if metadata.pixels_sha256 != entry.result.set_sha256:
-        yield Finding(path, "altered", "its pixels are not those that the results name")
+        yield FileFinding(path, "altered", "its pixels are not those that the results name")

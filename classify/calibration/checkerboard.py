@@ -25,7 +25,7 @@ _CORNERS = (3, 64)
 _FLAT_DEG = 10.0
 # Tilts below this are not corrected: one picture shows a tilt to about 3 degrees, and 3 degrees
 # shorten a length by 0.1 %.
-_SEEN_TILT_DEG = 5.0
+SEEN_TILT_DEG = 5.0
 # Corners are found to 0.02 to 0.2 px on sharp pictures. A model with a larger residual than this is
 # wrong.
 _WORST_RESIDUAL_PX = 1.0
@@ -180,7 +180,7 @@ def scale_of_boards(
     stretches = np.array([_stretch(each, middle) for each in fit.homographies])
     largest, smallest = stretches[flat].T
     # The axis of a tilt keeps its length. Below, the difference is within the error of corners.
-    is_tilted = tilts_deg[flat] > _SEEN_TILT_DEG
+    is_tilted = tilts_deg[flat] > SEEN_TILT_DEG
     lengths = np.where(is_tilted, largest, np.sqrt(largest * smallest))
     px_per_mm = float(lengths.mean())
     # Relative errors: of the corners, of the correction of tilts, and between placements.

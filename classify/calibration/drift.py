@@ -13,7 +13,7 @@ from classify.images.stack import ImageStack
 from classify.lighting import Lighting
 
 from .calibration import Calibration
-from .drift_model import Cause, DriftModel, Explanation, Kind, moved_light
+from .drift_model import DriftModel, Explanation, Kind, PossibleCause, moved_light
 from .led_positions import Aim, fit_led_positions
 from .plate import check_evenness, check_sheet, is_known
 from .plate_blocks import BLOCKS, PlateBlocks
@@ -37,7 +37,7 @@ _FEWEST_LIGHTS = 3  # least number that `fit_led_positions` takes
 _LED_LEVEL = (0.10, 0.15)
 _LIGHT_MOVED_DEG = (2.5, 4.0)
 _CAMERA_SHIFT = (0.05, 0.10)  # share of the frame's longer side
-_CAMERA_TURN_DEG = (1.0, 3.0)
+_CAMERA_ROTATED_DEG = (1.0, 3.0)
 _MAGNIFICATION = (0.05, 0.10)
 _SHEET_TILT_DEG = (2.5, 5.0)
 # A brighter or darker corner is common to all lights: it changes the albedo only.
@@ -268,7 +268,9 @@ def _causes(
         yield DriftCause("unexplained", None, status, seen, advice)
 
 
-def _light_moved(cause: Cause, numbers: FloatArray, model: DriftModel) -> Iterator[DriftCause]:
+def _light_moved(
+    cause: PossibleCause, numbers: FloatArray, model: DriftModel
+) -> Iterator[DriftCause]:
     if cause.light is None:
         return
     before = model.positions[cause.light]
@@ -289,15 +291,16 @@ def _light_moved(cause: Cause, numbers: FloatArray, model: DriftModel) -> Iterat
 
 def _camera_moved(numbers: FloatArray) -> Iterator[DriftCause]:
     right, up = 0.5 * numbers[:2]
-    turn_deg = math.degrees(numbers[2])
+    rotated_deg = math.degrees(numbers[2])
     status = _worst(
-        _status(math.hypot(right, up), _CAMERA_SHIFT), _status(abs(turn_deg), _CAMERA_TURN_DEG)
+        _status(math.hypot(right, up), _CAMERA_SHIFT),
+        _status(abs(rotated_deg), _CAMERA_ROTATED_DEG),
     )
     if status != "ok":
         seen = (
             f"the camera has moved against the lights: {abs(right):.0%} of the frame to the "
             f"{'right' if right > 0.0 else 'left'}, {abs(up):.0%} {'up' if up > 0.0 else 'down'}, "
-            f"turned by {abs(turn_deg):.1f} degrees {'anti' * (turn_deg > 0.0)}clockwise"
+            f"rotated by {abs(rotated_deg):.1f} degrees {'anti' * (rotated_deg > 0.0)}clockwise"
         )
         advice = "put it back and fasten it, then calibrate the plate again"
         yield DriftCause("camera moved", None, status, seen, advice)

@@ -44,7 +44,7 @@ _LOWEST_LIGHT = 0.02  # least z of a unit vector: no light of a fit sinks below 
 
 
 @dataclass(frozen=True, eq=False)
-class Cause:
+class PossibleCause:
     """One thing that may have changed.
 
     Attributes
@@ -83,7 +83,7 @@ class Explanation:
         Robust standard deviation of what all lights share and nothing explains.
     """
 
-    causes: tuple[tuple[Cause, FloatArray], ...]
+    causes: tuple[tuple[PossibleCause, FloatArray], ...]
     levels: FloatArray
     brightness: float
     slope: FloatArray
@@ -125,7 +125,7 @@ class DriftModel:
 
     def explain(self, change: FloatArray) -> Explanation:
         """The causes of a change (N, B), at most three."""
-        chosen: tuple[Cause, ...] = ()
+        chosen: tuple[PossibleCause, ...] = ()
         score, numbers = self._fit(change, chosen, np.empty(0))
         while len(chosen) < _MOST_CAUSES:
             longer, better, found = self._best(change, chosen, numbers)
@@ -153,8 +153,8 @@ class DriftModel:
         return True
 
     def _best(
-        self, change: FloatArray, chosen: tuple[Cause, ...], numbers: FloatArray
-    ) -> tuple[tuple[Cause, ...], float, FloatArray]:
+        self, change: FloatArray, chosen: tuple[PossibleCause, ...], numbers: FloatArray
+    ) -> tuple[tuple[PossibleCause, ...], float, FloatArray]:
         """Add to `chosen` the cause that explains most of the rest.
 
         `numbers` are start values. Returns the causes, their score and their numbers.
@@ -168,7 +168,7 @@ class DriftModel:
         return min(tried, key=lambda each: each[1])
 
     def _fit(
-        self, change: FloatArray, causes: Sequence[Cause], start: FloatArray
+        self, change: FloatArray, causes: Sequence[PossibleCause], start: FloatArray
     ) -> tuple[float, FloatArray]:
         """Minus twice the log evidence of causes, up to a constant, and their numbers."""
         spreads = np.array([spread for cause in causes for spread in cause.spreads])
@@ -191,7 +191,7 @@ class DriftModel:
                 break
         return float(left @ left + scaled @ scaled) + 2.0 * odds + volume, scaled * spreads
 
-    def _change(self, causes: Sequence[Cause], numbers: FloatArray) -> FloatArray:
+    def _change(self, causes: Sequence[PossibleCause], numbers: FloatArray) -> FloatArray:
         total, first = np.zeros_like(self._strengths), 0
         for cause in causes:
             last = first + len(cause.spreads)
@@ -200,7 +200,7 @@ class DriftModel:
         return total
 
     def _explanation(
-        self, change: FloatArray, causes: tuple[Cause, ...], numbers: FloatArray
+        self, change: FloatArray, causes: tuple[PossibleCause, ...], numbers: FloatArray
     ) -> Explanation:
         left = change - self._change(causes, numbers)
         nuisances = self._posterior @ left.ravel()
@@ -248,15 +248,15 @@ class DriftModel:
             for term in (x * x, x * y, y * y):
                 yield (_CURVATURE_SPREAD * light * term).ravel()
 
-    def _all_causes(self) -> Iterator[Cause]:
+    def _all_causes(self) -> Iterator[PossibleCause]:
         # The spreads are at least the limits of a fault in `drift`, so that the images decide.
         for light in range(len(self.positions)):
-            yield Cause("led level", light, (0.3,), self._level_change(light))
-            yield Cause("light moved", light, (0.2, 0.2, 0.2), self._light_change(light))
-        yield Cause("camera moved", None, (0.3, 0.3, 0.2), self._camera_change)
-        yield Cause("lens", None, (0.2, 0.1, 0.05), self._lens_change)
-        yield Cause("exposure", None, (0.7,), lambda numbers: self._even(numbers[0]))
-        yield Cause("sheet tilted", None, (0.15, 0.15), self._tilt_change)
+            yield PossibleCause("led level", light, (0.3,), self._level_change(light))
+            yield PossibleCause("light moved", light, (0.2, 0.2, 0.2), self._light_change(light))
+        yield PossibleCause("camera moved", None, (0.3, 0.3, 0.2), self._camera_change)
+        yield PossibleCause("lens", None, (0.2, 0.1, 0.05), self._lens_change)
+        yield PossibleCause("exposure", None, (0.7,), lambda numbers: self._even(numbers[0]))
+        yield PossibleCause("sheet tilted", None, (0.15, 0.15), self._tilt_change)
 
     def _even(self, values: npt.ArrayLike) -> FloatArray:
         """(N, B) the same value in all blocks."""
@@ -341,7 +341,7 @@ def moved_light(position: FloatArray, numbers: FloatArray) -> FloatArray:
     return np.asarray(moved * (distance * np.exp(numbers[2]) / np.linalg.norm(moved)), np.float64)
 
 
-def _without(numbers: FloatArray, causes: Sequence[Cause], place: int) -> FloatArray:
+def _without(numbers: FloatArray, causes: Sequence[PossibleCause], place: int) -> FloatArray:
     """Remove the numbers of the cause at `place`."""
     ends = np.cumsum([len(cause.spreads) for cause in causes])
     return np.delete(numbers, slice(ends[place] - len(causes[place].spreads), ends[place]))

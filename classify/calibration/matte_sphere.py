@@ -56,7 +56,7 @@ def matte_directions(
     Parameters
     ----------
     images
-        (N, H, W) pictures, one per light, less ambient light where that is known.
+        (N, H, W) light images, less ambient light where that is known.
     full_scale
         Value of saturation.
     vignetting

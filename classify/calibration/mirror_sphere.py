@@ -50,7 +50,7 @@ def mirror_directions(
     Parameters
     ----------
     images
-        (N, H, W) pictures, one per light.
+        (N, H, W) light images.
     ambient
         (H, W) image without any of the lights, which shows the room too.
 

@@ -61,6 +61,8 @@ class Target:
     ----------
     what
         Its name after "put", such as "a white matt sheet".
+    next_placement
+        What to do for each further placement, as a request.
     surface
         The same for the simulated rig; see `rig.Placement`.
     size_mm
@@ -70,6 +72,7 @@ class Target:
     what: str
     surface: str
     size_mm: float | None = None
+    next_placement: str = ""
 
 
 def calibration_at(path: Path, inputs: Sequence[Path] = ()) -> CalibrationFile:
@@ -134,7 +137,7 @@ def target_sets(
     ----------
     rotations_deg
         One set is captured for each placement. The simulated rig rotates the target to these
-        angles, a person is asked to turn it.
+        angles, a person is asked to move it.
 
     Raises
     ------
@@ -188,7 +191,7 @@ def place_target(
             change["shift_px"] = shift_px
         simulation.place(simulation.placement.model_copy(update=change))
     elif not yes:
-        what = f"turn and move {target.what}" if again else f"put {target.what} under the camera"
+        what = target.next_placement if again else f"put {target.what} under the camera"
         ask(f"{what}, then press Enter")
 
 

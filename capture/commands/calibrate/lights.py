@@ -125,7 +125,12 @@ def lights(
     if rig is not None:
         if mask or count is not None or gamma is not None:
             raise InputError("--mask, --lights and --gamma are for photographs; leave them out")
-        target = Target(f"a {sphere} sphere", f"{sphere}_sphere", diameter_mm)
+        target = Target(
+            f"a {sphere} sphere",
+            f"{sphere}_sphere",
+            diameter_mm,
+            "move the sphere to another place in the frame",
+        )
         with open_rig(rig) as opened:
             sets = list(_captured(opened, target, placements, yes))
             setting = Setting.of_rig(opened)
@@ -146,8 +151,13 @@ def lights(
             found.lighting.tilts_deg.round(1) % 360.0, found.lighting.slants_deg, strict=True
         )
         errors_deg = found.direction_errors_deg
-        for name, (tilt, slant), error in zip(image_names, angles, errors_deg, strict=True):
-            out.print(f"  {name}: tilt {tilt:.1f}, slant {slant:.1f} degrees, to {error:.2g}")
+        for name, (tilt_deg, slant_deg), error_deg in zip(
+            image_names, angles, errors_deg, strict=True
+        ):
+            out.print(
+                f"  {name}: tilt {tilt_deg:.1f}, slant {slant_deg:.1f} degrees, known to "
+                f"{error_deg:.2g} degrees"
+            )
 
 
 def _calibration_and_photographs(

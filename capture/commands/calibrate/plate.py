@@ -22,7 +22,7 @@ from .flow import (
     target_sets,
 )
 
-_SHEET = Target("a white matt sheet", "plate")
+_SHEET = Target("a white matt sheet", "plate", next_placement="rotate the sheet by 180 degrees")
 # Half a turn cancels a tilt of the sheet and a reflectance that rises along it.
 _ROTATIONS_DEG = (0.0, 180.0)
 # Frames of each image, 5 s at 30 Hz: noise of a quarter lets positions be seen in small frames too.

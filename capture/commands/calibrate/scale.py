@@ -83,7 +83,12 @@ def scale(
     if rig is None:
         pictures, setting, source = _of_files(given or ())
     else:
-        target = Target("a checkerboard", "checkerboard", square_mm)
+        target = Target(
+            "a checkerboard",
+            "checkerboard",
+            square_mm,
+            "tilt the checkerboard by 15 to 30 degrees, about another axis each time",
+        )
         with open_rig(rig) as opened:
             rotations_deg = [_ROTATION_DEG * k for k in range(placements)]
             sets = captured_targets(opened, target, rotations_deg, yes=yes)

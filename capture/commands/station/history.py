@@ -40,7 +40,11 @@ def history(
     ] = None,
     verdict: Annotated[
         Decision | None,
-        typer.Option(case_sensitive=False, help="The verdict that holds, after overrides."),
+        typer.Option(
+            case_sensitive=False,
+            help="The verdict that holds, after overrides.",
+            metavar="PASS|FAIL|UNKNOWN|ERROR",
+        ),
     ] = None,
     label: Annotated[
         str | None, typer.Option("--class", metavar="CLASS", help="The texture that was found.")

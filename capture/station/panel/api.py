@@ -26,7 +26,7 @@ from .routes import Call, PanelRoute
 from .security import Denied
 from .triggering import OtherPart
 
-MOST_PARTS = 500
+MOST_ROWS = 500
 PARTS = 50
 LONGEST_WAIT_S = 30.0
 # Patience of `results_access` with a locked database.
@@ -133,7 +133,7 @@ def newest_parts(
 
 
 def _parts(call: Call) -> Response:
-    most = whole_number(call, "limit", PARTS, MOST_PARTS)
+    most = whole_number(call, "limit", PARTS, MOST_ROWS)
     entries, below = newest_parts(call, selection_of(call.query), most)
     return JsonAnswer(
         {
@@ -237,7 +237,7 @@ def _override(call: Call) -> Response:
 
 def _audit(call: Call) -> Response:
     changes = newest_changes(
-        call.panel.results.store, whole_number(call, "limit", PARTS, MOST_PARTS)
+        call.panel.results.store, whole_number(call, "limit", PARTS, MOST_ROWS)
     )
     return JsonAnswer({"changes": [vars(change) for change in changes]})
 
@@ -261,7 +261,7 @@ ROUTES = (
     PanelRoute(
         "GET", f"{V1}/parts", Role.OPERATOR, _parts, "Parts, the newest first.",
         query=FILTERS | {
-            "limit": f"number of parts, {PARTS} by default, at most {MOST_PARTS}",
+            "limit": f"number of parts, {PARTS} by default, at most {MOST_ROWS}",
             "below": "only parts with a lower number: next_below of the page before",
         },
     ),
@@ -293,7 +293,7 @@ ROUTES = (
     ),
     PanelRoute(
         "GET", f"{V1}/audit", Role.ENGINEER, _audit, "Who changed what, the newest first.",
-        query={"limit": f"number of changes, {PARTS} by default, at most {MOST_PARTS}"},
+        query={"limit": f"number of changes, {PARTS} by default, at most {MOST_ROWS}"},
     ),
     PanelRoute(
         "GET", f"{V1}/metrics", Role.OPERATOR, _metrics, "Figures of this run for Prometheus.",

@@ -16,12 +16,12 @@ _MADE = re.compile(r"part-\d+", re.IGNORECASE)
 
 
 def made_part_id(number: int) -> str:
-    """Return the identity of a part whose trigger gave none."""
+    """Return the id of a part whose trigger gave none."""
     return f"part-{number:06d}"
 
 
 def require_given_part_id(part_id: str) -> str:
-    """Return an identity that came with a trigger.
+    """Return an id that came with a trigger.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def require_given_part_id(part_id: str) -> str:
 
 
 def require_new_part_id(connection: Connection, station: str, part_id: str) -> None:
-    """Check that a station has not had a part with this identity, in upper or lower case.
+    """Check that a station has not had a part with this id, in upper or lower case.
 
     Raises
     ------

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 import pytest
 
-from capture.errors import Cause
+from capture.errors import ImportCause
 from capture.sets.image_checks import LightImages
 from capture.sets.photograph_checks import check_photographs
 from classify import Lighting
@@ -84,7 +84,7 @@ def part(images: LightImages, of_images: list[int], of_lights: list[int]) -> Lig
     )
 
 
-def refused(images: LightImages) -> set[Cause]:
+def refused(images: LightImages) -> set[ImportCause]:
     return {
         each.cause for each in check_photographs(images, None, Calibration())[0] if each.refutes
     }
@@ -112,7 +112,7 @@ def test_no_true_photographs_are_refused_and_most_wrong_ones_are(folder: Path) -
         twice = list(picked)
         twice[place] = picked[place - 1]
         tried["one twice"] += 1
-        counts["one twice"] += Cause.EQUAL_IMAGES in refused(part(images, twice, picked))
+        counts["one twice"] += ImportCause.EQUAL_IMAGES in refused(part(images, twice, picked))
         own = images.images[picked[place]]
         other = others.images[number % len(others.images)]
         scene = cv2.resize(other, own.shape[::-1]) * (images.full_scale / others.full_scale)
@@ -124,7 +124,7 @@ def test_no_true_photographs_are_refused_and_most_wrong_ones_are(folder: Path) -
             wrong = part(images, picked, picked)
             wrong.images[place] = image
             tried[name] += 1
-            counts[name] += Cause.RESIDUAL in refused(wrong)
+            counts[name] += ImportCause.RESIDUAL in refused(wrong)
     shading = shading_of(images.images, images.ambient, images.full_scale)
     rng = np.random.default_rng(1)
     for _ in range(20):

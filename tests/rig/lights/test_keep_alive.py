@@ -13,7 +13,7 @@ import pytest
 from firmware_sim import RealClock, SimulatedBoard, SimulatedController, VirtualClock, serve_pty
 from rig import LightControllerError, RigConfig, open_rig
 from rig.lights.driver import LightController
-from rig.lights.keep_alive import KeepAliveThread, KeepAliveClock
+from rig.lights.keep_alive import KeepAliveClock, KeepAliveThread
 from rig.lights.timeouts import LinkTimeouts
 
 SMALL = RigConfig().with_changes(

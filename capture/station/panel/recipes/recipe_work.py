@@ -17,7 +17,7 @@ from .recipe_changes import LongChange, RecipeChanges
 from .recipe_jobs import replay_parts, teach_parts
 
 # A job can teach this many in its time; see `background_jobs`.
-MOST_PARTS = 300
+MOST_CHOSEN_PARTS = 300
 EXPECTED: tuple[Expected, ...] = ("PASS", "FAIL", "UNKNOWN")
 
 
@@ -94,8 +94,8 @@ def _start(
 
 
 def _sets(panel: Panel, part_ids: Sequence[str]) -> tuple[Path, ...]:
-    if len(part_ids) > MOST_PARTS:
-        raise InputError(f"{len(part_ids)} parts: give {MOST_PARTS} or fewer")
+    if len(part_ids) > MOST_CHOSEN_PARTS:
+        raise InputError(f"{len(part_ids)} parts: give {MOST_CHOSEN_PARTS} or fewer")
     store, paths = panel.results.store, []
     for part_id in dict.fromkeys(part_ids):
         entry = store.part(part_id)

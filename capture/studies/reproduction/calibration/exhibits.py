@@ -8,8 +8,8 @@ from functools import partial
 from capture.studies.reproduction.exhibit import Exhibit, Row
 from capture.studies.reproduction.plots import Scale, draw_maps
 
-from .errors import IDEAL, METHODS, STEPS, SURFACES, StepErrors
 from .lights import LightErrors
+from .normal_errors import IDEAL, METHODS, STEPS, SURFACES, StepErrors
 from .rigs import AMBIENT, HOT_PIXELS, LED_LEVELS, VIGNETTING_PERCENT
 
 # The errors without a calibration reach 20 degrees; those with one stay visible.

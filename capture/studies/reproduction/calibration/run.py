@@ -9,9 +9,9 @@ from capture.studies.reproduction.output import About, write_page
 from classify.calibration.spheres import SphereKind
 from classify.durable_file import make_folder
 
-from .errors import SURFACES, step_errors
 from .exhibits import calibration_exhibits
 from .lights import light_errors, sphere_errors
+from .normal_errors import SURFACES, step_errors
 from .procedures import calibrated
 from .rigs import Conditions
 

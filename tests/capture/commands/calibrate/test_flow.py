@@ -22,7 +22,7 @@ from classify import InputError
 from classify.calibration.scale import Scale
 from rig import Rig
 
-SHEET = Target("a white matt sheet", "plate")
+SHEET = Target("a white matt sheet", "plate", next_placement="rotate the sheet by 180 degrees")
 SCALE = Scale(0.05, 0.001, np.eye(3), None, 0.1)
 
 
@@ -67,7 +67,7 @@ def test_a_person_is_asked_to_place_the_target(
     monkeypatch.setattr("sys.stdin", io.StringIO("\n"))
     place_target(rig, SHEET)
     assert "put a white matt sheet under the camera, then press Enter" in capsys.readouterr().err
-    with pytest.raises(InputError, match=r"turn and move a white matt sheet.*give --yes"):
+    with pytest.raises(InputError, match=r"rotate the sheet by 180 degrees.*give --yes"):
         place_target(rig, SHEET, again=True)
     place_target(rig, SHEET, yes=True)
 
