@@ -11,7 +11,7 @@ from rig.config.defect import DefectKind
 from rig.config.section import Degrees, Section
 from rig.config.toml_file import read_toml_as
 
-from .face_config import ModbusConfig, MqttConfig, PanelConfig
+from .interface_config import ModbusConfig, MqttConfig, PanelConfig
 
 CONFIG = "station.toml"
 SIM = "sim"

@@ -99,12 +99,12 @@ def sets_given(places: Sequence[Path]) -> tuple[list[CapturedSet], tuple[str, ..
 
 
 def files_given(places: Sequence[Path]) -> tuple[list[Path], list[Path]]:
-    """Return the photographs and the sets among the files of ``--from`` and in its folders.
+    """Return the files of ``--from`` and of its folders: photographs, or sets.
 
     Raises
     ------
     InputError
-        If a folder holds none of them.
+        If a folder holds no photographs, or there are both photographs and sets.
     """
     from capture.sets.light_list import PHOTOGRAPH_SUFFIXES
     from capture.sets.ome_tiff import SUFFIX
@@ -119,7 +119,10 @@ def files_given(places: Sequence[Path]) -> tuple[list[Path], list[Path]]:
             raise InputError(f"{place}: holds no photographs ({', '.join(PHOTOGRAPH_SUFFIXES)})")
         files += found
     sets = [path for path in files if path.name.endswith(SUFFIX)]
-    return [path for path in files if path not in sets], sets
+    photographs = [path for path in files if path not in sets]
+    if photographs and sets:
+        raise InputError("--from names photographs and sets; give one kind of them")
+    return photographs, sets
 
 
 def target_sets(

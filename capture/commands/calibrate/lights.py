@@ -194,8 +194,6 @@ def _of_files(
     from capture.sets.captured_set import CapturedSet
 
     photographs, sets = files_given(given)
-    if photographs and sets:
-        raise InputError("--from names photographs and sets; give one kind of them")
     if photographs:
         # Where a highlight is does not depend on the coding of brightness.
         coding = gamma or ("linear" if sphere == "mirror" else None)

@@ -94,8 +94,6 @@ def _of_files(
     from capture.sets.photographs import read_photographs
 
     photographs, sets = files_given(given)
-    if photographs and sets:
-        raise InputError("--from names photographs and sets; give one kind of them")
     names = [path.name for path in (*photographs, *sets)]
     if photographs:
         times_ms = _exposures_ms(photographs, exposures_ms)

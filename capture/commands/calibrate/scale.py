@@ -112,8 +112,6 @@ def _of_files(given: Sequence[Path]) -> tuple[list[npt.NDArray[Any]], Setting, l
     from capture.sets.photographs import read_photographs
 
     photographs, sets = files_given(given)
-    if photographs and sets:
-        raise InputError("--from names photographs and sets; give one kind of them")
     source = [path.name for path in (*photographs, *sets)]
     if photographs:
         # Where a corner is does not depend on the coding of brightness.

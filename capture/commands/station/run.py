@@ -87,7 +87,7 @@ def run(
     from classify.errors import InputError
     from rig.config.rig import config_of
 
-    from .faces import modbus_of, mqtt_of, panel_of, panel_settings, plc_line
+    from .interfaces import modbus_of, mqtt_of, panel_of, panel_settings, plc_line
     from .terminal import read_key_line, shown_by
 
     with station_folder(folder) as opened:
@@ -112,22 +112,22 @@ def run(
         names = [f"LED {tilt_deg:g}" for tilt_deg in rig_config.lights.tilts_deg]
         notifier = Notifier.from_environment(os.environ)
         chart = ControlChart(names, shown, log, live.tell)
-        with ExitStack() as faces:
+        with ExitStack() as interfaces:
             if panel is False and given == "http":
                 raise InputError("--no-panel: triggers come from the panel; give --trigger timer")
             if panel is not False:
                 settings = panel_settings(config.panel, host, port)
                 is_asked = bool(panel or host or port or given == "http")
-                faces.enter_context(panel_of(opened, live, settings, is_asked=is_asked))
+                interfaces.enter_context(panel_of(opened, live, settings, is_asked=is_asked))
             line = plc_line(config, live, given)
             told = [] if line is None else [line.tell]
             if config.mqtt is not None:
-                told.append(faces.enter_context(mqtt_of(config.mqtt, opened)).tell)
-            publisher = faces.enter_context(
+                told.append(interfaces.enter_context(mqtt_of(config.mqtt, opened)).tell)
+            publisher = interfaces.enter_context(
                 Publisher(shown, log, chart, live.tell, notifier.tell, *told)
             )
             if line is not None:
-                faces.enter_context(modbus_of(line, config.modbus))
+                interfaces.enter_context(modbus_of(line, config.modbus))
             settle_station()
             stopped = run_station(
                 opened,

@@ -1,1 +1,1 @@
-"""The state and the events of a running station, for all its faces."""
+"""The state and the events of a running station, for all its interfaces."""

@@ -121,7 +121,7 @@ class LiveSnapshot:
 
 
 class LiveStation:
-    """A running station as its faces see it. All methods may be called from any thread.
+    """A running station as its interfaces see it. All methods may be called from any thread.
 
     `tell` subscribes to the station's events, and `attached` gets the station with the run's
     triggers. Subscribers of this object never delay the station: each has a bounded queue.
@@ -219,7 +219,7 @@ class LiveStation:
             for each in self._subscriptions:
                 each.close()
 
-    # What faces do.
+    # What interfaces do.
 
     def submit(self, trigger: Trigger) -> Answer:
         """Pass a trigger to the station. Never raises."""
@@ -235,7 +235,7 @@ class LiveStation:
         return self._has_target.is_set()
 
     def refuse(self, trigger: Trigger, reason: str) -> None:
-        """Record a trigger that a face refused; one before `attach` is lost. Never raises."""
+        """Record a trigger that an interface refused; one before `attach` is lost. Never raises."""
         with self._lock:
             target = self._target
         if target is not None:
@@ -287,7 +287,7 @@ class LiveStation:
             return True
 
     def announce(self, fields: Mapping[str, Any]) -> None:
-        """Tell all subscribers of something that a face did, such as an override."""
+        """Tell all subscribers of something that an interface did, such as an override."""
         with self._lock:
             self._append(fields)
 

@@ -3,8 +3,8 @@
 import threading
 from dataclasses import dataclass, field
 
-from capture.station.face_config import PanelConfig
 from capture.station.folder import StationFolder
+from capture.station.interface_config import PanelConfig
 from capture.station.live.live_station import LiveStation
 
 from .access.change_log import ChangeLog

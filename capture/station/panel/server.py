@@ -13,7 +13,7 @@ from typing import Any
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from capture.station.face_config import PanelConfig
+from capture.station.interface_config import PanelConfig
 from capture.station.listening import listening_socket
 from classify.errors import InputError
 

@@ -17,7 +17,7 @@ from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from capture.station.errors import error_text
-from capture.station.face_config import ModbusConfig
+from capture.station.interface_config import ModbusConfig
 from capture.station.listening import listening_socket
 from classify.errors import InputError
 

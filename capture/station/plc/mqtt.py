@@ -19,7 +19,7 @@ from capture.station.cycle.events import (
     RecipeLoaded,
     StateChanged,
 )
-from capture.station.face_config import MqttConfig
+from capture.station.interface_config import MqttConfig
 from capture.station.results.rows import row_of
 
 # A result and two states for each part: five minutes of a line with a part a second; 2 kB each.

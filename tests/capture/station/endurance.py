@@ -84,7 +84,7 @@ def some_time_ago(*_: object) -> str:
 def produce(folder: Path, parts: int, announced: Path) -> list[Reading]:
     """Run the station, write its events to a file, and read memory and open files.
 
-    What every run keeps of its parts, for faces and control charts, is there, too.
+    What every run keeps of its parts, for interfaces and control charts, is there, too.
     """
     readings: list[Reading] = []
     open_files: list[int] = []

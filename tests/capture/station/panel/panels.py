@@ -15,8 +15,8 @@ from urllib.parse import urlencode, urlsplit
 from capture.sets.captured_set import CapturedSet
 from capture.station.cycle.events import Publisher
 from capture.station.cycle.triggers import TriggerSource
-from capture.station.face_config import PanelConfig
 from capture.station.folder import station_folder
+from capture.station.interface_config import PanelConfig
 from capture.station.live.live_station import LiveStation
 from capture.station.panel.access.roles import Role
 from capture.station.panel.guard import CSRF_FIELD

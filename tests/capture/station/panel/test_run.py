@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from capture.commands.station.faces import panel_of, panel_settings
+from capture.commands.station.interfaces import panel_of, panel_settings
 from capture.station.approval.approval import approve
 from capture.station.errors import CannotListen
-from capture.station.face_config import PanelConfig
 from capture.station.folder import StationFolder, make_station
+from capture.station.interface_config import PanelConfig
 from capture.station.live.live_station import LiveStation
 from capture.station.recipe.recipe_folder import RecipeFolder
 from rig.errors import ConfigError

@@ -14,8 +14,8 @@ from urllib.parse import urlsplit
 import pytest
 
 from capture.sets.captured_set import CapturedSet
-from capture.station.face_config import PanelConfig
 from capture.station.folder import make_station
+from capture.station.interface_config import PanelConfig
 from capture.station.panel import security, server
 from capture.station.panel.access.roles import Role
 from capture.station.panel.access.sessions import (

@@ -12,8 +12,8 @@ import pytest
 
 from capture.station.cycle.events import ExposureComplete, PartAnnounced, PartBegun, StateChanged
 from capture.station.cycle.states import Change, State
-from capture.station.face_config import PanelConfig
 from capture.station.folder import StationFolder, make_station
+from capture.station.interface_config import PanelConfig
 from capture.station.live.live_station import LiveStation
 from capture.station.panel.panel import Panel
 from capture.station.panel.server import serving_panel

@@ -29,8 +29,8 @@ import cv2
 
 from capture.process.utc_time import utc_text
 from capture.station.cycle.events import Publisher
-from capture.station.face_config import ModbusConfig
 from capture.station.folder import StationFolder, station_folder
+from capture.station.interface_config import ModbusConfig
 from capture.station.live.live_station import LiveStation
 from capture.station.plc.example_client import run_ladder
 from capture.station.plc.handshake import Handshake

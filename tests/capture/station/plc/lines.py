@@ -10,7 +10,7 @@ from typing import Any
 
 from capture.sets.captured_set import CapturedSet
 from capture.station.cycle.events import Event, TriggerRefused
-from capture.station.face_config import ModbusConfig
+from capture.station.interface_config import ModbusConfig
 from capture.station.live.live_station import LiveStation
 from capture.station.plc.handshake import Handshake
 from capture.station.plc.line import PlcLine

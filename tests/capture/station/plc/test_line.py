@@ -8,7 +8,7 @@ from typing import NoReturn
 import pytest
 
 from capture.station.cycle.triggers import Refused, Trigger
-from capture.station.face_config import ModbusConfig
+from capture.station.interface_config import ModbusConfig
 from capture.station.live.live_station import LiveStation
 from capture.station.plc.handshake import Handshake
 from capture.station.plc.line import PlcLine

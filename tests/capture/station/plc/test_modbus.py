@@ -18,7 +18,7 @@ from pymodbus.constants import ExcCodes
 from capture.sets.captured_set import CapturedSet
 from capture.station.cycle.events import PartAnnounced
 from capture.station.cycle.triggers import Trigger
-from capture.station.face_config import ModbusConfig
+from capture.station.interface_config import ModbusConfig
 from capture.station.live.live_station import LiveStation
 from capture.station.plc.handshake import Handshake
 from capture.station.plc.line import PlcLine

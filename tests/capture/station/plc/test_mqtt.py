@@ -16,7 +16,7 @@ from pydantic import ValidationError
 
 from capture.station.cycle.events import PartAnnounced, StateChanged
 from capture.station.cycle.states import State
-from capture.station.face_config import MqttConfig
+from capture.station.interface_config import MqttConfig
 from capture.station.plc.mqtt import MOST_WAITING, MqttPublisher
 from tests.capture.station.plc.broker import Broker, mqtt_broker
 from tests.capture.station.plc.lines import until_so
@@ -118,7 +118,7 @@ def test_results_wait_for_a_broker_that_is_started_late_and_killed(broker: Broke
 
 KILLED = """
 import sys, threading
-from capture.station.face_config import MqttConfig
+from capture.station.interface_config import MqttConfig
 from capture.station.plc.mqtt import MqttPublisher
 with MqttPublisher(MqttConfig(url=sys.argv[1], topic=sys.argv[2]), print):
     threading.Event().wait()

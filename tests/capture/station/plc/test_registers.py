@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture.station.face_config import ModbusConfig
+from capture.station.interface_config import ModbusConfig
 from capture.station.plc.handshake import MOST_WAITING
 from capture.station.plc.registers import (
     COMMAND_MEANINGS,

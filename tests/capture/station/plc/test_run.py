@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from capture.commands.station.faces import modbus_of, mqtt_of, plc_line
+from capture.commands.station.interfaces import modbus_of, mqtt_of, plc_line
 from capture.station.approval.approval import approve
 from capture.station.config import StationConfig
-from capture.station.face_config import ModbusConfig, MqttConfig
 from capture.station.folder import StationFolder, make_station
+from capture.station.interface_config import ModbusConfig, MqttConfig
 from capture.station.live.live_station import LiveStation
 from capture.station.plc.example_client import run_ladder
 from capture.station.plc.ladder import Judged

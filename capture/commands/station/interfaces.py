@@ -1,4 +1,4 @@
-"""The faces of a running station: what `ps4rig station run` starts beside it."""
+"""The interfaces of a running station: what `ps4rig station run` starts beside it."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from classify.errors import InputError
 
 if TYPE_CHECKING:
     from capture.station.config import StationConfig
-    from capture.station.face_config import ModbusConfig, MqttConfig, PanelConfig
     from capture.station.folder import StationFolder
+    from capture.station.interface_config import ModbusConfig, MqttConfig, PanelConfig
     from capture.station.live.live_station import LiveStation
     from capture.station.plc.line import PlcLine
     from capture.station.plc.mqtt import MqttPublisher
@@ -60,7 +60,7 @@ def panel_settings(configured: PanelConfig, host: str | None, port: int | None) 
     ConfigError
         For a host that is not an address of this machine.
     """
-    from capture.station.face_config import PanelConfig
+    from capture.station.interface_config import PanelConfig
     from rig.config.toml_file import validated
 
     given = {key: value for key, value in (("host", host), ("port", port)) if value is not None}
@@ -93,7 +93,7 @@ def modbus_of(line: PlcLine, configured: ModbusConfig | None) -> Iterator[None]:
     InputError
         If pymodbus is not installed, or the port is taken.
     """
-    from capture.station.face_config import ModbusConfig
+    from capture.station.interface_config import ModbusConfig
 
     try:
         from capture.station.plc.modbus import serving_modbus

@@ -1,4 +1,4 @@
-"""Sections of ``station.toml`` for the station's faces: panel, Modbus, MQTT."""
+"""Sections of ``station.toml`` for the station's interfaces: panel, Modbus, MQTT."""
 
 import ipaddress
 import re
