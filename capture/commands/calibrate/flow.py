@@ -99,12 +99,12 @@ def sets_given(places: Sequence[Path]) -> tuple[list[CapturedSet], tuple[str, ..
 
 
 def files_given(places: Sequence[Path]) -> tuple[list[Path], list[Path]]:
-    """Return the files of ``--from`` and of its folders: photographs, or sets.
+    """Return the photographs and the sets among the files of ``--from`` and in its folders.
 
     Raises
     ------
     InputError
-        If a folder holds no photographs, or there are both photographs and sets.
+        If a folder holds none of them.
     """
     from capture.sets.light_list import PHOTOGRAPH_SUFFIXES
     from capture.sets.ome_tiff import SUFFIX
@@ -119,7 +119,18 @@ def files_given(places: Sequence[Path]) -> tuple[list[Path], list[Path]]:
             raise InputError(f"{place}: holds no photographs ({', '.join(PHOTOGRAPH_SUFFIXES)})")
         files += found
     sets = [path for path in files if path.name.endswith(SUFFIX)]
-    photographs = [path for path in files if path not in sets]
+    return [path for path in files if path not in sets], sets
+
+
+def photographs_or_sets(places: Sequence[Path]) -> tuple[list[Path], list[Path]]:
+    """Return `files_given`, of which one list is empty.
+
+    Raises
+    ------
+    InputError
+        If there are both photographs and sets, or a folder holds none of them.
+    """
+    photographs, sets = files_given(places)
     if photographs and sets:
         raise InputError("--from names photographs and sets; give one kind of them")
     return photographs, sets

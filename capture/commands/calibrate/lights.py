@@ -18,9 +18,9 @@ from .flow import (
     Target,
     Yes,
     calibration_at,
-    files_given,
     from_files,
     keep_parts,
+    photographs_or_sets,
     place_target,
 )
 
@@ -193,7 +193,7 @@ def _of_files(
     from capture.calibration.sphere_parts import images_of_photographs, images_of_sets
     from capture.sets.captured_set import CapturedSet
 
-    photographs, sets = files_given(given)
+    photographs, sets = photographs_or_sets(given)
     if photographs:
         # Where a highlight is does not depend on the coding of brightness.
         coding = gamma or ("linear" if sphere == "mirror" else None)

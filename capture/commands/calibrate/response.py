@@ -21,9 +21,9 @@ from .flow import (
     Target,
     Yes,
     calibration_at,
-    files_given,
     from_files,
     keep_parts,
+    photographs_or_sets,
     place_target,
 )
 
@@ -93,7 +93,7 @@ def _of_files(
     from capture.sets.captured_set import CapturedSet
     from capture.sets.photographs import read_photographs
 
-    photographs, sets = files_given(given)
+    photographs, sets = photographs_or_sets(given)
     names = [path.name for path in (*photographs, *sets)]
     if photographs:
         times_ms = _exposures_ms(photographs, exposures_ms)

@@ -20,9 +20,9 @@ from .flow import (
     Yes,
     calibration_at,
     captured_targets,
-    files_given,
     from_files,
     keep_parts,
+    photographs_or_sets,
 )
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def _of_files(given: Sequence[Path]) -> tuple[list[npt.NDArray[Any]], Setting, l
     from capture.sets.captured_set import CapturedSet
     from capture.sets.photographs import read_photographs
 
-    photographs, sets = files_given(given)
+    photographs, sets = photographs_or_sets(given)
     source = [path.name for path in (*photographs, *sets)]
     if photographs:
         # Where a corner is does not depend on the coding of brightness.
