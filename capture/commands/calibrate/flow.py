@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -15,6 +15,7 @@ from capture.outputs import check_output
 from classify.errors import InputError
 
 if TYPE_CHECKING:
+    from capture.calibration.parts import PartName
     from capture.calibration.ps4cal import CalibrationFile, MeasuredPart
     from capture.sets.captured_set import CapturedSet
     from rig import Rig
@@ -217,10 +218,11 @@ def ask(request: str) -> None:
 
 
 def keep_parts(
-    path: Path, file: CalibrationFile, parts: Sequence[MeasuredPart], *, json: bool
+    path: Path, parts: Sequence[MeasuredPart], *, json: bool, dropped: Collection[PartName] = ()
 ) -> None:
-    """Write the calibration with parts added or replaced, and print their quality.
+    """Write the calibration with parts added, replaced or dropped, and print their quality.
 
+    The file is read again, because another program may have added parts while these were measured.
     As JSON several parts are a list.
 
     Raises
@@ -228,8 +230,11 @@ def keep_parts(
     InputError
         If the parts that stay are of another rig, camera or frame.
     """
-    staying = file.records.keys() - {each.name for each in parts}
+    file = calibration_at(path)
+    staying = file.records.keys() - {each.name for each in parts} - set(dropped)
     kept = file
+    for name in dropped:
+        kept = kept.without_part(name)
     for each in parts:
         for name in sorted(staying):
             # The scale depends on rig, camera and frame only.

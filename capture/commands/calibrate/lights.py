@@ -142,7 +142,7 @@ def lights(
         )
         names = [path.name for path in photographs]
     parts = sphere_parts(spheres, sphere, file, setting, names, diameter_mm)
-    keep_parts(calibration, file, parts, json=json)
+    keep_parts(calibration, parts, json=json)
     if list_file is not None:
         write_light_list(list_file, parts[0].part.lighting, image_names)
     if not json:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -21,6 +21,9 @@ from .flow import (
     keep_parts,
     target_sets,
 )
+
+if TYPE_CHECKING:
+    from capture.calibration.parts import PartName
 
 _SHEET = Target("a white matt sheet", "plate", next_placement="rotate the sheet by 180 degrees")
 # Half a turn cancels a tilt of the sheet and a reflectance that rises along it.
@@ -62,7 +65,8 @@ def plate(
     rows, columns = sets[0].images.shape[1:]
     area = None if mask is None else read_mask(mask, (rows, columns), None)
     parts = plate_parts(sets, file.calibration, area, source)
+    dropped: tuple[PartName, ...] = ()
     if near_lights_are_refuted(file.calibration, parts):
         complain(f"warning: {calibration}: the positions of lights measured before are dropped")
-        file = file.without_part("lights")
-    keep_parts(calibration, file, parts, json=json)
+        dropped = ("lights",)
+    keep_parts(calibration, parts, json=json, dropped=dropped)

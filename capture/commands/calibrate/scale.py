@@ -77,7 +77,7 @@ def scale(
     corners = _corners(checkerboard)
     if (rig is None) == (not given):
         raise InputError("give --rig RIG to capture the board, or --from IMG|SET of it")
-    file = calibration_at(calibration, given or ())
+    calibration_at(calibration, given or ())  # refused before anything is measured
     if rig is None and placements > 1:
         raise InputError("--placements is for a rig; give each picture of the board to --from")
     if rig is None:
@@ -95,7 +95,7 @@ def scale(
             pictures = [board_of_set(captured) for captured in sets]
             setting, source = Setting.of_rig(opened), ["captured"]
     part = scale_part(pictures, corners, square_mm, setting, source)
-    keep_parts(calibration, file, [part], json=json)
+    keep_parts(calibration, [part], json=json)
 
 
 def _corners(text: str) -> tuple[int, int]:

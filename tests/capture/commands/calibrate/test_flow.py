@@ -19,6 +19,7 @@ from capture.commands.calibrate.flow import (
 )
 from capture.errors import CalibrationError
 from classify import InputError
+from classify.calibration.dark import Dark
 from classify.calibration.scale import Scale
 from rig import Rig
 
@@ -78,15 +79,31 @@ def test_a_part_is_added_then_replaced_and_others_stay(
     path = tmp_path / "rig.ps4cal"
     setting = Setting.of_rig(rig)
     part = MeasuredPart.now("scale", SCALE, setting, "Good.", {"mm_per_px": 0.05}, ())
-    file = calibration_at(path)
-    keep_parts(path, file, [part], json=False)
+    keep_parts(path, [part], json=False)
     assert "scale added. Good.\n  mm per px: 0.05\n" in capsys.readouterr().out
-    keep_parts(path, calibration_at(path), [part], json=False)
+    keep_parts(path, [part], json=False)
     assert "scale replaced. Good." in capsys.readouterr().out
-    keep_parts(path, calibration_at(path), [replace(part, warnings=("worn",))], json=True)
+    keep_parts(path, [replace(part, warnings=("worn",))], json=True)
     printed = capsys.readouterr()
     assert "warning" in printed.err
     assert json.loads(printed.out)["calibration_id"] == CalibrationFile.read(path).hash
+
+
+def test_a_part_that_another_program_adds_meanwhile_stays(
+    rig: Rig, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, setting = tmp_path / "rig.ps4cal", Setting.of_rig(rig)
+    scale = MeasuredPart.now("scale", SCALE, setting, "Good.", {}, ())
+    dark = MeasuredPart.now(
+        "dark", Dark(8.0, 1.0, np.empty((0, 2), np.int32), None, 4095.0), setting, "Good.", {}, ()
+    )
+    calibration_at(path)
+    keep_parts(path, [scale], json=False)  # by the other program
+    keep_parts(path, [dark], json=False)
+    assert CalibrationFile.read(path).records.keys() == {"scale", "dark"}
+    keep_parts(path, [dark], json=False, dropped=("scale",))
+    assert CalibrationFile.read(path).records.keys() == {"dark"}
+    assert "dark replaced. Good." in capsys.readouterr().out
 
 
 def test_a_file_that_is_no_calibration_is_never_replaced(tmp_path: Path) -> None:
