@@ -1,13 +1,15 @@
 """Signals that end a command: SIGINT, SIGTERM, and on POSIX SIGHUP and SIGQUIT.
 
-Before and after a command a signal ends the process at once. During a command it raises
-KeyboardInterrupt in the main thread, so that LEDs go out and temporary files are removed.
+Before a command a signal ends the process at once. During a command it raises KeyboardInterrupt in
+the main thread, so that LEDs go out and temporary files are removed. After a command it is ignored:
+the process ends by itself.
 
 This module imports little, because a signal before `install_handlers` ends in a traceback.
 """
 
 from __future__ import annotations
 
+import atexit
 import math
 import os
 import signal
@@ -26,8 +28,8 @@ _CLEANUP_S = 5.0
 _RETRY_S = 0.01
 _AT_ONCE, _NEVER = -math.inf, math.inf
 
-# Time after which a signal ends the process: _AT_ONCE outside commands, _NEVER in a command until
-# its first interrupt, and the end of the clean-up after that.
+# Time after which a signal ends the process: _AT_ONCE before a command, _NEVER in a command until
+# its first interrupt, and the end of the clean-up after that or after its end.
 _exit_after_s = _AT_ONCE
 _last_signal: int = signal.SIGINT
 _was_interrupted = False
@@ -43,20 +45,28 @@ def install_handlers() -> None:
         if signal.getsignal(number) not in (signal.SIG_IGN, None):
             signal.signal(number, _handle)
     sys.unraisablehook = _handle_lost
+    # The last callback at exit, because it is the first one. Python then takes its handlers away.
+    atexit.register(_ignore_signals)
+
+
+def _ignore_signals() -> None:
+    for number in (each for each in signal.Signals if signal.getsignal(each) is _handle):
+        signal.signal(number, signal.SIG_IGN)
 
 
 @contextmanager
 def interruptible() -> Iterator[None]:
     """Raise KeyboardInterrupt in the block when a signal arrives, once.
 
-    Further signals are ignored while the block cleans up, for at most five seconds.
+    Further signals are ignored while the block cleans up and the process ends, for at most five
+    seconds.
     """
     global _exit_after_s
     _exit_after_s = _NEVER
     try:
         yield
     finally:
-        _exit_after_s = _AT_ONCE
+        _exit_after_s = min(_exit_after_s, time.monotonic() + _CLEANUP_S)
 
 
 def _handle(number: int, frame: FrameType | None) -> None:
@@ -100,6 +110,8 @@ def _retry_later() -> None:
     if hasattr(signal, "setitimer"):
         signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(_last_signal))
         signal.setitimer(signal.ITIMER_REAL, _RETRY_S)
+        # A timer that is left would kill the process once Python has taken this handler away.
+        atexit.register(signal.setitimer, signal.ITIMER_REAL, 0.0)
     else:  # Windows
         import _thread
         import threading

@@ -150,6 +150,54 @@ def test_a_command_is_interrupted_once(run_python: Run, block: str, stdout: str)
     assert run_python(PROGRAM.format(block=block)) == stdout
 
 
+LATE = """
+import signal, sys
+from capture.process.interrupts import install_handlers, interruptible
+
+class Late:
+    def __del__(self, raise_signal=signal.raise_signal, number=signal.{number}):
+        raise_signal(number)
+
+install_handlers()
+with interruptible():
+    sys.late = Late()  # goes when Python has taken its handlers away
+print("done")
+"""
+
+
+@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT"])
+def test_a_signal_at_the_end_of_the_process_does_no_harm(run_python: Run, number: str) -> None:
+    assert run_python(LATE.format(number=number)) == "done\n"
+
+
+def test_a_signal_during_the_last_import_of_a_command_does_no_harm(
+    run_python: Run, tmp_path: Path
+) -> None:
+    """It is raised again a moment later, when the process may be ending."""
+    (tmp_path / "last.py").write_text("import signal\nsignal.raise_signal(signal.SIGTERM)\n")
+    block = f"sys.path.insert(0, {str(tmp_path)!r}); import last"
+    late = "sys.late = type('Late', (), {'__del__': lambda self, wait=time.sleep: wait(0.1)})()"
+    assert run_python(PROGRAM.format(block=f"{late}; {block}") + "print('done')") == "done\n"
+
+
+@pytest.mark.slow
+def test_a_signal_at_any_moment_of_a_command_that_fails_is_one_line(
+    spawn: Spawn, tmp_path: Path
+) -> None:
+    missing = tmp_path / "rig.toml"
+    failed = (2, "", f"ps4rig: {missing}: no such rig configuration")
+    moments = random.Random(3)
+    for _ in range(40):
+        process = spawn("rig", "lights", "off", "--rig", missing)
+        wait_until(handles_sigterm, process)
+        time.sleep(moments.uniform(0.0, 0.6))
+        process.send_signal(moments.choice([signal.SIGINT, signal.SIGTERM, signal.SIGHUP]))
+        stdout, stderr = process.communicate(timeout=DEADLINE_S)
+        assert stderr.count("\n") == 1
+        found = (process.returncode, stdout, stderr)
+        assert found == INTERRUPTED or (*found[:2], stderr.split(";")[0]) == failed
+
+
 def test_signals_that_the_parent_ignores_stay_ignored(run_python: Run) -> None:
     block = "signal.raise_signal(signal.SIGHUP); print('goes on')"
     assert run_python(PROGRAM.format(block=block), before=("nohup",)) == "goes on\n"
