@@ -12,7 +12,7 @@ DEAD_LED_SHARE = 0.1
 # Below this share of the other LEDs' signal an LED is weak: its noise is at least twice theirs.
 WEAK_LED_SHARE = 0.5
 # Least signal of an LED as a share of full scale: 8 of 4095 at 12 bit. A weaker one is lost in the
-# rounding. Of a photograph, whose depth may be a guess, it is a share of the brightest one.
+# rounding. For photographs, whose depth may be a guess: of the brightest signal.
 MIN_SIGNAL_SHARE = 0.002
 # Share of the pixels of a light image at full scale. The solver masks a few specular glints.
 MAX_SATURATED_SHARE = 0.01

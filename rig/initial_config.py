@@ -59,7 +59,7 @@ def initial_config(controllers: Controllers, cameras: Sequence[ListedCamera]) ->
     Parameters
     ----------
     controllers
-        From `answering_controllers`.
+        Controllers that answered, with their ports.
     cameras
         From `rig.v4l2.camera_list.list_cameras`.
     """

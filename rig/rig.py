@@ -13,7 +13,13 @@ from .config.camera import OpencvCameraConfig, V4l2CameraConfig
 from .config.lights import AUTO
 from .config.rig import RigConfig, config_of
 from .errors import ConfigError
-from .lights.discovery import find_controller, known_port, list_serial_ports, ports_to_try
+from .lights.discovery import (
+    find_controller,
+    known_port,
+    list_serial_ports,
+    list_serial_ports_if_possible,
+    ports_to_try,
+)
 from .lights.driver import LightController
 from .lights.recovery import Whereabouts
 from .lights.sequence import require_one_line
@@ -160,8 +166,8 @@ def _whereabouts(port: str, simulation: Simulation | None) -> Whereabouts:
     """Return a search for the ports at which a lost controller may be now."""
     if simulation is not None:
         return lambda: simulation.ports
-    previous = known_port(port, list_serial_ports())
-    return lambda: ports_to_try(previous, list_serial_ports())
+    previous = known_port(port, list_serial_ports_if_possible())
+    return lambda: ports_to_try(previous, list_serial_ports_if_possible())
 
 
 def open_camera(config: RigConfig, simulation: Simulation | None) -> Camera:

@@ -3,6 +3,8 @@
 import tracemalloc
 from collections.abc import Callable
 
+import pytest
+
 from capture.process.memory import resident_bytes
 
 
@@ -22,5 +24,6 @@ def growth_bytes(work: Callable[[int, int], object], first: int, full: int, last
 def resident_mb() -> float:
     """Resident memory of this process."""
     resident = resident_bytes()
-    assert resident is not None, "memory is read from /proc"
+    if resident is None:
+        pytest.skip("memory is read from /proc")
     return resident / 1e6

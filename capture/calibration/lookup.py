@@ -107,7 +107,7 @@ def read_calibration(path: Path) -> CalibrationFile:
 def keep_beside(source: Path, file: CalibrationFile, set_path: Path) -> None:
     """Put a calibration, if missing, where the set at `set_path` finds it.
 
-    Its name has its hash. The file at `source` may have changed since it was read.
+    The file name contains the hash, because the file at `source` may have changed since.
 
     Raises
     ------

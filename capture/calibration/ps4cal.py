@@ -147,7 +147,7 @@ class CalibrationFile:
     calibration: Calibration = field(default_factory=Calibration)
     records: Mapping[PartName, PartRecord] = field(default_factory=dict)
     path: Path | None = None
-    _encoded: _Encoded | None = None
+    _encoded: _Encoded | None = field(default=None, repr=False)
 
     @property
     def hash(self) -> str:
@@ -156,7 +156,7 @@ class CalibrationFile:
 
     @cached_property
     def _encoding(self) -> _Encoded:
-        # A part that was read may be encoded otherwise: directions are normalised again.
+        # Encoding a part again may change last bits, because directions are normalised.
         return self._encoded or _encode(self.calibration, self.records)
 
     def with_part(self, name: PartName, part: Any, record: PartRecord) -> CalibrationFile:

@@ -23,7 +23,7 @@ def available_bytes() -> int | None:
 def _bytes(path: Path, field: str) -> int | None:
     if not path.exists():
         return None
-    for line in path.read_text(encoding="ascii").splitlines():
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
         name, value = line.split(":", 1)
         if name == field:
             return 1024 * int(value.split()[0])  # "kB" in /proc is 1024 bytes

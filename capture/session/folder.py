@@ -35,7 +35,7 @@ _SPARE_BYTES = 64_000
 
 
 def _read_error(path: Path, error: InputError) -> InputError | None:
-    """The error of a set that may be intact because disk or memory failed; None if it is not."""
+    """Return an error that says what to do if disk or memory failed; None for a damaged set."""
     cause = error.__cause__
     if isinstance(cause, MemoryError):
         why = "not enough memory"

@@ -26,8 +26,8 @@ def listening_socket(
     advice
         What to do if it cannot listen there.
     most_unacknowledged_ms
-        A connection ends when sent data stay unacknowledged for this long (not on Windows). It
-        also ends connections with too little unsent data to fill a buffer.
+        A connection ends when sent data stay unacknowledged for this long, where the system has
+        that option (Linux). A lost client is found even if too little is sent to fill a buffer.
     send_buffer_bytes
         Bytes that the system holds for a client that does not read.
 

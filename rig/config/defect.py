@@ -20,7 +20,7 @@ class Defect(Section):
     ----------
     kind
         scratch: a groove between two ridges; dent, bump: smooth and round; stain: another albedo;
-        missing: the texture is levelled, in relief and albedo; foreign: another texture.
+        missing: a patch without texture, in relief and albedo; foreign: another texture.
     x_px, y_px
         Middle of the defect on the part, x right and y up from the point that a `Placement` with
         the shift (0, 0) puts in the middle of the frame.

@@ -105,13 +105,26 @@ def list_serial_ports() -> list[SerialPort]:
 
 def _listed(comports: Callable[[], list[Any]]) -> list[Any]:
     """List the ports; try again, because pyserial fails if a port is unplugged meanwhile."""
-    for _ in range(_TRIES - 1):
-        with suppress(TypeError, ValueError, OSError):
+    failure: Exception | None = None
+    for _ in range(_TRIES):
+        try:
             return list(comports())
-    try:
-        return list(comports())
-    except (TypeError, ValueError, OSError) as error:
-        raise LightControllerError(f"the serial ports cannot be listed ({error})") from error
+        except (TypeError, ValueError, OSError) as error:
+            failure = error
+    raise LightControllerError(f"the serial ports cannot be listed ({failure})") from failure
+
+
+def list_serial_ports_if_possible() -> list[SerialPort]:
+    """List the serial ports, or none if they cannot be listed and the port is known anyway.
+
+    Raises
+    ------
+    ConfigError
+        If pyserial knows no serial ports on this system.
+    """
+    with suppress(LightControllerError):
+        return list_serial_ports()
+    return []
 
 
 def identify(

@@ -22,7 +22,7 @@ from classify.durable_file import sync
 from classify.errors import InputError
 from rig.errors import LightControllerError
 
-from .discovery import SerialPort, identify, list_serial_ports
+from .discovery import SerialPort, identify, list_serial_ports_if_possible
 from .link import ControllerIdentity, ControllerLink
 from .port_holders import port_holders
 
@@ -141,7 +141,8 @@ def flash_port(port: str, files: Sequence[BoardFile], *, dry_run: bool = False) 
     if holders := port_holders(port):
         raise LightControllerError(f"{port}: in use by {holders[0]}; close that first")
     # The device's number may change when the board resets.
-    port = next((each.by_id or port for each in list_serial_ports() if each.device == port), port)
+    listed = list_serial_ports_if_possible()
+    port = next((each.by_id or port for each in listed if each.device == port), port)
     running = _running_controller(port, stop=not dry_run)
     before = running.firmware_version if running else None
     if dry_run:

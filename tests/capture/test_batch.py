@@ -62,7 +62,7 @@ class Cluster:
         return self.address
 
     def _has_two_workers(self, known: Mapping[str, Any]) -> bool:
-        """Replace dead workers; whether the scheduler knows the two living ones, and no other.
+        """Replace dead workers; return whether the scheduler knows just the two living ones.
 
         A killed worker is not dead at once, nor forgotten.
         """
@@ -474,8 +474,3 @@ def test_a_scheduler_that_stops_is_an_input_error(tmp_path: Path) -> None:
         threading.Timer(0.2, cluster.stop).start()
         with pytest.raises(InputError, match="the connection to the cluster broke"):
             next(results)
-
-
-def test_a_missing_library_is_an_error_that_names_it(sets: Path, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"gone\.ps4lib: no such"):
-        classify_set(next(sets.glob("*.ome.tif")), tmp_path / "gone.ps4lib")

@@ -59,7 +59,7 @@ def dark(
     """
     if (rig is None) == (not given):
         raise InputError("give --rig RIG, or --from IMG with photographs of the covered lens")
-    calibration_at(calibration, given or ())  # refused before anything is measured
+    file = calibration_at(calibration, given or ())
     if rig is None:
         part = _of_photographs(given or [], gamma, bits)
     else:
@@ -69,7 +69,7 @@ def dark(
             raise InputError("--bits and --gamma are for photographs; leave them out with --rig")
         with open_rig(rig) as opened:
             part = _of_rig(opened, yes)
-    keep_parts(calibration, [part], json=json)
+    keep_parts(calibration, file, [part], json=json)
 
 
 def _of_rig(rig: Rig, yes: bool) -> MeasuredPart:

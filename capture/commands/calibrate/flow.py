@@ -62,18 +62,18 @@ class Target:
     ----------
     what
         Its name after "put", such as "a white matt sheet".
-    next_placement
-        What to do for each further placement, as a request.
     surface
-        The same for the simulated rig; see `rig.Placement`.
+        Its name for the simulated rig; see `rig.Placement`.
     size_mm
         Diameter of a sphere or side of a square of the checkerboard, as in `rig.Placement`.
+    next_placement
+        What to do for each further placement, as a request; None if there is one only.
     """
 
     what: str
     surface: str
     size_mm: float | None = None
-    next_placement: str = ""
+    next_placement: str | None = None
 
 
 def calibration_at(path: Path, inputs: Sequence[Path] = ()) -> CalibrationFile:
@@ -124,7 +124,7 @@ def files_given(places: Sequence[Path]) -> tuple[list[Path], list[Path]]:
 
 
 def photographs_or_sets(places: Sequence[Path]) -> tuple[list[Path], list[Path]]:
-    """Return `files_given`, of which one list is empty.
+    """Return photographs and sets as `files_given`; one of the two lists is empty.
 
     Raises
     ------
@@ -206,7 +206,7 @@ def place_target(
             change["shift_px"] = shift_px
         simulation.place(simulation.placement.model_copy(update=change))
     elif not yes:
-        what = target.next_placement if again else f"put {target.what} under the camera"
+        what = (again and target.next_placement) or f"put {target.what} under the camera"
         ask(f"{what}, then press Enter")
 
 
@@ -218,19 +218,34 @@ def ask(request: str) -> None:
 
 
 def keep_parts(
-    path: Path, parts: Sequence[MeasuredPart], *, json: bool, dropped: Collection[PartName] = ()
+    path: Path,
+    used: CalibrationFile,
+    parts: Sequence[MeasuredPart],
+    *,
+    json: bool,
+    dropped: Collection[PartName] = (),
 ) -> None:
     """Write the calibration with parts added, replaced or dropped, and print their quality.
 
-    The file is read again, because another program may have added parts while these were measured.
-    As JSON several parts are a list.
+    The file is read again, because another program may have added parts while these were measured
+    with the calibration `used`. As JSON several parts are a list.
 
     Raises
     ------
     InputError
-        If the parts that stay are of another rig, camera or frame.
+        If the parts that stay are of another rig, camera or frame, or dark or response was measured
+        anew meanwhile.
     """
+    from capture.calibration.parts import PART_NAMES
+
     file = calibration_at(path)
+    changed = [each for each in PART_NAMES if file.records.get(each) != used.records.get(each)]
+    if old := {"dark", "response"}.intersection(changed):
+        names = " and ".join(sorted(old))
+        raise InputError(
+            f"{path}: its {names} was measured meanwhile by another program; try again"
+        )
+    dropped = [each for each in dropped if each not in changed]
     staying = file.records.keys() - {each.name for each in parts} - set(dropped)
     kept = file
     for name in dropped:

@@ -129,7 +129,7 @@ def lights(
             f"a {sphere} sphere",
             f"{sphere}_sphere",
             diameter_mm,
-            "move the sphere to another place in the frame",
+            next_placement="move the sphere to another place in the frame",
         )
         with open_rig(rig) as opened:
             sets = list(_captured(opened, target, placements, yes))
@@ -142,7 +142,7 @@ def lights(
         )
         names = [path.name for path in photographs]
     parts = sphere_parts(spheres, sphere, file, setting, names, diameter_mm)
-    keep_parts(calibration, parts, json=json)
+    keep_parts(calibration, file, parts, json=json)
     if list_file is not None:
         write_light_list(list_file, parts[0].part.lighting, image_names)
     if not json:

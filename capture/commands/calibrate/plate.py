@@ -69,4 +69,4 @@ def plate(
     if near_lights_are_refuted(file.calibration, parts):
         complain(f"warning: {calibration}: the positions of lights measured before are dropped")
         dropped = ("lights",)
-    keep_parts(calibration, parts, json=json, dropped=dropped)
+    keep_parts(calibration, file, parts, json=json, dropped=dropped)

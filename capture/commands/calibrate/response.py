@@ -77,7 +77,7 @@ def response(
             raise InputError("--exposures-ms and --gamma are for photographs; leave them out")
         with open_rig(rig) as opened:
             parts = _of_rig(opened, file.calibration, yes)
-    keep_parts(calibration, parts, json=json)
+    keep_parts(calibration, file, parts, json=json)
 
 
 def _of_files(

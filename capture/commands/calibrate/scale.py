@@ -77,7 +77,7 @@ def scale(
     corners = _corners(checkerboard)
     if (rig is None) == (not given):
         raise InputError("give --rig RIG to capture the board, or --from IMG|SET of it")
-    calibration_at(calibration, given or ())  # refused before anything is measured
+    file = calibration_at(calibration, given or ())
     if rig is None and placements > 1:
         raise InputError("--placements is for a rig; give each picture of the board to --from")
     if rig is None:
@@ -87,7 +87,7 @@ def scale(
             "a checkerboard",
             "checkerboard",
             square_mm,
-            "tilt the checkerboard by 15 to 30 degrees, about another axis each time",
+            next_placement="tilt the board by 15 to 30 degrees, about another axis each time",
         )
         with open_rig(rig) as opened:
             rotations_deg = [_ROTATION_DEG * k for k in range(placements)]
@@ -95,7 +95,7 @@ def scale(
             pictures = [board_of_set(captured) for captured in sets]
             setting, source = Setting.of_rig(opened), ["captured"]
     part = scale_part(pictures, corners, square_mm, setting, source)
-    keep_parts(calibration, [part], json=json)
+    keep_parts(calibration, file, [part], json=json)
 
 
 def _corners(text: str) -> tuple[int, int]:

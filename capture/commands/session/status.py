@@ -27,7 +27,9 @@ def status(
     session = read_session(folder)
     gone = set(session.missing())
     read = progress(session.read_again(), len(session.plan) - len(gone), "sets")
-    damaged = {planned: why for planned, why in read if isinstance(why, str | InputError)}
+    unread = {planned: why for planned, why in read if isinstance(why, str | InputError)}
+    damaged = {planned: why for planned, why in unread.items() if isinstance(why, str)}
+    unreadable = {planned: why for planned, why in unread.items() if planned not in damaged}
     missing = [each for each in session.plan.sets() if each in gone or each in damaged]
     found = {each: session.journal.entry_of(each) for each in session.plan.sets()}
     entries = [entry for entry in found.values() if entry is not None]
@@ -40,7 +42,10 @@ def status(
                 "planned": len(session.plan),
                 "missing": [_as_json(each) for each in missing],
                 "damaged": [
-                    {**_as_json(each), "reason": str(reason)} for each, reason in damaged.items()
+                    {**_as_json(each), "reason": reason} for each, reason in damaged.items()
+                ],
+                "unreadable": [
+                    {**_as_json(each), "reason": str(why)} for each, why in unreadable.items()
                 ],
                 "skipped": [entry.model_dump(mode="json") for entry in skipped],
                 "warned": [entry.model_dump(mode="json") for entry in warned],
@@ -76,8 +81,9 @@ def status(
             soft_wrap=True,
         )
     for planned, reason in damaged.items():
-        said = f"its file is damaged: {reason}" if isinstance(reason, str) else reason
-        out.print(f"{planned}: {said}", soft_wrap=True)
+        out.print(f"{planned}: its file is damaged: {reason}", soft_wrap=True)
+    for planned, why in unreadable.items():
+        out.print(f"{planned}: {why}", soft_wrap=True)
     for entry in warned:
         assert entry.measures is not None
         out.print(f"{entry.file}: {'; '.join(entry.measures.warnings)}", soft_wrap=True)

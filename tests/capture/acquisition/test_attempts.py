@@ -360,7 +360,7 @@ def test_each_attempt_shows_its_images_before_they_are_checked(rig: Rig) -> None
 def test_a_second_attempt_follows_a_tripped_watchdog(rig: Rig) -> None:
     def hang() -> None:
         assert rig.simulation is not None
-        rig.simulation.clock.keep_alive_with(None)  # stops the heartbeat
+        rig.simulation.clock.keep_alive_with(None)  # stops the keep-alive
         rig.clock.sleep_s(5.5)
 
     (cause,) = capture_set(under(rig, 1, hang)).metadata.failed_attempts

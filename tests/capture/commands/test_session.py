@@ -110,6 +110,21 @@ def test_what_is_missing_is_named_and_captured_by_resume(ps4rig: Command, plan: 
     assert json.loads(ps4rig("session", "status", "fabrics", "--json").stdout)["missing"] == []
 
 
+def test_a_set_that_cannot_be_read_for_a_moment_is_not_missing(
+    ps4rig: Command, plan: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert ps4rig("session", "run", plan, "--yes").exit_code == 0
+
+    def fails(*_: object, **__: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr("tifffile.TiffPage.asarray", fails)
+    answer = json.loads(ps4rig("session", "status", "fabrics", "--json").stdout)
+    assert (answer["missing"], answer["damaged"], len(answer["unreadable"])) == ([], [], 4)
+    assert "may be intact; try again" in answer["unreadable"][0]["reason"]
+    assert "(not enough memory), but may be intact" in ps4rig("session", "status", "fabrics").stdout
+
+
 def test_a_damaged_set_is_named_and_captured_by_resume(ps4rig: Command, plan: Path) -> None:
     assert ps4rig("session", "run", plan, "--yes").exit_code == 0
     path = plan.parent / "fabrics" / "sets" / "sand-1-0-1.ome.tif"

@@ -19,6 +19,7 @@ from rig.lights.discovery import (
     identify,
     known_port,
     list_serial_ports,
+    list_serial_ports_if_possible,
     ports_to_try,
 )
 from rig.lights.driver import LightController
@@ -230,6 +231,7 @@ def test_ports_that_cannot_be_listed_are_an_error_and_not_missing(
     monkeypatch.setattr("serial.tools.list_ports.comports", fails)
     with pytest.raises(LightControllerError, match=r"cannot be listed .*/sys/class/tty"):
         list_serial_ports()
+    assert list_serial_ports_if_possible() == []
 
 
 def test_holders_are_found_through_links_until_they_end(

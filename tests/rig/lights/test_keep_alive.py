@@ -140,12 +140,12 @@ def test_a_thread_keeps_the_led_on_in_real_time_until_the_rig_is_closed() -> Non
 
 def test_a_stopped_keep_alive_makes_no_further_call() -> None:
     calls: list[float] = []
-    beats = KeepAliveThread(lambda: calls.append(time.monotonic()) or 0.01)  # type: ignore[func-returns-value]
+    keep_alive = KeepAliveThread(lambda: calls.append(time.monotonic()) or 0.01)  # type: ignore[func-returns-value]
     deadline_s = time.monotonic() + 60.0
     while len(calls) < 2:
         assert time.monotonic() < deadline_s
         time.sleep(0.01)
-    beats.stop(60.0)
+    keep_alive.stop(60.0)
     count = len(calls)
     time.sleep(0.05)
     assert len(calls) == count

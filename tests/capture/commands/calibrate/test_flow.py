@@ -79,11 +79,11 @@ def test_a_part_is_added_then_replaced_and_others_stay(
     path = tmp_path / "rig.ps4cal"
     setting = Setting.of_rig(rig)
     part = MeasuredPart.now("scale", SCALE, setting, "Good.", {"mm_per_px": 0.05}, ())
-    keep_parts(path, [part], json=False)
+    keep_parts(path, CalibrationFile(), [part], json=False)
     assert "scale added. Good.\n  mm per px: 0.05\n" in capsys.readouterr().out
-    keep_parts(path, [part], json=False)
+    keep_parts(path, calibration_at(path), [part], json=False)
     assert "scale replaced. Good." in capsys.readouterr().out
-    keep_parts(path, [replace(part, warnings=("worn",))], json=True)
+    keep_parts(path, calibration_at(path), [replace(part, warnings=("worn",))], json=True)
     printed = capsys.readouterr()
     assert "warning" in printed.err
     assert json.loads(printed.out)["calibration_id"] == CalibrationFile.read(path).hash
@@ -97,13 +97,16 @@ def test_a_part_that_another_program_adds_meanwhile_stays(
     dark = MeasuredPart.now(
         "dark", Dark(8.0, 1.0, np.empty((0, 2), np.int32), None, 4095.0), setting, "Good.", {}, ()
     )
-    calibration_at(path)
-    keep_parts(path, [scale], json=False)  # by the other program
-    keep_parts(path, [dark], json=False)
-    assert CalibrationFile.read(path).records.keys() == {"scale", "dark"}
-    keep_parts(path, [dark], json=False, dropped=("scale",))
+    before = calibration_at(path)
+    keep_parts(path, before, [scale], json=False)  # by the other program
+    keep_parts(path, before, [dark], json=False, dropped=("scale",))
+    both = CalibrationFile.read(path)
+    assert both.records.keys() == {"scale", "dark"}
+    assert "dark added. Good." in capsys.readouterr().out
+    with pytest.raises(InputError, match="its dark was measured meanwhile by another program"):
+        keep_parts(path, before, [scale], json=False)
+    keep_parts(path, both, [dark], json=False, dropped=("scale",))
     assert CalibrationFile.read(path).records.keys() == {"dark"}
-    assert "dark replaced. Good." in capsys.readouterr().out
 
 
 def test_a_file_that_is_no_calibration_is_never_replaced(tmp_path: Path) -> None:
