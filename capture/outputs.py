@@ -1,5 +1,6 @@
 """Check an output file before a command starts its work."""
 
+import os
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -17,7 +18,7 @@ def check_output(
     path
         The output file. A symbolic link stands for the file that it leads to.
     suffix
-        The required end of the name, such as ``.ome.tif``.
+        The required end of the name, such as ``.ome.tif``; also of the file that a link leads to.
     inputs
         Files that the command reads. The output never replaces one of them, not even with `force`.
     force
@@ -30,6 +31,9 @@ def check_output(
     """
     if not path.name.endswith(suffix):
         raise InputError(f"{path}: the name of the output must end in {suffix}")
+    target = Path(os.path.realpath(path))
+    if not target.name.endswith(suffix):
+        raise InputError(f"{path}: leads to {target}, whose name does not end in {suffix}")
     require_folder(path)
     if not path.exists():
         return

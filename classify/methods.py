@@ -15,6 +15,16 @@ def default_method(lights: int) -> Method:
     return "least_squares" if lights > 4 else "ps4_robust"
 
 
+def only_method(lights: int) -> Method:
+    """`default_method`, or for three lights the solver that takes three.
+
+    For work that offers no choice. Where there is a choice, three lights need one: they show no
+    shadow.
+    """
+    method = default_method(lights)
+    return method if suits(method, lights) else "least_squares"
+
+
 def suits(method: Method, lights: int) -> bool:
     """Whether a solver takes that many lights; one not in the table takes four."""
     return lights >= _LEAST_LIGHTS[method] if method in _LEAST_LIGHTS else lights == 4

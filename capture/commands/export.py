@@ -9,6 +9,7 @@ import typer
 
 from capture.console import out, print_json, reported
 from classify.errors import InputError
+from classify.methods import only_method
 
 from . import options
 
@@ -41,6 +42,7 @@ def export(
     from capture.exchange.numpy_file import write_numpy_file
     from capture.outputs import check_output
     from capture.sets.captured_set import CapturedSet
+    from capture.sets.ome_tiff import read_header
 
     suffix = output.suffix.lower()
     if suffix and (maps or suffix not in _SUFFIXES):
@@ -53,7 +55,9 @@ def export(
         check_output(output, suffix=output.suffix, inputs=[captured_set], force=force)
     said: dict[str, str | tuple[str, ...]] = {"set": str(captured_set), "output": str(output)}
     if maps:
-        said["files"] = solve_set(SolveTask(captured_set, output), None).files
+        metadata, _ = read_header(captured_set)
+        method = only_method(len(metadata.lighting.directions))
+        said["files"] = solve_set(SolveTask(captured_set, output), method).files
     elif suffix in _HEIGHTS:
         said["unit"] = _write_height(captured_set, output)
     elif suffix:
@@ -88,7 +92,7 @@ def _write_height(captured_set: Path, output: Path) -> str:
     loaded = LoadedSet.of(captured_set)
     known = loaded.calibration
     with named(captured_set):
-        surface = loaded.captured.solve(calibration=known)
+        surface = loaded.captured.solve(loaded.only_method, calibration=known)
     mm_per_px = None if known is None else known.mm_per_px
     per_px, unit = (1.0, "px, relative") if mm_per_px is None else (mm_per_px, "mm")
     height = integrate_gradients(surface.p, surface.q)

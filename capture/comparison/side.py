@@ -69,7 +69,7 @@ def side_of(path: Path) -> Side:
 def _set(path: Path) -> Side:
     loaded = LoadedSet.of(path)
     captured, known = loaded.captured, loaded.calibration
-    surface = captured.solve(calibration=known)
+    surface = captured.solve(loaded.only_method, calibration=known)
     scale = None if known is None or known.scale is None else known.scale.mm_per_px
     height = integrate_gradients(surface.p, surface.q)
     height *= 1.0 if scale is None else scale
@@ -87,7 +87,7 @@ def _set(path: Path) -> Side:
             name: {"date": str(record.date), "quality": record.quality}
             for name, record in records.items()
         }
-    texture = loaded.solve_texture(None, planar=True)
+    texture = loaded.solve_texture(loaded.only_method, planar=True)
     about = captured.metadata
     return Side(path, surface, texture, maps, facts, about.simulated, about.orientation_deg)
 

@@ -70,7 +70,7 @@ class HeightMap:
                 f"metadata field created_utc: {metadata.created_utc!r} is not a date; capture the "
                 "part again, or export to .ply or .stl"
             ) from None
-        surface = loaded.captured.solve(calibration=known)
+        surface = loaded.captured.solve(loaded.only_method, calibration=known)
         if not surface.valid.any():
             raise SetRejected("no pixel can be solved; check exposure and lights")
         heights_mm = integrate_gradients(surface.p, surface.q)

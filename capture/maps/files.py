@@ -1,6 +1,7 @@
 """The maps of a solved set as files: float32 TIFF, PNG, JSON and a page."""
 
 import json
+from collections.abc import Iterable
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import numpy.typing as npt
 from capture.sets.captured_set import CapturedSet
 from classify import Lighting, SurfaceEstimate
 from classify.durable_folder import durable_folder
+from classify.errors import InputError
 from classify.shadow_rule import NO_DROPPED_LIGHT
 
 from . import pictures
@@ -36,6 +38,7 @@ def write_maps(
     mm_per_px: float | None = None,
     calibration: str | None = None,
     raw_residual: float | None = None,
+    inputs: Iterable[Path] = (),
 ) -> list[Path]:
     """Write all maps of a surface, and an `index.html` that shows them.
 
@@ -56,11 +59,14 @@ def write_maps(
         without it they are relative, in pixels.
     calibration, raw_residual
         Name of the calibration that was used, and the `residual_share` without it.
+    inputs
+        Files that the surface comes from. No map replaces one of them.
 
     Raises
     ------
     InputError
-        If the folder cannot be made or written to, or `light` is not one light.
+        If the folder cannot be made or written to, a map would replace an input, or `light` is not
+        one light.
     """
     maps = SurfaceMaps.of(surface, light, mm_per_px)
     unit = maps.length_unit
@@ -114,6 +120,9 @@ def write_maps(
     }
     tiff_names = [f"{name}.tif" for name in (*tiffs, "normals", *masks)]
     names = [*tiff_names, *(f"{name}.png" for name in pngs), *texts]
+    for path in (folder / name for name in names):
+        if path.exists() and any(path.samefile(each) for each in inputs):
+            raise InputError(f"{path}: is an input of this command; choose another folder")
     with durable_folder(folder, names, first=_PAGE) as temporary:
         for name, (values, about) in tiffs.items():
             write_values(

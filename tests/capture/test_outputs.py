@@ -46,3 +46,14 @@ def test_other_names_and_places_are_refused(tmp_path: Path) -> None:
     refuse(tmp_path / "none" / "a.ome.tif", "there is no folder", force=True)
     (tmp_path / "folder.ome.tif").mkdir()
     refuse(tmp_path / "folder.ome.tif", "not a regular file", force=True)
+
+
+def test_a_link_to_a_file_of_another_kind_is_refused(tmp_path: Path) -> None:
+    """It may be the rig or the calibration of the command."""
+    rig, link = tmp_path / "rig.toml", tmp_path / "a.ome.tif"
+    rig.write_text("[lights]")
+    link.symlink_to(rig)
+    refuse(link, r"leads to .*rig\.toml, whose name does not end in \.ome\.tif", force=True)
+    link.unlink()
+    link.symlink_to(link)
+    refuse(link / "b.ome.tif", "there is no folder", force=True)

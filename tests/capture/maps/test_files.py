@@ -198,6 +198,16 @@ def test_relighting_needs_exactly_one_light(
     assert not (tmp_path / "maps").exists()
 
 
+def test_no_map_replaces_an_input(
+    captured: CapturedSet, surface: SurfaceEstimate, tmp_path: Path
+) -> None:
+    kept = tmp_path / "p.tif"
+    kept.write_bytes(b"a set")
+    with pytest.raises(InputError, match=r"p\.tif: is an input of this command"):
+        write_maps(captured, surface, tmp_path, inputs=[tmp_path / "set.ome.tif", kept])
+    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("p.tif", b"a set")]
+
+
 def test_an_interrupted_solve_leaves_the_maps_of_the_set_before(
     captured: CapturedSet, surface: SurfaceEstimate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
