@@ -1,5 +1,6 @@
 """The start of ``ps4rig`` and ``python -m capture``."""
 
+import os
 import sys
 
 from .process.interrupts import INTERRUPTED_LINE, INTERRUPTED_STATUS, install_handlers
@@ -9,6 +10,8 @@ def main() -> None:
     """Run the command line and end the process with its exit status."""
     # Before everything else, because the imports below take most of the start-up time.
     install_handlers()
+    if not os.environ.get("COLUMNS", "1").strip("0"):
+        del os.environ["COLUMNS"]  # a terminal without a width would show nothing
     from .process.crash_log import log_threads, report_crash
     from .process.streams import StandardStreams
 

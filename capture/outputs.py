@@ -39,7 +39,12 @@ def check_output(
         return
     if not path.is_file():
         raise InputError(f"{path}: exists and is not a regular file; choose another name")
-    if any(each.exists() and each.samefile(path) for each in inputs):
+    if is_input(path, inputs):
         raise InputError(f"{path}: is an input of this command; choose another output")
     if not force:
         raise InputError(f"{path}: exists already; choose another name or give --force")
+
+
+def is_input(path: Path, inputs: Iterable[Path]) -> bool:
+    """Whether an existing file is one of `inputs`, under any name."""
+    return any(each.exists() and each.samefile(path) for each in inputs)

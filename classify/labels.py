@@ -1,5 +1,7 @@
 """The rule for labels, the names of texture classes."""
 
+import unicodedata
+
 from .errors import InputError
 
 
@@ -14,7 +16,7 @@ def checked_label(label: str) -> str:
     """
     if not label.isprintable():
         raise InputError(f"label {label!r}: use printable characters only")
-    if label.strip().casefold() == "unknown":
+    if unicodedata.normalize("NFKC", label).strip().casefold() == "unknown":
         raise InputError(
             f"label {label!r}: 'unknown' stands for a surface that matches no class; "
             "choose another label"

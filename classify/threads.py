@@ -18,6 +18,8 @@ Result = TypeVar("Result")
 # enough that threads end at about the same time.
 STRIP_PX = 1 << 17
 
+_MOST_THREADS = 1024  # more than any machine has processors, and fewer than the system refuses
+
 _count: int | None = None
 _is_bound = False
 _workers: Workers | None = None
@@ -33,15 +35,17 @@ def thread_count() -> int:
     Raises
     ------
     InputError
-        If ``NUMBA_NUM_THREADS`` is not a positive whole number.
+        If ``NUMBA_NUM_THREADS`` is not a whole number from 1 to 1024.
     """
     if _count is not None:
         return _count
     text = os.environ.get("NUMBA_NUM_THREADS", "").strip()
     if not text:
         return len(usable_processors())
-    if not text.isdecimal() or int(text) < 1:
+    if not text.isdecimal() or not text.strip("0"):
         raise InputError(f"NUMBA_NUM_THREADS is {text!r}; give a whole number from 1, or unset it")
+    if len(text) > 9 or int(text) > _MOST_THREADS:
+        raise InputError(f"NUMBA_NUM_THREADS is {text[:9]}; give {_MOST_THREADS} or fewer")
     return int(text)
 
 

@@ -160,7 +160,8 @@ def _fields(tiff: tifffile.TiffFile, path: Path) -> dict[str, Any]:
             f"{path}: captured-set version {version}, this program reads up to {SCHEMA_VERSION}; "
             "use a newer ps4rig"
         )
-    if version > 1 and fields.get("sha256") != fields_sha256(fields):
+    # Version 1 has no hash: a file that has one was of a later version.
+    if (version > 1 or "sha256" in fields) and fields.get("sha256") != fields_sha256(fields):
         raise InputError(
             f"{path}: the metadata do not match their SHA-256; they were changed after the set "
             "was captured, use the original"

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from capture.console import out, print_json, reported
+from capture.console import complain, out, print_json, reported
 from classify.errors import InputError
 from classify.methods import only_method
 
@@ -42,6 +42,7 @@ def export(
     from capture.exchange.numpy_file import write_numpy_file
     from capture.outputs import check_output
     from capture.sets.captured_set import CapturedSet
+    from capture.sets.metadata import UNPROTECTED
     from capture.sets.ome_tiff import read_header
 
     suffix = output.suffix.lower()
@@ -53,9 +54,11 @@ def export(
         raise InputError(f"{output}: {wrong}")
     if suffix:
         check_output(output, suffix=output.suffix, inputs=[captured_set], force=force)
+    metadata, _ = read_header(captured_set)
+    if not metadata.is_protected:
+        complain(f"warning: {captured_set}: {UNPROTECTED}")
     said: dict[str, str | tuple[str, ...]] = {"set": str(captured_set), "output": str(output)}
     if maps:
-        metadata, _ = read_header(captured_set)
         method = only_method(len(metadata.lighting.directions))
         said["files"] = solve_set(SolveTask(captured_set, output), method).files
     elif suffix in _HEIGHTS:

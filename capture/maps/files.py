@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from capture.outputs import is_input
 from capture.sets.captured_set import CapturedSet
 from classify import Lighting, SurfaceEstimate
 from classify.durable_folder import durable_folder
@@ -121,7 +122,7 @@ def write_maps(
     tiff_names = [f"{name}.tif" for name in (*tiffs, "normals", *masks)]
     names = [*tiff_names, *(f"{name}.png" for name in pngs), *texts]
     for path in (folder / name for name in names):
-        if path.exists() and any(path.samefile(each) for each in inputs):
+        if path.exists() and is_input(path, inputs):
             raise InputError(f"{path}: is an input of this command; choose another folder")
     with durable_folder(folder, names, first=_PAGE) as temporary:
         for name, (values, about) in tiffs.items():

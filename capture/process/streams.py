@@ -3,6 +3,7 @@
 import io
 import os
 import sys
+from pathlib import Path
 from typing import Any, TextIO
 
 BROKEN_PIPE_STATUS = 141  # 128 + SIGPIPE, as shells report it
@@ -26,11 +27,11 @@ class _TolerantFile(io.FileIO):
 
 
 class StandardStreams:
-    """Replace ``sys.stdout`` and ``sys.stderr`` for the rest of the process.
+    """Replace the standard streams for the rest of the process.
 
     After a failed write, such as to a closed pipe, all further output is discarded. So is output to
-    a stream that the parent process has closed. Characters that the stream's encoding lacks are
-    written as escapes.
+    a stream that the parent process has closed; a closed input is empty. Characters that the
+    stream's encoding lacks are written as escapes.
     """
 
     def __init__(self) -> None:
@@ -38,6 +39,8 @@ class StandardStreams:
         while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
             pass
         os.close(descriptor)
+        if sys.stdin is None:
+            sys.stdin = Path(os.devnull).open(encoding="utf-8")  # noqa: SIM115 - to the end
         self._output, sys.stdout = _tolerant(1, sys.stdout)
         _, sys.stderr = _tolerant(2, sys.stderr)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from capture.calibration.lookup import FOLDER as CALIBRATION
 from capture.process.folder_lock import LOCK_FILE_SUFFIX, folder_lock
+from capture.process.log_file import append_line
 from capture.process.utc_time import utc_text
 from capture.sets.captured_set import CapturedSet
 from capture.sets.description import as_captured, corrections_of
@@ -78,12 +79,7 @@ class SessionFolder:
 
     def log(self, line: str) -> None:
         """Append a line with the time to ``session.log``."""
-        path = self.path / LOG
-        try:
-            with path.open("a", encoding="utf-8") as file:
-                file.write(f"{utc_text()} {line}\n")
-        except OSError as error:
-            raise InputError(f"{path}: cannot be written: {error.strerror}") from error
+        append_line(self.path / LOG, f"{utc_text()} {line}")
 
     def reserve(self) -> None:
         """Take the disk space that journal, table and log need at the end of a run.

@@ -98,6 +98,11 @@ class Specimen(Section):
     note: Text | None = None
     surface: str | None = None
 
+    @model_validator(mode="after")
+    def _check_label(self) -> Self:
+        _usable_label(self.label or self.id)
+        return self
+
 
 @dataclass(frozen=True, order=True)
 class PlannedSet:

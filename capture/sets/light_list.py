@@ -8,10 +8,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path, PureWindowsPath
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from classify import Lighting
 from classify.errors import InputError
@@ -19,7 +19,8 @@ from classify.regular_file import read_regular_file
 
 _MAX_BYTES = 2**22  # 16 KiB a light
 _MAX_LIGHTS = 255  # a captured set has up to 256 images, one of them ambient
-Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+_Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]  # no text, no true
+Vector = tuple[_Number, _Number, _Number]
 PHOTOGRAPH_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".tga", ".dng")
 # Words in the names that others give to the keys of this format.
 _ALIKE = {
@@ -40,7 +41,7 @@ class _NamedLight(BaseModel):
     model_config = ConfigDict(frozen=True, extra="ignore")
     file: str
     direction: Vector
-    intensity: float | None = Field(default=None, gt=0.0, allow_inf_nan=False)
+    intensity: Annotated[_Number, Field(gt=0.0)] | None = None
 
 
 class _ImagesFile(BaseModel):

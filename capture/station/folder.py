@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from capture.process.folder_lock import folder_lock
+from capture.process.log_file import append_line
 from capture.process.utc_time import utc_text
 from capture.session.plan import file_name
 from capture.sets.ome_tiff import SUFFIX
@@ -76,10 +77,9 @@ class StationFolder:
         try:
             if path.exists() and path.stat().st_size > _MAX_LOG_BYTES:
                 path.replace(path.with_name(f"{LOG}.1"))
-            with path.open("a", encoding="utf-8") as file:
-                file.write(f"{utc_text(timespec='milliseconds')} {line}\n")
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from error
+        append_line(path, f"{utc_text(timespec='milliseconds')} {line}")
 
 
 def set_file_of(part_id: str, triggered_utc: str) -> str:

@@ -83,6 +83,15 @@ def test_threads_do_not_wait_long_for_one_another(
     assert run_python(THREADS, **given).split() == ["True", used]
 
 
+@pytest.mark.parametrize("count", ["99999", "9" * 5000])
+def test_too_many_threads_are_one_line(run_python: Callable[..., str], count: str) -> None:
+    program = (
+        "import classify.threads as t\ntry: t.thread_count()\nexcept t.InputError as e: print(e)"
+    )
+    said = run_python(program, NUMBA_NUM_THREADS=count)
+    assert said == f"NUMBA_NUM_THREADS is {count[:9]}; give 1024 or fewer\n"
+
+
 @pytest.mark.parametrize("count", ["0", "-1", "many"])
 def test_a_wrong_number_of_threads_is_one_line(
     spawn: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, count: str

@@ -5,7 +5,17 @@ import pytest
 from classify import InputError, LibraryError, TextureLibrary
 from classify.labels import checked_label
 
-REFUSED = ("unknown", "Unknown", " UNKNOWN ", "a\nb", "a\x00", "\x1b[31moak", "\ud800", "a\u2028b")
+REFUSED = (
+    "unknown",
+    "Unknown",
+    " UNKNOWN ",
+    "\uff55\uff4e\uff4b\uff4e\uff4f\uff57\uff4e",
+    "a\nb",
+    "a\x00",
+    "\x1b[31moak",
+    "\ud800",
+    "a\u2028b",
+)
 
 
 @pytest.mark.parametrize("label", ["oak", "grün", "sand 2", "unknown oak", "未知"])

@@ -148,7 +148,7 @@ def _serve(preview: Preview, stack: ExitStack) -> None:
 
 def _has_terminal() -> bool:
     # None if the program was started with stdin closed.
-    return sys.stdin is not None and sys.stdin.isatty()
+    return sys.stdin.isatty()
 
 
 def _show_plan(

@@ -110,6 +110,21 @@ def test_what_is_missing_is_named_and_captured_by_resume(ps4rig: Command, plan: 
     assert json.loads(ps4rig("session", "status", "fabrics", "--json").stdout)["missing"] == []
 
 
+def test_a_rig_of_three_lights_takes_a_session(ps4rig: Command, plan: Path) -> None:
+    """Its sets are solved and compared by least squares without being asked."""
+    rig = plan.with_name("three.toml")
+    rig.write_text(RIG.replace("[camera]", "tilts_deg = [0, 120, 240]\n[camera]"))
+    done = ps4rig("session", "run", plan, "--rig", rig, "--yes")
+    assert done.exit_code == 0, done.stderr
+    assert "at 30" in done.stdout
+    assert ps4rig("session", "report", "fabrics").exit_code == 0
+    first, other = sorted(plan.parent.glob("fabrics/sets/rock*"))
+    for command in (("compare", first, other), ("export", first, "rock.ply"),
+                    ("export", first, "maps", "--maps")):  # fmt: skip
+        done = ps4rig(*command)
+        assert done.exit_code == 0, done.stderr
+
+
 def test_a_set_that_cannot_be_read_for_a_moment_is_not_missing(
     ps4rig: Command, plan: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -72,3 +72,24 @@ def test_an_argument_that_is_not_utf_8_is_one_line(spawn: Spawn) -> None:
         2, "",
         "ps4rig: argument \\udcff.ome.tif: not valid UTF-8; use another text, or rename the file\n",
     )  # fmt: skip
+
+
+def test_a_closed_input_is_empty(run_python: Callable[..., str]) -> None:
+    program = (
+        "import os, sys\nfrom capture.process.streams import StandardStreams\n"
+        "StandardStreams()\nprint(repr(sys.stdin.readline()), sys.stdin.isatty())\n"
+        "print(os.read(sys.stdin.fileno(), 9))"
+    )
+    shell = ("sh", "-c", 'exec "$@" <&-', "sh")
+    assert run_python(program, before=shell) == "'' False\nb''\n"
+
+
+@pytest.mark.parametrize("columns", ["0", ""])
+def test_a_terminal_without_a_width_shows_the_output(
+    spawn: Spawn, monkeypatch: pytest.MonkeyPatch, columns: str
+) -> None:
+    monkeypatch.setenv("COLUMNS", columns)
+    status, stdout, stderr = outcome(spawn("--help"))
+    assert (status, stderr) == (0, "")
+    assert stdout is not None
+    assert "classify" in stdout

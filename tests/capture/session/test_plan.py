@@ -62,6 +62,7 @@ def test_every_commented_key_of_the_example_is_a_key(tmp_path: Path) -> None:
             "becomes part of names of files",
         ),
         ('name = "a"\norientations_deg = [0]' + _SPECIMEN + 'label = "unknown"', "'unknown' sta"),
+        ('name = "a"\norientations_deg = [0]\n[[specimen]]\nid = "Unknown"', "'unknown' sta"),
         ('name = "a"\norientations_deg = [0]' + _SPECIMEN + 'note = "a\\nb"', "use printable"),
         ('name = "a"\norientations_deg = [0, 360]' + _SPECIMEN, "0.0 is named twice"),
         ('name = "a"\norientation_deg = [0]' + _SPECIMEN, "did you mean orientations_deg"),

@@ -142,6 +142,8 @@ def test_json_may_name_its_images(tmp_path: Path, wrapped: bool) -> None:
     [
         ({"intensity": -1}, r"images\.1\.intensity: .*greater than 0, not -1$"),
         ({"intensity": "bright"}, r"images\.1\.intensity: .*, not 'bright'$"),
+        ({"intensity": True}, r"images\.1\.intensity: .*, not True$"),
+        ({"direction": [0, 0, "1"]}, r"images\.1\.direction\.2: .*, not '1'$"),
         ({"direction": [0, 0]}, r"images\.1\.direction\.2: Field required, not \[0, 0\]$"),
     ],
 )
@@ -155,7 +157,8 @@ def test_an_error_in_json_names_the_entry_and_its_value(
 
 
 @pytest.mark.parametrize("content", [
-    {}, 3, "null", [[0, 0]], [[0, 0, "up"]], [[0, 0, None]], "[[0, 0, NaN]]", "[[0, 0, Infinity]]",
+    {}, 3, "null", [[0, 0]], [[True, 0, 1]], [["0", 0, 1]], [[0, 0, "up"]], [[0, 0, None]],
+    "[[0, 0, NaN]]", "[[0, 0, Infinity]]",
     "[[0, 0, 1e999]]", "[[0, 0, 1" + "0" * 400 + "]]", "[" + "1" * 5000 + "]", "[" * 100_000,
     [{"file": "a.png"}], [{"direction": [0, 0, 1]}], {"images": {"a.png": [0, 0, 1]}},
     [{"file": "a.png", "direction": [0, 0, 1]}, [0, 0, 1]],

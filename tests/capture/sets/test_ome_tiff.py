@@ -282,6 +282,7 @@ def test_an_error_in_the_metadata_names_file_and_field(
 @pytest.mark.parametrize("change", [
     lambda f: f["lighting"]["directions"].reverse(), lambda f: f.update(label="ash"),
     lambda f: f.pop("sha256"), lambda f: f.update(orientation_deg=1.0),
+    lambda f: f.update(schema_version=1),
 ])  # fmt: skip
 def test_metadata_edited_by_hand_are_noticed(path: Path, change: Any) -> None:
     with_metadata(path, change, sign=False)

@@ -94,6 +94,7 @@ def test_known_parts_are_found_among_the_results() -> None:
         ("K1,fine\n", "line 1: give ID,good or ID,bad, not 'K1,fine'"),
         ("K1,good\nK1,bad\n", "line 2: K1 is good and bad"),
         ("\n", "names no part"),
+        (f"K1,{'x' * 200_000}\n", "known.csv: not CSV"),
     ],
 )
 def test_a_wrong_list_is_named_with_its_line(tmp_path: Path, text: str, message: str) -> None:

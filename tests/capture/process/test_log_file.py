@@ -1,0 +1,23 @@
+"""Lines appended to log files."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from capture.process.log_file import append_line
+from classify import InputError
+
+
+def test_lines_are_appended(tmp_path: Path) -> None:
+    path = tmp_path / "a.log"
+    for line in ("one", "two é"):
+        append_line(path, line)
+    assert path.read_text(encoding="utf-8") == "one\ntwo é\n"
+
+
+def test_what_may_block_or_cannot_be_written_is_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.log")
+    for name in ("pipe.log", "none/a.log"):
+        with pytest.raises(InputError, match=rf"{name}: cannot be written: "):
+            append_line(tmp_path / name, "line")
