@@ -25,7 +25,8 @@ def verify(
 ) -> None:
     """Check that sets, libraries, calibrations, sessions and stations are whole and unaltered.
 
-    Every file is read and hashed anew, and the sets of a station are compared with its results. The
+    Every file is read and hashed anew, and the sets of a station are compared with its results.
+    Libraries and defect models have checksums against damage only: a recipe keeps their hashes. The
     exit status is 1 if something is missing, altered, without its calibration, or of a schema
     without a hash.
     """

@@ -16,6 +16,7 @@ from classify.texture.angular_harmonics import Complex, harmonics
 from classify.texture.blur import KNOTS_PX2, blur_gains, blurred_fields
 from classify.texture.fields import TextureFields, texture_fields
 from classify.texture.rotated_lights import under_rotated_lights
+from classify.texture.segment_powers import require_segment
 from classify.texture.spectra import RADII, Spectra, field_spectra, polar_radii_px
 from classify.texture.statistics import (
     QUARTERS,
@@ -131,6 +132,7 @@ def observe_training(surface: SurfaceEstimate, segment_px: int) -> JointTraining
 
 
 def _observe_fields(fields: TextureFields, segment_px: int) -> JointObservation:
+    require_segment(fields.shape, segment_px)  # before other work begins
     statistics = beside(partial(local_statistics, fields, levels_for(segment_px)))
     spectra = field_spectra(fields, segment_px)
     return JointObservation(

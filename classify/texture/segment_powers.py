@@ -21,6 +21,21 @@ _LANES = 4
 _FEW_PX = 1 << 17
 
 
+def require_segment(shape: tuple[int, ...], side: int) -> None:
+    """Check that a frame of `shape` holds a segment.
+
+    Raises
+    ------
+    InputError
+        If it is smaller than a segment of `side` pixels.
+    """
+    if min(shape) < side:
+        raise InputError(
+            f"a frame of {shape[1]} x {shape[0]} px is smaller than the "
+            f"{side} px segments of the library; use larger frames"
+        )
+
+
 def segment_powers(fields: TextureFields, side: int) -> FloatMap:
     """Mean powers of overlapping segments, for each wave vector of half a plane.
 
@@ -39,11 +54,7 @@ def segment_powers(fields: TextureFields, side: int) -> FloatMap:
     InputError
         If the frame is smaller than a segment of `side` pixels.
     """
-    if min(fields.shape) < side:
-        raise InputError(
-            f"a frame of {fields.shape[1]} x {fields.shape[0]} px is smaller than the "
-            f"{side} px segments of the library; use larger frames"
-        )
+    require_segment(fields.shape, side)
     rows, columns = (_starts(length, side) for length in fields.shape)
     corners = [(row, column) for row in rows for column in columns]
     pairs = [np.array(corners[first : first + 2]) for first in range(0, len(corners), 2)]

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from classify import Lighting, TextureLibrary, photometric_stereo
-from classify.classifiers import CLASSIFIERS
+from classify import InputError, Lighting, TextureLibrary, photometric_stereo
+from classify.classifiers import CLASSIFIERS, joint_features
 from classify.classifiers.joint_features import CONTRAST_GAINS, spectral_series
 from classify.library.training import observe
 from tests.angles import off_deg
@@ -286,3 +286,15 @@ def test_a_surface_in_shadow_gives_references_for_rotated_lights(low_light) -> N
             assert match.distance <= plain.classify(surface).distance * (1 + 1e-6)
     surface = low_light("brushed", 45.0, seed=2)
     assert off_deg(library.classify(surface).orientation_deg, 75.0) < 3.0
+
+
+def test_a_frame_smaller_than_a_segment_is_refused_before_other_work(
+    surface_of, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Other threads would go on with it, and warn of empty windows after the error."""
+    begun = []
+    monkeypatch.setattr("classify.classifiers.joint_features.beside", begun.append)
+    flat = np.zeros((8, 8))
+    with pytest.raises(InputError, match="a frame of 8 x 8 px is smaller than the 64 px segments"):
+        joint_features.observe(surface_of(flat, flat, flat + 0.5), 64)
+    assert begun == []
