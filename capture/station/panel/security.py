@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 from urllib.parse import parse_qsl, urlsplit
 
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 # The largest form, the settings of a recipe with a reason, has 4 kB.
@@ -160,7 +160,7 @@ async def read_body(request: Request) -> bytes:
     Raises
     ------
     Denied
-        If it is larger or slower.
+        If it is larger, slower, or cut off.
     """
     too_large = Denied(
         413, f"the body has more than {MAX_BODY_BYTES} bytes", {"Connection": "close"}
@@ -179,6 +179,8 @@ async def read_body(request: Request) -> bytes:
         raise Denied(
             408, f"the body took longer than {BODY_S:g} s", {"Connection": "close"}
         ) from None
+    except ClientDisconnect:
+        raise Denied(400, "the body is not complete") from None  # nobody reads this
     return bytes(body)
 
 

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import h11
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
@@ -57,6 +58,16 @@ class _Protocol(H11Protocol):
         super().on_response_complete()
         if self.cycle is before:  # no further request has arrived already
             self._expect_request()
+
+    def send_400_response(self, msg: str) -> None:
+        """Refuse a malformed request. One whose answer has begun is only cut off."""
+        if self.cycle is not None:
+            self.cycle.disconnected = True  # it sends nothing any more
+            self.cycle.message_event.set()
+        if self.conn.our_state in (h11.IDLE, h11.SEND_RESPONSE):
+            super().send_400_response(msg)
+        else:
+            self.transport.close()
 
     def pause_writing(self) -> None:
         super().pause_writing()

@@ -255,6 +255,34 @@ def test_a_body_that_is_none_is_refused(
 # Slowness.
 
 
+@pytest.mark.parametrize("rest", [b"", b"zz\r\n", b"GET / HTTP/1.1\r\n\x00\r\n\r\n", b"\x00\r\n"])
+@pytest.mark.parametrize("begin", [
+    b"POST /api/v1/trigger HTTP/1.1\r\nHost: 127.0.0.1\r\nTransfer-Encoding: chunked\r\n\r\n",
+    b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n",
+    b"GET / HTTP/1.1\r\nHost: elsewhere\r\nTransfer-Encoding: chunked\r\n\r\n",
+    b"",
+])  # fmt: skip
+@pytest.mark.parametrize("wait_s", [0.0, 0.05])
+def test_a_malformed_request_is_no_error_of_the_panel(
+    without_users: RunningPanel,
+    caplog: pytest.LogCaptureFixture,
+    begin: bytes,
+    rest: bytes,
+    wait_s: float,
+) -> None:
+    """Its answer may be on the way when the rest of it arrives."""
+    with connected(without_users) as raw:
+        raw.sendall(begin)
+        time.sleep(wait_s)
+        with suppress(OSError):  # the panel may have closed the connection
+            raw.sendall(rest)
+            raw.shutdown(socket.SHUT_WR)
+            while raw.recv(1 << 16):
+                pass
+    assert without_users.local.get("/").status == 200
+    assert not [each for each in caplog.records if each.levelname == "ERROR"]
+
+
 @pytest.fixture
 def hurried(tmp_path: Path, captured: CapturedSet, monkeypatch: pytest.MonkeyPatch) -> RunningPanel:
     """Make the deadlines short."""
