@@ -58,13 +58,14 @@ def files_below(folder: Path, *names: str) -> list[Path]:
         If it is no folder, or contains none of them.
     """
     if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder")
+        wrong = "is a file; give its folder" if folder.exists() else "no such folder"
+        raise InputError(f"{folder}: {wrong}")
     found = sorted(
         path
         for path in folder.rglob("*")
         if (path.name.endswith(_SUFFIXES) or path.name in (JOURNAL, *names))
         and not (path.parent.name == REPLACED and (path.parent.parent / JOURNAL).is_file())
-        and path.is_file()
+        and not path.is_dir()
         and not path.name.startswith(".")
     )
     if not found:

@@ -1,6 +1,7 @@
 """The command verify."""
 
 import json
+import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -55,6 +56,16 @@ def test_a_whole_archive_is_good(ps4rig: Command, archive: Path) -> None:
     result = ps4rig("verify", archive)
     assert (result.exit_code, result.stdout) == (0, "8 files: 8 good\n")
     assert states(ps4rig, archive, 0) == {}
+
+
+def test_a_pipe_and_a_broken_link_are_not_good(
+    ps4rig: Command, refused: Refused, archive: Path
+) -> None:
+    os.mkfifo(archive / "plain" / "pipe.ome.tif")
+    (archive / "plain" / "gone.ps4lib").symlink_to("nowhere")
+    bad = {"plain/pipe.ome.tif": "altered", "plain/gone.ps4lib": "altered"}
+    assert states(ps4rig, archive, 1) == bad
+    assert "is a file; give its folder" in refused("verify", archive / "textures.ps4lib")
 
 
 def flip(path: Path, offset: int) -> None:
