@@ -1,5 +1,6 @@
 """Log files to which lines are appended."""
 
+import os
 from pathlib import Path
 
 from classify.errors import InputError
@@ -11,12 +12,15 @@ def append_line(path: Path, line: str) -> None:
     Raises
     ------
     InputError
-        If it cannot be written, or is a pipe or a device, which may block.
+        If it cannot be written, or is a pipe without a reader.
     """
     try:
-        if path.exists() and not path.is_file():
-            raise InputError(f"{path}: cannot be written: it is not a regular file")
-        with path.open("a", encoding="utf-8") as file:
+        with open(path, "a", encoding="utf-8", opener=_unblocked) as file:
             file.write(f"{line}\n")
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def _unblocked(path: str, flags: int) -> int:
+    # Opening a pipe without a reader would wait for one. Windows lacks the flag.
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0), 0o666)
