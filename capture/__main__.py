@@ -11,7 +11,7 @@ def main() -> None:
     # Before everything else, because the imports below take most of the start-up time.
     install_handlers()
     if not os.environ.get("COLUMNS", "1").strip("0"):
-        del os.environ["COLUMNS"]  # a terminal without a width would show nothing
+        del os.environ["COLUMNS"]  # rich would print nothing at a width of 0
     from .process.crash_log import log_threads, report_crash
     from .process.streams import StandardStreams
 

@@ -33,7 +33,9 @@ def check_output(
         raise InputError(f"{path}: the name of the output must end in {suffix}")
     target = Path(os.path.realpath(path))
     if not target.name.endswith(suffix):
-        raise InputError(f"{path}: leads to {target}, whose name does not end in {suffix}")
+        raise InputError(
+            f"{path}: leads to {target}, whose name does not end in {suffix}; choose another"
+        )
     require_folder(path)
     if not path.exists():
         return
@@ -46,5 +48,5 @@ def check_output(
 
 
 def is_input(path: Path, inputs: Iterable[Path]) -> bool:
-    """Whether an existing file is one of `inputs`, under any name."""
-    return any(each.exists() and each.samefile(path) for each in inputs)
+    """Whether a file exists and is one of `inputs`, under any name."""
+    return path.exists() and any(each.exists() and each.samefile(path) for each in inputs)

@@ -18,8 +18,8 @@ def default_method(lights: int) -> Method:
 def only_method(lights: int) -> Method:
     """`default_method`, or for three lights the solver that takes three.
 
-    For work that offers no choice. Where there is a choice, three lights need one: they show no
-    shadow.
+    For commands without ``--method``. Commands with it require it for three lights, because three
+    lights show no shadow.
     """
     method = default_method(lights)
     return method if suits(method, lights) else "least_squares"

@@ -44,9 +44,10 @@ def thread_count() -> int:
         return len(usable_processors())
     if not text.isdecimal() or not text.strip("0"):
         raise InputError(f"NUMBA_NUM_THREADS is {text!r}; give a whole number from 1, or unset it")
-    if len(text) > 9 or int(text) > _MOST_THREADS:
-        raise InputError(f"NUMBA_NUM_THREADS is {text[:9]}; give {_MOST_THREADS} or fewer")
-    return int(text)
+    digits = text.lstrip("0")
+    if len(digits) > 9 or int(digits) > _MOST_THREADS:
+        raise InputError(f"NUMBA_NUM_THREADS is over {_MOST_THREADS}; give that or fewer")
+    return int(digits)
 
 
 def set_thread_count(count: int | None) -> None:

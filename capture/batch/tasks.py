@@ -138,7 +138,7 @@ class LoadedSet:
 
     @property
     def only_method(self) -> Method:
-        """The solver of work that offers no choice of one."""
+        """The solver for commands without ``--method``."""
         return only_method(len(self.captured.images))
 
     def solve_texture(self, method: Method | None, *, planar: bool) -> SurfaceEstimate:

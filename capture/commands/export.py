@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from capture.console import complain, out, print_json, reported
+from capture.console import out, print_json, reported
 from classify.errors import InputError
 from classify.methods import only_method
 
@@ -37,12 +37,11 @@ def export(
     json: options.Json = False,
 ) -> None:
     """Write a captured set, or its height, for other programs."""
-    from capture.batch.tasks import SolveTask, solve_set
+    from capture.batch.tasks import SolveTask, solve_set, warn_unprotected
     from capture.exchange.light_folder import write_light_folder
     from capture.exchange.numpy_file import write_numpy_file
     from capture.outputs import check_output
     from capture.sets.captured_set import CapturedSet
-    from capture.sets.metadata import UNPROTECTED
     from capture.sets.ome_tiff import read_header
 
     suffix = output.suffix.lower()
@@ -55,8 +54,7 @@ def export(
     if suffix:
         check_output(output, suffix=output.suffix, inputs=[captured_set], force=force)
     metadata, _ = read_header(captured_set)
-    if not metadata.is_protected:
-        complain(f"warning: {captured_set}: {UNPROTECTED}")
+    warn_unprotected([(captured_set, metadata.is_protected)])
     said: dict[str, str | tuple[str, ...]] = {"set": str(captured_set), "output": str(output)}
     if maps:
         method = only_method(len(metadata.lighting.directions))

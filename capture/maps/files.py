@@ -1,7 +1,7 @@
 """The maps of a solved set as files: float32 TIFF, PNG, JSON and a page."""
 
 import json
-from collections.abc import Iterable
+from collections.abc import Collection
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -39,7 +39,7 @@ def write_maps(
     mm_per_px: float | None = None,
     calibration: str | None = None,
     raw_residual: float | None = None,
-    inputs: Iterable[Path] = (),
+    inputs: Collection[Path] = (),
 ) -> list[Path]:
     """Write all maps of a surface, and an `index.html` that shows them.
 
@@ -122,7 +122,7 @@ def write_maps(
     tiff_names = [f"{name}.tif" for name in (*tiffs, "normals", *masks)]
     names = [*tiff_names, *(f"{name}.png" for name in pngs), *texts]
     for path in (folder / name for name in names):
-        if path.exists() and is_input(path, inputs):
+        if is_input(path, inputs):
             raise InputError(f"{path}: is an input of this command; choose another folder")
     with durable_folder(folder, names, first=_PAGE) as temporary:
         for name, (values, about) in tiffs.items():

@@ -1,8 +1,8 @@
 """Signals that end a command: SIGINT, SIGTERM, and on POSIX SIGHUP and SIGQUIT.
 
 Before a command a signal ends the process at once. During a command it raises KeyboardInterrupt in
-the main thread, so that LEDs go out and temporary files are removed. After a command it is ignored:
-the process ends by itself.
+the main thread, so that LEDs go out and temporary files are removed. After a command it is ignored
+for five seconds, in which the process ends by itself.
 
 This module imports little, because a signal before `install_handlers` ends in a traceback.
 """
@@ -19,6 +19,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
 
+# Windows has only the first two.
+_ENDING = [
+    getattr(signal, name)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT")
+    if hasattr(signal, name)
+]
 INTERRUPTED_STATUS = 130  # 128 + SIGINT, as shells report it
 INTERRUPTED_LINE = "ps4rig: interrupted"
 # Time for a command to clean up undisturbed. It covers the time-outs of a controller that no longer
@@ -40,18 +46,19 @@ def install_handlers() -> None:
 
     ``nohup`` ignores SIGHUP, and a shell ignores SIGINT for jobs in the background.
     """
-    names = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT")
-    for number in (getattr(signal, name) for name in names if hasattr(signal, name)):
+    for number in _ENDING:
         if signal.getsignal(number) not in (signal.SIG_IGN, None):
             signal.signal(number, _handle)
     sys.unraisablehook = _handle_lost
-    # The last callback at exit, because it is the first one. Python then takes its handlers away.
+    # The first one that is registered is called last. Python then takes its handlers away.
     atexit.register(_ignore_signals)
 
 
 def _ignore_signals() -> None:
-    for number in (each for each in signal.Signals if signal.getsignal(each) is _handle):
-        signal.signal(number, signal.SIG_IGN)
+    """Ignore signals from now on; if Python hangs after this, only SIGKILL ends the process."""
+    for number in _ENDING:
+        if signal.getsignal(number) is _handle:
+            signal.signal(number, signal.SIG_IGN)
 
 
 @contextmanager

@@ -22,5 +22,8 @@ def append_line(path: Path, line: str) -> None:
 
 
 def _unblocked(path: str, flags: int) -> int:
-    # Opening a pipe without a reader would wait for one. Windows lacks the flag.
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0), 0o666)
+    # Opening a pipe without a reader would wait for one; only the opening must not wait.
+    descriptor = os.open(path, flags | getattr(os, "O_NONBLOCK", 0), 0o666)
+    if hasattr(os, "O_NONBLOCK"):  # not on Windows
+        os.set_blocking(descriptor, True)
+    return descriptor

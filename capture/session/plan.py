@@ -100,7 +100,8 @@ class Specimen(Section):
 
     @model_validator(mode="after")
     def _check_label(self) -> Self:
-        _usable_label(self.label or self.id)
+        if self.label is None:
+            _usable_label(self.id)
         return self
 
 

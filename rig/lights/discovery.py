@@ -115,7 +115,7 @@ def _listed(comports: Callable[[], list[Any]]) -> list[Any]:
 
 
 def list_serial_ports_if_possible() -> list[SerialPort]:
-    """List the serial ports, or none if they cannot be listed and the port is known anyway.
+    """List the serial ports; an empty list if that fails. For callers that know their port.
 
     Raises
     ------

@@ -219,7 +219,7 @@ def ask(request: str) -> None:
 
 def keep_parts(
     path: Path,
-    used: CalibrationFile,
+    file: CalibrationFile,
     parts: Sequence[MeasuredPart],
     *,
     json: bool,
@@ -227,25 +227,18 @@ def keep_parts(
 ) -> None:
     """Write the calibration with parts added, replaced or dropped, and print their quality.
 
-    The file is read again, because another program may have added parts while these were measured
-    with the calibration `used`. As JSON several parts are a list.
+    As JSON several parts are a list.
 
     Raises
     ------
     InputError
-        If the parts that stay are of another rig, camera or frame, or dark or response was measured
-        anew meanwhile.
+        If the parts that stay are of another rig, camera or frame, or another program has changed
+        the calibration since `file` was read.
     """
-    from capture.calibration.parts import PART_NAMES
-
-    file = calibration_at(path)
-    changed = [each for each in PART_NAMES if file.records.get(each) != used.records.get(each)]
-    if old := {"dark", "response"}.intersection(changed):
-        names = " and ".join(sorted(old))
+    if calibration_at(path).hash != file.hash:
         raise InputError(
-            f"{path}: its {names} was measured meanwhile by another program; try again"
+            f"{path}: another program has changed it since this command began; run it again"
         )
-    dropped = [each for each in dropped if each not in changed]
     staying = file.records.keys() - {each.name for each in parts} - set(dropped)
     kept = file
     for name in dropped:

@@ -76,7 +76,7 @@ def run(
         changes = plan_changes(plan, path)
         if changes:
             out.print(changes, soft_wrap=True)
-            if yes or not _has_terminal():
+            if yes or not sys.stdin.isatty():
                 raise InputError(
                     f"{plan}: differs from the plan of {path}; run without --yes to confirm it "
                     f"on a terminal, or go on with ps4rig session resume {path}"
@@ -111,7 +111,7 @@ def _go(folder: SessionFolder, config: RigConfig, *, yes: bool, json: bool) -> N
 
     from .terminal import SessionTerminal
 
-    if not yes and not _has_terminal():
+    if not yes and not sys.stdin.isatty():
         raise InputError("there is no terminal to ask on; give --yes to run without questions")
     _check_disk(folder.path, _needed_bytes(len(folder.missing()), config))
     with ExitStack() as stack:
@@ -144,11 +144,6 @@ def _serve(preview: Preview, stack: ExitStack) -> None:
     except InputError:
         server = stack.enter_context(serving(preview, 0))
     print(f"{server.url} shows how each specimen should lie, and how it lies", file=sys.stderr)
-
-
-def _has_terminal() -> bool:
-    # None if the program was started with stdin closed.
-    return sys.stdin.isatty()
 
 
 def _show_plan(

@@ -181,7 +181,7 @@ class Station:
 
     def _capture_parts(self) -> None:
         try:
-            while not self.is_stopping or self._exposing:  # none is accepted after a stop
+            while not self.is_stopping or self._exposing:  # no part begins after a stop
                 self._report_alive("capture")
                 self._equipment.publisher.wait_for_room(self._stopping.is_set)
                 if not self._exposing and not self._is_open():

@@ -60,11 +60,12 @@ class _Protocol(H11Protocol):
             self._expect_request()
 
     def send_400_response(self, msg: str) -> None:
-        """Refuse a malformed request. One whose answer has begun is only cut off."""
+        """Refuse a malformed request, or cut it off if its answer has begun or has no body."""
         if self.cycle is not None:
             self.cycle.disconnected = True  # it sends nothing any more
             self.cycle.message_event.set()
-        if self.conn.our_state in (h11.IDLE, h11.SEND_RESPONSE):
+        is_head = self.conn.our_state is h11.SEND_RESPONSE and self.scope["method"] == "HEAD"
+        if self.conn.our_state in (h11.IDLE, h11.SEND_RESPONSE) and not is_head:
             super().send_400_response(msg)
         else:
             self.transport.close()

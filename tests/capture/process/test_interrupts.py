@@ -158,6 +158,7 @@ class Late:
     def __del__(self, raise_signal=signal.raise_signal, number=signal.{number}):
         raise_signal(number)
 
+{before}
 install_handlers()
 with interruptible():
     sys.late = Late()  # goes when Python has taken its handlers away
@@ -167,7 +168,13 @@ print("done")
 
 @pytest.mark.parametrize("number", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT"])
 def test_a_signal_at_the_end_of_the_process_does_no_harm(run_python: Run, number: str) -> None:
-    assert run_python(LATE.format(number=number)) == "done\n"
+    assert run_python(LATE.format(number=number, before="")) == "done\n"
+
+
+def test_signals_that_only_windows_has_do_no_harm(run_python: Run) -> None:
+    """Its ``CTRL_C_EVENT`` has the number 0, of which no handler can be asked."""
+    before = "signal.Signals = [0, *signal.Signals]"
+    assert run_python(LATE.format(number="SIGINT", before=before)) == "done\n"
 
 
 def test_a_signal_during_the_last_import_of_a_command_does_no_harm(
