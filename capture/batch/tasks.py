@@ -354,7 +354,8 @@ def solve_set(
 def _usable_label(label: str | None) -> str:
     if not label:
         raise InputError(
-            "has no label; capture or import it with --label, or ps4rig info --set label=NAME"
+            "has no label; capture or import it with --label, or give it one with ps4rig info "
+            "--set label=NAME"
         )
     return checked_label(label)
 

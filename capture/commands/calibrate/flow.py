@@ -206,8 +206,10 @@ def place_target(
             change["shift_px"] = shift_px
         simulation.place(simulation.placement.model_copy(update=change))
     elif not yes:
-        what = (again and target.next_placement) or f"put {target.what} under the camera"
-        ask(f"{what}, then press Enter")
+        request = f"put {target.what} under the camera"
+        if again and target.next_placement is not None:
+            request = target.next_placement
+        ask(f"{request}, then press Enter")
 
 
 def ask(request: str) -> None:
