@@ -1,4 +1,4 @@
-"""Commands that measure this package: demo, reproduce, bench."""
+"""Commands that show what this package does: demo and reproduce."""
 
 from pathlib import Path
 from typing import Annotated
@@ -49,13 +49,6 @@ def reproduce(
             metavar="DIR",
         ),
     ] = None,
-    calibration: Annotated[
-        bool,
-        typer.Option(
-            "--calibration",
-            help="Measure the benefit of calibrating simulated rigs with faults, not the chapter.",
-        ),
-    ] = False,
     defects: Annotated[
         bool,
         typer.Option(
@@ -68,10 +61,8 @@ def reproduce(
 ) -> None:
     """Measure every figure and table of the thesis's chapter 9 on simulated surfaces."""
     if defects:
-        if calibration or photographs is not None:
-            raise InputError(
-                "--defects is a study of its own; leave out --calibration, --photographs"
-            )
+        if photographs is not None:
+            raise InputError("--defects is a study of its own; leave out --photographs")
         from capture.studies.reproduction.defects.plan import defect_plan
         from capture.studies.reproduction.defects.run import reproduce_defects
         from capture.studies.reproduction.plan import material_textures
@@ -79,16 +70,6 @@ def reproduce(
         plan = defect_plan(quick, material_textures(materials))
         page = reproduce_defects(plan, output, workers, scheduler)
         out.print(f"{page}: detected defects (simulated)", soft_wrap=True)
-        return
-    if calibration:
-        if quick or materials is not None or photographs is not None:
-            raise InputError(
-                "--calibration measures no textures; leave out --materials, --photographs, --quick"
-            )
-        from capture.studies.reproduction.calibration.run import reproduce_calibration
-
-        page = reproduce_calibration(output)
-        out.print(f"{page}: calibrated rigs (simulated)", soft_wrap=True)
         return
     if photographs is not None:
         if quick or materials is not None:
@@ -103,17 +84,3 @@ def reproduce(
 
     page = run(plan_of(quick, material_textures(materials)), output, workers, scheduler)
     out.print(f"{page}: every figure and table (simulated)", soft_wrap=True)
-
-
-@reported
-def bench(
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Fewer rounds and references; about a minute.")
-    ] = False,
-    json: options.Json = False,
-) -> None:
-    """Measure the speed of this machine: times, and ratios to a lower bound of the same run."""
-    from capture.studies.benchmark.run import print_benchmark
-    from capture.studies.benchmark.settings import FULL, QUICK
-
-    print_benchmark(QUICK if quick else FULL, json)

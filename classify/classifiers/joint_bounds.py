@@ -32,8 +32,8 @@ BLUR_BASIS = "blur_basis"
 RING_DIRECTIONS, LOCAL_DIRECTIONS = 6, 10
 """Directions of rings and of statistics.
 
-On 30,000 references mixed as in ``ps4rig bench``, nine in ten queries compare 119 references at
-most; 10 and 24 directions make them 75, and reading the bounds a fifth longer.
+On 30,000 references mixed as in ``tests.evidence.benchmark``, nine in ten queries compare 119
+references at most; 10 and 24 directions make them 75, and reading the bounds a fifth longer.
 """
 
 _REACHES = 6  # of `blur_coordinates`

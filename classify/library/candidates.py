@@ -22,7 +22,7 @@ class Sieve:
         classes.
     most
         Largest number of references compared after that, which bounds the time. On 100,000
-        references the nearest is among them in 99.9 % of queries (``ps4rig bench``).
+        references the nearest is among them in 99.9 % of queries (``tests.evidence.benchmark``).
     """
 
     def __init__(

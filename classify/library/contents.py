@@ -47,7 +47,7 @@ class LibraryContents:
         (name, SHA-256 of the pixels) of each training set, as given in training.
     compare_all_up_to
         Number of references up to which all are compared. In a larger library bounds select a few;
-        with fewer references bounds cost what they save (``ps4rig bench``). Not saved.
+        with fewer references bounds cost what they save (``tests.evidence.benchmark``). Not saved.
     """
 
     classifier: str

@@ -41,7 +41,8 @@ _KIND = ArchiveKind(
     if_missing="make one with ps4rig train",
     remedy="train it again",
     error=LibraryError,
-    # A library of 100,000 references takes 1.1 GB (`ps4rig bench`), its header 20 MB.
+    # A library of 100,000 references takes 1.1 GB (`tests.evidence.benchmark`), its header
+    # 20 MB.
     max_bytes=64 * 2**30,
     max_header_bytes=64 * 2**20,
 )

@@ -29,10 +29,10 @@ _QUICK = (
 
 @dataclass(frozen=True)
 class About:
-    """Names of a page and of the HTML file of its introduction, and what its numbers are."""
+    """Name of a page, the HTML file of its introduction, and what its numbers are."""
 
     page: str
-    introduction: str
+    introduction: Path
     simulated: bool
     quick: bool = False
 
@@ -89,8 +89,8 @@ def page(exhibits: Sequence[tuple[Exhibit, bytes]], facts: Mapping[str, str], ab
     for exhibit, png in exhibits:
         sections.setdefault(exhibit.text.section, []).append(_exhibit(exhibit, png))
     frame, introduction = (
-        Template(Path(__file__).with_name(f"{name}.html").read_text(encoding="utf-8"))
-        for name in ("page", about.introduction)
+        Template(path.read_text(encoding="utf-8"))
+        for path in (Path(__file__).with_name("page.html"), about.introduction)
     )
     body = frame.substitute(
         introduction=introduction.substitute(quick=_QUICK if about.quick else ""),

@@ -59,7 +59,8 @@ def reproduce(
         "duration": f"{(time.monotonic() - started_s) / 60.0:.1f} min on {os.cpu_count()} cores, "
         f"{platform.machine()}",
     }
-    about = About("reproduction", "chapter", simulated=True, quick=plan.quick)
+    introduction = Path(__file__).with_name("chapter.html")
+    about = About("reproduction", introduction, simulated=True, quick=plan.quick)
     return write_page(exhibits, facts, about, output)
 
 

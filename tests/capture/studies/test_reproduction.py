@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from capture.studies.reproduction import output
 from capture.studies.reproduction.exhibit import Exhibit
 from capture.studies.reproduction.faults import NO_FAULTS, Faults
 from capture.studies.reproduction.output import About, page
@@ -248,7 +249,9 @@ def test_names_are_escaped_on_the_page() -> None:
     shown = Exhibit(
         "orientation", ("textures",), [("<b>",)], values={"sharpness": "1", "best": "ps4"}
     )
-    about = About("reproduction", "chapter", simulated=True, quick=True)
+    about = About(
+        "reproduction", Path(output.__file__).with_name("chapter.html"), simulated=True, quick=True
+    )
     html = page([(shown, b"")], {"textures": "a & b"}, about)
     assert "&lt;b&gt;" in html
     assert "a &amp; b" in html

@@ -40,5 +40,6 @@ def reproduce_defects(
         "duration": f"{(time.monotonic() - started_s) / 60.0:.1f} min on {os.cpu_count()} cores, "
         f"{platform.machine()}",
     }
-    about = About("defects", "defects", simulated=True, quick=plan.quick)
+    introduction = Path(__file__).parents[1] / "defects.html"
+    about = About("defects", introduction, simulated=True, quick=plan.quick)
     return write_page(list(defect_exhibits(plan, results)), facts, about, output)

@@ -30,4 +30,5 @@ def reproduce_photographs(folder: Path, output: Path) -> Path:
         "picks of four lights": str(len({(score.name, score.pick) for score in scores})),
     }
     exhibits = list(photograph_exhibits(sets, scores, recognitions(sets)))
-    return write_page(exhibits, facts, About("photographs", "photographs", simulated=False), output)
+    about = About("photographs", Path(__file__).parents[1] / "photographs.html", simulated=False)
+    return write_page(exhibits, facts, about, output)

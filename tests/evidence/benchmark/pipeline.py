@@ -7,10 +7,10 @@ import numpy as np
 from capture.studies.stopwatch import Work, shortest_ms
 from classify import TextureLibrary
 from classify.classifiers import classifier_named
-from classify.solvers.memory_floor import read_four_write_three
 from classify.texture.fields import texture_fields
 from classify.texture.spectra import field_spectra
 from classify.texture.statistics import levels_for, local_statistics
+from tests.evidence.benchmark.memory_floor import read_four_write_three
 
 from .measurements import Measurement, Section
 from .scenes import rotated_patch

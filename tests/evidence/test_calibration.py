@@ -1,4 +1,4 @@
-"""`ps4rig reproduce --calibration`: errors of calibrated rigs beside the ideal one."""
+"""`python -m tests.evidence.calibration`: errors of calibrated rigs beside the ideal one."""
 
 import csv
 from pathlib import Path
@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture.studies.reproduction.calibration.lights import light_errors
-from capture.studies.reproduction.calibration.rigs import Conditions, angular_errors_deg
-from capture.studies.reproduction.calibration.run import reproduce_calibration
 from classify import Lighting
 from classify.calibration.lights import CalibratedLights
+from tests.evidence.calibration.lights import light_errors
+from tests.evidence.calibration.rigs import Conditions, angular_errors_deg
+from tests.evidence.calibration.run import reproduce_calibration
 
 NEAR = Conditions(5.0, 12, 1.0, 100)
 # Most degrees beyond the ideal rig, by the distance of the LEDs in fields of view.

@@ -61,4 +61,5 @@ def reproduce_calibration(output: Path) -> Path:
         "frames": f"{SIZE_PX} px",
     }
     exhibits = list(calibration_exhibits(errors, lights))
-    return write_page(exhibits, facts, About("calibration", "calibration", simulated=True), output)
+    about = About("calibration", Path(__file__).with_name("page.html"), simulated=True)
+    return write_page(exhibits, facts, about, output)

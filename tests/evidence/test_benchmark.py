@@ -1,4 +1,4 @@
-"""`ps4rig bench`: its comparisons, its libraries, and its output."""
+"""`python -m tests.evidence.benchmark`: its comparisons, its libraries, and its output."""
 
 import json
 import math
@@ -9,18 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capture.studies.benchmark.measurements import Measurement, Section, as_json, print_section
-from capture.studies.benchmark.memory import memory_section, solve_step
-from capture.studies.benchmark.mixtures import Mixtures, Textures, observed_textures
-from capture.studies.benchmark.pipeline import pipeline_section
-from capture.studies.benchmark.run import fits, print_benchmark
-from capture.studies.benchmark.scenes import mosaic, rotated_patch, texture_tile
-from capture.studies.benchmark.search import search_section
-from capture.studies.benchmark.settings import Settings
-from capture.studies.benchmark.solvers import drop_darkest, normal_least_squares, solver_sections
 from capture.studies.stopwatch import shortest_ms
 from classify import Lighting, photometric_stereo
-from classify.solvers.memory_floor import read_four_write_three
+from tests.evidence.benchmark.measurements import Measurement, Section, as_json, print_section
+from tests.evidence.benchmark.memory import memory_section, solve_step
+from tests.evidence.benchmark.memory_floor import read_four_write_three
+from tests.evidence.benchmark.mixtures import Mixtures, Textures, observed_textures
+from tests.evidence.benchmark.pipeline import pipeline_section
+from tests.evidence.benchmark.run import fits, print_benchmark
+from tests.evidence.benchmark.scenes import mosaic, rotated_patch, texture_tile
+from tests.evidence.benchmark.search import search_section
+from tests.evidence.benchmark.settings import Settings
+from tests.evidence.benchmark.solvers import drop_darkest, normal_least_squares, solver_sections
 
 # Whole benchmarks, with small settings.
 pytestmark = pytest.mark.slow

@@ -8,8 +8,8 @@ import numpy.typing as npt
 
 from capture.studies.stopwatch import Work, shortest_ms
 from classify import Lighting, Method
-from classify.solvers.memory_floor import read_four_write_three
 from rig.simulation.simulated_set import SimulatedSet
+from tests.evidence.benchmark.memory_floor import read_four_write_three
 
 from .measurements import Measurement, Section
 from .scenes import mosaic, under_near_lights
