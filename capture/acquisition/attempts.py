@@ -182,7 +182,7 @@ def _attempt(
         software_version=_SOFTWARE_VERSION,
         pixels_sha256=_NO_HASH,
     )
-    unchecked = CapturedSet(images.images, images.ambient, metadata)
+    unchecked = CapturedSet(images.images, images.ambient, metadata, calibration=calibration)
     exposed(unchecked)
 
     def retake() -> npt.NDArray[np.uint16]:

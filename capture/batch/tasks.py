@@ -14,7 +14,7 @@ from typing import Self
 
 import numpy as np
 
-from capture.calibration.lookup import FoundCalibration, calibration_of
+from capture.calibration.lookup import FoundCalibration
 from capture.console import complain
 from capture.errors import SetRejected
 from capture.maps.files import write_maps
@@ -22,6 +22,7 @@ from capture.maps.surface_maps import RELIT_LIGHT
 from capture.sets import ome_tiff
 from capture.sets.captured_set import CapturedSet
 from capture.sets.metadata import UNPROTECTED, SetMetadata
+from capture.sets.set_calibration import calibration_of
 from classify import Lighting, Match, Method, SurfaceEstimate, TextureLibrary
 from classify.calibration.calibration import Calibration
 from classify.classifiers import Observation
@@ -148,7 +149,7 @@ class LoadedSet:
         """
         known = self.calibration
         planar = planar and (known is None or known.flat_field is None)
-        return self.captured.solve(method, planar=planar, calibration=known)
+        return self.captured.solve(method, planar=planar, calibration=known, raw=known is None)
 
 
 def observe_set(
@@ -304,10 +305,12 @@ def solve_set(
         loaded = LoadedSet.of(task.path, calibration)
     captured, known = loaded.captured, loaded.calibration
     with named(task.path):
-        surface = captured.solve(method, planar=planar, calibration=known, on_progress=on_progress)
+        surface = captured.solve(
+            method, planar=planar, calibration=known, raw=raw, on_progress=on_progress
+        )
         raw_residual = None
         if known is not None:
-            raw_residual = captured.solve(method, planar=planar).residual_share
+            raw_residual = captured.solve(method, planar=planar, raw=True).residual_share
     saturated = float(surface.saturated.mean())
     shadowed = float(surface.shadow_mask.mean())
     if not surface.valid.any():

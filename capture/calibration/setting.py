@@ -8,9 +8,6 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import Field, FiniteFloat
 
-from capture.sets.captured_set import CapturedSet
-from capture.sets.metadata import SetMetadata, Vector
-from capture.sets.photographs import Photographs
 from rig import CameraInfo, Rig
 from rig.config.section import Record
 
@@ -25,6 +22,7 @@ _DEPENDS_ON_PIXEL_VALUES: tuple[PartName, ...] = ("dark", "response", "noise")
 _DEPENDS_ON_EXPOSURE: tuple[PartName, ...] = ("dark",)
 _DEPENDS_ON_LIGHTS: tuple[PartName, ...] = ("flat_field", "lights")
 
+Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 Side = Annotated[int, Field(ge=1, le=32768)]
 
 
@@ -59,47 +57,12 @@ class Setting(Record):
     led_levels_percent: tuple[int | None, ...] = Field(default=(), max_length=255)
 
     @classmethod
-    def of_set(cls, captured: CapturedSet) -> Self:
-        """Return the setting of a captured or imported set."""
-        return cls.of_metadata(captured.metadata, captured.images.shape[1:])
-
-    @classmethod
-    def of_metadata(cls, metadata: SetMetadata, shape: tuple[int, ...]) -> Self:
-        """Return the setting of a set with images of `shape` (rows, columns)."""
-        camera = metadata.camera
-        is_known = camera is not None and camera.kind != "replay"
+    def of_photographs(cls, shape: tuple[int, ...], bit_depth: int, gamma: str) -> Self:
+        """Return the setting of single photographs of `shape`, without lights and exposure."""
         return cls(
-            simulated=metadata.simulated,
-            rig_name=metadata.rig_name,
-            camera=f"{camera.kind} {camera.name}" if camera is not None and is_known else None,
-            width_px=shape[1],
-            height_px=shape[0],
-            crop=metadata.crop,
-            bit_depth=metadata.bit_depth,
-            exposure_ms=None if camera is None else camera.exposure_ms,
-            gain={} if camera is None else _gain(camera.controls),
-            gamma=metadata.gamma,
-            light_directions=metadata.lighting.directions,
-            led_levels_percent=tuple(
-                record.led_level_percent for record in metadata.images if record.light is not None
-            ),
-        )
-
-    @classmethod
-    def of_photographs(cls, photographs: Photographs) -> Self:
-        """Return the setting of single photographs, without lights and exposure."""
-        rows, columns = photographs.planes[0].shape
-        return cls(
-            simulated=False,
-            rig_name=None,
-            camera=None,
-            width_px=columns,
-            height_px=rows,
-            bit_depth=photographs.bit_depth,
-            exposure_ms=None,
-            gamma=photographs.gamma,
-            light_directions=(),
-        )
+            simulated=False, rig_name=None, camera=None, width_px=shape[1], height_px=shape[0],
+            bit_depth=bit_depth, exposure_ms=None, gamma=gamma, light_directions=(),
+        )  # fmt: skip
 
     @classmethod
     def of_rig(cls, rig: Rig) -> Self:
@@ -114,7 +77,7 @@ class Setting(Record):
             height_px=info.height_px,
             bit_depth=info.bit_depth,
             exposure_ms=1000.0 * info.exposure_s,
-            gain=_gain(dict(info.controls)),
+            gain=gain_of(dict(info.controls)),
             light_directions=tuple((x, y, z) for x, y, z in rig.lighting.directions.tolist()),
             led_levels_percent=tuple(levels),
         )
@@ -170,7 +133,7 @@ class Setting(Record):
         return f"{self.width_px} x {self.height_px} px"
 
 
-def _gain(controls: dict[str, Any]) -> dict[str, float]:
+def gain_of(controls: dict[str, Any]) -> dict[str, float]:
     return {
         name: float(value)
         for name, value in controls.items()

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
+from capture.calibration.lookup import check_setting
+from capture.calibration.ps4cal import CalibrationFile
+from capture.calibration.setting import Setting
 from classify import Lighting, Method, SensorNoise, SurfaceEstimate, photometric_stereo
 from classify.calibration.calibration import Calibration
 from classify.errors import InputError
@@ -16,6 +20,9 @@ from classify.images.stack import ImageStack
 
 from . import ome_tiff
 from .metadata import SetMetadata, image_noise
+from .set_calibration import calibration_of, setting_of
+
+_WAY_OUT = "pass another one as calibration=, or raw=True for none"
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +37,9 @@ class CapturedSet:
         (H, W) uint16 image with all LEDs off, or None.
     mask
         (H, W) bool, false outside the part, where no pixel is valid; None for the whole frame.
+    path, calibration
+        File that the set was loaded from, and the calibration that it was captured with; None for a
+        set from elsewhere. A file of a set holds neither.
 
     Raises
     ------
@@ -41,6 +51,8 @@ class CapturedSet:
     ambient: npt.NDArray[np.uint16] | None
     metadata: SetMetadata
     mask: npt.NDArray[np.bool_] | None = None
+    path: Path | None = field(default=None, repr=False)
+    calibration: CalibrationFile | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         lights = len(self.metadata.lighting.directions)
@@ -79,21 +91,57 @@ class CapturedSet:
         """The lights of the images."""
         return self.metadata.lighting.to_lighting()
 
+    @property
+    def setting(self) -> Setting:
+        """The setting of rig and camera that a calibration of the set must have."""
+        return setting_of(self.metadata, self.images.shape[1:])
+
+    def named_after(self, file: CalibrationFile) -> CapturedSet:
+        """Return the set with the name of its calibration.
+
+        Raises
+        ------
+        CalibrationError
+            If the calibration is of another rig or setting.
+        """
+        check_setting(file, self.setting, "these images")
+        about = {"calibration_ids": (file.hash,), "mm_per_px": file.calibration.mm_per_px}
+        return replace(self, metadata=self.metadata.model_copy(update=about), calibration=file)
+
     def solve(
         self,
         method: Method | None = None,
         *,
         planar: bool = False,
         calibration: Calibration | None = None,
+        raw: bool = False,
         on_progress: Callable[[float], None] | None = None,
     ) -> SurfaceEstimate:
         """Solve for gradients and albedo, with ambient light subtracted.
 
         See `classify.photometric_stereo`. The default method is ps4_robust for four lights and
-        least_squares for more. No pixel outside the mask is valid. With a calibration of this rig,
-        the images are corrected and divided by its flat field, and its lights and noise are used.
+        least_squares for more. No pixel outside the mask is valid. The images are corrected and
+        divided by the flat field of the calibration, and its lights and noise are used.
+
+        Parameters
+        ----------
+        calibration
+            Calibration of this rig; by default the one that the set names, which is looked for as
+            by ``ps4rig solve``.
+        raw
+            Use no calibration.
+
+        Raises
+        ------
+        CalibrationError
+            If the calibration that the set names is missing, or of another rig or setting.
+        InputError
+            For a method that does not suit the lights.
         """
-        known, full_scale = calibration or Calibration(), self.metadata.full_scale
+        if calibration is not None and raw:
+            raise InputError("a calibration and raw=True exclude each other; give one of them")
+        known = Calibration() if raw else calibration or self._named_calibration()
+        full_scale = self.metadata.full_scale
         stack = known.corrected(ImageStack(self.images, self.ambient), full_scale)
         return photometric_stereo(
             stack.images, known.lighting_of(self.lighting), method, ambient=stack.ambient,
@@ -102,6 +150,15 @@ class CapturedSet:
             flat_field=known.flat_field, on_progress=on_progress,
             lobe_exponent=None if known.lights is None else known.lights.lobe_exponent,
         )  # fmt: skip
+
+    def _named_calibration(self) -> Calibration:
+        if self.calibration is not None:
+            return self.calibration.calibration
+        path = self.path or Path("a set without a file")
+        found = calibration_of(path, self.metadata, self.images.shape[1:], way_out=_WAY_OUT)
+        for text in () if found is None else found.warnings:
+            warnings.warn(f"{path}: {text}", stacklevel=3)
+        return Calibration() if found is None else found.file.calibration
 
     @property
     def noise(self) -> SensorNoise | None:
@@ -140,4 +197,5 @@ class CapturedSet:
             If the file is missing, truncated, changed since it was written, not a captured set, or
             of a later version.
         """
-        return CapturedSet(*ome_tiff.read(Path(path)))
+        path = Path(path)
+        return CapturedSet(*ome_tiff.read(path), path=path)

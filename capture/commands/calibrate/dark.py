@@ -75,8 +75,8 @@ def dark(
 def _of_rig(rig: Rig, yes: bool) -> MeasuredPart:
     from capture.acquisition.camera_calibration import dark_of_rig
     from capture.acquisition.frame_series import frame_series, require_free_running
-    from capture.calibration.camera_parts import dark_part
     from capture.calibration.setting import Setting
+    from capture.procedures.camera_parts import dark_part
     from classify.calibration.dark_frames import with_ambient
 
     require_free_running(rig)
@@ -101,8 +101,8 @@ def _of_rig(rig: Rig, yes: bool) -> MeasuredPart:
 def _of_photographs(given: list[Path], gamma: Gamma | None, bits: int | None) -> MeasuredPart:
     import numpy as np
 
-    from capture.calibration.camera_parts import dark_part
     from capture.calibration.setting import Setting
+    from capture.procedures.camera_parts import dark_part
     from capture.sets.captured_set import CapturedSet
     from capture.sets.photographs import DNG, read_photographs
     from classify.calibration.dark_frames import dark_of, with_ambient
@@ -126,5 +126,5 @@ def _of_photographs(given: list[Path], gamma: Gamma | None, bits: int | None) ->
         if captured.ambient is None:
             raise InputError(f"{path}: has no ambient image; leave it out")
         dark = with_ambient(dark, captured.ambient, captured.metadata.full_scale)
-    setting = Setting.of_photographs(photographs)
+    setting = Setting.of_photographs(frames.shape[1:], photographs.bit_depth, photographs.gamma)
     return dark_part(found, dark, setting, [path.name for path in (*images, *set_paths)])

@@ -108,8 +108,8 @@ def lights(
     several placements of the sphere give the positions of near lights.
     """
     from capture.calibration.setting import Setting
-    from capture.calibration.sphere_parts import images_of_sets, sphere_parts
     from capture.outputs import check_output
+    from capture.procedures.sphere_parts import images_of_sets, sphere_parts
     from capture.sets.light_list_file import require_light_list_name, write_light_list
     from rig import open_rig
 
@@ -189,8 +189,7 @@ def _of_files(
     sphere: Literal["mirror", "matte"],
     file: CalibrationFile,
 ) -> tuple[list[SphereImages], Setting, list[str]]:
-    from capture.calibration.setting import Setting
-    from capture.calibration.sphere_parts import images_of_photographs, images_of_sets
+    from capture.procedures.sphere_parts import images_of_photographs, images_of_sets
     from capture.sets.captured_set import CapturedSet
 
     photographs, sets = photographs_or_sets(given)
@@ -203,7 +202,7 @@ def _of_files(
         raise InputError("--mask, --lights and --gamma are for photographs; sets state them")
     captured = [CapturedSet.load(path) for path in sets]
     names = [f"light{k}.tif" for k in range(len(captured[0].images))]
-    return images_of_sets(captured, file), Setting.of_set(captured[0]), names
+    return images_of_sets(captured, file), captured[0].setting, names
 
 
 def _captured(rig: Rig, target: Target, placements: int, yes: bool) -> Iterator[CapturedSet]:

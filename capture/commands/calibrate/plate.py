@@ -59,7 +59,7 @@ def plate(
     sets, source = target_sets(
         rig, given, _SHEET, rotations_deg=_ROTATIONS_DEG, average=_FRAMES, yes=yes
     )
-    from capture.calibration.plate_parts import near_lights_are_refuted, plate_parts
+    from capture.procedures.plate_parts import near_lights_are_refuted, plate_parts
     from capture.sets.photographs import read_mask
 
     rows, columns = sets[0].images.shape[1:]

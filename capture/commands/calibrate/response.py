@@ -83,13 +83,13 @@ def response(
 def _of_files(
     given: list[Path], exposures_ms: str | None, gamma: Gamma | None, calibration: Calibration
 ) -> list[MeasuredPart]:
-    from capture.calibration.camera_parts import (
+    from capture.calibration.setting import Setting
+    from capture.procedures.camera_parts import (
         response_parts,
         rungs_of_photographs,
         rungs_of_sets,
         whole_stops,
     )
-    from capture.calibration.setting import Setting
     from capture.sets.captured_set import CapturedSet
     from capture.sets.photographs import read_photographs
 
@@ -99,7 +99,8 @@ def _of_files(
         times_ms = _exposures_ms(photographs, exposures_ms)
         read = read_photographs(photographs, gamma=gamma, bits=None, crop=None)
         rungs = rungs_of_photographs(read, times_ms, calibration)
-        setting = Setting.of_photographs(read)
+        shape = read.planes[0].shape
+        setting = Setting.of_photographs(shape, read.bit_depth, read.gamma)
         try:
             return response_parts(rungs, calibration, setting, names)
         except CalibrationRejected:
@@ -114,7 +115,7 @@ def _of_files(
         raise InputError("--exposures-ms and --gamma are for photographs; sets state both")
     captured = [CapturedSet.load(path) for path in sets]
     rungs = rungs_of_sets(captured, calibration)
-    return response_parts(rungs, calibration, Setting.of_set(captured[0]), names)
+    return response_parts(rungs, calibration, captured[0].setting, names)
 
 
 def _exposures_ms(photographs: list[Path], given: str | None) -> list[float]:
@@ -144,8 +145,8 @@ def _exposures_ms(photographs: list[Path], given: str | None) -> list[float]:
 def _of_rig(rig: Rig, calibration: Calibration, yes: bool) -> list[MeasuredPart]:
     from capture.acquisition.camera_calibration import rungs_of_rig
     from capture.acquisition.frame_series import require_free_running
-    from capture.calibration.camera_parts import response_parts
     from capture.calibration.setting import Setting
+    from capture.procedures.camera_parts import response_parts
 
     require_free_running(rig)
     setting = Setting.of_rig(rig)

@@ -10,8 +10,13 @@ import cv2
 import numpy as np
 import pytest
 
-from capture import CapturedSet
+from capture import CapturedSet, capture_set
 from capture.calibration.ps4cal import CalibrationFile
+from capture.errors import CalibrationError
+from capture.maps.map_tiff import read_map
+from classify.calibration.calibration import Calibration
+from classify.errors import InputError
+from rig import open_rig
 
 RIG = """
 calibration = "rig.ps4cal"
@@ -82,7 +87,7 @@ def test_solve_uses_it_says_both_residuals_and_leaves_it_out_with_raw(
 def test_the_slopes_are_those_of_an_ideal_rig(lab: Path, near_calibration: CalibrationFile) -> None:
     captured = CapturedSet.load(lab / "sets" / "rock-001.ome.tif")
     surface = captured.solve(calibration=near_calibration.calibration)
-    raw = captured.solve()
+    raw = captured.solve(raw=True)
     # A periodic texture has no mean slope across the frame; near light alone makes a dome.
     thirds = [slice(0, 42), slice(86, 128)]
 
@@ -91,6 +96,37 @@ def test_the_slopes_are_those_of_an_ideal_rig(lab: Path, near_calibration: Calib
         return abs(right - left)
 
     assert dome(surface) < 0.3 * dome(raw)
+
+
+@pytest.mark.parametrize("raw", [False, True])
+def test_python_and_the_command_solve_a_set_alike(
+    lab: Path, tmp_path: Path, ps4rig: Callable[..., Any], raw: bool
+) -> None:
+    path = lab / "sets" / "rock-001.ome.tif"
+    solved(ps4rig, tmp_path, path, *(["--raw"] if raw else []))
+    surface = CapturedSet.load(path).solve(raw=raw)
+    np.testing.assert_array_equal(surface.p, read_map(tmp_path / "p.tif")[0])
+
+
+def test_python_says_how_to_solve_a_set_without_its_calibration(lab: Path, tmp_path: Path) -> None:
+    path = tmp_path / "alone.ome.tif"
+    shutil.copy(lab / "sets" / "rock-001.ome.tif", path)
+    alone = CapturedSet.load(path)
+    with pytest.raises(CalibrationError, match=r"alone.ome.tif: .* calibration=, or raw=True"):
+        alone.solve()
+    assert alone.solve(raw=True).valid.any()
+    with pytest.raises(InputError, match="exclude each other"):
+        alone.solve(calibration=Calibration(), raw=True)
+
+
+def test_a_set_solves_with_the_calibration_it_was_captured_with(
+    lab: Path, near_calibration: CalibrationFile
+) -> None:
+    with open_rig(lab / "rig.toml") as rig:
+        captured = capture_set(rig, calibration=near_calibration)
+    known = near_calibration.calibration
+    np.testing.assert_array_equal(captured.solve().p, captured.solve(calibration=known).p)
+    assert not np.array_equal(captured.solve().p, captured.solve(raw=True).p)
 
 
 @pytest.mark.slow

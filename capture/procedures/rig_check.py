@@ -11,6 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from capture.calibration.lookup import OLD_DAYS, check_setting, read_calibration
+from capture.calibration.ps4cal import CalibrationFile, PartRecord
+from capture.calibration.setting import SAME_EXPOSURE, Setting
 from capture.sets.captured_set import CapturedSet
 from classify import Lighting
 from classify.calibration.drift import Drift, plate_drift
@@ -19,10 +22,7 @@ from rig import Rig
 from rig.doctor.check import Check, collected
 from rig.doctor.light_images import capture_light_images
 
-from .lookup import OLD_DAYS, check_setting, read_calibration
 from .plate_parts import SHEET_BRIGHTNESS
-from .ps4cal import CalibrationFile, PartRecord
-from .setting import SAME_EXPOSURE, Setting
 
 _SHEET = "plate"  # the surface of the simulated rig
 
@@ -105,7 +105,7 @@ def drift_of_set(captured: CapturedSet, file: CalibrationFile) -> Drift:
     CalibrationRejected
         If the set shows no white matt sheet.
     """
-    setting = Setting.of_set(captured)
+    setting = captured.setting
     check_setting(file, setting, "these images")
     stack = ImageStack(captured.images, captured.ambient)
     return _drift(stack, captured.metadata.full_scale, captured.lighting, file, setting)

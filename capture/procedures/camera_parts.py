@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from capture.calibration.ps4cal import MeasuredPart
+from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
 from capture.sets.photographs import Photographs
 from classify.calibration.block_levels import BlockLevels, Frames, block_levels
@@ -16,8 +18,6 @@ from classify.calibration.exposure_ladder import ExposureLadder, response_of
 from classify.calibration.photon_transfer import PhotonTransfer, photon_transfer
 from classify.errors import CalibrationRejected, InputError
 
-from .ps4cal import MeasuredPart
-from .setting import Setting
 from .stated_error import stated_error
 
 # Below this standard deviation, rounding hides the noise of a pixel (0.24 DN^2 in EMVA 1288).
@@ -159,7 +159,7 @@ def rungs_of_sets(sets: Sequence[CapturedSet], calibration: Calibration) -> list
     InputError
         If a set does not state its exposure, or the sets are of different cameras or settings.
     """
-    first = Setting.of_set(sets[0])
+    first = sets[0].setting
     light = int(np.argmax([image.mean() for image in sets[0].images]))
     images: dict[tuple[float, int], list[npt.NDArray[np.uint16]]] = {}
     for captured in sets:
@@ -169,7 +169,7 @@ def rungs_of_sets(sets: Sequence[CapturedSet], calibration: Calibration) -> list
                 "a set of photographs does not state its exposure; give the photographs "
                 "themselves, one for each exposure"
             )
-        if differences := first.differences(Setting.of_set(captured), "response"):
+        if differences := first.differences(captured.setting, "response"):
             raise InputError(f"the sets differ: {'; '.join(differences)}")
         images.setdefault((camera.exposure_ms, full_scale), []).append(captured.images[light])
     bit_depth = first.bit_depth

@@ -5,6 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from capture.calibration.ps4cal import MeasuredPart
+from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
 from classify.calibration.calibration import Calibration
 from classify.calibration.lights import CalibratedLights
@@ -12,8 +14,6 @@ from classify.calibration.plate import MeasuredPlate, measure_plate
 from classify.errors import InputError
 from classify.images.stack import ImageStack
 
-from .ps4cal import MeasuredPart
-from .setting import Setting
 from .stated_error import stated_error
 
 # Figure of a flat field by which a later light image of a sheet shows another exposure.
@@ -45,9 +45,9 @@ def plate_parts(
         For sets of different settings, or a mask of another size.
     """
     first = sets[0]
-    setting = Setting.of_set(first)
+    setting = first.setting
     for number, each in enumerate(sets[1:], start=2):
-        other = Setting.of_set(each)
+        other = each.setting
         differences = [*setting.differences(other, "dark"), *setting.differences(other, "lights")]
         if each.metadata.full_scale != first.metadata.full_scale:
             differences.append(

@@ -6,6 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from capture.calibration.parts import PartName
+from capture.calibration.ps4cal import CalibrationFile, MeasuredPart
+from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
 from capture.sets.photographs import Gamma, read_mask, read_photographs
 from classify.calibration.calibration import Calibration
@@ -20,9 +23,6 @@ from classify.calibration.spheres import (
 from classify.errors import InputError
 from classify.images.stack import ImageStack
 
-from .parts import PartName
-from .ps4cal import CalibrationFile, MeasuredPart
-from .setting import Setting
 from .stated_error import stated_error
 
 # Errors of directions in words: the aim is 0.5 degrees with a mirror sphere and 2 with a matt one;
@@ -77,7 +77,7 @@ def images_of_photographs(
         )
         for k in range(count)
     ]
-    setting = Setting.of_photographs(read)
+    setting = Setting.of_photographs(read.planes[0].shape, read.bit_depth, read.gamma)
     return [_corrected(each, setting, file) for each in placements], setting
 
 
@@ -88,7 +88,7 @@ def images_of_sets(sets: Sequence[CapturedSet], file: CalibrationFile) -> list[S
             SphereImages(
                 captured.images, captured.metadata.full_scale, captured.ambient, captured.mask
             ),
-            Setting.of_set(captured),
+            captured.setting,
             file,
         )
         for captured in sets
@@ -99,7 +99,7 @@ def _corrected(sphere: SphereImages, setting: Setting, file: CalibrationFile) ->
     """Correct light images by the parts of the calibration that hold for them.
 
     They are divided by the part of the flat field that all lights share: the vignetting of the
-    lens, which turns the lights on a matt sphere (tests/capture/calibration/test_sphere_parts.py).
+    lens, which turns the lights on a matt sphere (tests/capture/procedures/test_sphere_parts.py).
     """
     parts = {
         name: getattr(file.calibration, name)
