@@ -24,7 +24,17 @@ _CLOSE_TIMEOUT_S = 2.0
 _V4L2 = "V4L2"
 _MANUAL = 1.0
 _EXPOSURE_UNITS_PER_MS = 10.0
-
+# Properties of OpenCV, beside gain and gamma, that change the pixel value of the same light.
+_PIXEL_VALUE_CONTROLS = (
+    "BRIGHTNESS",
+    "CONTRAST",
+    "BACKLIGHT",
+    "ISO_SPEED",
+    "WB_TEMPERATURE",
+    "WHITE_BALANCE_BLUE_U",
+    "WHITE_BALANCE_RED_V",
+)
+_LACKING = -1.0  # of a property that the camera lacks
 
 _Grabbed = tuple[Pixels, float]  # pixels, and the time of arrival in s
 
@@ -81,6 +91,13 @@ class OpencvCamera:
             exposure_s=self._exposure_ms / 1e3,
             # Frames wait in the driver's buffers, in the queue and in the thread.
             queue_length=self._buffers + 2,
+            gain=self._pixel_values.get("GAIN"),
+            gamma=self._pixel_values.get("GAMMA"),
+            pixel_value_controls={
+                name.lower(): self._pixel_values[name]
+                for name in _PIXEL_VALUE_CONTROLS
+                if name in self._pixel_values
+            },
             controls={
                 "opencv": {
                     "backend": self._video_backend,
@@ -205,6 +222,10 @@ class OpencvCamera:
                 faults += self._set(name, float(value))
         if faults:
             raise ControlError(self._path, *faults)
+        # Read here, because a thread reads frames later.
+        names = ("GAIN", "GAMMA", *_PIXEL_VALUE_CONTROLS)
+        read = {name: video.get(getattr(cv2, f"CAP_PROP_{name}")) for name in names}
+        self._pixel_values = {name: value for name, value in read.items() if value != _LACKING}
 
     def _set_exposure(self) -> list[ControlFault]:
         if self._video_backend != _V4L2:

@@ -65,7 +65,7 @@ def check_setting(file: CalibrationFile, setting: Setting, what: str) -> None:
     """
     causes: dict[str, list[str]] = {}
     for name in sorted(file.records):
-        for difference in file.records[name].setting.differences(setting, name):
+        for difference in file.differences(name, setting):
             causes.setdefault(difference, []).append(name.replace("_", " "))
     if causes:
         each = "; ".join(f"{cause} ({', '.join(parts)})" for cause, parts in causes.items())

@@ -8,7 +8,6 @@ import numpy.typing as npt
 
 from capture.page.skeleton import notice, page_html, simulated_notice
 from capture.sets.captured_set import CapturedSet
-from capture.sets.metadata import UNPROTECTED
 from classify import SurfaceEstimate
 from classify.lights.flat_field import FlatField
 
@@ -49,7 +48,6 @@ def map_page(
         facts=(*_facts(captured, maps), *_calibration(maps.surface, calibration, raw_residual)),
         notices=(
             simulated_notice("part behind these maps") * metadata.simulated,
-            notice(f"This is {UNPROTECTED}.") * (not metadata.is_protected),
             *(notice(text, "Warning at import:") for text in metadata.warnings),
         ),
         note=_NOTE,

@@ -41,6 +41,7 @@ def dark_part(
 
     `dark` is the part made from these frames; it may include the ambient light.
     """
+    dark = replace(dark, exposure_ms=setting.exposure_ms)
     full = dark.full_scale
     hot = len(dark.hot_pixels)
     quality = (
@@ -123,8 +124,9 @@ def levels_of(
     `full_scale` is that of the frames, which may be stretched, and `bit_depth` the camera's.
     """
     dark = calibration.dark
-    known = dark is not None and not (dark.hot_pixels >= frames.shape[1:]).any()
-    hot_pixels = dark.hot_pixels if dark is not None and known else None
+    hot = [] if dark is None else [each.hot_pixels for each in dark.exposures]
+    known = bool(hot) and not any((each >= frames.shape[1:]).any() for each in hot)
+    hot_pixels = np.unique(np.concatenate(hot), axis=0) if known else None
     levels = block_levels(frames, full_scale, hot_pixels)
     stretch = full_scale / ((1 << bit_depth) - 1)
     return replace(levels, means=levels.means / stretch, variances=levels.variances / stretch**2)

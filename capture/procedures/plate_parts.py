@@ -67,9 +67,9 @@ def plate_parts(
     for each in sets:
         if each.mask is not None:
             mask = each.mask if mask is None else mask & each.mask
-    full_scale = float(first.metadata.full_scale)
+    full_scale, known = float(first.metadata.full_scale), calibration.at(setting.exposure_ms)
     placements = [
-        calibration.corrected(ImageStack(each.images, each.ambient), full_scale) for each in sets
+        known.corrected(ImageStack(each.images, each.ambient), full_scale) for each in sets
     ]
     if mask is not None:
         mask = calibration.corrected_mask(mask)
@@ -101,7 +101,7 @@ def _flat_field(measured: MeasuredPlate, setting: Setting, source: Sequence[str]
         "degree": float(max(fitted.degree)),
         "unused_percent": 100.0 * fitted.unused,
         "sheet_tilt_deg": float(measured.tilts_deg.max()),
-        "placements": float(len(measured.tilts_deg)),
+        "placements": float(len(measured.tilts_deg)) if measured.is_moved else 1.0,
         SHEET_BRIGHTNESS: measured.brightness,
     }
     warnings = []

@@ -13,9 +13,10 @@ import numpy as np
 
 from capture.calibration.lookup import OLD_DAYS, check_setting, read_calibration
 from capture.calibration.ps4cal import CalibrationFile, PartRecord
-from capture.calibration.setting import SAME_EXPOSURE, Setting
+from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
 from classify import Lighting
+from classify.calibration.dark import SAME_EXPOSURE
 from classify.calibration.drift import Drift, plate_drift
 from classify.images.stack import ImageStack
 from rig import Rig
@@ -142,7 +143,8 @@ def _drift(
     brightness = record.figures.get(SHEET_BRIGHTNESS)
     if brightness is not None:
         brightness *= _exposure_ratio(record, setting)
-    return plate_drift(stack, full_scale, file.calibration, lighting, brightness=brightness)
+    known = file.calibration.at(setting.exposure_ms)
+    return plate_drift(stack, full_scale, known, lighting, brightness=brightness)
 
 
 def _exposure(rig: Rig, file: CalibrationFile) -> Iterator[Check]:

@@ -141,6 +141,7 @@ class CapturedSet:
         if calibration is not None and raw:
             raise InputError("a calibration and raw=True exclude each other; give one of them")
         known = Calibration() if raw else calibration or self._named_calibration()
+        known = known.at(self.setting.exposure_ms)
         full_scale = self.metadata.full_scale
         stack = known.corrected(ImageStack(self.images, self.ambient), full_scale)
         return photometric_stereo(
@@ -168,12 +169,14 @@ class CapturedSet:
     def noise_with(self, calibration: Calibration) -> SensorNoise | None:
         """Noise of the images as a calibration corrects them; None if it is unknown."""
         metadata = self.metadata
-        sensor = None if metadata.camera is None else metadata.camera.noise
+        camera = metadata.camera
+        sensor = None if camera is None else camera.noise
         if calibration.noise is not None:
             sensor = calibration.noise.sensor
         frames = max((len(image.frames) for image in metadata.images), default=1) or 1
         noise = image_noise(sensor, metadata.bit_depth, metadata.full_scale, frames)
-        return calibration.noise_of(noise, has_ambient=self.ambient is not None)
+        known = calibration.at(None if camera is None else camera.exposure_ms)
+        return known.noise_of(noise, has_ambient=self.ambient is not None)
 
     def save(self, path: str | Path, *, home: Path | None = None) -> None:
         """Write an ``.ome.tif``, whole or not at all; an existing file is replaced.
@@ -195,7 +198,7 @@ class CapturedSet:
         ------
         InputError
             If the file is missing, truncated, changed since it was written, not a captured set, or
-            of a later version.
+            of another version.
         """
         path = Path(path)
         return CapturedSet(*ome_tiff.read(path), path=path)

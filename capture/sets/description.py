@@ -9,7 +9,6 @@ from typing import Literal, get_args
 from capture.process.utc_time import utc_text
 from classify.errors import InputError
 from classify.labels import checked_label
-from rig.set_file import SCHEMA_VERSION
 
 from .captured_set import CapturedSet
 from .metadata import CorrectionRecord, SetMetadata
@@ -59,13 +58,8 @@ def corrected(
     Raises
     ------
     InputError
-        For another field, a value that the field cannot have, or metadata of schema 1.
+        For another field, or a value that the field cannot have.
     """
-    if not metadata.is_protected:
-        raise InputError(
-            "a set of schema 1 has no hash over its metadata, so a correction could not be told "
-            "from tampering; keep notes on it elsewhere"
-        )
     date = utc_text(corrected_utc)
     changes = {name: _value(name, text) for name, text in values.items()}
     entries = tuple(
@@ -75,10 +69,7 @@ def corrected(
         for name, after in changes.items()
         if (before := getattr(metadata, name)) != after
     )
-    corrections = metadata.corrections + entries
-    return metadata.model_copy(
-        update={**changes, "corrections": corrections, "schema_version": SCHEMA_VERSION}
-    )
+    return metadata.model_copy(update={**changes, "corrections": metadata.corrections + entries})
 
 
 def corrections_of(metadata: SetMetadata) -> dict[str, str | float | None]:

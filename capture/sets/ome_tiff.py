@@ -180,9 +180,8 @@ def _ome_xml(
     comment = ET.SubElement(
         annotations, "CommentAnnotation", ID="Annotation:0", Namespace=NAMESPACE
     )
-    fields = metadata.model_dump(mode="json", by_alias=True)
-    if metadata.is_protected:  # the metadata of a set of schema 1 were never verified
-        fields["sha256"] = fields_sha256(fields)
+    fields = metadata.model_dump(mode="json")
+    fields["sha256"] = fields_sha256(fields)
     ET.SubElement(comment, "Value").text = json.dumps(fields)
     # ASCII with character references: a TIFF description has no other encoding to rely on.
     xml: bytes = ET.tostring(ome, encoding="us-ascii", xml_declaration=True)

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from capture.calibration.lookup import FoundCalibration, find_calibration
-from capture.calibration.setting import Setting, gain_of
+from capture.calibration.setting import Setting
 
 from .metadata import SetMetadata
 
@@ -33,8 +33,10 @@ def setting_of(metadata: SetMetadata, shape: tuple[int, ...]) -> Setting:
         crop=metadata.crop,
         bit_depth=metadata.bit_depth,
         exposure_ms=None if camera is None else camera.exposure_ms,
-        gain={} if camera is None else gain_of(camera.controls),
-        gamma=metadata.gamma,
+        gain=None if camera is None else camera.gain,
+        gamma=None if camera is None else camera.gamma,
+        pixel_value_controls={} if camera is None else camera.pixel_value_controls,
+        photograph_gamma=metadata.gamma,
         light_directions=metadata.lighting.directions,
         led_levels_percent=tuple(
             record.led_level_percent for record in metadata.images if record.light is not None

@@ -66,6 +66,21 @@ class SensorModel:
         return self.full_well_e / (self.full_scale_dn - self.black_level_dn)
 
     @property
+    def gain(self) -> float:
+        """Pixel values per electron."""
+        return 1.0 / self.gain_e_per_dn
+
+    @property
+    def gamma(self) -> float:
+        """The exponent of the response, as `SimulatedCamera` states it."""
+        return self.response_gamma
+
+    @property
+    def pixel_value_controls(self) -> Mapping[str, float]:
+        """The black level."""
+        return {"black_level": self.black_level_dn}
+
+    @property
     def read_noise_dn(self) -> float:
         """Rms read noise in pixel values."""
         return self.read_noise_e / self.gain_e_per_dn
@@ -133,6 +148,7 @@ class RecordedPixels:
 
     A light that is on for half of an exposure adds half of its recorded values. `origin` identifies
     the recorded set in the metadata of sets captured from it; a noise model is None if unknown.
+    Gain, gamma and controls are those of the camera that took it.
     """
 
     bit_depth: int
@@ -141,6 +157,9 @@ class RecordedPixels:
     gain_e_per_dn: float | None
     read_noise_dn: float | None
     black_level_dn: float | None
+    gain: float | None
+    gamma: float | None
+    pixel_value_controls: Mapping[str, float]
 
     def expose(self, light_ms: npt.NDArray[np.float32], _rng: np.random.Generator) -> Pixels:
         """Pixel values for an exposure; `light_ms` is pixel values times milliseconds."""

@@ -28,6 +28,19 @@ _AUTOMATIC = (
     abi.CID_IMAGE_STABILIZATION,
     abi.CID_SHARPNESS,
 )
+PIXEL_VALUE_CONTROLS = {
+    abi.CID_BRIGHTNESS: "brightness",
+    abi.CID_CONTRAST: "contrast",
+    abi.CID_BLACK_LEVEL: "black_level",
+    abi.CID_RED_BALANCE: "red_balance",
+    abi.CID_BLUE_BALANCE: "blue_balance",
+    abi.CID_WHITE_BALANCE_TEMPERATURE: "white_balance_temperature",
+    abi.CID_BACKLIGHT_COMPENSATION: "backlight_compensation",
+    abi.CID_ISO_SENSITIVITY: "iso_sensitivity",
+    abi.CID_ANALOGUE_GAIN: "analogue_gain",
+    abi.CID_DIGITAL_GAIN: "digital_gain",
+}
+"""Controls, beside gain and gamma, that change the pixel value of the same light."""
 
 
 Setting = tuple[Control, int]
@@ -66,6 +79,19 @@ def set_measurement_mode(device: V4l2Device, config: V4l2CameraConfig) -> Measur
     if faults:
         raise ControlError(device.path, *faults)
     return mode
+
+
+def pixel_values(device: V4l2Device) -> dict[int, float]:
+    """Read gain, gamma and the other controls of pixel values that a camera has, by id."""
+    found = {
+        control_id: find_control(device, control_id)
+        for control_id in (abi.CID_GAIN, abi.CID_GAMMA, *PIXEL_VALUE_CONTROLS)
+    }
+    return {
+        control_id: float(read_control(device, control))
+        for control_id, control in found.items()
+        if control is not None and control.is_readable
+    }
 
 
 def exposure_range_ms(device: V4l2Device, config: V4l2CameraConfig) -> tuple[float, float]:

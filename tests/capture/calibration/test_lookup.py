@@ -31,7 +31,9 @@ SETTING = Setting(
     height_px=24,
     bit_depth=12,
     exposure_ms=8.0,
-    gain={"gain": 4.0},
+    gain=4.0,
+    gamma=100.0,
+    pixel_value_controls={"brightness": 128.0},
     light_directions=tuple(map(tuple, Lighting.ring(45.0).directions.tolist())),
     led_levels_percent=(100, 100, 100, 100),
 )
@@ -167,8 +169,14 @@ def test_the_copy_beside_a_set_outlives_a_change_of_the_file(
         ({"crop": (1, 1, 32, 24)}, set(PART_NAMES), "crop (1, 1, 32, 24) instead of None"),
         ({"simulated": True}, set(PART_NAMES), "one is simulated and the other is not"),
         ({"bit_depth": 8}, {"dark", "response", "noise"}, "8 bit instead of 12"),
-        ({"gain": {"gain": 9.0}}, {"dark", "response", "noise"}, "control gain at 9 instead of 4"),
-        ({"gamma": "srgb"}, {"dark", "response", "noise"}, "taken as srgb instead of linear"),
+        ({"gain": 9.0}, {"dark", "response", "noise"}, "gain 9 instead of 4"),
+        ({"gamma": 90.0}, {"dark", "response", "noise"}, "gamma 90 instead of 100"),
+        (
+            {"pixel_value_controls": {"brightness": 100.0}},
+            {"dark", "response", "noise"},
+            "brightness 100 instead of 128",
+        ),
+        ({"photograph_gamma": "srgb"}, {"dark", "response", "noise"}, "as srgb instead of linear"),
         ({"exposure_ms": 9.0}, {"dark"}, "exposure 9 ms instead of 8 ms"),
         ({"light_directions": SETTING.light_directions[:3]}, {"flat_field", "lights"}, "3 lights"),
         (
@@ -199,7 +207,8 @@ def test_rounding_of_an_exposure_and_unknown_values_are_no_difference(
 ) -> None:
     ours = SETTING.model_copy(update={"exposure_ms": exposure_ms})
     theirs = SETTING.model_copy(update={"exposure_ms": exposure_ms * (1.0 + change)})
-    unknown = {"rig_name": None, "camera": None, "exposure_ms": None, "gain": {}}
+    unknown = {"rig_name": None, "camera": None, "exposure_ms": None, "gain": None, "gamma": None}
+    unknown |= {"pixel_value_controls": {}}
     photographs = SETTING.model_copy(update=unknown | {"led_levels_percent": (None,) * 4})
     for part in PART_NAMES:
         for other in (theirs, photographs):

@@ -27,7 +27,7 @@ from classify.calibration.scale import Scale
 Command = Callable[..., Any]
 Refused = Callable[..., str]
 MM_PER_PX = 0.02
-SET = Path(__file__).parents[2] / "data" / "sets" / "simulated-schema-4.ome.tif"
+SET = Path(__file__).parents[2] / "data" / "sets" / "rock.ome.tif"
 METADATA = CapturedSet.load(SET).metadata
 UM_PER_MM = 1e3
 
