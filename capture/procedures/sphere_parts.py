@@ -28,10 +28,6 @@ from .stated_error import stated_error
 # Errors of directions in words: the aim is 0.5 degrees with a mirror sphere and 2 with a matt one;
 # four degrees of slant turn the normals by three (table of faults, classify/README.md).
 _GOOD_DEG, _FAIR_DEG = 0.5, 2.0
-_POSITIONS_LOST = (
-    "the calibration held the positions of the lights, and now it holds directions; several "
-    "placements of the sphere, or ps4rig calibrate plate, give positions"
-)
 _OF_IMAGES: tuple[PartName, ...] = ("dark", "response", "scale", "flat_field")
 
 
@@ -104,9 +100,9 @@ def _corrected(sphere: SphereImages, setting: Setting, file: CalibrationFile) ->
     parts = {
         name: getattr(file.calibration, name)
         for name in _OF_IMAGES
-        if name in file.records and not file.records[name].setting.differences(setting, name)
+        if name in file.records and not file.differences(name, setting)
     }
-    known, full_scale = Calibration(**parts), sphere.full_scale
+    known, full_scale = Calibration(**parts).at(setting.exposure_ms), sphere.full_scale
     stack = known.corrected(ImageStack(sphere.images, sphere.ambient), full_scale)
     if known.flat_field is not None:
         shared = known.flat_field.shared
@@ -139,12 +135,7 @@ def sphere_parts(
     if not setting.light_directions:
         rows = tuple((x, y, z) for x, y, z in lighting.directions.tolist())
         setting = setting.model_copy(update={"light_directions": rows})
-    part = _lights_part(found, kind, focal_px, setting, source)
-    before = file.calibration.lights
-    had_positions = before is not None and before.lighting.positions_px is not None
-    if had_positions and lighting.positions_px is None:
-        part = replace(part, warnings=(*part.warnings, _POSITIONS_LOST))
-    parts = [part]
+    parts = [_lights_part(found, kind, focal_px, setting, source)]
     if diameter_mm is not None:
         measured = scale_of_spheres(found.spheres, diameter_mm)
         if scale is not None:  # what is known of the lens stays

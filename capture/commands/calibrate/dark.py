@@ -14,6 +14,7 @@ from classify.errors import InputError
 from .flow import (
     CalibrationPath,
     PhotographGamma,
+    Replace,
     RigToCalibrate,
     Yes,
     ask,
@@ -50,12 +51,14 @@ def dark(
             show_default="as in the set",
         ),
     ] = None,
+    replace: Replace = False,
     yes: Yes = False,
     json: options.Json = False,
 ) -> None:
     """Measure the camera with its lens covered: offset, noise and hot pixels; then ambient light.
 
-    Offset, noise and hot pixels hold for the exposure at which they were measured.
+    They hold for the exposure at which they were measured. Another exposure is added; then they
+    hold between the shortest and the longest one.
     """
     if (rig is None) == (not given):
         raise InputError("give --rig RIG, or --from IMG with photographs of the covered lens")
@@ -69,7 +72,7 @@ def dark(
             raise InputError("--bits and --gamma are for photographs; leave them out with --rig")
         with open_rig(rig) as opened:
             part = _of_rig(opened, yes)
-    keep_parts(calibration, file, [part], json=json)
+    keep_parts(calibration, file, [part], replace=replace, json=json)
 
 
 def _of_rig(rig: Rig, yes: bool) -> MeasuredPart:

@@ -14,6 +14,7 @@ from classify.errors import InputError
 
 from .flow import (
     PhotographGamma,
+    Replace,
     RigToCalibrate,
     Target,
     Yes,
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from capture.calibration.ps4cal import CalibrationFile
     from capture.calibration.setting import Setting
     from capture.sets.captured_set import CapturedSet
-    from classify.calibration.lights import CalibratedLights
     from classify.calibration.spheres import SphereImages
     from rig import Rig
 
@@ -99,6 +99,7 @@ def lights(
         ),
     ] = None,
     force: options.Force = False,
+    replace: Replace = False,
     yes: Yes = False,
     json: options.Json = False,
 ) -> None:
@@ -142,11 +143,12 @@ def lights(
         )
         names = [path.name for path in photographs]
     parts = sphere_parts(spheres, sphere, file, setting, names, diameter_mm)
-    keep_parts(calibration, file, parts, json=json)
+    kept = keep_parts(calibration, file, parts, replace=replace, json=json)
+    found = kept.calibration.lights
+    assert found is not None
     if list_file is not None:
-        write_light_list(list_file, parts[0].part.lighting, image_names)
+        write_light_list(list_file, found.lighting, image_names)
     if not json:
-        found: CalibratedLights = parts[0].part
         angles = zip(
             found.lighting.tilts_deg.round(1) % 360.0, found.lighting.slants_deg, strict=True
         )

@@ -14,6 +14,7 @@ from classify.errors import InputError
 from .flow import (
     CalibrationPath,
     FromSets,
+    Replace,
     RigToCalibrate,
     Target,
     Yes,
@@ -44,6 +45,7 @@ def plate(
             "--from."
         ),
     ] = None,
+    replace: Replace = False,
     yes: Yes = False,
     json: options.Json = False,
 ) -> None:
@@ -66,7 +68,7 @@ def plate(
     area = None if mask is None else read_mask(mask, (rows, columns), None)
     parts = plate_parts(sets, file.calibration, area, source)
     dropped: tuple[PartName, ...] = ()
-    if near_lights_are_refuted(file.calibration, parts):
+    if replace and near_lights_are_refuted(file.calibration, parts):
         complain(f"warning: {calibration}: the positions of lights measured before are dropped")
         dropped = ("lights",)
-    keep_parts(calibration, file, parts, json=json, dropped=dropped)
+    keep_parts(calibration, file, parts, replace=replace, json=json, dropped=dropped)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -17,6 +16,7 @@ from classify.errors import CalibrationRejected, InputError
 from .flow import (
     CalibrationPath,
     PhotographGamma,
+    Replace,
     RigToCalibrate,
     Target,
     Yes,
@@ -57,6 +57,7 @@ def response(
         ),
     ] = None,
     gamma: PhotographGamma = None,
+    replace: Replace = False,
     yes: Yes = False,
     json: options.Json = False,
 ) -> None:
@@ -77,7 +78,7 @@ def response(
             raise InputError("--exposures-ms and --gamma are for photographs; leave them out")
         with open_rig(rig) as opened:
             parts = _of_rig(opened, file.calibration, yes)
-    keep_parts(calibration, file, parts, json=json)
+    keep_parts(calibration, file, parts, replace=replace, json=json)
 
 
 def _of_files(
@@ -85,6 +86,7 @@ def _of_files(
 ) -> list[MeasuredPart]:
     from capture.calibration.setting import Setting
     from capture.procedures.camera_parts import (
+        Rung,
         response_parts,
         rungs_of_photographs,
         rungs_of_sets,
@@ -108,7 +110,7 @@ def _of_files(
                 raise
             # The exposure that a camera marks as 1/60 s is 1/64 s (Debevec and Malik 1997).
             with suppress(CalibrationRejected):
-                rungs = [replace(each, exposure_ms=whole_stops(each.exposure_ms)) for each in rungs]
+                rungs = [Rung(whole_stops(each.exposure_ms), each.levels) for each in rungs]
                 return response_parts(rungs, calibration, setting, names)
             raise
     if exposures_ms is not None or gamma is not None:

@@ -15,6 +15,7 @@ from classify.errors import InputError
 
 from .flow import (
     CalibrationPath,
+    Replace,
     RigToCalibrate,
     Target,
     Yes,
@@ -62,6 +63,7 @@ def scale(
             "that lies flat, show the focal length too.",
         ),
     ] = 1,
+    replace: Replace = False,
     yes: Yes = False,
     json: options.Json = False,
 ) -> None:
@@ -95,7 +97,7 @@ def scale(
             pictures = [board_of_set(captured) for captured in sets]
             setting, source = Setting.of_rig(opened), ["captured"]
     part = scale_part(pictures, corners, square_mm, setting, source)
-    keep_parts(calibration, file, [part], json=json)
+    keep_parts(calibration, file, [part], replace=replace, json=json)
 
 
 def _corners(text: str) -> tuple[int, int]:
