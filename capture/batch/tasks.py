@@ -318,7 +318,7 @@ def solve_set(
         task.folder,
         light=light,
         mm_per_px=mm_per_px,
-        calibration=None if loaded.found is None else loaded.found.path.name,
+        calibration=loaded.found,
         raw_residual=raw_residual,
         inputs=[task.path, *([] if loaded.found is None else [loaded.found.path])],
     )

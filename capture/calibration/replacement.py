@@ -47,8 +47,8 @@ class Difference:
     def __str__(self) -> str:
         factor = 100.0 if self.unit == "%" else 1.0
         return (
-            f"{self.text} ({factor * self.size:.2g} {self.unit} apart, the errors allow "
-            f"{factor * self.limit:.2g})"
+            f"{self.text} ({factor * self.size:.3g} {self.unit} apart, the errors allow "
+            f"{factor * self.limit:.2g} {self.unit})"
         )
 
 

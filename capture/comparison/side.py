@@ -149,7 +149,9 @@ def _folder(folder: Path) -> Side:
             "width_px": columns, "height_px": rows, "mm_per_px": about.get("mm_per_px"),
             "method": about.get("method"), "planar": about.get("planar"),
         },
-        "calibration": {"file": about.get("calibration")},
+        "calibration": {
+            "file": about.get("calibration"), "sha256": about.get("calibration_sha256"),
+        },
         "software": {"version": about.get("software_version")},
     }  # fmt: skip
     return Side(folder, surface, surface, maps, facts, bool(about.get("simulated")), None)

@@ -77,7 +77,16 @@ def test_solve_uses_it_says_both_residuals_and_leaves_it_out_with_raw(
     assert calibrated["residual"] < 0.5 * calibrated["raw_residual"]
     assert raw["residual"] == calibrated["raw_residual"]
     assert (raw["calibration"], raw["raw_residual"]) == (None, None)
+    for name, cal in (
+        ("calibrated", CalibrationFile.read(calibrated["calibration"]).hash),
+        ("raw", None),
+    ):
+        roughness = json.loads((tmp_path / name / "roughness.json").read_text())
+        for about in (roughness, read_map(tmp_path / name / "height.tif")[1]):
+            assert about["calibration_sha256"] == cal
+            assert (about["calibration"] is None) == (cal is None)
     page = (tmp_path / "calibrated" / "index.html").read_text()
+    assert f"{CalibrationFile.read(calibrated['calibration']).hash[:12]}…" in page
     assert f"{calibrated['residual']:.2%} of the signal, {raw['residual']:.2%} without" in page
     assert f"{raw['residual']:.2%} of the signal<" in (tmp_path / "raw" / "index.html").read_text()
     said = ps4rig("solve", path, "--out", tmp_path / "said").stdout
