@@ -5,6 +5,7 @@ import threading
 import time
 from collections import deque
 from contextlib import suppress
+from typing import Any
 
 import cv2
 import numpy as np
@@ -91,13 +92,7 @@ class OpencvCamera:
             exposure_s=self._exposure_ms / 1e3,
             # Frames wait in the driver's buffers, in the queue and in the thread.
             queue_length=self._buffers + 2,
-            gain=self._pixel_values.get("GAIN"),
-            gamma=self._pixel_values.get("GAMMA"),
-            pixel_value_controls={
-                name.lower(): self._pixel_values[name]
-                for name in _PIXEL_VALUE_CONTROLS
-                if name in self._pixel_values
-            },
+            **self._pixel_values,
             controls={
                 "opencv": {
                     "backend": self._video_backend,
@@ -225,7 +220,9 @@ class OpencvCamera:
         # Read here, because a thread reads frames later.
         names = ("GAIN", "GAMMA", *_PIXEL_VALUE_CONTROLS)
         read = {name: video.get(getattr(cv2, f"CAP_PROP_{name}")) for name in names}
-        self._pixel_values = {name: value for name, value in read.items() if value != _LACKING}
+        known = {name.lower(): value for name, value in read.items() if value != _LACKING}
+        stated = {name: known.pop(name, None) for name in ("gain", "gamma")}
+        self._pixel_values: dict[str, Any] = {**stated, "pixel_value_controls": known}
 
     def _set_exposure(self) -> list[ControlFault]:
         if self._video_backend != _V4L2:

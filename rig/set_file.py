@@ -43,12 +43,6 @@ def read_set_file(path: Path) -> tuple[Planes, dict[str, Any]]:
         they exist.
     fields
         JSON values of the file, not validated.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, truncated, changed since it was written, compressed, not a captured
-        set, or of another version.
     """
     with opened_tiff(path) as tiff:
         fields, _ = _header(tiff, path)

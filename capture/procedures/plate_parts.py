@@ -67,7 +67,9 @@ def plate_parts(
     for each in sets:
         if each.mask is not None:
             mask = each.mask if mask is None else mask & each.mask
-    full_scale, known = float(first.metadata.full_scale), calibration.at(setting.exposure_ms)
+    full_scale = float(first.metadata.full_scale)
+    has_ambient = all(each.ambient is not None for each in sets)
+    known = (calibration.holding_at if has_ambient else calibration.at)(setting.exposure_ms)
     placements = [
         known.corrected(ImageStack(each.images, each.ambient), full_scale) for each in sets
     ]

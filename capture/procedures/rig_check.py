@@ -143,7 +143,7 @@ def _drift(
     brightness = record.figures.get(SHEET_BRIGHTNESS)
     if brightness is not None:
         brightness *= _exposure_ratio(record, setting)
-    known = file.calibration.at(setting.exposure_ms)
+    known = file.calibration.holding_at(setting.exposure_ms)
     return plate_drift(stack, full_scale, known, lighting, brightness=brightness)
 
 

@@ -61,20 +61,16 @@ class CapturedSet:
                 f"a set of {lights} lights needs ({lights}, rows, columns) uint16 images, "
                 f"not {self.images.shape} {self.images.dtype}"
             )
-        if self.ambient is not None and (
-            self.ambient.shape != self.images.shape[1:] or self.ambient.dtype != np.uint16
+        shape = self.images.shape[1:]
+        for name, plane, dtype in (
+            ("ambient image", self.ambient, "uint16"),
+            ("mask", self.mask, "bool"),
         ):
-            raise InputError(
-                f"the ambient image is {self.ambient.shape} {self.ambient.dtype}, the light "
-                f"images are {self.images.shape[1:]} uint16"
-            )
-        if self.mask is not None and (
-            self.mask.shape != self.images.shape[1:] or self.mask.dtype != np.bool_
-        ):
-            raise InputError(
-                f"the mask is {self.mask.shape} {self.mask.dtype}, the light images are "
-                f"{self.images.shape[1:]}; give bool of that shape"
-            )
+            if plane is not None and (plane.shape != shape or plane.dtype != dtype):
+                raise InputError(
+                    f"the {name} is {plane.shape} {plane.dtype}, the light images are {shape}; "
+                    f"give {dtype} of that shape"
+                )
         if (self.mask is None) != (self.metadata.mask_file is None):
             has = "no mask" if self.mask is None else "a mask"
             raise InputError(

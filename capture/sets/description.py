@@ -30,11 +30,6 @@ def described(
     """Return a set with its description; None leaves a field empty.
 
     Without `orientation_deg` the set keeps that of its simulated part.
-
-    Raises
-    ------
-    InputError
-        If a text is not printable, or too long.
     """
     said: dict[str, str | float | None] = {
         "specimen": specimen, "operator": operator, "note": note,
@@ -54,11 +49,6 @@ def corrected(
 
     The entry keeps the value from before. An empty text removes the value. A field that has its new
     value already gets no entry.
-
-    Raises
-    ------
-    InputError
-        For another field, or a value that the field cannot have.
     """
     date = utc_text(corrected_utc)
     changes = {name: _value(name, text) for name, text in values.items()}
@@ -101,13 +91,7 @@ def _value(name: str, text: str) -> str | float | None:
 
 
 def checked_text(name: str, text: str) -> str:
-    """Return `text` if it can stand in the metadata of a set under `name`.
-
-    Raises
-    ------
-    InputError
-        If it is not printable, or too long.
-    """
+    """Return `text` if it can stand in the metadata of a set under `name`."""
     if not text.isprintable():
         raise InputError(f"{name} {text!r}: use printable characters only")
     if len(text) > _MAX_CHARACTERS:

@@ -27,11 +27,7 @@ Text = Annotated[str, AfterValidator(_printable)]
 
 
 class LightingRecord(Record):
-    """Unit vectors towards the lights (x right, y up, z to the camera) and their intensities.
-
-    `intensities_given` is as for `Lighting`. `positions_px` are those of near lights, and None for
-    distant ones.
-    """
+    """Unit vectors, intensities and, for near lights, positions, as in `Lighting`."""
 
     directions: tuple[Vector, ...] = Field(min_length=1)
     intensities: tuple[FiniteFloat, ...]
@@ -66,14 +62,10 @@ class FrameRecord(Record):
 
 
 class ImageRecord(Record):
-    """The origin of an image: frames under one light, or a file.
+    """The origin of an image: frames under one light, or a file; `light` is None for ambient light.
 
-    `light` is the index into the lighting, None for the ambient image. `led_acknowledged_s` and
-    `controller_time_us` are the time of the switch on the clocks of rig and controller.
-    `led_level_percent` is the drive level of the LED. `stale_frames` were exposed before the switch
-    and left out, `repeated_frames` came twice, `lost_frames` are gaps in the sequence numbers. With
-    a sequence of the controller, `exposures_us` are the edges of the strobe for each frame and
-    `triggers_us` the triggers, on the controller's clock.
+    Times are on the clocks of rig and controller. `stale_frames` were exposed before the switch,
+    `repeated_frames` came twice, `lost_frames` are gaps in the sequence numbers.
     """
 
     light: int | None
@@ -93,9 +85,8 @@ class ImageRecord(Record):
 class CameraRecord(Record):
     """The camera with its settings as read back from it.
 
-    Noise model and black level are in the camera's own pixel values, up to 2^bit_depth - 1.
-    Averaged images are stretched from there to `full_scale`. `gain`, `gamma` and
-    `pixel_value_controls` are as in `CameraInfo`.
+    The noise model is in the camera's own pixel values, up to 2^bit_depth - 1; all else is as in
+    `CameraInfo`.
     """
 
     kind: str
@@ -131,21 +122,9 @@ class ControllerRecord(Record):
 class ChecksRecord(Record):
     """Results of the checks of the lights from the images of a set.
 
-    Attributes
-    ----------
-    ambient_change
-        Change between two ambient images, as a share of an LED's light; None for one image.
-    redundancy_residual
-        rms residual beyond noise, as a share of the signal; None without four lights in general
-        position.
-    light_levels, light_levels_error
-        LED levels that explain the light images, and their standard error; None if no levels do.
-    retaken
-        Whether the light images agreed with a retake; False if there was none.
-    light_order
-        Order of the lights by the shading: ``confirmed`` or ``undecided``.
-    undecided
-        Reasons for the retake: checks that the light images alone left undecided.
+    `ambient_change` is a share of an LED's light, `redundancy_residual` one of the signal.
+    `light_levels` are the LED levels that explain the light images. `retaken` says whether a retake
+    agreed with them; `undecided` are the reasons for the retake.
     """
 
     ambient_change: FiniteFloat | None
@@ -239,15 +218,11 @@ class SetMetadata(Record):
 def image_noise(
     sensor: SensorNoise | None, bit_depth: int, full_scale: int, frames: int
 ) -> SensorNoise | None:
-    """Return the noise of images that are each the mean of `frames` frames of a sensor.
-
-    The mean of n frames is stretched by s = full_scale / (2^bit_depth - 1). Its gain is n / s times
-    that of the camera. Its read noise is s sqrt((r^2 + 1/12) / n) with the camera's read noise r;
-    1/12 is the variance of rounding each frame.
-    """
+    """Return the noise of means of `frames` frames of a sensor, stretched to `full_scale`."""
     if sensor is None:
         return None
     stretch = full_scale / ((1 << bit_depth) - 1)
+    # Each frame was rounded before the mean.
     rounding = ROUNDING_VARIANCE if frames > 1 else 0.0
     return SensorNoise(
         gain_e_per_dn=sensor.gain_e_per_dn * frames / stretch,

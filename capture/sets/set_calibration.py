@@ -7,6 +7,8 @@ from capture.calibration.setting import Setting
 
 from .metadata import SetMetadata
 
+_OF_THE_CAMERA = {"exposure_ms", "gain", "gamma", "pixel_value_controls"}
+
 
 def calibration_of(
     path: Path,
@@ -23,22 +25,13 @@ def calibration_of(
 def setting_of(metadata: SetMetadata, shape: tuple[int, ...]) -> Setting:
     """Return the setting of a captured or imported set with images of `shape` (rows, columns)."""
     camera = metadata.camera
-    is_known = camera is not None and camera.kind != "replay"
+    stated = {} if camera is None else camera.model_dump(include=_OF_THE_CAMERA)
+    name = None if camera is None or camera.kind == "replay" else f"{camera.kind} {camera.name}"
+    lit = [record for record in metadata.images if record.light is not None]
     return Setting(
-        simulated=metadata.simulated,
-        rig_name=metadata.rig_name,
-        camera=f"{camera.kind} {camera.name}" if camera is not None and is_known else None,
-        width_px=shape[1],
-        height_px=shape[0],
-        crop=metadata.crop,
-        bit_depth=metadata.bit_depth,
-        exposure_ms=None if camera is None else camera.exposure_ms,
-        gain=None if camera is None else camera.gain,
-        gamma=None if camera is None else camera.gamma,
-        pixel_value_controls={} if camera is None else camera.pixel_value_controls,
-        photograph_gamma=metadata.gamma,
+        camera=name, width_px=shape[1], height_px=shape[0], photograph_gamma=metadata.gamma,
         light_directions=metadata.lighting.directions,
-        led_levels_percent=tuple(
-            record.led_level_percent for record in metadata.images if record.light is not None
-        ),
-    )
+        led_levels_percent=tuple(record.led_level_percent for record in lit),
+        **metadata.model_dump(include={"simulated", "rig_name", "crop", "bit_depth"}),
+        **({"exposure_ms": None} | stated),
+    )  # fmt: skip

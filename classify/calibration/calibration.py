@@ -54,6 +54,14 @@ class Calibration:
         """
         return self if self.dark is None else replace(self, dark=self.dark.at(exposure_ms))
 
+    def holding_at(self, exposure_ms: float | None) -> Calibration:
+        """Return `at`, without a dark part that does not hold for the exposure.
+
+        For images with an ambient image, which need hot pixels of the dark part only.
+        """
+        holds = self.dark is not None and self.dark.holds_at(exposure_ms)
+        return self.at(exposure_ms) if holds else replace(self, dark=None)
+
     def corrected(self, stack: ImageStack, full_scale: float) -> ImageStack:
         """Return the images as an ideal camera would have taken them.
 

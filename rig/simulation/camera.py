@@ -121,10 +121,8 @@ class SimulatedCamera:
             gain_e_per_dn=self.sensor.gain_e_per_dn,
             read_noise_dn=self.sensor.read_noise_dn,
             black_level_dn=self.sensor.black_level_dn,
-            gain=self.sensor.gain,
-            gamma=self.sensor.gamma,
-            pixel_value_controls=self.sensor.pixel_value_controls,
             controls=controls,
+            **self.sensor.stated,
         )
 
     @property

@@ -16,12 +16,10 @@ from rig.frame_time import (
     start_known_to_s,
 )
 
-from . import abi
 from .camera_list import device_path
 from .controls import list_controls, read_control
 from .device import Capture, V4l2Device, VideoFormat
 from .measurement_mode import (
-    PIXEL_VALUE_CONTROLS,
     check_measurement_mode,
     exposure_range_ms,
     pixel_values,
@@ -91,14 +89,8 @@ class V4l2Camera:
             queue_length=self._queue_length,
             readout_s=None if readout_ms is None else readout_ms / 1e3,
             start_known_to_s=start_known_to_s(self._config),
-            gain=self._pixel_values.get(abi.CID_GAIN),
-            gamma=self._pixel_values.get(abi.CID_GAMMA),
-            pixel_value_controls={
-                name: self._pixel_values[control]
-                for control, name in PIXEL_VALUE_CONTROLS.items()
-                if control in self._pixel_values
-            },
             controls=self._controls,
+            **self._pixel_values,
         )
 
     @property

@@ -74,6 +74,11 @@ def test_exposures_have_one_depth() -> None:
         dark(5.0).added(dark(10.0, full=255.0))
 
 
+def test_a_dark_part_that_does_not_hold_is_left_out_where_it_may_be() -> None:
+    assert Calibration(dark(20.0)).holding_at(10.0).dark is None
+    assert Calibration(dark(20.0)).holding_at(20.0).dark is not None
+
+
 def test_images_are_never_corrected_by_another_exposure() -> None:
     several = Calibration(dark(5.0).added(dark(40.0)))
     stack = ImageStack(np.full((1, 16, 16), 500, np.uint16), None)
