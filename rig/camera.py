@@ -77,8 +77,12 @@ class CameraInfo:
         Longest time by which an exposure may start after the frame's `exposure_start_s`.
     gain_e_per_dn, read_noise_dn, black_level_dn
         Noise model of the sensor, None if unknown.
+    gain, gamma
+        As read back, in the camera's own units; None if the camera does not state them.
+    pixel_value_controls
+        Further controls that change the pixel value of the same light, by name.
     controls
-        All further settings, as read back.
+        All settings for the record, as read back.
     """
 
     kind: str
@@ -94,6 +98,9 @@ class CameraInfo:
     gain_e_per_dn: float | None = None
     read_noise_dn: float | None = None
     black_level_dn: float | None = None
+    gain: float | None = None
+    gamma: float | None = None
+    pixel_value_controls: Mapping[str, float] = field(default_factory=dict)
     controls: Mapping[str, Any] = field(default_factory=dict)
 
 

@@ -5,6 +5,7 @@ import threading
 import time
 from collections import deque
 from contextlib import suppress
+from typing import Any
 
 import cv2
 import numpy as np
@@ -24,7 +25,17 @@ _CLOSE_TIMEOUT_S = 2.0
 _V4L2 = "V4L2"
 _MANUAL = 1.0
 _EXPOSURE_UNITS_PER_MS = 10.0
-
+# Properties of OpenCV, beside gain and gamma, that change the pixel value of the same light.
+_PIXEL_VALUE_CONTROLS = (
+    "BRIGHTNESS",
+    "CONTRAST",
+    "BACKLIGHT",
+    "ISO_SPEED",
+    "WB_TEMPERATURE",
+    "WHITE_BALANCE_BLUE_U",
+    "WHITE_BALANCE_RED_V",
+)
+_LACKING = -1.0  # of a property that the camera lacks
 
 _Grabbed = tuple[Pixels, float]  # pixels, and the time of arrival in s
 
@@ -81,6 +92,7 @@ class OpencvCamera:
             exposure_s=self._exposure_ms / 1e3,
             # Frames wait in the driver's buffers, in the queue and in the thread.
             queue_length=self._buffers + 2,
+            **self._pixel_values,
             controls={
                 "opencv": {
                     "backend": self._video_backend,
@@ -205,6 +217,12 @@ class OpencvCamera:
                 faults += self._set(name, float(value))
         if faults:
             raise ControlError(self._path, *faults)
+        # Read here, because a thread reads frames later.
+        names = ("GAIN", "GAMMA", *_PIXEL_VALUE_CONTROLS)
+        read = {name: video.get(getattr(cv2, f"CAP_PROP_{name}")) for name in names}
+        known = {name.lower(): value for name, value in read.items() if value != _LACKING}
+        stated = {name: known.pop(name, None) for name in ("gain", "gamma")}
+        self._pixel_values: dict[str, Any] = {**stated, "pixel_value_controls": known}
 
     def _set_exposure(self) -> list[ControlFault]:
         if self._video_backend != _V4L2:

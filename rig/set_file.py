@@ -18,7 +18,7 @@ import tifffile
 from classify.errors import InputError
 from classify.regular_file import open_regular_file
 
-SCHEMA_VERSION = 5
+SCHEMA_VERSION = 6
 NAMESPACE = "ps4rig/captured-set"
 Planes = npt.NDArray[np.uint16]
 _VALUE = f".//{{*}}CommentAnnotation[@Namespace='{NAMESPACE}']/{{*}}Value"  # in any OME schema
@@ -27,6 +27,10 @@ _MAX_BYTES = 2**34
 _MAX_DESCRIPTION_BYTES = 2**24
 _MAX_PAGES = 256
 _MAX_SIDE_PX = 32768
+
+
+class OtherVersionError(InputError):
+    """A captured set of another schema version."""
 
 
 def read_set_file(path: Path) -> tuple[Planes, dict[str, Any]]:
@@ -38,13 +42,7 @@ def read_set_file(path: Path) -> tuple[Planes, dict[str, Any]]:
         (pages, H, W) uint16: the light images in order, then the ambient image and the mask if
         they exist.
     fields
-        JSON values of the file, not validated. Files of `schema_version` 1 have no hash over them.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, truncated, changed since it was written, compressed, not a captured
-        set, or of a later version.
+        JSON values of the file, not validated.
     """
     with opened_tiff(path) as tiff:
         fields, _ = _header(tiff, path)
@@ -150,18 +148,12 @@ def _fields(tiff: tifffile.TiffFile, path: Path) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: the metadata are not valid JSON ({error})") from error
     version = fields.get("schema_version") if isinstance(fields, dict) else None
-    if not isinstance(version, int) or version < 1:
-        raise InputError(
-            f"{path}: metadata field schema_version: not a positive whole number, but "
-            f"{version!r:.40}; use the original"
+    if version != SCHEMA_VERSION or not isinstance(version, int):
+        raise OtherVersionError(
+            f"{path}: captured-set version {version!r:.40}, this program reads {SCHEMA_VERSION}; "
+            "use the ps4rig that wrote it"
         )
-    if version > SCHEMA_VERSION:
-        raise InputError(
-            f"{path}: captured-set version {version}, this program reads up to {SCHEMA_VERSION}; "
-            "use a newer ps4rig"
-        )
-    # Version 1 has no hash: a file that has one was of a later version.
-    if (version > 1 or "sha256" in fields) and fields.get("sha256") != fields_sha256(fields):
+    if fields.get("sha256") != fields_sha256(fields):
         raise InputError(
             f"{path}: the metadata do not match their SHA-256; they were changed after the set "
             "was captured, use the original"

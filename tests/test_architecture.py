@@ -57,8 +57,9 @@ STOREYS = {
     "capture": (
         {"errors", "outputs", "page", "process", "process_settings"},
         {"console"},
-        {"sets"},
         {"calibration"},
+        {"sets"},
+        {"procedures"},
         {"acquisition", "maps"},
         {"batch", "calibration_page"},
         {"exchange", "preview"},

@@ -159,7 +159,7 @@ def _attempt(
         full_scale,
         image_noise(camera.noise, info.bit_depth, full_scale, average),
     )
-    known = Calibration() if calibration is None else calibration.calibration
+    known = Calibration() if calibration is None else calibration.calibration.at(camera.exposure_ms)
     placement = None if rig.simulation is None else rig.simulation.placement
     metadata = SetMetadata(
         label=label,
@@ -182,7 +182,7 @@ def _attempt(
         software_version=_SOFTWARE_VERSION,
         pixels_sha256=_NO_HASH,
     )
-    unchecked = CapturedSet(images.images, images.ambient, metadata)
+    unchecked = CapturedSet(images.images, images.ambient, metadata, calibration=calibration)
     exposed(unchecked)
 
     def retake() -> npt.NDArray[np.uint16]:
@@ -260,5 +260,8 @@ def _camera_record(info: CameraInfo) -> CameraRecord:
         gain_e_per_dn=info.gain_e_per_dn,
         read_noise_dn=info.read_noise_dn,
         black_level_dn=info.black_level_dn,
+        gain=info.gain,
+        gamma=info.gamma,
+        pixel_value_controls=dict(info.pixel_value_controls),
         controls=dict(info.controls),
     )

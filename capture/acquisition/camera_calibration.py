@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 
-from capture.calibration.camera_parts import Rung, levels_of
+from capture.procedures.camera_parts import Rung, levels_of
 from classify.calibration.calibration import Calibration
 from classify.calibration.dark_frames import DarkFrames, dark_of
 from rig import Rig

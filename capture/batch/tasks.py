@@ -14,14 +14,15 @@ from typing import Self
 
 import numpy as np
 
-from capture.calibration.lookup import FoundCalibration, calibration_of
+from capture.calibration.lookup import FoundCalibration
 from capture.console import complain
 from capture.errors import SetRejected
 from capture.maps.files import write_maps
 from capture.maps.surface_maps import RELIT_LIGHT
 from capture.sets import ome_tiff
 from capture.sets.captured_set import CapturedSet
-from capture.sets.metadata import UNPROTECTED, SetMetadata
+from capture.sets.metadata import SetMetadata
+from capture.sets.set_calibration import calibration_of
 from classify import Lighting, Match, Method, SurfaceEstimate, TextureLibrary
 from classify.calibration.calibration import Calibration
 from classify.classifiers import Observation
@@ -48,7 +49,6 @@ class SetHeader:
     method: Method
     lighting: Lighting
     pixels_sha256: str
-    protected: bool
     warnings: tuple[str, ...]
 
 
@@ -82,17 +82,8 @@ def read_header(
         method,
         lighting,
         metadata.pixels_sha256,
-        metadata.is_protected,
         () if found is None else found.warnings,
     )
-
-
-def warn_unprotected(protected: Iterable[tuple[Path, bool]]) -> None:
-    """Print one warning if some of the (file, is protected) pairs are not protected.
-
-    Files of schema 1 are not: they have no hash over their metadata.
-    """
-    warn_of_sets((path, () if is_protected else (UNPROTECTED,)) for path, is_protected in protected)
 
 
 def warn_of_sets(warnings: Iterable[tuple[Path, tuple[str, ...]]]) -> None:
@@ -148,7 +139,7 @@ class LoadedSet:
         """
         known = self.calibration
         planar = planar and (known is None or known.flat_field is None)
-        return self.captured.solve(method, planar=planar, calibration=known)
+        return self.captured.solve(method, planar=planar, calibration=known, raw=known is None)
 
 
 def observe_set(
@@ -180,7 +171,6 @@ class ClassifiedSet:
     label: str | None
     orientation_deg: float | None
     simulated: bool
-    protected: bool
     warnings: tuple[str, ...]
 
 
@@ -222,7 +212,6 @@ def classify_set(
         metadata.label,
         metadata.orientation_deg,
         metadata.simulated,
-        metadata.is_protected,
         loaded.warnings,
     )
 
@@ -267,7 +256,6 @@ class SolvedSet:
     fall_off: float | None
     led_levels: tuple[float, ...] | None
     simulated: bool
-    protected: bool
     lights: int
     mm_per_px: float | None
     calibration: str | None
@@ -304,10 +292,12 @@ def solve_set(
         loaded = LoadedSet.of(task.path, calibration)
     captured, known = loaded.captured, loaded.calibration
     with named(task.path):
-        surface = captured.solve(method, planar=planar, calibration=known, on_progress=on_progress)
+        surface = captured.solve(
+            method, planar=planar, calibration=known, raw=raw, on_progress=on_progress
+        )
         raw_residual = None
         if known is not None:
-            raw_residual = captured.solve(method, planar=planar).residual_share
+            raw_residual = captured.solve(method, planar=planar, raw=True).residual_share
     saturated = float(surface.saturated.mean())
     shadowed = float(surface.shadow_mask.mean())
     if not surface.valid.any():
@@ -328,7 +318,7 @@ def solve_set(
         task.folder,
         light=light,
         mm_per_px=mm_per_px,
-        calibration=None if loaded.found is None else loaded.found.path.name,
+        calibration=loaded.found,
         raw_residual=raw_residual,
         inputs=[task.path, *([] if loaded.found is None else [loaded.found.path])],
     )
@@ -341,7 +331,6 @@ def solve_set(
         fall_off=None if found is None else found.share,
         led_levels=None if levels is None else tuple(np.round(levels, 4).tolist()),
         simulated=captured.metadata.simulated,
-        protected=captured.metadata.is_protected,
         lights=len(captured.images),
         mm_per_px=mm_per_px,
         calibration=None if loaded.found is None else str(loaded.found.path),

@@ -12,7 +12,7 @@ from classify.library.training import TrainingRow, common_lighting
 from classify.methods import DEFAULT_CLASSIFIER
 
 from .runner import Batch
-from .tasks import PLANAR, SetHeader, observe_set, read_header, warn_of_sets, warn_unprotected
+from .tasks import PLANAR, SetHeader, observe_set, read_header, warn_of_sets
 
 
 def train_library(
@@ -43,7 +43,6 @@ def train_library(
     read = batch.map(partial(read_header, method=method, calibration=calibration), absolute)
     headers = list(progress(read, len(paths), "read labels"))
     warn_of_sets((path, header.warnings) for path, header in zip(paths, headers, strict=True))
-    warn_unprotected((path, header.protected) for path, header in zip(paths, headers, strict=True))
     method = _one_solver(paths, headers)
     segment_px = min(header.segment_px for header in headers)
     task = partial(

@@ -1,5 +1,1 @@
-"""The calibration of a rig: its file, its settings, and the search for that of a set.
-
-A procedure that measures a part takes captured sets or frames, and returns the part with its record
-of quality. The commands in `capture/commands/calibrate/` capture them.
-"""
+"""The calibration of a rig: its parts, its settings, its file, and the search for the file."""

@@ -1,13 +1,11 @@
 """Find the calibration of a captured set, and check that it holds for the set."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
 from capture.errors import CalibrationError
-from capture.sets.captured_set import CapturedSet
-from capture.sets.metadata import SetMetadata
 from classify.durable_file import make_folder
 
 from .ps4cal import SUFFIX, CalibrationFile, utc_of
@@ -29,14 +27,18 @@ class FoundCalibration:
     warnings: tuple[str, ...]
 
 
-def calibration_of(
-    path: Path, metadata: SetMetadata, shape: tuple[int, ...], given: Path | None = None
+def find_calibration(
+    path: Path,
+    hashes: tuple[str, ...],
+    setting: Setting,
+    created_utc: str,
+    given: Path | None,
+    way_out: str,
 ) -> FoundCalibration | None:
-    """Find the calibration of the set at `path`, with images of `shape` (rows, columns).
+    """Find the calibration of the set at `path`: `given`, or that of one of the `hashes`.
 
-    It is the one that is `given`, or the one that the set names by its hash. That is looked for
-    beside the set, and in folders ``calibration`` beside the set and beside its folder. None for a
-    set that names none.
+    It is looked for beside the set, and in folders ``calibration`` beside the set and beside its
+    folder. None for a set that names none. `way_out` ends the message about a missing one.
 
     Raises
     ------
@@ -45,12 +47,12 @@ def calibration_of(
     """
     if given is not None:
         found, file = given, read_calibration(given)
-    elif metadata.calibration_ids:
-        found, file = _named(path, metadata.calibration_ids)
+    elif hashes:
+        found, file = _named(path, hashes, way_out)
     else:
         return None
-    check_setting(file, Setting.of_metadata(metadata, shape), str(path))
-    return FoundCalibration(found, file, (*file.warnings(), *_age(file, metadata)))
+    check_setting(file, setting, str(path))
+    return FoundCalibration(found, file, (*file.warnings(), *_age(file, created_utc)))
 
 
 def check_setting(file: CalibrationFile, setting: Setting, what: str) -> None:
@@ -63,7 +65,7 @@ def check_setting(file: CalibrationFile, setting: Setting, what: str) -> None:
     """
     causes: dict[str, list[str]] = {}
     for name in sorted(file.records):
-        for difference in file.records[name].setting.differences(setting, name):
+        for difference in file.differences(name, setting):
             causes.setdefault(difference, []).append(name.replace("_", " "))
     if causes:
         each = "; ".join(f"{cause} ({', '.join(parts)})" for cause, parts in causes.items())
@@ -72,21 +74,6 @@ def check_setting(file: CalibrationFile, setting: Setting, what: str) -> None:
             f"{subject} does not hold for {what}: {each}; restore the setting, or calibrate "
             "again at this one"
         )
-
-
-def named_by(captured: CapturedSet, file: CalibrationFile) -> CapturedSet:
-    """Return a set that names its calibration.
-
-    Raises
-    ------
-    CalibrationError
-        As `check_setting`.
-    """
-    check_setting(file, Setting.of_set(captured), "these images")
-    metadata = captured.metadata.model_copy(
-        update={"calibration_ids": (file.hash,), "mm_per_px": file.calibration.mm_per_px}
-    )
-    return replace(captured, metadata=metadata)
 
 
 def read_calibration(path: Path) -> CalibrationFile:
@@ -135,7 +122,7 @@ def _hash_at(path: Path) -> str | None:
         return None
 
 
-def _named(path: Path, hashes: tuple[str, ...]) -> tuple[Path, CalibrationFile]:
+def _named(path: Path, hashes: tuple[str, ...], way_out: str) -> tuple[Path, CalibrationFile]:
     """The calibration with one of these hashes."""
     others: list[str] = []
     for candidate in _candidates(path):
@@ -150,7 +137,7 @@ def _named(path: Path, hashes: tuple[str, ...]) -> tuple[Path, CalibrationFile]:
     seen = f" ({'; '.join(others)})" if others else ""
     raise CalibrationError(
         f"{path}: was captured with the calibration {hashes[0][:_DIGITS]}, which is neither beside "
-        f"it nor in a folder {FOLDER}{seen}; give --calibration CAL, or solve --raw without one"
+        f"it nor in a folder {FOLDER}{seen}; {way_out}"
     )
 
 
@@ -160,9 +147,9 @@ def _candidates(path: Path) -> Iterator[Path]:
         yield from sorted(each for each in place.glob(f"*{SUFFIX}") if each.is_file())
 
 
-def _age(file: CalibrationFile, metadata: SetMetadata) -> Iterator[str]:
+def _age(file: CalibrationFile, created_utc: str) -> Iterator[str]:
     try:
-        captured = utc_of(metadata.created_utc)
+        captured = utc_of(created_utc)
     except ValueError:  # not a date
         return
     ages = {name: each.age_days(captured) or 0 for name, each in file.records.items()}

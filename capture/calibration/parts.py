@@ -14,6 +14,9 @@ from classify.errors import InputError
 Array = npt.NDArray[Any]
 Values = dict[str, Any]
 
+# A dark part of 16 exposures has 15.
+_MOST_LEVELS = 20
+
 PartName = Literal["dark", "response", "noise", "flat_field", "lights", "scale"]
 PART_NAMES: Final[tuple[PartName, ...]] = get_args(PartName)
 
@@ -53,6 +56,8 @@ def put_together(name: PartName, values: Values, arrays: dict[str, Array]) -> An
         If a field is missing, unknown, or not of its type; the message names it.
     """
     left = {*values, *arrays}
+    if max((each.count(".") for each in left), default=0) > _MOST_LEVELS:
+        raise InputError(f"fields are nested more than {_MOST_LEVELS} times")
 
     def put(kind: Any, path: str) -> Any:
         given: dict[str, Any] = {}

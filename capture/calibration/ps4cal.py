@@ -18,6 +18,7 @@ from pydantic import Field, FiniteFloat, JsonValue
 from capture.errors import CalibrationError
 from classify.array_archive import ArchiveKind, ArrayArchive, open_archive, write_archive
 from classify.calibration.calibration import Calibration
+from classify.calibration.dark import measured_at
 from classify.errors import InputError
 from rig.config.section import Record
 from rig.set_file import fields_sha256
@@ -26,7 +27,7 @@ from .parts import PART_NAMES, PartName, put_together, taken_apart
 from .setting import Setting
 
 SUFFIX = ".ps4cal"
-VERSION: Final = 1
+VERSION: Final = 2
 _KIND = ArchiveKind(
     noun="calibration",
     header="calibration.json",
@@ -112,7 +113,7 @@ class _PartHeader(Record):
 
 class _Header(Record):
     format: Literal["ps4cal"] = "ps4cal"
-    version: Literal[1] = VERSION
+    version: Literal[2] = VERSION
     parts: dict[PartName, _PartHeader]
     sha256: str = ""
 
@@ -170,14 +171,29 @@ class CalibrationFile:
         records = {each: record for each, record in self.records.items() if each != name}
         return CalibrationFile(replace(self.calibration, **{name: None}), records)
 
-    def warnings(self) -> list[str]:
-        """Say which parts were measured before another one changed what they measure."""
+    def differences(self, name: PartName, setting: Setting) -> list[str]:
+        """Differences of a setting that invalidate a part, in words."""
+        measured, dark = self.records[name].setting, self.calibration.dark
+        if name != "dark" or dark is None or dark.longer is None:
+            return measured.differences(setting, name)
+        others = measured.model_copy(update={"exposure_ms": None}).differences(setting, name)
+        if dark.holds_at(setting.exposure_ms):
+            return others
+        time = "unknown" if setting.exposure_ms is None else f"{setting.exposure_ms:g} ms"
+        return [*others, f"exposure {time}, dark frames {measured_at(dark)}"]
+
+    @property
+    def outdated(self) -> list[PartName]:
+        """Parts that were measured before a curved response, which changes their light images."""
         response, records = self.calibration.response, self.records
         if response is None or response.linear:
             return []
         curved = [name for name in _SEEN_THROUGH_THE_RESPONSE if name in records]
-        since = records["response"].date
-        old = [name.replace("_", " ") for name in curved if records[name].date < since]
+        return [name for name in curved if records[name].date < records["response"].date]
+
+    def warnings(self) -> list[str]:
+        """Say which parts are outdated."""
+        old = [name.replace("_", " ") for name in self.outdated]
         if not old:
             return []
         what = f"{' and '.join(old)} measured before the response, which changes their light images"

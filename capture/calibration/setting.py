@@ -3,28 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any, Self
+from typing import Annotated, Self
 
 import numpy as np
 from pydantic import Field, FiniteFloat
 
-from capture.sets.captured_set import CapturedSet
-from capture.sets.metadata import SetMetadata, Vector
-from capture.sets.photographs import Photographs
+from classify.calibration.dark import SAME_EXPOSURE
 from rig import CameraInfo, Rig
 from rig.config.section import Record
 
 from .parts import PartName
 
-# Exposures that cameras read back are rounded, as in capture/acquisition/hardware_set.py.
-SAME_EXPOSURE = 0.02
-# Words in the names of V4L2 controls that change the pixel value of the same light.
-_GAIN_CONTROLS = ("gain", "gamma", "brightness", "contrast", "black_level", "iso", "backlight")
 # What a part depends on, beside the camera and its frame. README.md gives the reasons.
 _DEPENDS_ON_PIXEL_VALUES: tuple[PartName, ...] = ("dark", "response", "noise")
 _DEPENDS_ON_EXPOSURE: tuple[PartName, ...] = ("dark",)
 _DEPENDS_ON_LIGHTS: tuple[PartName, ...] = ("flat_field", "lights")
 
+Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 Side = Annotated[int, Field(ge=1, le=32768)]
 
 
@@ -37,9 +32,9 @@ class Setting(Record):
         Name of the rig, and kind and name of its camera.
     crop
         Part of the photographs that was kept, as in a set's metadata.
-    exposure_ms, gain
-        Exposure, and controls of the camera that change the pixel value of the same light.
-    gamma
+    exposure_ms, gain, gamma, pixel_value_controls
+        Exposure, and what else changes the pixel value of the same light, as in `CameraInfo`.
+    photograph_gamma
         Response of photographs that was undone when they were imported.
     light_directions, led_levels_percent
         The lights as configured, in order, and the drive levels of their LEDs.
@@ -53,53 +48,20 @@ class Setting(Record):
     crop: tuple[int, int, int, int] | None = None
     bit_depth: int = Field(ge=1, le=16)
     exposure_ms: FiniteFloat | None
-    gain: dict[str, FiniteFloat] = Field(default_factory=dict)
-    gamma: str = "linear"
+    gain: FiniteFloat | None = None
+    gamma: FiniteFloat | None = None
+    pixel_value_controls: dict[str, FiniteFloat] = Field(default_factory=dict)
+    photograph_gamma: str = "linear"
     light_directions: tuple[Vector, ...] = Field(max_length=255)
     led_levels_percent: tuple[int | None, ...] = Field(default=(), max_length=255)
 
     @classmethod
-    def of_set(cls, captured: CapturedSet) -> Self:
-        """Return the setting of a captured or imported set."""
-        return cls.of_metadata(captured.metadata, captured.images.shape[1:])
-
-    @classmethod
-    def of_metadata(cls, metadata: SetMetadata, shape: tuple[int, ...]) -> Self:
-        """Return the setting of a set with images of `shape` (rows, columns)."""
-        camera = metadata.camera
-        is_known = camera is not None and camera.kind != "replay"
+    def of_photographs(cls, shape: tuple[int, ...], bit_depth: int, gamma: str) -> Self:
+        """Return the setting of single photographs of `shape`, without lights and exposure."""
         return cls(
-            simulated=metadata.simulated,
-            rig_name=metadata.rig_name,
-            camera=f"{camera.kind} {camera.name}" if camera is not None and is_known else None,
-            width_px=shape[1],
-            height_px=shape[0],
-            crop=metadata.crop,
-            bit_depth=metadata.bit_depth,
-            exposure_ms=None if camera is None else camera.exposure_ms,
-            gain={} if camera is None else _gain(camera.controls),
-            gamma=metadata.gamma,
-            light_directions=metadata.lighting.directions,
-            led_levels_percent=tuple(
-                record.led_level_percent for record in metadata.images if record.light is not None
-            ),
-        )
-
-    @classmethod
-    def of_photographs(cls, photographs: Photographs) -> Self:
-        """Return the setting of single photographs, without lights and exposure."""
-        rows, columns = photographs.planes[0].shape
-        return cls(
-            simulated=False,
-            rig_name=None,
-            camera=None,
-            width_px=columns,
-            height_px=rows,
-            bit_depth=photographs.bit_depth,
-            exposure_ms=None,
-            gamma=photographs.gamma,
-            light_directions=(),
-        )
+            simulated=False, rig_name=None, camera=None, width_px=shape[1], height_px=shape[0],
+            bit_depth=bit_depth, exposure_ms=None, photograph_gamma=gamma, light_directions=(),
+        )  # fmt: skip
 
     @classmethod
     def of_rig(cls, rig: Rig) -> Self:
@@ -114,7 +76,9 @@ class Setting(Record):
             height_px=info.height_px,
             bit_depth=info.bit_depth,
             exposure_ms=1000.0 * info.exposure_s,
-            gain=_gain(dict(info.controls)),
+            gain=info.gain,
+            gamma=info.gamma,
+            pixel_value_controls=dict(info.pixel_value_controls),
             light_directions=tuple((x, y, z) for x, y, z in rig.lighting.directions.tolist()),
             led_levels_percent=tuple(levels),
         )
@@ -139,11 +103,15 @@ class Setting(Record):
         if part in _DEPENDS_ON_PIXEL_VALUES:
             if self.bit_depth != other.bit_depth:
                 yield f"{other.bit_depth} bit instead of {self.bit_depth}"
-            if self.gamma != other.gamma:
-                yield f"photographs taken as {other.gamma} instead of {self.gamma}"
-            for name in sorted(self.gain.keys() & other.gain.keys()):
-                if self.gain[name] != other.gain[name]:
-                    yield f"control {name} at {other.gain[name]:g} instead of {self.gain[name]:g}"
+            if self.photograph_gamma != other.photograph_gamma:
+                yield (
+                    f"photographs taken as {other.photograph_gamma} instead of "
+                    f"{self.photograph_gamma}"
+                )
+            mine, its = self._controls, other._controls
+            for name in sorted(mine.keys() & its.keys()):
+                if mine[name] != its[name]:
+                    yield f"{name} {its[name]:g} instead of {mine[name]:g}"
         if part in _DEPENDS_ON_EXPOSURE and self.exposure_ms and other.exposure_ms:
             change = abs(other.exposure_ms / self.exposure_ms - 1.0)
             if change > SAME_EXPOSURE:
@@ -166,16 +134,14 @@ class Setting(Record):
             )
 
     @property
+    def _controls(self) -> dict[str, float]:
+        stated = {"gain": self.gain, "gamma": self.gamma}
+        known = {name: value for name, value in stated.items() if value is not None}
+        return {**known, **self.pixel_value_controls}
+
+    @property
     def _size(self) -> str:
         return f"{self.width_px} x {self.height_px} px"
-
-
-def _gain(controls: dict[str, Any]) -> dict[str, float]:
-    return {
-        name: float(value)
-        for name, value in controls.items()
-        if isinstance(value, int | float) and any(word in name for word in _GAIN_CONTROLS)
-    }
 
 
 def _listed(levels: tuple[int | None, ...]) -> str:

@@ -202,13 +202,14 @@ def _camera(file: CalibrationFile) -> str:
         said = "Taken as linear; the curve is not applied." if response.linear else "Undone."
         figures.append((drawings.response_curve(response), "response", f"{said} Grey: linear."))
     if calibration.dark is not None:
-        dark = calibration.dark
         frame = _frame(file.records["dark"].setting)
-        said = (
-            f"{len(dark.hot_pixels)} hot pixels. Offset {dark.offset:.4g}, noise {dark.noise:.3g} "
-            f"of {dark.full_scale:g}."
-        )
-        figures.append((drawings.hot_pixel_map(dark, frame), "dark frames", said))
+        for dark in calibration.dark.exposures:
+            said = (
+                f"{len(dark.hot_pixels)} hot pixels. Offset {dark.offset:.4g}, noise "
+                f"{dark.noise:.3g} of {dark.full_scale:g}."
+            )
+            at = "" if dark.exposure_ms is None else f" at {dark.exposure_ms:g} ms"
+            figures.append((drawings.hot_pixel_map(dark, frame), f"dark frames{at}", said))
     shown = "".join(
         f"<figure>{drawing}<figcaption><b>{title}</b><br>{escape(said)}</figcaption></figure>"
         for drawing, title, said in figures

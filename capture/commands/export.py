@@ -37,7 +37,7 @@ def export(
     json: options.Json = False,
 ) -> None:
     """Write a captured set, or its height, for other programs."""
-    from capture.batch.tasks import SolveTask, solve_set, warn_unprotected
+    from capture.batch.tasks import SolveTask, solve_set
     from capture.exchange.light_folder import write_light_folder
     from capture.exchange.numpy_file import write_numpy_file
     from capture.outputs import check_output
@@ -54,7 +54,6 @@ def export(
     if suffix:
         check_output(output, suffix=output.suffix, inputs=[captured_set], force=force)
     metadata, _ = read_header(captured_set)
-    warn_unprotected([(captured_set, metadata.is_protected)])
     said: dict[str, str | tuple[str, ...]] = {"set": str(captured_set), "output": str(output)}
     if maps:
         method = only_method(len(metadata.lighting.directions))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capture.console import complain, out, print_json, reported
+from capture.console import out, print_json, reported
 from classify.errors import InputError
 
 from . import options
@@ -41,7 +41,6 @@ def info(
     from capture.session.corrections import correct_in_sessions
     from capture.sets.archive import find_sets
     from capture.sets.captured_set import CapturedSet
-    from capture.sets.metadata import UNPROTECTED
 
     paths = find_sets(sets)
     if corrections:
@@ -50,8 +49,6 @@ def info(
     rows = []
     for path in paths:
         captured = CapturedSet.load(path)
-        if not captured.metadata.is_protected:
-            complain(f"warning: {path}: {UNPROTECTED}")
         if json:
             rows.append(_as_json(path, captured))
             continue

@@ -236,7 +236,7 @@ def import_(
 
     Photographs that no surface under these lights explains are refused, see --accept.
     """
-    from capture.calibration.lookup import keep_beside, named_by, read_calibration
+    from capture.calibration.lookup import keep_beside, read_calibration
     from capture.sets.description import described
     from capture.sets.image_import import import_images
     from capture.sets.light_list import load_light_list
@@ -270,7 +270,7 @@ def import_(
     )  # fmt: skip
     captured = described(captured, specimen=specimen, operator=operator, note=note)
     if known is not None:
-        captured = named_by(captured, known)
+        captured = captured.named_after(known)
     if calibration is not None and known is not None:
         keep_beside(calibration, known, output)
     captured.save(output)

@@ -67,7 +67,7 @@ def solve(
 ) -> None:
     """Write the maps of captured sets: p, q, albedo, normals, relative height, shadows and more."""
     from capture.batch.runner import Batch
-    from capture.batch.tasks import SolveTask, solve_set, warn_of_sets, warn_unprotected
+    from capture.batch.tasks import SolveTask, solve_set, warn_of_sets
     from capture.maps.surface_maps import RELIT_LIGHT
     from capture.maps.views import SHOWN_LIGHTS
     from capture.sets.archive import output_folders
@@ -77,7 +77,7 @@ def solve(
     light = RELIT_LIGHT if relight is None else _light(relight)
     folders = output_folders(sets, output)
     tasks = [SolveTask(path.absolute(), folder.absolute()) for path, folder in folders.items()]
-    rows, protected, warnings = [], [], []
+    rows, warnings = [], []
     with Batch(workers, scheduler) as batch:
         task = partial(
             solve_set,
@@ -91,7 +91,6 @@ def solve(
         solving = batch.map(task, tasks, here=partial(task, on_progress=share))
         solved = progress(solving, len(tasks), "solve", share)
         for (path, folder), surface in zip(folders.items(), solved, strict=True):
-            protected.append((path, surface.protected))
             warnings.append((path, surface.warnings))
             if json:
                 rows.append(_as_json(path, folder, surface))
@@ -109,7 +108,6 @@ def solve(
                     if said:
                         out.print(said, soft_wrap=True)
     warn_of_sets(warnings)
-    warn_unprotected(protected)
     if json:
         # The answer for one set that is given as a file is an object, not a list.
         print_json(rows if folders.get(sets[0]) != output else rows[0])

@@ -184,7 +184,7 @@ def _classified(
     label_required: bool = False,
     calibration: Path | None = None,
 ) -> tuple[list[ClassifiedSet], TextureLibrary]:
-    from capture.batch.tasks import classify_set, warn_of_sets, warn_unprotected
+    from capture.batch.tasks import classify_set, warn_of_sets
     from classify import TextureLibrary
 
     trained = TextureLibrary.load(library)  # so that a wrong one is found before the first set
@@ -198,7 +198,6 @@ def _classified(
     answers = batch.map(task, [path.absolute() for path in paths])
     answered = list(progress(answers, len(paths), "classify"))
     warn_of_sets((path, answer.warnings) for path, answer in zip(paths, answered, strict=True))
-    warn_unprotected((path, answer.protected) for path, answer in zip(paths, answered, strict=True))
     _warn_other_solver(paths, answered, library, trained)
     return answered, trained
 

@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from capture.batch.tasks import LoadedSet
-from capture.calibration.setting import Setting
 from capture.maps.map_tiff import read_description, read_map
 from capture.sets.captured_set import CapturedSet
 from capture.sets.ome_tiff import SUFFIX
@@ -94,7 +93,7 @@ def _set(path: Path) -> Side:
 
 def _facts_of_set(captured: CapturedSet) -> dict[str, dict[str, Any]]:
     about = captured.metadata
-    setting = Setting.of_set(captured).model_dump(mode="json")
+    setting = captured.setting.model_dump(mode="json")
     rig = {name: setting.pop(name) for name in _OF_THE_RIG}
     rig["led_intensities"] = np.round(captured.lighting.intensities, 4).tolist()
     if about.controller is not None:
@@ -150,7 +149,9 @@ def _folder(folder: Path) -> Side:
             "width_px": columns, "height_px": rows, "mm_per_px": about.get("mm_per_px"),
             "method": about.get("method"), "planar": about.get("planar"),
         },
-        "calibration": {"file": about.get("calibration")},
+        "calibration": {
+            "file": about.get("calibration"), "sha256": about.get("calibration_sha256"),
+        },
         "software": {"version": about.get("software_version")},
     }  # fmt: skip
     return Side(folder, surface, surface, maps, facts, bool(about.get("simulated")), None)

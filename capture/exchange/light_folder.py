@@ -44,6 +44,6 @@ def write_light_folder(captured: CapturedSet, folder: Path) -> str:
             tifffile.imwrite(temporary / name, page, photometric="minisblack")
         write_light_list(temporary / LIGHTS, captured.lighting, names)
         (temporary / _METADATA).write_text(
-            captured.metadata.model_dump_json(indent=1, by_alias=True), encoding="utf-8"
+            captured.metadata.model_dump_json(indent=1), encoding="utf-8"
         )
     return shlex.join([*options, "--bits", str(captured.metadata.full_scale.bit_length())])

@@ -48,7 +48,7 @@ def read_set_layers(path: str) -> list[Layer]:
     """
     images, ambient, metadata, mask = ome_tiff.read(Path(path))
     pages = [*images] + [each for each in (ambient, mask) if each is not None]
-    about = metadata.model_dump(mode="json", by_alias=True)
+    about = metadata.model_dump(mode="json")
     return [
         _layer(name, page, metadata.mm_per_px, about, (0, metadata.full_scale), shown=index == 0)
         for index, (name, page) in enumerate(zip(ome_tiff.page_names(metadata), pages, strict=True))

@@ -24,7 +24,7 @@ def write_numpy_file(captured: CapturedSet, path: Path) -> None:
         "directions": lighting.directions,
         "intensities": lighting.intensities,
         "positions_px": lighting.positions_px,
-        "metadata": np.array(captured.metadata.model_dump_json(by_alias=True)),
+        "metadata": np.array(captured.metadata.model_dump_json()),
     }
     present = {name: array for name, array in arrays.items() if array is not None}
     with durable_file(path) as temporary, temporary.open("wb") as file:

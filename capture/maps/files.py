@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from capture.calibration.lookup import FoundCalibration
 from capture.outputs import is_input
 from capture.sets.captured_set import CapturedSet
 from classify import Lighting, SurfaceEstimate
@@ -37,7 +38,7 @@ def write_maps(
     *,
     light: Lighting = RELIT_LIGHT,
     mm_per_px: float | None = None,
-    calibration: str | None = None,
+    calibration: FoundCalibration | None = None,
     raw_residual: float | None = None,
     inputs: Collection[Path] = (),
 ) -> list[Path]:
@@ -59,7 +60,7 @@ def write_maps(
         Scale of the image. With it heights and curvatures are in mm, Sa and Sq in micrometres;
         without it they are relative, in pixels.
     calibration, raw_residual
-        Name of the calibration that was used, and the `residual_share` without it.
+        The calibration that was used, and the `residual_share` without it.
     inputs
         Files that the surface comes from. No map replaces one of them.
 
@@ -76,7 +77,8 @@ def write_maps(
         "method": surface.method,
         "planar": surface.planar,
         "mm_per_px": mm_per_px,
-        "calibration": calibration,
+        "calibration": None if calibration is None else calibration.path.name,
+        "calibration_sha256": None if calibration is None else calibration.file.hash,
         "simulated": captured.metadata.simulated,
         "label": captured.label,
         "pixels_sha256": captured.metadata.pixels_sha256,

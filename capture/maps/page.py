@@ -6,9 +6,9 @@ from html import escape
 import numpy as np
 import numpy.typing as npt
 
+from capture.calibration.lookup import FoundCalibration
 from capture.page.skeleton import notice, page_html, simulated_notice
 from capture.sets.captured_set import CapturedSet
-from capture.sets.metadata import UNPROTECTED
 from classify import SurfaceEstimate
 from classify.lights.flat_field import FlatField
 
@@ -32,12 +32,12 @@ def map_page(
     captured: CapturedSet,
     maps: SurfaceMaps,
     views: dict[str, list[MapView]],
-    calibration: str | None = None,
+    calibration: FoundCalibration | None = None,
     raw_residual: float | None = None,
 ) -> str:
     """Return the page as HTML; all text from the set is escaped.
 
-    `calibration` is the name of the one that was used, `raw_residual` the residual without it.
+    `calibration` is the one that was used, `raw_residual` the residual without it.
     """
     metadata = captured.metadata
     figures = {name: "".join(map(figure_html, members)) for name, members in views.items()}
@@ -49,7 +49,6 @@ def map_page(
         facts=(*_facts(captured, maps), *_calibration(maps.surface, calibration, raw_residual)),
         notices=(
             simulated_notice("part behind these maps") * metadata.simulated,
-            notice(f"This is {UNPROTECTED}.") * (not metadata.is_protected),
             *(notice(text, "Warning at import:") for text in metadata.warnings),
         ),
         note=_NOTE,
@@ -90,9 +89,11 @@ def _facts(captured: CapturedSet, maps: SurfaceMaps) -> Iterator[tuple[str, str]
 
 
 def _calibration(
-    surface: SurfaceEstimate, calibration: str | None, raw_residual: float | None
+    surface: SurfaceEstimate, calibration: FoundCalibration | None, raw_residual: float | None
 ) -> Iterator[tuple[str, str]]:
-    yield "calibration", "none" if calibration is None else calibration
+    yield "calibration", "none" if calibration is None else calibration.path.name
+    if calibration is not None:
+        yield "SHA-256 of calibration", f"{calibration.file.hash[:12]}…"
     residual = surface.residual_share
     if residual is not None:
         without = "" if raw_residual is None else f", {raw_residual:.2%} without calibration"

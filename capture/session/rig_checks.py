@@ -2,7 +2,9 @@
 
 from pathlib import Path
 
+from capture.calibration.lookup import read_calibration
 from capture.sets.ome_tiff import read_header
+from classify.calibration.dark import Dark, measured_at
 from classify.errors import InputError
 from rig import RigConfig
 from rig.simulation.scenes import require_surface
@@ -51,6 +53,32 @@ def check_plan(plan: SessionPlan, source: Path, config: RigConfig) -> None:
             f"{source}: calibration_required, but the rig names no calibration; make "
             "one with ps4rig calibrate, and set calibration = 'FILE.ps4cal' in rig.toml"
         )
+    exposure_ms = config.camera.exposure_ms if plan.exposure_ms is None else plan.exposure_ms
+    dark = _dark_of(config)
+    if dark is not None and exposure_ms != SEARCH and not dark.holds_at(float(exposure_ms)):
+        raise InputError(
+            f"{source}: exposure_ms = {exposure_ms:g}, but dark frames {measured_at(dark)} "
+            f"({config.calibration}); set camera.exposure_ms = {exposure_ms:g} in rig.toml, and "
+            "ps4rig calibrate dark adds this exposure"
+        )
+
+
+def search_warning(plan: SessionPlan, config: RigConfig) -> str | None:
+    """Say which exposures of a search the calibration of the rig will refuse."""
+    dark = _dark_of(config)
+    if plan.exposure_ms != SEARCH or dark is None or dark.exposure_ms is None:
+        return None
+    return (
+        f"exposure_ms = '{SEARCH}', but dark frames {measured_at(dark)} ({config.calibration}): "
+        "sets at other exposures will be refused; set camera.exposure_ms in rig.toml to the "
+        "shortest and the longest exposure, and ps4rig calibrate dark adds each of them"
+    )
+
+
+def _dark_of(config: RigConfig) -> Dark | None:
+    if config.calibration is None:
+        return None
+    return read_calibration(Path(config.calibration)).calibration.dark
 
 
 def _check_lights(folder: SessionFolder, config: RigConfig) -> None:

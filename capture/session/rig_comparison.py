@@ -1,7 +1,7 @@
 """The comparison of a rig with its calibration at the start of a session."""
 
 from capture.calibration.ps4cal import CalibrationFile
-from capture.calibration.rig_check import checks_of_drift, drift_of_rig, lays_sheet_down
+from capture.procedures.rig_check import checks_of_drift, drift_of_rig, lays_sheet_down
 from classify.errors import CalibrationRejected
 from rig import Rig
 from rig.doctor.check import Check

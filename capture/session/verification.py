@@ -6,18 +6,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from capture.calibration.lookup import calibration_of
 from capture.calibration.ps4cal import SUFFIX as CALIBRATION_SUFFIX
 from capture.calibration.ps4cal import CalibrationFile
 from capture.sets.captured_set import CapturedSet
-from capture.sets.metadata import UNPROTECTED
 from capture.sets.ome_tiff import SUFFIX as SET_SUFFIX
 from capture.sets.ome_tiff import read_header
+from capture.sets.set_calibration import calibration_of
 from classify import TextureLibrary
 from classify.defects.defect_model import DefectModel
 from classify.defects.ps4def import SUFFIX as DEFECTS_SUFFIX
 from classify.errors import InputError
 from classify.library.ps4lib import SUFFIX as LIBRARY_SUFFIX
+from rig.set_file import OtherVersionError
 
 from .folder import JOURNAL, REPLACED, SETS, SessionFolder
 
@@ -25,7 +25,7 @@ State = Literal[
     "good",
     "missing",
     "altered",
-    "old schema",
+    "other version",
     "without calibration",
     "not in journal",
     "not in results",
@@ -97,9 +97,10 @@ def verify_file(path: Path) -> Iterator[FileFinding]:
 
 
 def _captured_set(path: Path) -> FileFinding:
-    captured = CapturedSet.load(path)
-    if not captured.metadata.is_protected:
-        return FileFinding(path, "old schema", UNPROTECTED)
+    try:
+        captured = CapturedSet.load(path)
+    except OtherVersionError as error:
+        return FileFinding(path, "other version", str(error).removeprefix(f"{path}: "))
     try:
         calibration_of(path, captured.metadata, captured.images.shape[1:])
     except InputError as error:

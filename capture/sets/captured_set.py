@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
+from capture.calibration.lookup import check_setting
+from capture.calibration.ps4cal import CalibrationFile
+from capture.calibration.setting import Setting
 from classify import Lighting, Method, SensorNoise, SurfaceEstimate, photometric_stereo
 from classify.calibration.calibration import Calibration
 from classify.errors import InputError
@@ -16,6 +20,9 @@ from classify.images.stack import ImageStack
 
 from . import ome_tiff
 from .metadata import SetMetadata, image_noise
+from .set_calibration import calibration_of, setting_of
+
+_WAY_OUT = "pass another one as calibration=, or raw=True for none"
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +37,9 @@ class CapturedSet:
         (H, W) uint16 image with all LEDs off, or None.
     mask
         (H, W) bool, false outside the part, where no pixel is valid; None for the whole frame.
+    path, calibration
+        File that the set was loaded from, and the calibration that it was captured with; None for a
+        set from elsewhere. A file of a set holds neither.
 
     Raises
     ------
@@ -41,6 +51,8 @@ class CapturedSet:
     ambient: npt.NDArray[np.uint16] | None
     metadata: SetMetadata
     mask: npt.NDArray[np.bool_] | None = None
+    path: Path | None = field(default=None, repr=False)
+    calibration: CalibrationFile | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         lights = len(self.metadata.lighting.directions)
@@ -49,20 +61,16 @@ class CapturedSet:
                 f"a set of {lights} lights needs ({lights}, rows, columns) uint16 images, "
                 f"not {self.images.shape} {self.images.dtype}"
             )
-        if self.ambient is not None and (
-            self.ambient.shape != self.images.shape[1:] or self.ambient.dtype != np.uint16
+        shape = self.images.shape[1:]
+        for name, plane, dtype in (
+            ("ambient image", self.ambient, "uint16"),
+            ("mask", self.mask, "bool"),
         ):
-            raise InputError(
-                f"the ambient image is {self.ambient.shape} {self.ambient.dtype}, the light "
-                f"images are {self.images.shape[1:]} uint16"
-            )
-        if self.mask is not None and (
-            self.mask.shape != self.images.shape[1:] or self.mask.dtype != np.bool_
-        ):
-            raise InputError(
-                f"the mask is {self.mask.shape} {self.mask.dtype}, the light images are "
-                f"{self.images.shape[1:]}; give bool of that shape"
-            )
+            if plane is not None and (plane.shape != shape or plane.dtype != dtype):
+                raise InputError(
+                    f"the {name} is {plane.shape} {plane.dtype}, the light images are {shape}; "
+                    f"give {dtype} of that shape"
+                )
         if (self.mask is None) != (self.metadata.mask_file is None):
             has = "no mask" if self.mask is None else "a mask"
             raise InputError(
@@ -79,21 +87,58 @@ class CapturedSet:
         """The lights of the images."""
         return self.metadata.lighting.to_lighting()
 
+    @property
+    def setting(self) -> Setting:
+        """The setting of rig and camera that a calibration of the set must have."""
+        return setting_of(self.metadata, self.images.shape[1:])
+
+    def named_after(self, file: CalibrationFile) -> CapturedSet:
+        """Return the set with the name of its calibration.
+
+        Raises
+        ------
+        CalibrationError
+            If the calibration is of another rig or setting.
+        """
+        check_setting(file, self.setting, "these images")
+        about = {"calibration_ids": (file.hash,), "mm_per_px": file.calibration.mm_per_px}
+        return replace(self, metadata=self.metadata.model_copy(update=about), calibration=file)
+
     def solve(
         self,
         method: Method | None = None,
         *,
         planar: bool = False,
         calibration: Calibration | None = None,
+        raw: bool = False,
         on_progress: Callable[[float], None] | None = None,
     ) -> SurfaceEstimate:
         """Solve for gradients and albedo, with ambient light subtracted.
 
         See `classify.photometric_stereo`. The default method is ps4_robust for four lights and
-        least_squares for more. No pixel outside the mask is valid. With a calibration of this rig,
-        the images are corrected and divided by its flat field, and its lights and noise are used.
+        least_squares for more. No pixel outside the mask is valid. The images are corrected and
+        divided by the flat field of the calibration, and its lights and noise are used.
+
+        Parameters
+        ----------
+        calibration
+            Calibration of this rig; by default the one that the set names, which is looked for as
+            by ``ps4rig solve``.
+        raw
+            Use no calibration.
+
+        Raises
+        ------
+        CalibrationError
+            If the calibration that the set names is missing, or of another rig or setting.
+        InputError
+            For a method that does not suit the lights.
         """
-        known, full_scale = calibration or Calibration(), self.metadata.full_scale
+        if calibration is not None and raw:
+            raise InputError("a calibration and raw=True exclude each other; give one of them")
+        known = Calibration() if raw else calibration or self._named_calibration()
+        known = known.at(self.setting.exposure_ms)
+        full_scale = self.metadata.full_scale
         stack = known.corrected(ImageStack(self.images, self.ambient), full_scale)
         return photometric_stereo(
             stack.images, known.lighting_of(self.lighting), method, ambient=stack.ambient,
@@ -103,6 +148,15 @@ class CapturedSet:
             lobe_exponent=None if known.lights is None else known.lights.lobe_exponent,
         )  # fmt: skip
 
+    def _named_calibration(self) -> Calibration:
+        if self.calibration is not None:
+            return self.calibration.calibration
+        path = self.path or Path("a set without a file")
+        found = calibration_of(path, self.metadata, self.images.shape[1:], way_out=_WAY_OUT)
+        for text in () if found is None else found.warnings:
+            warnings.warn(f"{path}: {text}", stacklevel=3)
+        return Calibration() if found is None else found.file.calibration
+
     @property
     def noise(self) -> SensorNoise | None:
         """Noise of the images; None if the camera's gain or read noise is unknown."""
@@ -111,12 +165,14 @@ class CapturedSet:
     def noise_with(self, calibration: Calibration) -> SensorNoise | None:
         """Noise of the images as a calibration corrects them; None if it is unknown."""
         metadata = self.metadata
-        sensor = None if metadata.camera is None else metadata.camera.noise
+        camera = metadata.camera
+        sensor = None if camera is None else camera.noise
         if calibration.noise is not None:
             sensor = calibration.noise.sensor
         frames = max((len(image.frames) for image in metadata.images), default=1) or 1
         noise = image_noise(sensor, metadata.bit_depth, metadata.full_scale, frames)
-        return calibration.noise_of(noise, has_ambient=self.ambient is not None)
+        known = calibration.at(None if camera is None else camera.exposure_ms)
+        return known.noise_of(noise, has_ambient=self.ambient is not None)
 
     def save(self, path: str | Path, *, home: Path | None = None) -> None:
         """Write an ``.ome.tif``, whole or not at all; an existing file is replaced.
@@ -138,6 +194,7 @@ class CapturedSet:
         ------
         InputError
             If the file is missing, truncated, changed since it was written, not a captured set, or
-            of a later version.
+            of another version.
         """
-        return CapturedSet(*ome_tiff.read(Path(path)))
+        path = Path(path)
+        return CapturedSet(*ome_tiff.read(path), path=path)

@@ -9,7 +9,6 @@ from typing import Literal, get_args
 from capture.process.utc_time import utc_text
 from classify.errors import InputError
 from classify.labels import checked_label
-from rig.set_file import SCHEMA_VERSION
 
 from .captured_set import CapturedSet
 from .metadata import CorrectionRecord, SetMetadata
@@ -31,11 +30,6 @@ def described(
     """Return a set with its description; None leaves a field empty.
 
     Without `orientation_deg` the set keeps that of its simulated part.
-
-    Raises
-    ------
-    InputError
-        If a text is not printable, or too long.
     """
     said: dict[str, str | float | None] = {
         "specimen": specimen, "operator": operator, "note": note,
@@ -55,17 +49,7 @@ def corrected(
 
     The entry keeps the value from before. An empty text removes the value. A field that has its new
     value already gets no entry.
-
-    Raises
-    ------
-    InputError
-        For another field, a value that the field cannot have, or metadata of schema 1.
     """
-    if not metadata.is_protected:
-        raise InputError(
-            "a set of schema 1 has no hash over its metadata, so a correction could not be told "
-            "from tampering; keep notes on it elsewhere"
-        )
     date = utc_text(corrected_utc)
     changes = {name: _value(name, text) for name, text in values.items()}
     entries = tuple(
@@ -75,10 +59,7 @@ def corrected(
         for name, after in changes.items()
         if (before := getattr(metadata, name)) != after
     )
-    corrections = metadata.corrections + entries
-    return metadata.model_copy(
-        update={**changes, "corrections": corrections, "schema_version": SCHEMA_VERSION}
-    )
+    return metadata.model_copy(update={**changes, "corrections": metadata.corrections + entries})
 
 
 def corrections_of(metadata: SetMetadata) -> dict[str, str | float | None]:
@@ -110,13 +91,7 @@ def _value(name: str, text: str) -> str | float | None:
 
 
 def checked_text(name: str, text: str) -> str:
-    """Return `text` if it can stand in the metadata of a set under `name`.
-
-    Raises
-    ------
-    InputError
-        If it is not printable, or too long.
-    """
+    """Return `text` if it can stand in the metadata of a set under `name`."""
     if not text.isprintable():
         raise InputError(f"{name} {text!r}: use printable characters only")
     if len(text) > _MAX_CHARACTERS:

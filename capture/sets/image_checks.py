@@ -27,18 +27,9 @@ _PROBED_COLUMNS = 8
 
 @dataclass(frozen=True, eq=False)
 class LightImages:
-    """The images of one set, in the order of the lights.
+    """The images of one set, in the order of the lights, uint16 or `calibrated` float32.
 
-    Attributes
-    ----------
-    images
-        (N, H, W) uint16 of the camera, or float32 if they are `calibrated`.
-    ambient, later_ambient
-        (H, W) with all LEDs off, before the lights and between them; the later one may be None.
-    lighting, names
-        The lights, and their names in messages.
-    full_scale, noise
-        Pixel value of saturation; noise model of the images, None if unknown.
+    `ambient` was taken before the lights, `later_ambient` between them; `names` are for messages.
     """
 
     images: Images
@@ -95,11 +86,10 @@ class LightImages:
             return None
 
     def equal_rows(self) -> Iterator[tuple[str, str, int, int]]:
-        """Pairs of light images with equal rows.
+        """Pairs of light images with their numbers of equal and of comparable rows.
 
-        Each pair has its names, the number of equal rows and that of comparable rows. Noise differs
-        from frame to frame, so that a row that is equal in two images is from one frame. Rows of
-        one value cannot be compared.
+        Noise differs from frame to frame: a row of several values that two images share is from one
+        frame.
         """
         textured = [np.ptp(image, axis=1) > 1 for image in self.images]
         step = max(1, self.images.shape[2] // _PROBED_COLUMNS)

@@ -94,7 +94,7 @@ def import_images(
         full_scale=photographs.full_scale,
         noise=None,
     )
-    findings, checks = check_photographs(checked, part, calibration or Calibration())
+    findings, checks = check_photographs(checked, part, (calibration or Calibration()).at(None))
     refused = [each for each in findings if each.refutes and each.cause not in accept]
     if refused:
         causes = "; ".join(f"{each.text} (--accept {each.cause})" for each in refused)

@@ -4,17 +4,13 @@ import math
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, ConfigDict, Field, FiniteFloat
+from pydantic import AfterValidator, Field, FiniteFloat
 
 from classify import Lighting
 from classify.images.noise import ROUNDING_VARIANCE, SensorNoise
 from rig import Placement
 from rig.config.section import Record
 
-UNPROTECTED = (
-    "a set of schema 1: its metadata have no hash, so that a change of lights or label after the "
-    "capture cannot be noticed"
-)
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 # Wider than the range of any camera; squares and quotients stay finite in float32.
 Gain = Annotated[float, Field(ge=1e-6, le=1e6)]
@@ -22,7 +18,6 @@ PixelValue = Annotated[float, Field(ge=0.0, le=65535.0)]
 
 
 def _printable(text: str | None) -> str | None:
-    # "unknown", which `checked_label` refuses, is accepted: older sets may have that label.
     if text is not None and not text.isprintable():
         raise ValueError("use printable characters only")
     return text
@@ -31,21 +26,12 @@ def _printable(text: str | None) -> str | None:
 Text = Annotated[str, AfterValidator(_printable)]
 
 
-class _Record(Record):
-    # The aliases are the keys in files. Some keep an older word than the attribute.
-    model_config = ConfigDict(populate_by_name=True)
-
-
-class LightingRecord(_Record):
-    """Unit vectors towards the lights (x right, y up, z to the camera) and their intensities.
-
-    `intensities_given` is as for `Lighting`. Older sets do not hold it; intensities other than 1
-    always count as given. `positions_px` are those of near lights, and None for distant ones.
-    """
+class LightingRecord(Record):
+    """Unit vectors, intensities and, for near lights, positions, as in `Lighting`."""
 
     directions: tuple[Vector, ...] = Field(min_length=1)
     intensities: tuple[FiniteFloat, ...]
-    intensities_given: bool = False
+    intensities_given: bool
     positions_px: tuple[Vector, ...] | None = None
 
     @classmethod
@@ -61,14 +47,13 @@ class LightingRecord(_Record):
 
     def to_lighting(self) -> Lighting:
         """Return the `Lighting` of the record."""
-        given = self.intensities_given or any(each != 1.0 for each in self.intensities)
         positions = None if self.positions_px is None else np.array(self.positions_px)
-        return Lighting(
-            np.array(self.directions), np.array(self.intensities if given else ()), positions
-        )
+        given = self.intensities_given or any(each != 1.0 for each in self.intensities)
+        intensities = np.array(self.intensities if given else ())
+        return Lighting(np.array(self.directions), intensities, positions)
 
 
-class FrameRecord(_Record):
+class FrameRecord(Record):
     """One frame that went into an image; times on the rig's monotonic clock."""
 
     sequence: int
@@ -76,15 +61,11 @@ class FrameRecord(_Record):
     exposure_end_s: FiniteFloat
 
 
-class ImageRecord(_Record):
-    """The origin of an image: frames under one light, or a file.
+class ImageRecord(Record):
+    """The origin of an image: frames under one light, or a file; `light` is None for ambient light.
 
-    `light` is the index into the lighting, None for the ambient image. `led_acknowledged_s` and
-    `controller_time_us` are the time of the switch on the clocks of rig and controller.
-    `led_level_percent` is the drive level of the LED. `stale_frames` were exposed before the switch
-    and left out, `repeated_frames` came twice, `lost_frames` are gaps in the sequence numbers. With
-    a sequence of the controller, `exposures_us` are the edges of the strobe for each frame and
-    `triggers_us` the triggers, on the controller's clock.
+    Times are on the clocks of rig and controller. `stale_frames` were exposed before the switch,
+    `repeated_frames` came twice, `lost_frames` are gaps in the sequence numbers.
     """
 
     light: int | None
@@ -101,11 +82,11 @@ class ImageRecord(_Record):
     source_file: str | None = None
 
 
-class CameraRecord(_Record):
+class CameraRecord(Record):
     """The camera with its settings as read back from it.
 
-    Gain, read noise and black level are in the camera's own pixel values, up to
-    2^bit_depth - 1. Averaged images are stretched from there to `full_scale`.
+    The noise model is in the camera's own pixel values, up to 2^bit_depth - 1; all else is as in
+    `CameraInfo`.
     """
 
     kind: str
@@ -115,6 +96,9 @@ class CameraRecord(_Record):
     gain_e_per_dn: Gain | None
     read_noise_dn: PixelValue | None
     black_level_dn: PixelValue | None
+    gain: FiniteFloat | None
+    gamma: FiniteFloat | None
+    pixel_value_controls: dict[str, FiniteFloat]
     controls: dict[str, Any] = Field(default_factory=dict)
 
     @property
@@ -125,7 +109,7 @@ class CameraRecord(_Record):
         return SensorNoise(self.gain_e_per_dn, self.read_noise_dn, self.black_level_dn or 0.0)
 
 
-class ControllerRecord(_Record):
+class ControllerRecord(Record):
     """The light controller that switched the LEDs."""
 
     vendor: str
@@ -135,36 +119,24 @@ class ControllerRecord(_Record):
     protocol_version: int
 
 
-class ChecksRecord(_Record):
+class ChecksRecord(Record):
     """Results of the checks of the lights from the images of a set.
 
-    Attributes
-    ----------
-    ambient_change
-        Change between two ambient images, as a share of an LED's light; None for one image.
-    redundancy_residual
-        rms residual beyond noise, as a share of the signal; None without four lights in general
-        position.
-    light_levels, light_levels_error
-        LED levels that explain the light images, and their standard error; None if no levels do.
-    retaken
-        Whether the light images agreed with a retake; False if there was none.
-    light_order
-        Order of the lights by the shading: ``confirmed`` or ``undecided``.
-    undecided
-        Reasons for the retake: checks that the light images alone left undecided.
+    `ambient_change` is a share of an LED's light, `redundancy_residual` one of the signal.
+    `light_levels` are the LED levels that explain the light images. `retaken` says whether a retake
+    agreed with them; `undecided` are the reasons for the retake.
     """
 
     ambient_change: FiniteFloat | None
-    redundancy_residual: FiniteFloat | None = Field(alias="contradiction")
-    light_levels: tuple[FiniteFloat, ...] | None = Field(alias="light_strengths")
-    light_levels_error: FiniteFloat | None = Field(alias="light_strengths_error")
-    retaken: bool = Field(alias="second_look")
+    redundancy_residual: FiniteFloat | None
+    light_levels: tuple[FiniteFloat, ...] | None
+    light_levels_error: FiniteFloat | None
+    retaken: bool
     light_order: Literal["confirmed", "undecided"]
     undecided: tuple[str, ...] = ()
 
 
-class CorrectionRecord(_Record):
+class CorrectionRecord(Record):
     """A correction of a field after the capture: date, earlier value, new value."""
 
     corrected_utc: str
@@ -173,7 +145,7 @@ class CorrectionRecord(_Record):
     after: FiniteFloat | Text | None
 
 
-class SetMetadata(_Record):
+class SetMetadata(Record):
     """The metadata of a captured set.
 
     Attributes
@@ -211,7 +183,7 @@ class SetMetadata(_Record):
         refusal that were accepted.
     """
 
-    schema_version: Literal[1, 2, 3, 4, 5] = 5
+    schema_version: Literal[6] = 6
     label: Text | None
     specimen: Text | None = None
     operator: Text | None = None
@@ -230,7 +202,7 @@ class SetMetadata(_Record):
     camera: CameraRecord | None = None
     controller: ControllerRecord | None = None
     checks: ChecksRecord | None = None
-    failed_attempts: tuple[str, ...] = Field(default=(), alias="retries")
+    failed_attempts: tuple[str, ...] = ()
     gamma: str = "linear"
     calibration_ids: tuple[str, ...] = ()
     mm_per_px: float | None = Field(default=None, ge=1e-6, le=1e3)
@@ -242,24 +214,15 @@ class SetMetadata(_Record):
     software_version: str
     pixels_sha256: str
 
-    @property
-    def is_protected(self) -> bool:
-        """Whether the file has a hash over its metadata: from schema version 2 on."""
-        return self.schema_version > 1
-
 
 def image_noise(
     sensor: SensorNoise | None, bit_depth: int, full_scale: int, frames: int
 ) -> SensorNoise | None:
-    """Return the noise of images that are each the mean of `frames` frames of a sensor.
-
-    The mean of n frames is stretched by s = full_scale / (2^bit_depth - 1). Its gain is n / s times
-    that of the camera. Its read noise is s sqrt((r^2 + 1/12) / n) with the camera's read noise r;
-    1/12 is the variance of rounding each frame.
-    """
+    """Return the noise of means of `frames` frames of a sensor, stretched to `full_scale`."""
     if sensor is None:
         return None
     stretch = full_scale / ((1 << bit_depth) - 1)
+    # Each frame was rounded before the mean.
     rounding = ROUNDING_VARIANCE if frames > 1 else 0.0
     return SensorNoise(
         gain_e_per_dn=sensor.gain_e_per_dn * frames / stretch,

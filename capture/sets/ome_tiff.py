@@ -40,14 +40,7 @@ def write(
     mask: Mask | None = None,
     home: Path | None = None,
 ) -> None:
-    """Write a captured set to `path`, whole or not at all; `home` as in `durable_file`.
-
-    Raises
-    ------
-    InputError
-        If the name does not end in ``.ome.tif``, the metadata belong to other pixels, or the file
-        cannot be written.
-    """
+    """Write a captured set to `path`, whole or not at all; `home` as in `durable_file`."""
     if not path.name.endswith(SUFFIX):
         raise InputError(f"{path}: a captured set is an OME-TIFF; let its name end in {SUFFIX}")
     if pixels_sha256(images, ambient, mask) != metadata.pixels_sha256:
@@ -67,13 +60,7 @@ def write(
 
 
 def read(path: Path) -> tuple[Planes, Planes | None, SetMetadata, Mask | None]:
-    """Read light images, ambient image, metadata and mask.
-
-    Raises
-    ------
-    InputError
-        As `rig.set_file.read_set_file`, or if a metadata field is wrong.
-    """
+    """Read light images, ambient image, metadata and mask."""
     planes, fields = read_set_file(path)
     metadata = _metadata(path, fields, len(planes))
     lights = len(metadata.lighting.directions)
@@ -180,9 +167,8 @@ def _ome_xml(
     comment = ET.SubElement(
         annotations, "CommentAnnotation", ID="Annotation:0", Namespace=NAMESPACE
     )
-    fields = metadata.model_dump(mode="json", by_alias=True)
-    if metadata.is_protected:  # the metadata of a set of schema 1 were never verified
-        fields["sha256"] = fields_sha256(fields)
+    fields = metadata.model_dump(mode="json")
+    fields["sha256"] = fields_sha256(fields)
     ET.SubElement(comment, "Value").text = json.dumps(fields)
     # ASCII with character references: a TIFF description has no other encoding to rely on.
     xml: bytes = ET.tostring(ome, encoding="us-ascii", xml_declaration=True)

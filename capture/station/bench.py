@@ -13,7 +13,6 @@ import numpy as np
 from capture.acquisition.attempts import capture_set
 from capture.acquisition.set_checks import check_set
 from capture.batch.tasks import PLANAR
-from capture.calibration.setting import Setting
 from capture.process.memory import resident_bytes
 from capture.process_settings import settle_station
 from capture.sets.captured_set import CapturedSet
@@ -290,7 +289,7 @@ def _inspector(good: Sequence[CapturedSet], other: CapturedSet, classes: int) ->
         light_signals=surfaces[0].light_signals,
     )
     taught = Taught(
-        setting=Setting.of_set(good[0]),
+        setting=good[0].setting,
         has_calibration=False,
         library_sha256=_NO_HASH,
         textures={_GOOD: texture},

@@ -1,5 +1,7 @@
 """`Calibration`: everything that is known of one rig at one setting."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -42,6 +44,24 @@ class Calibration:
         """Length of a pixel at the plane of the part; None if it was not measured."""
         return None if self.scale is None else self.scale.mm_per_px
 
+    def at(self, exposure_ms: float | None) -> Calibration:
+        """Return this calibration for images of one exposure.
+
+        Raises
+        ------
+        InputError
+            If the dark part does not hold for the exposure.
+        """
+        return self if self.dark is None else replace(self, dark=self.dark.at(exposure_ms))
+
+    def holding_at(self, exposure_ms: float | None) -> Calibration:
+        """Return `at`, without a dark part that does not hold for the exposure.
+
+        For images with an ambient image, which need hot pixels of the dark part only.
+        """
+        holds = self.dark is not None and self.dark.holds_at(exposure_ms)
+        return self.at(exposure_ms) if holds else replace(self, dark=None)
+
     def corrected(self, stack: ImageStack, full_scale: float) -> ImageStack:
         """Return the images as an ideal camera would have taken them.
 
@@ -62,8 +82,9 @@ class Calibration:
         InputError
             If a hot pixel is outside of the frame.
         """
-        if self.dark is not None and self.dark.hot_pixels.size:
-            hot = self.dark.hot_pixels
+        dark = self._dark_at_one_exposure
+        if dark is not None and dark.hot_pixels.size:
+            hot = dark.hot_pixels
             outside = hot[(hot >= stack.shape).any(axis=1)]
             if len(outside):
                 row, column = outside[0].tolist()
@@ -78,8 +99,8 @@ class Calibration:
         if response is not None:
             stack = linear(stack, response, full_scale)
         if self._subtracts_offset(stack.ambient is not None):
-            assert self.dark is not None
-            offset = offset_in_light(self.dark, response, full_scale)
+            assert dark is not None
+            offset = offset_in_light(dark, response, full_scale)
             stack = ImageStack(without_offset(stack.images, offset, full_scale), None)
         if self.scale is not None and self.scale.distortion is not None:
             stack = undistorted(stack, self.scale, full_scale)
@@ -125,5 +146,12 @@ class Calibration:
     def _applied_response(self) -> Response | None:
         return None if self.response is None or self.response.linear else self.response
 
+    @property
+    def _dark_at_one_exposure(self) -> Dark | None:
+        if self.dark is not None and self.dark.longer is not None:
+            raise ValueError("the dark part has several exposures; use Calibration.at")
+        return self.dark
+
     def _subtracts_offset(self, has_ambient: bool) -> bool:
-        return self.dark is not None and self.dark.offset > 0.0 and not has_ambient
+        dark = self._dark_at_one_exposure
+        return dark is not None and dark.offset > 0.0 and not has_ambient

@@ -1,16 +1,23 @@
 """The camera without light: offset, hot pixels, noise of one frame."""
 
-from dataclasses import dataclass
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from classify.errors import InputError
 
+SAME_EXPOSURE = 0.02
+"""Largest relative difference of equal exposures, which cameras round when they read them back."""
+_MOST_EXPOSURES = 16
+
 
 @dataclass(frozen=True, eq=False)
 class Dark:
-    """Offset, noise and hot pixels of a camera at one exposure and gain.
+    """Offset, noise and hot pixels of a camera at one gain, and at one exposure or several.
 
     All are in the pixel values of the camera.
 
@@ -26,11 +33,16 @@ class Dark:
         Pixel value of the ambient light with all LEDs off, less `offset`; None if not measured.
     full_scale
         Pixel value of saturation to which the values above belong.
+    exposure_ms
+        Exposure of the values above; None if unknown.
+    longer
+        The same at the next longer exposure that was measured; None for the longest.
 
     Raises
     ------
     InputError
-        For hot pixels of another shape or type, or a value out of range.
+        For hot pixels of another shape or type, a value out of range, exposures that do not rise,
+        or more than 16 of them.
     """
 
     offset: float
@@ -38,6 +50,8 @@ class Dark:
     hot_pixels: npt.NDArray[np.int32]
     ambient: float | None
     full_scale: float
+    exposure_ms: float | None = None
+    longer: Dark | None = None
 
     def __post_init__(self) -> None:
         if not (0.0 < self.full_scale < np.inf and 0.0 <= self.offset < self.full_scale):
@@ -61,3 +75,111 @@ class Dark:
             )
         if pixels.size and pixels.min() < 0:
             raise InputError(f"a hot pixel has the row or column {pixels.min()}")
+        self._check_exposures()
+
+    def _check_exposures(self) -> None:
+        times_ms = self.exposures_ms
+        if self.exposure_ms is not None and not 0.0 < self.exposure_ms < np.inf:
+            raise InputError(f"dark exposure of {self.exposure_ms:g} ms; give one above 0")
+        if len(times_ms) > _MOST_EXPOSURES:
+            raise InputError(f"{len(times_ms)} dark exposures; give up to {_MOST_EXPOSURES}")
+        if self.longer is None:
+            return
+        if not (self.exposure_ms or np.inf) < (self.longer.exposure_ms or 0.0):
+            raise InputError(f"dark exposures of {times_ms} ms; give known and rising ones")
+        if self.longer.full_scale != self.full_scale:
+            raise InputError(
+                f"dark frames of full scale {self.full_scale:g} and {self.longer.full_scale:g}; "
+                "give frames of one depth"
+            )
+
+    @property
+    def exposures(self) -> tuple[Dark, ...]:
+        """Each measured exposure alone, the shortest first."""
+        longer = () if self.longer is None else self.longer.exposures
+        return (replace(self, longer=None), *longer)
+
+    @property
+    def exposures_ms(self) -> tuple[float | None, ...]:
+        """The measured exposures, the shortest first."""
+        longer = () if self.longer is None else self.longer.exposures_ms
+        return (self.exposure_ms, *longer)
+
+    def holds_at(self, exposure_ms: float | None) -> bool:
+        """Whether an exposure was measured or lies between two that were.
+
+        One exposure also holds where either is unknown.
+        """
+        shortest_ms, longest_ms = self.exposures_ms[0], self.exposures_ms[-1]
+        if shortest_ms is None or longest_ms is None or exposure_ms is None:
+            return self.longer is None
+        rounding = 1.0 + SAME_EXPOSURE
+        return shortest_ms / rounding <= exposure_ms <= longest_ms * rounding
+
+    def at(self, exposure_ms: float | None) -> Dark:
+        """Return offset, noise and hot pixels at one exposure.
+
+        Offset, ambient light and the variance of the noise grow with the exposure as dark current
+        does, so they are interpolated linearly. A pixel is hot if it is at one of the two measured
+        exposures around this one.
+
+        Raises
+        ------
+        InputError
+            If the exposure lies outside those that were measured.
+        """
+        if not self.holds_at(exposure_ms):
+            if exposure_ms is None:
+                raise InputError(
+                    f"dark frames {measured_at(self)}, and the images state no exposure; use a "
+                    "calibration with one dark exposure"
+                )
+            raise InputError(
+                f"dark frames {measured_at(self)}, not at {exposure_ms:g} ms; ps4rig calibrate "
+                "dark at that exposure adds it"
+            )
+        if self.longer is None or exposure_ms is None:
+            return replace(self, longer=None)
+        each = self.exposures
+        for one in each:
+            if one.exposure_ms and abs(exposure_ms / one.exposure_ms - 1.0) <= SAME_EXPOSURE:
+                return one
+        upper = next(k for k, one in enumerate(each) if (one.exposure_ms or 0.0) > exposure_ms)
+        below, above = each[upper - 1], each[upper]
+        assert below.exposure_ms is not None
+        assert above.exposure_ms is not None
+        span_ms = above.exposure_ms - below.exposure_ms
+        share = (exposure_ms - below.exposure_ms) / span_ms
+
+        def between(lower: float, higher: float) -> float:
+            return lower + share * (higher - lower)
+
+        ambient = None
+        if below.ambient is not None and above.ambient is not None:
+            ambient = between(below.ambient, above.ambient)
+        return Dark(
+            offset=between(below.offset, above.offset),
+            noise=math.sqrt(between(below.noise**2, above.noise**2)),
+            hot_pixels=np.unique(np.concatenate([below.hot_pixels, above.hot_pixels]), axis=0),
+            ambient=ambient,
+            full_scale=self.full_scale,
+            exposure_ms=exposure_ms,
+        )
+
+    def added(self, other: Dark) -> Dark:
+        """Return this with another exposure, which replaces an equal one."""
+        same = other.holds_at
+        each = [*(one for one in self.exposures if not same(one.exposure_ms)), other]
+        each.sort(key=lambda one: one.exposure_ms or 0.0, reverse=True)
+        merged, *shorter = each
+        for one in shorter:
+            merged = replace(one, longer=merged)
+        return merged
+
+
+def measured_at(dark: Dark) -> str:
+    """Say at which exposures dark frames were measured."""
+    times = [f"{each:g}" for each in dark.exposures_ms if each is not None]
+    if len(times) < 2:
+        return f"were measured at {times[0]} ms only" if times else "were measured"
+    return f"were measured from {times[0]} to {times[-1]} ms"

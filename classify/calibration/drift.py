@@ -238,7 +238,10 @@ def _causes(
         status = _status(abs(level), _LED_LEVEL)
         if status != "ok":
             seen = f"light {light} gives {_more_or_less(level)} light than at the calibration"
-            advice = "clean or replace the LED and check its supply, then calibrate the plate again"
+            advice = (
+                "clean or replace the LED and check its supply, then calibrate the plate again "
+                "with --replace"
+            )
             yield DriftCause("led level", light, status, seen, advice)
     for cause, numbers in found.causes:
         if cause.kind == "light moved":
@@ -264,7 +267,10 @@ def _causes(
     status = _status(found.residual, _UNEXPLAINED)
     if status != "ok":
         seen = f"the lights differ by {found.residual:.1%} in a way that no single cause explains"
-        advice = "is it a white matt sheet without shadow or relief? Then calibrate the plate again"
+        advice = (
+            "is it a white matt sheet without shadow or relief? Then calibrate the plate again "
+            "with --replace"
+        )
         yield DriftCause("unexplained", None, status, seen, advice)
 
 
@@ -285,7 +291,7 @@ def _light_moved(
             f"light {cause.light} has moved by {angle_deg:.1f} degrees, and is "
             f"{abs(math.expm1(numbers[2])):.0%} {'farther away' if numbers[2] > 0 else 'nearer'}"
         )
-        advice = "put it back and fasten it, then calibrate the plate again"
+        advice = "put it back and fasten it, then calibrate the plate again with --replace"
         yield DriftCause("light moved", cause.light, status, seen, advice)
 
 
@@ -302,7 +308,7 @@ def _camera_moved(numbers: FloatArray) -> Iterator[DriftCause]:
             f"{'right' if right > 0.0 else 'left'}, {abs(up):.0%} {'up' if up > 0.0 else 'down'}, "
             f"rotated by {abs(rotated_deg):.1f} degrees {'anti' * (rotated_deg > 0.0)}clockwise"
         )
-        advice = "put it back and fasten it, then calibrate the plate again"
+        advice = "put it back and fasten it, then calibrate the plate again with --replace"
         yield DriftCause("camera moved", None, status, seen, advice)
 
 
@@ -317,7 +323,7 @@ def _lens(numbers: FloatArray) -> Iterator[DriftCause]:
             f"another lens, aperture or working distance: {magnification:.2f} times the "
             f"magnification, corners {_more_or_less(corner)} bright"
         )
-        advice = "use the lens of the calibration, or calibrate plate and scale again"
+        advice = "use the lens of the calibration, or calibrate plate and scale with --replace"
         yield DriftCause("lens", None, status, seen, advice)
 
 

@@ -44,6 +44,7 @@ _LOWEST = 0.035
 # leaves a sixth of its tilt. A single placement may be tilted by the last value.
 _TABLE_DEG, _TURN = 0.3, 0.17
 _SINGLE_TILT_DEG = 1.0
+_REPEATED = "ps4rig calibrate dark, which adds the exposure, and this command"
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,14 +165,17 @@ def _check_exposure(blocks: PlateBlocks) -> None:
     share = blocks.saturated[placement, light]
     if share > _MOST_SATURATED:
         raise CalibrationRejected(
-            f"light {light} saturates {share:.1%} of the sheet; shorten the exposure"
+            f"light {light} saturates {share:.1%} of the sheet; lower camera.exposure_ms in "
+            f"rig.toml, or the level of LED {light} (simulation.led_levels of a simulated rig); "
+            f"then repeat {_REPEATED}"
         )
     placement, light = np.unravel_index(blocks.levels.argmin(), blocks.levels.shape)
     level = blocks.levels[placement, light]
     if level < _DARKEST:
         raise CalibrationRejected(
-            f"too dark: the sheet reaches {level:.1%} of full scale under light {light}; lengthen "
-            f"the exposure until it reaches {_DARKEST:.0%} or more"
+            f"too dark: the sheet reaches {level:.1%} of full scale under light {light}; raise "
+            f"camera.exposure_ms in rig.toml until it reaches {_DARKEST:.0%} or more, then repeat "
+            f"{_REPEATED}"
         )
     share = blocks.usable.mean(axis=(1, 2)).min()
     if share < _FEWEST_BLOCKS:

@@ -53,7 +53,7 @@ _SYSTEMATIC_PX, _SYSTEMATIC_SHARE = 0.2, 0.002
 # in a mirror are small circles too.
 _OUTER_SHARE, _OUTER_RADIUS = 0.4, 1.5
 # So is one about the same centre, to this share of its radius: a mirror shows the end of the ground
-# it rests on as a circle of 0.75 to 0.9 of its radius (tests/capture/calibration).
+# it rests on as a circle of 0.75 to 0.9 of its radius (tests/capture/procedures).
 _SAME_CENTRE, _LARGER = 0.02, 1.05
 # A circle of about the same radius with this share of the score may be the outline as well. Of 96
 # rendered mirrors (tests/sphere_pictures.py, four kinds of background) the two whose circle is off

@@ -122,6 +122,7 @@ class SimulatedCamera:
             read_noise_dn=self.sensor.read_noise_dn,
             black_level_dn=self.sensor.black_level_dn,
             controls=controls,
+            **self.sensor.stated,
         )
 
     @property

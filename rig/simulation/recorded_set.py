@@ -51,13 +51,7 @@ class RecordedSet:
 
 
 def read_recorded_set(path: Path, exposure_ms: float) -> RecordedSet:
-    """Read a captured set, to replay it with an exposure of `exposure_ms`.
-
-    Raises
-    ------
-    InputError
-        As `read_set_file`, or if a metadata field that a camera needs is missing or wrong.
-    """
+    """Read a captured set, to replay it with an exposure of `exposure_ms`."""
     planes, fields = read_set_file(path)
     try:
         return _recorded(path, planes, fields, exposure_ms)
@@ -92,6 +86,13 @@ def _recorded(
         exposure_ms,
         {"set_file": str(path), **origin, "camera": camera.get("name")},
         **{name: _number(camera.get(name)) if own_scale else None for name in names},
+        stated={
+            "gain": _number(camera.get("gain")),
+            "gamma": _number(camera.get("gamma")),
+            "pixel_value_controls": {
+                name: float(value) for name, value in camera.get("pixel_value_controls", {}).items()
+            },
+        },
     )
     return RecordedSet(
         lights=values[:count] - ambient,
@@ -102,8 +103,8 @@ def _recorded(
 
 
 def _number(value: float | None) -> float | None:
-    if value is not None and not 0.0 <= float(value) <= 1e6:
-        raise ValueError(f"a noise value of the camera is {value}; it must be 0 to 1e6")
+    if value is not None and not 0.0 <= float(value) <= 1e9:
+        raise ValueError(f"a noise value or gain of the camera is {value}; it must be 0 to 1e9")
     return value
 
 

@@ -66,6 +66,13 @@ class SensorModel:
         return self.full_well_e / (self.full_scale_dn - self.black_level_dn)
 
     @property
+    def stated(self) -> Mapping[str, Any]:
+        """Gain in pixel values per electron, gamma and black level, as in `CameraInfo`."""
+        controls = {"black_level": self.black_level_dn}
+        gain = 1.0 / self.gain_e_per_dn
+        return {"gain": gain, "gamma": self.response_gamma, "pixel_value_controls": controls}
+
+    @property
     def read_noise_dn(self) -> float:
         """Rms read noise in pixel values."""
         return self.read_noise_e / self.gain_e_per_dn
@@ -133,6 +140,7 @@ class RecordedPixels:
 
     A light that is on for half of an exposure adds half of its recorded values. `origin` identifies
     the recorded set in the metadata of sets captured from it; a noise model is None if unknown.
+    `stated` has gain, gamma and controls of the camera that took it, as in `CameraInfo`.
     """
 
     bit_depth: int
@@ -141,6 +149,7 @@ class RecordedPixels:
     gain_e_per_dn: float | None
     read_noise_dn: float | None
     black_level_dn: float | None
+    stated: Mapping[str, Any]
 
     def expose(self, light_ms: npt.NDArray[np.float32], _rng: np.random.Generator) -> Pixels:
         """Pixel values for an exposure; `light_ms` is pixel values times milliseconds."""

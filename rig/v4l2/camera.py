@@ -22,6 +22,7 @@ from .device import Capture, V4l2Device, VideoFormat
 from .measurement_mode import (
     check_measurement_mode,
     exposure_range_ms,
+    pixel_values,
     set_exposure,
     set_measurement_mode,
 )
@@ -67,6 +68,7 @@ class V4l2Camera:
             device.start()
             # Some cameras load their own settings when they start to stream.
             check_measurement_mode(device, self._mode)
+            self._pixel_values = pixel_values(device)
             self._controls = _record(device, self._format, config)
         except BaseException:
             self._device.close()
@@ -88,6 +90,7 @@ class V4l2Camera:
             readout_s=None if readout_ms is None else readout_ms / 1e3,
             start_known_to_s=start_known_to_s(self._config),
             controls=self._controls,
+            **self._pixel_values,
         )
 
     @property

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 from rig.config.camera import V4l2CameraConfig
 from rig.errors import CameraError, ControlError, ControlFault
@@ -28,6 +29,21 @@ _AUTOMATIC = (
     abi.CID_IMAGE_STABILIZATION,
     abi.CID_SHARPNESS,
 )
+# Controls that change the pixel value of the same light.
+_PIXEL_VALUE_CONTROLS = {
+    abi.CID_GAIN: "gain",
+    abi.CID_GAMMA: "gamma",
+    abi.CID_BRIGHTNESS: "brightness",
+    abi.CID_CONTRAST: "contrast",
+    abi.CID_BLACK_LEVEL: "black_level",
+    abi.CID_RED_BALANCE: "red_balance",
+    abi.CID_BLUE_BALANCE: "blue_balance",
+    abi.CID_WHITE_BALANCE_TEMPERATURE: "white_balance_temperature",
+    abi.CID_BACKLIGHT_COMPENSATION: "backlight_compensation",
+    abi.CID_ISO_SENSITIVITY: "iso_sensitivity",
+    abi.CID_ANALOGUE_GAIN: "analogue_gain",
+    abi.CID_DIGITAL_GAIN: "digital_gain",
+}
 
 
 Setting = tuple[Control, int]
@@ -66,6 +82,17 @@ def set_measurement_mode(device: V4l2Device, config: V4l2CameraConfig) -> Measur
     if faults:
         raise ControlError(device.path, *faults)
     return mode
+
+
+def pixel_values(device: V4l2Device) -> dict[str, Any]:
+    """Read gain, gamma and the other controls of pixel values, as in `CameraInfo`."""
+    read: dict[str, float] = {}
+    for control_id, name in _PIXEL_VALUE_CONTROLS.items():
+        control = find_control(device, control_id)
+        if control is not None and control.is_readable:
+            read[name] = float(read_control(device, control))
+    stated = {name: read.pop(name, None) for name in ("gain", "gamma")}
+    return {**stated, "pixel_value_controls": read}
 
 
 def exposure_range_ms(device: V4l2Device, config: V4l2CameraConfig) -> tuple[float, float]:

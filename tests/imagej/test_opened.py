@@ -20,7 +20,7 @@ from tests.suites import BIOFORMATS, IMAGEJ
 pytestmark = pytest.mark.imagej
 
 MM_PER_PX = 0.02
-SET = Path(__file__).parents[1] / "data" / "sets" / "simulated-schema-4.ome.tif"
+SET = Path(__file__).parents[1] / "data" / "sets" / "rock.ome.tif"
 CHANNELS = ["tilt 0 deg", "tilt 90 deg", "tilt 180 deg", "tilt 270 deg", "ambient", "mask"]
 MASKS = {"shadow": 4, "dropped": 255, "specular": 255, "valid": 255}
 # Two JVMs' worth of start on a busy machine; it takes 6 s on two free cores.
@@ -38,7 +38,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     mask[4:, :-6] = True
     metadata = stored.metadata.model_copy(
         update={
-            "schema_version": 5,
             "mm_per_px": MM_PER_PX,
             "mask_file": "mask.png",
             "pixels_sha256": pixels_sha256(stored.images, stored.ambient, mask),

@@ -117,7 +117,7 @@ class V4l2Video:
     """A `cv2.VideoCapture` of the backend V4L2 that keeps every value and gives grey frames."""
 
     def __init__(self, *_: object) -> None:
-        self.values = {cv2.CAP_PROP_BUFFERSIZE: 4.0}
+        self.values = {cv2.CAP_PROP_BUFFERSIZE: 4.0, cv2.CAP_PROP_CONTRAST: -1.0}
 
     def isOpened(self) -> bool:  # noqa: N802 - the name of OpenCV
         return True
@@ -147,6 +147,9 @@ def test_the_exposure_is_the_one_that_was_set(
     camera = OpencvCamera(config(Path("0"), fixed_exposure=False, exposure_ms=exposure_ms))
     assert camera.info.controls["opencv"]["exposure"] == 10.0 * set_ms
     assert camera.info.exposure_s == pytest.approx(set_ms / 1e3)
+    # A control that the camera lacks is not stated.
+    assert {"brightness", "iso_speed"} < camera.info.pixel_value_controls.keys()
+    assert "contrast" not in camera.info.pixel_value_controls
     camera.close()
 
 

@@ -14,6 +14,7 @@ from classify.errors import InputError
 from .flow import (
     CalibrationPath,
     PhotographGamma,
+    Replace,
     RigToCalibrate,
     Yes,
     ask,
@@ -50,12 +51,14 @@ def dark(
             show_default="as in the set",
         ),
     ] = None,
+    replace: Replace = False,
     yes: Yes = False,
     json: options.Json = False,
 ) -> None:
     """Measure the camera with its lens covered: offset, noise and hot pixels; then ambient light.
 
-    Offset, noise and hot pixels hold for the exposure at which they were measured.
+    They hold for the exposure at which they were measured. Another exposure is added; then they
+    hold between the shortest and the longest one.
     """
     if (rig is None) == (not given):
         raise InputError("give --rig RIG, or --from IMG with photographs of the covered lens")
@@ -69,14 +72,14 @@ def dark(
             raise InputError("--bits and --gamma are for photographs; leave them out with --rig")
         with open_rig(rig) as opened:
             part = _of_rig(opened, yes)
-    keep_parts(calibration, file, [part], json=json)
+    keep_parts(calibration, file, [part], replace=replace, json=json)
 
 
 def _of_rig(rig: Rig, yes: bool) -> MeasuredPart:
     from capture.acquisition.camera_calibration import dark_of_rig
     from capture.acquisition.frame_series import frame_series, require_free_running
-    from capture.calibration.camera_parts import dark_part
     from capture.calibration.setting import Setting
+    from capture.procedures.camera_parts import dark_part
     from classify.calibration.dark_frames import with_ambient
 
     require_free_running(rig)
@@ -101,8 +104,8 @@ def _of_rig(rig: Rig, yes: bool) -> MeasuredPart:
 def _of_photographs(given: list[Path], gamma: Gamma | None, bits: int | None) -> MeasuredPart:
     import numpy as np
 
-    from capture.calibration.camera_parts import dark_part
     from capture.calibration.setting import Setting
+    from capture.procedures.camera_parts import dark_part
     from capture.sets.captured_set import CapturedSet
     from capture.sets.photographs import DNG, read_photographs
     from classify.calibration.dark_frames import dark_of, with_ambient
@@ -126,5 +129,5 @@ def _of_photographs(given: list[Path], gamma: Gamma | None, bits: int | None) ->
         if captured.ambient is None:
             raise InputError(f"{path}: has no ambient image; leave it out")
         dark = with_ambient(dark, captured.ambient, captured.metadata.full_scale)
-    setting = Setting.of_photographs(photographs)
+    setting = Setting.of_photographs(frames.shape[1:], photographs.bit_depth, photographs.gamma)
     return dark_part(found, dark, setting, [path.name for path in (*images, *set_paths)])

@@ -51,6 +51,12 @@ PhotographGamma = Annotated[
         "--gamma", help="Coding of brightness of photographs, as for import; needed for JPEG."
     ),
 ]
+Replace = Annotated[
+    bool,
+    typer.Option(
+        "--replace", help="Take the new measurement also where the calibration has a better one."
+    ),
+]
 Yes = Annotated[bool, typer.Option("--yes", help="Do not ask whether the target is in place.")]
 
 
@@ -224,23 +230,30 @@ def keep_parts(
     file: CalibrationFile,
     parts: Sequence[MeasuredPart],
     *,
+    replace: bool = False,
     json: bool,
     dropped: Collection[PartName] = (),
-) -> None:
+) -> CalibrationFile:
     """Write the calibration with parts added, replaced or dropped, and print their quality.
 
-    As JSON several parts are a list.
+    Without `replace` a part that is better than the new one stays. As JSON several parts are a
+    list.
 
     Raises
     ------
     InputError
         If the parts that stay are of another rig, camera or frame, or another program has changed
         the calibration since `file` was read.
+    CalibrationRejected
+        If a new part contradicts the old one; nothing is written.
     """
+    from capture.calibration.replacement import kept_because, with_other_exposures
+
     if calibration_at(path).hash != file.hash:
         raise InputError(
             f"{path}: another program has changed it since this command began; run it again"
         )
+    reasons = {each.name: None if replace else kept_because(file, each) for each in parts}
     staying = file.records.keys() - {each.name for each in parts} - set(dropped)
     kept = file
     for name in dropped:
@@ -254,24 +267,34 @@ def keep_parts(
                     f"{path}: its part {name} is of another rig: {'; '.join(differences)}; give "
                     "another file"
                 )
-        kept = kept.with_part(each.name, each.part, each.record)
+        if reasons[each.name] is None:
+            merged = with_other_exposures(each, file)
+            kept = kept.with_part(each.name, merged.part, merged.record)
     kept.write(path)
     for warning in (*(text for each in parts for text in each.warnings), *kept.warnings()):
         complain(f"warning: {path}: {warning}")
     if json:
-        answers = [_answer(path, each, kept.hash) for each in parts]
+        answers = [_answer(path, each, kept, reasons[each.name]) for each in parts]
         print_json(answers if len(answers) > 1 else answers[0])
-        return
+        return kept
     for each in parts:
+        record, title = kept.records[each.name], each.name.replace("_", " ")
         done = "replaced" if each.name in file.records else "added"
-        words = f"{each.name.replace('_', ' ')} {done}. {each.record.quality}"
-        out.print(f"{path}: {words}", soft_wrap=True)
-        for figure, value in each.record.figures.items():
+        if (reason := reasons[each.name]) is not None:
+            done = f"of {record.date} kept, because {reason}; --replace takes the new one"
+        out.print(f"{path}: {title} {done}. {record.quality}", soft_wrap=True)
+        for figure, value in record.figures.items():
             out.print(f"  {figure.replace('_', ' ')}: {value:.4g}", soft_wrap=True)
+    return kept
 
 
-def _answer(path: Path, part: MeasuredPart, calibration_id: str) -> dict[str, Any]:
-    record = part.record
-    about = {"quality": record.quality, "figures": record.figures, "source": record.source}
-    said = {"calibration": str(path), "part": part.name, "warnings": [*part.warnings]}
-    return {**said, **about, "calibration_id": calibration_id}
+def _answer(
+    path: Path, part: MeasuredPart, kept: CalibrationFile, reason: str | None
+) -> dict[str, Any]:
+    """The part as it is in the calibration; `kept_because` is the reason why the new one is not."""
+    record = kept.records[part.name]
+    return {
+        "calibration": str(path), "part": part.name, "warnings": [*part.warnings],
+        "kept_because": reason, "quality": record.quality, "figures": record.figures,
+        "source": record.source, "calibration_id": kept.hash,
+    }  # fmt: skip

@@ -14,6 +14,7 @@ from classify.errors import InputError
 
 from .flow import (
     PhotographGamma,
+    Replace,
     RigToCalibrate,
     Target,
     Yes,
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from capture.calibration.ps4cal import CalibrationFile
     from capture.calibration.setting import Setting
     from capture.sets.captured_set import CapturedSet
-    from classify.calibration.lights import CalibratedLights
     from classify.calibration.spheres import SphereImages
     from rig import Rig
 
@@ -99,6 +99,7 @@ def lights(
         ),
     ] = None,
     force: options.Force = False,
+    replace: Replace = False,
     yes: Yes = False,
     json: options.Json = False,
 ) -> None:
@@ -108,8 +109,8 @@ def lights(
     several placements of the sphere give the positions of near lights.
     """
     from capture.calibration.setting import Setting
-    from capture.calibration.sphere_parts import images_of_sets, sphere_parts
     from capture.outputs import check_output
+    from capture.procedures.sphere_parts import images_of_sets, sphere_parts
     from capture.sets.light_list_file import require_light_list_name, write_light_list
     from rig import open_rig
 
@@ -142,11 +143,12 @@ def lights(
         )
         names = [path.name for path in photographs]
     parts = sphere_parts(spheres, sphere, file, setting, names, diameter_mm)
-    keep_parts(calibration, file, parts, json=json)
+    kept = keep_parts(calibration, file, parts, replace=replace, json=json)
+    found = kept.calibration.lights
+    assert found is not None
     if list_file is not None:
-        write_light_list(list_file, parts[0].part.lighting, image_names)
+        write_light_list(list_file, found.lighting, image_names)
     if not json:
-        found: CalibratedLights = parts[0].part
         angles = zip(
             found.lighting.tilts_deg.round(1) % 360.0, found.lighting.slants_deg, strict=True
         )
@@ -189,8 +191,7 @@ def _of_files(
     sphere: Literal["mirror", "matte"],
     file: CalibrationFile,
 ) -> tuple[list[SphereImages], Setting, list[str]]:
-    from capture.calibration.setting import Setting
-    from capture.calibration.sphere_parts import images_of_photographs, images_of_sets
+    from capture.procedures.sphere_parts import images_of_photographs, images_of_sets
     from capture.sets.captured_set import CapturedSet
 
     photographs, sets = photographs_or_sets(given)
@@ -203,7 +204,7 @@ def _of_files(
         raise InputError("--mask, --lights and --gamma are for photographs; sets state them")
     captured = [CapturedSet.load(path) for path in sets]
     names = [f"light{k}.tif" for k in range(len(captured[0].images))]
-    return images_of_sets(captured, file), Setting.of_set(captured[0]), names
+    return images_of_sets(captured, file), captured[0].setting, names
 
 
 def _captured(rig: Rig, target: Target, placements: int, yes: bool) -> Iterator[CapturedSet]:

@@ -14,6 +14,7 @@ from classify.errors import InputError
 from .flow import (
     CalibrationPath,
     FromSets,
+    Replace,
     RigToCalibrate,
     Target,
     Yes,
@@ -44,6 +45,7 @@ def plate(
             "--from."
         ),
     ] = None,
+    replace: Replace = False,
     yes: Yes = False,
     json: options.Json = False,
 ) -> None:
@@ -59,14 +61,14 @@ def plate(
     sets, source = target_sets(
         rig, given, _SHEET, rotations_deg=_ROTATIONS_DEG, average=_FRAMES, yes=yes
     )
-    from capture.calibration.plate_parts import near_lights_are_refuted, plate_parts
+    from capture.procedures.plate_parts import near_lights_are_refuted, plate_parts
     from capture.sets.photographs import read_mask
 
     rows, columns = sets[0].images.shape[1:]
     area = None if mask is None else read_mask(mask, (rows, columns), None)
     parts = plate_parts(sets, file.calibration, area, source)
     dropped: tuple[PartName, ...] = ()
-    if near_lights_are_refuted(file.calibration, parts):
+    if replace and near_lights_are_refuted(file.calibration, parts):
         complain(f"warning: {calibration}: the positions of lights measured before are dropped")
         dropped = ("lights",)
-    keep_parts(calibration, file, parts, json=json, dropped=dropped)
+    keep_parts(calibration, file, parts, replace=replace, json=json, dropped=dropped)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -17,6 +16,7 @@ from classify.errors import CalibrationRejected, InputError
 from .flow import (
     CalibrationPath,
     PhotographGamma,
+    Replace,
     RigToCalibrate,
     Target,
     Yes,
@@ -57,6 +57,7 @@ def response(
         ),
     ] = None,
     gamma: PhotographGamma = None,
+    replace: Replace = False,
     yes: Yes = False,
     json: options.Json = False,
 ) -> None:
@@ -77,19 +78,20 @@ def response(
             raise InputError("--exposures-ms and --gamma are for photographs; leave them out")
         with open_rig(rig) as opened:
             parts = _of_rig(opened, file.calibration, yes)
-    keep_parts(calibration, file, parts, json=json)
+    keep_parts(calibration, file, parts, replace=replace, json=json)
 
 
 def _of_files(
     given: list[Path], exposures_ms: str | None, gamma: Gamma | None, calibration: Calibration
 ) -> list[MeasuredPart]:
-    from capture.calibration.camera_parts import (
+    from capture.calibration.setting import Setting
+    from capture.procedures.camera_parts import (
+        Rung,
         response_parts,
         rungs_of_photographs,
         rungs_of_sets,
         whole_stops,
     )
-    from capture.calibration.setting import Setting
     from capture.sets.captured_set import CapturedSet
     from capture.sets.photographs import read_photographs
 
@@ -99,7 +101,8 @@ def _of_files(
         times_ms = _exposures_ms(photographs, exposures_ms)
         read = read_photographs(photographs, gamma=gamma, bits=None, crop=None)
         rungs = rungs_of_photographs(read, times_ms, calibration)
-        setting = Setting.of_photographs(read)
+        shape = read.planes[0].shape
+        setting = Setting.of_photographs(shape, read.bit_depth, read.gamma)
         try:
             return response_parts(rungs, calibration, setting, names)
         except CalibrationRejected:
@@ -107,14 +110,14 @@ def _of_files(
                 raise
             # The exposure that a camera marks as 1/60 s is 1/64 s (Debevec and Malik 1997).
             with suppress(CalibrationRejected):
-                rungs = [replace(each, exposure_ms=whole_stops(each.exposure_ms)) for each in rungs]
+                rungs = [Rung(whole_stops(each.exposure_ms), each.levels) for each in rungs]
                 return response_parts(rungs, calibration, setting, names)
             raise
     if exposures_ms is not None or gamma is not None:
         raise InputError("--exposures-ms and --gamma are for photographs; sets state both")
     captured = [CapturedSet.load(path) for path in sets]
     rungs = rungs_of_sets(captured, calibration)
-    return response_parts(rungs, calibration, Setting.of_set(captured[0]), names)
+    return response_parts(rungs, calibration, captured[0].setting, names)
 
 
 def _exposures_ms(photographs: list[Path], given: str | None) -> list[float]:
@@ -144,8 +147,8 @@ def _exposures_ms(photographs: list[Path], given: str | None) -> list[float]:
 def _of_rig(rig: Rig, calibration: Calibration, yes: bool) -> list[MeasuredPart]:
     from capture.acquisition.camera_calibration import rungs_of_rig
     from capture.acquisition.frame_series import require_free_running
-    from capture.calibration.camera_parts import response_parts
     from capture.calibration.setting import Setting
+    from capture.procedures.camera_parts import response_parts
 
     require_free_running(rig)
     setting = Setting.of_rig(rig)

@@ -15,6 +15,7 @@ from classify.errors import InputError
 
 from .flow import (
     CalibrationPath,
+    Replace,
     RigToCalibrate,
     Target,
     Yes,
@@ -62,6 +63,7 @@ def scale(
             "that lies flat, show the focal length too.",
         ),
     ] = 1,
+    replace: Replace = False,
     yes: Yes = False,
     json: options.Json = False,
 ) -> None:
@@ -70,8 +72,8 @@ def scale(
     The board lies flat where the part will be. Distortion is kept where it moves a pixel by more
     than half a pixel; images are then corrected for it.
     """
-    from capture.calibration.scale_part import board_of_set, scale_part
     from capture.calibration.setting import Setting
+    from capture.procedures.scale_part import board_of_set, scale_part
     from rig import open_rig
 
     corners = _corners(checkerboard)
@@ -95,7 +97,7 @@ def scale(
             pictures = [board_of_set(captured) for captured in sets]
             setting, source = Setting.of_rig(opened), ["captured"]
     part = scale_part(pictures, corners, square_mm, setting, source)
-    keep_parts(calibration, file, [part], json=json)
+    keep_parts(calibration, file, [part], replace=replace, json=json)
 
 
 def _corners(text: str) -> tuple[int, int]:
@@ -106,8 +108,8 @@ def _corners(text: str) -> tuple[int, int]:
 
 
 def _of_files(given: Sequence[Path]) -> tuple[list[npt.NDArray[Any]], Setting, list[str]]:
-    from capture.calibration.scale_part import board_of_set
     from capture.calibration.setting import Setting
+    from capture.procedures.scale_part import board_of_set
     from capture.sets.captured_set import CapturedSet
     from capture.sets.photographs import read_photographs
 
@@ -116,9 +118,11 @@ def _of_files(given: Sequence[Path]) -> tuple[list[npt.NDArray[Any]], Setting, l
     if photographs:
         # Where a corner is does not depend on the coding of brightness.
         read = read_photographs(photographs, gamma="linear", bits=None, crop=None)
-        return [*read.planes], Setting.of_photographs(read), source
+        shape = read.planes[0].shape
+        setting = Setting.of_photographs(shape, read.bit_depth, read.gamma)
+        return [*read.planes], setting, source
     captured = [CapturedSet.load(path) for path in sets]
     sizes = {each.images.shape[1:] for each in captured}
     if len(sizes) > 1:
         raise InputError("the sets of --from differ in size; give sets of one camera")
-    return [board_of_set(each) for each in captured], Setting.of_set(captured[0]), source
+    return [board_of_set(each) for each in captured], captured[0].setting, source

@@ -29,7 +29,7 @@ def doctor(
     LED: put a surface with relief below the camera, or a white sheet with --sheet. The exit status
     is 1 if there is a fault.
     """
-    from capture.calibration.rig_check import check_calibration
+    from capture.procedures.rig_check import check_calibration
     from rig.doctor.diagnosis import diagnose
 
     further = partial(check_calibration, has_sheet=has_sheet)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from capture.commands import options
-from capture.console import out, print_json, reported
+from capture.console import complain, out, print_json, reported
 from classify.errors import InputError
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def run(
         use_plan,
     )
     from capture.session.plan import read_plan
-    from capture.session.rig_checks import check_plan
+    from capture.session.rig_checks import check_plan, search_warning
     from rig.config.rig import config_of
 
     from .terminal import confirmed
@@ -63,6 +63,8 @@ def run(
     config, wanted = config_of(rig), read_plan(plan)
     check_plan(wanted, plan, config)
     path = plan.absolute().parent / wanted.name
+    if warning := search_warning(wanted, config):
+        complain(f"warning: {plan}: {warning}")
     if dry_run:
         missing = len(wanted)
         if (path / JOURNAL).is_file():

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from capture.acquisition.attempts import MAX_ATTEMPTS
 from capture.calibration.ps4cal import CalibrationFile
-from capture.calibration.rig_check import checks_of_drift, drift_of_rig
+from capture.procedures.rig_check import checks_of_drift, drift_of_rig
 from capture.process.utc_time import readable_utc
 from capture.station.folder import PARTS
 from capture.station.recipe.recipe import CalibrationRule

@@ -253,7 +253,7 @@ class Inspector:
 
     def _faults(self, captured: CapturedSet) -> Iterator[Finding]:
         """Why the set cannot be judged, whatever part it shows."""
-        for difference in setting_differences(self._taught.setting, Setting.of_set(captured)):
+        for difference in setting_differences(self._taught.setting, captured.setting):
             yield Finding(Cause.CALIBRATION, f"not the setting that was taught: {difference}")
         if not fits(self.recipe.region, captured):
             yield Finding(Cause.CALIBRATION, f"the region {self.recipe.region} exceeds the image")

@@ -71,7 +71,7 @@ def taught_part(kept: KeptSet, region: Region | None) -> TaughtPart:
         raise InputError(f"{kept.path}: {error}") from error
     return TaughtPart(
         kept,
-        Setting.of_set(loaded.captured),
+        loaded.captured.setting,
         loaded.found is not None,
         TrainingRow(kept.texture, observation, about.orientation_deg),
         test,

@@ -15,8 +15,8 @@ from capture.acquisition.frame_series import (
     ladder_ms,
     require_free_running,
 )
-from capture.calibration.camera_parts import Rung, levels_of, response_parts
 from capture.calibration.setting import Setting
+from capture.procedures.camera_parts import Rung, levels_of, response_parts
 from classify.calibration.calibration import Calibration
 from classify.errors import CalibrationRejected
 from rig import CameraError, ConfigError, Frame, Rig, RigConfig, open_rig

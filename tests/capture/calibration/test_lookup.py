@@ -10,11 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture import CapturedSet, capture_set
-from capture.calibration.lookup import calibration_of, check_setting, keep_beside, named_by
+from capture.calibration.lookup import check_setting, keep_beside
 from capture.calibration.parts import PART_NAMES
 from capture.calibration.ps4cal import CalibrationFile, PartRecord
 from capture.calibration.setting import Setting
 from capture.errors import CalibrationError
+from capture.sets.set_calibration import calibration_of
 from classify import Lighting
 from classify.calibration.dark import Dark
 from classify.calibration.lights import CalibratedLights
@@ -30,7 +31,9 @@ SETTING = Setting(
     height_px=24,
     bit_depth=12,
     exposure_ms=8.0,
-    gain={"gain": 4.0},
+    gain=4.0,
+    gamma=100.0,
+    pixel_value_controls={"brightness": 128.0},
     light_directions=tuple(map(tuple, Lighting.ring(45.0).directions.tolist())),
     led_levels_percent=(100, 100, 100, 100),
 )
@@ -56,12 +59,12 @@ def find(path: Path, captured: CapturedSet, **options: Any):
 def test_a_named_calibration_is_found_beside_the_set(
     tmp_path: Path, placed: CapturedSet, folder: str
 ) -> None:
-    file = file_of(Setting.of_set(placed))
+    file = file_of(placed.setting)
     sets = tmp_path / "sets"
     (sets / folder).mkdir(parents=True, exist_ok=True)
     path = sets / "a.ome.tif"
     assert find(path, placed) is None
-    named = named_by(placed, file)
+    named = placed.named_after(file)
     file_of(SETTING).write(sets / folder / "another.ps4cal")
     file.write(sets / folder / "rig.ps4cal")
     found = find(path, named)
@@ -74,10 +77,10 @@ def test_a_set_keeps_its_calibration_although_the_file_was_measured_anew(
     tmp_path: Path, placed: CapturedSet
 ) -> None:
     source, path = tmp_path / "rig.ps4cal", tmp_path / "sets" / "a.ome.tif"
-    known, other = file_of(Setting.of_set(placed)), file_of(SETTING)
+    known, other = file_of(placed.setting), file_of(SETTING)
     other.write(source)
     keep_beside(source, known, path)
-    assert find(path, named_by(placed, known)).file.hash == known.hash != other.hash
+    assert find(path, placed.named_after(known)).file.hash == known.hash != other.hash
 
 
 def test_a_calibration_that_was_read_keeps_its_hash_in_the_copy(
@@ -85,7 +88,7 @@ def test_a_calibration_that_was_read_keeps_its_hash_in_the_copy(
 ) -> None:
     """Directions that are normalised again when they are read may change in the last bit."""
     source, path = tmp_path / "rig.ps4cal", tmp_path / "sets" / "a.ome.tif"
-    record = file_of(Setting.of_set(placed)).records["scale"]
+    record = file_of(placed.setting).records["scale"]
     rng = np.random.default_rng(5)
     for _ in range(20):
         lighting = Lighting(rng.uniform((-1, -1, 0.5), (1, 1, 1), (4, 3)))
@@ -93,15 +96,15 @@ def test_a_calibration_that_was_read_keeps_its_hash_in_the_copy(
         CalibrationFile().with_part("lights", lights, record).write(source)
         read = CalibrationFile.read(source)
         keep_beside(source, read, path)
-        found = find(path, named_by(placed, read))
+        found = find(path, placed.named_after(read))
         assert found.path == path.parent / "calibration" / f"rig-{read.hash[:8]}.ps4cal"
 
 
 def test_a_missing_calibration_is_an_error_that_names_what_is_there(
     tmp_path: Path, placed: CapturedSet
 ) -> None:
-    file = file_of(Setting.of_set(placed))
-    path, named = tmp_path / "a.ome.tif", named_by(placed, file)
+    file = file_of(placed.setting)
+    path, named = tmp_path / "a.ome.tif", placed.named_after(file)
     with pytest.raises(CalibrationError, match=rf"{file.hash[:8]}, which is neither beside") as no:
         find(path, named)
     assert "give --calibration CAL, or solve --raw" in str(no.value)
@@ -116,9 +119,9 @@ def test_a_missing_calibration_is_an_error_that_names_what_is_there(
 def test_a_given_calibration_is_used_instead_of_the_named_one(
     tmp_path: Path, placed: CapturedSet
 ) -> None:
-    setting = Setting.of_set(placed)
+    setting = placed.setting
     file_of(setting, 0.2).write(tmp_path / "new.ps4cal")
-    path, named = tmp_path / "a.ome.tif", named_by(placed, file_of(setting))
+    path, named = tmp_path / "a.ome.tif", placed.named_after(file_of(setting))
     found = find(path, named, given=tmp_path / "new.ps4cal")
     assert found.file.calibration.scale.mm_per_px == 0.2
     file_of(SETTING.model_copy(update={"width_px": 64})).write(tmp_path / "other.ps4cal")
@@ -131,9 +134,9 @@ def test_an_old_calibration_is_used_with_a_warning(
     tmp_path: Path, placed: CapturedSet, days: int, warned: bool
 ) -> None:
     date = str(np.datetime64(placed.metadata.created_utc[:10]) - np.timedelta64(days, "D"))
-    file = file_of(Setting.of_set(placed), date=date)
+    file = file_of(placed.setting, date=date)
     file.write(tmp_path / "rig.ps4cal")
-    found = find(tmp_path / "a.ome.tif", named_by(placed, file))
+    found = find(tmp_path / "a.ome.tif", placed.named_after(file))
     said = (f"the calibration (scale) was measured {days} days before",) if warned else ()
     assert [text[: len(said[0])] for text in found.warnings] == list(said)
 
@@ -143,14 +146,14 @@ def test_the_copy_beside_a_set_outlives_a_change_of_the_file(
 ) -> None:
     (tmp_path / "sets").mkdir()
     source, path = tmp_path / "rig.ps4cal", tmp_path / "sets" / "a.ome.tif"
-    file = file_of(Setting.of_set(placed))
+    file = file_of(placed.setting)
     file.write(source)
     for _ in range(2):
         keep_beside(source, file, path)
-    file_of(Setting.of_set(placed), 0.3).write(source)
+    file_of(placed.setting, 0.3).write(source)
     (copy,) = (tmp_path / "sets" / "calibration").iterdir()
     assert copy.name == f"rig-{file.hash[:8]}.ps4cal"
-    assert find(path, named_by(placed, file)).path == copy
+    assert find(path, placed.named_after(file)).path == copy
     session = tmp_path / "calibration"
     session.mkdir()
     keep_beside(copy, file, tmp_path / "sets" / "b.ome.tif")
@@ -166,8 +169,14 @@ def test_the_copy_beside_a_set_outlives_a_change_of_the_file(
         ({"crop": (1, 1, 32, 24)}, set(PART_NAMES), "crop (1, 1, 32, 24) instead of None"),
         ({"simulated": True}, set(PART_NAMES), "one is simulated and the other is not"),
         ({"bit_depth": 8}, {"dark", "response", "noise"}, "8 bit instead of 12"),
-        ({"gain": {"gain": 9.0}}, {"dark", "response", "noise"}, "control gain at 9 instead of 4"),
-        ({"gamma": "srgb"}, {"dark", "response", "noise"}, "taken as srgb instead of linear"),
+        ({"gain": 9.0}, {"dark", "response", "noise"}, "gain 9 instead of 4"),
+        ({"gamma": 90.0}, {"dark", "response", "noise"}, "gamma 90 instead of 100"),
+        (
+            {"pixel_value_controls": {"brightness": 100.0}},
+            {"dark", "response", "noise"},
+            "brightness 100 instead of 128",
+        ),
+        ({"photograph_gamma": "srgb"}, {"dark", "response", "noise"}, "as srgb instead of linear"),
         ({"exposure_ms": 9.0}, {"dark"}, "exposure 9 ms instead of 8 ms"),
         ({"light_directions": SETTING.light_directions[:3]}, {"flat_field", "lights"}, "3 lights"),
         (
@@ -198,7 +207,8 @@ def test_rounding_of_an_exposure_and_unknown_values_are_no_difference(
 ) -> None:
     ours = SETTING.model_copy(update={"exposure_ms": exposure_ms})
     theirs = SETTING.model_copy(update={"exposure_ms": exposure_ms * (1.0 + change)})
-    unknown = {"rig_name": None, "camera": None, "exposure_ms": None, "gain": {}}
+    unknown = {"rig_name": None, "camera": None, "exposure_ms": None, "gain": None, "gamma": None}
+    unknown |= {"pixel_value_controls": {}}
     photographs = SETTING.model_copy(update=unknown | {"led_levels_percent": (None,) * 4})
     for part in PART_NAMES:
         for other in (theirs, photographs):
@@ -223,6 +233,6 @@ def test_the_setting_of_a_rig_and_of_photographs(placed: CapturedSet, rig: Rig) 
     assert setting.camera == "simulated simulated camera"
     assert (setting.width_px, setting.height_px, setting.bit_depth) == (64, 64, 12)
     assert setting.led_levels_percent == (100, 100, 100, 100)
-    assert Setting.of_set(placed).camera is None
+    assert placed.setting.camera is None
     assert capture_set(rig).metadata.rig_name == setting.rig_name
-    assert Setting.of_set(capture_set(rig)) == setting
+    assert capture_set(rig).setting == setting

@@ -35,7 +35,8 @@ SETTING = Setting(
     height_px=480,
     bit_depth=12,
     exposure_ms=8.0,
-    gain={"gain": 4.0},
+    gain=4.0,
+    pixel_value_controls={"brightness": 128.0},
     light_directions=tuple(map(tuple, RING.directions.tolist())),
     led_levels_percent=(100, 100, 100, 100),
 )
@@ -152,8 +153,8 @@ def test_any_part_is_the_same_after_it_was_taken_apart(intensities, offset, ambi
 @pytest.mark.parametrize(
     ("edit", "cause"),
     [
-        (lambda h: h.update(version=VERSION + 1), "version 2; this program reads 1; use a newer"),
-        (lambda h: h.update(version=0), "version 0; this program reads 1; calibrate again"),
+        (lambda h: h.update(version=VERSION + 1), "version 3; this program reads 2; use a newer"),
+        (lambda h: h.update(version=1), "version 1; this program reads 2; calibrate again"),
         (lambda h: h.update(format="zip"), "header field format"),
         (lambda h: h.update(more=1), "header field 'more'"),
         (lambda h: h["parts"].pop("dark"), "do not match their SHA-256"),

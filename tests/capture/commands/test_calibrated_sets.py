@@ -10,8 +10,13 @@ import cv2
 import numpy as np
 import pytest
 
-from capture import CapturedSet
+from capture import CapturedSet, capture_set
 from capture.calibration.ps4cal import CalibrationFile
+from capture.errors import CalibrationError
+from capture.maps.map_tiff import read_map
+from classify.calibration.calibration import Calibration
+from classify.errors import InputError
+from rig import open_rig
 
 RIG = """
 calibration = "rig.ps4cal"
@@ -72,7 +77,16 @@ def test_solve_uses_it_says_both_residuals_and_leaves_it_out_with_raw(
     assert calibrated["residual"] < 0.5 * calibrated["raw_residual"]
     assert raw["residual"] == calibrated["raw_residual"]
     assert (raw["calibration"], raw["raw_residual"]) == (None, None)
+    for name, cal in (
+        ("calibrated", CalibrationFile.read(calibrated["calibration"]).hash),
+        ("raw", None),
+    ):
+        roughness = json.loads((tmp_path / name / "roughness.json").read_text())
+        for about in (roughness, read_map(tmp_path / name / "height.tif")[1]):
+            assert about["calibration_sha256"] == cal
+            assert (about["calibration"] is None) == (cal is None)
     page = (tmp_path / "calibrated" / "index.html").read_text()
+    assert f"{CalibrationFile.read(calibrated['calibration']).hash[:12]}…" in page
     assert f"{calibrated['residual']:.2%} of the signal, {raw['residual']:.2%} without" in page
     assert f"{raw['residual']:.2%} of the signal<" in (tmp_path / "raw" / "index.html").read_text()
     said = ps4rig("solve", path, "--out", tmp_path / "said").stdout
@@ -82,7 +96,7 @@ def test_solve_uses_it_says_both_residuals_and_leaves_it_out_with_raw(
 def test_the_slopes_are_those_of_an_ideal_rig(lab: Path, near_calibration: CalibrationFile) -> None:
     captured = CapturedSet.load(lab / "sets" / "rock-001.ome.tif")
     surface = captured.solve(calibration=near_calibration.calibration)
-    raw = captured.solve()
+    raw = captured.solve(raw=True)
     # A periodic texture has no mean slope across the frame; near light alone makes a dome.
     thirds = [slice(0, 42), slice(86, 128)]
 
@@ -91,6 +105,37 @@ def test_the_slopes_are_those_of_an_ideal_rig(lab: Path, near_calibration: Calib
         return abs(right - left)
 
     assert dome(surface) < 0.3 * dome(raw)
+
+
+@pytest.mark.parametrize("raw", [False, True])
+def test_python_and_the_command_solve_a_set_alike(
+    lab: Path, tmp_path: Path, ps4rig: Callable[..., Any], raw: bool
+) -> None:
+    path = lab / "sets" / "rock-001.ome.tif"
+    solved(ps4rig, tmp_path, path, *(["--raw"] if raw else []))
+    surface = CapturedSet.load(path).solve(raw=raw)
+    np.testing.assert_array_equal(surface.p, read_map(tmp_path / "p.tif")[0])
+
+
+def test_python_says_how_to_solve_a_set_without_its_calibration(lab: Path, tmp_path: Path) -> None:
+    path = tmp_path / "alone.ome.tif"
+    shutil.copy(lab / "sets" / "rock-001.ome.tif", path)
+    alone = CapturedSet.load(path)
+    with pytest.raises(CalibrationError, match=r"alone.ome.tif: .* calibration=, or raw=True"):
+        alone.solve()
+    assert alone.solve(raw=True).valid.any()
+    with pytest.raises(InputError, match="exclude each other"):
+        alone.solve(calibration=Calibration(), raw=True)
+
+
+def test_a_set_solves_with_the_calibration_it_was_captured_with(
+    lab: Path, near_calibration: CalibrationFile
+) -> None:
+    with open_rig(lab / "rig.toml") as rig:
+        captured = capture_set(rig, calibration=near_calibration)
+    known = near_calibration.calibration
+    np.testing.assert_array_equal(captured.solve().p, captured.solve(calibration=known).p)
+    assert not np.array_equal(captured.solve().p, captured.solve(raw=True).p)
 
 
 @pytest.mark.slow

@@ -75,6 +75,37 @@ def test_a_plan_that_does_not_suit_the_rig_is_refused_before_a_folder_is_made(
     assert not (plan.parent / "fabrics").exists()
 
 
+@pytest.mark.parametrize("option", ["--dry-run", "--yes"])
+def test_an_exposure_without_dark_frames_is_refused_at_the_start(
+    ps4rig: Command, refused: Refused, plan: Path, rig: Path, option: str
+) -> None:
+    assert ps4rig("calibrate", "dark", "--rig", rig, "rig.ps4cal").exit_code == 0
+    rig.write_text('calibration = "rig.ps4cal"\n' + RIG)
+    text = plan.read_text()
+    plan.write_text("exposure_ms = 12\n" + text)
+    line = refused("session", "run", plan, option)
+    assert "exposure_ms = 12, but dark frames were measured at 20 ms only" in line
+    assert "set camera.exposure_ms = 12" in line
+    plan.write_text(text)
+    rig.write_text(rig.read_text() + "exposure_ms = 12\n")
+    assert "exposure_ms = 12, but dark frames" in refused("session", "run", plan, option)
+    assert not (plan.parent / "fabrics").exists()
+
+
+def test_a_search_beyond_the_dark_frames_is_announced(
+    ps4rig: Command, plan: Path, rig: Path
+) -> None:
+    plan.write_text('exposure_ms = "search"\n' + plan.read_text())
+    for exposure_ms, measured in ((20, "at 20 ms only"), (5, "from 5 to 20 ms")):
+        rig.write_text(f"{RIG}exposure_ms = {exposure_ms}\n")
+        assert ps4rig("calibrate", "dark", "--rig", rig, "rig.ps4cal").exit_code == 0
+        rig.write_text('calibration = "rig.ps4cal"\n' + RIG)
+        done = ps4rig("session", "run", plan, "--dry-run")
+        assert done.exit_code == 0
+        assert f"dark frames were measured {measured} (" in done.stderr
+        assert "sets at other exposures will be refused" in done.stderr
+
+
 def test_a_disk_that_is_too_small_is_refused(ps4rig: Command, refused: Refused, plan: Path) -> None:
     plan.write_text(plan.read_text().replace("[0, 30]", str([each / 10 for each in range(3600)])))
     (plan.parent / "rig.toml").write_text(RIG.replace("96", "8192"))

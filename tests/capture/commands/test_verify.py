@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -82,17 +83,18 @@ def test_every_alteration_is_found(ps4rig: Command, archive: Path) -> None:
     # A whole set, but not the one that was captured.
     shutil.copy(archive / "plain" / "sand-002.ome.tif", session / "sets" / "rock-50-1.ome.tif")
     shutil.copy(archive / "plain" / "sand-002.ome.tif", session / "sets" / "other.ome.tif")
-    shutil.copy(DATA / "imported-schema-1.ome.tif", archive / "old.ome.tif")
+    later = re.sub(rb'("schema_version": )\d', rb"\g<1>9", (DATA / "rock.ome.tif").read_bytes())
+    (archive / "later.ome.tif").write_bytes(later)
     assert states(ps4rig, archive, 1) == {
         "plain/sand-001.ome.tif": "altered",
         "textures.ps4lib": "altered",
         "stones/sets/rock-0-1.ome.tif": "missing",
         "stones/sets/rock-50-1.ome.tif": "altered",
         "stones/sets/other.ome.tif": "not in journal",
-        "old.ome.tif": "old schema",
+        "later.ome.tif": "other version",
     }
     said = ps4rig("verify", archive).stdout.splitlines()
-    assert f"{archive / 'old.ome.tif'}: old schema: a set of schema 1: its metadata have" in said[0]
+    assert f"{archive / 'later.ome.tif'}: other version: captured-set version 9, this" in said[0]
 
 
 def test_a_set_without_its_calibration_is_found(ps4rig: Command, archive: Path) -> None:

@@ -18,9 +18,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as st_numpy
 
 from capture import CalibrationFile, CapturedSet
-from capture.calibration.lookup import named_by
 from capture.calibration.ps4cal import PartRecord
-from capture.calibration.setting import Setting
 from capture.exchange.digital_surf import write_sur
 from capture.exchange.height_map import HeightMap
 from capture.exchange.x3p import write_x3p
@@ -29,7 +27,7 @@ from classify.calibration.scale import Scale
 Command = Callable[..., Any]
 Refused = Callable[..., str]
 MM_PER_PX = 0.02
-SET = Path(__file__).parents[2] / "data" / "sets" / "simulated-schema-4.ome.tif"
+SET = Path(__file__).parents[2] / "data" / "sets" / "rock.ome.tif"
 METADATA = CapturedSet.load(SET).metadata
 UM_PER_MM = 1e3
 
@@ -126,12 +124,12 @@ def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     hashed = {"pixels_sha256": pixels_sha256(images, stored.ambient)}
     captured = replace(stored, images=images, metadata=stored.metadata.model_copy(update=hashed))
     record = PartRecord(
-        setting=Setting.of_set(captured), quality="Good.", source=("captured",), date="2026-05-01"
+        setting=captured.setting, quality="Good.", source=("captured",), date="2026-05-01"
     )
     scale = Scale(MM_PER_PX, 0.001, np.eye(3), None, 0.1)
     calibration = CalibrationFile().with_part("scale", scale, record)
     calibration.write(folder / "rig.ps4cal")
-    named_by(captured, calibration).save(folder / "a.ome.tif")
+    captured.named_after(calibration).save(folder / "a.ome.tif")
     return folder / "a.ome.tif"
 
 

@@ -24,7 +24,7 @@ from rig.set_file import pixels_sha256
 ROOT = Path(__file__).parents[3]
 MANIFEST = ROOT / "capture" / "napari.yaml"
 SETS = ROOT / "tests" / "data" / "sets"
-SET = SETS / "simulated-schema-4.ome.tif"
+SET = SETS / "rock.ome.tif"
 MM_PER_PX = 0.02
 Opened = Callable[[Path], dict[str, tuple[np.ndarray, dict[str, Any], str]]]
 

@@ -98,12 +98,6 @@ def test_text_of_a_set_is_escaped(made_set: Callable[..., CapturedSet]) -> None:
     assert page.text.count(evil) == 3  # title, heading, date
 
 
-@pytest.mark.parametrize("version", [1, 2, 3])
-def test_a_set_of_schema_1_is_marked(made_set: Callable[..., CapturedSet], version: int) -> None:
-    page = page_of(made_set(np.full((4, 8, 8), 1000, np.uint16), schema_version=version))
-    assert ("its metadata have no hash" in page.text) == (version == 1)
-
-
 def test_warnings_mask_and_crop_of_an_import_are_shown(
     made_set: Callable[..., CapturedSet],
 ) -> None:

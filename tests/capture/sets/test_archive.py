@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from capture import CapturedSet
 from capture.sets.archive import find_sets, output_folders
 from classify import InputError
 
@@ -87,23 +86,6 @@ def test_solve_of_several_sets_answers_with_a_list(
     assert all(Path(name).is_file() for row in both for name in row["files"])
     plain = ps4rig("solve", *paths, "--out", tmp_path / "both")
     assert plain.stdout.startswith(f"{tmp_path / 'both' / 'rock-001'}: ")
-
-
-@pytest.mark.parametrize("command", ["solve", "train", "classify", "evaluate"])
-def test_commands_warn_once_of_sets_of_schema_1(
-    ps4rig: Command, sets: Path, library: Path, tmp_path: Path, command: str
-) -> None:
-    for name in ("rock-001.ome.tif", "sand-001.ome.tif"):
-        new = CapturedSet.load(sets / name)
-        metadata = new.metadata.model_copy(update={"schema_version": 1})
-        CapturedSet(new.images, new.ambient, metadata).save(tmp_path / name)
-    options = {"solve": ("--out", tmp_path / "maps"), "train": ("--library", tmp_path / "a.ps4lib")}
-    result = ps4rig(command, tmp_path, *options.get(command, ("--library", library)))
-    assert result.exit_code == 0
-    (line,) = result.stderr.splitlines()
-    assert line.startswith(
-        f"ps4rig: warning: {tmp_path}/rock-001.ome.tif and 1 more: a set of schema 1: "
-    )
 
 
 def test_solve_says_how_many_light_images_the_page_shows(

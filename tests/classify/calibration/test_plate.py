@@ -51,7 +51,7 @@ def test_distant_lights_keep_their_directions_and_say_why() -> None:
     [
         (
             replace(SHEET, brightest=1.3),
-            r"light 2 saturates \d+\.\d% of the sheet; shorten",
+            r"light 2 saturates \d+\.\d% of the sheet; lower camera.exposure_ms",
         ),
         (replace(SHEET, brightest=0.06), r"too dark: the sheet reaches \d\.\d% .* under light \d"),
         (replace(SHEET, tilt=(0.12, 0.0)), r"the sheet is tilted by [67]\.\d degrees; lay it flat"),

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from capture.calibration.ps4cal import CalibrationFile
-from capture.calibration.setting import Setting
-from capture.calibration.sphere_parts import images_of_sets, sphere_parts
+from capture.procedures.sphere_parts import images_of_sets, sphere_parts
 from classify.calibration.lights import CalibratedLights
 from classify.calibration.spheres import SphereKind
 from rig import Placement, open_rig
@@ -83,5 +82,5 @@ def sphere_errors(kind: SphereKind, conditions: Conditions, file: CalibrationFil
     with open_rig(conditions.faulty.with_changes(simulation={"mm_per_px": 1.0})) as rig:
         sets = list(captured_targets(rig, placements))
     pictures = images_of_sets(sets, file)
-    (part,) = sphere_parts(pictures, kind, file, Setting.of_set(sets[0]), ("captured",))
+    (part,) = sphere_parts(pictures, kind, file, sets[0].setting, ("captured",))
     return light_errors(conditions, part.part)

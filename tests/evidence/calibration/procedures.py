@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from capture.acquisition.camera_calibration import dark_of_rig, rungs_of_rig
-from capture.calibration.camera_parts import dark_part, response_parts
-from capture.calibration.plate_parts import plate_parts
 from capture.calibration.ps4cal import CalibrationFile, MeasuredPart
 from capture.calibration.setting import Setting
+from capture.procedures.camera_parts import dark_part, response_parts
+from capture.procedures.plate_parts import plate_parts
 from classify.calibration.calibration import Calibration
 from rig import Placement, Rig, Simulation, open_rig
 

@@ -61,6 +61,34 @@ def test_the_noise_of_the_simulated_sensor_is_found(ps4rig: Run, tmp_path: Path,
     assert kept.response.linear
 
 
+def test_a_second_dark_exposure_is_added(
+    ps4rig: Run, refused: Callable[..., str], tmp_path: Path
+) -> None:
+    toml, path = rig_toml(tmp_path, hot_pixels=20), tmp_path / "rig.ps4cal"
+
+    def exposed(exposure_ms: float) -> Path:
+        changed = tmp_path / f"{exposure_ms}.toml"
+        changed.write_text(toml.read_text().replace("bits", f"exposure_ms = {exposure_ms}\nbits"))
+        return changed
+
+    for exposure_ms in (20.0, 5.0):
+        done = ps4rig("calibrate", "dark", "--rig", exposed(exposure_ms), path, "--json")
+        answer = json.loads(done.stdout)
+    kept = CalibrationFile.read(path)
+    assert kept.calibration.dark is not None
+    assert kept.calibration.dark.exposures_ms == (5.0, 20.0)
+    assert len(kept.calibration.dark.at(10.0).hot_pixels) == 20
+    figures = answer["figures"]
+    assert (figures["exposures"], figures["shortest_ms"], figures["longest_ms"]) == (2, 5, 20)
+    assert abs(figures["dark_current_dn_per_s"]) < 5.0
+    capture = ("capture", "--calibration", path, "--rig")
+    out = tmp_path / "a.ome.tif"
+    assert ps4rig(*capture, exposed(15.0), out).exit_code == 0
+    assert CapturedSet.load(out).solve().valid.any()
+    line = refused(*capture, exposed(25.0), tmp_path / "b.ome.tif")
+    assert "exposure 25 ms, dark frames were measured from 5 to 20 ms (dark)" in line
+
+
 def test_gamma_of_an_eight_bit_camera_is_found_and_its_noise_left_out(
     ps4rig: Run, tmp_path: Path
 ) -> None:

@@ -65,7 +65,7 @@ def test_a_rig_gets_its_flat_field_and_positions(ps4rig: Run, tmp_path: Path) ->
 
 
 def test_positions_of_an_older_sheet_do_not_outlast_distant_lights(
-    ps4rig: Run, tmp_path: Path
+    ps4rig: Run, refused: Callable[..., str], tmp_path: Path
 ) -> None:
     path = tmp_path / "rig.ps4cal"
     rig_toml(tmp_path)
@@ -74,7 +74,9 @@ def test_positions_of_an_older_sheet_do_not_outlast_distant_lights(
     (tmp_path / "distant").mkdir()
     rig_toml(tmp_path / "distant", None)
     distant = captured(ps4rig, tmp_path / "distant", "plate", 0)
-    done = ps4rig("calibrate", "plate", "--from", *distant, path)
+    plate = ("calibrate", "plate", "--from", *distant, path)
+    assert "flat field: light 0 of another strength" in refused(*plate, status=1)
+    done = ps4rig(*plate, "--replace")
     assert done.exit_code == 0, done.stderr
     assert "positions of lights measured before are dropped" in done.stderr
     assert "too far away for their positions" in done.stderr

@@ -201,6 +201,38 @@ def test_a_checkerboard_on_the_simulated_rig_gives_the_scale(ps4rig: Run, tmp_pa
     assert done.exit_code == 2
 
 
+def test_a_good_scale_is_not_replaced_by_a_mistyped_or_a_worse_one(
+    ps4rig: Run, refused: Callable[..., str], tmp_path: Path
+) -> None:
+    cal, toml = tmp_path / "rig.ps4cal", rig_toml(tmp_path, mm_per_px=0.3)
+    board = ("calibrate", "scale", "--rig", toml, cal, "--checkerboard", "9x6", "--square-mm")
+    assert ps4rig(*board, 5).exit_code == 0
+    known = CalibrationFile.read(cal)
+    ball = tmp_path / "ball.ome.tif"
+    sphere = ("calibrate", "lights", "--from", ball, cal, "--sphere", "matte", "--diameter-mm")
+    surface = ("--surface", "matte_sphere", "--target")
+    assert ps4rig("capture", "--rig", toml, *surface, ball).exit_code == 0
+    message = refused(*sphere, 11, status=1)
+    assert f"{cal}: scale: " in message
+    assert " mm per px instead of 0.29" in message
+    assert CalibrationFile.read(cal).hash == known.hash
+    done = ps4rig(*sphere, 20)
+    assert "scale of" in done.stdout
+    assert "kept, because its error is" in done.stdout
+    both = CalibrationFile.read(cal)
+    assert both.calibration.scale is not None
+    assert both.calibration.lights is not None
+    assert both.records["scale"] == known.records["scale"]
+    # The true size of the squares cannot be mistyped on a simulated rig, but that of a set can.
+    picture = tmp_path / "board.ome.tif"
+    done = ps4rig("capture", "--rig", toml, "--surface", "checkerboard", "--target", picture)
+    assert done.exit_code == 0, done.stderr
+    typed = ("calibrate", "scale", "--from", picture, cal, "--checkerboard", "9x6", "--square-mm")
+    assert "mm per px instead of 0.29" in refused(*typed, 50, status=1)
+    assert ps4rig(*typed, 50, "--replace").exit_code == 0
+    assert CalibrationFile.read(cal).calibration.mm_per_px == pytest.approx(3.0, rel=0.01)
+
+
 @pytest.mark.parametrize(
     "command",
     [("lights", "--sphere", "mirror"), ("scale", "--checkerboard", "9x6", "--square-mm", 5)],

@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from capture.calibration.ps4cal import MeasuredPart
+from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
 from capture.sets.photographs import Photographs
 from classify.calibration.block_levels import BlockLevels, Frames, block_levels
@@ -16,8 +18,6 @@ from classify.calibration.exposure_ladder import ExposureLadder, response_of
 from classify.calibration.photon_transfer import PhotonTransfer, photon_transfer
 from classify.errors import CalibrationRejected, InputError
 
-from .ps4cal import MeasuredPart
-from .setting import Setting
 from .stated_error import stated_error
 
 # Below this standard deviation, rounding hides the noise of a pixel (0.24 DN^2 in EMVA 1288).
@@ -41,6 +41,7 @@ def dark_part(
 
     `dark` is the part made from these frames; it may include the ambient light.
     """
+    dark = replace(dark, exposure_ms=setting.exposure_ms)
     full = dark.full_scale
     hot = len(dark.hot_pixels)
     quality = (
@@ -123,8 +124,9 @@ def levels_of(
     `full_scale` is that of the frames, which may be stretched, and `bit_depth` the camera's.
     """
     dark = calibration.dark
-    known = dark is not None and not (dark.hot_pixels >= frames.shape[1:]).any()
-    hot_pixels = dark.hot_pixels if dark is not None and known else None
+    hot = [] if dark is None else [each.hot_pixels for each in dark.exposures]
+    known = bool(hot) and not any((each >= frames.shape[1:]).any() for each in hot)
+    hot_pixels = np.unique(np.concatenate(hot), axis=0) if known else None
     levels = block_levels(frames, full_scale, hot_pixels)
     stretch = full_scale / ((1 << bit_depth) - 1)
     return replace(levels, means=levels.means / stretch, variances=levels.variances / stretch**2)
@@ -159,7 +161,7 @@ def rungs_of_sets(sets: Sequence[CapturedSet], calibration: Calibration) -> list
     InputError
         If a set does not state its exposure, or the sets are of different cameras or settings.
     """
-    first = Setting.of_set(sets[0])
+    first = sets[0].setting
     light = int(np.argmax([image.mean() for image in sets[0].images]))
     images: dict[tuple[float, int], list[npt.NDArray[np.uint16]]] = {}
     for captured in sets:
@@ -169,7 +171,7 @@ def rungs_of_sets(sets: Sequence[CapturedSet], calibration: Calibration) -> list
                 "a set of photographs does not state its exposure; give the photographs "
                 "themselves, one for each exposure"
             )
-        if differences := first.differences(Setting.of_set(captured), "response"):
+        if differences := first.differences(captured.setting, "response"):
             raise InputError(f"the sets differ: {'; '.join(differences)}")
         images.setdefault((camera.exposure_ms, full_scale), []).append(captured.images[light])
     bit_depth = first.bit_depth

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from capture.calibration.ps4cal import MeasuredPart
+from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
 from classify.calibration.checkerboard import SEEN_TILT_DEG, find_corners, scale_of_boards
 from classify.errors import CalibrationRejected
 
-from .ps4cal import MeasuredPart
-from .setting import Setting
 from .stated_error import stated_error
 
 # Relative errors of a length that the record calls good and fair.

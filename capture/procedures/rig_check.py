@@ -11,18 +11,19 @@ from pathlib import Path
 
 import numpy as np
 
+from capture.calibration.lookup import OLD_DAYS, check_setting, read_calibration
+from capture.calibration.ps4cal import CalibrationFile, PartRecord
+from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
 from classify import Lighting
+from classify.calibration.dark import SAME_EXPOSURE
 from classify.calibration.drift import Drift, plate_drift
 from classify.images.stack import ImageStack
 from rig import Rig
 from rig.doctor.check import Check, collected
 from rig.doctor.light_images import capture_light_images
 
-from .lookup import OLD_DAYS, check_setting, read_calibration
 from .plate_parts import SHEET_BRIGHTNESS
-from .ps4cal import CalibrationFile, PartRecord
-from .setting import SAME_EXPOSURE, Setting
 
 _SHEET = "plate"  # the surface of the simulated rig
 
@@ -105,7 +106,7 @@ def drift_of_set(captured: CapturedSet, file: CalibrationFile) -> Drift:
     CalibrationRejected
         If the set shows no white matt sheet.
     """
-    setting = Setting.of_set(captured)
+    setting = captured.setting
     check_setting(file, setting, "these images")
     stack = ImageStack(captured.images, captured.ambient)
     return _drift(stack, captured.metadata.full_scale, captured.lighting, file, setting)
@@ -142,7 +143,8 @@ def _drift(
     brightness = record.figures.get(SHEET_BRIGHTNESS)
     if brightness is not None:
         brightness *= _exposure_ratio(record, setting)
-    return plate_drift(stack, full_scale, file.calibration, lighting, brightness=brightness)
+    known = file.calibration.holding_at(setting.exposure_ms)
+    return plate_drift(stack, full_scale, known, lighting, brightness=brightness)
 
 
 def _exposure(rig: Rig, file: CalibrationFile) -> Iterator[Check]:

@@ -5,6 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from capture.calibration.ps4cal import MeasuredPart
+from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
 from classify.calibration.calibration import Calibration
 from classify.calibration.lights import CalibratedLights
@@ -12,8 +14,6 @@ from classify.calibration.plate import MeasuredPlate, measure_plate
 from classify.errors import InputError
 from classify.images.stack import ImageStack
 
-from .ps4cal import MeasuredPart
-from .setting import Setting
 from .stated_error import stated_error
 
 # Figure of a flat field by which a later light image of a sheet shows another exposure.
@@ -45,9 +45,9 @@ def plate_parts(
         For sets of different settings, or a mask of another size.
     """
     first = sets[0]
-    setting = Setting.of_set(first)
+    setting = first.setting
     for number, each in enumerate(sets[1:], start=2):
-        other = Setting.of_set(each)
+        other = each.setting
         differences = [*setting.differences(other, "dark"), *setting.differences(other, "lights")]
         if each.metadata.full_scale != first.metadata.full_scale:
             differences.append(
@@ -68,8 +68,10 @@ def plate_parts(
         if each.mask is not None:
             mask = each.mask if mask is None else mask & each.mask
     full_scale = float(first.metadata.full_scale)
+    has_ambient = all(each.ambient is not None for each in sets)
+    known = (calibration.holding_at if has_ambient else calibration.at)(setting.exposure_ms)
     placements = [
-        calibration.corrected(ImageStack(each.images, each.ambient), full_scale) for each in sets
+        known.corrected(ImageStack(each.images, each.ambient), full_scale) for each in sets
     ]
     if mask is not None:
         mask = calibration.corrected_mask(mask)
@@ -101,7 +103,7 @@ def _flat_field(measured: MeasuredPlate, setting: Setting, source: Sequence[str]
         "degree": float(max(fitted.degree)),
         "unused_percent": 100.0 * fitted.unused,
         "sheet_tilt_deg": float(measured.tilts_deg.max()),
-        "placements": float(len(measured.tilts_deg)),
+        "placements": float(len(measured.tilts_deg)) if measured.is_moved else 1.0,
         SHEET_BRIGHTNESS: measured.brightness,
     }
     warnings = []

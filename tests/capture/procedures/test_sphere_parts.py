@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from capture import CapturedSet, capture_set
-from capture.calibration.plate_parts import plate_parts
 from capture.calibration.ps4cal import CalibrationFile
-from capture.calibration.setting import Setting
-from capture.calibration.sphere_parts import images_of_sets, sphere_parts
+from capture.procedures.plate_parts import plate_parts
+from capture.procedures.sphere_parts import images_of_sets, sphere_parts
 from classify.calibration.sphere_outline import find_outline
 from classify.lights.flat_field import FlatField
 from rig import Placement, RigConfig, open_rig
@@ -35,7 +34,7 @@ def test_vignetting_of_the_flat_field_does_not_turn_the_lights_on_a_matt_sphere(
     errors_deg = []
     for file in (plain, known):
         pictures = images_of_sets([ball], file)
-        (lights,) = sphere_parts(pictures, "matte", file, Setting.of_set(ball), ("captured",))
+        (lights,) = sphere_parts(pictures, "matte", file, ball.setting, ("captured",))
         cosines = (lights.part.lighting.directions * true).sum(axis=1)
         errors_deg.append(float(np.degrees(np.arccos(cosines)).max()))
     assert errors_deg[1] < 0.5 < errors_deg[0]
@@ -69,7 +68,7 @@ def test_a_sphere_that_gives_directions_instead_of_positions_is_a_warning(
         ball = capture_set(rig, is_target=True)
     for file, warnings in ((CalibrationFile(), 0), (near_calibration, 1)):
         pictures = images_of_sets([ball], file)
-        (lights,) = sphere_parts(pictures, "mirror", file, Setting.of_set(ball), ("captured",))
+        (lights,) = sphere_parts(pictures, "mirror", file, ball.setting, ("captured",))
         assert lights.part.lighting.positions_px is None
         lost = [said for said in lights.warnings if "held the positions of the lights" in said]
         assert len(lost) == warnings

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from capture import capture_set
-from capture.calibration.plate_parts import SHEET_BRIGHTNESS
 from capture.calibration.ps4cal import CalibrationFile
-from capture.calibration.rig_check import check_calibration, drift_of_rig, drift_of_set
 from capture.errors import CalibrationError
+from capture.procedures.plate_parts import SHEET_BRIGHTNESS
+from capture.procedures.rig_check import check_calibration, drift_of_rig, drift_of_set
 from rig import Rig, RigConfig, open_rig
 
 LEVELS = (1.0, 0.9, 1.05, 0.85)  # of the fixture `near_config`

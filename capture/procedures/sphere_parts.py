@@ -6,6 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from capture.calibration.parts import PartName
+from capture.calibration.ps4cal import CalibrationFile, MeasuredPart
+from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
 from capture.sets.photographs import Gamma, read_mask, read_photographs
 from classify.calibration.calibration import Calibration
@@ -20,18 +23,11 @@ from classify.calibration.spheres import (
 from classify.errors import InputError
 from classify.images.stack import ImageStack
 
-from .parts import PartName
-from .ps4cal import CalibrationFile, MeasuredPart
-from .setting import Setting
 from .stated_error import stated_error
 
 # Errors of directions in words: the aim is 0.5 degrees with a mirror sphere and 2 with a matt one;
 # four degrees of slant turn the normals by three (table of faults, classify/README.md).
 _GOOD_DEG, _FAIR_DEG = 0.5, 2.0
-_POSITIONS_LOST = (
-    "the calibration held the positions of the lights, and now it holds directions; several "
-    "placements of the sphere, or ps4rig calibrate plate, give positions"
-)
 _OF_IMAGES: tuple[PartName, ...] = ("dark", "response", "scale", "flat_field")
 
 
@@ -77,7 +73,7 @@ def images_of_photographs(
         )
         for k in range(count)
     ]
-    setting = Setting.of_photographs(read)
+    setting = Setting.of_photographs(read.planes[0].shape, read.bit_depth, read.gamma)
     return [_corrected(each, setting, file) for each in placements], setting
 
 
@@ -88,7 +84,7 @@ def images_of_sets(sets: Sequence[CapturedSet], file: CalibrationFile) -> list[S
             SphereImages(
                 captured.images, captured.metadata.full_scale, captured.ambient, captured.mask
             ),
-            Setting.of_set(captured),
+            captured.setting,
             file,
         )
         for captured in sets
@@ -99,14 +95,14 @@ def _corrected(sphere: SphereImages, setting: Setting, file: CalibrationFile) ->
     """Correct light images by the parts of the calibration that hold for them.
 
     They are divided by the part of the flat field that all lights share: the vignetting of the
-    lens, which turns the lights on a matt sphere (tests/capture/calibration/test_sphere_parts.py).
+    lens, which turns the lights on a matt sphere (tests/capture/procedures/test_sphere_parts.py).
     """
     parts = {
         name: getattr(file.calibration, name)
         for name in _OF_IMAGES
-        if name in file.records and not file.records[name].setting.differences(setting, name)
+        if name in file.records and not file.differences(name, setting)
     }
-    known, full_scale = Calibration(**parts), sphere.full_scale
+    known, full_scale = Calibration(**parts).at(setting.exposure_ms), sphere.full_scale
     stack = known.corrected(ImageStack(sphere.images, sphere.ambient), full_scale)
     if known.flat_field is not None:
         shared = known.flat_field.shared
@@ -139,12 +135,7 @@ def sphere_parts(
     if not setting.light_directions:
         rows = tuple((x, y, z) for x, y, z in lighting.directions.tolist())
         setting = setting.model_copy(update={"light_directions": rows})
-    part = _lights_part(found, kind, focal_px, setting, source)
-    before = file.calibration.lights
-    had_positions = before is not None and before.lighting.positions_px is not None
-    if had_positions and lighting.positions_px is None:
-        part = replace(part, warnings=(*part.warnings, _POSITIONS_LOST))
-    parts = [part]
+    parts = [_lights_part(found, kind, focal_px, setting, source)]
     if diameter_mm is not None:
         measured = scale_of_spheres(found.spheres, diameter_mm)
         if scale is not None:  # what is known of the lens stays

@@ -1,0 +1,277 @@
+"""Whether a new part of a calibration may replace the one that is there."""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from classify.calibration.dark import Dark, measured_at
+from classify.calibration.lights import CalibratedLights
+from classify.calibration.noise import Noise
+from classify.calibration.response import Response
+from classify.calibration.scale import Scale
+from classify.errors import CalibrationRejected
+from classify.lights.flat_field import FlatField
+
+from .lookup import OLD_DAYS
+from .parts import PartName
+from .ps4cal import CalibrationFile, MeasuredPart, PartRecord
+
+# A difference of three standard errors is no chance: normal errors reach it once in 370.
+_FACTOR = 3.0
+# Errors from some ten residuals are themselves known to 20 %.
+_WORSE = 1.25
+# Differences below these are none, because errors of the targets and of their places are not in
+# the standard errors: a board 10 mm too high at 1 m, lights and LEDs that are warm.
+_FLOOR_SCALE, _FLOOR_FOCAL, _FLOOR_DISTANCE = 0.01, 0.02, 0.03
+_FLOOR_DIRECTION_DEG = 1.0
+_FLOOR_FLAT_FIELD, _FLOOR_RESPONSE = 0.05, 0.02
+_FLOOR_GAIN, _FLOOR_NOISE, _FLOOR_OFFSET = 0.05, 0.25, 0.005
+_POSITIONS = "positions"  # a near light without one points elsewhere at the edge of the frame
+# Places of a side of the frame at which flat fields are compared.
+_PLACES = 9
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A quantity of two parts: what it is, how far they differ, and how far they may."""
+
+    text: str
+    size: float
+    limit: float
+    unit: str = "%"
+
+    def __str__(self) -> str:
+        factor = 100.0 if self.unit == "%" else 1.0
+        return (
+            f"{self.text} ({factor * self.size:.3g} {self.unit} apart, the errors allow "
+            f"{factor * self.limit:.2g} {self.unit})"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """A part with its record."""
+
+    part: Any
+    record: PartRecord
+
+    def figure(self, name: str) -> float:
+        return self.record.figures.get(name, 0.0)
+
+
+def kept_because(file: CalibrationFile, new: MeasuredPart) -> str | None:
+    """Say why the part of a calibration is better than a new one; None if it is not.
+
+    A part of more than a year is never better, and one that no longer holds is not compared.
+
+    Raises
+    ------
+    CalibrationRejected
+        If the new part contradicts the one that is there by more than the errors of both.
+    """
+    known, found = _known(file, new), _Known(new.part, new.record)
+    if known is None:
+        return None
+    for difference in _DIFFERENCES[new.name](known, found):
+        if difference.size > difference.limit:
+            raise CalibrationRejected(
+                f"{file.path}: {new.name.replace('_', ' ')}: {difference}, measured "
+                f"{known.record.date}; check the target and its size, or take the new measurement "
+                "with --replace"
+            )
+    if (known.record.age_days(datetime.now(UTC)) or 0) > OLD_DAYS:
+        return None
+    lost, gained = _lack(new.name, known, found), _lack(new.name, found, known)
+    if lost is not None:
+        return f"it has {lost}, which the new one lacks"
+    before, now = (_ERRORS[new.name](each) for each in (known, found))
+    if now <= _WORSE * before or gained == _POSITIONS:
+        return None
+    return f"its error is {before:.2g}, that of the new one {now:.2g}"
+
+
+def with_other_exposures(new: MeasuredPart, file: CalibrationFile) -> MeasuredPart:
+    """Add a dark part to those of a calibration at other exposures of the same camera setting."""
+    dark = file.calibration.dark
+    if new.name != "dark" or dark is None or _other_camera_setting(file, new):
+        return new
+    merged: Dark = dark.added(new.part)
+    shortest, longest = merged.exposures[0], merged.exposures[-1]
+    if shortest.exposure_ms is None or longest.exposure_ms is None or merged.longer is None:
+        return new
+    time_ms, before = longest.exposure_ms - shortest.exposure_ms, file.records["dark"]
+    figures = {
+        "exposures": float(len(merged.exposures)),
+        "shortest_ms": shortest.exposure_ms,
+        "longest_ms": longest.exposure_ms,
+        "dark_current_dn_per_s": 1e3 * (longest.offset - shortest.offset) / time_ms,
+    }
+    quality = f"Dark frames {measured_at(merged)}. At {new.part.exposure_ms:g} ms: "
+    changes = {
+        "date": min(before.date, new.record.date),
+        "quality": quality + new.record.quality,
+        "figures": new.record.figures | figures,
+        "source": tuple(dict.fromkeys((*before.source, *new.record.source))),
+    }
+    return replace(new, part=merged, record=new.record.model_copy(update=changes))
+
+
+def _known(file: CalibrationFile, new: MeasuredPart) -> _Known | None:
+    """The part that a new one is compared with; None if there is none that holds."""
+    if new.name not in file.records:
+        return None
+    part, record = getattr(file.calibration, new.name), file.records[new.name]
+    if new.name == "dark":
+        same = (each for each in part.exposures if each.holds_at(new.part.exposure_ms))
+        part = None if _other_camera_setting(file, new) else next(same, None)
+        return None if part is None else _Known(part, record)
+    outdated = new.name in file.outdated or file.differences(new.name, new.record.setting)
+    return None if outdated else _Known(part, record)
+
+
+def _other_camera_setting(file: CalibrationFile, new: MeasuredPart) -> bool:
+    anywhere = file.records["dark"].setting.model_copy(update={"exposure_ms": None})
+    return bool(anywhere.differences(new.record.setting, "dark"))
+
+
+def _limit(floor: float, *errors: float) -> float:
+    return max(floor, _FACTOR * math.hypot(*errors))
+
+
+def _apart(known: float, found: float) -> float:
+    """Difference of two positive values as a share."""
+    return math.expm1(abs(math.log(found / known)))
+
+
+def _scale(known: _Known, found: _Known) -> Iterator[Difference]:
+    before: Scale = known.part
+    now: Scale = found.part
+    yield Difference(
+        f"{now.mm_per_px:.5g} mm per px instead of {before.mm_per_px:.5g}",
+        _apart(before.mm_per_px, now.mm_per_px),
+        _limit(_FLOOR_SCALE, before.error, now.error),
+    )
+    if before.focal_px and now.focal_px:
+        yield Difference(
+            f"a focal length of {now.focal_px:.5g} px instead of {before.focal_px:.5g}",
+            _apart(before.focal_px, now.focal_px),
+            _limit(_FLOOR_FOCAL, before.focal_error or 0.0, now.focal_error or 0.0),
+        )
+
+
+def _lights(known: _Known, found: _Known) -> Iterator[Difference]:
+    before: CalibratedLights = known.part
+    now: CalibratedLights = found.part
+    cosines = np.einsum("lx,lx->l", before.lighting.directions, now.lighting.directions)
+    angles_deg = np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))
+    errors_deg = zip(before.direction_errors_deg, now.direction_errors_deg, strict=True)
+    for light, (angle_deg, errors) in enumerate(zip(angles_deg, errors_deg, strict=True)):
+        limit_deg = _limit(_FLOOR_DIRECTION_DEG, *errors)
+        yield Difference(f"light {light} in another direction", angle_deg, limit_deg, "degrees")
+    ours, theirs = before.lighting.positions_px, now.lighting.positions_px
+    if ours is None or theirs is None:
+        return
+    assert before.distance_errors is not None
+    assert now.distance_errors is not None
+    distances = np.linalg.norm(ours, axis=1), np.linalg.norm(theirs, axis=1)
+    for light, (first_px, second_px) in enumerate(zip(*distances, strict=True)):
+        limit = _limit(_FLOOR_DISTANCE, before.distance_errors[light], now.distance_errors[light])
+        text = f"light {light} at {second_px:.4g} px instead of {first_px:.4g}"
+        yield Difference(text, _apart(first_px, second_px), limit)
+
+
+def _flat_field(known: _Known, found: _Known) -> Iterator[Difference]:
+    setting = known.record.setting
+    longer = max(setting.width_px, setting.height_px)
+    x, y = (
+        np.linspace(-side / longer, side / longer, _PLACES)
+        for side in (setting.width_px, setting.height_px)
+    )
+    before: FlatField = known.part
+    now: FlatField = found.part
+    changes = now.logarithms(x, y) - before.logarithms(x, y)
+    changes -= changes.mean()  # the exposure
+    errors = [each.figure("error_percent") / 100.0 for each in (known, found)]
+    for light, change in enumerate(np.abs(changes).max(axis=(1, 2)).tolist()):
+        limit = _limit(_FLOOR_FLAT_FIELD, *errors)
+        yield Difference(f"light {light} of another strength", math.expm1(change), limit)
+
+
+def _response(known: _Known, found: _Known) -> Iterator[Difference]:
+    before: Response = known.part
+    now: Response = found.part
+    straight = np.linspace(0.0, 1.0, len(before.curve))
+    curves = [straight if each.linear else each.curve for each in (before, now)]
+    size = float(np.abs(curves[1] - curves[0]).max())
+    yield Difference("another curve", size, _limit(_FLOOR_RESPONSE, before.error, now.error))
+
+
+def _noise(known: _Known, found: _Known) -> Iterator[Difference]:
+    before: Noise = known.part
+    now: Noise = found.part
+    gains = before.sensor.gain_e_per_dn, now.sensor.gain_e_per_dn
+    errors = [each.figure("gain_error_share") for each in (known, found)]
+    text = f"{gains[1]:.4g} electrons per pixel value instead of {gains[0]:.4g}"
+    yield Difference(text, _apart(*gains), _limit(_FLOOR_GAIN, *errors))
+    reads = before.sensor.read_noise_dn, now.sensor.read_noise_dn
+    errors = [each.figure("read_noise_error_dn") / max(*reads, 1.0) for each in (known, found)]
+    text = f"a read noise of {reads[1]:.3g} instead of {reads[0]:.3g}"
+    size = abs(reads[1] - reads[0]) / max(*reads, 1.0)
+    yield Difference(text, size, _limit(_FLOOR_NOISE, *errors))
+
+
+def _dark(known: _Known, found: _Known) -> Iterator[Difference]:
+    before: Dark = known.part
+    now: Dark = found.part
+    full = before.full_scale
+    offset = now.offset * full / now.full_scale
+    text = f"an offset of {offset:.4g} instead of {before.offset:.4g}"
+    yield Difference(text, abs(offset - before.offset) / full, _FLOOR_OFFSET)
+    noise = now.noise * full / now.full_scale
+    text = f"a noise of {noise:.3g} instead of {before.noise:.3g}"
+    size = abs(noise - before.noise) / max(noise, before.noise, 1.0)
+    yield Difference(text, size, _FLOOR_NOISE)
+
+
+_DIFFERENCES: dict[PartName, Callable[[_Known, _Known], Iterator[Difference]]] = {
+    "dark": _dark,
+    "response": _response,
+    "noise": _noise,
+    "flat_field": _flat_field,
+    "lights": _lights,
+    "scale": _scale,
+}
+# Errors of the parts, for the comparison of two of one kind.
+_ERRORS: dict[PartName, Callable[[_Known], float]] = {
+    "dark": lambda each: each.figure("frames") ** -0.5 if each.figure("frames") else 0.0,
+    "response": lambda each: float(each.part.error),
+    "noise": lambda each: each.figure("gain_error_share"),
+    "flat_field": lambda each: each.figure("error_percent") / 100.0,
+    "lights": lambda each: _error_of_lights(each.part),
+    "scale": lambda each: float(each.part.error),
+}
+# What one part of a kind may have and another lack.
+_EXTRAS: dict[PartName, tuple[str, Callable[[_Known], bool]]] = {
+    "scale": ("a focal length", lambda each: each.part.focal_px is not None),
+    "lights": (_POSITIONS, lambda each: each.part.distance_errors is not None),
+    "flat_field": ("two placements of the sheet", lambda each: each.figure("placements") > 1.0),
+}
+
+
+def _lack(name: PartName, one: _Known, other: _Known) -> str | None:
+    """What `one` has and `other` lacks."""
+    if name not in _EXTRAS:
+        return None
+    extra, has = _EXTRAS[name]
+    return extra if has(one) and not has(other) else None
+
+
+def _error_of_lights(lights: CalibratedLights) -> float:
+    """Largest error of a position, or of a direction alone, as a share of the distance."""
+    direction = math.radians(float(lights.direction_errors_deg.max()))
+    distances = lights.distance_errors
+    return math.hypot(direction, 0.0 if distances is None else float(distances.max()))
