@@ -182,18 +182,23 @@ def load_light_list(path: Path, *, unknown_keys: bool = False) -> LightList:
     `unknown_keys` ignores keys of JSON that look like a missing one, such as
     ``relative_intensity``. Other unknown keys are always ignored. The warnings name them all.
     """
-    content = read_regular_file(path, _MAX_BYTES)
-    coding = "UTF-16" if content.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "UTF-8"
-    try:
-        text = content.decode(coding).removeprefix("\ufeff")
-    except UnicodeDecodeError as error:
-        line = content[: error.start].count(b"\n") + 1
-        raise InputError(f"{path}: line {line} is not {coding} text; save it as UTF-8") from error
+    text = light_list_text(path)
     if path.suffix.lower() == ".lp":
         return _parsed_lp(path, text)
     if path.suffix.lower() == ".json":
         return _parsed_json(path, text, unknown_keys)
     raise InputError(f"{path}: light directions come as .lp or .json")
+
+
+def light_list_text(path: Path) -> str:
+    """Text of a list in UTF-8, or in UTF-16 with its mark."""
+    content = read_regular_file(path, _MAX_BYTES)
+    coding = "UTF-16" if content.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "UTF-8"
+    try:
+        return content.decode(coding).removeprefix("\ufeff")
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        raise InputError(f"{path}: line {line} is not {coding} text; save it as UTF-8") from error
 
 
 def _parsed_lp(path: Path, text: str) -> LightList:
