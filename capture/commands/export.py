@@ -78,10 +78,9 @@ def _write_height(captured_set: Path, output: Path) -> str:
     """Write the height of a set as a measured surface or a mesh; return the unit of its lengths."""
     from capture.batch.tasks import LoadedSet, named
     from capture.exchange.digital_surf import write_sur
-    from capture.exchange.height_map import HeightMap
+    from capture.exchange.height_map import HeightMap, solved_height
     from capture.exchange.mesh import write_ply, write_stl
     from capture.exchange.x3p import write_x3p
-    from classify import integrate_gradients
 
     suffix = output.suffix.lower()
     if suffix == _X3P:
@@ -93,10 +92,9 @@ def _write_height(captured_set: Path, output: Path) -> str:
     loaded = LoadedSet.of(captured_set)
     known = loaded.calibration
     with named(captured_set):
-        surface = loaded.captured.solve(loaded.only_method, calibration=known)
+        surface, height = solved_height(loaded)
     mm_per_px = None if known is None else known.mm_per_px
     per_px, unit = (1.0, "px, relative") if mm_per_px is None else (mm_per_px, "mm")
-    height = integrate_gradients(surface.p, surface.q)
     height *= per_px
     if suffix == _PLY:
         write_ply(output, height, surface.albedo, per_px, unit)
