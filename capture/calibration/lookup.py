@@ -150,7 +150,8 @@ def _named(path: Path, hashes: tuple[str, ...]) -> tuple[Path, CalibrationFile]:
     seen = f" ({'; '.join(others)})" if others else ""
     raise CalibrationError(
         f"{path}: was captured with the calibration {hashes[0][:_DIGITS]}, which is neither beside "
-        f"it nor in a folder {FOLDER}{seen}; give --calibration CAL, or solve --raw without one"
+        f"it nor in a folder {FOLDER}{seen}; copy it there, or give --calibration CAL, or solve "
+        "--raw without one (export and compare have these options too)"
     )
 
 

@@ -52,8 +52,8 @@ class Side:
     orientation_deg: float | None
 
 
-def side_of(path: Path) -> Side:
-    """Read and solve a set, or read a folder of maps that ``ps4rig solve`` wrote.
+def side_of(path: Path, calibration: Path | None = None, *, raw: bool = False) -> Side:
+    """Read and solve a set as `LoadedSet.of`, or read a folder of maps of ``ps4rig solve``.
 
     Raises
     ------
@@ -64,11 +64,10 @@ def side_of(path: Path) -> Side:
         return _folder(path)
     if not path.name.endswith(SUFFIX):
         raise InputError(f"{path}: give a captured set ({SUFFIX}) or a folder of maps")
-    return _set(path)
+    return _set(path, LoadedSet.of(path, calibration, raw=raw))
 
 
-def _set(path: Path) -> Side:
-    loaded = LoadedSet.of(path)
+def _set(path: Path, loaded: LoadedSet) -> Side:
     captured, known = loaded.captured, loaded.calibration
     surface = captured.solve(loaded.only_method, calibration=known)
     scale = None if known is None or known.scale is None else known.scale.mm_per_px

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import datetime
-from pathlib import Path
 
 import numpy as np
 
-from capture.batch.tasks import LoadedSet, named
+from capture.batch.tasks import LoadedSet
 from capture.errors import SetRejected
 from capture.sets.metadata import SetMetadata
 from classify import SurfaceEstimate, integrate_gradients
@@ -53,22 +52,16 @@ class HeightMap:
     method: str
 
     @classmethod
-    def of(cls, path: Path) -> HeightMap:
-        """Solve a set with the calibration that it names, and integrate its slopes.
+    def of(cls, loaded: LoadedSet) -> HeightMap:
+        """Solve a set with its calibration, and integrate its slopes.
 
         Raises
         ------
         InputError
-            If the set cannot be read or solved, or has no calibrated scale.
+            If the set cannot be solved, or has no calibrated scale.
         SetRejected
             If no pixel can be solved.
         """
-        loaded = LoadedSet.of(path)
-        with named(path):
-            return cls._of(loaded)
-
-    @classmethod
-    def _of(cls, loaded: LoadedSet) -> HeightMap:
         metadata = loaded.captured.metadata
         found, known = loaded.found, loaded.calibration
         if found is None or known is None or known.mm_per_px is None:
