@@ -6,6 +6,7 @@ slant from the z axis. Gradients are p = dz/dx and q = dz/dy; as rows grow downw
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -70,24 +71,6 @@ class Lighting:
             raise InputError(
                 f"light directions have shape {directions.shape}; give one (x, y, z) row per light"
             )
-        largest = np.abs(directions).max(axis=1)
-        # Squares of larger numbers would overflow.
-        usable = np.isfinite(largest) & (largest >= 1e-9) & (largest <= 1e9)
-        if not usable.all():
-            light = int(np.argmin(usable))
-            raise InputError(
-                f"a light direction is zero or not finite, or beyond 1e9: light {light} has "
-                f"{directions[light].tolist()}; give (x, y, z) towards it"
-            )
-        lengths = np.linalg.norm(directions, axis=1)
-        # Plus zero turns -0.0 into 0.0, so that equal lights have equal bytes and hashes.
-        directions = directions / lengths[:, None] + 0.0
-        if (directions[:, 2] <= 1e-3).any():
-            low = int(np.argmin(directions[:, 2]))
-            raise InputError(
-                f"light {low} stands at or below the horizon (z = {directions[low, 2]:.3f}); "
-                "directions point from the surface to the light, z towards the camera"
-            )
         intensities = _numbers(self.intensities, "light intensities")
         object.__setattr__(self, "intensities_given", intensities.size > 0)
         if not self.intensities_given:
@@ -96,14 +79,11 @@ class Lighting:
             raise InputError(
                 f"{intensities.size} light intensities for {len(directions)} lights; give one each"
             )
-        # Far beyond what one exposure can show; float32 holds the gains and their squares.
-        usable = (intensities >= 1e-6) & (intensities <= 1e6)
-        if not usable.all():
-            light = int(np.argmin(usable))
-            raise InputError(
-                f"light {light} has the intensity {intensities[light]:g}; give a positive number, "
-                "1e-6 to 1e6"
-            )
+        for light, direction in enumerate(directions.tolist()):
+            if fault := light_fault(direction, intensities[light]):
+                raise InputError(f"light {light} {fault}")
+        # Plus zero turns -0.0 into 0.0, so that equal lights have equal bytes and hashes.
+        directions = directions / np.linalg.norm(directions, axis=1)[:, None] + 0.0
         if self.positions_px is not None:
             positions, directions = _positions(self.positions_px, directions)
             object.__setattr__(self, "positions_px", positions)
@@ -208,6 +188,25 @@ class Lighting:
                 + ", ".join(f"{tilt:g}" for tilt in self.tilts_deg)
             )
         return nearest
+
+
+def light_fault(direction: Sequence[float], intensity: float = 1.0) -> str | None:
+    """Why there can be no light of this direction and intensity; None if there can."""
+    # Squares of larger numbers would overflow.
+    if not all(abs(each) <= 1e9 for each in direction) or max(map(abs, direction)) < 1e-9:
+        return (
+            f"has a direction that is zero or not finite, or beyond 1e9: {[*direction]}; give "
+            "(x, y, z) towards it"
+        )
+    if direction[2] / math.hypot(*direction) <= 1e-3:
+        return (
+            f"stands at or below the horizon (direction {[*direction]}); directions point from the "
+            "surface to the light, z towards the camera"
+        )
+    # Far beyond what one exposure can show; float32 holds the gains and their squares.
+    if not 1e-6 <= intensity <= 1e6:
+        return f"has the intensity {intensity:g}; give a positive number, 1e-6 to 1e6"
+    return None
 
 
 def _numbers(values: npt.ArrayLike, name: str) -> npt.NDArray[np.float64]:

@@ -105,8 +105,8 @@ class LoadedSet:
     found: FoundCalibration | None
 
     @classmethod
-    def of(cls, path: Path, calibration: Path | None = None) -> Self:
-        """Load a set with the given calibration, or with the one that it names.
+    def of(cls, path: Path, calibration: Path | None = None, *, raw: bool = False) -> Self:
+        """Load a set with the given calibration, or the one that it names, or if `raw` with none.
 
         Raises
         ------
@@ -115,7 +115,7 @@ class LoadedSet:
         """
         captured = CapturedSet.load(path)
         metadata, shape = captured.metadata, captured.images.shape[1:]
-        return cls(captured, calibration_of(path, metadata, shape, calibration))
+        return cls(captured, None if raw else calibration_of(path, metadata, shape, calibration))
 
     @property
     def calibration(self) -> Calibration | None:
@@ -286,10 +286,7 @@ def solve_set(
     SetRejected
         If no pixel is valid; nothing is written.
     """
-    if raw:
-        loaded = LoadedSet(CapturedSet.load(task.path), None)
-    else:
-        loaded = LoadedSet.of(task.path, calibration)
+    loaded = LoadedSet.of(task.path, calibration, raw=raw)
     captured, known = loaded.captured, loaded.calibration
     with named(task.path):
         surface = captured.solve(

@@ -137,7 +137,7 @@ def _named(path: Path, hashes: tuple[str, ...], way_out: str) -> tuple[Path, Cal
     seen = f" ({'; '.join(others)})" if others else ""
     raise CalibrationError(
         f"{path}: was captured with the calibration {hashes[0][:_DIGITS]}, which is neither beside "
-        f"it nor in a folder {FOLDER}{seen}; {way_out}"
+        f"it nor in a folder {FOLDER}{seen}; copy it there, or {way_out}"
     )
 
 

@@ -9,6 +9,7 @@ import typer
 
 from capture.console import out, print_json, reported
 from capture.outputs import check_output
+from classify.errors import InputError
 
 from . import options
 
@@ -30,6 +31,8 @@ def compare(
             "--out", metavar="PAGE.html", help="The page.", show_default="none, or comparison.html"
         ),
     ] = None,
+    calibration: options.CalibrationOfSet = None,
+    raw: options.Raw = False,
     force: options.Force = False,
     json: options.Json = False,
 ) -> None:
@@ -43,10 +46,15 @@ def compare(
     from capture.comparison.side import side_of
     from classify.durable_file import durable_file
 
+    options.check_calibration(calibration, raw)
+    if (raw or calibration is not None) and first.is_dir() and second.is_dir():
+        raise InputError(
+            f"{first} and {second}: are solved already; leave out --calibration and --raw"
+        )
     page = output if output is not None or json else Path(f"comparison{_PAGE_SUFFIX}")
     if page is not None:
         check_output(page, suffix=_PAGE_SUFFIX, inputs=[first, second], force=force)
-    found = compared(side_of(first), side_of(second))
+    found = compared(*(side_of(each, calibration, raw=raw) for each in (first, second)))
     if page is not None:
         with durable_file(page) as temporary:
             temporary.write_text(comparison_page(found), encoding="utf-8")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,6 +12,9 @@ from classify.errors import InputError
 from classify.methods import only_method
 
 from . import options
+
+if TYPE_CHECKING:
+    from capture.batch.tasks import LoadedSet
 
 _ARRAYS, _PLY, _STL, _X3P, _SUR = ".npz", ".ply", ".stl", ".x3p", ".sur"
 _HEIGHTS = (_PLY, _STL, _X3P, _SUR)
@@ -33,11 +36,13 @@ def export(
     maps: Annotated[
         bool, typer.Option("--maps", help="Write the maps to the folder, as ps4rig solve does.")
     ] = False,
+    calibration: options.CalibrationOfSet = None,
+    raw: options.Raw = False,
     force: options.Force = False,
     json: options.Json = False,
 ) -> None:
     """Write a captured set, or its height, for other programs."""
-    from capture.batch.tasks import SolveTask, solve_set
+    from capture.batch.tasks import LoadedSet, SolveTask, named, solve_set
     from capture.exchange.light_folder import write_light_folder
     from capture.exchange.numpy_file import write_numpy_file
     from capture.outputs import check_output
@@ -51,15 +56,21 @@ def export(
         if not maps:
             wrong = f"end the name in {', '.join(some)} or {last}, or name a folder"
         raise InputError(f"{output}: {wrong}")
+    options.check_calibration(calibration, raw)
+    if not maps and suffix not in _HEIGHTS and (raw or calibration is not None):
+        raise InputError(f"{output}: is not solved; leave out --calibration and --raw")
     if suffix:
         check_output(output, suffix=output.suffix, inputs=[captured_set], force=force)
     metadata, _ = read_header(captured_set)
     said: dict[str, str | tuple[str, ...]] = {"set": str(captured_set), "output": str(output)}
     if maps:
         method = only_method(len(metadata.lighting.directions))
-        said["files"] = solve_set(SolveTask(captured_set, output), method).files
+        task = SolveTask(captured_set, output)
+        said["files"] = solve_set(task, method, calibration=calibration, raw=raw).files
     elif suffix in _HEIGHTS:
-        said["unit"] = _write_height(captured_set, output)
+        loaded = LoadedSet.of(captured_set, calibration, raw=raw)
+        with named(captured_set):
+            said["unit"] = _write_height(loaded, output)
     elif suffix:
         write_numpy_file(CapturedSet.load(captured_set), output)
     else:
@@ -73,29 +84,23 @@ def export(
         out.print(f"back again: ps4rig import {said['import_options']} OUT.ome.tif", soft_wrap=True)
 
 
-def _write_height(captured_set: Path, output: Path) -> str:
+def _write_height(loaded: LoadedSet, output: Path) -> str:
     """Write the height of a set as a measured surface or a mesh; return the unit of its lengths."""
-    from capture.batch.tasks import LoadedSet, named
     from capture.exchange.digital_surf import write_sur
-    from capture.exchange.height_map import HeightMap
+    from capture.exchange.height_map import HeightMap, solved_height
     from capture.exchange.mesh import write_ply, write_stl
     from capture.exchange.x3p import write_x3p
-    from classify import integrate_gradients
 
     suffix = output.suffix.lower()
     if suffix == _X3P:
-        write_x3p(output, HeightMap.of(captured_set))
+        write_x3p(output, HeightMap.of(loaded))
         return "m"
     if suffix == _SUR:
-        write_sur(output, HeightMap.of(captured_set))
+        write_sur(output, HeightMap.of(loaded))
         return "um"
-    loaded = LoadedSet.of(captured_set)
-    known = loaded.calibration
-    with named(captured_set):
-        surface = loaded.captured.solve(loaded.only_method, calibration=known)
-    mm_per_px = None if known is None else known.mm_per_px
+    surface, height = solved_height(loaded)
+    mm_per_px = None if loaded.calibration is None else loaded.calibration.mm_per_px
     per_px, unit = (1.0, "px, relative") if mm_per_px is None else (mm_per_px, "mm")
-    height = integrate_gradients(surface.p, surface.q)
     height *= per_px
     if suffix == _PLY:
         write_ply(output, height, surface.albedo, per_px, unit)

@@ -42,6 +42,15 @@ def calibration(default: str) -> Any:
 
 
 CalibrationOfSet = Annotated[Path | None, calibration("the one that the set names")]
+Raw = Annotated[bool, typer.Option("--raw", help="Leave out the calibration that a set names.")]
+
+
+def check_calibration(calibration: Path | None, raw: bool) -> None:
+    """Raise `InputError` if both a calibration and none are asked for."""
+    if raw and calibration is not None:
+        raise InputError("--raw leaves out every calibration; leave out --calibration, or --raw")
+
+
 Workers = Annotated[
     int | None,
     typer.Option(

@@ -52,9 +52,7 @@ def solve(
         ),
     ] = False,
     calibration: options.CalibrationOfSet = None,
-    raw: Annotated[
-        bool, typer.Option("--raw", help="Leave out the calibration that a set names.")
-    ] = False,
+    raw: options.Raw = False,
     relight: Annotated[
         str | None,
         typer.Option(
@@ -72,8 +70,7 @@ def solve(
     from capture.maps.views import SHOWN_LIGHTS
     from capture.sets.archive import output_folders
 
-    if raw and calibration is not None:
-        raise InputError("--raw leaves out every calibration; leave out --calibration, or --raw")
+    options.check_calibration(calibration, raw)
     light = RELIT_LIGHT if relight is None else _light(relight)
     folders = output_folders(sets, output)
     tasks = [SolveTask(path.absolute(), folder.absolute()) for path, folder in folders.items()]

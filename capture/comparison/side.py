@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ from capture.sets.ome_tiff import SUFFIX
 from classify import SurfaceEstimate, integrate_gradients
 from classify.errors import InputError
 
+_Maps = dict[str, tuple[npt.NDArray[np.float32], str]]  # with the unit of each
 _MAPS = ("p", "q", "albedo", "height", "residual")
 # Fields of a setting that say which rig it is; the others are settings.
 _OF_THE_RIG = ("rig_name", "camera", "light_directions", "led_levels_percent")
@@ -34,7 +34,8 @@ class Side:
     texture
         The surface solved as for a texture; for a folder, `surface` itself.
     maps
-        (H, W) maps by name, each with its unit; heights are in mm where the scale is known.
+        (H, W) maps by name, NaN where not valid, each with its unit; heights are in mm where the
+        scale is known.
     facts
         By group, ``set``, ``rig``, ``settings``, ``calibration`` and ``software``: values by field.
     orientation_deg
@@ -44,14 +45,14 @@ class Side:
     path: Path
     surface: SurfaceEstimate
     texture: SurfaceEstimate
-    maps: Mapping[str, tuple[npt.NDArray[np.float32], str]]
+    maps: _Maps
     facts: Mapping[str, Mapping[str, Any]]
     simulated: bool
     orientation_deg: float | None
 
 
-def side_of(path: Path) -> Side:
-    """Read and solve a set, or read a folder of maps that ``ps4rig solve`` wrote.
+def side_of(path: Path, calibration: Path | None = None, *, raw: bool = False) -> Side:
+    """Read and solve a set as `LoadedSet.of`, or read a folder of maps of ``ps4rig solve``.
 
     Raises
     ------
@@ -62,17 +63,16 @@ def side_of(path: Path) -> Side:
         return _folder(path)
     if not path.name.endswith(SUFFIX):
         raise InputError(f"{path}: give a captured set ({SUFFIX}) or a folder of maps")
-    return _set(path)
+    return _set(path, LoadedSet.of(path, calibration, raw=raw))
 
 
-def _set(path: Path) -> Side:
-    loaded = LoadedSet.of(path)
+def _set(path: Path, loaded: LoadedSet) -> Side:
     captured, known = loaded.captured, loaded.calibration
     surface = captured.solve(loaded.only_method, calibration=known)
     scale = None if known is None or known.scale is None else known.scale.mm_per_px
     height = integrate_gradients(surface.p, surface.q)
     height *= 1.0 if scale is None else scale
-    maps = {
+    maps: _Maps = {
         "p": (surface.p, ""),
         "q": (surface.q, ""),
         "albedo": (surface.albedo, "of full scale"),
@@ -88,7 +88,15 @@ def _set(path: Path) -> Side:
         }
     texture = loaded.solve_texture(loaded.only_method, planar=True)
     about = captured.metadata
-    return Side(path, surface, texture, maps, facts, about.simulated, about.orientation_deg)
+    return Side(
+        path,
+        surface,
+        texture,
+        _known(maps, surface.valid),
+        facts,
+        about.simulated,
+        about.orientation_deg,
+    )
 
 
 def _facts_of_set(captured: CapturedSet) -> dict[str, dict[str, Any]]:
@@ -124,21 +132,25 @@ def _folder(folder: Path) -> Side:
     if not (folder / "p.tif").is_file():
         raise InputError(f"{folder}: holds no maps; ps4rig solve SET --out {folder} writes them")
     about = read_description(folder / "p.tif")
-    maps: dict[str, tuple[npt.NDArray[np.float32], str]] = {}
+    maps: _Maps = {}
+    valid = read_map(folder / "valid.tif")[0] > 0
     for name in _MAPS:
-        values, described = read_map(folder / f"{name}.tif")
+        path = folder / f"{name}.tif"
+        values, described = read_map(path)
+        if values.shape != valid.shape or valid.ndim != 2:
+            raise InputError(
+                f"{folder / 'valid.tif'}: has shape {valid.shape}, but {name}.tif "
+                f"{values.shape}; solve again"
+            )
+        if not np.isfinite(values[valid]).all():
+            raise InputError(f"{path}: not finite where valid.tif is not 0; solve again")
         unit = str(described.get("unit", ""))
         relative = ", relative" if described.get("relative") else ""
         words = {"1": "", "full scale": "of full scale"}.get(unit, unit + relative)
-        maps[name] = (_plane(folder / f"{name}.tif", values), words)
-    shapes = {name: values.shape for name, (values, _) in maps.items()}
-    if len(set(shapes.values())) > 1:
-        raise InputError(f"{folder}: maps of unlike sizes: {json.dumps(shapes)}; solve again")
-    valid, _ = read_map(folder / "valid.tif")
-    if valid.shape != maps["p"][0].shape:
-        raise InputError(f"{folder / 'valid.tif'}: not of the size of p.tif; solve again")
+        maps[name] = values.astype(np.float32, copy=False), words
+    p, q, albedo = (np.where(valid, maps[name][0], np.float32(0.0)) for name in _MAPS[:3])
     surface = SurfaceEstimate(
-        p=maps["p"][0], q=maps["q"][0], albedo=maps["albedo"][0], valid=valid > 0,
+        p=p, q=q, albedo=albedo, valid=valid,
         method=str(about.get("method", "")), planar=bool(about.get("planar")),
     )  # fmt: skip
     columns, rows = surface.shape[1], surface.shape[0]
@@ -154,10 +166,11 @@ def _folder(folder: Path) -> Side:
         },
         "software": {"version": about.get("software_version")},
     }  # fmt: skip
-    return Side(folder, surface, surface, maps, facts, bool(about.get("simulated")), None)
+    known = _known(maps, valid)
+    return Side(folder, surface, surface, known, facts, bool(about.get("simulated")), None)
 
 
-def _plane(path: Path, values: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
-    if values.ndim != 2 or not np.isfinite(values).all():
-        raise InputError(f"{path}: not a map of finite values in one channel; solve again")
-    return values.astype(np.float32, copy=False)
+def _known(maps: _Maps, valid: npt.NDArray[np.bool_]) -> _Maps:
+    """The maps, NaN where no slope is known."""
+    nan = np.float32(np.nan)
+    return {name: (np.where(valid, values, nan), unit) for name, (values, unit) in maps.items()}

@@ -4,16 +4,28 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import datetime
-from pathlib import Path
 
 import numpy as np
 
-from capture.batch.tasks import LoadedSet, named
+from capture.batch.tasks import LoadedSet
 from capture.errors import SetRejected
 from capture.sets.metadata import SetMetadata
-from classify import integrate_gradients
+from classify import SurfaceEstimate, integrate_gradients
 from classify.errors import InputError
 from classify.surface.estimate import FloatMap
+
+
+def solved_height(loaded: LoadedSet) -> tuple[SurfaceEstimate, FloatMap]:
+    """Solve a set and integrate its slopes: height in px, NaN where no slope is known.
+
+    Raises `SetRejected` if no pixel can be solved.
+    """
+    surface = loaded.captured.solve(loaded.only_method, calibration=loaded.calibration)
+    if not surface.valid.any():
+        raise SetRejected("no pixel can be solved; check exposure and lights")
+    height = integrate_gradients(surface.p, surface.q)
+    height[~surface.valid] = np.nan
+    return surface, height
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,22 +52,16 @@ class HeightMap:
     method: str
 
     @classmethod
-    def of(cls, path: Path) -> HeightMap:
-        """Solve a set with the calibration that it names, and integrate its slopes.
+    def of(cls, loaded: LoadedSet) -> HeightMap:
+        """Solve a set with its calibration, and integrate its slopes.
 
         Raises
         ------
         InputError
-            If the set cannot be read or solved, or has no calibrated scale.
+            If the set cannot be solved, or has no calibrated scale.
         SetRejected
             If no pixel can be solved.
         """
-        loaded = LoadedSet.of(path)
-        with named(path):
-            return cls._of(loaded)
-
-    @classmethod
-    def _of(cls, loaded: LoadedSet) -> HeightMap:
         metadata = loaded.captured.metadata
         found, known = loaded.found, loaded.calibration
         if found is None or known is None or known.mm_per_px is None:
@@ -70,12 +76,8 @@ class HeightMap:
                 f"metadata field created_utc: {metadata.created_utc!r} is not a date; capture the "
                 "part again, or export to .ply or .stl"
             ) from None
-        surface = loaded.captured.solve(loaded.only_method, calibration=known)
-        if not surface.valid.any():
-            raise SetRejected("no pixel can be solved; check exposure and lights")
-        heights_mm = integrate_gradients(surface.p, surface.q)
+        surface, heights_mm = solved_height(loaded)
         heights_mm *= known.mm_per_px
-        heights_mm[~surface.valid] = np.nan
         return cls(
             heights_mm=heights_mm,
             mm_per_px=known.mm_per_px,

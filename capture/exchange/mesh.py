@@ -20,7 +20,7 @@ def write_ply(path: Path, height: FloatMap, albedo: FloatMap, per_px: float, uni
     Parameters
     ----------
     height
-        (H, W) in `unit`.
+        (H, W) in `unit`; NaN, where there is no vertex, but not everywhere.
     albedo
         (H, W); its 99.5th percentile becomes white.
     per_px
@@ -31,12 +31,13 @@ def write_ply(path: Path, height: FloatMap, albedo: FloatMap, per_px: float, uni
     InputError
         If the file cannot be written.
     """
-    white = float(np.percentile(albedo, 99.5)) or 1.0
-    vertices = np.empty(height.size, [("place", "<f4", 3), ("grey", "u1", 3)])
-    vertices["place"] = _places(height, per_px)
-    grey = np.clip(255.0 / white * albedo.ravel() + 0.5, 0.0, 255.0).astype(np.uint8)
+    known = np.isfinite(height)
+    white = float(np.percentile(albedo[known], 99.5)) or 1.0
+    places, corners = _triangles(height, per_px)
+    vertices = np.empty(len(places), [("place", "<f4", 3), ("grey", "u1", 3)])
+    vertices["place"] = places
+    grey = np.clip(255.0 / white * albedo[known] + 0.5, 0.0, 255.0).astype(np.uint8)
     vertices["grey"] = grey[:, None]
-    corners = _corners(height.shape)
     faces = np.empty(len(corners), [("count", "u1"), ("corners", "<i4", 3)])
     faces["count"], faces["corners"] = 3, corners
     header = "\n".join(
@@ -57,8 +58,8 @@ def write_ply(path: Path, height: FloatMap, albedo: FloatMap, per_px: float, uni
 
 def write_stl(path: Path, height: FloatMap, per_px: float, unit: str) -> None:
     """Write a mesh without colours (binary STL); its header names the unit. See `write_ply`."""
-    places = _places(height, per_px)
-    triangles = places[_corners(height.shape)]
+    places, corners = _triangles(height, per_px)
+    triangles = places[corners]
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     rows = np.zeros(len(triangles), [("vectors", "<f4", (4, 3)), ("attribute", "<u2")])
@@ -69,14 +70,20 @@ def write_stl(path: Path, height: FloatMap, per_px: float, unit: str) -> None:
         file.write(rows.tobytes())
 
 
-def _places(height: FloatMap, per_px: float) -> FloatMap:
-    """(H W, 3) x, y and z of the pixels: x to the right, y up, from the middle of the frame."""
+def _triangles(height: FloatMap, per_px: float) -> tuple[FloatMap, Array]:
+    """Places of the vertices, and the vertices of each triangle.
+
+    x to the right, y up, from the middle of the frame.
+    """
     rows, columns = height.shape
     places = np.empty((rows, columns, 3), np.float32)
     places[..., 0] = per_px * (np.arange(columns) - 0.5 * (columns - 1))
     places[..., 1] = per_px * (0.5 * (rows - 1) - np.arange(rows))[:, None]
     places[..., 2] = height
-    return places.reshape(-1, 3)
+    known = np.isfinite(height).ravel()
+    corners = _corners(height.shape)
+    vertices = np.cumsum(known, dtype=np.int32) - 1
+    return places.reshape(-1, 3)[known], vertices[corners[known[corners].all(axis=1)]]
 
 
 def _corners(shape: tuple[int, ...]) -> Array:

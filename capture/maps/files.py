@@ -44,9 +44,10 @@ def write_maps(
 ) -> list[Path]:
     """Write all maps of a surface, and an `index.html` that shows them.
 
-    As float32 TIFF: p, q, albedo, height, raised, mean and Gaussian curvature, relit, residual; and
-    normals, with the channels x, y and z. As 8-bit TIFF and as PNG: shadow (number of lights in
-    shadow), dropped (index of the light that was left out, or 255), specular and valid (255 or 0).
+    As float32 TIFF, NaN where not valid: p, q, albedo, height, raised, mean and Gaussian curvature,
+    relit, residual; and normals, with the channels x, y and z. As 8-bit TIFF and as PNG: shadow
+    (number of lights in shadow), dropped (index of the light that was left out, or 255), specular
+    and valid (255 or 0).
     `roughness.json` holds Sdq, Sdr, Sa and Sq. Each TIFF says in JSON the set, the unit, and
     whether it was simulated: see `map_tiff`.
     `height.tif` and `raised.tif` come from the gradients alone. Maps in `folder` are replaced as a
@@ -130,13 +131,13 @@ def write_maps(
         for name, (values, about) in tiffs.items():
             write_values(
                 temporary / f"{name}.tif",
-                values.astype(np.float32, copy=False),
+                maps.known(values),
                 origin | about,
                 mm_per_px,
             )
         write_channels(
             temporary / "normals.tif",
-            np.moveaxis(maps.normals, 2, 0).astype(np.float32, copy=False),
+            np.moveaxis(maps.known(maps.normals), 2, 0),
             ("x", "y", "z"),
             (-1.0, 1.0),
             origin | {"unit": "1"},

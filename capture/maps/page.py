@@ -23,7 +23,7 @@ FloatArray = npt.NDArray[np.float64]
 _UNITS = {"1": "", "um": " \N{MICRO SIGN}m"}
 _NOTE = (
     "Colour scales end at the 99.5th percentile; grey pixels have no valid slope. The TIFF files "
-    "hold all values as float32, 0 where there is no valid slope. x to the right, y up, z to the "
+    "hold all values as float32, NaN where there is no valid slope. x to the right, y up, z to the "
     "camera."
 )
 

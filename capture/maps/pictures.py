@@ -22,6 +22,8 @@ _SCALE_PERCENT = 99.5
 _SHADOW_COLOURS = np.array(
     [[235, 235, 235], [250, 190, 80], [225, 105, 40], [150, 35, 45], [40, 10, 40]], dtype=np.uint8
 )
+# Of NaN. Not in the signed colour scale, so that a pixel without a slope does not look flat.
+_INVALID_COLOUR = (200, 200, 200)
 _NO_LIGHT_COLOUR = (235, 235, 235)
 _GREYS = np.repeat(np.arange(256, dtype=np.uint8)[:, None], 3, axis=1)
 _RELIEF_LIGHT = Lighting.from_angles([135.0], 55.0).directions[0].astype(np.float32)
@@ -60,16 +62,26 @@ class ColourScale:
         return cls(-top, top, _BLUE_WHITE_RED)
 
     def paint(self, values: npt.NDArray[Any]) -> Picture:
-        """Return a picture of (H, W) values."""
+        """Return a picture of (H, W) values, grey where they are NaN."""
         per_value = 255.0 / (self.high - self.low)
         levels = values.astype(np.float32)
         levels *= per_value
         levels += 0.5 - self.low * per_value
-        return _coloured(np.clip(levels, 0.0, 255.0, out=levels).astype(np.uint8), self.colours)
+        invalid = np.isnan(levels)
+        levels[invalid] = 0.0
+        picture = _coloured(np.clip(levels, 0.0, 255.0, out=levels).astype(np.uint8), self.colours)
+        picture[invalid] = _INVALID_COLOUR
+        return picture
 
 
 def _limit(values: npt.NDArray[Any]) -> float:
-    """Return the 99.5th percentile; if that is 0 the maximum, and 1 if that is 0 too."""
+    """Return the 99.5th percentile; if that is 0 the maximum, and 1 if that is 0 too.
+
+    NaN does not count.
+    """
+    values = values[~np.isnan(values)]
+    if not values.size:
+        return 1.0
     return float(np.percentile(values, _SCALE_PERCENT)) or float(values.max()) or 1.0
 
 
@@ -85,8 +97,9 @@ def grey(image: npt.NDArray[Any], top: float | None = None) -> Picture:
 
 
 def normal_map(normals: FloatMap) -> Picture:
-    """Return (H, W, 3) unit normals as colours: (n + 1) / 2, y up."""
-    colours: Picture = np.rint((normals + 1.0) * 127.5).astype(np.uint8)
+    """Return (H, W, 3) unit normals as colours: (n + 1) / 2, y up, grey where they are NaN."""
+    colours: Picture = np.rint((np.nan_to_num(normals) + 1.0) * 127.5).astype(np.uint8)
+    colours[np.isnan(normals[..., 0])] = _INVALID_COLOUR
     return colours
 
 
@@ -161,14 +174,22 @@ def reduced(
 ) -> npt.NDArray[Any]:
     """Reduce (H, W) or (H, W, 3) values to a longer side of `longest_px`, by default by means.
 
-    A map of labels, which have no mean, needs `cv2.INTER_NEAREST`.
+    A map of labels, which have no mean, needs `cv2.INTER_NEAREST`. A mean leaves out NaN, and is
+    NaN if more than half of its values are.
     """
     rows, columns = values.shape[:2]
     scale = longest_px / max(rows, columns)
     if scale >= 1.0:
         return values
     size = (max(1, round(columns * scale)), max(1, round(rows * scale)))
-    return cv2.resize(values, size, interpolation=interpolation)
+    known = ~np.isnan(values)
+    if known.all():
+        return cv2.resize(values, size, interpolation=interpolation)
+    share, summed = (
+        cv2.resize(each.astype(np.float32), size, interpolation=interpolation)
+        for each in (known, np.where(known, values, 0.0))
+    )
+    return np.where(share >= 0.5, summed / np.maximum(share, 0.5), np.float32(np.nan))
 
 
 def contact_sheet(pictures: dict[str, Picture]) -> Picture:

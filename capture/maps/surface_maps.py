@@ -62,6 +62,11 @@ class SurfaceMaps:
         """Unit of height and, inverted, of curvature: mm if the scale is known, else px."""
         return "px" if self.mm_per_px is None else "mm"
 
+    def known(self, values: FloatMap) -> FloatMap:
+        """`values`, (H, W) or (H, W, C), with NaN where the surface is not valid."""
+        valid = self.surface.valid.reshape(self.surface.shape + (1,) * (values.ndim - 2))
+        return np.where(valid, values, np.float32(np.nan)).astype(np.float32, copy=False)
+
     @classmethod
     def of(
         cls,

@@ -22,8 +22,6 @@ from .surface_maps import SurfaceMaps
 SHOWN_LIGHTS = 8
 # A legend lists this many of the most frequent values.
 _LEGEND_ENTRIES = 8
-# Not in the signed colour scale, so that an invalid pixel does not look flat.
-_INVALID_COLOUR = (200, 200, 200)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,10 +69,10 @@ def map_views(captured: CapturedSet, maps: SurfaceMaps) -> dict[str, list[MapVie
 
 def _surface(maps: SurfaceMaps) -> list[MapView]:
     tilt, slant = maps.light.tilts_deg[0], maps.light.slants_deg[0]
-    normals = pictures.reduced(maps.normals)
+    normals = pictures.reduced(maps.known(maps.normals))
     return [
         _grey(
-            "albedo.tif", "albedo", maps.surface.albedo, "of full scale",
+            "albedo.tif", "albedo", maps.known(maps.surface.albedo), "of full scale",
             "Share of the light that the surface reflects, without shading.",
         ),
         MapView(
@@ -86,7 +84,8 @@ def _surface(maps: SurfaceMaps) -> list[MapView]:
             pictures.normal_map(normals),
         ),
         _grey(
-            "relit.tif", f"relit: tilt {tilt:.0f}, slant {slant:.0f}", maps.relit, "of full scale",
+            "relit.tif", f"relit: tilt {tilt:.0f}, slant {slant:.0f}", maps.known(maps.relit),
+            "of full scale",
             f"Albedo and shape under a light at tilt {tilt:.0f}°, slant {slant:.0f}°, "
             "without cast shadows or gloss.",
         ),
@@ -99,40 +98,38 @@ def _relief(maps: SurfaceMaps) -> list[MapView]:
     cutoff_px = default_cutoff_px(surface.shape)
     return [
         _signed(
-            "p.tif", "p = dz/dx", surface.p, "", "Slope to the right: red rises to the right.",
-            surface.valid,
+            "p.tif", "p = dz/dx", maps.known(surface.p), "",
+            "Slope to the right: red rises to the right.",
         ),
         _signed(
-            "q.tif", "q = dz/dy", surface.q, "", "Slope upwards: red rises upwards.", surface.valid
+            "q.tif", "q = dz/dy", maps.known(surface.q), "", "Slope upwards: red rises upwards."
         ),
         _signed(
-            "height.tif", "height" + " (relative)" * relative, maps.height, unit,
-            "Integrated from p and q, zero mean" + ", not measured" * relative
+            "height.tif", "height" + " (relative)" * relative, maps.known(maps.height), unit,
+            "Integrated from p and q, zero mean over the frame" + ", not measured" * relative
             + ". Errors grow with distance.",
         ),
         _signed(
-            "raised.tif", "raised / indented", maps.raised, unit,
+            "raised.tif", "raised / indented", maps.known(maps.raised), unit,
             ("Relative height" if relative else "Height")
             + " above its surroundings: red raised, blue indented. "
             f"Gaussian filter, cut-off {cutoff_px:.0f} px.",
-            surface.valid,
         ),
     ]  # fmt: skip
 
 
 def _curvature(maps: SurfaceMaps) -> list[MapView]:
-    valid, unit = maps.surface.valid, maps.length_unit
+    unit = maps.length_unit
     return [
         _signed(
-            "mean_curvature.tif", "mean curvature", maps.mean_curvature, f"1/{unit}",
+            "mean_curvature.tif", "mean curvature", maps.known(maps.mean_curvature), f"1/{unit}",
             "Red: convex towards the camera (bumps, ridges); blue: concave. "
             f"Derivatives within a Gaussian of {CURVATURE_SCALE_PX:g} px.",
-            valid,
         ),
         _signed(
-            "gaussian_curvature.tif", "Gaussian curvature", maps.gaussian_curvature, f"1/{unit}²",
+            "gaussian_curvature.tif", "Gaussian curvature", maps.known(maps.gaussian_curvature),
+            f"1/{unit}²",
             "Red: domes and bowls; blue: saddles; white: flat, or curved in one direction only.",
-            valid,
         ),
     ]  # fmt: skip
 
@@ -151,7 +148,7 @@ def _quality(maps: SurfaceMaps, tilts_deg: npt.NDArray[np.float64]) -> list[MapV
             legend=_legend(surface.shadow_count, pictures.shadow_colours(), shadow_names),
         ),
         _grey(
-            "residual.tif", "residual", surface.residual, "of full scale",
+            "residual.tif", "residual", maps.known(surface.residual), "of full scale",
             "rms difference of the light images from a matt surface: shadow, gloss, noise.",
         ),
         MapView(
@@ -173,16 +170,10 @@ def _grey(file: str, title: str, values: FloatMap, unit: str, caption: str) -> M
     return MapView(file, title, caption, scale.paint(values), scale, unit)
 
 
-def _signed(
-    file: str, title: str, values: FloatMap, unit: str, caption: str,
-    valid: npt.NDArray[np.bool_] | None = None,
-) -> MapView:  # fmt: skip
+def _signed(file: str, title: str, values: FloatMap, unit: str, caption: str) -> MapView:
     values = pictures.reduced(values)
     scale = ColourScale.signed(values)
-    picture = scale.paint(values)
-    if valid is not None:
-        picture[pictures.reduced(valid * np.uint8(255)) < 128] = _INVALID_COLOUR
-    return MapView(file, title, caption, picture, scale, unit)
+    return MapView(file, title, caption, scale.paint(values), scale, unit)
 
 
 def _mask(file: str, title: str, mask: npt.NDArray[np.bool_], caption: str) -> MapView:

@@ -1,12 +1,16 @@
 """Light directions of photographs, from an RTI ``.lp`` file or JSON."""
 
 import json
+import os
 import re
 import reprlib
+import unicodedata
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from itertools import takewhile
 from pathlib import Path, PureWindowsPath
 from typing import Annotated, Any
 
@@ -15,6 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from classify import Lighting
 from classify.errors import InputError
+from classify.lighting import light_fault
 from classify.regular_file import read_regular_file
 
 _MAX_BYTES = 2**22  # 16 KiB a light
@@ -22,6 +27,7 @@ _MAX_LIGHTS = 255  # a captured set has up to 256 images, one of them ambient
 _Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]  # no text, no true
 Vector = tuple[_Number, _Number, _Number]
 PHOTOGRAPH_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".tga", ".dng")
+_QUOTES = "\"'"
 # Words in the names that others give to the keys of this format.
 _ALIKE = {
     "intensity": {
@@ -60,29 +66,14 @@ _JSON: TypeAdapter[_ImagesFile | tuple[_NamedLight, ...] | tuple[Vector, ...]] =
 
 @dataclass(frozen=True)
 class LightList:
-    """Light directions of a file, by image name or in order.
+    """Light directions of a file, by names of images as the file has them, or in order.
 
-    Attributes
-    ----------
-    source
-        The file. The images that it names are in the same folder.
-    names
-        Image names without folder, one per vector, or empty if the vectors are in order.
-    vectors
-        (x, y, z) towards each light; x right, y up, z to the camera.
-    intensities
-        Intensity of each light relative to the others; empty if the file gives none.
-    warnings
-        Ignored keys and assumptions.
-
-    Raises
-    ------
-    InputError
-        For no light, more than 255 lights, or a name that occurs twice.
+    `places` are those of the lights in the file, `intensities` are empty if it gives none.
     """
 
     source: Path
     names: Sequence[str]
+    places: Sequence[str]
     vectors: Sequence[Vector]
     intensities: Sequence[float]
     warnings: Sequence[str] = ()
@@ -92,38 +83,94 @@ class LightList:
             raise InputError(
                 f"{self.source}: lists {len(self.vectors)} lights; 1 to {_MAX_LIGHTS} are handled"
             )
-        twice = [name for name, count in Counter(self.names).items() if count > 1]
-        if twice:
-            raise InputError(f"{self.source}: names image {twice[0]} twice")
 
     def image_paths(self) -> list[Path]:
-        """Return the paths of the named images; empty if the file gives no names."""
-        return [self.source.parent / name for name in self.names]
+        """Return the paths of the named images, as `listed_files`."""
+        return listed_files(self.source, self.names)
 
     def lighting_for(self, images: Sequence[Path]) -> Lighting:
-        """Return the lights of these images, by name, or in order if the file has no names.
-
-        Raises
-        ------
-        InputError
-            If an image is not listed, the counts differ, or `Lighting` refuses a light.
-        """
+        """Return the lights of these images, by name, or in order if the file has no names."""
         if not self.names and len(images) != len(self.vectors):
             raise InputError(
                 f"{self.source}: {len(self.vectors)} lights for {len(images)} images; "
                 "give one each, in the same order"
             )
-        rows = list(range(len(images)))
-        if self.names:
-            missing = [image.name for image in images if image.name not in self.names]
-            if missing:
-                raise InputError(f"{self.source}: lists no light for {missing[0]}")
-            rows = [self.names.index(image.name) for image in images]
-        try:
-            intensities = [self.intensities[row] for row in rows] if self.intensities else []
-            return Lighting(np.array(self.vectors)[rows], np.array(intensities))
-        except InputError as error:
-            raise InputError(f"{self.source}: {error}") from error
+        rows = [*map(self._row_of, images)] if self.names else [*range(len(images))]
+        for number, row in enumerate(rows):
+            place = ", ".join((self.places[row], *self.names[row : row + 1]))
+            if row in rows[:number]:
+                first = images[rows.index(row)]
+                raise InputError(
+                    f"{self.source}: {first} and {images[number]} both have the light of {place}; "
+                    "give one image a light"
+                )
+            if fault := light_fault(self.vectors[row], (self.intensities or {row: 1.0})[row]):
+                raise InputError(f"{self.source}: {place}: the light {fault}")
+        intensities = [self.intensities[row] for row in rows] if self.intensities else []
+        return Lighting(np.array(self.vectors)[rows], np.array(intensities))
+
+    def _row_of(self, image: Path) -> int:
+        """Row of an image; of namesakes, the one with most folders at its end in common."""
+        shared = {
+            row: _shared_end(self.source.parent / name, image)
+            for row, name in enumerate(self.names)
+            if _composed(PureWindowsPath(name).name) == _composed(image.name)
+        }
+        if not shared:
+            raise InputError(f"{self.source}: lists no light for {image.name}")
+        rows = [row for row, parts in shared.items() if parts == max(shared.values())]
+        if len(rows) > 1:
+            places = " or ".join(self.places[row] for row in rows)
+            raise InputError(
+                f"{self.source}: {image} may be that of {places}; give the folder of the image as "
+                "the list does, or let no name occur twice"
+            )
+        return rows[0]
+
+
+def listed_files(source: Path, names: Sequence[str]) -> list[Path]:
+    """Paths of the images that a list names: as written, or beside the list.
+
+    Those beside it are taken if none of the files that it names with a folder exists.
+    """
+    written = [_files(source.parent / name) for name in names]
+    beside = [_files(source.parent / PureWindowsPath(name).name) for name in names]
+    moved = not any(files for files, name in zip(written, names, strict=True) if "/" in name)
+    paths: list[Path] = []
+    for name, here, namesakes in zip(names, written, beside, strict=True):
+        found = {(each.stat().st_dev, each.stat().st_ino): each for each in (*namesakes, *here)}
+        if len(found) > 1:
+            raise InputError(
+                f"{source}: {name} may be {' or '.join(map(str, found.values()))}; remove or "
+                "rename one, or name the images themselves"
+            )
+        paths += (here or (moved and namesakes) or [source.parent / name])[:1]
+    twice = [path for path, count in Counter(map(os.path.abspath, paths)).items() if count > 1]
+    if twice:
+        raise InputError(f"{source}: names image {twice[0]} twice; give one light an image")
+    return paths
+
+
+def _files(path: Path) -> list[Path]:
+    """Files that exist and differ from `path` at most in the Unicode form of their names."""
+    places = [Path()]
+    for part in path.parts:
+        if part.isascii():
+            places = [place / part for place in places]
+        else:
+            below = (each for place in filter(os.path.isdir, places) for each in place.iterdir())
+            places = [each for each in below if _composed(each.name) == _composed(part)]
+    return [*filter(os.path.isfile, places)]
+
+
+def _shared_end(one: Path, other: Path) -> int:
+    """Number of names that two paths share at their ends."""
+    ends = (Path(_composed(path)).parts[::-1] for path in map(os.path.abspath, (one, other)))
+    return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(*ends, strict=False)))
+
+
+def _composed(name: str) -> str:
+    return unicodedata.normalize("NFC", name)
 
 
 def load_light_list(path: Path, *, unknown_keys: bool = False) -> LightList:
@@ -132,23 +179,10 @@ def load_light_list(path: Path, *, unknown_keys: bool = False) -> LightList:
     JSON may be a list of ``[x, y, z]`` in the order of the images, a list of ``{"file": name,
     "direction": [x, y, z]}``, or an object with such a list under ``images``. An entry may have
     ``"intensity": number``, relative to the other lights; so may a line of ``.lp``, at its end.
-
-    Parameters
-    ----------
-    unknown_keys
-        Whether to ignore keys of JSON that look like a missing one, such as
-        ``relative_intensity``. Other unknown keys are always ignored. The warnings name them all.
-
-    Raises
-    ------
-    InputError
-        If the file is missing or has another form, or a key looks like a missing one; the message
-        names file and line.
+    `unknown_keys` ignores keys of JSON that look like a missing one, such as
+    ``relative_intensity``. Other unknown keys are always ignored. The warnings name them all.
     """
-    try:
-        text = read_regular_file(path, _MAX_BYTES).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: cannot be read ({error})") from error
+    text = light_list_text(path)
     if path.suffix.lower() == ".lp":
         return _parsed_lp(path, text)
     if path.suffix.lower() == ".json":
@@ -156,33 +190,47 @@ def load_light_list(path: Path, *, unknown_keys: bool = False) -> LightList:
     raise InputError(f"{path}: light directions come as .lp or .json")
 
 
+def light_list_text(path: Path) -> str:
+    """Text of a list in UTF-8, or in UTF-16 with its mark."""
+    content = read_regular_file(path, _MAX_BYTES)
+    coding = "UTF-16" if content.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "UTF-8"
+    try:
+        return content.decode(coding).removeprefix("\ufeff")
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        raise InputError(f"{path}: line {line} is not {coding} text; save it as UTF-8") from error
+
+
 def _parsed_lp(path: Path, text: str) -> LightList:
     lines = [line.strip() for line in text.splitlines()]
-    numbered = [(number, line) for number, line in enumerate(lines, start=1) if line]
-    if not numbered or not numbered[0][1].isdecimal():
-        raise InputError(f"{path}: line 1 must be the number of lights")
-    names: list[str] = []
-    vectors: list[Vector] = []
-    intensities: list[float] = []
-    for number, line in numbered[1:]:
+    (number, count), *numbered = [
+        (number, line) for number, line in enumerate(lines, start=1) if line
+    ] or [(1, "")]
+    if not count.isdecimal():
+        raise InputError(f"{path}: line {number} must be the number of lights, not {count[:120]!r}")
+    names, vectors, intensities, places = [], [], [], []
+    for number, line in numbered:
         # A name may contain blanks, and folders of another computer.
         name, *fields = line.rsplit(maxsplit=3)
         longer = line.rsplit(maxsplit=4)
-        if longer[0].lower().endswith(PHOTOGRAPH_SUFFIXES):
+        if longer[0].lower().strip(_QUOTES).endswith(PHOTOGRAPH_SUFFIXES):
             name, *fields = longer
         try:
             x, y, z, *more = map(float, fields)
         except ValueError:
-            raise InputError(f"{path}: line {number} is not 'name x y z'") from None
-        names.append(PureWindowsPath(name).name)
+            raise InputError(
+                f"{path}: line {number} is not 'name x y z' with decimal points: {line[:120]!r}"
+            ) from None
+        names.append(name.strip(_QUOTES).replace("\\", "/"))
+        places.append(f"line {number}")
         vectors.append((x, y, z))
         intensities += more
-    announced = int(numbered[0][1][:9])  # more digits than any list needs
+    announced = int(count[:9])  # more digits than any list needs
     if announced != len(vectors):
         raise InputError(f"{path}: announces {announced} lights and lists {len(vectors)}")
     if len(intensities) not in (0, len(vectors)):
         raise InputError(f"{path}: gives the intensity of some lights only; give all or none")
-    return LightList(path, names, vectors, intensities)
+    return LightList(path, names, places, vectors, intensities)
 
 
 def _parsed_json(path: Path, text: str, unknown_keys: bool) -> LightList:
@@ -204,7 +252,8 @@ def _parsed_json(path: Path, text: str, unknown_keys: bool) -> LightList:
     except ValidationError as error:
         raise InputError(f"{path}: {_FORM}{_first_fault(error)}") from None
     entries = content.images if isinstance(content, _ImagesFile) else content
-    names = [PureWindowsPath(e.file).name for e in entries if isinstance(e, _NamedLight)]
+    names = [e.file.replace("\\", "/") for e in entries if isinstance(e, _NamedLight)]
+    places = [f"image {number}" for number in range(len(entries))]
     vectors = [e.direction if isinstance(e, _NamedLight) else e for e in entries]
     given = [e.intensity if isinstance(e, _NamedLight) else None for e in entries]
     any_given = any(intensity is not None for intensity in given)
@@ -215,7 +264,7 @@ def _parsed_json(path: Path, text: str, unknown_keys: bool) -> LightList:
         warnings.append(f"{path.name}: unknown keys are ignored: {keys}")
     if any_given and None in given:
         warnings.append(f"{path.name}: lights without an intensity count as of intensity 1")
-    return LightList(path, names, vectors, intensities, warnings)
+    return LightList(path, names, places, vectors, intensities, warnings)
 
 
 def _first_fault(error: ValidationError) -> str:

@@ -26,7 +26,7 @@ from .measurement_mode import (
     set_exposure,
     set_measurement_mode,
 )
-from .pixel_formats import PIXEL_FORMATS, decode
+from .pixel_formats import PIXEL_FORMATS, CorruptFrameError, decode
 from .written_frames import WrittenFrames
 
 # Few, so that few frames are stale after a switch; with fewer than 3, drivers lose frames.
@@ -108,7 +108,8 @@ class V4l2Camera:
     def read(self, timeout_s: float) -> Frame:
         """The oldest frame in the queue, or the next one to arrive.
 
-        A frame that the driver flags as faulty has `FrameFlag.CORRUPT` and zeros for pixels.
+        A frame that is damaged or flagged by the driver has `FrameFlag.CORRUPT` and zeros for
+        pixels.
         """
         capture = self._next_capture(timeout_s)
         start_s = exposure_start_s(
@@ -118,13 +119,19 @@ class V4l2Camera:
             self._period_s,
             self._mode.exposure_s,
         )
+        try:
+            pixels, flags = self._decoded(capture), FrameFlag.GOOD
+        except CorruptFrameError:
+            blank = np.zeros((self._config.height_px, self._config.width_px), np.uint16)
+            pixels = blank.astype(np.uint8) if self._pixel_format.bit_depth == 8 else blank
+            flags = FrameFlag.CORRUPT
         return Frame(
-            pixels=self._decoded(capture),
+            pixels=pixels,
             bit_depth=self._pixel_format.bit_depth,
             exposure_start_s=start_s,
             exposure_end_s=start_s + self._mode.exposure_s,
             sequence=capture.sequence,
-            flags=FrameFlag.CORRUPT if capture.is_corrupt else FrameFlag.GOOD,
+            flags=flags,
         )
 
     def close(self) -> None:
@@ -159,12 +166,11 @@ class V4l2Camera:
     def _decoded(self, capture: Capture) -> Pixels:
         size, form = (self._config.width_px, self._config.height_px), self._format
         if capture.is_corrupt:
-            blank = np.zeros(size[::-1], np.uint16)
-            return blank.astype(np.uint8) if self._pixel_format.bit_depth == 8 else blank
+            raise CorruptFrameError
         try:
             pixels = decode(self._pixel_format, capture.data, *size, form.bytes_per_line)
         except CameraError as error:
-            raise CameraError(f"{self._device.path}: frame {capture.sequence}: {error}") from error
+            raise type(error)(f"{self._device.path}: frame {capture.sequence}: {error}") from error
         if self._pixel_format.name in _LUMA and form.quantization != "full range":
             # The limited range ends here; without this a saturated pixel would look valid.
             pixels[pixels >= _LIMITED_WHITE] = 255

@@ -23,6 +23,10 @@ from rig.errors import CameraError
 _Bytes = npt.NDArray[np.uint8]
 
 
+class CorruptFrameError(CameraError):
+    """A compressed frame that is damaged."""
+
+
 @dataclass(frozen=True)
 class PixelFormat:
     """Memory layout of one FourCC.
@@ -58,22 +62,10 @@ def decode(
     height_px: int,
     bytes_per_line: int,
 ) -> Pixels:
-    """Decode the image in a buffer.
+    """Decode the image in the filled part of a buffer, whose memory it may share.
 
-    Parameters
-    ----------
-    pixel_format
-        One of `PIXEL_FORMATS`.
-    data
-        The filled part of the buffer. The image may share its memory.
-    width_px, height_px, bytes_per_line
-        As the driver reports them. 0 bytes per line means rows without padding.
-
-    Raises
-    ------
-    CameraError
-        If the buffer has another size, holds values beyond the true depth, or cannot be
-        decompressed.
+    `bytes_per_line` is the driver's; 0 means rows without padding. Raises `CameraError` if the
+    buffer has another size or holds values beyond the true depth.
     """
     if pixel_format.is_compressed:
         return _from_jpeg(data, width_px, height_px)
@@ -123,17 +115,20 @@ def _luma_of(code: int) -> Callable[[_Bytes], Pixels]:
 
 
 def _from_jpeg(data: bytearray | bytes, width_px: int, height_px: int) -> Pixels:
-    image = None
-    if len(data):
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
-    if image is None:
-        raise CameraError(f"an MJPG frame of {len(data)} bytes cannot be decompressed")
-    if image.shape != (height_px, width_px):
-        rows, columns = image.shape
-        raise CameraError(
-            f"an MJPG frame is {columns} x {rows} px instead of {width_px} x {height_px} px"
-        )
-    return image.astype(np.uint8, copy=False)
+    import simplejpeg  # unlike OpenCV it makes the decoder's warnings errors
+
+    try:
+        rows, columns, *_ = simplejpeg.decode_jpeg_header(data)
+        if (columns, rows) == (width_px, height_px):
+            image: _Bytes = simplejpeg.decode_jpeg(data, "gray")[:, :, 0]
+            return image
+    except ValueError as error:
+        raise CorruptFrameError(
+            f"an MJPG frame of {len(data)} bytes is damaged: {error}"
+        ) from error
+    raise CameraError(
+        f"an MJPG frame is {columns} x {rows} px instead of {width_px} x {height_px} px"
+    )
 
 
 _BAYER_DEPTHS = ((8, 1, _bytes(0, 1)), (10, 2, _words), (12, 2, _words))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -199,7 +200,9 @@ def _of_files(
         # Where a highlight is does not depend on the coding of brightness.
         coding = gamma or ("linear" if sphere == "mirror" else None)
         spheres, setting = images_of_photographs(photographs, masks, count, coding, file)
-        return spheres, setting, [path.name for path in photographs[: len(spheres[0].images)]]
+        placement = [path.absolute() for path in photographs[: len(spheres[0].images)]]
+        folder = os.path.commonpath([path.parent for path in placement])
+        return spheres, setting, [path.relative_to(folder).as_posix() for path in placement]
     if masks or count is not None or gamma is not None:
         raise InputError("--mask, --lights and --gamma are for photographs; sets state them")
     captured = [CapturedSet.load(path) for path in sets]

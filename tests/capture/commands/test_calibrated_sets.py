@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+import tifffile
 
 from capture import CapturedSet, capture_set
 from capture.calibration.ps4cal import CalibrationFile
@@ -164,17 +165,54 @@ def test_a_set_without_its_calibration_is_refused_by_every_command(
     for command in (
         ("solve", path, "--out", tmp_path / "maps"),
         ("train", path, "--library", library),
+        ("export", path, tmp_path / "a.ply"),
+        ("export", path, tmp_path / "exported", "--maps"),
+        ("compare", path, path, "--json"),
     ):
-        assert "was captured with the calibration" in refused(*command)
+        line = refused(*command)
+        assert "was captured with the calibration" in line
+        assert "give --calibration CAL, or solve --raw" in line
         assert ps4rig(*command, "--calibration", lab / "rig.ps4cal").exit_code == 0
     assert "which is neither beside it nor in a folder" in refused(
         "classify", path, "--library", library
     )
     given = ("--library", library, "--calibration", lab / "rig.ps4cal", "--json")
     assert ps4rig("classify", path, *given).exit_code == 0
-    assert "leave out --calibration" in refused(
-        "solve", path, "--out", tmp_path / "x", "--raw", "--calibration", lab / "rig.ps4cal"
-    )
+    choice = ("--raw", "--calibration", lab / "rig.ps4cal")
+    for command in (
+        ("solve", path, "--out", tmp_path / "x"),
+        ("export", path, tmp_path / "x.ply"),
+        ("compare", path, path, "--json"),
+    ):
+        assert "leave out --calibration" in refused(*command, *choice)
+
+
+def test_export_and_compare_solve_as_solve_does(
+    lab: Path, tmp_path: Path, ps4rig: Callable[..., Any], refused: Callable[..., str]
+) -> None:
+    path = tmp_path / "alone.ome.tif"
+    shutil.copy(lab / "sets" / "rock-001.ome.tif", path)
+    slopes, meshes = {}, set()
+    for name, choice in (("given", ("--calibration", lab / "rig.ps4cal")), ("raw", ("--raw",))):
+        solved(ps4rig, tmp_path / name, path, *choice)
+        slopes[name] = tifffile.imread(tmp_path / name / "p.tif")
+        exported = tmp_path / f"{name}-exported"
+        assert ps4rig("export", path, exported, "--maps", *choice).exit_code == 0
+        np.testing.assert_array_equal(tifffile.imread(exported / "p.tif"), slopes[name])
+        assert ps4rig("export", path, tmp_path / f"{name}.ply", *choice).exit_code == 0
+        meshes.add((tmp_path / f"{name}.ply").read_bytes())
+        done = ps4rig("compare", path, tmp_path / name, "--json", *choice)
+        assert json.loads(done.stdout)["maps"]["p"]["largest"] == 0.0
+    assert len(meshes) == 2
+    assert np.nanmax(np.abs(slopes["given"] - slopes["raw"])) > 0.01
+    for choice in (("--calibration", lab / "rig.ps4cal"), ("--raw",)):
+        for command in (
+            ("export", path, tmp_path / "x.npz"), ("export", path, tmp_path / "x"),
+            ("compare", tmp_path / "given", tmp_path / "raw", "--json"),
+        ):  # fmt: skip
+            assert "leave out --calibration and --raw" in refused(*command, *choice)
+    wrong = refused("export", path, lab / "rig.ps4cal", "--calibration", lab / "rig.ps4cal")
+    assert "end the name in" in wrong
 
 
 def test_a_capture_with_another_frame_is_refused(

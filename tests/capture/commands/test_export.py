@@ -93,6 +93,42 @@ def test_a_mesh_has_the_places_of_the_pixels_and_faces_the_camera(tmp_path: Path
     np.testing.assert_allclose(np.linalg.norm(triangles[:, 0], axis=1), 1.0, rtol=1e-6)
 
 
+def test_a_mesh_has_no_triangle_at_an_unknown_height(tmp_path: Path) -> None:
+    height = np.arange(9, dtype=np.float32).reshape(3, 3)
+    height[0, 0] = np.nan
+    albedo = np.full((3, 3), 0.25, np.float32)
+    albedo[0, 0] = 100.0
+    write_ply(tmp_path / "a.ply", height, albedo, 1.0, "mm")
+    header, _, body = (tmp_path / "a.ply").read_bytes().partition(b"end_header\n")
+    assert {"element vertex 8", "element face 6"} <= set(header.decode("ascii").splitlines())
+    vertices = np.frombuffer(body, VERTEX, 8)
+    assert vertices["place"][:, 2].tolist() == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0]
+    assert (vertices["grey"] == 255).all()
+    faces = np.frombuffer(body, FACE, 6, offset=8 * VERTEX.itemsize)
+    write_stl(tmp_path / "a.stl", height, 1.0, "mm")
+    triangles = np.frombuffer((tmp_path / "a.stl").read_bytes(), TRIANGLE, 6, offset=84)
+    np.testing.assert_array_equal(triangles["vectors"][:, 1:], vertices["place"][faces["corners"]])
+
+
+@pytest.mark.parametrize("name", ["a.ply", "a.stl"])
+def test_a_mesh_is_that_of_the_valid_pixels(
+    ps4rig: Command, refused: Refused, made_set: Callable[..., CapturedSet], in_folder: Path,
+    name: str,
+) -> None:  # fmt: skip
+    mask = np.zeros((8, 9), np.bool_)
+    mask[2:5, 3:7] = True
+    made_set(np.full((4, 8, 9), 1000, np.uint16), mask=mask).save("a.ome.tif")
+    assert ps4rig("export", "a.ome.tif", name).exit_code == 0
+    data = (in_folder / name).read_bytes()
+    if name == "a.ply":
+        assert b"element vertex 12\n" in data
+        assert b"element face 12\n" in data
+    else:
+        assert np.frombuffer(data, "<u4", 1, offset=80)[0] == 12
+    made_set(np.zeros((4, 8, 9), np.uint16)).save("black.ome.tif")
+    assert "no pixel can be solved" in refused("export", "black.ome.tif", f"b{name}", status=1)
+
+
 @pytest.mark.parametrize(("name", "element"), [("a.ply", 64 * 64 * 15), ("a.stl", 63 * 63 * 100)])
 def test_a_set_becomes_a_mesh(ps4rig: Command, in_folder: Path, name: str, element: int) -> None:
     assert ps4rig("capture", "--rig", "sim", "--size", 64, "a.ome.tif").exit_code == 0

@@ -56,6 +56,21 @@ def test_a_light_list_replaces_the_names_of_photographs(
     ]
 
 
+def test_photographs_that_the_command_names_settle_which_namesakes_are_meant(
+    ps4rig: Command, refused: Refused, photographs: list[Path], tmp_path: Path
+) -> None:
+    folder = tmp_path / "lists"
+    folder.mkdir()
+    (tmp_path / "photos").symlink_to(photographs[0].parent)
+    for path in photographs:
+        (folder / path.name).write_bytes(path.read_bytes())
+    rows = [f"../photos/{p.name} {0.1 * k} {k % 2} 1" for k, p in enumerate(photographs)]
+    (folder / "lights.lp").write_text("\n".join(["4", *rows]))
+    options = ["--lights", folder / "lights.lp", tmp_path / "a.ome.tif"]
+    assert "remove or rename one" in refused("import", *options)
+    assert ps4rig("import", *photographs, *options).exit_code == 0
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

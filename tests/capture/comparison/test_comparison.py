@@ -2,15 +2,19 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from capture import capture_set
+from capture import CapturedSet, capture_set
 from capture.comparison.comparison import Comparison, compare
 from capture.comparison.side import side_of
+from capture.maps.map_tiff import read_map, write_values
 from rig import RigConfig, open_rig
+from rig.set_file import pixels_sha256
 
 Command = Callable[..., Any]
 Refused = Callable[..., str]
@@ -136,6 +140,34 @@ def test_folders_of_maps_are_compared_as_their_sets_are(
     assert [each.field for each in of_maps.fields] == ["set.pixels_sha256"]
     # A set and a folder are compared too.
     assert compared(sets[0], folders[1]).is_aligned
+
+
+def test_pixels_without_a_slope_are_compared_in_no_map(
+    ps4rig: Command, refused: Refused, capture: Capture, tmp_path: Path
+) -> None:
+    """A set and its maps are equal, also maps with 0 where earlier versions had no slope."""
+    whole = CapturedSet.load(capture("a"))
+    mask = np.zeros(whole.images.shape[1:], np.bool_)
+    mask[20:-20, 30:-10] = True
+    about = whole.metadata.model_copy(
+        update={"mask_file": "m.png",
+                "pixels_sha256": pixels_sha256(whole.images, whole.ambient, mask)}
+    )  # fmt: skip
+    path, maps = tmp_path / "masked.ome.tif", tmp_path / "maps"
+    replace(whole, metadata=about, mask=mask).save(path)
+    assert ps4rig("solve", path, "--out", maps).exit_code == 0
+    for name in ("p", "height", "p"):
+        found = compared(path, maps)
+        assert {each.largest for each in found.maps.values()} == {0.0}
+        assert found.texture is not None
+        for side in (found.first, found.second):
+            assert all(np.isnan(values[~mask]).all() for values, _ in side.maps.values())
+        assert ps4rig("compare", path, maps, "--out", tmp_path / "c.html", "--force").exit_code == 0
+        values, description = read_map(maps / f"{name}.tif")
+        write_values(maps / f"{name}.tif", np.nan_to_num(values), description, None)
+    values[mask.nonzero()[0][0], mask.nonzero()[1][0]] = np.nan
+    write_values(maps / "p.tif", values, description, None)
+    assert f"{maps / 'p.tif'}: " in refused("compare", path, maps, "--json")
 
 
 def test_inputs_that_cannot_be_compared_are_refused_by_name(

@@ -13,6 +13,8 @@ import tifffile
 from capture import CapturedSet
 from capture.maps.files import write_maps
 from capture.maps.map_tiff import read_map
+from capture.maps.surface_maps import SurfaceMaps
+from capture.maps.views import map_views
 from classify import (
     Lighting,
     SurfaceEstimate,
@@ -73,8 +75,46 @@ def test_maps_are_float32_tiffs_of_the_solved_values(surface: SurfaceEstimate, m
         expected = derived[name] if name in derived else getattr(surface, name)
         if name == "normals":  # channels, as ImageJ opens them
             expected = np.moveaxis(expected, -1, 0)
-        np.testing.assert_array_equal(values, expected)
+        np.testing.assert_array_equal(values, np.where(surface.valid, expected, np.nan))
     assert abs(float(height.mean())) < 1e-3
+
+
+@pytest.fixture
+def masked(made_set: Callable[..., CapturedSet]) -> CapturedSet:
+    """A plane that rises to the right; outside the mask, and in a saturated corner, noise."""
+    lighting, rng = Lighting.ring(45.0), np.random.default_rng(0)
+    normal = np.array([-0.2, 0.0, 1.0]) / np.sqrt(1.04)
+    images = np.empty((4, 40, 60), np.uint16)
+    images[:] = np.rint(40_000 * lighting.directions @ normal)[:, None, None]
+    mask = np.zeros((40, 60), np.bool_)
+    mask[5:35, 10:50] = True
+    images[:, ~mask] = rng.integers(0, 60_000, (4, np.count_nonzero(~mask)))
+    images[:, 5:9, 10:14] = 65535
+    return made_set(images, mask=mask)
+
+
+def test_float_maps_are_nan_where_the_surface_is_not_valid(
+    masked: CapturedSet, tmp_path: Path
+) -> None:
+    write_maps(masked, masked.solve(), tmp_path)
+    valid = tifffile.imread(tmp_path / "valid.tif") > 0
+    assert np.count_nonzero(valid) == 30 * 40 - 16
+    for name in FLOAT_MAPS:
+        values = tifffile.imread(tmp_path / f"{name}.tif")
+        np.testing.assert_array_equal(np.isfinite(values), np.broadcast_to(valid, values.shape))
+    np.testing.assert_allclose(tifffile.imread(tmp_path / "p.tif")[valid], 0.2, atol=1e-3)
+
+
+def test_invalid_pixels_are_grey_and_do_not_set_the_colours(masked: CapturedSet) -> None:
+    maps = SurfaceMaps.of(masked.solve())
+    views = map_views(masked, maps)
+    valid = maps.surface.valid
+    shown = [*views["Surface"], *views["Slopes and height"], *views["Curvature"]]
+    for view in [*shown, *(each for each in views["Quality"] if each.title == "residual")]:
+        assert (view.picture[~valid] == 200).all(), view.title
+    ends = {view.title: view.scale.high for view in shown if view.scale}
+    assert ends["p = dz/dx"] == pytest.approx(0.2, rel=0.01)
+    assert ends["height (relative)"] <= np.abs(maps.height[valid]).max()
 
 
 def test_the_height_rises_along_p_and_up_along_q(
@@ -153,7 +193,7 @@ def test_a_known_scale_gives_lengths_in_mm_and_micrometres(
             about = json.loads(file.pages[0].tags["ImageDescription"].value)
             values = file.asarray()
         expected = tifffile.imread(maps / f"{name}.tif") * mm_per_px**power
-        rounding = 1e-5 * np.abs(expected).max()
+        rounding = 1e-5 * np.nanmax(np.abs(expected))
         np.testing.assert_allclose(values, expected, rtol=1e-5, atol=rounding)
         assert about["unit"] == units[power]
         assert about["mm_per_px"] == mm_per_px
@@ -176,8 +216,8 @@ def test_a_set_without_a_valid_pixel_has_maps_and_no_roughness(
     written = json.loads((tmp_path / "roughness.json").read_text())
     assert written["valid_pixels"] == 0
     assert [each["value"] for each in written["parameters"].values()] == [None] * 4
-    for name in ("raised", "mean_curvature", "gaussian_curvature", "relit"):
-        assert not tifffile.imread(tmp_path / f"{name}.tif").any()
+    for name in FLOAT_MAPS:
+        assert np.isnan(tifffile.imread(tmp_path / f"{name}.tif")).all()
 
 
 @pytest.mark.parametrize("shape", [(4, 1, 1), (4, 3, 200), (4, 200, 3), (3, 40, 50), (9, 40, 50)])

@@ -59,6 +59,16 @@ def test_large_maps_are_averaged_and_small_ones_are_unchanged() -> None:
     assert pictures.reduced(np.zeros((3, 4000, 3), np.float32)).shape[1:] == (512, 3)
 
 
+def test_a_reduced_pixel_is_the_mean_of_what_is_known_if_half_of_it_is() -> None:
+    values = np.tile(np.array([1.0, 1.0, 3.0, np.nan], np.float32), (2, 512))
+    values[:, :4] = np.nan
+    reduced = pictures.reduced(values, longest_px=1024)
+    np.testing.assert_allclose(reduced[0, :4], [np.nan, np.nan, 1.0, 3.0])
+    colours = ColourScale.grey(reduced).paint(reduced)
+    assert colours[0, :2].tolist() == [[200] * 3] * 2
+    assert colours[0, 3].tolist() == [255] * 3
+
+
 def test_reducing_a_map_of_labels_keeps_its_values() -> None:
     labels = np.random.default_rng(0).choice(np.array([0, 3, 255], np.uint8), (900, 1100))
     thinned = pictures.reduced(labels, cv2.INTER_NEAREST)

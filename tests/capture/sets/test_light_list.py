@@ -1,20 +1,23 @@
 """Light directions from `.lp` and `.json` files."""
 
 import json
+import unicodedata
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture.sets.light_list import load_light_list
+from capture.sets.light_list import LightList, load_light_list
 from classify import Lighting
 from classify.errors import InputError
 
+Form = Literal["NFC", "NFD"]
 RING = Lighting.ring(30.0)
 NAMES = ("a.png", "b.png", "c.png", "d.png")
+VECTORS = RING.directions.tolist()
 PATHS = [Path("photos") / name for name in NAMES]
 
 
@@ -36,6 +39,13 @@ def rows(names: tuple[str, ...] = NAMES) -> list[str]:
         f"{name} {x:.17g} {y:.17g} {z:.17g}"
         for name, (x, y, z) in zip(names, RING.directions, strict=True)
     ]
+
+
+def with_files(*paths: Path) -> list[Path]:
+    for path in paths:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    return list(paths)
 
 
 @pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"])
@@ -61,23 +71,25 @@ def test_names_may_contain_blanks_and_folders_of_another_computer(
     names = tuple(f"my  photo {name}" for name in NAMES)
     lines = rows(tuple(folder + name for name in names))
     lights = load_light_list(written(tmp_path, "\r\n".join(["4", *lines])))
+    with_files(*(tmp_path / name for name in names))
     assert lights.image_paths() == [tmp_path / name for name in names]
+    assert lights.lighting_for([Path("elsewhere") / name for name in names]) == RING
 
 
 @pytest.mark.parametrize(
     ("content", "message"),
     [
         ("", "line 1 must be the number of lights"),
-        ("a.png 0 0 1\n", "line 1 must be the number of lights"),
-        ("-1\n", "line 1 must be the number of lights"),
+        ("\na.png 0 0 1\n", "line 2 must be the number of lights, not 'a.png 0 0 1'"),
+        ("-1\n", "line 1 must be the number of lights, not '-1'"),
         ("2\na.png 0 0 1\n", "announces 2 lights and lists 1"),
         ("1\na.png 0 0 1\nb.png 0 0 1\n", "announces 1 lights and lists 2"),
         ("9" * 5000 + "\na.png 0 0 1\n", "announces 999999999 lights and lists 1"),
         ("0\n", "lists 0 lights; 1 to 255"),
         ("1\na.png 0 0\n", "line 2 is not 'name x y z'"),
         ("2\na.png 0 0 1\n\nb.png 0 0 up\n", "line 4 is not 'name x y z'"),
-        ("2\na.png 0 0 1\nC:\\a.png 0 0 1\n", "names image a.png twice"),
-        (b"1\n\xff.png 0 0 1\n", "cannot be read"),
+        ("1\na.png 0,5 0,5 0,7\n", "line 2 is not .* decimal points: 'a.png 0,5 0,5 0,7'"),
+        (b"2\na.png 0 0 1\n\xff.png 0 0 1\n", "line 3 is not UTF-8 text; save it as UTF-8"),
         ("1\na\0b.png 0 0\n", "line 2 is not"),
     ],
 )
@@ -91,19 +103,143 @@ def test_an_error_in_an_lp_file_names_file_and_line(
 @pytest.mark.parametrize(
     ("vector", "message"),
     [
-        ("0 1 0", "light 0 stands at or below the horizon"),
-        ("0.5 0 -0.5", "light 0 stands at or below the horizon"),
+        ("0 1 0", r"stands at or below the horizon .*\[0\.0, 1\.0, 0\.0\]"),
+        ("0.75 0 -0.0002", r"stands at or below the horizon .*\[0\.75, 0\.0, -0\.0002\]"),
         ("nan 0 1", "not finite"),
         ("inf 0 1", "not finite"),
         ("0 0 0", "zero"),
+        ("0 0 1 -2", "intensity -2"),
     ],
 )
-def test_an_impossible_light_direction_names_the_file(
+def test_an_impossible_light_names_file_line_and_value(
     tmp_path: Path, vector: str, message: str
 ) -> None:
-    lights = load_light_list(written(tmp_path, f"1\na.png {vector}\n"))
-    with pytest.raises(InputError, match=rf"lights\.lp: .*{message}"):
+    more = " 1" if len(vector.split()) == 4 else ""
+    lights = load_light_list(written(tmp_path, f"2\nb.png 0 0 1{more}\na.png {vector}\n"))
+    with pytest.raises(InputError, match=rf"lights\.lp: line 3, a\.png: .*{message}"):
         lights.lighting_for([Path("a.png")])
+    assert len(lights.lighting_for([Path("b.png")])) == 1
+
+
+def test_an_impossible_light_in_json_names_its_image(tmp_path: Path) -> None:
+    entries = [{"file": "a.png", "direction": [0, 0, 1]}, {"file": "b.png", "direction": [1, 0, 0]}]
+    lights = load_light_list(as_json(tmp_path, entries))
+    with pytest.raises(InputError, match=r"lights\.json: image 1, b\.png: .*horizon"):
+        lights.lighting_for(lights.image_paths())
+    lights = load_light_list(as_json(tmp_path, [[0, 0, 1], [1, 0, -0.25]]))
+    with pytest.raises(InputError, match=r"lights\.json: image 1: .*\[1\.0, 0\.0, -0\.25\]"):
+        lights.lighting_for(PATHS[:2])
+
+
+# text
+
+
+@pytest.mark.parametrize("coding", ["utf-16", "utf-16-be-with-mark", "utf-8-sig"])
+@pytest.mark.parametrize("name", ["lights.lp", "lights.json"])
+def test_text_of_any_marked_coding_is_read(tmp_path: Path, coding: str, name: str) -> None:
+    names = tuple(f"b\u00fcrste {name}" for name in NAMES)
+    entries = [{"file": n, "direction": v} for n, v in zip(names, VECTORS, strict=True)]
+    text = json.dumps(entries) if name.endswith("json") else "\r\n".join(["4", *rows(names)])
+    mark = "\ufeff" if coding.endswith("mark") else ""
+    content = (mark + text).encode(coding.removesuffix("-with-mark"))
+    lights = load_light_list(written(tmp_path, content, name))
+    assert lights.lighting_for([tmp_path / name for name in names]) == RING
+
+
+@pytest.mark.parametrize("quote", ['"', "'"])
+def test_a_name_in_quotes_is_read_without_them(tmp_path: Path, quote: str) -> None:
+    lines = [f"{quote}my photo {k}.JPG{quote} 0.5 {k} 1 {level}" for k, level in ((1, 2), (2, 1))]
+    lights = load_light_list(written(tmp_path, "\n".join(["2", *lines])))
+    assert lights.names == ["my photo 1.JPG", "my photo 2.JPG"]
+    assert lights.lighting_for([Path("my photo 2.JPG")]).intensities.tolist() == [1.0]
+
+
+# places of the photographs
+
+
+def listed(folder: Path, *names: str) -> LightList:
+    """Return a list in `folder` that names the photographs, with light k at height k + 1."""
+    folder.mkdir(exist_ok=True)
+    lines = [f"{name} 1 0 {k + 1}" for k, name in enumerate(names)]
+    return load_light_list(written(folder, "\n".join([str(len(names)), *lines])))
+
+
+def heights(lighting: Lighting) -> list[int]:
+    return [round(z / x) - 1 for x, _, z in lighting.directions]
+
+
+@pytest.mark.parametrize("folder", ["../captures/", "..\\captures\\", ".\\..\\captures/", "/"])
+def test_the_folder_that_a_list_names_is_used(tmp_path: Path, folder: str) -> None:
+    files = with_files(*(tmp_path / "captures" / f"{k}.jpg" for k in (1, 2)))
+    folder = f"{tmp_path}/captures/" if folder == "/" else folder
+    lights = listed(tmp_path / "lists", f"{folder}1.jpg", f"{folder}2.jpg")
+    assert all(map(Path.samefile, lights.image_paths(), files))
+
+
+def test_a_namesake_beside_the_list_is_refused_unless_it_is_the_same_file(tmp_path: Path) -> None:
+    named_file, namesake = tmp_path / "captures" / "1.jpg", tmp_path / "lists" / "1.jpg"
+    with_files(named_file, namesake)
+    lights = listed(tmp_path / "lists", "../captures/1.jpg")
+    with pytest.raises(InputError, match=r"lights\.lp: \.\./captures/1\.jpg may be .* or .*; rem"):
+        lights.image_paths()
+    assert heights(lights.lighting_for([namesake])) == [0]
+    namesake.unlink()
+    namesake.symlink_to(named_file)
+    assert lights.image_paths()[0].samefile(named_file)
+
+
+def test_photographs_are_not_taken_from_two_places(tmp_path: Path) -> None:
+    with_files(tmp_path / "captures" / "1.jpg", tmp_path / "lists" / "2.jpg")
+    lights = listed(tmp_path / "lists", "../captures/1.jpg", "../captures/2.jpg")
+    assert [path.exists() for path in lights.image_paths()] == [True, False]
+
+
+FORMS: tuple[Form, ...] = ("NFC", "NFD")
+
+
+@pytest.mark.parametrize("folder", ["", "gr\u00fcn/"])
+@pytest.mark.parametrize("on_disk", FORMS)
+@pytest.mark.parametrize("in_list", FORMS)
+def test_a_name_is_found_in_another_unicode_form(
+    tmp_path: Path, in_list: Form, on_disk: Form, folder: str
+) -> None:
+    name = f"{folder}b\u00fcrste.png"
+    [file] = with_files(tmp_path / unicodedata.normalize(on_disk, name))
+    lights = listed(tmp_path, unicodedata.normalize(in_list, name), "a.png")
+    assert lights.image_paths() == [file, tmp_path / "a.png"]
+    assert heights(lights.lighting_for([Path("a.png"), file])) == [1, 0]
+
+
+@pytest.mark.parametrize("in_list", FORMS)
+def test_files_that_differ_in_their_form_only_are_refused(tmp_path: Path, in_list: Form) -> None:
+    with_files(*(tmp_path / unicodedata.normalize(form, "\u00e9.png") for form in FORMS))
+    lights = listed(tmp_path, unicodedata.normalize(in_list, "\u00e9.png"))
+    with pytest.raises(InputError, match=r"lights\.lp: .*\.png may be .* or "):
+        lights.image_paths()
+
+
+@pytest.mark.parametrize("name", ["a.png", "./a.png", "C:\\a.png", "x/../a.png"])
+def test_a_photograph_that_is_listed_twice_is_refused(tmp_path: Path, name: str) -> None:
+    with_files(tmp_path / "x" / "b.png", tmp_path / "a.png")
+    lights = listed(tmp_path, "a.png", name)
+    with pytest.raises(InputError, match=r"lights\.lp: names image .*a\.png twice"):
+        lights.image_paths()
+    with pytest.raises(InputError, match=r"lights\.lp: .*a\.png may be that of line 2 or line 3"):
+        lights.lighting_for([Path("a.png")])
+
+
+def test_images_of_one_name_in_two_folders_get_their_own_lights(tmp_path: Path) -> None:
+    lights = listed(tmp_path, "left/1.jpg", "D:\\day\\right\\1.jpg", "1.jpg")
+    images = [tmp_path / "1.jpg", Path("moved/right/1.jpg"), tmp_path / "left" / "1.jpg"]
+    assert heights(lights.lighting_for(images)) == [2, 1, 0]
+    with pytest.raises(InputError, match=r"other/1\.jpg may be that of line 2 or line 3 or line 4"):
+        lights.lighting_for([Path("other/1.jpg")])
+
+
+def test_two_images_do_not_get_one_light(tmp_path: Path) -> None:
+    lights = listed(tmp_path, "1.jpg", "2.jpg")
+    with pytest.raises(InputError, match=r"left/1\.jpg and right/1\.jpg both have .* of line 2"):
+        lights.lighting_for([Path("left/1.jpg"), Path("right/1.jpg")])
 
 
 def test_an_image_that_is_not_listed_is_named(tmp_path: Path) -> None:
@@ -131,7 +267,8 @@ def test_json_may_name_its_images(tmp_path: Path, wrapped: bool) -> None:
     ]
     content = {"name": "ring", "images": entries} if wrapped else entries
     lights = load_light_list(as_json(tmp_path, content))
-    assert lights.image_paths() == [tmp_path / name for name in NAMES]
+    files = with_files(*(tmp_path / name for name in NAMES))
+    assert lights.image_paths() == files
     np.testing.assert_array_equal(
         lights.lighting_for(PATHS[::-1]).directions, RING.directions[::-1]
     )
@@ -227,8 +364,6 @@ def test_an_lp_line_may_end_in_an_intensity(tmp_path: Path) -> None:
 
 
 # unknown keys
-
-VECTORS = RING.directions.tolist()
 
 
 def named(**more: Any) -> list[dict[str, Any]]:

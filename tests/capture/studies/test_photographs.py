@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
@@ -195,6 +196,50 @@ def test_the_page_has_tables_and_pictures(
     assert len(rows) == 12
     assert all(float(row["changed by turning, %"]) < 1.0 for row in rows)
     assert (out / "photographs_maps.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_light_that_cannot_be_is_left_out_with_a_warning(
+    folder: Path, photographs: PhotographSet
+) -> None:
+    notes = json.loads((folder / "lights.json").read_text())
+    for file, direction in (("low.png", [0.75, 0.0, -0.0002]), ("none.png", [0.0, 0.0, 0.0])):
+        notes["images"].insert(3, {"file": file, "direction": direction})
+    notes["images"].append({"file": "dim.png", "direction": [0, 0, 1], "intensity": 1e-9})
+    (folder / "lights.json").write_text(json.dumps(notes))
+    read = load_photographs(folder)
+    np.testing.assert_array_equal(read.directions, photographs.directions)
+    np.testing.assert_array_equal(read.images[:, 8:-8, 8:-8], photographs.images)
+    zero, low, dim = read.warnings
+    assert f"{folder}/lights.json: image 3, none.png, is left out: the light has a dir" in zero
+    assert "image 4, low.png, is left out: the light stands at or below" in low
+    assert "[0.75, 0.0, -0.0002]" in low
+    assert "image 10, dim.png, is left out: the light has the intensity 1e-09" in dim
+
+
+@pytest.mark.parametrize("coding", ["utf-8-sig", "utf-16"])
+def test_photographs_are_found_as_a_list_of_lights_finds_them(folder: Path, coding: str) -> None:
+    notes = json.loads((folder / "lights.json").read_text())
+    (folder / "raw").mkdir()
+    for light in notes["images"]:
+        (folder / light["file"]).rename(folder / "raw" / f"u\u0308{light['file']}")
+        light["file"] = f".\\raw\\\u00fc{light['file']}"
+    (folder / "lights.json").write_text(json.dumps(notes), encoding=coding)
+    assert len(load_photographs(folder).images) == 8
+
+
+def test_a_bad_folder_is_left_out_with_a_warning_and_on_the_page(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad = folder.with_name("bad")
+    shutil.copytree(folder, bad)
+    (bad / "3.png").write_bytes(b"no picture")
+    page = reproduce_photographs(folder.parent, tmp_path / "out")
+    warning = f"bad is left out: {bad}/3.png: not a complete PNG image"
+    assert f"ps4rig: warning: {warning}" in capsys.readouterr().err
+    assert warning in page.read_text(encoding="utf-8")
+    results = json.loads((tmp_path / "out" / "results.json").read_text())
+    picks = results["exhibits"]["photographs_picks"]["rows"]
+    assert {row[0] for row in picks} == {"malv"}
 
 
 def test_a_folder_without_a_ring_or_an_object_is_one_line(

@@ -195,7 +195,7 @@ def test_saving_again_replaces_the_file(saved: Path, library) -> None:
         (lambda h: h["limits"].update(fine="far"), "header field limits: .*'fine'"),
         (lambda h: h.update(light_directions=[[0, 0, float("inf")]]), "light_dir"),
         (lambda h: h.update(light_directions=[[0, 1]]), r"header field light_directions\.0"),
-        (lambda h: h.update(light_directions=[[0, 0, 0]]), "light direction is zero"),
+        (lambda h: h.update(light_directions=[[0, 0, 0]]), "light 0 has a direction that is zero"),
         (lambda h: h.update(light_directions=[[0, 0, -1]]), "at or below the horizon"),
         (lambda h: h.update(light_directions=[]), "one \\(x, y, z\\) row per light"),
         (lambda h: h.update(sources=[["a"]]), r"header field sources\.0"),

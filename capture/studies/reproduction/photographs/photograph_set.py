@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,16 +12,15 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
+from capture.sets.light_list import light_list_text, listed_files
 from capture.sets.photographs import read_mask, read_photographs
 from classify import Lighting
 from classify.errors import InputError
-from classify.lighting import light_vectors
-from classify.regular_file import read_regular_file
+from classify.lighting import light_fault, light_vectors
 
 LIGHTS_FILE = "lights.json"
 MASK_FILE = "mask.png"
 REFERENCE_FILE = "reference_height_mm.npy"
-_MAX_BYTES = 2**22
 # Tilt of the first light and slant of the rings that picks are near to.
 _RING_TILTS_DEG = tuple(range(0, 90, 15))
 _RING_SLANTS_DEG = tuple(range(25, 65, 5))
@@ -72,6 +71,8 @@ class PhotographSet:
         (H, W) bool, the pixels of the object.
     reference_p
         (H, W) slope dz/dx of a height measured by other means; None if there is none.
+    warnings
+        Lights that were left out.
     """
 
     name: str
@@ -82,6 +83,7 @@ class PhotographSet:
     intensities: npt.NDArray[np.float64] | None
     mask: npt.NDArray[np.bool_]
     reference_p: npt.NDArray[np.float32] | None
+    warnings: Sequence[str] = ()
 
     def lighting_of(self, pick: Pick) -> Lighting:
         """The lights of a pick."""
@@ -154,6 +156,8 @@ def photograph_folders(folder: Path) -> list[Path]:
 def load_photographs(folder: Path) -> PhotographSet:
     """Read a folder: photographs, `lights.json`, and if there are, a mask and a reference height.
 
+    A light that cannot be, such as one below the horizon, is left out with a warning.
+
     `lights.json` has ``images``, a list of ``{"file": name, "direction": [x, y, z]}`` with an
     ``intensity`` if known, and may have the name of an ``ambient`` photograph and ``mm_per_pixel``.
     Pixel values are taken as linear. Without `mask.png`, the object is where the median photograph
@@ -166,11 +170,18 @@ def load_photographs(folder: Path) -> PhotographSet:
         If a file is missing, damaged or of another form, no pixel shows an object, or no four
         lights are near a ring.
     """
-    notes = _read_notes(folder / LIGHTS_FILE)
-    lighting = Lighting(np.array([light.direction for light in notes.images]))
-    known = [light.intensity for light in notes.images if light.intensity is not None]
-    names = [light.file for light in notes.images] + ([notes.ambient] if notes.ambient else [])
-    read = read_photographs([folder / name for name in names], gamma="linear", bits=None, crop=None)
+    notes, lights, warnings = _read_notes(folder / LIGHTS_FILE), [], []
+    for number, light in enumerate(notes.images):
+        if fault := light_fault(light.direction, light.intensity or 1.0):
+            place = f"{folder / LIGHTS_FILE}: image {number}, {light.file}"
+            warnings.append(f"{place}, is left out: the light {fault}")
+        else:
+            lights.append(light)
+    lighting = Lighting(np.array([light.direction for light in lights]))
+    known = [light.intensity for light in lights if light.intensity is not None]
+    names = [light.file for light in lights] + ([notes.ambient] if notes.ambient else [])
+    paths = listed_files(folder / LIGHTS_FILE, [name.replace("\\", "/") for name in names])
+    read = read_photographs(paths, gamma="linear", bits=None, crop=None)
     images = np.stack(read.planes[: len(lighting)])
     ambient = read.planes[-1] if notes.ambient else None
     if (folder / MASK_FILE).is_file():
@@ -194,6 +205,7 @@ def load_photographs(folder: Path) -> PhotographSet:
         np.array(known) if len(known) == len(lighting) else None,
         mask[part],
         None if reference_p is None else reference_p[part],
+        warnings,
     )
     if not found.picks():
         raise InputError(
@@ -205,7 +217,7 @@ def load_photographs(folder: Path) -> PhotographSet:
 
 def _read_notes(path: Path) -> _Notes:
     try:
-        return _Notes.model_validate_json(read_regular_file(path, _MAX_BYTES))
+        return _Notes.model_validate_json(light_list_text(path))
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"])) or "the file"

@@ -2,12 +2,13 @@
 
 from pathlib import Path
 
-from capture.console import progress
+from capture.console import complain, progress
 from capture.studies.reproduction.output import About, write_page
 from classify.durable_file import make_folder
+from classify.errors import InputError
 
 from .exhibits import photograph_exhibits
-from .photograph_set import load_photographs, photograph_folders
+from .photograph_set import PhotographSet, load_photographs, photograph_folders
 from .recognition import recognitions
 from .scores import scores_of
 
@@ -15,20 +16,26 @@ from .scores import scores_of
 def reproduce_photographs(folder: Path, output: Path) -> Path:
     """Solve and match the photographs in a folder of folders, and write all files.
 
-    Returns the page.
-
-    Raises
-    ------
-    InputError
-        If `folder` holds no photographs, a file in it cannot be read, or `output` cannot be made.
+    Returns the page. A folder that cannot be read is left out with a warning, unless all are.
     """
-    sets = [load_photographs(each) for each in photograph_folders(folder)]
+    sets: list[PhotographSet] = []
+    warnings: list[str] = []
+    for each in photograph_folders(folder):
+        try:
+            sets.append(load_photographs(each))
+            warnings += sets[-1].warnings
+        except InputError as error:
+            warnings.append(f"{each.name} is left out: {error}")
+    if not sets:
+        raise InputError("; ".join(warnings))
+    for warning in warnings:
+        complain(f"warning: {warning}")
     make_folder(output)
     scores = [score for each in progress(sets, len(sets), "solve") for score in scores_of(each)]
     facts = {
         "photographs": ", ".join(f"{each.name} ({len(each.directions)} lights)" for each in sets),
         "picks of four lights": str(len({(score.name, score.pick) for score in scores})),
-    }
+    } | ({"left out": "; ".join(warnings)} if warnings else {})
     exhibits = list(photograph_exhibits(sets, scores, recognitions(sets)))
     about = About("photographs", Path(__file__).parents[1] / "photographs.html", simulated=False)
     return write_page(exhibits, facts, about, output)
