@@ -172,7 +172,10 @@ def observe_set(
 
 @dataclass(frozen=True)
 class ClassifiedSet:
-    """The match of a set, how it was solved, and fields of its metadata."""
+    """The match of a set, how it was solved, and fields of its metadata.
+
+    `trained` says whether the library was trained from a set of the same pixels.
+    """
 
     match: Match
     method: Method
@@ -180,6 +183,7 @@ class ClassifiedSet:
     label: str | None
     orientation_deg: float | None
     simulated: bool
+    trained: bool
     protected: bool
     warnings: tuple[str, ...]
 
@@ -222,6 +226,7 @@ def classify_set(
         metadata.label,
         metadata.orientation_deg,
         metadata.simulated,
+        any(metadata.pixels_sha256 == pixels_sha256 for _, pixels_sha256 in trained.sources),
         metadata.is_protected,
         loaded.warnings,
     )
