@@ -33,6 +33,11 @@ Specimen = Annotated[str | None, typer.Option(help="Which piece it is, such as f
 Operator = Annotated[str | None, typer.Option(help="Name of the operator.")]
 Note = Annotated[str | None, typer.Option(help="Anything else that belongs to the set.")]
 
+Orientation = Annotated[
+    float | None,
+    typer.Option(help="Orientation of the part, anticlockwise, if known.", metavar="DEG"),
+]
+
 
 def calibration(default: str) -> Any:
     """Make the option ``--calibration``, whose default is described by `default`."""
@@ -164,6 +169,13 @@ def with_part(
 
 def _given(values: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value is not None}
+
+
+def check_orientations(name: str, *degrees: float | None) -> None:
+    """Check that the orientations entered as `name` are finite."""
+    for each in degrees:
+        if each is not None and not math.isfinite(each):
+            raise InputError(f"{name} {each:g}: give degrees, such as 40")
 
 
 def degrees(option: str, text: str, example: str) -> list[float]:
