@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from capture.console import complain
 from classify.errors import InputError
 
 if TYPE_CHECKING:
@@ -172,10 +173,12 @@ def _given(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def check_orientations(name: str, *degrees: float | None) -> None:
-    """Check that the orientations entered as `name` are finite."""
+    """Check orientations that are entered as `name`; beyond 360 degrees they are a warning."""
     for each in degrees:
         if each is not None and not math.isfinite(each):
             raise InputError(f"{name} {each:g}: give degrees, such as 40")
+        if each is not None and abs(each) > 360.0:
+            complain(f"warning: {name} {each:g}: beyond 360 degrees; a typing error?")
 
 
 def degrees(option: str, text: str, example: str) -> list[float]:

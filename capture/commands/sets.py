@@ -105,6 +105,7 @@ def capture(
         options.with_part(config, placement | {"rotate_deg": rotate_deg}, slant, bits, size)
         for rotate_deg in orientations_deg
     ]
+    options.check_orientations("--rotate", *orientations_deg)
     for rotated_deg in (each.simulation.placement.rotate_deg for each in configs if has_surface):
         if orientation is not None and (orientation - rotated_deg) % 360.0:
             raise InputError(
