@@ -148,6 +148,7 @@ def evaluate_(
         ),
     ] = None,
     method: LibrarySolver = None,
+    calibration: options.CalibrationOfSet = None,
     csv: CsvOption = None,
     force: options.Force = False,
     workers: options.Workers = None,
@@ -170,9 +171,11 @@ def evaluate_(
     folder = None if scheduler is None else library.absolute().parent
     with (
         Batch(workers, scheduler) as batch,
-        _library_for(library, classifier, method, batch, folder) as chosen,
+        _library_for(library, classifier, method, calibration, batch, folder) as chosen,
     ):
-        answers, trained = _classified(paths, chosen, batch, method, label_required=True)
+        answers, trained = _classified(
+            paths, chosen, batch, method, label_required=True, calibration=calibration
+        )
     training = [path for path, answer in zip(paths, answers, strict=True) if answer.trained]
     about = f"a training set of {library}; its result says nothing about new sets"
     warn_of_sets((path, (about,)) for path in training)
@@ -185,6 +188,13 @@ def evaluate_(
         solvers = {"methods": used, "library_method": trained.method}
         print_json(_as_json(result) | {"training_sets": [*map(str, training)]} | solvers)
         return
+    if result.accuracy is not None:
+        _print_taught(result)
+    if result.untaught:
+        _print_untaught(result)
+
+
+def _print_taught(result: Evaluation) -> None:
     columns = ("class", "sets", "right", "accuracy", "median error", "95 % error", "wrong answers")
     table = new_table(*columns, prose="wrong answers")
     for label, row in result.per_class.items():
@@ -192,26 +202,30 @@ def evaluate_(
         shares = (str(row.sets), str(row.correct), f"{row.accuracy:.1%}")
         degrees = (_degrees(errors.median, 2), _degrees(errors.p95, 2))
         table.add_row(label, *shares, *degrees, _wrong(result.confusion[label], label))
-    for label, answers_of in sorted(result.untaught.items()):
-        counts = (str(sum(answers_of.values())), str(answers_of.get(None, 0)))
-        table.add_row(f"{label} (not taught)", *counts, "-", "-", "-", _wrong(answers_of, None))
     print_table(table)
     errors = result.orientation_error_deg
-    if result.accuracy is not None:
-        out.print(
-            f"{result.correct} of {result.sets} right ({result.accuracy:.2%}), "
-            f"{result.unknown} unknown; orientation error {_degrees(errors.median, 2)} in the "
-            f"median, {_degrees(errors.p95, 2)} at 95 %; heading found for {result.headings}, "
-            f"{result.reversed} of them reversed{_blur(result.blur_px)}",
-            soft_wrap=True,
-        )
-    if result.untaught:
-        rejected, accepted = result.untaught_rejected, result.untaught_accepted
-        out.print(
-            f"textures not taught: {rejected} of {rejected + accepted} sets rightly unknown, "
-            f"{accepted} wrongly accepted",
-            soft_wrap=True,
-        )
+    out.print(
+        f"{result.correct} of {result.sets} right ({result.accuracy:.2%}), "
+        f"{result.unknown} unknown; orientation error {_degrees(errors.median, 2)} in the median, "
+        f"{_degrees(errors.p95, 2)} at 95 %; heading found for {result.headings}, "
+        f"{result.reversed} of them reversed{_blur(result.blur_px)}",
+        soft_wrap=True,
+    )
+
+
+def _print_untaught(result: Evaluation) -> None:
+    columns = ("class not taught", "sets", "unknown", "wrongly accepted as")
+    table = new_table(*columns, prose="wrongly accepted as")
+    for label, answers in sorted(result.untaught.items()):
+        counts = (str(sum(answers.values())), str(answers.get(None, 0)))
+        table.add_row(label, *counts, _wrong(answers, None))
+    print_table(table)
+    rejected, accepted = result.untaught_rejected, result.untaught_accepted
+    out.print(
+        f"textures not taught: {rejected} of {rejected + accepted} sets rightly unknown, "
+        f"{accepted} wrongly accepted",
+        soft_wrap=True,
+    )
 
 
 def _classified(
@@ -280,6 +294,7 @@ def _library_for(
     library: Path,
     classifier: str | None,
     method: Method | None,
+    calibration: Path | None,
     batch: Batch,
     folder: Path | None,
 ) -> Iterator[Path]:
@@ -297,7 +312,7 @@ def _library_for(
     if classifier is None or same:
         yield library
         return
-    retrained = retrain_library(trained, library, batch, classifier, method)
+    retrained = retrain_library(trained, library, batch, classifier, method, calibration)
     with tempfile.TemporaryDirectory(prefix="ps4rig-", dir=folder) as temporary:
         path = Path(temporary) / library.name
         retrained.save(path)

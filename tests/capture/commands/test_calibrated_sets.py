@@ -119,14 +119,12 @@ def test_a_set_without_its_calibration_is_refused_by_every_command(
     for command in (
         ("solve", path, "--out", tmp_path / "maps"),
         ("train", path, "--library", library),
+        ("classify", path, "--library", library),
+        ("evaluate", path, "--library", library),
+        ("evaluate", path, "--library", library, "--classifier", "polar"),
     ):
         assert "was captured with the calibration" in refused(*command)
         assert ps4rig(*command, "--calibration", lab / "rig.ps4cal").exit_code == 0
-    assert "which is neither beside it nor in a folder" in refused(
-        "classify", path, "--library", library
-    )
-    given = ("--library", library, "--calibration", lab / "rig.ps4cal", "--json")
-    assert ps4rig("classify", path, *given).exit_code == 0
     assert "leave out --calibration" in refused(
         "solve", path, "--out", tmp_path / "x", "--raw", "--calibration", lab / "rig.ps4cal"
     )
