@@ -1,11 +1,16 @@
-"""Check an output file before a command starts its work."""
+"""Check an output file before a command starts its work; lines of CSV."""
 
+import csv
+import io
 import os
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 from classify.durable_file import require_folder
 from classify.errors import InputError
+
+_BEGIN_FORMULAS = ("=", "+", "-", "@", "\t", "\r", "\n")
 
 
 def check_output(
@@ -50,3 +55,24 @@ def check_output(
 def is_input(path: Path, inputs: Iterable[Path]) -> bool:
     """Whether a file exists and is one of `inputs`, under any name."""
     return path.exists() and any(each.exists() and each.samefile(path) for each in inputs)
+
+
+def csv_line(cells: Iterable[Any]) -> str:
+    """Return a line of CSV (RFC 4180).
+
+    A text that a spreadsheet would take for a formula begins with an apostrophe (OWASP, "CSV
+    Injection"): names and labels come from people and from other programs.
+    """
+    line = io.StringIO()
+    csv.writer(line).writerow(map(_no_formula, cells))
+    return line.getvalue()
+
+
+def _no_formula(cell: Any) -> Any:
+    if not isinstance(cell, str) or not cell.startswith(_BEGIN_FORMULAS):
+        return cell
+    try:
+        float(cell)
+    except ValueError:
+        return f"'{cell}"
+    return cell

@@ -209,6 +209,11 @@ def light_fault(direction: Sequence[float], intensity: float = 1.0) -> str | Non
     return None
 
 
+def orientation_near(orientation_deg: float, near_deg: float) -> float:
+    """Return the same orientation, modulo 180, at most 90 degrees from `near_deg`."""
+    return near_deg + (orientation_deg - near_deg + 90.0) % 180.0 - 90.0
+
+
 def _numbers(values: npt.ArrayLike, name: str) -> npt.NDArray[np.float64]:
     try:
         return np.array(values, dtype=np.float64)

@@ -1,9 +1,25 @@
-"""Links of the READMEs: files that exist, and headings that they have."""
+"""Links of the READMEs lead somewhere, their examples in Python run; CITATION.cff."""
 
+import ast
 import re
+import sys
+import tomllib
 from collections.abc import Iterator
+from contextlib import chdir
 from functools import cache
 from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import pytest
+import yaml
+
+from capture import CalibrationFile, capture_set
+from capture.session.events import without_questions
+from capture.session.folder import make_session, session_folder
+from capture.session.runner import run_session
+from classify import TextureLibrary
+from rig import RigConfig, open_rig
 
 ROOT = Path(__file__).parent.parent
 FOLDERS = [ROOT / name for name in ("capture", "classify", "firmware_sim", "rig", "tests")]
@@ -57,3 +73,79 @@ def test_every_link_and_path_in_a_readme_leads_somewhere() -> None:
 def test_the_readmes_are_read_whole() -> None:
     assert len(pages()) > 10
     assert "a-session" in anchors(ROOT / "capture" / "README.md")
+
+
+EXAMPLE = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
+# Those of the station need one; tests/capture/station has them.
+EXAMPLES = {
+    f"{page.relative_to(ROOT)}, {number}": example
+    for page in (ROOT / "README.md", *(folder / "README.md" for folder in FOLDERS))
+    for number, example in enumerate(EXAMPLE.findall(page.read_text(encoding="utf-8")), start=1)
+}
+PLAN = """
+name = "fabrics"
+orientations_deg = [0, 40]
+[[specimen]]
+id = "rock-1"
+surface = "rock"
+[[specimen]]
+id = "sand-1"
+surface = "sand"
+"""
+
+
+@pytest.fixture(scope="module")
+def given(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """What the examples take for granted: names, and files of the folder `here`."""
+    here = tmp_path_factory.mktemp("examples")
+    config = RigConfig().with_changes(camera={"width_px": 256, "height_px": 256})
+    with open_rig(config) as rig:
+        captured = capture_set(rig, label="rock")
+    captured.save(here / "rock.ome.tif")
+    CalibrationFile().write(here / "rig.ps4cal")
+    (here / "fabrics.toml").write_text(PLAN)
+    with session_folder(make_session(here / "fabrics.toml")) as folder:
+        run_session(folder, config, without_questions, lambda _: None)
+    surface = captured.solve(planar=True)
+    match = TextureLibrary.train([("rock", surface)]).classify(surface)
+    goods = {"good_surfaces": [surface] * 3, "good_matches": [match] * 3}
+    return {"here": here, "images": captured.images, "surface": surface, "match": match, **goods}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_an_example_in_python_runs(
+    example: str, given: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    mpl.use("svg")
+    names = dict(given)
+    with chdir(given["here"]):
+        exec(compile(EXAMPLES[example], example, "exec"), names)
+    if "sets.csv" in EXAMPLES[example]:
+        slopes = re.fullmatch(r"rock-1: .* (.+)\nsand-1: .* (.+)\n", capsys.readouterr().out)
+        assert slopes is not None
+        assert all(0.1 < float(slope) < 1.0 for slope in slopes.groups())
+
+
+def test_no_example_needs_a_development_package() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    installed = {re.split(r"[^\w-]", each)[0] for each in project["dependencies"]}
+    allowed = installed | {each.name for each in FOLDERS} | sys.stdlib_module_names
+    examples = [each for page in pages() for each in EXAMPLE.findall(page.read_text("utf-8"))]
+    nodes = [node for each in examples for node in ast.walk(ast.parse(each))]
+    names = {each.name for node in nodes if isinstance(node, ast.Import) for each in node.names}
+    names |= {str(node.module) for node in nodes if isinstance(node, ast.ImportFrom)}
+    assert {each.partition(".")[0] for each in names} <= allowed
+
+
+def test_the_citation_is_that_of_the_package() -> None:
+    """The keys that CFF 1.2.0 requires, and what pyproject.toml says too."""
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert (citation["cff-version"], citation["type"]) == ("1.2.0", "software")
+    assert {"message", "authors"} <= set(citation)
+    same = (project["name"], project["version"], project["license"])
+    assert (citation["title"], citation["version"], citation["license"]) == same
+    [thesis] = citation["references"]
+    assert (thesis["type"], thesis["year"]) == ("thesis", 2003)
+    assert thesis["authors"] == [{"family-names": "Wu", "given-names": "Jiahua"}]

@@ -163,7 +163,10 @@ def observe_set(
 
 @dataclass(frozen=True)
 class ClassifiedSet:
-    """The match of a set, how it was solved, and fields of its metadata."""
+    """The match of a set, how it was solved, and fields of its metadata.
+
+    `trained` says whether the library was trained from a set of the same pixels.
+    """
 
     match: Match
     method: Method
@@ -171,6 +174,7 @@ class ClassifiedSet:
     label: str | None
     orientation_deg: float | None
     simulated: bool
+    trained: bool
     warnings: tuple[str, ...]
 
 
@@ -212,6 +216,7 @@ def classify_set(
         metadata.label,
         metadata.orientation_deg,
         metadata.simulated,
+        any(metadata.pixels_sha256 == pixels_sha256 for _, pixels_sha256 in trained.sources),
         loaded.warnings,
     )
 

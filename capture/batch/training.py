@@ -91,6 +91,7 @@ def retrain_library(
     batch: Batch,
     classifier: str,
     method: Method | None = None,
+    calibration: Path | None = None,
 ) -> TextureLibrary:
     """Train another classifier from the sets that the library at `path` was trained from.
 
@@ -108,11 +109,11 @@ def retrain_library(
     places = [path.absolute().parent / name for name, _ in library.sources]
     for place, (_, pixels_sha256) in zip(places, library.sources, strict=True):
         try:
-            found = read_header(place, method).pixels_sha256
+            found = read_header(place, method, calibration).pixels_sha256
         except InputError as error:
             raise LibraryError(
                 f"{path}: one of its training sets cannot be read ({error}); {remedy}"
             ) from error
         if found != pixels_sha256:
             raise LibraryError(f"{path}: its training set {place} has changed since; {remedy}")
-    return train_library(places, path.parent, batch, classifier, method)[0]
+    return train_library(places, path.parent, batch, classifier, method, calibration)[0]

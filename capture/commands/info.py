@@ -80,6 +80,9 @@ def _correct(paths: list[Path], values: dict[str, str]) -> None:
             metadata[path] = corrected(before, values, now)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
+    options.check_orientations(
+        "orientation_deg", *{changed.orientation_deg for changed in metadata.values()}
+    )
     for path, changed in metadata.items():
         replace(CapturedSet.load(path), metadata=changed).save(path)
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from capture.console import complain
 from classify.errors import InputError
 
 if TYPE_CHECKING:
@@ -32,6 +33,11 @@ Label = Annotated[str | None, typer.Option(help="Texture class of the part.")]
 Specimen = Annotated[str | None, typer.Option(help="Which piece it is, such as fabric-07.")]
 Operator = Annotated[str | None, typer.Option(help="Name of the operator.")]
 Note = Annotated[str | None, typer.Option(help="Anything else that belongs to the set.")]
+
+Orientation = Annotated[
+    float | None,
+    typer.Option(help="Orientation of the part, anticlockwise, if known.", metavar="DEG"),
+]
 
 
 def calibration(default: str) -> Any:
@@ -173,6 +179,15 @@ def with_part(
 
 def _given(values: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value is not None}
+
+
+def check_orientations(name: str, *degrees: float | None) -> None:
+    """Check orientations that are entered as `name`; beyond 360 degrees they are a warning."""
+    for each in degrees:
+        if each is not None and not math.isfinite(each):
+            raise InputError(f"{name} {each:g}: give degrees, such as 40")
+        if each is not None and abs(each) > 360.0:
+            complain(f"warning: {name} {each:g}: beyond 360 degrees; a typing error?")
 
 
 def degrees(option: str, text: str, example: str) -> list[float]:

@@ -34,6 +34,7 @@ def capture(
     specimen: options.Specimen = None,
     operator: options.Operator = None,
     note: options.Note = None,
+    orientation: options.Orientation = None,
     average: Annotated[int, typer.Option(min=1, help="Frames that each image averages.")] = 1,
     calibration: Annotated[Path | None, options.calibration("that of rig.toml")] = None,
     count: Annotated[
@@ -98,12 +99,22 @@ def capture(
         "defects": options.defects(defect),
         "seed": seed,
     }
+    options.check_orientations("--orientation", orientation)
     # All configurations are checked before the first set is captured.
     configs = [
         options.with_part(config, placement | {"rotate_deg": rotate_deg}, slant, bits, size)
         for rotate_deg in orientations_deg
     ]
-    describe = partial(described, specimen=specimen, operator=operator, note=note)
+    options.check_orientations("--rotate", *orientations_deg)
+    for rotated_deg in (each.simulation.placement.rotate_deg for each in configs if has_surface):
+        if orientation is not None and (orientation - rotated_deg) % 360.0:
+            raise InputError(
+                f"--orientation {orientation:g}: the simulated part is at {rotated_deg:g} degrees; "
+                f"give --rotate {orientation:g} instead"
+            )
+    describe = partial(
+        described, specimen=specimen, operator=operator, note=note, orientation_deg=orientation
+    )
     with open_rig(configs[0]) as opened:
         placements = [each.simulation.placement for each in configs]
         sets = _captured(opened, placements, count, label, average, known, target)
@@ -229,6 +240,7 @@ def import_(
     specimen: options.Specimen = None,
     operator: options.Operator = None,
     note: options.Note = None,
+    orientation: options.Orientation = None,
     force: options.Force = False,
     json: options.Json = False,
 ) -> None:
@@ -243,6 +255,7 @@ def import_(
     from capture.sets.ome_tiff import SUFFIX
     from classify import Lighting
 
+    options.check_orientations("--orientation", orientation)
     *images, output = paths
     warnings: Sequence[str] = ()
     if lights is not None:
@@ -267,7 +280,9 @@ def import_(
         crop=None if crop is None else _crop(crop), accept=accept or (), warnings=warnings,
         calibration=None if known is None else known.calibration,
     )  # fmt: skip
-    captured = described(captured, specimen=specimen, operator=operator, note=note)
+    captured = described(
+        captured, specimen=specimen, operator=operator, note=note, orientation_deg=orientation
+    )
     if known is not None:
         captured = captured.named_after(known)
     if calibration is not None and known is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
 from functools import partial
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from capture.console import complain, new_table, out, print_json, print_table, progress, reported
-from capture.outputs import check_output
+from capture.outputs import check_output, csv_line
 from classify.errors import InputError
 from classify.methods import CLASSIFIER_NAMES, DEFAULT_CLASSIFIER, METHODS, Method
 
@@ -46,6 +46,15 @@ LibrarySolver = Annotated[
         metavar="METHOD",
     ),
 ]
+
+CsvOption = Annotated[
+    Path | None,
+    typer.Option("--csv", help="Write a table with a line for each set.", metavar="FILE.csv"),
+]
+_CSV_OF_MATCH = (
+    "heading_deg", "distance", "limit", "runner_up", "runner_up_distance", "margin", "sharpness",
+    "blur_px", "reason",
+)  # fmt: skip
 
 
 @reported
@@ -94,6 +103,8 @@ def classify(
     library: LibraryOption,
     method: LibrarySolver = None,
     calibration: options.CalibrationOfSet = None,
+    csv: CsvOption = None,
+    force: options.Force = False,
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,
     json: options.Json = False,
@@ -103,8 +114,12 @@ def classify(
     from capture.sets.archive import find_sets
 
     paths = find_sets(sets)
+    if csv is not None:
+        check_output(csv, suffix=".csv", inputs=[*paths, library], force=force)
     with Batch(workers, scheduler) as batch:
         answers, trained = _classified(paths, library, batch, method, calibration=calibration)
+    if csv is not None:
+        _write_csv(csv, paths, answers, trained)
     if json:
         fields = (asdict(each.match) | _solved(each, trained) for each in answers)
         print_json([{"set": str(path), **own} for path, own in zip(paths, fields, strict=True)])
@@ -133,38 +148,60 @@ def evaluate_(
         ),
     ] = None,
     method: LibrarySolver = None,
+    calibration: options.CalibrationOfSet = None,
+    csv: CsvOption = None,
+    force: options.Force = False,
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,
     json: options.Json = False,
 ) -> None:
-    """Classify labelled sets and compare the answers with their labels."""
+    """Classify labelled sets and compare the answers with their labels.
+
+    Sets of textures that the library was not taught are counted for themselves.
+    """
     from capture.batch.runner import Batch
+    from capture.batch.tasks import warn_of_sets
     from capture.sets.archive import find_sets
     from classify import Trial, evaluate
 
     paths = find_sets(sets)
+    if csv is not None:
+        check_output(csv, suffix=".csv", inputs=[*paths, library], force=force)
     # The workers of a cluster see the folder of the library, but not the temporary folder here.
     folder = None if scheduler is None else library.absolute().parent
     with (
         Batch(workers, scheduler) as batch,
-        _library_for(library, classifier, method, batch, folder) as chosen,
+        _library_for(library, classifier, method, calibration, batch, folder) as chosen,
     ):
-        answers, trained = _classified(paths, chosen, batch, method, label_required=True)
+        answers, trained = _classified(
+            paths, chosen, batch, method, label_required=True, calibration=calibration
+        )
+    training = [path for path, answer in zip(paths, answers, strict=True) if answer.trained]
+    about = f"a training set of {library}; its result says nothing about new sets"
+    warn_of_sets((path, (about,)) for path in training)
+    if csv is not None:
+        _write_csv(csv, paths, answers, trained)
     trials = [Trial(answer.label or "", answer.orientation_deg, answer.match) for answer in answers]
-    result = evaluate(trials)
+    result = evaluate(trials, trained.classes)
     if json:
         used = sorted({answer.method for answer in answers})
-        print_json(_as_json(result) | {"methods": used, "library_method": trained.method})
+        solvers = {"methods": used, "library_method": trained.method}
+        print_json(_as_json(result) | {"training_sets": [*map(str, training)]} | solvers)
         return
+    if result.accuracy is not None:
+        _print_taught(result)
+    if result.untaught:
+        _print_untaught(result)
+
+
+def _print_taught(result: Evaluation) -> None:
     columns = ("class", "sets", "right", "accuracy", "median error", "95 % error", "wrong answers")
     table = new_table(*columns, prose="wrong answers")
     for label, row in result.per_class.items():
         errors = row.orientation_error_deg
-        counts = result.confusion[label].items()
-        wrong = [f"{answer or 'unknown'} {count}" for answer, count in counts if answer != label]
         shares = (str(row.sets), str(row.correct), f"{row.accuracy:.1%}")
         degrees = (_degrees(errors.median, 2), _degrees(errors.p95, 2))
-        table.add_row(label, *shares, *degrees, ", ".join(wrong))
+        table.add_row(label, *shares, *degrees, _wrong(result.confusion[label], label))
     print_table(table)
     errors = result.orientation_error_deg
     out.print(
@@ -172,6 +209,21 @@ def evaluate_(
         f"{result.unknown} unknown; orientation error {_degrees(errors.median, 2)} in the median, "
         f"{_degrees(errors.p95, 2)} at 95 %; heading found for {result.headings}, "
         f"{result.reversed} of them reversed{_blur(result.blur_px)}",
+        soft_wrap=True,
+    )
+
+
+def _print_untaught(result: Evaluation) -> None:
+    columns = ("class not taught", "sets", "unknown", "wrongly accepted as")
+    table = new_table(*columns, prose="wrongly accepted as")
+    for label, answers in sorted(result.untaught.items()):
+        counts = (str(sum(answers.values())), str(answers.get(None, 0)))
+        table.add_row(label, *counts, _wrong(answers, None))
+    print_table(table)
+    rejected, accepted = result.untaught_rejected, result.untaught_accepted
+    out.print(
+        f"textures not taught: {rejected} of {rejected + accepted} sets rightly unknown, "
+        f"{accepted} wrongly accepted",
         soft_wrap=True,
     )
 
@@ -241,6 +293,7 @@ def _library_for(
     library: Path,
     classifier: str | None,
     method: Method | None,
+    calibration: Path | None,
     batch: Batch,
     folder: Path | None,
 ) -> Iterator[Path]:
@@ -258,11 +311,54 @@ def _library_for(
     if classifier is None or same:
         yield library
         return
-    retrained = retrain_library(trained, library, batch, classifier, method)
+    retrained = retrain_library(trained, library, batch, classifier, method, calibration)
     with tempfile.TemporaryDirectory(prefix="ps4rig-", dir=folder) as temporary:
         path = Path(temporary) / library.name
         retrained.save(path)
         yield path
+
+
+def _write_csv(
+    path: Path, sets: list[Path], answers: list[ClassifiedSet], trained: TextureLibrary
+) -> None:
+    """Write a line for each set (RFC 4180); an empty cell is an unknown value."""
+    from classify import Trial
+    from classify.durable_file import durable_file
+    from classify.lighting import orientation_near
+
+    rows = []
+    for each, answer in zip(sets, answers, strict=True):
+        match, true_deg = answer.match, answer.orientation_deg
+        found_deg, error_deg = match.orientation_deg, None
+        if found_deg is not None and true_deg is not None:
+            found_deg = round(orientation_near(found_deg, true_deg), 6)
+            if Trial(answer.label or "", true_deg, match).is_correct:
+                error_deg = round(found_deg - true_deg, 6)
+        rows.append(
+            {
+                "set": str(each),
+                "true_label": answer.label,
+                "true_orientation_deg": true_deg,
+                "label": match.label,
+                "nearest": match.nearest,
+                "orientation_deg": found_deg,
+                "orientation_error_deg": error_deg,
+                **{name: getattr(match, name) for name in _CSV_OF_MATCH},
+                **_solved(answer, trained),
+                "training_set": answer.trained,
+            }
+        )
+    with durable_file(path) as temporary:
+        lines = map(csv_line, (rows[0], *(row.values() for row in rows)))
+        # A file name may contain bytes that are not UTF-8.
+        temporary.write_text("".join(lines), "utf-8", errors="backslashreplace", newline="")
+
+
+def _wrong(answers: Mapping[str | None, int], right: str | None) -> str:
+    wrong = (
+        f"{answer or 'unknown'} {count}" for answer, count in answers.items() if answer != right
+    )
+    return ", ".join(wrong)
 
 
 def _degrees(value: float | None, digits: int) -> str:
@@ -285,13 +381,23 @@ def _as_json(result: Evaluation) -> dict[str, Any]:
             }
             for label, row in result.per_class.items()
         },
-        "confusion": {
-            label: {answer or "unknown": count for answer, count in row.items()}
-            for label, row in result.confusion.items()
-        },
+        "confusion": _confusion(result.confusion),
         "orientation_error_deg": asdict(result.orientation_error_deg),
         "unknown": result.unknown,
         "headings": result.headings,
         "reversed": result.reversed,
         "blur_px": result.blur_px,
+        "untaught": {
+            "sets": result.untaught_rejected + result.untaught_accepted,
+            "unknown": result.untaught_rejected,
+            "accepted": result.untaught_accepted,
+            "confusion": _confusion(result.untaught),
+        },
+    }
+
+
+def _confusion(counts: Mapping[str, Mapping[str | None, int]]) -> dict[str, dict[str, int]]:
+    return {
+        label: {answer or "unknown": count for answer, count in row.items()}
+        for label, row in counts.items()
     }

@@ -30,8 +30,8 @@ class SetMeasures(Record):
     saturated, shadowed
         Shares of the pixels at full scale, and in shadow of a light.
     estimated_deg
-        Orientation by comparison with the first set of the specimen, [0, 180); None for that set,
-        and where the surface determines none.
+        Orientation by comparison with the first set of the specimen, modulo 180 nearest to the
+        entered one; None for that set, and where the surface determines none.
     blur_px
         By how much the set is blurrier than the first of the specimen; negative where sharper.
     warnings

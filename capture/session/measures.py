@@ -9,6 +9,7 @@ from capture.batch.tasks import LoadedSet
 from capture.sets.captured_set import CapturedSet
 from classify import SurfaceEstimate, TextureLibrary
 from classify.errors import InputError
+from classify.lighting import orientation_near
 from rig.acceptance import MAX_SATURATED_SHARE
 
 from .journal import SetMeasures
@@ -58,13 +59,14 @@ class SpecimenReference:
             )
         entered_deg, blur_px = captured.metadata.orientation_deg, self._blur_px(surface)
         estimated_deg = self.orientation_deg(surface, entered_deg)
-        if estimated_deg is not None and entered_deg is not None:
-            off_deg = (estimated_deg - entered_deg + 90.0) % 180.0 - 90.0
-            if abs(off_deg) > _MAX_PLACEMENT_DEG:
-                warnings.append(
-                    f"the texture stands at {estimated_deg:.0f} degrees, "
-                    f"{entered_deg % 180.0:g} were entered"
-                )
+        if (
+            estimated_deg is not None
+            and entered_deg is not None
+            and abs(estimated_deg - entered_deg) > _MAX_PLACEMENT_DEG
+        ):
+            warnings.append(
+                f"the texture stands at {estimated_deg:.0f} degrees, {entered_deg:g} were entered"
+            )
         if blur_px is not None and blur_px > _MAX_BLUR_PX:
             warnings.append(f"{blur_px:.1f} px blurrier than the first set of the specimen")
         found = {"estimated_deg": estimated_deg, "blur_px": blur_px}
@@ -73,7 +75,7 @@ class SpecimenReference:
     def orientation_deg(
         self, surface: SurfaceEstimate, entered_deg: float | None = None
     ) -> float | None:
-        """Orientation of a surface of the same specimen, [0, 180).
+        """Orientation of a surface of the same specimen, nearest to `entered_deg` modulo 180.
 
         None where the texture determines no orientation. A texture that looks the same after a
         quarter turn has several; the one near `entered_deg` counts, if it agrees as well as the
@@ -91,7 +93,8 @@ class SpecimenReference:
         if entered_deg is not None:
             near_deg, there = profile.best(entered_deg, _MAX_PLACEMENT_DEG)
             if agreement - there < _LEAST_DROP:
-                return near_deg
+                best_deg = near_deg
+            return orientation_near(best_deg, entered_deg)
         return best_deg
 
     def _blur_px(self, surface: SurfaceEstimate) -> float | None:

@@ -68,11 +68,10 @@ class PlacementGuide:
         now_deg = self.reference.orientation_deg(surface, self.asked_deg)
         if now_deg is None:
             return None
-        off_deg = (self.asked_deg - now_deg + 90.0) % 180.0 - 90.0
+        off_deg = self.asked_deg - now_deg
         way = "anticlockwise" if off_deg > 0.0 else "clockwise"
         todo = "good" if abs(off_deg) <= _GOOD_DEG else f"turn it by {abs(off_deg):.0f} {way}"
-        # A texture looks the same after a half turn: show the value nearest to the asked angle.
-        return f"now at {self.asked_deg - off_deg:.1f} degrees: {todo}"
+        return f"now at {now_deg:.1f} degrees: {todo}"
 
 
 @lru_cache(maxsize=1)

@@ -1,11 +1,12 @@
 """Accuracy, confusion and orientation errors of a library on labelled sets."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from classify.errors import InputError
+from classify.lighting import orientation_near
 
 from .match import Match
 
@@ -39,7 +40,7 @@ class Trial:
         found_deg = self.match.orientation_deg
         if self.orientation_deg is None or found_deg is None or not self.nearest_is_correct:
             return None
-        return abs((found_deg - self.orientation_deg + 90.0) % 180.0 - 90.0)
+        return abs(orientation_near(found_deg, self.orientation_deg) - self.orientation_deg)
 
     @property
     def is_reversed(self) -> bool | None:
@@ -94,12 +95,12 @@ class ClassResult:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Results over all trials.
+    """Results over all trials of taught classes; those of other classes are in `untaught` alone.
 
-    `confusion[true][matched]` counts sets; an unknown surface is matched with ``None``.
-    `headings` counts the correct trials with a known orientation and a heading, and `reversed`
-    counts those whose heading is off by more than 90 degrees. `blur_px` is the median blur of all
-    trials against their nearest training sets; None where the classifier finds no blur.
+    `confusion[true][matched]` counts sets; an unknown surface is matched with ``None``. `untaught`
+    counts in the same way. `headings` counts the correct trials with a known orientation and a
+    heading, and `reversed` counts those whose heading is off by more than 90 degrees. `blur_px` is
+    the median blur against the nearest training sets; None where the classifier finds no blur.
     """
 
     sets: int
@@ -110,24 +111,43 @@ class Evaluation:
     orientation_error_deg: OrientationError
     headings: int
     reversed: int
-    blur_px: float | None = None
+    blur_px: float | None
+    untaught: dict[str, dict[str | None, int]]
 
     @property
-    def accuracy(self) -> float:
-        """Share of correct trials; an unknown one is not correct."""
-        return self.correct / self.sets
+    def accuracy(self) -> float | None:
+        """Share of correct trials; an unknown one is not correct. None without trials."""
+        return self.correct / self.sets if self.sets else None
+
+    @property
+    def untaught_rejected(self) -> int:
+        """Trials of untaught classes that are rightly unknown."""
+        return sum(row.get(None, 0) for row in self.untaught.values())
+
+    @property
+    def untaught_accepted(self) -> int:
+        """Trials of untaught classes that are wrongly matched with a class."""
+        return sum(sum(row.values()) for row in self.untaught.values()) - self.untaught_rejected
 
 
-def evaluate(trials: Sequence[Trial]) -> Evaluation:
-    """Summarise trials; InputError without any."""
+def evaluate(trials: Sequence[Trial], classes: Collection[str]) -> Evaluation:
+    """Summarise trials of a library with these classes.
+
+    Raises
+    ------
+    InputError
+        Without trials.
+    """
     if not trials:
         raise InputError("nothing to evaluate; give at least one labelled set")
+    counts: dict[bool, dict[str, dict[str | None, int]]] = {True: {}, False: {}}
+    for trial in trials:
+        row = counts[trial.label in classes].setdefault(trial.label, {})
+        row[trial.match.label] = row.get(trial.match.label, 0) + 1
+    trials = [trial for trial in trials if trial.label in classes]
     by_class: dict[str, list[Trial]] = {}
-    confusion: dict[str, dict[str | None, int]] = {}
     for trial in trials:
         by_class.setdefault(trial.label, []).append(trial)
-        row = confusion.setdefault(trial.label, {})
-        row[trial.match.label] = row.get(trial.match.label, 0) + 1
     per_class = {
         label: ClassResult(
             len(group), sum(trial.is_correct for trial in group), _orientation_error(group)
@@ -141,11 +161,12 @@ def evaluate(trials: Sequence[Trial]) -> Evaluation:
         correct=sum(result.correct for result in per_class.values()),
         unknown=sum(trial.match.label is None for trial in trials),
         per_class=per_class,
-        confusion=confusion,
+        confusion=counts[True],
         orientation_error_deg=_orientation_error(trials),
         headings=len(reversals),
         reversed=sum(reversals),
         blur_px=float(np.median(blurs_px)) if blurs_px else None,
+        untaught=counts[False],
     )
 
 

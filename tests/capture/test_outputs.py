@@ -1,5 +1,6 @@
 """Which files a command may write."""
 
+import csv
 import os
 import re
 from collections.abc import Callable
@@ -7,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from capture.outputs import check_output
+from capture.outputs import check_output, csv_line
 from classify import InputError
 
 
@@ -60,3 +61,19 @@ def test_a_loop_of_links_is_no_folder(tmp_path: Path) -> None:
     loop = tmp_path / "loop"
     loop.symlink_to(loop)
     refuse(loop / "b.ome.tif", "there is no folder", force=True)
+
+
+@pytest.mark.parametrize(
+    ("cell", "written"),
+    [
+        ("=HYPERLINK(1)", "'=HYPERLINK(1)"),
+        ("@SUM(1)", "'@SUM(1)"),
+        ("+cmd|' /C calc'!A0", "'+cmd|' /C calc'!A0"),
+        ("-1.5", "-1.5"),
+        (-1.5, "-1.5"),
+        ("part-000001", "part-000001"),
+    ],
+)
+def test_a_spreadsheet_takes_no_cell_for_a_formula(cell: object, written: str) -> None:
+    [[found]] = csv.reader([csv_line([cell])])
+    assert found == written

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from classify import InputError, Lighting
-from classify.lighting import light_vectors
+from classify.lighting import light_vectors, orientation_near
 
 degrees = st.floats(0.0, 360.0, exclude_max=True)
 slants = st.floats(0.5, 89.0)
@@ -204,3 +204,16 @@ def test_lights_of_another_number_or_order_are_not_within_an_angle() -> None:
     assert not ring.within(180.0, Lighting.ring(45.0, (0, 90, 180)))
     assert not Lighting.ring(45.0, (0, 90, 180)).within(180.0, ring)
     assert ring.within(1e-5, Lighting(2.0 * ring.directions, np.array([1, 2, 3, 4.0])))
+
+
+@pytest.mark.parametrize(
+    ("orientation_deg", "near_deg", "folded_deg"),
+    [
+        (179.6, 0.0, -0.4), (0.2, 180.0, 180.2), (10.0, 370.0, 370.0), (45.0, -150.0, -135.0),
+        (100.0, 10.0, -80.0), (30.0, 20.0, 30.0),
+    ],
+)  # fmt: skip
+def test_an_orientation_is_folded_towards_another(
+    orientation_deg: float, near_deg: float, folded_deg: float
+) -> None:
+    assert orientation_near(orientation_deg, near_deg) == pytest.approx(folded_deg)

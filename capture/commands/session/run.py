@@ -62,6 +62,7 @@ def run(
 
     config, wanted = config_of(rig), read_plan(plan)
     check_plan(wanted, plan, config)
+    options.check_orientations(f"{plan}: orientations_deg", *wanted.orientations_deg)
     path = plan.absolute().parent / wanted.name
     if warning := search_warning(wanted, config):
         complain(f"warning: {plan}: {warning}")

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from capture.page.colours import curve_colour
 from capture.session.journal import SetEntry
 from classify import Spectra
+from classify.lighting import orientation_near
 
 from .analysis import Separation
 
@@ -74,7 +75,8 @@ def orientation_error_deg(entry: SetEntry) -> float | None:
     entered_deg = entry.entered_deg
     if entry.measures is None or entry.measures.estimated_deg is None or entered_deg is None:
         return None
-    return (entry.measures.estimated_deg - entered_deg + 90.0) % 180.0 - 90.0
+    # Folded anew, because the entered orientation may have been corrected.
+    return orientation_near(entry.measures.estimated_deg, entered_deg) - entered_deg
 
 
 def matrix_figure(separation: Separation) -> str:

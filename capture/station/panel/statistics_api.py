@@ -4,8 +4,9 @@ from collections.abc import Mapping
 
 from starlette.responses import Response
 
+from capture.outputs import csv_line
 from capture.station.results.history import Selection
-from capture.station.results.history_table import csv_line, tally_record
+from capture.station.results.history_table import tally_record
 from classify.errors import InputError
 
 from .access.roles import Role

@@ -1,11 +1,11 @@
 """A part of the history as a flat record, for CSV and JSON."""
 
-import csv
-import io
 import json
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from typing import Any, TextIO
+
+from capture.outputs import csv_line
 
 from .history import Counters, HistoryEntry, Tally
 from .rows import row_of
@@ -16,7 +16,6 @@ _FIRST = (
     "override", "set_removed_utc", "station_verdict",
 )  # fmt: skip
 _RENAMED = "decision"  # to verdict and station_verdict
-_BEGIN_FORMULAS = ("=", "+", "-", "@", "\t", "\r", "\n")
 COLUMNS = (*_FIRST, *(each.name for each in results.c if each.name not in (*_FIRST, _RENAMED)))
 
 
@@ -46,27 +45,6 @@ def csv_pieces(entries: Iterable[HistoryEntry]) -> Iterator[str]:
     yield csv_line(COLUMNS)
     for entry in entries:
         yield csv_line(map(_cell, record_of(entry).values()))
-
-
-def csv_line(cells: Iterable[Any]) -> str:
-    """Return a line of CSV (RFC 4180).
-
-    A text that a spreadsheet would take for a formula begins with an apostrophe (OWASP, "CSV
-    Injection"): names and labels come from people and from other programs.
-    """
-    line = io.StringIO()
-    csv.writer(line).writerow(map(_no_formula, cells))
-    return line.getvalue()
-
-
-def _no_formula(cell: Any) -> Any:
-    if not isinstance(cell, str) or not cell.startswith(_BEGIN_FORMULAS):
-        return cell
-    try:
-        float(cell)
-    except ValueError:
-        return f"'{cell}"
-    return cell
 
 
 def json_pieces(station: str, counters: Counters, entries: Iterable[HistoryEntry]) -> Iterator[str]:

@@ -81,7 +81,7 @@ def run_demo(output: Path, *, force: bool = False) -> None:
 
     entries = list(progress(classified(), len(tests), "classify"))
     trials = [entry.trial for entry in entries]
-    result = evaluate(trials)
+    result = evaluate(trials, library.classes)
     report = output / "report.html"
     write_report(report, entries, result, identity, config)
     table = new_table(*COLUMNS)

@@ -168,16 +168,14 @@ def test_a_set_without_its_calibration_is_refused_by_every_command(
         ("export", path, tmp_path / "a.ply"),
         ("export", path, tmp_path / "exported", "--maps"),
         ("compare", path, path, "--json"),
+        ("classify", path, "--library", library),
+        ("evaluate", path, "--library", library),
+        ("evaluate", path, "--library", library, "--classifier", "polar"),
     ):
         line = refused(*command)
         assert "was captured with the calibration" in line
         assert "give --calibration CAL, or solve --raw" in line
         assert ps4rig(*command, "--calibration", lab / "rig.ps4cal").exit_code == 0
-    assert "which is neither beside it nor in a folder" in refused(
-        "classify", path, "--library", library
-    )
-    given = ("--library", library, "--calibration", lab / "rig.ps4cal", "--json")
-    assert ps4rig("classify", path, *given).exit_code == 0
     choice = ("--raw", "--calibration", lab / "rig.ps4cal")
     for command in (
         ("solve", path, "--out", tmp_path / "x"),

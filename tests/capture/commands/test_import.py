@@ -71,6 +71,17 @@ def test_photographs_that_the_command_names_settle_which_namesakes_are_meant(
     assert ps4rig("import", *photographs, *options).exit_code == 0
 
 
+def test_the_known_orientation_of_photographs_is_kept(
+    ps4rig: Command, refused: Refused, photographs: list[Path], tmp_path: Path
+) -> None:
+    out = tmp_path / "a.ome.tif"
+    arguments = ("import", *photographs, "--slant", 40, out, "--orientation")
+    assert "--orientation nan: give degrees, such as 40" in refused(*arguments, "nan")
+    assert not out.exists()
+    assert ps4rig(*arguments, -30).exit_code == 0
+    assert CapturedSet.load(out).metadata.orientation_deg == -30.0
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -80,6 +80,16 @@ def test_a_corrected_label_is_what_a_library_learns(
     assert TextureLibrary.load(library).classes == ("elm",)
 
 
+@pytest.mark.parametrize(("degrees", "is_warned"), [(1200, True), (-361, True), (360, False)])
+def test_an_orientation_beyond_a_circle_is_a_warning(
+    ps4rig: Command, captured: Path, degrees: int, is_warned: bool
+) -> None:
+    result = ps4rig("info", captured, "--set", f"orientation_deg={degrees}")
+    assert result.exit_code == 0
+    assert (f"warning: orientation_deg {degrees}: " in result.stderr) == is_warned
+    assert CapturedSet.load(captured).metadata.orientation_deg == degrees
+
+
 @pytest.mark.parametrize(
     ("correction", "message"),
     [

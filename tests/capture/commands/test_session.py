@@ -61,6 +61,8 @@ def test_a_dry_run_shows_the_plan_and_captures_nothing(ps4rig: Command, plan: Pa
     # Five images of 16 bits.
     assert 4 * 2 * 5 * 96**2 <= answer["bytes"] < 4 * 2 * 5 * 96**2 + 100_000
     assert not (plan.parent / "fabrics").exists()
+    plan.write_text(plan.read_text().replace("[0, 30]", "[0, 1200]"))
+    assert "orientations_deg 1200: " in ps4rig("session", "run", plan, "--dry-run").stderr
 
 
 def test_a_plan_that_does_not_suit_the_rig_is_refused_before_a_folder_is_made(

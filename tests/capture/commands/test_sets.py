@@ -90,6 +90,31 @@ def test_orientations_and_counts_write_numbered_files(ps4rig: Command, tmp_path:
     assert abs(first - second).mean() < 0.3 * abs(first - rotated).mean()
 
 
+def test_an_orientation_is_entered_for_a_real_part(
+    ps4rig: Command, in_folder: Path, made_set: Command
+) -> None:
+    made_set(np.full((4, 16, 16), 9000, np.uint16)).save("part.ome.tif")
+    (in_folder / "rig.toml").write_text(
+        '[lights]\nport = "simulated"\n[camera]\nkind = "replay"\nset_file = "part.ome.tif"\n'
+    )
+    result = ps4rig("capture", "--orientation", 20, "--target", "again.ome.tif")
+    assert result.exit_code == 0
+    assert CapturedSet.load("again.ome.tif").metadata.orientation_deg == 20.0
+
+
+def test_an_orientation_must_be_that_of_a_simulated_part(
+    ps4rig: Command, refused: Refused, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.ome.tif"
+    arguments = ("capture", "--rig", "sim", "--size", 32, path, "--orientation", 30)
+    message = "--orientation 30: the simulated part is at 0 degrees; give --rotate 30 instead"
+    assert refused(*arguments) == message
+    assert "is at 20 degrees" in refused(*arguments, "--rotate", 30, "--rotate", 20)
+    assert list(tmp_path.iterdir()) == []
+    assert ps4rig(*arguments, "--rotate", 390).exit_code == 0
+    assert CapturedSet.load(path).metadata.orientation_deg == 30.0
+
+
 def test_numbers_go_on_after_existing_files_and_begin_at_1_with_force(
     ps4rig: Command, tmp_path: Path
 ) -> None:
