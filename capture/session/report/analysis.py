@@ -98,9 +98,10 @@ def analyse(
     entries = sorted(_captured(folder), key=lambda entry: entry.captured_utc or "")
     specimens: dict[str, SpecimenResult] = {}
     for entry in entries:
-        path = folder.first_set_of(entry.specimen)
-        if entry.specimen not in specimens and path is not None:
-            specimens[entry.specimen] = _specimen(path)
+        if entry.piece not in specimens:
+            path = folder.first_set_of(entry.piece)
+            if path is not None:
+                specimens[entry.piece] = _specimen(path)
     separation = _separation(folder.path, entries, specimens, on_progress)
     return SessionAnalysis(entries, specimens, separation, [*_remarks(entries, separation)])
 
@@ -139,24 +140,22 @@ def _separation(
     first_hashes = {
         each.loaded.captured.metadata.pixels_sha256: name for name, each in usable.items()
     }
-    compared, rows = [entry for entry in entries if entry.specimen in usable], []
+    compared, rows = [entry for entry in entries if entry.piece in usable], []
     for number, entry in enumerate(compared):
         assert entry.file is not None
         is_first = entry.pixels_sha256 in first_hashes
         surface = (
-            usable[entry.specimen].surface
-            if is_first
-            else _surface(LoadedSet.of(folder / entry.file))
+            usable[entry.piece].surface if is_first else _surface(LoadedSet.of(folder / entry.file))
         )
         found = library.distances(surface)
         # The distance of the first set to itself says nothing about repeated captures.
-        own = {entry.specimen: math.nan} if is_first else {}
+        own = {entry.piece: math.nan} if is_first else {}
         rows.append([(found | own)[name] for name in names])
         if on_progress is not None:
             on_progress((number + 1) / len(compared))
     distances = np.array(rows)
     filled = np.nan_to_num(distances, nan=0.0)
-    matrix = class_dissimilarities(filled, [names.index(entry.specimen) for entry in compared])
+    matrix = class_dissimilarities(filled, [names.index(entry.piece) for entry in compared])
     return Separation(
         names, compared, distances, matrix, dendrogram(matrix), embedding(filled, matrix)
     )
@@ -175,7 +174,7 @@ def _remarks(entries: list[SetEntry], separation: Separation | None) -> Iterator
         return
     names = separation.specimens
     own = [
-        row[names.index(entry.specimen)]
+        row[names.index(entry.piece)]
         for row, entry in zip(separation.distances, separation.entries, strict=True)
     ]
     repeated = [value for value in own if not math.isnan(value)]
@@ -184,8 +183,8 @@ def _remarks(entries: list[SetEntry], separation: Separation | None) -> Iterator
         nearest = names[int(np.nanargmin(row))]
         if math.isnan(distance):
             continue
-        if nearest != entry.specimen:
-            yield str(entry.file), f"looks more like {nearest} than like {entry.specimen}"
+        if nearest != entry.piece:
+            yield str(entry.file), f"looks more like {nearest} than like {entry.piece}"
         elif distance > _FAR * typical:
             times = f"{distance / typical:.1f} times as far"
             yield (
