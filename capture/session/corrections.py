@@ -1,12 +1,17 @@
 """Correct sets, and enter the corrections into the sessions of these sets."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
+from capture.batch.tasks import LoadedSet
+from capture.sets.metadata import SetMetadata
 from capture.sets.ome_tiff import read_header
+from classify.errors import InputError
 
-from .folder import JOURNAL, SETS, session_folder
+from .folder import JOURNAL, SETS, SessionFolder, session_folder
+from .journal import Description, SetEntry
+from .measures import SpecimenReference, measures_of_first
 
 
 def correct_in_sessions(paths: Iterable[Path], correct: Callable[[], None]) -> None:
@@ -34,11 +39,51 @@ def correct_in_sessions(paths: Iterable[Path], correct: Callable[[], None]) -> N
         ]
         correct()
         for session in sessions:
-            for planned in session.plan.sets():
-                entry = session.journal.entry_of(planned)
-                if entry is None or entry.file is None:
-                    continue
-                path = session.path / entry.file
-                if path in files:
-                    metadata, _ = read_header(path)
-                    session.enter_corrections(planned, metadata)
+            captured = [each for each in session.entries() if each.file]
+            enter_corrections(
+                session,
+                [
+                    (entry, read_header(path)[0])
+                    for entry in captured
+                    if (path := session.path / str(entry.file)) in files
+                ],
+            )
+
+
+def enter_corrections(folder: SessionFolder, found: Iterable[tuple[SetEntry, SetMetadata]]) -> None:
+    """Enter the present metadata of captured sets, and judge anew what they change.
+
+    Another specimen or orientation changes the measures of all sets of the specimens concerned.
+    """
+    journal, concerned = folder.journal, set[str]()
+    for entry, metadata in found:
+        changed = entry.model_copy(update={"description": Description.of(metadata)})
+        if changed != entry:
+            journal = journal.with_entry(changed)
+        if (changed.piece, changed.entered_deg) != (entry.piece, entry.entered_deg):
+            concerned |= {changed.piece, entry.piece}
+    if journal is folder.journal:
+        return
+    folder.update(journal)
+    for piece in concerned:
+        for entry in _measured_again(
+            [each for each in folder.entries() if each.piece == piece], folder.path
+        ):
+            journal = journal.with_entry(entry)
+    folder.update(journal)
+
+
+def _measured_again(entries: Iterable[SetEntry], folder: Path) -> Iterator[SetEntry]:
+    """Measure the sets of a specimen against the first of them; a damaged one stays as it is."""
+    reference: SpecimenReference | None = None
+    for entry in entries:
+        try:
+            loaded = LoadedSet.of(folder / (entry.file or ""))
+            measures = (
+                measures_of_first(loaded) if reference is None else reference.measures(loaded)
+            )
+            if reference is None and entry.piece:
+                reference = SpecimenReference(loaded)
+        except InputError:
+            continue
+        yield entry.model_copy(update={"measures": measures})

@@ -13,7 +13,7 @@ from capture.process.folder_lock import LOCK_FILE_SUFFIX, folder_lock
 from capture.process.log_file import append_line
 from capture.process.utc_time import utc_text
 from capture.sets.captured_set import CapturedSet
-from capture.sets.description import as_captured, corrections_of
+from capture.sets.description import as_captured
 from capture.sets.metadata import SetMetadata
 from capture.sets.ome_tiff import SUFFIX, read_header
 from classify.durable_file import durable_file, make_folder
@@ -130,17 +130,24 @@ class SessionFolder:
             stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
             path.rename(self.path / REPLACED / f"{stamp}-{path.name}")
 
+    def entries(self) -> Iterator[SetEntry]:
+        """Entries of the planned sets in the order of the plan, then those no longer planned."""
+        planned = [self.journal.entry_of(each) for each in self.plan.sets()]
+        entered = {entry.key: entry for entry in planned if entry is not None}
+        others = sorted((each for each in self.journal.entries if each.key not in entered),
+                        key=lambda each: each.key)  # fmt: skip
+        yield from (*entered.values(), *others)
+
     def read_again(self) -> Iterator[tuple[PlannedSet, SetMetadata | str | InputError]]:
-        """Read and hash the file of each captured set.
+        """Read and hash the file of each captured set, also of those no longer planned.
 
         Yields its metadata, why it is damaged, or the error of a file that could not be read and
         may be intact. A file that a killed run wrote but could not enter is left to `orphans`.
         """
-        for planned in self.plan.sets():
-            entry = self.journal.entry_of(planned)
-            if entry is None or entry.file is None or not (self.path / entry.file).is_file():
+        for entry in self.entries():
+            if entry.file is None or not (self.path / entry.file).is_file():
                 continue
-            path = self.path / entry.file
+            path, planned = self.path / entry.file, self.plan.planned(*entry.key)
             try:
                 metadata = CapturedSet.load(path).metadata
             except InputError as error:
@@ -151,13 +158,6 @@ class SessionFolder:
                 yield planned, metadata
             elif not self._is_unentered(planned, metadata):
                 yield planned, "its pixels are not those that the journal names"
-
-    def enter_corrections(self, planned: PlannedSet, metadata: SetMetadata) -> None:
-        """Enter what ``ps4rig info --set`` changed in a captured set since its entry."""
-        entry, corrected = self.journal.entry_of(planned), corrections_of(metadata)
-        if entry is not None and entry.corrected != corrected:
-            changed = entry.model_copy(update={"corrected": corrected})
-            self.update(self.journal.with_entry(changed))
 
     def give_up(self, planned: PlannedSet) -> None:
         """Move the file of a captured set to ``replaced``, and make the set missing again."""
@@ -208,12 +208,12 @@ class SessionFolder:
 
     def first_set_of(self, specimen: str) -> Path | None:
         """Path of the first captured set of a specimen, None if there is none."""
-        for planned in self.plan.sets():
-            if planned.specimen == specimen:
-                entry = self.journal.entry_of(planned)
-                if entry is not None and entry.file and (self.path / entry.file).is_file():
-                    return self.path / entry.file
-        return None
+        paths = (
+            self.path / each.file
+            for each in self.entries()
+            if each.file and each.piece == specimen != ""
+        )
+        return next((path for path in paths if path.is_file()), None)
 
     def bytes_of_sets(self) -> int:
         """Size of all captured sets."""

@@ -8,6 +8,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, FiniteFloat, ValidationError
 
+from capture.sets.description import FIELDS
+from capture.sets.metadata import SetMetadata
 from classify.durable_file import durable_file
 from classify.errors import InputError
 from classify.regular_file import read_regular_file
@@ -50,6 +52,26 @@ def _with_slashes(file: str) -> str:
     return PureWindowsPath(file).as_posix()  # also of a journal that was written on Windows
 
 
+class Description(Record):
+    """What the file of a set says of it.
+
+    `corrected` names the fields that ``ps4rig info --set`` changed.
+    """
+
+    label: str | None
+    specimen: str | None
+    operator: str | None
+    note: str | None
+    orientation_deg: FiniteFloat | None
+    corrected: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, metadata: SetMetadata) -> Self:
+        """Return the description in the metadata of a set."""
+        corrected = dict.fromkeys(each.field for each in metadata.corrections)
+        return cls(**{name: getattr(metadata, name) for name in FIELDS}, corrected=tuple(corrected))
+
+
 class SetEntry(Record):
     """A planned set that has its file, or was left out.
 
@@ -57,12 +79,10 @@ class SetEntry(Record):
     ----------
     file, pixels_sha256, captured_utc, measures
         None for a set that was left out.
-    label
-        Class in the file; None in entries of earlier versions.
+    description
+        What its file says of it, with later corrections; None for a set that was left out.
     skipped
         Why it was left out; None for a captured set.
-    corrected
-        Corrections by ``ps4rig info --set``: the present values by the names of their fields.
     """
 
     specimen: str
@@ -71,10 +91,9 @@ class SetEntry(Record):
     file: Annotated[str, AfterValidator(_with_slashes)] | None = None
     pixels_sha256: str | None = None
     captured_utc: str | None = None
-    label: str | None = None
+    description: Description | None = None
     measures: SetMeasures | None = None
     skipped: str | None = None
-    corrected: dict[str, FiniteFloat | str | None] = Field(default_factory=dict)
 
     @property
     def key(self) -> tuple[str, float, int]:
@@ -84,8 +103,14 @@ class SetEntry(Record):
     @property
     def entered_deg(self) -> float | None:
         """Orientation of the set as planned, or as corrected later; None if that removed it."""
-        value = self.corrected.get("orientation_deg", self.orientation_deg)
-        return value if isinstance(value, float) else None
+        return (
+            self.orientation_deg if self.description is None else self.description.orientation_deg
+        )
+
+    @property
+    def piece(self) -> str:
+        """Specimen of the set as planned, or as corrected later; empty if that removed it."""
+        return self.specimen if self.description is None else self.description.specimen or ""
 
 
 class RunRecord(Record):

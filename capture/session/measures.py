@@ -38,12 +38,13 @@ class SpecimenReference:
     """
 
     def __init__(self, loaded: LoadedSet) -> None:
-        self._orientation_deg = loaded.captured.metadata.orientation_deg or 0.0
+        self._orientation_deg = loaded.captured.metadata.orientation_deg
         self._signal = float(np.sum(light_signals(loaded.captured)))
         self._library: TextureLibrary | None = None
         try:
             surface = _solved(loaded)
-            self._library = TextureLibrary.train([("specimen", surface, self._orientation_deg)])
+            reference = ("specimen", surface, self._orientation_deg or 0.0)
+            self._library = TextureLibrary.train([reference])
         except InputError:
             pass  # too small or too empty for a texture: no orientation, and no focus
 
@@ -58,7 +59,9 @@ class SpecimenReference:
                 "specimen"
             )
         entered_deg, blur_px = captured.metadata.orientation_deg, self._blur_px(surface)
-        estimated_deg = self.orientation_deg(surface, entered_deg)
+        estimated_deg = None
+        if self._orientation_deg is not None:
+            estimated_deg = self.orientation_deg(surface, entered_deg)
         if (
             estimated_deg is not None
             and entered_deg is not None
@@ -77,7 +80,8 @@ class SpecimenReference:
     ) -> float | None:
         """Orientation of a surface of the same specimen, nearest to `entered_deg` modulo 180.
 
-        None where the texture determines no orientation. A texture that looks the same after a
+        Relative to the first set if that has no orientation. None where the texture determines
+        none. A texture that looks the same after a
         quarter turn has several; the one near `entered_deg` counts, if it agrees as well as the
         best.
         """

@@ -14,11 +14,12 @@ from capture.calibration.lookup import FoundCalibration, keep_beside, read_calib
 from capture.errors import SetRejected
 from capture.process.utc_time import utc_text
 from capture.sets.captured_set import CapturedSet
-from capture.sets.description import corrections_of, described
+from capture.sets.description import described
 from capture.sets.set_calibration import calibration_of
 from classify.errors import InputError, Ps4rigError
 from rig import HardwareError, Placement, Rig, RigConfig, open_rig
 
+from .corrections import enter_corrections
 from .events import (
     Answer,
     Ask,
@@ -36,7 +37,7 @@ from .events import (
 )
 from .exposure import find_exposure_ms
 from .folder import SessionFolder
-from .journal import FinishReason, RunRecord, SetEntry
+from .journal import Description, FinishReason, RunRecord, SetEntry
 from .measures import SpecimenReference, measures_of_first
 from .plan import SEARCH, PlannedSet
 from .rig_checks import check_rig
@@ -160,14 +161,18 @@ class _Runner:
     def read_again(self) -> None:
         """Set damaged files aside, and enter what was corrected in the others."""
         self._publish(StateChanged(State.READING, None))
+        planned_sets, intact = set(self._folder.plan.sets()), []
         for planned, found in self._folder.read_again():
             if isinstance(found, InputError):
                 raise found
+            entry = self._folder.journal.entry_of(planned)
             if isinstance(found, str):
-                self._folder.give_up(planned)
-                self._publish(SetDamaged(planned, found))
-            else:
-                self._folder.enter_corrections(planned, found)
+                if planned in planned_sets:
+                    self._folder.give_up(planned)
+                    self._publish(SetDamaged(planned, found))
+            elif entry is not None:
+                intact.append((entry, found))
+        enter_corrections(self._folder, intact)
 
     def adopt(self) -> None:
         """Enter the files that an earlier run wrote but could not enter into the journal."""
@@ -308,7 +313,8 @@ class _Runner:
 
     def _entry(self, planned: PlannedSet, loaded: LoadedSet) -> SetEntry:
         """Measure a set against the first one of its specimen."""
-        captured, first = loaded.captured, self._folder.first_set_of(planned.specimen)
+        metadata = loaded.captured.metadata
+        first = self._folder.first_set_of(metadata.specimen or "")
         if first is None:
             measures = measures_of_first(loaded)
         else:
@@ -319,11 +325,10 @@ class _Runner:
             specimen=planned.specimen,
             orientation_deg=planned.orientation_deg,
             repeat=planned.repeat,
-            pixels_sha256=captured.metadata.pixels_sha256,
-            captured_utc=captured.metadata.created_utc,
-            label=captured.label,
+            pixels_sha256=metadata.pixels_sha256,
+            captured_utc=metadata.created_utc,
+            description=Description.of(metadata),
             measures=measures,
-            corrected=corrections_of(captured.metadata),
         )
 
     def _leave_out(self, planned_sets: Iterable[PlannedSet], reason: str) -> None:

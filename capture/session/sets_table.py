@@ -21,7 +21,7 @@ def sets_table(plan: SessionPlan, journal: Journal) -> str:
     writer.writerow(COLUMNS)
     labels = {each.id: each.label or each.id for each in plan.specimen}
     for entry in _entries(plan, journal):
-        writer.writerow(_row(entry, entry.label or labels.get(entry.specimen, "")))
+        writer.writerow(_row(entry, labels.get(entry.specimen)))
     return text.getvalue()
 
 
@@ -38,17 +38,14 @@ def _entries(plan: SessionPlan, journal: Journal) -> Iterator[SetEntry]:
     yield from (entry for entry in journal.entries if entry.key not in planned_keys)
 
 
-def _row(entry: SetEntry, label: str) -> list[object]:
+def _row(entry: SetEntry, label: str | None) -> list[object]:
     state = "captured" if entry.file else "left out" if entry.skipped else "missing"
-    said, entered_deg = entry.corrected, entry.entered_deg
+    said = entry.description
     row: list[object] = [
-        said.get("specimen", entry.specimen), said.get("label", label),
-        None if entered_deg is None else f"{entered_deg:g}", entry.repeat, state, entry.file,
-        entry.captured_utc,
+        entry.piece, label if said is None else said.label, _exact(entry.entered_deg),
+        entry.repeat, state, entry.file, entry.captured_utc,
     ]  # fmt: skip
-    corrections = "; ".join(
-        f"{field}={'' if value is None else value}" for field, value in said.items()
-    )
+    corrections = "" if said is None else "; ".join(said.corrected)
     if entry.measures is None:
         unknown = [None] * 5
         return [*row, *unknown, entry.skipped, entry.pixels_sha256, corrections]
@@ -64,6 +61,10 @@ def _row(entry: SetEntry, label: str) -> list[object]:
         entry.pixels_sha256,
         corrections,
     ]
+
+
+def _exact(value: float | None) -> str | None:
+    return None if value is None else repr(value).removesuffix(".0")
 
 
 def _rounded(value: float | None, digits: int) -> float | None:

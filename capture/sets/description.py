@@ -62,11 +62,6 @@ def corrected(
     return metadata.model_copy(update={**changes, "corrections": metadata.corrections + entries})
 
 
-def corrections_of(metadata: SetMetadata) -> dict[str, str | float | None]:
-    """Return the present values of the fields that were corrected, by name."""
-    return {each.field: getattr(metadata, each.field) for each in metadata.corrections}
-
-
 def as_captured(metadata: SetMetadata, field: str) -> str | float | None:
     """Return the value of a field before all corrections."""
     before = (each.before for each in metadata.corrections if each.field == field)

@@ -8,7 +8,10 @@ import numpy.typing as npt
 from scipy.cluster import hierarchy
 from scipy.spatial.distance import squareform
 
+from classify.classifiers import classifier_named
 from classify.errors import InputError
+
+from .texture_library import TextureLibrary
 
 Matrix = npt.NDArray[np.float64]
 
@@ -35,6 +38,17 @@ def class_dissimilarities(distances: Matrix, classes: Sequence[int]) -> Matrix:
     both: Matrix = 0.5 * (one_way + one_way.T)
     np.fill_diagonal(both, 0.0)
     return both
+
+
+def limits_alone(library: TextureLibrary) -> dict[str, float]:
+    """Limit of each class by its own scatter: it may exceed the distance to another class."""
+    limits, labels = classifier_named(library.classifier).limits, np.array(library.labels)
+    found: dict[str, float] = {}
+    for label in library.classes:
+        own = labels == label
+        found |= limits(labels[own].tolist(), [0] * int(own.sum()), library.signatures[own],
+                        library.parameters)  # fmt: skip
+    return found
 
 
 class Dendrogram(NamedTuple):

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import NormalDist
 
 import numpy as np
 import numpy.typing as npt
@@ -20,12 +21,14 @@ from classify.library.dissimilarity import (
     class_dissimilarities,
     dendrogram,
     embedding,
+    limits_alone,
 )
 
 Matrix = npt.NDArray[np.float64]
-# A set farther from the first set of its specimen than this multiple of the median gets a remark.
-# In test_report.py the sets of a specimen reach 1.2 times, a set of another specimen 21 times.
-_FAR = 3.0
+# Distances of patches of one texture are log-normal with this deviation (joint_limits.py). Of the
+# largest of a session's distances, one in a hundred sessions has one beyond the limit by chance.
+_SPREAD = 0.43
+_CHANCE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +52,8 @@ class Separation:
         The n sets of these specimens.
     distances
         (n, C) of each set to the first set of each specimen; NaN for the first sets themselves.
+    limits
+        (C,) distance beyond which a part is not the texture of a specimen.
     dissimilarities, tree
         (C, C) of the specimens, and their grouping.
     places
@@ -58,6 +63,7 @@ class Separation:
     specimens: list[str]
     entries: list[SetEntry]
     distances: Matrix
+    limits: Matrix
     dissimilarities: Matrix
     tree: Dendrogram
     places: Matrix
@@ -98,9 +104,10 @@ def analyse(
     entries = sorted(_captured(folder), key=lambda entry: entry.captured_utc or "")
     specimens: dict[str, SpecimenResult] = {}
     for entry in entries:
-        path = folder.first_set_of(entry.specimen)
-        if entry.specimen not in specimens and path is not None:
-            specimens[entry.specimen] = _specimen(path)
+        if entry.piece not in specimens:
+            path = folder.first_set_of(entry.piece)
+            if path is not None:
+                specimens[entry.piece] = _specimen(path)
     separation = _separation(folder.path, entries, specimens, on_progress)
     return SessionAnalysis(entries, specimens, separation, [*_remarks(entries, separation)])
 
@@ -139,26 +146,26 @@ def _separation(
     first_hashes = {
         each.loaded.captured.metadata.pixels_sha256: name for name, each in usable.items()
     }
-    compared, rows = [entry for entry in entries if entry.specimen in usable], []
+    compared, rows = [entry for entry in entries if entry.piece in usable], []
     for number, entry in enumerate(compared):
         assert entry.file is not None
         is_first = entry.pixels_sha256 in first_hashes
         surface = (
-            usable[entry.specimen].surface
-            if is_first
-            else _surface(LoadedSet.of(folder / entry.file))
+            usable[entry.piece].surface if is_first else _surface(LoadedSet.of(folder / entry.file))
         )
         found = library.distances(surface)
         # The distance of the first set to itself says nothing about repeated captures.
-        own = {entry.specimen: math.nan} if is_first else {}
+        own = {entry.piece: math.nan} if is_first else {}
         rows.append([(found | own)[name] for name in names])
         if on_progress is not None:
             on_progress((number + 1) / len(compared))
     distances = np.array(rows)
     filled = np.nan_to_num(distances, nan=0.0)
-    matrix = class_dissimilarities(filled, [names.index(entry.specimen) for entry in compared])
+    matrix = class_dissimilarities(filled, [names.index(entry.piece) for entry in compared])
+    alone = limits_alone(library)
+    limits = np.array([alone[name] for name in names])
     return Separation(
-        names, compared, distances, matrix, dendrogram(matrix), embedding(filled, matrix)
+        names, compared, distances, limits, matrix, dendrogram(matrix), embedding(filled, matrix)
     )
 
 
@@ -173,22 +180,39 @@ def _remarks(entries: list[SetEntry], separation: Separation | None) -> Iterator
         seen.setdefault(entry.pixels_sha256, entry.file)
     if separation is None:
         return
-    names = separation.specimens
-    own = [
-        row[names.index(entry.specimen)]
-        for row, entry in zip(separation.distances, separation.entries, strict=True)
-    ]
-    repeated = [value for value in own if not math.isnan(value)]
-    typical = float(np.median(repeated)) if repeated else math.nan
-    for entry, row, distance in zip(separation.entries, separation.distances, own, strict=True):
+    yield from strangers(separation)
+
+
+def strangers(separation: Separation) -> Iterator[tuple[str, str]]:
+    """Sets that look like another class, or like none.
+
+    A set is far if it is beyond the limit of its specimen, and by more than sets of the session
+    are: of a single material all distances are large, because its own quarters are the unit.
+    """
+    names, entries = separation.specimens, separation.entries
+    labels = {entry.piece: entry.description and entry.description.label for entry in entries}
+    own = np.array([names.index(entry.piece) for entry in entries])
+    shares = separation.distances[range(len(own)), own] / separation.limits[own]
+    known = shares[~np.isnan(shares)]
+    if not len(known):
+        return
+    deviations = NormalDist().inv_cdf(1.0 - _CHANCE / len(known))
+    far = max(1.0, float(np.median(known)) * math.exp(_SPREAD * deviations))
+    for entry, row, share in zip(entries, separation.distances, shares, strict=True):
         nearest = names[int(np.nanargmin(row))]
-        if math.isnan(distance):
+        if math.isnan(share):
             continue
-        if nearest != entry.specimen:
-            yield str(entry.file), f"looks more like {nearest} than like {entry.specimen}"
-        elif distance > _FAR * typical:
-            times = f"{distance / typical:.1f} times as far"
-            yield (
-                str(entry.file),
-                f"is {times} from the first set of its specimen as sets usually are",
+        if labels[nearest] != labels[entry.piece]:
+            said = (
+                f"looks more like {nearest} than like {entry.piece}; if that specimen lay below "
+                f"the camera, correct the set with ps4rig info --set specimen={nearest}"
             )
+        elif share > far:
+            said = (
+                f"its distance from the first set of {entry.piece} is {share / far:.1f} times the "
+                "limit; compare both with ps4rig compare; if this one is wrong, delete its file, "
+                "and ps4rig session resume captures it again"
+            )
+        else:
+            continue
+        yield str(entry.file), said

@@ -32,7 +32,7 @@ def levels_figure(entries: Sequence[SetEntry]) -> str:
         if entry.measures is None or entry.captured_utc is None:
             continue
         levels = entry.measures.led_levels
-        base = first.setdefault((entry.specimen, len(levels)), levels)
+        base = first.setdefault((entry.piece, len(levels)), levels)
         days = datetime.fromisoformat(entry.captured_utc).timestamp() / 86_400.0
         for light, value in enumerate(100.0 * np.array(levels) / np.maximum(base, 1e-6)):
             curves.setdefault(light, []).append((days, value))
@@ -52,11 +52,11 @@ def levels_figure(entries: Sequence[SetEntry]) -> str:
 def orientations_figure(entries: Sequence[SetEntry]) -> str:
     """Draw how far the estimated orientation of each set is from the entered one."""
     figure, axes = _figure(7.0, 2.6)
-    for number, specimen in enumerate(dict.fromkeys(entry.specimen for entry in entries)):
+    for number, specimen in enumerate(dict.fromkeys(entry.piece for entry in entries)):
         points = [
             (entry.entered_deg, off_deg)
             for entry in entries
-            if entry.specimen == specimen and (off_deg := orientation_error_deg(entry)) is not None
+            if entry.piece == specimen and (off_deg := orientation_error_deg(entry)) is not None
         ]
         if points:
             axes.plot(
@@ -105,7 +105,7 @@ def map_figure(separation: Separation) -> str:
     """Draw all sets in a plane in which near sets look alike."""
     figure, axes = _figure(7.0, 5.0)
     for number, specimen in enumerate(separation.specimens):
-        chosen = [entry.specimen == specimen for entry in separation.entries]
+        chosen = [entry.piece == specimen for entry in separation.entries]
         axes.plot(
             *separation.places[chosen].T, _mark(number), markersize=5, color=curve_colour(number),
             label=specimen, alpha=0.8,

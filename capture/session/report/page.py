@@ -91,7 +91,7 @@ def _specimen(specimen: Specimen, result: SpecimenResult, found: SessionAnalysis
     if result.spectra is not None:
         caption = "polar spectra of gradient (blue) and albedo (red)"
         images.append(image_html(figures.spectrum_figure(result.spectra), "polar spectra", caption))
-    count = sum(entry.specimen == specimen.id for entry in found.entries)
+    count = sum(entry.piece == specimen.id for entry in found.entries)
     label, note = specimen.label or specimen.id, f", {specimen.note}" if specimen.note else ""
     return (
         f"<h3>{escape(specimen.id)}</h3><p>class {escape(label)}{escape(note)}, {count} sets</p>"
