@@ -89,7 +89,7 @@ def kept_because(file: CalibrationFile, new: MeasuredPart) -> str | None:
     if lost is not None:
         return f"it has {lost}, which the new one lacks"
     before, now = (_ERRORS[new.name](each) for each in (known, found))
-    if now <= _WORSE * before or gained == _POSITIONS:
+    if now <= max(_WORSE * before, _SMALL[new.name]) or gained == _POSITIONS:
         return None
     return f"its error is {before:.2g}, that of the new one {now:.2g}"
 
@@ -261,6 +261,10 @@ _ERRORS: dict[PartName, Callable[[_Known], float]] = {
     "lights": lambda each: _error_of_lights(each.part),
     "scale": lambda each: float(each.part.error),
 }
+# Errors that are all the same to the normals and lengths of a part.
+_SMALL: dict[PartName, float] = {
+    "dark": 0.0, "response": 5e-4, "noise": 5e-3, "flat_field": 1e-3, "lights": 2e-3, "scale": 5e-4,
+}  # fmt: skip
 # What one part of a kind may have and another lack.
 _EXTRAS: dict[PartName, tuple[str, Callable[[_Known], bool]]] = {
     "scale": ("a focal length", lambda each: each.part.focal_px is not None),

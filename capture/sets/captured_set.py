@@ -92,8 +92,8 @@ class CapturedSet:
         """The setting of rig and camera that a calibration of the set must have."""
         return setting_of(self.metadata, self.images.shape[1:])
 
-    def named_after(self, file: CalibrationFile) -> CapturedSet:
-        """Return the set with the name of its calibration.
+    def with_calibration(self, file: CalibrationFile) -> CapturedSet:
+        """Return the set with a calibration, which its metadata name.
 
         Raises
         ------

@@ -159,6 +159,7 @@ def test_a_part_as_good_replaces_the_known_one(name: PartName) -> None:
     [
         (lights(px=None), lights(distance=0.13, deg=1.0)),
         (scale(error=0.01), scale(0.123, 0.001)),
+        (scale(error=0.00001), scale(error=0.0004)),
         (flat_field(placements=1), flat_field()),
         (dark(frames=2), dark()),
     ],
