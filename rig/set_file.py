@@ -34,16 +34,7 @@ class OtherVersionError(InputError):
 
 
 def read_set_file(path: Path) -> tuple[Planes, dict[str, Any]]:
-    """Read the pages and the metadata fields of a captured set, and check their hashes.
-
-    Returns
-    -------
-    planes
-        (pages, H, W) uint16: the light images in order, then the ambient image and the mask if
-        they exist.
-    fields
-        JSON values of the file, not validated.
-    """
+    """Read the pages (light images, ambient image, mask) and the metadata fields; check hashes."""
     with opened_tiff(path) as tiff:
         fields, _ = _header(tiff, path)
         planes: Planes = np.stack([page.asarray() for page in tiff.pages])

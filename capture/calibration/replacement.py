@@ -89,7 +89,7 @@ def kept_because(file: CalibrationFile, new: MeasuredPart) -> str | None:
     if lost is not None:
         return f"it has {lost}, which the new one lacks"
     before, now = (_ERRORS[new.name](each) for each in (known, found))
-    if now <= _WORSE * before or gained == _POSITIONS:
+    if now <= max(_WORSE * before, _SMALL[new.name]) or gained == _POSITIONS:
         return None
     return f"its error is {before:.2g}, that of the new one {now:.2g}"
 
@@ -169,10 +169,17 @@ def _lights(known: _Known, found: _Known) -> Iterator[Difference]:
     cosines = np.einsum("lx,lx->l", before.lighting.directions, now.lighting.directions)
     angles_deg = np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))
     errors_deg = zip(before.direction_errors_deg, now.direction_errors_deg, strict=True)
-    for light, (angle_deg, errors) in enumerate(zip(angles_deg, errors_deg, strict=True)):
-        limit_deg = _limit(_FLOOR_DIRECTION_DEG, *errors)
-        yield Difference(f"light {light} in another direction", angle_deg, limit_deg, "degrees")
     ours, theirs = before.lighting.positions_px, now.lighting.positions_px
+    floors_deg = np.full(len(angles_deg), _FLOOR_DIRECTION_DEG)
+    single = ours if theirs is None else theirs if ours is None else None
+    if single is not None:
+        # A direction alone is that from the place of the sphere, above the plane of the positions.
+        half_px = 0.5 * max(known.record.setting.width_px, known.record.setting.height_px)
+        parallax = np.arctan(half_px / np.linalg.norm(single, axis=1))
+        floors_deg = np.maximum(floors_deg, np.degrees(parallax))
+    for light, (angle_deg, errors) in enumerate(zip(angles_deg, errors_deg, strict=True)):
+        limit_deg = _limit(floors_deg[light], *errors)
+        yield Difference(f"light {light} in another direction", angle_deg, limit_deg, "degrees")
     if ours is None or theirs is None:
         return
     assert before.distance_errors is not None
@@ -254,6 +261,10 @@ _ERRORS: dict[PartName, Callable[[_Known], float]] = {
     "lights": lambda each: _error_of_lights(each.part),
     "scale": lambda each: float(each.part.error),
 }
+# Errors that are all the same to the normals and lengths of a part.
+_SMALL: dict[PartName, float] = {
+    "dark": 0.0, "response": 5e-4, "noise": 5e-3, "flat_field": 1e-3, "lights": 2e-3, "scale": 5e-4,
+}  # fmt: skip
 # What one part of a kind may have and another lack.
 _EXTRAS: dict[PartName, tuple[str, Callable[[_Known], bool]]] = {
     "scale": ("a focal length", lambda each: each.part.focal_px is not None),

@@ -284,7 +284,7 @@ def import_(
         captured, specimen=specimen, operator=operator, note=note, orientation_deg=orientation
     )
     if known is not None:
-        captured = captured.named_after(known)
+        captured = captured.with_calibration(known)
     if calibration is not None and known is not None:
         keep_beside(calibration, known, output)
     captured.save(output)

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from capture.calibration.lookup import read_calibration
+from capture.calibration.ps4cal import CalibrationFile
 from capture.sets.ome_tiff import read_header
 from classify.calibration.dark import Dark, measured_at
 from classify.errors import InputError
@@ -53,6 +54,8 @@ def check_plan(plan: SessionPlan, source: Path, config: RigConfig) -> None:
             f"{source}: calibration_required, but the rig names no calibration; make "
             "one with ps4rig calibrate, and set calibration = 'FILE.ps4cal' in rig.toml"
         )
+    if config.calibration is not None:
+        _check_calibration(read_calibration(Path(config.calibration)), config)
     exposure_ms = config.camera.exposure_ms if plan.exposure_ms is None else plan.exposure_ms
     dark = _dark_of(config)
     if dark is not None and exposure_ms != SEARCH and not dark.holds_at(float(exposure_ms)):
@@ -60,6 +63,30 @@ def check_plan(plan: SessionPlan, source: Path, config: RigConfig) -> None:
             f"{source}: exposure_ms = {exposure_ms:g}, but dark frames {measured_at(dark)} "
             f"({config.calibration}); set camera.exposure_ms = {exposure_ms:g} in rig.toml, and "
             "ps4rig calibrate dark adds this exposure"
+        )
+
+
+def _check_calibration(file: CalibrationFile, config: RigConfig) -> None:
+    """Check a calibration against what a configuration says of rig and frame."""
+    camera = config.camera
+    if camera.kind == "replay":  # its frames are those of the set
+        return
+    stated = {
+        "rig_name": config.name,
+        "width_px": camera.width_px,
+        "height_px": camera.height_px,
+        "bit_depth": camera.bits,
+        "light_directions": tuple(map(tuple, config.lights.lighting.directions.tolist())),
+    }
+    causes = [
+        cause
+        for name, record in file.records.items()
+        for cause in file.differences(name, record.setting.model_copy(update=stated))
+    ]
+    if causes:
+        raise InputError(
+            f"{file.path}: the calibration does not hold for the rig: "
+            f"{'; '.join(dict.fromkeys(causes))}; restore the setting, or calibrate again"
         )
 
 

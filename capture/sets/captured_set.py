@@ -92,8 +92,8 @@ class CapturedSet:
         """The setting of rig and camera that a calibration of the set must have."""
         return setting_of(self.metadata, self.images.shape[1:])
 
-    def named_after(self, file: CalibrationFile) -> CapturedSet:
-        """Return the set with the name of its calibration.
+    def with_calibration(self, file: CalibrationFile) -> CapturedSet:
+        """Return the set with a calibration, which its metadata name.
 
         Raises
         ------
@@ -122,8 +122,8 @@ class CapturedSet:
         Parameters
         ----------
         calibration
-            Calibration of this rig; by default the one that the set names, which is looked for as
-            by ``ps4rig solve``.
+            Calibration of this rig; by default the one that the set was captured with, or the one
+            that it names, which is looked for as by ``ps4rig solve``.
         raw
             Use no calibration.
 
@@ -149,8 +149,9 @@ class CapturedSet:
         )  # fmt: skip
 
     def _named_calibration(self) -> Calibration:
-        if self.calibration is not None:
-            return self.calibration.calibration
+        known = self.calibration
+        if known is not None and known.hash in self.metadata.calibration_ids:
+            return known.calibration
         path = self.path or Path("a set without a file")
         found = calibration_of(path, self.metadata, self.images.shape[1:], way_out=_WAY_OUT)
         for text in () if found is None else found.warnings:

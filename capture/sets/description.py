@@ -31,15 +31,12 @@ def described(
 
     Without `orientation_deg` the set keeps that of its simulated part.
     """
-    said: dict[str, str | float | None] = {
-        "specimen": specimen, "operator": operator, "note": note,
-    }  # fmt: skip
-    for name, text in said.items():
-        if isinstance(text, str):
+    texts = {"specimen": specimen, "operator": operator, "note": note}
+    for name, text in texts.items():
+        if text is not None:
             checked_text(name, text)
-    if orientation_deg is not None:
-        said["orientation_deg"] = orientation_deg
-    return replace(captured, metadata=captured.metadata.model_copy(update=said))
+    orientation = {} if orientation_deg is None else {"orientation_deg": orientation_deg}
+    return replace(captured, metadata=captured.metadata.model_copy(update=texts | orientation))
 
 
 def corrected(

@@ -146,7 +146,7 @@ class CorrectionRecord(Record):
 
 
 class SetMetadata(Record):
-    """The metadata of a captured set.
+    """The metadata of a captured set; a table in ``capture/README.md`` describes all fields.
 
     Attributes
     ----------
@@ -154,30 +154,15 @@ class SetMetadata(Record):
         Bit depth of the camera, and the pixel value of saturation in the images.
     images
         One record for each image, in the order of the lighting, then the ambient image.
-    specimen, operator, note
-        Which piece it is, who captured it, and anything else; None if not given.
-    orientation_deg
-        Orientation of the part, None if unknown.
-    corrections
-        Fields that were changed after the capture, the oldest correction first.
     placement
         Placement of the simulated part, None for a real one.
-    synchronisation
-        As ``lights.synchronisation`` in rig.toml; None for imported images.
-    failed_attempts
-        Reason for the failure of each earlier attempt.
     gamma
         Response of imported photographs that was undone: ``linear`` or ``srgb``.
-    calibration_ids
-        Hashes of the calibrations that apply to the set.
     mm_per_px
-        Scale of the image by this calibration, for the programs that only read the file; None if
-        it was not measured.
+        Scale of the image by its calibration, for the programs that only read the file.
     crop
         Column and row of the top left pixel, width and height of the part of the imported
         photographs that was kept; None for all.
-    mask_file
-        Name of the image with the mask; None for a set without a mask.
     warnings, accepted
         What the checks of imported photographs found but did not refuse, and the causes for a
         refusal that were accepted.

@@ -176,7 +176,7 @@ def _replayed(path: Path, inspector: Inspector) -> tuple[Verdict, str | None]:
         changes: dict[str, object] = {"created_utc": utc_text(), "calibration_ids": ()}
         captured = replace(captured, metadata=captured.metadata.model_copy(update=changes))
         if inspector.calibration is not None:
-            captured = captured.named_after(inspector.calibration.file)
+            captured = captured.with_calibration(inspector.calibration.file)
         return inspector.inspect(captured).verdict, pixels_sha256
     except Exception as error:  # as in the cycle of the station: no exception may end in PASS
         return error_verdict(error), pixels_sha256

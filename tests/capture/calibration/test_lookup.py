@@ -64,7 +64,7 @@ def test_a_named_calibration_is_found_beside_the_set(
     (sets / folder).mkdir(parents=True, exist_ok=True)
     path = sets / "a.ome.tif"
     assert find(path, placed) is None
-    named = placed.named_after(file)
+    named = placed.with_calibration(file)
     file_of(SETTING).write(sets / folder / "another.ps4cal")
     file.write(sets / folder / "rig.ps4cal")
     found = find(path, named)
@@ -80,7 +80,7 @@ def test_a_set_keeps_its_calibration_although_the_file_was_measured_anew(
     known, other = file_of(placed.setting), file_of(SETTING)
     other.write(source)
     keep_beside(source, known, path)
-    assert find(path, placed.named_after(known)).file.hash == known.hash != other.hash
+    assert find(path, placed.with_calibration(known)).file.hash == known.hash != other.hash
 
 
 def test_a_calibration_that_was_read_keeps_its_hash_in_the_copy(
@@ -96,7 +96,7 @@ def test_a_calibration_that_was_read_keeps_its_hash_in_the_copy(
         CalibrationFile().with_part("lights", lights, record).write(source)
         read = CalibrationFile.read(source)
         keep_beside(source, read, path)
-        found = find(path, placed.named_after(read))
+        found = find(path, placed.with_calibration(read))
         assert found.path == path.parent / "calibration" / f"rig-{read.hash[:8]}.ps4cal"
 
 
@@ -104,7 +104,7 @@ def test_a_missing_calibration_is_an_error_that_names_what_is_there(
     tmp_path: Path, placed: CapturedSet
 ) -> None:
     file = file_of(placed.setting)
-    path, named = tmp_path / "a.ome.tif", placed.named_after(file)
+    path, named = tmp_path / "a.ome.tif", placed.with_calibration(file)
     with pytest.raises(CalibrationError, match=rf"{file.hash[:8]}, which is neither beside") as no:
         find(path, named)
     assert "copy it there, or give --calibration CAL, or solve --raw" in str(no.value)
@@ -121,7 +121,7 @@ def test_a_given_calibration_is_used_instead_of_the_named_one(
 ) -> None:
     setting = placed.setting
     file_of(setting, 0.2).write(tmp_path / "new.ps4cal")
-    path, named = tmp_path / "a.ome.tif", placed.named_after(file_of(setting))
+    path, named = tmp_path / "a.ome.tif", placed.with_calibration(file_of(setting))
     found = find(path, named, given=tmp_path / "new.ps4cal")
     assert found.file.calibration.scale.mm_per_px == 0.2
     file_of(SETTING.model_copy(update={"width_px": 64})).write(tmp_path / "other.ps4cal")
@@ -136,7 +136,7 @@ def test_an_old_calibration_is_used_with_a_warning(
     date = str(np.datetime64(placed.metadata.created_utc[:10]) - np.timedelta64(days, "D"))
     file = file_of(placed.setting, date=date)
     file.write(tmp_path / "rig.ps4cal")
-    found = find(tmp_path / "a.ome.tif", placed.named_after(file))
+    found = find(tmp_path / "a.ome.tif", placed.with_calibration(file))
     said = (f"the calibration (scale) was measured {days} days before",) if warned else ()
     assert [text[: len(said[0])] for text in found.warnings] == list(said)
 
@@ -153,7 +153,7 @@ def test_the_copy_beside_a_set_outlives_a_change_of_the_file(
     file_of(placed.setting, 0.3).write(source)
     (copy,) = (tmp_path / "sets" / "calibration").iterdir()
     assert copy.name == f"rig-{file.hash[:8]}.ps4cal"
-    assert find(path, placed.named_after(file)).path == copy
+    assert find(path, placed.with_calibration(file)).path == copy
     session = tmp_path / "calibration"
     session.mkdir()
     keep_beside(copy, file, tmp_path / "sets" / "b.ome.tif")

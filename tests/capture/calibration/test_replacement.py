@@ -98,6 +98,7 @@ def file_with(*parts: MeasuredPart) -> CalibrationFile:
         (scale(0.065, 0.005), r"0.065 mm per px instead of 0.12208"),
         (scale(0.1240), "0.124 mm per px"),
         (lights(47.0), "light 0 in another direction"),
+        (lights(60.0, px=None), "light 0 in another direction"),
         (lights(px=230.0, distance=0.01), "light 0 at 230 px instead of 200"),
         (flat_field(0.3), "light 0 of another strength"),
         (response(2.2), "another curve"),
@@ -158,6 +159,7 @@ def test_a_part_as_good_replaces_the_known_one(name: PartName) -> None:
     [
         (lights(px=None), lights(distance=0.13, deg=1.0)),
         (scale(error=0.01), scale(0.123, 0.001)),
+        (scale(error=0.00001), scale(error=0.0004)),
         (flat_field(placements=1), flat_field()),
         (dark(frames=2), dark()),
     ],

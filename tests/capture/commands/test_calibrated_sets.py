@@ -3,6 +3,7 @@
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -136,7 +137,10 @@ def test_a_set_solves_with_the_calibration_it_was_captured_with(
         captured = capture_set(rig, calibration=near_calibration)
     known = near_calibration.calibration
     np.testing.assert_array_equal(captured.solve().p, captured.solve(calibration=known).p)
-    assert not np.array_equal(captured.solve().p, captured.solve(raw=True).p)
+    raw = captured.solve(raw=True)
+    assert not np.array_equal(captured.solve().p, raw.p)
+    about = captured.metadata.model_copy(update={"calibration_ids": ()})
+    np.testing.assert_array_equal(replace(captured, metadata=about).solve().p, raw.p)
 
 
 @pytest.mark.slow

@@ -91,6 +91,9 @@ def test_an_exposure_without_dark_frames_is_refused_at_the_start(
     plan.write_text(text)
     rig.write_text(rig.read_text() + "exposure_ms = 12\n")
     assert "exposure_ms = 12, but dark frames" in refused("session", "run", plan, option)
+    rig.write_text('calibration = "rig.ps4cal"\n' + RIG.replace("96", "64"))
+    line = refused("session", "run", plan, option)
+    assert line.startswith("rig.ps4cal: the calibration does not hold for the rig: 64 x 64 px")
     assert not (plan.parent / "fabrics").exists()
 
 

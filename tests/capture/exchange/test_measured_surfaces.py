@@ -129,7 +129,7 @@ def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     scale = Scale(MM_PER_PX, 0.001, np.eye(3), None, 0.1)
     calibration = CalibrationFile().with_part("scale", scale, record)
     calibration.write(folder / "rig.ps4cal")
-    captured.named_after(calibration).save(folder / "a.ome.tif")
+    captured.with_calibration(calibration).save(folder / "a.ome.tif")
     return folder / "a.ome.tif"
 
 

@@ -5,6 +5,7 @@ import pytest
 
 from capture import CapturedSet, capture_set
 from capture.calibration.ps4cal import CalibrationFile
+from capture.calibration.replacement import kept_because
 from capture.procedures.plate_parts import plate_parts
 from capture.procedures.sphere_parts import images_of_sets, sphere_parts
 from classify.calibration.sphere_outline import find_outline
@@ -59,19 +60,19 @@ def test_the_card_that_a_mirror_sphere_reflects_is_not_taken_for_its_outline(
     assert (circle.column, circle.row) == pytest.approx((255.5, 255.5), abs=0.3)
 
 
-def test_a_sphere_that_gives_directions_instead_of_positions_is_a_warning(
+def test_a_sphere_that_gives_directions_does_not_replace_positions(
     near_config: RigConfig, near_calibration: CalibrationFile
 ) -> None:
     sphere = Placement(surface="mirror_sphere")
     config = near_config.with_changes(simulation={"placement": sphere.model_dump()})
     with open_rig(config) as rig:
         ball = capture_set(rig, is_target=True)
-    for file, warnings in ((CalibrationFile(), 0), (near_calibration, 1)):
+    lacking = "it has positions, which the new one lacks"
+    for file, reason in ((CalibrationFile(), None), (near_calibration, lacking)):
         pictures = images_of_sets([ball], file)
         (lights,) = sphere_parts(pictures, "mirror", file, ball.setting, ("captured",))
         assert lights.part.lighting.positions_px is None
-        lost = [said for said in lights.warnings if "held the positions of the lights" in said]
-        assert len(lost) == warnings
+        assert kept_because(file, lights) == reason
 
 
 def test_the_shared_part_of_a_flat_field_is_the_geometric_mean_over_lights() -> None:
