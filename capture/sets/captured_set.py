@@ -89,8 +89,8 @@ class CapturedSet:
     ) -> SurfaceEstimate:
         """Solve for gradients and albedo, with ambient light subtracted.
 
-        See `classify.photometric_stereo`. The default method is ps4_robust for four lights and
-        least_squares for more. No pixel outside the mask is valid. With a calibration of this rig,
+        See `classify.photometric_stereo`. The default method is ps4_robust for four lights, else
+        least_squares. No pixel outside the mask is valid. With a calibration of this rig,
         the images are corrected and divided by its flat field, and its lights and noise are used.
         """
         known, full_scale = calibration or Calibration(), self.metadata.full_scale
