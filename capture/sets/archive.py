@@ -13,11 +13,6 @@ def find_sets(places: Sequence[Path]) -> list[Path]:
     """Return the files among `places`, and all captured sets below each folder, sorted.
 
     A file that is named twice, or is below a folder that is named too, is returned once.
-
-    Raises
-    ------
-    InputError
-        If a place does not exist, or a folder holds no set.
     """
     found: dict[Path, Path] = {}  # by their true paths
 
@@ -44,11 +39,6 @@ def output_folders(places: Sequence[Path], output: Path) -> dict[Path, Path]:
     A single set given as a file has `output` itself. Otherwise each set has a folder named after
     it, whose path below `output` is that of the set below the common folder of all `places`. So
     sets with equal names have different folders.
-
-    Raises
-    ------
-    InputError
-        As `find_sets`, or if the places are on different drives.
     """
     sets = find_sets(places)
     if len(sets) == 1 and sets == list(places):
