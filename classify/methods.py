@@ -12,17 +12,7 @@ _LEAST_LIGHTS: dict[Method, int] = {"least_squares": 3, "drbohlav": 4, "rushmeie
 
 def default_method(lights: int) -> Method:
     """Solver of a set of that many lights if none is chosen."""
-    return "least_squares" if lights > 4 else "ps4_robust"
-
-
-def only_method(lights: int) -> Method:
-    """`default_method`, or for three lights the solver that takes three.
-
-    For commands without ``--method``. Commands with it require it for three lights, because three
-    lights show no shadow.
-    """
-    method = default_method(lights)
-    return method if suits(method, lights) else "least_squares"
+    return "ps4_robust" if lights == 4 else "least_squares"
 
 
 def suits(method: Method, lights: int) -> bool:

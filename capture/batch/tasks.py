@@ -31,7 +31,7 @@ from classify.images.stack import ImageStack
 from classify.labels import checked_label
 from classify.library.training import observe
 from classify.lights.fall_off import fall_off
-from classify.methods import DEFAULT_CLASSIFIER, default_method, only_method, suits
+from classify.methods import DEFAULT_CLASSIFIER, default_method, suits
 from classify.texture.spectra import segment_for
 
 # Training sets are solved as planar parts: near lights fall off, textures have no tilt or bow.
@@ -126,11 +126,6 @@ class LoadedSet:
     def warnings(self) -> tuple[str, ...]:
         """Warnings about the calibration."""
         return () if self.found is None else self.found.warnings
-
-    @property
-    def only_method(self) -> Method:
-        """The solver for commands without ``--method``."""
-        return only_method(len(self.captured.images))
 
     def solve_texture(self, method: Method | None, *, planar: bool) -> SurfaceEstimate:
         """Solve a part with a texture.

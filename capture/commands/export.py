@@ -9,7 +9,6 @@ import typer
 
 from capture.console import out, print_json, reported
 from classify.errors import InputError
-from classify.methods import only_method
 
 from . import options
 
@@ -64,9 +63,8 @@ def export(
     metadata, _ = read_header(captured_set)
     said: dict[str, str | tuple[str, ...]] = {"set": str(captured_set), "output": str(output)}
     if maps:
-        method = only_method(len(metadata.lighting.directions))
         task = SolveTask(captured_set, output)
-        said["files"] = solve_set(task, method, calibration=calibration, raw=raw).files
+        said["files"] = solve_set(task, None, calibration=calibration, raw=raw).files
     elif suffix in _HEIGHTS:
         loaded = LoadedSet.of(captured_set, calibration, raw=raw)
         with named(captured_set):

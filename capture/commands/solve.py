@@ -39,7 +39,7 @@ def solve(
         Method | None,
         typer.Option(
             help=f"One of {', '.join(METHODS)}.",
-            show_default="ps4_robust, or least_squares for more than four lights",
+            show_default="ps4_robust for four lights, else least_squares",
             metavar="METHOD",
         ),
     ] = None,

@@ -34,7 +34,7 @@ TrainingSolver = Annotated[
     Method | None,
     typer.Option(
         help=f"Solver of all training sets, one of {', '.join(METHODS)}.",
-        show_default="ps4_robust, or least_squares for more than four lights",
+        show_default="ps4_robust for four lights, else least_squares",
         metavar="METHOD",
     ),
 ]

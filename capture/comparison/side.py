@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from capture.batch.tasks import LoadedSet
+from capture.batch.tasks import LoadedSet, named
 from capture.maps.map_tiff import read_description, read_map
 from capture.sets.captured_set import CapturedSet
 from capture.sets.ome_tiff import SUFFIX
@@ -63,12 +63,14 @@ def side_of(path: Path, calibration: Path | None = None, *, raw: bool = False) -
         return _folder(path)
     if not path.name.endswith(SUFFIX):
         raise InputError(f"{path}: give a captured set ({SUFFIX}) or a folder of maps")
-    return _set(path, LoadedSet.of(path, calibration, raw=raw))
+    loaded = LoadedSet.of(path, calibration, raw=raw)
+    with named(path):
+        return _set(path, loaded)
 
 
 def _set(path: Path, loaded: LoadedSet) -> Side:
     captured, known = loaded.captured, loaded.calibration
-    surface = captured.solve(loaded.only_method, calibration=known)
+    surface = captured.solve(calibration=known)
     scale = None if known is None or known.scale is None else known.scale.mm_per_px
     height = integrate_gradients(surface.p, surface.q)
     height *= 1.0 if scale is None else scale
@@ -86,7 +88,7 @@ def _set(path: Path, loaded: LoadedSet) -> Side:
             name: {"date": str(record.date), "quality": record.quality}
             for name, record in records.items()
         }
-    texture = loaded.solve_texture(loaded.only_method, planar=True)
+    texture = loaded.solve_texture(None, planar=True)
     about = captured.metadata
     return Side(
         path,

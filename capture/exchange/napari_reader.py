@@ -91,10 +91,10 @@ def _layer(
     arguments: dict[str, Any] = {
         "name": name,
         "visible": shown,
-        "metadata": {"ps4rig": about, "unit": "px" if mm_per_px is None else "mm"},
+        "metadata": {"ps4rig": about},
     }
     if mm_per_px is not None:
-        arguments["scale"] = (mm_per_px, mm_per_px)
+        arguments |= {"scale": (mm_per_px, mm_per_px), "units": ("mm", "mm")}
     if name in _MASKS:
         return (values > 0).astype("u1"), arguments, "labels"
     if limits is not None:

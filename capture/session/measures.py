@@ -117,7 +117,7 @@ def measures_of_first(loaded: LoadedSet) -> SetMeasures:
 
 
 def _solved(loaded: LoadedSet) -> SurfaceEstimate:
-    return loaded.solve_texture(loaded.only_method, planar=True)
+    return loaded.solve_texture(None, planar=True)
 
 
 def _alone(captured: CapturedSet, surface: SurfaceEstimate) -> tuple[SetMeasures, list[str]]:

@@ -12,7 +12,6 @@ from capture.batch.tasks import LoadedSet
 from capture.preview.outline import Outline, outline_of
 from classify import Lighting, photometric_stereo
 from classify.errors import InputError
-from classify.methods import only_method
 from rig import Frame
 
 from .measures import SpecimenReference
@@ -59,10 +58,7 @@ class PlacementGuide:
         images = np.stack([frame.pixels for frame in frames])
         full_scale = (1 << frames[0].bit_depth) - 1
         try:
-            method = only_method(len(images))
-            surface = photometric_stereo(
-                images, lighting, method=method, full_scale=full_scale, planar=True
-            )
+            surface = photometric_stereo(images, lighting, full_scale=full_scale, planar=True)
         except InputError:
             return None  # saturated or dark, which the page shows
         now_deg = self.reference.orientation_deg(surface, self.asked_deg)

@@ -115,8 +115,8 @@ class CapturedSet:
     ) -> SurfaceEstimate:
         """Solve for gradients and albedo, with ambient light subtracted.
 
-        See `classify.photometric_stereo`. The default method is ps4_robust for four lights and
-        least_squares for more. No pixel outside the mask is valid. The images are corrected and
+        See `classify.photometric_stereo`. The default method is ps4_robust for four lights, else
+        least_squares. No pixel outside the mask is valid. The images are corrected and
         divided by the flat field of the calibration, and its lights and noise are used.
 
         Parameters

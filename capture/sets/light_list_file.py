@@ -16,16 +16,7 @@ def require_light_list_name(path: Path) -> None:
 
 
 def write_light_list(path: Path, lighting: Lighting, names: Sequence[str]) -> None:
-    """Write ``.lp`` with the names of images, or ``.json`` with vectors in their order.
-
-    A line of ``.lp`` ends in the intensity of its light where intensities are known. Vectors in
-    order serve other photographs under the same lights too.
-
-    Raises
-    ------
-    InputError
-        If the name has another ending, or the file cannot be written.
-    """
+    """Write ``.lp`` with names, and intensities if known, or ``.json`` with vectors in order."""
     require_light_list_name(path)
     vectors = [[round(each, 9) for each in row] for row in lighting.directions.tolist()]
     if path.suffix.lower() == ".json":

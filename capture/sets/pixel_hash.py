@@ -28,7 +28,7 @@ class PixelHash:
         self._hashed: Callable[[], None] = lambda: None  # waits for that thread
 
     def add(self, page: int, plane: Planes) -> None:
-        """Add a page; return at once."""
+        """Add a page that is not there yet; return at once."""
         if self.has(page):
             raise ValueError(f"page {page} is added a second time")
         self._waiting[page] = plane

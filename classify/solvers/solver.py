@@ -71,7 +71,7 @@ def photometric_stereo(
         within the noise, leaves out the one in shadow or in a highlight where they do not, and
         completes pixels with two lights from those around them. ``ps4`` leaves out the darkest
         of four everywhere; ``ps3a`` to ``ps3d`` use three lights of a ring (all but 270, 0, 90
-        and 180 degrees). ``least_squares``, the default for more than four, uses all N,
+        and 180 degrees). ``least_squares``, the default for any other number, uses all N,
         ``rushmeier`` all but the lowest and the highest of five or more, and ``drbohlav`` all of
         four or more except those whose values are inconsistent with the rest.
     ambient

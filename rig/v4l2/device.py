@@ -53,38 +53,18 @@ class VideoFormat:
 
 @dataclass(frozen=True, eq=False)
 class Capture:
-    """One filled buffer, copied out of the driver's memory.
-
-    Attributes
-    ----------
-    data
-        The filled bytes.
-    is_corrupt
-        Whether the driver flagged an error; `data` may then be short or torn.
-    timestamp_s, is_monotonic
-        The driver's time stamp, and whether it is on the monotonic clock.
-    marks_exposure_start
-        Whether the driver declares the stamp as the start of exposure, else as the frame's end.
-    sequence
-        The driver's count. A gap is a lost frame.
-    """
+    """One filled buffer, copied out of the driver's memory."""
 
     data: bytearray
-    is_corrupt: bool
+    is_corrupt: bool  # as the driver flags it; `data` may then be short or torn
     timestamp_s: float
-    is_monotonic: bool
-    marks_exposure_start: bool
-    sequence: int
+    is_monotonic: bool  # whether the stamp is on the monotonic clock
+    marks_exposure_start: bool  # as the driver declares its stamp; else it is the frame's end
+    sequence: int  # by the driver; a gap is a lost frame
 
 
 class V4l2Device(VideoNode):
-    """An open capture device, best by its permanent name in ``/dev/v4l/by-id/``.
-
-    Raises
-    ------
-    CameraError
-        If it is missing, not permitted, or cannot capture and stream.
-    """
+    """An open capture device, best by its permanent name in ``/dev/v4l/by-id/``."""
 
     def __init__(self, path: str) -> None:
         super().__init__(path, abi.BUF_TYPE_VIDEO_CAPTURE)
@@ -147,13 +127,7 @@ class V4l2Device(VideoNode):
         return True
 
     def set_format(self, fourcc: str, width_px: int, height_px: int) -> VideoFormat:
-        """Set format and size.
-
-        Raises
-        ------
-        CameraError
-            If the driver chose others, or another program streams.
-        """
+        """Set format and size; `CameraError` if the driver chooses others."""
         form = abi.Format(type=abi.BUF_TYPE_VIDEO_CAPTURE)
         pix = form.fmt.pix
         pix.width, pix.height = width_px, height_px
@@ -222,13 +196,7 @@ class V4l2Device(VideoNode):
         self._streaming = True
 
     def next_capture(self, timeout_s: float) -> Capture:
-        """The oldest filled buffer, or the next one.
-
-        Raises
-        ------
-        CameraError
-            If none is filled in time, or the device is gone.
-        """
+        """The oldest filled buffer, or the next one."""
         if not self._streaming:
             raise CameraError(f"{self.path}: the camera is closed")
         deadline_s = time.monotonic() + timeout_s

@@ -29,24 +29,13 @@ class CorruptFrameError(CameraError):
 
 @dataclass(frozen=True)
 class PixelFormat:
-    """Memory layout of one FourCC.
-
-    Attributes
-    ----------
-    name, fourcc
-        The name in ``rig.toml``, and the kernel's four characters.
-    bit_depth
-        True depth: valid values are below 2^bit_depth.
-    bytes_per_px
-        Bytes in memory; 0 for a compressed format.
-    to_pixels
-        Maps rows (H, W * bytes_per_px) without padding to the image, which may share their memory.
-    """
+    """Memory layout of one FourCC, with its name in ``rig.toml``."""
 
     name: str
     fourcc: str
-    bit_depth: int
-    bytes_per_px: int
+    bit_depth: int  # the true one: valid values are below 2^bit_depth
+    bytes_per_px: int  # in memory; 0 for a compressed format
+    # From rows (H, W * bytes_per_px) without padding, whose memory the image may share.
     to_pixels: Callable[[_Bytes], Pixels]
 
     @property

@@ -129,7 +129,7 @@ def _specimen(path: Path) -> SpecimenResult:
 
 
 def _surface(loaded: LoadedSet) -> SurfaceEstimate:
-    return loaded.solve_texture(loaded.only_method, planar=True)
+    return loaded.solve_texture(None, planar=True)
 
 
 def _separation(

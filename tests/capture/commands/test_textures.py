@@ -14,6 +14,7 @@ import pytest
 
 from capture import CapturedSet
 from capture.batch.tasks import classify_set
+from capture.maps.map_tiff import read_description
 from classify import InputError, Lighting, TextureLibrary
 
 Command = Callable[..., Any]
@@ -243,8 +244,8 @@ def test_a_set_without_a_usable_label_is_named(
     assert not (tmp_path / "t.ps4lib").exists()
 
 
-def test_sets_of_three_lights_are_trained_and_classified_by_least_squares(
-    ps4rig: Command, refused: Refused, made_set: Command, sets: Path, tmp_path: Path
+def test_sets_of_three_lights_are_solved_by_least_squares_everywhere(
+    ps4rig: Command, made_set: Command, sets: Path, tmp_path: Path
 ) -> None:
     paths = []
     for name in ("rock", "sand"):
@@ -252,13 +253,37 @@ def test_sets_of_three_lights_are_trained_and_classified_by_least_squares(
         images = CapturedSet.load(sets / f"{name}-001.ome.tif").images[:3]
         three = Lighting.ring(45.0, [0, 90, 180])
         made_set(images, lighting=three, label=name).save(paths[-1])
-    train = ("train", *paths, "--library", tmp_path / "t.ps4lib")
-    advice = "has 3 lights, which ps4_robust cannot solve; give --method least_squares"
-    assert refused(*train) == f"{paths[0]}: {advice}"
-    ps4rig(*train, "--method", "least_squares")
-    result = ps4rig("classify", *paths, "--library", tmp_path / "t.ps4lib", "--json")
+    library, folders = tmp_path / "t.ps4lib", [tmp_path / "solved", tmp_path / "exported"]
+    assert ps4rig("train", *paths, "--library", library).exit_code == 0
+    assert TextureLibrary.load(library).method == "least_squares"
+    result = ps4rig("classify", *paths, "--library", library, "--json")
     assert result.stderr == ""
     assert [row["label"] for row in json.loads(result.stdout)] == ["rock", "sand"]
+    evaluated = json.loads(ps4rig("evaluate", *paths, "--library", library, "--json").stdout)
+    assert evaluated["methods"] == ["least_squares"]
+    assert ps4rig("solve", paths[0], "--out", folders[0]).exit_code == 0
+    assert ps4rig("export", paths[0], folders[1], "--maps").exit_code == 0
+    for folder in folders:
+        assert read_description(folder / "p.tif")["method"] == "least_squares"
+    compared = json.loads(ps4rig("compare", paths[0], folders[0], "--json").stdout)
+    assert compared["maps"]["p"]["largest"] == 0.0
+    assert CapturedSet.load(paths[0]).solve().method == "least_squares"
+
+
+def test_two_lights_are_refused_by_name(
+    refused: Refused, made_set: Command, tmp_path: Path
+) -> None:
+    path = tmp_path / "two.ome.tif"
+    made_set(np.full((2, 300, 300), 900, np.uint16)).save(path)
+    for command in (
+        ("solve", path, "--out", tmp_path / "maps"),
+        ("train", path, "--library", tmp_path / "t.ps4lib"),
+        ("compare", path, path, "--json"),
+        ("export", path, tmp_path / "a.ply"),
+    ):
+        line = refused(*command)
+        assert line.startswith(f"{path}: ")
+        assert "2 lights" in line
 
 
 def test_another_solver_than_that_of_the_library_is_named(

@@ -78,7 +78,7 @@ def test_a_set_opens_as_one_layer_for_each_page(opened: Opened, tmp_path: Path) 
         np.testing.assert_array_equal(values, page)
         assert (kind, about["contrast_limits"]) == ("image", (0, 4095))
         assert about["scale"] == (MM_PER_PX, MM_PER_PX)
-        assert about["metadata"]["unit"] == "mm"
+        assert about["units"] == ("mm", "mm")
         assert about["metadata"]["ps4rig"]["specimen"] == "rock-07"
     np.testing.assert_array_equal(layers["ambient"][0], captured.ambient)
     np.testing.assert_array_equal(layers["mask"][0], mask)
@@ -90,7 +90,7 @@ def test_a_set_opens_as_one_layer_for_each_page(opened: Opened, tmp_path: Path) 
 def test_sets_of_old_schemas_open_without_a_scale(opened: Opened, path: Path) -> None:
     layers = opened(path)
     assert np.array_equal(np.stack([layer[0] for layer in layers.values()]), tifffile.imread(path))
-    assert not any("scale" in layer[1] for layer in layers.values())
+    assert not any({"scale", "units"} & layer[1].keys() for layer in layers.values())
 
 
 @pytest.mark.parametrize("mm_per_px", [None, MM_PER_PX])
@@ -107,6 +107,7 @@ def test_a_folder_of_maps_opens_as_layers(
     for name, (values, about, kind) in layers.items():
         assert values.shape == surface.shape
         assert about.get("scale") == (None if mm_per_px is None else (mm_per_px, mm_per_px))
+        assert about.get("units") == (None if mm_per_px is None else ("mm", "mm"))
         assert (kind == "labels") == (name in {"valid", "specular"})
     np.testing.assert_array_equal(layers["p"][0], surface.p)
     np.testing.assert_array_equal(layers["normals z"][0], surface.normals[..., 2])

@@ -49,8 +49,10 @@ def rms(error: np.ndarray) -> float:
 def test_ps4_robust_is_the_default_for_four_lights_only() -> None:
     images = np.full((4, 8, 8), 90, np.uint8)
     assert photometric_stereo(images, Lighting.ring()).method == "ps4_robust"
-    six = Lighting.ring(45, [0, 60, 120, 180, 240, 300])
-    assert photometric_stereo(np.full((6, 8, 8), 90, np.uint8), six).method == "least_squares"
+    for lights in (3, 5, 6):
+        ring = Lighting.ring(45, [360 / lights * light for light in range(lights)])
+        surface = photometric_stereo(np.full((lights, 8, 8), 90, np.uint8), ring)
+        assert surface.method == "least_squares"
 
 
 def test_without_shadow_nearly_all_pixels_are_least_squares() -> None:
