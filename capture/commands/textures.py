@@ -22,7 +22,7 @@ from . import options
 if TYPE_CHECKING:
     from capture.batch.runner import Batch
     from capture.batch.tasks import ClassifiedSet
-    from classify import Evaluation, TextureLibrary
+    from classify import Evaluation, TextureLibrary, Trial
 
 LibraryOption = Annotated[
     Path, typer.Option("--library", help="Texture library, NAME.ps4lib.", metavar="LIB")
@@ -162,7 +162,7 @@ def evaluate_(
     from capture.batch.runner import Batch
     from capture.batch.tasks import warn_of_sets
     from capture.sets.archive import find_sets
-    from classify import Trial, evaluate
+    from classify import evaluate
 
     paths = find_sets(sets)
     if csv is not None:
@@ -179,10 +179,10 @@ def evaluate_(
     training = [path for path, answer in zip(paths, answers, strict=True) if answer.trained]
     about = f"a training set of {library}; its result says nothing about new sets"
     warn_of_sets((path, (about,)) for path in training)
+    _warn_not_oriented(answers, library, trained)
     if csv is not None:
         _write_csv(csv, paths, answers, trained)
-    trials = [Trial(answer.label or "", answer.orientation_deg, answer.match) for answer in answers]
-    result = evaluate(trials, trained.classes)
+    result = evaluate([_trial(answer, trained) for answer in answers], trained.classes)
     if json:
         used = sorted({answer.method for answer in answers})
         solvers = {"methods": used, "library_method": trained.method}
@@ -319,11 +319,30 @@ def _library_for(
         yield path
 
 
+def _trial(answer: ClassifiedSet, trained: TextureLibrary) -> Trial:
+    from classify import Trial
+
+    known = answer.label in trained.oriented
+    return Trial(answer.label or "", answer.orientation_deg if known else None, answer.match)
+
+
+def _warn_not_oriented(
+    answers: list[ClassifiedSet], library: Path, trained: TextureLibrary
+) -> None:
+    labels = {each.label for each in answers if each.orientation_deg is not None}
+    unknown = [each for each in trained.classes if each in labels - {*trained.oriented}]
+    if unknown and any(answer.match.orientation_deg is not None for answer in answers):
+        complain(
+            f"warning: {library}: {', '.join(unknown)}: the training sets have no orientation, so "
+            "there is no orientation error; give it with ps4rig info --set orientation_deg=DEG "
+            "and train again"
+        )
+
+
 def _write_csv(
     path: Path, sets: list[Path], answers: list[ClassifiedSet], trained: TextureLibrary
 ) -> None:
     """Write a line for each set (RFC 4180); an empty cell is an unknown value."""
-    from classify import Trial
     from classify.durable_file import durable_file
     from classify.lighting import orientation_near
 
@@ -333,7 +352,7 @@ def _write_csv(
         found_deg, error_deg = match.orientation_deg, None
         if found_deg is not None and true_deg is not None:
             found_deg = round(orientation_near(found_deg, true_deg), 6)
-            if Trial(answer.label or "", true_deg, match).is_correct:
+            if _trial(answer, trained).orientation_error_deg is not None:
                 error_deg = round(found_deg - true_deg, 6)
         rows.append(
             {

@@ -32,13 +32,15 @@ class LibraryContents:
         What the classifier learned from all sets together.
     segment_px
         Side of the segments.
+    oriented
+        Classes with a training set whose orientation was given. In the others the first set defines
+        0, so that orientations compare with each other only.
     limits
         Distance beyond which each class rejects; empty where the classifier rejects nothing.
     lighting
         The lights of the training sets, where all had the same.
     method
-        Solver of the training sets; None if they do not come from a solver, or the library is of a
-        version that did not record it.
+        Solver of the training sets; None if they do not come from a solver.
     planar
         Whether the training sets were solved as planar parts.
     simulated
@@ -56,6 +58,7 @@ class LibraryContents:
     signatures: FloatMap
     parameters: Parameters
     segment_px: int
+    oriented: tuple[str, ...] = ()
     limits: Mapping[str, float] = field(default_factory=dict)
     lighting: Lighting | None = None
     method: Method | None = None
@@ -70,8 +73,6 @@ class LibraryContents:
         classifier = classifier_named(self.classifier)
         for name, shape in classifier.parameter_shapes(self.segment_px).items():
             if name not in self.parameters:
-                if name in classifier.added_parameters:
-                    continue
                 raise LibraryError(f"{self.classifier} needs a parameter {name}; train it again")
             found = self.parameters[name].shape
             fits = all(n == m or m < 0 < n for n, m in zip(found, shape, strict=False))

@@ -26,7 +26,7 @@ from classify.texture.spectra import MAX_SEGMENT_PX, MIN_SEGMENT_PX
 from .contents import LibraryContents
 
 SUFFIX = ".ps4lib"
-VERSION: Final = 6
+VERSION: Final = 7
 MAP_FROM_BYTES = 64 * 2**20
 """Arrays of this size or more stay in the file; smaller ones are read and their checksum tested."""
 
@@ -35,9 +35,7 @@ _MAX_PARAMETERS = 64
 _KIND = ArchiveKind(
     noun="library",
     header="library.json",
-    # Version 3 has no `method`; 3 and 4 have no `spectral_share`, 3 to 5 no `contrast_gains`
-    # (joint_features.py).
-    versions=(3, 4, 5, VERSION),
+    versions=(VERSION,),
     if_missing="make one with ps4rig train",
     remedy="train it again",
     error=LibraryError,
@@ -76,13 +74,14 @@ class _Header(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     format: Literal["ps4lib"] = "ps4lib"
-    version: Literal[3, 4, 5, 6] = VERSION
+    version: Literal[7] = VERSION
     classifier: str
     segment_px: int = Field(ge=MIN_SEGMENT_PX, le=MAX_SEGMENT_PX)
     method: Method | None = None
     planar: bool = False
     simulated: bool = False
     classes: Annotated[tuple[Label, ...], FailFast()] = Field(min_length=1)
+    oriented: Annotated[tuple[Label, ...], FailFast()] = ()
     limits: Limits = Field(default_factory=dict)
     light_directions: Annotated[tuple[Vector, ...] | None, FailFast()] = None
     sources: Annotated[tuple[tuple[str, str], ...], FailFast()] = ()
@@ -110,6 +109,7 @@ def write(path: Path, library: LibraryContents) -> None:
         planar=library.planar,
         simulated=library.simulated,
         classes=library.classes,
+        oriented=library.oriented,
         limits=dict(library.limits),
         light_directions=None if lighting is None else lighting.directions.tolist(),
         sources=library.sources,
@@ -162,6 +162,7 @@ def _read(archive: ArrayArchive, kind: type[Library]) -> Library:
         signatures=arrays["signatures"],
         parameters=parameters,
         segment_px=header.segment_px,
+        oriented=header.oriented,
         limits=header.limits,
         lighting=lighting,
         method=header.method,

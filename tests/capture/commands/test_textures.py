@@ -158,6 +158,25 @@ def test_textures_that_were_not_taught_are_evaluated_for_themselves(
     assert (answer["sets"], answer["accuracy"]) == (0, None)
 
 
+def test_no_orientation_error_against_an_unknown_orientation(
+    ps4rig: Command, sets: Path, tmp_path: Path
+) -> None:
+    """A training set without an orientation defines 0, whatever it really stood at."""
+    training = CapturedSet.load(sets / "sand-002.ome.tif")
+    metadata = training.metadata.model_copy(update={"orientation_deg": None})
+    replace(training, metadata=metadata).save(tmp_path / "sand.ome.tif")
+    library, table = tmp_path / "t.ps4lib", tmp_path / "t.csv"
+    ps4rig("train", tmp_path / "sand.ome.tif", "--library", library)
+    tested = ("evaluate", sets / "sand-001.ome.tif", "--library", library, "--json", "--csv", table)
+    result = ps4rig(*tested)
+    assert "sand: the training sets have no orientation" in result.stderr
+    answer = json.loads(result.stdout)
+    assert (answer["accuracy"], answer["orientation_error_deg"]["median"]) == (1.0, None)
+    with table.open(newline="") as file:
+        (row,) = csv.DictReader(file)
+    assert (row["true_orientation_deg"], row["orientation_error_deg"]) == ("0.0", "")
+
+
 def test_a_training_set_among_the_tested_ones_is_warned_about(
     ps4rig: Command, sets: Path, library: Path, tmp_path: Path
 ) -> None:
