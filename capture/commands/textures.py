@@ -14,8 +14,13 @@ import typer
 
 from capture.console import complain, new_table, out, print_json, print_table, progress, reported
 from capture.outputs import check_output, csv_line
-from classify.errors import InputError
-from classify.methods import CLASSIFIER_NAMES, DEFAULT_CLASSIFIER, METHODS, Method
+from classify.methods import (
+    CLASSIFIER_NAMES,
+    DEFAULT_CLASSIFIER,
+    METHODS,
+    ClassifierName,
+    Method,
+)
 
 from . import options
 
@@ -28,7 +33,7 @@ LibraryOption = Annotated[
     Path, typer.Option("--library", help="Texture library, NAME.ps4lib.", metavar="LIB")
 ]
 ClassifierOption = Annotated[
-    str, typer.Option(help=f"One of {', '.join(CLASSIFIER_NAMES)}.", metavar="NAME")
+    ClassifierName, typer.Option(help=f"One of {', '.join(CLASSIFIER_NAMES)}.", metavar="NAME")
 ]
 TrainingSolver = Annotated[
     Method | None,
@@ -51,10 +56,6 @@ CsvOption = Annotated[
     Path | None,
     typer.Option("--csv", help="Write a table with a line for each set.", metavar="FILE.csv"),
 ]
-_CSV_OF_MATCH = (
-    "heading_deg", "distance", "limit", "runner_up", "runner_up_distance", "margin", "sharpness",
-    "blur_px", "reason",
-)  # fmt: skip
 
 
 @reported
@@ -76,7 +77,6 @@ def train(
 
     paths = find_sets(sets)
     check_output(library, suffix=".ps4lib", inputs=paths, force=force)
-    _check_classifier(classifier)
     with Batch(workers, scheduler) as batch:
         trained, classes = train_library(
             paths, library.parent, batch, classifier, method, calibration
@@ -121,8 +121,8 @@ def classify(
     if csv is not None:
         _write_csv(csv, paths, answers, trained)
     if json:
-        fields = (asdict(each.match) | _solved(each, trained) for each in answers)
-        print_json([{"set": str(path), **own} for path, own in zip(paths, fields, strict=True)])
+        pairs = zip(paths, answers, strict=True)
+        print_json([_record(path, answer, trained) for path, answer in pairs])
         return
     columns = ("set", "texture", "orientation", "distance", "limit", "reason")
     table = new_table(*columns, prose="reason")
@@ -140,7 +140,7 @@ def evaluate_(
     sets: options.Sets,
     library: LibraryOption,
     classifier: Annotated[
-        str | None,
+        ClassifierName | None,
         typer.Option(
             help="Use another classifier, trained from the training sets of the library: "
             f"{', '.join(CLASSIFIER_NAMES)}.",
@@ -275,8 +275,10 @@ def _warn_other_solver(
         )
 
 
-def _solved(answer: ClassifiedSet, trained: TextureLibrary) -> dict[str, Any]:
+def _record(path: Path, answer: ClassifiedSet, trained: TextureLibrary) -> dict[str, Any]:
     return {
+        "set": str(path),
+        **asdict(answer.match),
         "method": answer.method,
         "library_method": trained.method,
         "planar": answer.planar,
@@ -284,15 +286,10 @@ def _solved(answer: ClassifiedSet, trained: TextureLibrary) -> dict[str, Any]:
     }
 
 
-def _check_classifier(name: str) -> None:
-    if name not in CLASSIFIER_NAMES:
-        raise InputError(f"--classifier {name}: choose one of {', '.join(CLASSIFIER_NAMES)}")
-
-
 @contextmanager
 def _library_for(
     library: Path,
-    classifier: str | None,
+    classifier: ClassifierName | None,
     method: Method | None,
     calibration: Path | None,
     batch: Batch,
@@ -305,8 +302,6 @@ def _library_for(
     from capture.batch.training import retrain_library
     from classify import TextureLibrary
 
-    if classifier is not None:
-        _check_classifier(classifier)
     trained = TextureLibrary.load(library)
     same = classifier == trained.classifier and method in (None, trained.method)
     if classifier is None or same:
@@ -348,26 +343,16 @@ def _write_csv(
 
     rows = []
     for each, answer in zip(sets, answers, strict=True):
-        match, true_deg = answer.match, answer.orientation_deg
-        found_deg, error_deg = match.orientation_deg, None
+        found_deg, true_deg = answer.match.orientation_deg, answer.orientation_deg
+        error_deg = None
         if found_deg is not None and true_deg is not None:
             found_deg = round(orientation_near(found_deg, true_deg), 6)
             if _trial(answer, trained).orientation_error_deg is not None:
                 error_deg = round(found_deg - true_deg, 6)
-        rows.append(
-            {
-                "set": str(each),
-                "true_label": answer.label,
-                "true_orientation_deg": true_deg,
-                "label": match.label,
-                "nearest": match.nearest,
-                "orientation_deg": found_deg,
-                "orientation_error_deg": error_deg,
-                **{name: getattr(match, name) for name in _CSV_OF_MATCH},
-                **_solved(answer, trained),
-                "training_set": answer.trained,
-            }
-        )
+        truth = {"set": "", "true_label": answer.label, "true_orientation_deg": true_deg}
+        compared = {"orientation_deg": found_deg, "orientation_error_deg": error_deg}
+        record = truth | _record(each, answer, trained) | compared
+        rows.append(record | {"training_set": answer.trained})
     with durable_file(path) as temporary:
         lines = map(csv_line, (rows[0], *(row.values() for row in rows)))
         # A file name may contain bytes that are not UTF-8.
