@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
 from functools import partial
@@ -83,12 +83,8 @@ def train(
         )
     trained.save(library)
     if json:
-        about = {
-            "classes": classes,
-            "method": trained.method,
-            "planar": trained.planar,
-            "simulated": trained.simulated,
-        }
+        solved = {"method": trained.method, "planar": trained.planar}
+        about = {"classes": classes, **solved, "simulated": trained.simulated}
         print_json({"library": str(library), **about})
     else:
         note = " (simulated)" if trained.simulated else ""
@@ -119,14 +115,13 @@ def classify(
     with Batch(workers, scheduler) as batch:
         answers, trained = _classified(paths, library, batch, method, calibration=calibration)
     if csv is not None:
-        _write_csv(csv, paths, answers, trained)
+        _write_csv(csv, answers, trained)
     if json:
-        pairs = zip(paths, answers, strict=True)
-        print_json([_record(path, answer, trained) for path, answer in pairs])
+        print_json([_record(path, answer, trained) for path, answer in answers.items()])
         return
     columns = ("set", "texture", "orientation", "distance", "limit", "reason")
     table = new_table(*columns, prose="reason")
-    for path, each in zip(paths, answers, strict=True):
+    for path, each in answers.items():
         match = each.match
         name = f"{path}\n(simulated)" if each.simulated else str(path)
         limit = "-" if match.limit is None else f"{match.limit:.4f}"
@@ -176,15 +171,16 @@ def evaluate_(
         answers, trained = _classified(
             paths, chosen, batch, method, label_required=True, calibration=calibration
         )
-    training = [path for path, answer in zip(paths, answers, strict=True) if answer.trained]
+    training = [path for path, answer in answers.items() if answer.trained]
     about = f"a training set of {library}; its result says nothing about new sets"
     warn_of_sets((path, (about,)) for path in training)
-    _warn_not_oriented(answers, library, trained)
+    _warn_not_oriented(answers.values(), library, trained)
     if csv is not None:
-        _write_csv(csv, paths, answers, trained)
-    result = evaluate([_trial(answer, trained) for answer in answers], trained.classes)
+        _write_csv(csv, answers, trained)
+    trials = [_trial(answer, trained) for answer in answers.values()]
+    result = evaluate(trials, trained.classes)
     if json:
-        used = sorted({answer.method for answer in answers})
+        used = sorted({answer.method for answer in answers.values()})
         solvers = {"methods": used, "library_method": trained.method}
         print_json(_as_json(result) | {"training_sets": [*map(str, training)]} | solvers)
         return
@@ -235,7 +231,7 @@ def _classified(
     method: Method | None,
     label_required: bool = False,
     calibration: Path | None = None,
-) -> tuple[list[ClassifiedSet], TextureLibrary]:
+) -> tuple[dict[Path, ClassifiedSet], TextureLibrary]:
     from capture.batch.tasks import classify_set, warn_of_sets, warn_unprotected
     from classify import TextureLibrary
 
@@ -247,32 +243,24 @@ def _classified(
         method=method,
         calibration=None if calibration is None else calibration.absolute(),
     )
-    answers = batch.map(task, [path.absolute() for path in paths])
-    answered = list(progress(answers, len(paths), "classify"))
-    warn_of_sets((path, answer.warnings) for path, answer in zip(paths, answered, strict=True))
-    warn_unprotected((path, answer.protected) for path, answer in zip(paths, answered, strict=True))
-    _warn_other_solver(paths, answered, library, trained)
-    return answered, trained
-
-
-def _warn_other_solver(
-    paths: list[Path], answers: list[ClassifiedSet], library: Path, trained: TextureLibrary
-) -> None:
+    found = batch.map(task, [path.absolute() for path in paths])
+    answers = dict(zip(paths, progress(found, len(paths), "classify"), strict=True))
+    warn_of_sets((path, answer.warnings) for path, answer in answers.items())
+    warn_unprotected((path, answer.protected) for path, answer in answers.items())
     if trained.method is None:
-        solvers = " and ".join(sorted({answer.method for answer in answers}))
+        solvers = " and ".join(sorted({answer.method for answer in answers.values()}))
         complain(
             f"warning: {library}: does not record the solver of its training sets; the sets were "
             f"solved by {solvers}"
         )
-        return
-    pairs = zip(paths, answers, strict=True)
-    others = [(path, answer.method) for path, answer in pairs if answer.method != trained.method]
-    if others:
-        more = f" and {len(others) - 1} more" if len(others) > 1 else ""
-        complain(
-            f"warning: {others[0][0]}{more}: solved by {others[0][1]}, but {library} was trained "
-            f"with {trained.method}; textures differ between solvers"
-        )
+        return answers, trained
+    other = f"but {library} was trained with {trained.method}; textures differ between solvers"
+    warn_of_sets(
+        (path, (f"solved by {answer.method}, {other}",))
+        for path, answer in answers.items()
+        if answer.method != trained.method
+    )
+    return answers, trained
 
 
 def _record(path: Path, answer: ClassifiedSet, trained: TextureLibrary) -> dict[str, Any]:
@@ -322,7 +310,7 @@ def _trial(answer: ClassifiedSet, trained: TextureLibrary) -> Trial:
 
 
 def _warn_not_oriented(
-    answers: list[ClassifiedSet], library: Path, trained: TextureLibrary
+    answers: Collection[ClassifiedSet], library: Path, trained: TextureLibrary
 ) -> None:
     labels = {each.label for each in answers if each.orientation_deg is not None}
     unknown = [each for each in trained.classes if each in labels - {*trained.oriented}]
@@ -334,15 +322,13 @@ def _warn_not_oriented(
         )
 
 
-def _write_csv(
-    path: Path, sets: list[Path], answers: list[ClassifiedSet], trained: TextureLibrary
-) -> None:
+def _write_csv(path: Path, answers: dict[Path, ClassifiedSet], trained: TextureLibrary) -> None:
     """Write a line for each set (RFC 4180); an empty cell is an unknown value."""
     from classify.durable_file import durable_file
     from classify.lighting import orientation_near
 
     rows = []
-    for each, answer in zip(sets, answers, strict=True):
+    for each, answer in answers.items():
         found_deg, true_deg = answer.match.orientation_deg, answer.orientation_deg
         error_deg = None
         if found_deg is not None and true_deg is not None:

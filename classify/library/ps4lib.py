@@ -1,8 +1,10 @@
 """The ``.ps4lib`` file: a texture library as an `array_archive`."""
 
+from __future__ import annotations
+
 import math
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +25,8 @@ from classify.lighting import Lighting
 from classify.methods import CLASSIFIER_NAMES, Method
 from classify.texture.spectra import MAX_SEGMENT_PX, MIN_SEGMENT_PX
 
-from .contents import LibraryContents
+if TYPE_CHECKING:
+    from .texture_library import TextureLibrary
 
 SUFFIX = ".ps4lib"
 VERSION: Final = 7
@@ -65,12 +68,12 @@ def _printable(label: str) -> str:
 Label = Annotated[str, Field(min_length=1), AfterValidator(_printable)]
 Limits = Annotated[dict[str, float], PlainValidator(_checked_limits)]
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
-Library = TypeVar("Library", bound=LibraryContents)
+Library = TypeVar("Library", bound="TextureLibrary")
 Array = npt.NDArray[Any]
 
 
 class _Header(BaseModel):
-    """The contents of a library except its arrays; see `LibraryContents`."""
+    """The contents of a library except its arrays; see `TextureLibrary`."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     format: Literal["ps4lib"] = "ps4lib"
@@ -98,7 +101,7 @@ def check_path(path: Path) -> None:
     require_folder(path)
 
 
-def write(path: Path, library: LibraryContents) -> None:
+def write(path: Path, library: TextureLibrary) -> None:
     """Write a library to `path`, whole or not at all; raises as `check_path`."""
     check_path(path)
     lighting = library.lighting

@@ -28,7 +28,7 @@ class TrainingRow(NamedTuple):
 
 
 class Learned(NamedTuple):
-    """What training finds; see `LibraryContents`."""
+    """What training finds; see `TextureLibrary`."""
 
     labels: tuple[str, ...]
     oriented: tuple[str, ...]
