@@ -16,23 +16,10 @@ _BEGIN_FORMULAS = ("=", "+", "-", "@", "\t", "\r", "\n")
 def check_output(
     path: Path, *, suffix: str, inputs: Iterable[Path] = (), force: bool = False
 ) -> None:
-    """Check that a command may write the file `path`.
+    """Check that a command may write the file `path`, whose name must end in `suffix`.
 
-    Parameters
-    ----------
-    path
-        The output file. A symbolic link stands for the file that it leads to.
-    suffix
-        The required end of the name, such as ``.ome.tif``; also of the file that a link leads to.
-    inputs
-        Files that the command reads. The output never replaces one of them, not even with `force`.
-    force
-        Allow that the file exists already.
-
-    Raises
-    ------
-    InputError
-        If the file must not be written, or its folder is missing. The message names the file.
+    A symbolic link stands for the file that it leads to. The output never replaces one of `inputs`,
+    the files that the command reads, and another existing file only with `force`.
     """
     if not path.name.endswith(suffix):
         raise InputError(f"{path}: the name of the output must end in {suffix}")

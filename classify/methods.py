@@ -20,13 +20,9 @@ def suits(method: Method, lights: int) -> bool:
     return lights >= _LEAST_LIGHTS[method] if method in _LEAST_LIGHTS else lights == 4
 
 
-CLASSIFIER_NAMES = (
-    "joint",
-    "spectra_2d",
-    "spectra_2d_power",
-    "polar_radial",
-    "polar",
-    "image_polar",
+ClassifierName = Literal[
+    "joint", "spectra_2d", "spectra_2d_power", "polar_radial", "polar", "image_polar",
     "varma_zisserman",
-)
-DEFAULT_CLASSIFIER = "joint"
+]  # fmt: skip
+CLASSIFIER_NAMES: tuple[ClassifierName, ...] = get_args(ClassifierName)
+DEFAULT_CLASSIFIER: ClassifierName = "joint"

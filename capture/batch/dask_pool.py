@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from classify.errors import InputError
 
-from .one_thread import call_in_one_thread
+from .local_pool import call_in_one_thread
 
 # Least number of submitted items, so that workers that join later find work. It costs little
 # memory, because an item is a path.
@@ -36,16 +36,8 @@ async def _greet(address: str, answer_s: float) -> None:
 class DaskPool:
     """A `Pool` of the workers of a Dask scheduler; workers may join later.
 
-    The scheduler runs the items of a dead worker again, on another worker.
-
-    Parameters
-    ----------
-    address
-        Address of the scheduler.
-    version
-        The version of ps4rig that the workers must have, by default the one that runs here.
-    answer_s
-        Time in seconds to wait for the scheduler's answer.
+    The scheduler runs the items of a dead worker again, on another worker. The workers must have
+    `version` of ps4rig, by default the one that runs here.
     """
 
     # The scheduler itself counts failures, up to `distributed.scheduler.allowed-failures`.

@@ -14,12 +14,11 @@ from typing import NoReturn, TypeVar
 
 from capture.process.priority import yield_processors
 
-from .one_thread import call_in_one_thread
-
 # Time for an interrupted worker to remove its temporary files, which takes milliseconds.
 _CLEANUP_S = 1
 # Set while a worker process has an item: it may have temporary files to remove when it ends.
 at_work = threading.Event()
+_one_at_a_time = threading.Lock()
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -30,14 +29,8 @@ class LocalPool:
 
     The processes are spawned: a forked process would inherit locks that threads of numba and
     OpenCV hold. They end when this process ends, even if it is killed: each waits for the end of a
-    pipe that only this process holds open.
-
-    Parameters
-    ----------
-    workers
-        Number of processes.
-    yields
-        Whether they compute only while no other process wants the processor.
+    pipe that only this process holds open. With `yields` they compute only while no other process
+    wants the processor.
     """
 
     attempts = 3
@@ -150,3 +143,18 @@ def _call(function: Callable[[Item], Result], item: Item) -> Result:
         os._exit(1)
     finally:
         at_work.clear()
+
+
+def call_in_one_thread(function: Callable[[Item], Result], item: Item) -> Result:
+    """Return ``function(item)``, computed in one thread: each core has its own worker.
+
+    The threads of a Dask worker take turns, because the settings below hold for the whole process.
+    """
+    import cv2
+
+    from classify.threads import set_thread_count
+
+    with _one_at_a_time:
+        set_thread_count(1)
+        cv2.setNumThreads(1)
+        return function(item)

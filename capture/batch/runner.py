@@ -20,24 +20,12 @@ Result = TypeVar("Result")
 
 
 class Pool(Protocol):
-    """Workers that are used through the futures of `concurrent.futures`.
+    """Workers that are used through the futures of `concurrent.futures`."""
 
-    Attributes
-    ----------
-    workers
-        Number of items that run at a time.
-    in_flight
-        Number of submitted items that keeps the workers busy.
-    attempts
-        Number of times that an item's worker may die before the item is given up.
-    died
-        Exceptions of the future of an item whose worker died.
-    """
-
-    workers: int
-    in_flight: int
-    attempts: int
-    died: tuple[type[Exception], ...]
+    workers: int  # items that run at a time
+    in_flight: int  # submitted items that keep the workers busy
+    attempts: int  # times that an item's worker may die before the item is given up
+    died: tuple[type[Exception], ...]  # of the future of an item whose worker died
 
     def submit(self, function: Callable[[Item], Result], item: Item) -> Future[Result]:
         """Have a worker call the function."""
@@ -59,28 +47,15 @@ class Batch:
     This takes at most twice the time of the better choice, however long an item takes.
 
     Functions and items are pickled: use functions of a module, `functools.partial` of them, and
-    paths.
-
-    Parameters
-    ----------
-    workers
-        Number of worker processes; by default one for each usable core.
-    scheduler
-        Address of the scheduler of a Dask cluster, which then does all the work.
-    starting_s
-        Time in seconds to start the worker processes. The default is the time in which a worker on
-        each core of a laptop imports numba, scipy and OpenCV.
-
-    Raises
-    ------
-    InputError
-        If no scheduler answers, Dask is not installed, or a worker has another version of ps4rig.
+    paths. There is one worker process for each usable core unless `workers` is given. `scheduler`
+    is the address of a Dask cluster, which then does all the work.
     """
 
     def __init__(
         self, workers: int | None = None, scheduler: str | None = None, *, starting_s: float = 2.0
     ) -> None:
         self._workers = workers or len(usable_processors())
+        # The time in which a worker on each core of a laptop imports numba, scipy and OpenCV.
         self._starting_s = starting_s
         self._spent_s = 0.0
         self._pool: Pool | None = None
@@ -98,12 +73,8 @@ class Batch:
         """Yield ``function(item)`` for each item, in order.
 
         Items are read when a worker needs one, so `items` may be endless. In this process `here` is
-        called instead of the function; it may show progress and is not pickled.
-
-        Raises
-        ------
-        InputError
-            If one item's workers were killed repeatedly.
+        called instead of the function; it may show progress and is not pickled. InputError if one
+        item's workers were killed repeatedly.
         """
         remaining = iter(items)
         for item in remaining:

@@ -28,12 +28,6 @@ def train_library(
     All sets are solved by `method`, by default the default solver for their number of lights. The
     library stores the paths of the sets relative to `folder`, where it will be saved. `calibration`
     replaces the calibrations that the sets name.
-
-    Raises
-    ------
-    InputError
-        If a set cannot be read or solved, has no label, its path is not valid UTF-8, or the sets
-        have different default solvers.
     """
     absolute = [path.absolute() for path in paths]
     calibration = None if calibration is None else calibration.absolute()
@@ -95,12 +89,8 @@ def retrain_library(
 ) -> TextureLibrary:
     """Train another classifier from the sets that the library at `path` was trained from.
 
-    The solver is that of the library unless `method` is given.
-
-    Raises
-    ------
-    LibraryError
-        If the library does not name its training sets, or one of them is missing or has changed.
+    The solver is that of the library unless `method` is given. LibraryError if the library does not
+    name its training sets, or one of them is missing or has changed.
     """
     method = method or library.method
     remedy = f"train a library with --classifier {classifier}"

@@ -46,7 +46,6 @@ def export(
     from capture.exchange.numpy_file import write_numpy_file
     from capture.outputs import check_output
     from capture.sets.captured_set import CapturedSet
-    from capture.sets.ome_tiff import read_header
 
     suffix = output.suffix.lower()
     if suffix and (maps or suffix not in _SUFFIXES):
@@ -60,7 +59,6 @@ def export(
         raise InputError(f"{output}: is not solved; leave out --calibration and --raw")
     if suffix:
         check_output(output, suffix=output.suffix, inputs=[captured_set], force=force)
-    metadata, _ = read_header(captured_set)
     said: dict[str, str | tuple[str, ...]] = {"set": str(captured_set), "output": str(output)}
     if maps:
         task = SolveTask(captured_set, output)

@@ -121,13 +121,7 @@ Size = Annotated[
 
 
 def defects(texts: list[str] | None) -> list[dict[str, Any]] | None:
-    """Return the fields of `rig.Defect` for each --defect; None if there are none.
-
-    Raises
-    ------
-    InputError
-        For a text of another form; the values are checked with the configuration.
-    """
+    """Return the fields of `rig.Defect` for each --defect; the configuration checks the values."""
     if texts is None:
         return None
     given = []
@@ -158,15 +152,7 @@ def with_part(
 ) -> RigConfig:
     """Return `config` with the given values; None keeps the value of `config`.
 
-    Parameters
-    ----------
-    placement
-        Fields of `rig.Placement`.
-
-    Raises
-    ------
-    ConfigError
-        If the result is not a valid configuration.
+    `placement` holds fields of `rig.Placement`.
     """
     camera = {"bits": bits, "width_px": size_px, "height_px": size_px}
     placed = config.simulation.placement.model_dump() | _given(placement)
@@ -191,13 +177,7 @@ def check_orientations(name: str, *degrees: float | None) -> None:
 
 
 def degrees(option: str, text: str, example: str) -> list[float]:
-    """Return the numbers of an option that are separated by commas.
-
-    Raises
-    ------
-    InputError
-        Naming the option, with an example.
-    """
+    """Return the numbers of an option that are separated by commas."""
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:

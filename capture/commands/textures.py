@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
 from functools import partial
@@ -14,21 +14,26 @@ import typer
 
 from capture.console import complain, new_table, out, print_json, print_table, progress, reported
 from capture.outputs import check_output, csv_line
-from classify.errors import InputError
-from classify.methods import CLASSIFIER_NAMES, DEFAULT_CLASSIFIER, METHODS, Method
+from classify.methods import (
+    CLASSIFIER_NAMES,
+    DEFAULT_CLASSIFIER,
+    METHODS,
+    ClassifierName,
+    Method,
+)
 
 from . import options
 
 if TYPE_CHECKING:
     from capture.batch.runner import Batch
     from capture.batch.tasks import ClassifiedSet
-    from classify import Evaluation, TextureLibrary
+    from classify import Evaluation, TextureLibrary, Trial
 
 LibraryOption = Annotated[
     Path, typer.Option("--library", help="Texture library, NAME.ps4lib.", metavar="LIB")
 ]
 ClassifierOption = Annotated[
-    str, typer.Option(help=f"One of {', '.join(CLASSIFIER_NAMES)}.", metavar="NAME")
+    ClassifierName, typer.Option(help=f"One of {', '.join(CLASSIFIER_NAMES)}.", metavar="NAME")
 ]
 TrainingSolver = Annotated[
     Method | None,
@@ -51,10 +56,6 @@ CsvOption = Annotated[
     Path | None,
     typer.Option("--csv", help="Write a table with a line for each set.", metavar="FILE.csv"),
 ]
-_CSV_OF_MATCH = (
-    "heading_deg", "distance", "limit", "runner_up", "runner_up_distance", "margin", "sharpness",
-    "blur_px", "reason",
-)  # fmt: skip
 
 
 @reported
@@ -76,19 +77,14 @@ def train(
 
     paths = find_sets(sets)
     check_output(library, suffix=".ps4lib", inputs=paths, force=force)
-    _check_classifier(classifier)
     with Batch(workers, scheduler) as batch:
         trained, classes = train_library(
             paths, library.parent, batch, classifier, method, calibration
         )
     trained.save(library)
     if json:
-        about = {
-            "classes": classes,
-            "method": trained.method,
-            "planar": trained.planar,
-            "simulated": trained.simulated,
-        }
+        solved = {"method": trained.method, "planar": trained.planar}
+        about = {"classes": classes, **solved, "simulated": trained.simulated}
         print_json({"library": str(library), **about})
     else:
         note = " (simulated)" if trained.simulated else ""
@@ -119,14 +115,13 @@ def classify(
     with Batch(workers, scheduler) as batch:
         answers, trained = _classified(paths, library, batch, method, calibration=calibration)
     if csv is not None:
-        _write_csv(csv, paths, answers, trained)
+        _write_csv(csv, answers, trained)
     if json:
-        fields = (asdict(each.match) | _solved(each, trained) for each in answers)
-        print_json([{"set": str(path), **own} for path, own in zip(paths, fields, strict=True)])
+        print_json([_record(path, answer, trained) for path, answer in answers.items()])
         return
     columns = ("set", "texture", "orientation", "distance", "limit", "reason")
     table = new_table(*columns, prose="reason")
-    for path, each in zip(paths, answers, strict=True):
+    for path, each in answers.items():
         match = each.match
         name = f"{path}\n(simulated)" if each.simulated else str(path)
         limit = "-" if match.limit is None else f"{match.limit:.4f}"
@@ -140,7 +135,7 @@ def evaluate_(
     sets: options.Sets,
     library: LibraryOption,
     classifier: Annotated[
-        str | None,
+        ClassifierName | None,
         typer.Option(
             help="Use another classifier, trained from the training sets of the library: "
             f"{', '.join(CLASSIFIER_NAMES)}.",
@@ -162,7 +157,7 @@ def evaluate_(
     from capture.batch.runner import Batch
     from capture.batch.tasks import warn_of_sets
     from capture.sets.archive import find_sets
-    from classify import Trial, evaluate
+    from classify import evaluate
 
     paths = find_sets(sets)
     if csv is not None:
@@ -176,15 +171,16 @@ def evaluate_(
         answers, trained = _classified(
             paths, chosen, batch, method, label_required=True, calibration=calibration
         )
-    training = [path for path, answer in zip(paths, answers, strict=True) if answer.trained]
+    training = [path for path, answer in answers.items() if answer.trained]
     about = f"a training set of {library}; its result says nothing about new sets"
     warn_of_sets((path, (about,)) for path in training)
+    _warn_not_oriented(answers.values(), library, trained)
     if csv is not None:
-        _write_csv(csv, paths, answers, trained)
-    trials = [Trial(answer.label or "", answer.orientation_deg, answer.match) for answer in answers]
+        _write_csv(csv, answers, trained)
+    trials = [_trial(answer, trained) for answer in answers.values()]
     result = evaluate(trials, trained.classes)
     if json:
-        used = sorted({answer.method for answer in answers})
+        used = sorted({answer.method for answer in answers.values()})
         solvers = {"methods": used, "library_method": trained.method}
         print_json(_as_json(result) | {"training_sets": [*map(str, training)]} | solvers)
         return
@@ -235,7 +231,7 @@ def _classified(
     method: Method | None,
     label_required: bool = False,
     calibration: Path | None = None,
-) -> tuple[list[ClassifiedSet], TextureLibrary]:
+) -> tuple[dict[Path, ClassifiedSet], TextureLibrary]:
     from capture.batch.tasks import classify_set, warn_of_sets
     from classify import TextureLibrary
 
@@ -247,35 +243,37 @@ def _classified(
         method=method,
         calibration=None if calibration is None else calibration.absolute(),
     )
-    answers = batch.map(task, [path.absolute() for path in paths])
-    answered = list(progress(answers, len(paths), "classify"))
-    warn_of_sets((path, answer.warnings) for path, answer in zip(paths, answered, strict=True))
-    _warn_other_solver(paths, answered, library, trained)
-    return answered, trained
+    found = batch.map(task, [path.absolute() for path in paths])
+    answers = dict(zip(paths, progress(found, len(paths), "classify"), strict=True))
+    warn_of_sets((path, answer.warnings) for path, answer in answers.items())
+    _warn_other_solver(answers, library, trained)
+    return answers, trained
 
 
 def _warn_other_solver(
-    paths: list[Path], answers: list[ClassifiedSet], library: Path, trained: TextureLibrary
+    answers: dict[Path, ClassifiedSet], library: Path, trained: TextureLibrary
 ) -> None:
+    from capture.batch.tasks import warn_of_sets
+
     if trained.method is None:
-        solvers = " and ".join(sorted({answer.method for answer in answers}))
+        solvers = " and ".join(sorted({answer.method for answer in answers.values()}))
         complain(
             f"warning: {library}: does not record the solver of its training sets; the sets were "
             f"solved by {solvers}"
         )
         return
-    pairs = zip(paths, answers, strict=True)
-    others = [(path, answer.method) for path, answer in pairs if answer.method != trained.method]
-    if others:
-        more = f" and {len(others) - 1} more" if len(others) > 1 else ""
-        complain(
-            f"warning: {others[0][0]}{more}: solved by {others[0][1]}, but {library} was trained "
-            f"with {trained.method}; textures differ between solvers"
-        )
+    other = f"but {library} was trained with {trained.method}; textures differ between solvers"
+    warn_of_sets(
+        (path, (f"solved by {answer.method}, {other}",))
+        for path, answer in answers.items()
+        if answer.method != trained.method
+    )
 
 
-def _solved(answer: ClassifiedSet, trained: TextureLibrary) -> dict[str, Any]:
+def _record(path: Path, answer: ClassifiedSet, trained: TextureLibrary) -> dict[str, Any]:
     return {
+        "set": str(path),
+        **asdict(answer.match),
         "method": answer.method,
         "library_method": trained.method,
         "planar": answer.planar,
@@ -283,15 +281,10 @@ def _solved(answer: ClassifiedSet, trained: TextureLibrary) -> dict[str, Any]:
     }
 
 
-def _check_classifier(name: str) -> None:
-    if name not in CLASSIFIER_NAMES:
-        raise InputError(f"--classifier {name}: choose one of {', '.join(CLASSIFIER_NAMES)}")
-
-
 @contextmanager
 def _library_for(
     library: Path,
-    classifier: str | None,
+    classifier: ClassifierName | None,
     method: Method | None,
     calibration: Path | None,
     batch: Batch,
@@ -304,8 +297,6 @@ def _library_for(
     from capture.batch.training import retrain_library
     from classify import TextureLibrary
 
-    if classifier is not None:
-        _check_classifier(classifier)
     trained = TextureLibrary.load(library)
     same = classifier == trained.classifier and method in (None, trained.method)
     if classifier is None or same:
@@ -318,36 +309,43 @@ def _library_for(
         yield path
 
 
-def _write_csv(
-    path: Path, sets: list[Path], answers: list[ClassifiedSet], trained: TextureLibrary
-) -> None:
-    """Write a line for each set (RFC 4180); an empty cell is an unknown value."""
+def _trial(answer: ClassifiedSet, trained: TextureLibrary) -> Trial:
     from classify import Trial
+
+    known = answer.label in trained.oriented
+    return Trial(answer.label or "", answer.orientation_deg if known else None, answer.match)
+
+
+def _warn_not_oriented(
+    answers: Collection[ClassifiedSet], library: Path, trained: TextureLibrary
+) -> None:
+    labels = {each.label for each in answers if each.orientation_deg is not None}
+    unknown = [each for each in trained.classes if each in labels - {*trained.oriented}]
+    if unknown and any(answer.match.orientation_deg is not None for answer in answers):
+        complain(
+            f"warning: {library}: {', '.join(unknown)}: the training sets have no orientation, so "
+            "there is no orientation error; give it with ps4rig info --set orientation_deg=DEG "
+            "and train again"
+        )
+
+
+def _write_csv(path: Path, answers: dict[Path, ClassifiedSet], trained: TextureLibrary) -> None:
+    """Write a line for each set (RFC 4180); an empty cell is an unknown value."""
     from classify.durable_file import durable_file
     from classify.lighting import orientation_near
 
     rows = []
-    for each, answer in zip(sets, answers, strict=True):
-        match, true_deg = answer.match, answer.orientation_deg
-        found_deg, error_deg = match.orientation_deg, None
+    for each, answer in answers.items():
+        found_deg, true_deg = answer.match.orientation_deg, answer.orientation_deg
+        error_deg = None
         if found_deg is not None and true_deg is not None:
             found_deg = round(orientation_near(found_deg, true_deg), 6)
-            if Trial(answer.label or "", true_deg, match).is_correct:
+            if _trial(answer, trained).orientation_error_deg is not None:
                 error_deg = round(found_deg - true_deg, 6)
-        rows.append(
-            {
-                "set": str(each),
-                "true_label": answer.label,
-                "true_orientation_deg": true_deg,
-                "label": match.label,
-                "nearest": match.nearest,
-                "orientation_deg": found_deg,
-                "orientation_error_deg": error_deg,
-                **{name: getattr(match, name) for name in _CSV_OF_MATCH},
-                **_solved(answer, trained),
-                "training_set": answer.trained,
-            }
-        )
+        truth = {"set": "", "true_label": answer.label, "true_orientation_deg": true_deg}
+        compared = {"orientation_deg": found_deg, "orientation_error_deg": error_deg}
+        record = truth | _record(each, answer, trained) | compared
+        rows.append(record | {"training_set": answer.trained})
     with durable_file(path) as temporary:
         lines = map(csv_line, (rows[0], *(row.values() for row in rows)))
         # A file name may contain bytes that are not UTF-8.

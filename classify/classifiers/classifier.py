@@ -79,8 +79,6 @@ class Classifier(Generic[Tested, Trained]):
     limits
         (label and set number of each reference, (n, ...) references, parameters) to the distance
         beyond which each class rejects; empty where the classifier rejects nothing.
-    added_parameters
-        Names of parameters that libraries of earlier versions do not have.
     has_invariants
         Whether there are `bounds`; a large library then compares few references.
     invariants
@@ -108,7 +106,6 @@ class Classifier(Generic[Tested, Trained]):
     limits: Callable[[Sequence[str], Sequence[int], FloatMap, Parameters], dict[str, float]] = (
         lambda _labels, _sets, _references, _parameters: {}
     )
-    added_parameters: frozenset[str] = frozenset()
     has_invariants: bool = False
     invariants: Callable[[FloatMap, Parameters], FloatMap] = lambda each, _parameters: np.ones(
         (len(each), 1), np.float32

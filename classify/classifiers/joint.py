@@ -25,9 +25,7 @@ from classify.texture.statistics import LocalStatistics
 from .classifier import Classifier, Comparison, Parameters
 from .joint_bounds import BLUR_BASIS, blur_coordinates, bounds
 from .joint_features import (
-    CONTRAST_GAINS,
     SERIES,
-    SPECTRAL_SHARE,
     Distances,
     JointObservation,
     JointTraining,
@@ -93,27 +91,21 @@ def _vector(
     white = statistics[0] @ parameters["whitening"].T
     white *= local_unit(parameters)
     heading = heading_numbers(observation.statistics.headings, parameters["heading_variances"])
-    parts = [series.ravel().view(np.float32), white.astype(np.float32), heading]
-    if BLUR_BASIS in parameters:
-        parts.insert(2, blur_curve(observation, blurred, parameters).ravel())
-    return np.concatenate([*parts, [np.float32(last)]])
+    curve = blur_curve(observation, blurred, parameters)
+    parts = (series.view(np.float32), white.astype(np.float32), curve, heading, np.float32(last))
+    return np.concatenate([part.ravel() for part in parts])
 
 
 def _compare(test: FloatMap, references: FloatMap, parameters: Parameters) -> Comparison:
     found = least_error(_series_of(test[None])[0], _series_of(references))
     own, others = _levels(test[None], parameters)[0], _levels(references, parameters)
-    squares = np.square(others - own)
-    blurs_px = None
-    if BLUR_BASIS in parameters:
-        # Blur changes neither the other harmonics nor the shift.
-        curve, curves = _curves(test[None], parameters)[0], _curves(references, parameters)
-        penalty = blur_penalty(float(parameters["pixels"]))
-        least, variances = least_over_blurs(own, curve, others, curves, SERIES, penalty)
-        rings = squares[:, :SERIES].sum(axis=1, dtype=np.float64)
-        total = np.maximum(found.errors - rings, 0.0) + least
-        blurs_px = np.sign(variances) * np.sqrt(np.abs(variances))
-    else:
-        total = found.errors + squares[:, SERIES:].sum(axis=1, dtype=np.float64)
+    # Blur changes neither the other harmonics nor the shift.
+    curve, curves = _curves(test[None], parameters)[0], _curves(references, parameters)
+    penalty = blur_penalty(float(parameters["pixels"]))
+    least, variances = least_over_blurs(own, curve, others, curves, SERIES, penalty)
+    rings = np.square(others - own)[:, :SERIES].sum(axis=1, dtype=np.float64)
+    total = np.maximum(found.errors - rings, 0.0) + least
+    blurs_px = np.sign(variances) * np.sqrt(np.abs(variances))
     total /= test[-1]
     headings = heading_scores(test[_HEADING], references[:, _HEADING], found.shifts_deg)
     # The moments of a smaller frame scatter more.
@@ -149,7 +141,7 @@ def _series_of(signatures: FloatMap) -> Complex:
 
 
 def _curve(parameters: Parameters) -> slice:
-    """Slice of the changes by blur in a signature; empty in earlier libraries."""
+    """Slice of the changes by blur in a signature."""
     return slice(_SERIES_FLOATS + len(parameters["whitening"]), _HEADING.start)
 
 
@@ -165,12 +157,10 @@ def _curves(signatures: FloatMap, parameters: Parameters) -> FloatMap:
 
 
 def _invariants(signatures: FloatMap, parameters: Parameters) -> FloatMap:
-    levels = _levels(signatures, parameters)
-    parts = [shift_invariant_norms(_series_of(signatures)), levels[:, SERIES:]]
-    if BLUR_BASIS in parameters:
-        curves = _curves(signatures, parameters)
-        parts.append(blur_coordinates(levels, curves, parameters[BLUR_BASIS], SERIES))
-    return np.concatenate([*parts, signatures[:, -1:]], axis=1)
+    levels, curves = _levels(signatures, parameters), _curves(signatures, parameters)
+    coordinates = blur_coordinates(levels, curves, parameters[BLUR_BASIS], SERIES)
+    norms = shift_invariant_norms(_series_of(signatures))
+    return np.concatenate([norms, levels[:, SERIES:], coordinates, signatures[:, -1:]], axis=1)
 
 
 def _without_heading(references: FloatMap) -> FloatMap:
@@ -193,6 +183,5 @@ JOINT = Classifier(
     invariants=_invariants,
     bounds=bounds,
     agreement=_agreement,
-    added_parameters=frozenset([BLUR_BASIS, CONTRAST_GAINS, SPECTRAL_SHARE]),
     without_heading=_without_heading,
 )

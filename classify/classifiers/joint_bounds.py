@@ -83,14 +83,13 @@ def blur_coordinates(
 
 def bounds(test: FloatMap, references: FloatMap, parameters: Parameters) -> Bounds:
     """(n,) lower bounds on the distances from a test, with (k,) invariants, to n references."""
-    size = RING_DIRECTIONS + LOCAL_DIRECTIONS if BLUR_BASIS in parameters else 0
+    size = RING_DIRECTIONS + LOCAL_DIRECTIONS
     plain = 2 * SERIES + len(parameters["whitening"])
     paths = []
     for rows in (test[None], references):
         numbers = rows[:, plain:-1]
         changes = numbers[:, size : 4 * size].reshape(len(rows), len(KNOTS_PX2), size)
-        reach = numbers[:, 4 * size :] if size else np.zeros((len(rows), _REACHES), np.float32)
-        paths += [numbers[:, :size], changes, reach]
+        paths += [numbers[:, :size], changes, numbers[:, 4 * size :]]
     own, curve, own_reach, *others = paths
     penalty = blur_penalty(float(parameters["pixels"]))
     found = np.empty(len(references), np.float64)

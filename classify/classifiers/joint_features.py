@@ -42,13 +42,11 @@ SPECTRAL_SHARE = "spectral_share"
 """Parameter: weight of the distance of spectra; that of statistics has the rest."""
 
 CONTRAST_GAINS = "contrast_gains"
-"""Parameter: factor of the contrast of each channel in a distance; 1 in earlier libraries."""
+"""Parameter: factor of the contrast of each channel in a distance."""
 
 # A ring counts by its number of DFT cells, which grows with its radius in bins up to this cap:
 # without a cap the highest frequencies, which hold most of the noise, would outvote all others.
 _CAP_BINS = 8.0
-# Share in libraries of file version 4 and earlier, which do not contain it.
-_EARLIER_SPECTRAL_SHARE = 2.0 / 3.0
 # Share of the power of relief that counts as power of albedo. Penumbra, gloss and LEDs that are
 # 5 % weaker than assumed leak about as much of the relief into the albedo.
 _ALBEDO_LEAK = 0.004
@@ -172,10 +170,9 @@ def _contrasts(channels: FloatMap) -> FloatMap:
 
 def _channels(polar: FloatMap, parameters: Parameters) -> FloatMap:
     channels = _weighted_channels(polar, parameters["density_floor"])
-    if CONTRAST_GAINS in parameters:
-        factors = (parameters[CONTRAST_GAINS] - 1.0) / np.sqrt(polar.shape[-1])
-        changes = factors.astype(np.float32) * _contrasts(channels)
-        channels += (changes[..., None] * _contrast_directions())[..., None]
+    factors = (parameters[CONTRAST_GAINS] - 1.0) / np.sqrt(polar.shape[-1])
+    changes = factors.astype(np.float32) * _contrasts(channels)
+    channels += (changes[..., None] * _contrast_directions())[..., None]
     return channels.reshape(*polar.shape[:-3], SERIES, polar.shape[-1])
 
 
@@ -230,16 +227,12 @@ def blur_curve(
 
 def spectral_unit(parameters: Parameters) -> float:
     """Factor of series that makes the mean distance between quarters `spectral_share`."""
-    return float(np.sqrt(_spectral_share(parameters) / parameters["spectral_scatter"]))
+    return float(np.sqrt(parameters[SPECTRAL_SHARE] / parameters["spectral_scatter"]))
 
 
 def local_unit(parameters: Parameters) -> float:
     """Factor of whitened statistics that makes the mean distance 1 - `spectral_share`."""
-    return float(np.sqrt((1.0 - _spectral_share(parameters)) / parameters["local_scatter"]))
-
-
-def _spectral_share(parameters: Parameters) -> float:
-    return float(parameters.get(SPECTRAL_SHARE, _EARLIER_SPECTRAL_SHARE))
+    return float(np.sqrt((1.0 - parameters[SPECTRAL_SHARE]) / parameters["local_scatter"]))
 
 
 def statistics_rows(statistics: LocalStatistics, parameters: Parameters) -> npt.NDArray[np.float64]:
@@ -272,7 +265,7 @@ def quarter_distances(
 
 def combined(spectral: Distances, local: Distances, parameters: Parameters) -> Distances:
     """Both distances as one, in units of the mean distance between quarters."""
-    share = _spectral_share(parameters)
+    share = float(parameters[SPECTRAL_SHARE])
     return (
         share * spectral / parameters["spectral_scatter"]
         + (1.0 - share) * local / parameters["local_scatter"]

@@ -10,60 +10,42 @@ from classify.classifiers import Bounds, Comparison
 Indices = npt.NDArray[np.intp]
 
 
-class Sieve:
-    """Choice of references by lower bounds on their distances.
+# References of the lowest bounds that are compared first, and then as many of other classes.
+FIRST = 64
+# Largest number of references compared after that, which bounds the time. On 100,000 references the
+# nearest is among them in 99.9 % of queries (``tests.evidence.benchmark``).
+MOST = 4096
 
-    Parameters
-    ----------
-    class_indices
-        (n,) class of each reference.
-    first
-        Number of references of the lowest bounds that are compared first, and then as many of other
-        classes.
-    most
-        Largest number of references compared after that, which bounds the time. On 100,000
-        references the nearest is among them in 99.9 % of queries (``tests.evidence.benchmark``).
+
+def nearest_references(
+    classes: npt.NDArray[np.integer], bounds: Bounds, compare: Callable[[Indices], Comparison]
+) -> tuple[Indices, Comparison]:
+    """Compare all references that may be the nearest or the runner-up.
+
+    `classes` holds the (n,) class of each reference. The references of the lowest bounds, of two
+    classes or more, are compared first. Let d1 be their smallest distance, to a reference of class
+    c, and d2 the smallest to any other class. References of c whose bound is at most d1 are
+    compared too, and references of other classes whose bound is at most d2: lowest bounds first,
+    `MOST` at most. Returns (m,) indices, rising, and the comparison with these references.
     """
-
-    def __init__(
-        self, class_indices: npt.NDArray[np.integer], *, first: int = 64, most: int = 4096
-    ) -> None:
-        self._classes = class_indices
-        self._first = first
-        self._most = most
-
-    def nearest(
-        self, bounds: Bounds, compare: Callable[[Indices], Comparison]
-    ) -> tuple[Indices, Comparison]:
-        """Compare all references that may be the nearest or the runner-up.
-
-        The references of the lowest bounds, of two classes or more, are compared first. Let d1 be
-        their smallest distance, to a reference of class c, and d2 the smallest to any other class.
-        References of c whose bound is at most d1 are compared too, and references of other classes
-        whose bound is at most d2: lowest bounds first, `most` at most.
-
-        Returns
-        -------
-        (m,) indices, rising, and the comparison with these references.
-        """
-        # NaN, which a mapped file may contain, gives no bound.
-        bounds = np.fmax(bounds, 0.0)
-        lowest = _lowest(bounds, self._first)
-        rest = np.flatnonzero(self._classes != self._classes[lowest[0]])
-        first = np.union1d(lowest, rest[_lowest(bounds[rest], self._first)])
-        found = compare(first)
-        best = int(np.argmin(found.distances))
-        others = self._classes != self._classes[first[best]]
-        second_best = found.distances[others[first]].min(initial=np.inf)
-        within = bounds <= np.where(others, second_best, found.distances[best])
-        within[first] = False
-        more = np.flatnonzero(within)
-        more = more[_lowest(bounds[more], self._most)]
-        if not len(more):
-            return first, found
-        indices = np.concatenate([first, more])
-        order = np.argsort(indices)
-        return indices[order], _joined(found, compare(more), order)
+    # NaN, which a mapped file may contain, gives no bound.
+    bounds = np.fmax(bounds, 0.0)
+    lowest = _lowest(bounds, FIRST)
+    rest = np.flatnonzero(classes != classes[lowest[0]])
+    first = np.union1d(lowest, rest[_lowest(bounds[rest], FIRST)])
+    found = compare(first)
+    best = int(np.argmin(found.distances))
+    others = classes != classes[first[best]]
+    second_best = found.distances[others[first]].min(initial=np.inf)
+    within = bounds <= np.where(others, second_best, found.distances[best])
+    within[first] = False
+    more = np.flatnonzero(within)
+    more = more[_lowest(bounds[more], MOST)]
+    if not len(more):
+        return first, found
+    indices = np.concatenate([first, more])
+    order = np.argsort(indices)
+    return indices[order], _joined(found, compare(more), order)
 
 
 def _lowest(values: Bounds, count: int) -> Indices:

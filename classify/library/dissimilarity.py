@@ -17,19 +17,10 @@ Matrix = npt.NDArray[np.float64]
 
 
 def class_dissimilarities(distances: Matrix, classes: Sequence[int]) -> Matrix:
-    """Dissimilarity of C classes from the distances of n sets to each of them.
+    """(C, C) dissimilarity of classes, from (n, C) distances of n sets and the class of each set.
 
-    Parameters
-    ----------
-    distances
-        (n, C) from `TextureLibrary.distances`.
-    classes
-        (n,) class of each set; every class has one set at least.
-
-    Returns
-    -------
-    (C, C) symmetric: the median distance of the sets of one class to the other, the mean of both
-    ways, and 0 on the diagonal.
+    The median distance of the sets of one class to the other, the mean of both ways; 0 on the
+    diagonal. Every class has one set at least.
     """
     members = np.asarray(classes)
     one_way = np.stack(
@@ -52,28 +43,14 @@ def limits_alone(library: TextureLibrary) -> dict[str, float]:
 
 
 class Dendrogram(NamedTuple):
-    """A tree of C classes.
+    """A tree of C classes."""
 
-    Attributes
-    ----------
-    order
-        The classes from top to bottom, so that no branches cross.
-    branches
-        (C - 1, 4, 2) corners of each branch: dissimilarity, and place in `order`.
-    """
-
-    order: list[int]
-    branches: Matrix
+    order: list[int]  # from top to bottom, so that no branches cross
+    branches: Matrix  # (C - 1, 4, 2) corners of each branch: dissimilarity, and place in `order`
 
 
 def dendrogram(dissimilarities: Matrix) -> Dendrogram:
-    """Group classes by average linkage (UPGMA, Sokal and Michener 1958).
-
-    Raises
-    ------
-    InputError
-        For fewer than two classes.
-    """
+    """Group two or more classes by average linkage (UPGMA, Sokal and Michener 1958)."""
     if len(dissimilarities) < 2:
         raise InputError("one class cannot be grouped; give two or more")
     tree = hierarchy.linkage(squareform(dissimilarities, checks=False), method="average")
@@ -86,19 +63,9 @@ def dendrogram(dissimilarities: Matrix) -> Dendrogram:
 def embedding(distances: Matrix, dissimilarities: Matrix) -> Matrix:
     """Map sets to a plane by landmark multidimensional scaling.
 
-    After de Silva and Tenenbaum (2004). The classes are the landmarks, placed by classical scaling;
-    each set is placed by its distances to them.
-
-    Parameters
-    ----------
-    distances
-        (n, C) distances of the sets to the classes.
-    dissimilarities
-        (C, C) of the classes.
-
-    Returns
-    -------
-    (n, 2) places. The second coordinate is 0 for two classes.
+    After de Silva and Tenenbaum (2004). The classes are the landmarks, placed by classical scaling
+    of their (C, C) dissimilarities; each set is placed by its (n, C) distances to them. The second
+    of the (n, 2) coordinates is 0 for two classes.
     """
     squares = np.square(dissimilarities)
     means = squares.mean(axis=0)

@@ -1,8 +1,10 @@
 """The ``.ps4lib`` file: a texture library as an `array_archive`."""
 
+from __future__ import annotations
+
 import math
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -23,10 +25,11 @@ from classify.lighting import Lighting
 from classify.methods import CLASSIFIER_NAMES, Method
 from classify.texture.spectra import MAX_SEGMENT_PX, MIN_SEGMENT_PX
 
-from .contents import LibraryContents
+if TYPE_CHECKING:
+    from .texture_library import TextureLibrary
 
 SUFFIX = ".ps4lib"
-VERSION: Final = 6
+VERSION: Final = 7
 MAP_FROM_BYTES = 64 * 2**20
 """Arrays of this size or more stay in the file; smaller ones are read and their checksum tested."""
 
@@ -35,9 +38,7 @@ _MAX_PARAMETERS = 64
 _KIND = ArchiveKind(
     noun="library",
     header="library.json",
-    # Version 3 has no `method`; 3 and 4 have no `spectral_share`, 3 to 5 no `contrast_gains`
-    # (joint_features.py).
-    versions=(3, 4, 5, VERSION),
+    versions=(VERSION,),
     if_missing="make one with ps4rig train",
     remedy="train it again",
     error=LibraryError,
@@ -68,22 +69,23 @@ def _printable(label: str) -> str:
 Label = Annotated[str, Field(min_length=1), AfterValidator(_printable)]
 Limits = Annotated[dict[str, float], PlainValidator(_checked_limits)]
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
-Library = TypeVar("Library", bound=LibraryContents)
+Library = TypeVar("Library", bound="TextureLibrary")
 Array = npt.NDArray[Any]
 
 
 class _Header(BaseModel):
-    """The contents of a library except its arrays; see `LibraryContents`."""
+    """The contents of a library except its arrays; see `TextureLibrary`."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     format: Literal["ps4lib"] = "ps4lib"
-    version: Literal[3, 4, 5, 6] = VERSION
+    version: Literal[7] = VERSION
     classifier: str
     segment_px: int = Field(ge=MIN_SEGMENT_PX, le=MAX_SEGMENT_PX)
     method: Method | None = None
     planar: bool = False
     simulated: bool = False
     classes: Annotated[tuple[Label, ...], FailFast()] = Field(min_length=1)
+    oriented: Annotated[tuple[Label, ...], FailFast()] = ()
     limits: Limits = Field(default_factory=dict)
     light_directions: Annotated[tuple[Vector, ...] | None, FailFast()] = None
     sources: Annotated[tuple[tuple[str, str], ...], FailFast()] = ()
@@ -100,7 +102,7 @@ def check_path(path: Path) -> None:
     require_folder(path)
 
 
-def write(path: Path, library: LibraryContents) -> None:
+def write(path: Path, library: TextureLibrary) -> None:
     """Write a library to `path`, whole or not at all; raises as `check_path`."""
     check_path(path)
     lighting = library.lighting
@@ -111,6 +113,7 @@ def write(path: Path, library: LibraryContents) -> None:
         planar=library.planar,
         simulated=library.simulated,
         classes=library.classes,
+        oriented=library.oriented,
         limits=dict(library.limits),
         light_directions=None if lighting is None else lighting.directions.tolist(),
         sources=library.sources,
@@ -163,6 +166,7 @@ def _read(archive: ArrayArchive, kind: type[Library]) -> Library:
         signatures=arrays["signatures"],
         parameters=parameters,
         segment_px=header.segment_px,
+        oriented=header.oriented,
         limits=header.limits,
         lighting=lighting,
         method=header.method,

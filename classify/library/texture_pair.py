@@ -15,32 +15,18 @@ from .training import TrainingRow, observe
 class TexturePair:
     """How two textures differ.
 
-    Attributes
-    ----------
-    distance
-        Mean of the distances from either to the other: 0 equal, 1 as two quarters of one frame.
-    angle_deg
-        Angle by which the second is rotated from the first, anticlockwise, [-90, 90).
-    sharpness
-        How well the angle is determined: 0 not at all, 1 exactly.
-    blur_px
-        Sigma of the Gaussian by which the second is blurrier; negative where it is sharper.
+    `distance` is the mean of the distances from either to the other: 0 equal, 1 as two quarters of
+    one frame. `sharpness` tells how well the angle is determined: 0 not at all, 1 exactly.
     """
 
     distance: float
-    angle_deg: float
+    angle_deg: float  # from the first to the second, anticlockwise, [-90, 90)
     sharpness: float
-    blur_px: float
+    blur_px: float  # sigma of the Gaussian by which the second is blurrier; negative: sharper
 
 
 def compare_textures(first: SurfaceEstimate, second: SurfaceEstimate) -> TexturePair:
-    """Compare two surfaces as the joint classifier does, without any training.
-
-    Raises
-    ------
-    InputError
-        If a surface is too small for a texture, or has no valid pixel.
-    """
+    """Compare two surfaces as the joint classifier does, without any training."""
     segment_px = min(segment_for(first.shape), segment_for(second.shape))
     there, back = _match(first, second, segment_px), _match(second, first, segment_px)
     return TexturePair(

@@ -28,9 +28,10 @@ class TrainingRow(NamedTuple):
 
 
 class Learned(NamedTuple):
-    """What training finds; see `LibraryContents`."""
+    """What training finds; see `TextureLibrary`."""
 
     labels: tuple[str, ...]
+    oriented: tuple[str, ...]
     orientations_deg: npt.NDArray[np.float64]
     signatures: FloatMap
     parameters: Parameters
@@ -63,30 +64,33 @@ def learn_references(rows: Sequence[TrainingRow], classifier: Classifier[Any, An
                 "give degrees, or leave it out"
             )
     parameters = classifier.learn([row.observation for row in rows], [row.label for row in rows])
-    labels: list[str] = []
-    orientations_deg: list[float] = []
-    signatures: list[FloatMap] = []
-    sets: list[int] = []
-    first_of_class: dict[str, int] = {}
-    for number, row in enumerate(rows):
-        references = classifier.references(row.observation, parameters)
-        first = first_of_class.setdefault(row.label, len(labels))
-        orientation_deg = row.orientation_deg
-        if orientation_deg is None:
-            orientation_deg = 0.0
-            if first < len(labels):
-                references, relative_deg = _aligned(
-                    references, signatures[first], classifier, parameters
-                )
-                orientation_deg = orientations_deg[first] + relative_deg
-        labels += [row.label] * len(references)
-        sets += [number] * len(references)
+    # Sets of known orientation come first, so that they define the orientations of their class.
+    order = sorted(range(len(rows)), key=lambda number: rows[number].orientation_deg is None)
+    first_of_class: dict[str, tuple[FloatMap, float]] = {}
+    learned: dict[int, tuple[FloatMap, float]] = {}
+    for number in order:
+        label, observation, orientation_deg = rows[number]
+        references = classifier.references(observation, parameters)
+        if orientation_deg is None and label in first_of_class:
+            first, first_deg = first_of_class[label]
+            references, relative_deg = _aligned(references, first, classifier, parameters)
+            orientation_deg = first_deg + relative_deg
         # Rounded first: -1e-12 is 0, not 360 - 1e-12.
-        orientations_deg += [round(orientation_deg, 6) % 360.0] * len(references)
-        signatures += list(references)
-    stacked = np.stack(signatures)
-    limits = classifier.limits(labels, sets, stacked, parameters)
-    return Learned(tuple(labels), np.array(orientations_deg), stacked, parameters, limits)
+        learned[number] = references, round(orientation_deg or 0.0, 6) % 360.0
+        first_of_class.setdefault(label, (references[0], learned[number][1]))
+    ordered = [learned[number] for number in range(len(rows))]
+    counts = [len(references) for references, _ in ordered]
+    labels = tuple(np.repeat([row.label for row in rows], counts).tolist())
+    sets = np.repeat(np.arange(len(rows)), counts).tolist()
+    signatures = np.concatenate([references for references, _ in ordered])
+    return Learned(
+        labels=labels,
+        oriented=tuple(dict.fromkeys(row.label for row in rows if row.orientation_deg is not None)),
+        orientations_deg=np.repeat([degrees for _, degrees in ordered], counts),
+        signatures=signatures,
+        parameters=parameters,
+        limits=classifier.limits(labels, sets, signatures, parameters),
+    )
 
 
 def common_lighting(lightings: Sequence[Lighting | None]) -> Lighting | None:

@@ -309,8 +309,7 @@ except BaseException:
 """
 BEGINS_LATE = """
 from multiprocessing import Pipe
-from capture.batch.local_pool import at_work, begin_worker
-from capture.batch.one_thread import call_in_one_thread
+from capture.batch.local_pool import at_work, begin_worker, call_in_one_thread
 
 far_end, lifeline = Pipe(duplex=False)
 begin_worker(far_end)

@@ -12,8 +12,12 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import Any, Literal, TypeVar
 
-from capture.batch.local_pool import at_work, begin_worker, terminal_signals_blocked
-from capture.batch.one_thread import call_in_one_thread
+from capture.batch.local_pool import (
+    at_work,
+    begin_worker,
+    call_in_one_thread,
+    terminal_signals_blocked,
+)
 from capture.console import ShowProgress
 from capture.process.utc_time import utc_text
 from capture.station.errors import error_text

@@ -7,7 +7,6 @@ import pytest
 
 from classify import TextureLibrary
 from classify.classifiers import CLASSIFIERS
-from classify.classifiers.joint_bounds import BLUR_BASIS
 from classify.classifiers.joint_features import blur_curve, local_unit, statistics_rows
 from classify.texture.blur import KNOTS_PX2, blurred_fields, blurred_surface
 from classify.texture.fields import texture_fields
@@ -44,17 +43,6 @@ def test_a_surface_out_of_focus_is_recognised_and_its_blur_found(
             assert abs(sharp.blur_px) < 0.5
         if kind in ("sand", "fine sand", "brushed"):
             assert off_deg(match.orientation_deg, sharp.orientation_deg) < 1.0
-
-
-def test_a_library_without_changes_by_blur_leaves_blurred_surfaces_unknown(library, tests) -> None:
-    """As libraries of earlier versions do."""
-    parameters = {k: v for k, v in library.parameters.items() if k != BLUR_BASIS}
-    start = library.signatures.shape[1] - 1 - 72 - 3 * library.parameters[BLUR_BASIS].shape[1]
-    signatures = np.delete(library.signatures, np.s_[start:-73], axis=1)
-    earlier = replace(library, parameters=parameters, signatures=signatures)
-    found = [earlier.classify(blurred_surface(surface, 1.0)) for surface in tests.values()]
-    assert {match.blur_px for match in found} == {None}
-    assert sum(match.label is None for match in found) >= 3
 
 
 @pytest.mark.parametrize("sigma_px", [0.8, 1.1])

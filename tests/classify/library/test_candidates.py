@@ -1,4 +1,4 @@
-"""The sieve finds the same nearest references with a fraction of the comparisons."""
+"""Lower bounds find the same nearest references with a fraction of the comparisons."""
 
 from dataclasses import dataclass, field, replace
 
@@ -10,19 +10,14 @@ from hypothesis import strategies as st
 
 from classify import Match, TextureLibrary
 from classify.classifiers import CLASSIFIERS, Comparison
-from classify.library.candidates import Sieve
+from classify.library.candidates import FIRST, MOST, nearest_references
 from classify.library.match import match_of
 from classify.texture.angular_harmonics import HARMONICS
 from classify.texture.heading import HEADING_FLOATS
 from classify.texture.spectra import RADII
 
 SEEDS = st.integers(0, 2**32 - 1)
-FIRST, MOST = 64, 4096
-KEPT, LOST = 12, 6  # numbers that the sieve sees, and that only the comparison sees
-
-
-def sieve(labels: list[str]) -> Sieve:
-    return Sieve(np.unique(labels, return_inverse=True)[1], first=FIRST, most=MOST)
+KEPT, LOST = 12, 6  # numbers that the bounds see, and that only the comparison sees
 
 
 @dataclass
@@ -34,6 +29,10 @@ class Points:
     divisor: float = 1.0
     compared: int = field(default=0)
 
+    @property
+    def classes(self) -> npt.NDArray[np.intp]:
+        return np.unique(self.labels, return_inverse=True)[1]
+
     def bounds(self, test: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
         squares = np.square(self.points[:, :KEPT].astype(np.float64) - test[:KEPT]).sum(axis=1)
         return squares / self.divisor
@@ -43,14 +42,14 @@ class Points:
         return squares / self.divisor
 
     def match(self, test: npt.NDArray[np.float32]) -> Match:
-        """The match by the sieve."""
+        """The match by bounds."""
         everything = self.distances(test)
 
         def compare(indices: npt.NDArray[np.intp]) -> Comparison:
             self.compared += len(indices)
             return Comparison(everything[indices], indices % 180.0, indices / 1e6)
 
-        chosen, found = sieve(self.labels).nearest(self.bounds(test), compare)
+        chosen, found = nearest_references(self.classes, self.bounds(test), compare)
         assert (np.diff(chosen) > 0).all()
         np.testing.assert_array_equal(found.distances, everything[chosen])
         np.testing.assert_array_equal(found.orientations_deg, chosen % 180.0)
@@ -66,7 +65,7 @@ class Points:
 def clustered(seed: int, count: int, classes: int, spread: float, level: float) -> Points:
     """Points about one centre for each class, at `level` from the origin.
 
-    The sieve sees most of what sets the centres apart.
+    The bounds see most of what sets the centres apart.
     """
     rng = np.random.default_rng(seed)
     centres = rng.standard_normal((classes, KEPT + LOST)) + level
@@ -154,8 +153,8 @@ def test_a_classifier_without_orientations_is_searched_too() -> None:
     library.points[:, :KEPT] *= 0.1
     test = library.points[5] + np.float32(0.1)
     distances = library.distances(test)
-    chosen, found = sieve(library.labels).nearest(
-        library.bounds(test), lambda indices: Comparison(distances[indices])
+    chosen, found = nearest_references(
+        library.classes, library.bounds(test), lambda indices: Comparison(distances[indices])
     )
     assert len(chosen) > 4 * FIRST  # there was a second round
     assert found.orientations_deg is None
@@ -171,8 +170,8 @@ def test_a_reference_with_a_bound_of_nan_is_compared() -> None:
     bounds = library.bounds(test)
     bounds[2000] = np.nan
     distances = library.distances(test)
-    chosen, found = sieve(library.labels).nearest(
-        bounds, lambda indices: Comparison(distances[indices])
+    chosen, found = nearest_references(
+        library.classes, bounds, lambda indices: Comparison(distances[indices])
     )
     assert 2000 in chosen.tolist()
     assert found.distances.min() == expected.distance

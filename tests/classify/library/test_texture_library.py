@@ -76,6 +76,18 @@ def test_orientations_refer_to_given_training_orientations(stationary) -> None:
     assert off_deg(library.classify(brushed).orientation_deg, 30.0) < 2.0
 
 
+def test_the_given_orientations_of_a_class_hold_for_its_other_sets(stationary) -> None:
+    """In any order of the sets: 0 for the first one would contradict the 100 of the second."""
+    sets = [(0.0, None), (40.0, 100.0), (40.0, None)]
+    rows = [
+        ("brushed", stationary("brushed", angle, seed=1, side=96), given) for angle, given in sets
+    ]
+    library = TextureLibrary.train([*rows, ("other", stationary("sand", seed=1, side=96))])
+    for found, angle in zip(library.orientations_deg, (60.0, 100.0, 100.0), strict=False):
+        assert off_deg(found, angle) < 2.0
+    assert library.oriented == ("brushed",)
+
+
 def test_a_set_without_orientation_is_aligned_to_a_given_one(stationary) -> None:
     library = TextureLibrary.train([
         ("sand", stationary("sand", 30.0, seed=1), 30.0), ("sand", stationary("sand", 65.0, seed=2))
