@@ -8,17 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from capture.process.field_differences import FieldDifference, field_differences
 from capture.session.measures import LEAST_SHARPNESS
 from classify.errors import InputError
 from classify.library.texture_pair import TexturePair, compare_textures
 
-from .differences import (
-    FieldDifference,
-    MapDifference,
-    field_differences,
-    map_difference,
-    normal_angles_deg,
-)
+from .differences import MapDifference, map_difference, normal_angles_deg
 from .side import Side
 
 # Slopes of a part that did not move correlate by 0.9 and more in noise; a shift of 3 px across the

@@ -39,12 +39,11 @@ def correct_in_sessions(paths: Iterable[Path], correct: Callable[[], None]) -> N
         ]
         correct()
         for session in sessions:
-            captured = [each for each in session.entries() if each.file]
             enter_corrections(
                 session,
                 [
                     (entry, read_header(path)[0])
-                    for entry in captured
+                    for entry in session.captured()
                     if (path := session.path / str(entry.file)) in files
                 ],
             )
@@ -66,9 +65,7 @@ def enter_corrections(folder: SessionFolder, found: Iterable[tuple[SetEntry, Set
         return
     folder.update(journal)
     for piece in concerned:
-        for entry in _measured_again(
-            [each for each in folder.entries() if each.piece == piece], folder.path
-        ):
+        for entry in _measured_again(folder.sets_of(piece), folder.path):
             journal = journal.with_entry(entry)
     folder.update(journal)
 

@@ -73,6 +73,13 @@ class RigCompared:
 
 
 @dataclass(frozen=True)
+class RigChanged:
+    """The settings of the rig differ from those of the last run; one line for each difference."""
+
+    changes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class SessionFinished:
     """The run is over."""
 
@@ -80,10 +87,18 @@ class SessionFinished:
     reason: str | None
     captured: int
     missing: int
+    left_out: int
 
 
 Event = (
-    StateChanged | SetCaptured | SetFailed | SetAdopted | SetDamaged | RigCompared | SessionFinished
+    StateChanged
+    | SetCaptured
+    | SetFailed
+    | SetAdopted
+    | SetDamaged
+    | RigCompared
+    | RigChanged
+    | SessionFinished
 )
 Publish = Callable[[Event], None]
 

@@ -1,6 +1,5 @@
 """The folder of a session: plan, journal, sets and their table."""
 
-import difflib
 import os
 import shutil
 from collections.abc import Iterator
@@ -18,8 +17,6 @@ from capture.sets.metadata import SetMetadata
 from capture.sets.ome_tiff import SUFFIX, read_header
 from classify.durable_file import durable_file, make_folder
 from classify.errors import InputError
-from classify.regular_file import read_regular_file
-from rig.config.toml_file import MAX_TOML_BYTES
 
 from .journal import Journal, SetEntry, read_journal
 from .plan import PlannedSet, SessionPlan, read_plan
@@ -66,16 +63,35 @@ class SessionFolder:
         self.plan: SessionPlan = read_plan(path / PLAN)
         self.journal: Journal = read_journal(path / JOURNAL)
 
-    def missing(self, plan: SessionPlan | None = None) -> list[PlannedSet]:
+    def missing(
+        self, plan: SessionPlan | None = None, *, left_out: bool = False
+    ) -> list[PlannedSet]:
         """Planned sets that were not captured or left out, or whose file is missing.
 
-        `plan` replaces the plan of the session.
+        `plan` replaces the plan of the session. With `left_out` those left out are missing too.
         """
-        return [each for each in (plan or self.plan).sets() if not self._is_done(each)]
 
-    def _is_done(self, planned: PlannedSet) -> bool:
-        entry = self.journal.entry_of(planned)
-        return entry is not None and (entry.file is None or (self.path / entry.file).is_file())
+        def is_missing(planned: PlannedSet) -> bool:
+            entry = self.journal.entry_of(planned)
+            if entry is None or entry.file is None:
+                return entry is None or left_out
+            return not (self.path / entry.file).is_file()
+
+        return [each for each in (plan or self.plan).sets() if is_missing(each)]
+
+    def left_out(self) -> list[SetEntry]:
+        """Entries of the planned sets that were left out."""
+        found = (self.journal.entry_of(each) for each in self.plan.sets())
+        return [entry for entry in found if entry is not None and entry.file is None]
+
+    def captured(self) -> list[SetEntry]:
+        """Entries whose file is there: planned ones first, in the order of the plan."""
+        return [each for each in self.entries() if each.file and (self.path / each.file).is_file()]
+
+    def unplanned(self, plan: SessionPlan | None = None) -> list[SetEntry]:
+        """Entries of captured sets that are not planned; `plan` as for `missing`."""
+        planned = {(e.specimen, e.orientation_deg, e.repeat) for e in (plan or self.plan).sets()}
+        return [entry for entry in self.captured() if entry.key not in planned]
 
     def log(self, line: str) -> None:
         """Append a line with the time to ``session.log``."""
@@ -122,13 +138,14 @@ class SessionFolder:
 
     def set_aside(self, planned: PlannedSet) -> None:
         """Move the file of a planned set to ``replaced``, if there is one."""
-        self._move_aside(self.file_of(planned))
-
-    def _move_aside(self, path: Path) -> None:
-        if path.exists():
-            make_folder(self.path / REPLACED)
-            stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
-            path.rename(self.path / REPLACED / f"{stamp}-{path.name}")
+        entry = self.journal.entry_of(planned)
+        # An entry keeps its file when file_name in the plan changes.
+        entered = [] if entry is None or entry.file is None else [self.path / entry.file]
+        for path in {self.file_of(planned), *entered}:
+            if path.exists():
+                make_folder(self.path / REPLACED)
+                stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
+                path.rename(self.path / REPLACED / f"{stamp}-{path.name}")
 
     def entries(self) -> Iterator[SetEntry]:
         """Entries of the planned sets in the order of the plan, then those no longer planned."""
@@ -144,10 +161,8 @@ class SessionFolder:
         Yields its metadata, why it is damaged, or the error of a file that could not be read and
         may be intact. A file that a killed run wrote but could not enter is left to `orphans`.
         """
-        for entry in self.entries():
-            if entry.file is None or not (self.path / entry.file).is_file():
-                continue
-            path, planned = self.path / entry.file, self.plan.planned(*entry.key)
+        for entry in self.captured():
+            path, planned = self.path / str(entry.file), self.plan.planned(*entry.key)
             try:
                 metadata = CapturedSet.load(path).metadata
             except InputError as error:
@@ -161,9 +176,7 @@ class SessionFolder:
 
     def give_up(self, planned: PlannedSet) -> None:
         """Move the file of a captured set to ``replaced``, and make the set missing again."""
-        entry = self.journal.entry_of(planned)
-        if entry is not None and entry.file is not None:
-            self._move_aside(self.path / entry.file)
+        self.set_aside(planned)
         self.update(self.journal.without_entry_of(planned))
 
     def orphans(self) -> Iterator[tuple[PlannedSet, CapturedSet]]:
@@ -208,12 +221,13 @@ class SessionFolder:
 
     def first_set_of(self, specimen: str) -> Path | None:
         """Path of the first captured set of a specimen, None if there is none."""
-        paths = (
-            self.path / each.file
-            for each in self.entries()
-            if each.file and each.piece == specimen != ""
-        )
-        return next((path for path in paths if path.is_file()), None)
+        found = self.sets_of(specimen)
+        return self.path / str(found[0].file) if found and specimen else None
+
+    def sets_of(self, specimen: str) -> list[SetEntry]:
+        """Entries of the captured sets of a specimen, those that were planned as such first."""
+        found = [each for each in self.captured() if each.piece == specimen]
+        return sorted(found, key=lambda each: each.specimen != specimen)
 
     def bytes_of_sets(self) -> int:
         """Size of all captured sets."""
@@ -267,41 +281,6 @@ def make_session(plan_path: Path) -> Path:
             shutil.copyfile(plan_path, temporary)
     Journal().write(folder / JOURNAL)
     return folder
-
-
-def plan_changes(plan_path: Path, folder: Path) -> str:
-    """Return the changes of a plan against a session's, as lines; empty if none."""
-    if read_plan(plan_path) == read_plan(folder / PLAN):
-        return ""
-    before, after = (
-        read_regular_file(path, MAX_TOML_BYTES).decode().splitlines()
-        for path in (folder / PLAN, plan_path)
-    )
-    names = str(folder / PLAN), str(plan_path)
-    return "\n".join(difflib.unified_diff(before, after, *names, lineterm=""))
-
-
-def use_plan(plan_path: Path, folder: SessionFolder) -> None:
-    """Replace the plan of a session; entries of sets that are no longer planned are kept.
-
-    Raises
-    ------
-    InputError
-        If a set of the new plan would have the file of another set, or nothing can be written.
-    """
-    plan = read_plan(plan_path)
-    files = {entry.file: entry for entry in folder.journal.entries if entry.file}
-    for planned in plan.sets():
-        taken = files.get(f"{SETS}/{planned.file_name}")
-        if taken is not None and folder.journal.entry_of(planned) is not taken:
-            raise InputError(
-                f"{plan_path}: {planned} would be {taken.file}, which is {taken.specimen} at "
-                f"{taken.orientation_deg:g} degrees; give another id, or another file_name"
-            )
-    with durable_file(folder.path / PLAN) as temporary:
-        shutil.copyfile(plan_path, temporary)
-    folder.plan = plan
-    folder.write_table()
 
 
 def _lacks_its_journal(folder: Path) -> bool:

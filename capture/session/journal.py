@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from datetime import datetime, timedelta
 from functools import cached_property
 from pathlib import Path, PureWindowsPath
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, FiniteFloat, ValidationError
 
@@ -95,6 +95,27 @@ class SetEntry(Record):
     measures: SetMeasures | None = None
     skipped: str | None = None
 
+    @classmethod
+    def of(
+        cls,
+        planned: PlannedSet,
+        metadata: SetMetadata | None = None,
+        measures: SetMeasures | None = None,
+        *,
+        skipped: str | None = None,
+    ) -> Self:
+        """Return the entry of a planned set: captured, with its metadata and measures, or not."""
+        return cls(
+            specimen=planned.specimen,
+            orientation_deg=planned.orientation_deg,
+            repeat=planned.repeat,
+            pixels_sha256=None if metadata is None else metadata.pixels_sha256,
+            captured_utc=None if metadata is None else metadata.created_utc,
+            description=None if metadata is None else Description.of(metadata),
+            measures=measures,
+            skipped=skipped,
+        )
+
     @property
     def key(self) -> tuple[str, float, int]:
         """Specimen, orientation and repeat, which identify the planned set."""
@@ -114,10 +135,14 @@ class SetEntry(Record):
 
 
 class RunRecord(Record):
-    """One run of the program on the session; `ended_utc` stays None if it was killed."""
+    """One run of the program on the session; `ended_utc` stays None if it was killed.
+
+    `settings` are those of the rig that the sets depend on.
+    """
 
     started_utc: str
     rig: str
+    settings: dict[str, Any]
     simulated: bool
     software_version: str
     ended_utc: str | None = None

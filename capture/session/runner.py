@@ -27,6 +27,7 @@ from .events import (
     DecideWarnings,
     PlaceSpecimen,
     Publish,
+    RigChanged,
     SessionFinished,
     SetAdopted,
     SetCaptured,
@@ -37,9 +38,10 @@ from .events import (
 )
 from .exposure import find_exposure_ms
 from .folder import SessionFolder
-from .journal import Description, FinishReason, RunRecord, SetEntry
+from .journal import FinishReason, RunRecord, SetEntry
 from .measures import SpecimenReference, measures_of_first
 from .plan import SEARCH, PlannedSet
+from .plan_change import rig_changes, rig_settings
 from .rig_checks import check_rig
 from .rig_comparison import compare_rig
 from .turntable import turn_specimen
@@ -62,7 +64,7 @@ class _Stopped(Exception):  # noqa: N818 - a decision of the operator, no error
 
 
 def run_session(
-    folder: SessionFolder, config: RigConfig, ask: Ask, publish: Publish
+    folder: SessionFolder, config: RigConfig, ask: Ask, publish: Publish, *, left_out: bool = False
 ) -> SessionFinished:
     """Capture the missing sets of a session.
 
@@ -79,6 +81,8 @@ def run_session(
         Called where a person decides.
     publish
         Called with every event.
+    left_out
+        Whether to capture the sets that were left out, too.
 
     Raises
     ------
@@ -94,13 +98,16 @@ def run_session(
     run = RunRecord(
         started_utc=utc_text(),
         rig=config.name,
+        settings=rig_settings(config),
         simulated=config.is_simulated,
         software_version=version("ps4rig"),
     )
     check_rig(folder, config)
     # Before the journal: a calibration that cannot be read begins no run.
-    new_runner = _Runner(folder, config, ask, publish)
+    new_runner = _Runner(folder, config, ask, publish, left_out)
     folder.reserve()
+    if changes := rig_changes(folder.journal, config):
+        publish(RigChanged(tuple(changes)))
     folder.update(folder.journal.with_run(run))
     with new_runner as runner:
         try:
@@ -127,8 +134,8 @@ def _end(
 ) -> SessionFinished:
     folder.release()
     folder.update(folder.journal.with_run_ended(utc_text(), end.finish, end.reason))
-    missing = len(folder.missing())
-    finished = SessionFinished(end.finish, end.reason, runner.captured, missing)
+    missing, left_out = len(folder.missing()), len(folder.left_out())
+    finished = SessionFinished(end.finish, end.reason, runner.captured, missing, left_out)
     publish(StateChanged(State.FINISHED, None))
     publish(finished)
     return finished
@@ -138,10 +145,10 @@ class _Runner:
     """The open rig of a run, and the reference of the specimen below it."""
 
     def __init__(
-        self, folder: SessionFolder, config: RigConfig, ask: Ask, publish: Publish
+        self, folder: SessionFolder, config: RigConfig, ask: Ask, publish: Publish, left_out: bool
     ) -> None:
         self._folder, self._config = folder, config
-        self._ask, self._publish = ask, publish
+        self._ask, self._publish, self._left_out = ask, publish, left_out
         self._closing = ExitStack()
         self._rig: Rig | None = None
         self._reference: tuple[Path, SpecimenReference] | None = None
@@ -195,7 +202,7 @@ class _Runner:
             If the calibration does not hold.
         """
         known = None if self._calibration is None else self._calibration.file
-        if known is None or known.calibration.flat_field is None or not self._folder.missing():
+        if known is None or known.calibration.flat_field is None or not self._missing():
             return
         self._publish(StateChanged(State.COMPARING, None))
         self._rig = self._closing.enter_context(open_rig(self._config))
@@ -204,8 +211,7 @@ class _Runner:
 
     def capture_all(self) -> None:
         """Capture the missing sets, placement after placement."""
-        missing = self._folder.missing()
-        placements = [list(group) for _, group in groupby(missing, key=_placement)]
+        placements = [list(group) for _, group in groupby(self._missing(), key=_placement)]
         index, last = 0, None
         while index < len(placements):
             first = placements[index][0]
@@ -228,6 +234,9 @@ class _Runner:
                     last = placements[index]
                     self._capture_placement(last)
             index += 1
+
+    def _missing(self) -> list[PlannedSet]:
+        return self._folder.missing(left_out=self._left_out)
 
     def _capture_placement(self, planned_sets: Iterable[PlannedSet]) -> None:
         for planned in planned_sets:
@@ -321,28 +330,13 @@ class _Runner:
             if self._reference is None or self._reference[0] != first:
                 self._reference = first, SpecimenReference(LoadedSet.of(first))
             measures = self._reference[1].measures(loaded)
-        return SetEntry(
-            specimen=planned.specimen,
-            orientation_deg=planned.orientation_deg,
-            repeat=planned.repeat,
-            pixels_sha256=metadata.pixels_sha256,
-            captured_utc=metadata.created_utc,
-            description=Description.of(metadata),
-            measures=measures,
-        )
+        return SetEntry.of(planned, metadata, measures)
 
     def _leave_out(self, planned_sets: Iterable[PlannedSet], reason: str) -> None:
         journal = self._folder.journal
         for planned in planned_sets:
             self._folder.set_aside(planned)
-            journal = journal.with_entry(
-                SetEntry(
-                    specimen=planned.specimen,
-                    orientation_deg=planned.orientation_deg,
-                    repeat=planned.repeat,
-                    skipped=reason,
-                )
-            )
+            journal = journal.with_entry(SetEntry.of(planned, skipped=reason))
         self._folder.update(journal)
 
     def _opened(self, planned: PlannedSet) -> Rig:

@@ -28,11 +28,7 @@ def sets_table(plan: SessionPlan, journal: Journal) -> str:
 def _entries(plan: SessionPlan, journal: Journal) -> Iterator[SetEntry]:
     planned_keys = set()
     for planned in plan.sets():
-        entry = journal.entry_of(planned) or SetEntry(
-            specimen=planned.specimen,
-            orientation_deg=planned.orientation_deg,
-            repeat=planned.repeat,
-        )
+        entry = journal.entry_of(planned) or SetEntry.of(planned)
         planned_keys.add(entry.key)
         yield entry
     yield from (entry for entry in journal.entries if entry.key not in planned_keys)

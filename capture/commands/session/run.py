@@ -26,6 +26,10 @@ Yes = Annotated[
         "--yes", help="Ask nothing: for the simulated rig and turntables. What fails stays missing."
     ),
 ]
+NewPlan = Annotated[
+    bool,
+    typer.Option("--new-plan", help="Take the plan as it was edited since, without a question."),
+]
 # Bytes of a set beyond its pixels: metadata and the headers of pages.
 _OVERHEAD_BYTES = 20_000
 # A disk that is filled to the last byte is slow, and other programs write too.
@@ -40,25 +44,17 @@ def run(
         bool, typer.Option("--dry-run", help="Show what the plan means, and capture nothing.")
     ] = False,
     yes: Yes = False,
+    new_plan: NewPlan = False,
     json: options.Json = False,
 ) -> None:
     """Capture the sets of a plan that are missing, into a folder beside it.
 
     Stop with q or Ctrl-C at any time; ps4rig session resume goes on.
     """
-    from capture.session.folder import (
-        JOURNAL,
-        make_session,
-        plan_changes,
-        read_session,
-        session_folder,
-        use_plan,
-    )
+    from capture.session.folder import JOURNAL, make_session, read_session, session_folder
     from capture.session.plan import read_plan
     from capture.session.rig_checks import check_plan, search_warning
     from rig.config.rig import config_of
-
-    from .terminal import confirmed
 
     config, wanted = config_of(rig), read_plan(plan)
     check_plan(wanted, plan, config)
@@ -76,18 +72,11 @@ def run(
         _check_disk(path.parent, _needed_bytes(len(wanted), config))
     make_session(plan)
     with session_folder(path) as folder:
-        changes = plan_changes(plan, path)
-        if changes:
-            out.print(changes, soft_wrap=True)
-            if yes or not sys.stdin.isatty():
-                raise InputError(
-                    f"{plan}: differs from the plan of {path}; run without --yes to confirm it "
-                    f"on a terminal, or go on with ps4rig session resume {path}"
-                )
-            if not confirmed("Use the changed plan from now on?"):
-                raise InputError(f"{plan}: differs from the plan of {path}, which stays as it is")
-            use_plan(plan, folder)
-            folder.log("the plan was changed")
+        if not _take(plan, folder, config, new_plan=new_plan, yes=yes):
+            raise InputError(
+                f"{plan}: differs from the plan of {path}; give --new-plan to take it, or go on "
+                f"with the old one by ps4rig session resume {path}"
+            )
         _go(folder, config, yes=yes, json=json)
 
 
@@ -96,18 +85,65 @@ def resume(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the session.")],
     rig: options.Rig = "rig.toml",
     yes: Yes = False,
+    new_plan: NewPlan = False,
+    left_out: Annotated[
+        bool, typer.Option("--left-out", help="Capture the sets that were left out, too.")
+    ] = False,
     json: options.Json = False,
 ) -> None:
     """Capture the missing sets of a session."""
     from capture.session.folder import session_folder
+    from capture.session.plan_change import plan_beside
     from rig.config.rig import config_of
 
     config = config_of(rig)
     with session_folder(folder) as opened:
-        _go(opened, config, yes=yes, json=json)
+        try:
+            plan = plan_beside(folder)
+            if plan is None and new_plan:
+                raise InputError(f"{folder}: no plan with name = {folder.name!r} beside it")
+            if plan is not None and not _take(plan, opened, config, new_plan=new_plan, yes=yes):
+                complain(
+                    f"warning: {folder}: goes on with its old plan; ps4rig session resume {folder} "
+                    "--new-plan takes the new one"
+                )
+        except InputError as error:
+            if new_plan:
+                raise
+            complain(f"warning: {error}; {folder} goes on with its old plan")
+        _go(opened, config, yes=yes, json=json, left_out=left_out)
 
 
-def _go(folder: SessionFolder, config: RigConfig, *, yes: bool, json: bool) -> None:
+def _take(
+    source: Path, folder: SessionFolder, config: RigConfig, *, new_plan: bool, yes: bool
+) -> bool:
+    """Show how a plan differs from that of a session, and take it if that is wanted."""
+    from capture.session.plan import read_plan
+    from capture.session.plan_change import plan_changes, use_plan
+    from capture.session.rig_checks import check_plan
+
+    from .terminal import confirmed
+
+    plan = read_plan(source)
+    changes = plan_changes(plan, folder)
+    if not changes:
+        return True
+    complain(f"{source} differs from the plan of {folder.path}:")
+    for change in changes:
+        complain(f"  {change}")
+    asks = not yes and sys.stdin.isatty()
+    if not new_plan and not (asks and confirmed("Use the changed plan from now on?")):
+        return False
+    check_plan(plan, source, config)
+    use_plan(source, folder)
+    for change in changes:
+        folder.log(f"the plan was changed: {change}")
+    return True
+
+
+def _go(
+    folder: SessionFolder, config: RigConfig, *, yes: bool, json: bool, left_out: bool = False
+) -> None:
     from capture.session.events import without_questions
     from capture.session.live_view import LiveView
     from capture.session.runner import run_session
@@ -116,15 +152,15 @@ def _go(folder: SessionFolder, config: RigConfig, *, yes: bool, json: bool) -> N
 
     if not yes and not sys.stdin.isatty():
         raise InputError("there is no terminal to ask on; give --yes to run without questions")
-    _check_disk(folder.path, _needed_bytes(len(folder.missing()), config))
+    missing = len(folder.missing(left_out=left_out))
+    _check_disk(folder.path, _needed_bytes(missing, config))
     with ExitStack() as stack:
         view = None if yes else LiveView(folder)
-        if view is not None and folder.missing():
+        if view is not None and missing:
             _serve(view.preview, stack)
-        terminal = stack.enter_context(SessionTerminal(folder, quiet=json, view=view))
-        finished = run_session(
-            folder, config, without_questions if yes else terminal.ask, terminal.listen
-        )
+        terminal = stack.enter_context(SessionTerminal(folder, missing, quiet=json, view=view))
+        ask = without_questions if yes else terminal.ask
+        finished = run_session(folder, config, ask, terminal.listen, left_out=left_out)
     if json:
         print_json(
             {
@@ -132,6 +168,7 @@ def _go(folder: SessionFolder, config: RigConfig, *, yes: bool, json: bool) -> N
                 "finish": finished.finish,
                 "captured": finished.captured,
                 "missing": finished.missing,
+                "left_out": finished.left_out,
             }
         )
     if finished.missing:

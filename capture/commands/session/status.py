@@ -23,6 +23,9 @@ def status(
 ) -> None:
     """Show what a session has captured, and what is missing; each set is read and hashed."""
     from capture.session.folder import read_session
+    from capture.session.plan_change import unplanned_text
+
+    from .terminal import left_out_text
 
     session = read_session(folder)
     gone = set(session.missing())
@@ -33,7 +36,7 @@ def status(
     missing = [each for each in session.plan.sets() if each in gone or each in damaged]
     found = {each: session.journal.entry_of(each) for each in session.plan.sets()}
     entries = [entry for entry in found.values() if entry is not None]
-    skipped = [entry for entry in entries if entry.skipped is not None]
+    skipped = session.left_out()
     warned = [entry for entry in entries if entry.measures and entry.measures.warnings]
     if json:
         print_json(
@@ -48,6 +51,7 @@ def status(
                     {**_as_json(each), "reason": str(why)} for each, why in unreadable.items()
                 ],
                 "skipped": [entry.model_dump(mode="json") for entry in skipped],
+                "unplanned": [entry.model_dump(mode="json") for entry in session.unplanned()],
                 "warned": [entry.model_dump(mode="json") for entry in warned],
                 "runs": [run.model_dump(mode="json") for run in session.journal.runs],
             }
@@ -80,6 +84,13 @@ def status(
             + (f" ({run.reason})" if run.reason else ""),
             soft_wrap=True,
         )
+    for line in unplanned_text(session.unplanned()):
+        out.print(line, soft_wrap=True)
+    for entry in skipped:
+        planned = session.plan.planned(*entry.key)
+        out.print(f"{planned}: {entry.skipped}", soft_wrap=True)
+    if skipped:
+        out.print(left_out_text(session), soft_wrap=True)
     for planned, reason in damaged.items():
         out.print(f"{planned}: its file is damaged: {reason}", soft_wrap=True)
     for planned, why in unreadable.items():

@@ -18,6 +18,7 @@ from capture.session.events import (
     PlaceSheet,
     PlaceSpecimen,
     Question,
+    RigChanged,
     RigCompared,
     SessionFinished,
     SetAdopted,
@@ -36,6 +37,14 @@ if TYPE_CHECKING:
 _ANSWERS = {"": Answer.GO, "r": Answer.REPEAT, "s": Answer.SKIP, "q": Answer.STOP}
 
 
+def left_out_text(folder: SessionFolder) -> str:
+    """Say how many sets were left out, and how to capture them."""
+    return (
+        f"{len(folder.left_out())} left out; ps4rig session resume {folder.path} --left-out asks "
+        "for them again"
+    )
+
+
 def confirmed(question: str) -> bool:
     """Ask a question that y affirms."""
     try:
@@ -50,7 +59,9 @@ class SessionTerminal:
     Every event that is shown also goes into the log of the session.
     """
 
-    def __init__(self, folder: SessionFolder, *, quiet: bool, view: LiveView | None = None) -> None:
+    def __init__(
+        self, folder: SessionFolder, missing: int, *, quiet: bool, view: LiveView | None = None
+    ) -> None:
         self._folder, self._quiet, self._view = folder, quiet, view
         self._started_s = time.monotonic()
         console = Console(stderr=True)
@@ -60,9 +71,7 @@ class SessionTerminal:
             disable=not console.is_terminal,
         )  # fmt: skip
         total = len(folder.plan)
-        self._task = self._bar.add_task(
-            "sets", total=total, completed=total - len(folder.missing())
-        )
+        self._task = self._bar.add_task("sets", total=total, completed=total - missing)
 
     def __enter__(self) -> Self:
         self._bar.start()
@@ -99,10 +108,16 @@ class SessionTerminal:
                 for check in checks:
                     advice = "" if check.status == "ok" else f": {check.advice}"
                     self._say(f"calibration: {check.seen}{advice}")
-            case SessionFinished(finish, reason, captured, missing):
+            case RigChanged(changes):
+                for change in changes:
+                    self._say(f"the rig differs from the last run: {change}")
+            case SessionFinished(finish, reason, captured, missing, left_out):
                 if reason is not None:
                     self._folder.log(reason)
-                self._say(f"{finish}: {captured} sets captured in this run, {missing} missing")
+                self._say(
+                    f"{finish}: {captured} sets captured in this run, {missing} missing"
+                    + (f", {left_out_text(self._folder)}" if left_out else "")
+                )
 
     def ask(self, question: Question) -> Answer:
         """Ask until there is an answer; no more input means stop.
@@ -119,7 +134,7 @@ class SessionTerminal:
             case PlaceSpecimen(planned):
                 text = (
                     f"{planned.specimen}, turn to {planned.orientation_deg:g} degrees, then Enter; "
-                    "r repeats the last, s skips, q stops: "
+                    "r repeats the last, s leaves it out, q stops: "
                 )
             case PlaceSheet(cause):
                 text = (
@@ -129,14 +144,14 @@ class SessionTerminal:
                 )
             case DecideFailure(_, _, lost_rig):
                 text = (
-                    "connect the rig, then r tries again; s skips the set, q stops: "
+                    "connect the rig, then r tries again; s leaves it out, q stops: "
                     if lost_rig
-                    else "r tries again, Enter goes on without it, s skips it for good, q stops: "
+                    else "r tries again, Enter goes on without it, s leaves it out, q stops: "
                 )
             case DecideWarnings(planned, warnings):
                 text = (
-                    f"{planned}: {'; '.join(warnings)}. Enter keeps it, r repeats, s skips, "
-                    "q stops: "
+                    f"{planned}: {'; '.join(warnings)}. Enter keeps it, r repeats, s leaves it "
+                    "out, q stops: "
                 )
         while True:
             self._bar.stop()

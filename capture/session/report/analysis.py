@@ -101,7 +101,7 @@ def analyse(
     InputError
         If a set that the journal names cannot be read, or its calibration is missing.
     """
-    entries = sorted(_captured(folder), key=lambda entry: entry.captured_utc or "")
+    entries = sorted(folder.captured(), key=lambda entry: entry.captured_utc or "")
     specimens: dict[str, SpecimenResult] = {}
     for entry in entries:
         if entry.piece not in specimens:
@@ -110,12 +110,6 @@ def analyse(
                 specimens[entry.piece] = _specimen(path)
     separation = _separation(folder.path, entries, specimens, on_progress)
     return SessionAnalysis(entries, specimens, separation, [*_remarks(entries, separation)])
-
-
-def _captured(folder: SessionFolder) -> Iterator[SetEntry]:
-    for entry in folder.journal.entries:
-        if entry.file is not None and (folder.path / entry.file).is_file():
-            yield entry
 
 
 def _specimen(path: Path) -> SpecimenResult:
@@ -190,10 +184,15 @@ def strangers(separation: Separation) -> Iterator[tuple[str, str]]:
     are: of a single material all distances are large, because its own quarters are the unit.
     """
     names, entries = separation.specimens, separation.entries
-    labels = {entry.piece: entry.description and entry.description.label for entry in entries}
     own = np.array([names.index(entry.piece) for entry in entries])
     shares = separation.distances[range(len(own)), own] / separation.limits[own]
-    known = shares[~np.isnan(shares)]
+    is_first = np.isnan(shares)
+    labels = {
+        entry.piece: entry.description and entry.description.label
+        for entry, first in zip(entries, is_first, strict=True)
+        if first
+    }
+    known = shares[~is_first]
     if not len(known):
         return
     deviations = NormalDist().inv_cdf(1.0 - _CHANCE / len(known))

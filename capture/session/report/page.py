@@ -10,7 +10,6 @@ from capture.maps.figures import number_text, tile_html
 from capture.page.skeleton import image_html, page_html, simulated_notice, table_html
 from capture.process.utc_time import readable_utc
 from capture.session.folder import SessionFolder
-from capture.session.plan import Specimen
 
 from . import figures
 from .analysis import SessionAnalysis, SpecimenResult
@@ -28,9 +27,7 @@ def report_page(folder: SessionFolder, found: SessionAnalysis) -> str:
         ),
         "How the textures separate": _separation(found),
         "Specimens": "".join(
-            _specimen(folder.plan.specimen_named(name), each, found)
-            for name, each in found.specimens.items()
-            if name in {specimen.id for specimen in folder.plan.specimen}
+            _specimen(name, each, found) for name, each in found.specimens.items()
         ),
         "Sets": _sets(found),
     }
@@ -46,12 +43,16 @@ def report_page(folder: SessionFolder, found: SessionAnalysis) -> str:
 
 def _facts(folder: SessionFolder) -> Iterator[tuple[str, str]]:
     journal, missing = folder.journal, len(folder.missing())
-    captured = sum(entry.file is not None for entry in journal.entries)
-    skipped = sum(entry.skipped is not None for entry in journal.entries)
+    captured, skipped = len(folder.captured()), len(folder.left_out())
     yield "operator", folder.plan.operator or "-"
     yield "specimens", str(len(folder.plan.specimen))
     yield "orientations", str(len(folder.plan.orientations_deg))
-    yield "sets", f"{captured} captured, {skipped} left out, {missing} missing"
+    unplanned = len(folder.unplanned())
+    yield (
+        "sets",
+        f"{captured} captured, {skipped} left out, {missing} missing"
+        + (f"; {unplanned} of the captured ones are no longer planned" if unplanned else ""),
+    )
     if journal.runs:
         yield "runs", f"{len(journal.runs)}, from {readable_utc(journal.runs[0].started_utc)}"
         yield "rig", journal.runs[-1].rig
@@ -80,23 +81,21 @@ def _separation(found: SessionAnalysis) -> str:
     )
 
 
-def _specimen(specimen: Specimen, result: SpecimenResult, found: SessionAnalysis) -> str:
+def _specimen(name: str, result: SpecimenResult, found: SessionAnalysis) -> str:
     captured, surface = result.loaded.captured, result.surface
     tiles = {
         **pictures.light_images(captured, 4),
         "albedo": pictures.grey(surface.albedo),
         "relief": pictures.shaded(surface.normals),
     }
-    images = [tile_html(name, tile) for name, tile in tiles.items()]
+    images = [tile_html(title, tile) for title, tile in tiles.items()]
     if result.spectra is not None:
         caption = "polar spectra of gradient (blue) and albedo (red)"
         images.append(image_html(figures.spectrum_figure(result.spectra), "polar spectra", caption))
-    count = sum(entry.piece == specimen.id for entry in found.entries)
-    label, note = specimen.label or specimen.id, f", {specimen.note}" if specimen.note else ""
-    return (
-        f"<h3>{escape(specimen.id)}</h3><p>class {escape(label)}{escape(note)}, {count} sets</p>"
-        f'<div class="tiles">{"".join(images)}</div>'
-    )
+    count = sum(entry.piece == name for entry in found.entries)
+    label, note = captured.label or "-", captured.metadata.note
+    said = f"class {label}{f', {note}' if note else ''}, {count} sets"
+    return f'<h3>{escape(name)}</h3><p>{escape(said)}</p><div class="tiles">{"".join(images)}</div>'
 
 
 def _sets(found: SessionAnalysis) -> str:

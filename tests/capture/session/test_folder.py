@@ -10,11 +10,11 @@ from capture.session.folder import (
     JOURNAL,
     SessionFolder,
     make_session,
-    plan_changes,
     session_folder,
-    use_plan,
 )
 from capture.session.journal import Journal, SetEntry, SetMeasures, read_journal
+from capture.session.plan import read_plan
+from capture.session.plan_change import plan_changes, use_plan
 from classify.errors import InputError
 
 from .conftest import PLAN
@@ -72,19 +72,25 @@ def test_a_session_whose_making_was_interrupted_is_made_again(
     assert len(SessionFolder(make_session(plan_file)).plan) == 4
 
 
-def test_a_changed_plan_is_a_difference(session: Path, plan_file: Path) -> None:
-    assert plan_changes(plan_file, session) == ""
-    plan_file.write_text("# only a comment\n" + PLAN)
-    assert plan_changes(plan_file, session) == ""
-    plan_file.write_text(PLAN.replace("[0, 40]", "[0, 40, 80]"))
-    lines = plan_changes(plan_file, session).splitlines()
-    assert "-orientations_deg = [0, 40]" in lines
-    assert "+orientations_deg = [0, 40, 80]" in lines
+@pytest.mark.parametrize(
+    ("before", "after", "changes"),
+    [
+        ("[0, 40]", "[0, 40] # a comment", []),
+        ("[0, 40]", "[0, 40, 80]", ["orientations_deg: [0.0, 40.0] -> [0.0, 40.0, 80.0]"]),
+        ('label = "rock"', "", ['specimen rock-1: label: "rock" -> none']),
+        ('"sand-1"', '"sand-2"', ["specimen sand-1: removed", "specimen sand-2: new"]),
+        ("[0, 40]", "[0, 40]\naverage = 4", ["average: 1 -> 4"]),
+        ("[0, 40]", "[40, 0]", ["orientations_deg: [0.0, 40.0] -> [40.0, 0.0]"]),
+    ],
+)
+def test_each_change_of_a_plan_is_named(
+    session: Path, plan_file: Path, before: str, after: str, changes: list[str]
+) -> None:
+    plan_file.write_text(PLAN.replace(before, after))
     with session_folder(session) as folder:
+        assert plan_changes(read_plan(plan_file), folder) == changes
         use_plan(plan_file, folder)
-        assert len(folder.missing()) == 6
-    assert len(SessionFolder(session).plan) == 6
-    assert plan_changes(plan_file, session) == ""
+    assert plan_changes(read_plan(plan_file), SessionFolder(session)) == []
 
 
 def test_a_plan_that_gives_a_set_the_file_of_another_is_refused(

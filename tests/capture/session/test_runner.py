@@ -28,7 +28,8 @@ from capture.session.events import (
     SetDamaged,
     without_questions,
 )
-from capture.session.folder import SessionFolder, make_session, session_folder, use_plan
+from capture.session.folder import SessionFolder, make_session, session_folder
+from capture.session.plan_change import use_plan
 from capture.session.rig_comparison import compare_rig
 from capture.session.runner import run_session
 from capture.session.verification import files_below, verify_file
@@ -51,7 +52,7 @@ def test_a_session_captures_each_planned_set(run: Run, folder: Folder) -> None:
     assert names(done) == FILES
     assert done.missing() == []
     assert [run.finish for run in done.journal.runs] == ["complete"]
-    assert script.events[-1] == SessionFinished("complete", None, 4, 0)
+    assert script.events[-1] == SessionFinished("complete", None, 4, 0, 0)
     asked = [question.planned for question in script.questions]
     assert [(each.specimen, each.orientation_deg) for each in asked] == [
         ("rock-1", 0.0), ("rock-1", 40.0), ("sand-1", 0.0), ("sand-1", 40.0),

@@ -1,0 +1,129 @@
+"""A plan or a rig that was changed between two runs of a session."""
+
+import json
+import os
+import shutil
+import tomllib
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from capture.process.field_differences import field_differences
+from classify.durable_file import durable_file
+from classify.errors import InputError
+from classify.regular_file import read_regular_file
+from rig import RigConfig
+from rig.config.toml_file import MAX_TOML_BYTES
+
+from .folder import PLAN, SETS, SessionFolder
+from .journal import Journal, SetEntry
+from .plan import SessionPlan, read_plan
+
+# What they change is counted by itself: sets that are missing, and those no longer planned.
+_OF_NO_SET = ("orientations_deg", "repeats", "file_name", "turntable", "turntable_timeout_s")
+
+
+def plan_beside(folder: Path) -> Path | None:
+    """Return the plan beside the folder of a session that names it; None if there is none.
+
+    Raises
+    ------
+    InputError
+        If several plans name it.
+    """
+    folder = Path(os.path.normpath(folder.absolute()))  # without links: as `run` does
+    plans = [path for path in sorted(folder.parent.glob("*.toml")) if _names(path, folder.name)]
+    if len(plans) > 1:
+        raise InputError(
+            f"{', '.join(path.name for path in plans)}: each is a plan of {folder.name}; take one "
+            "with ps4rig session run PLAN --new-plan"
+        )
+    return plans[0] if plans else None
+
+
+def _names(path: Path, session: str) -> bool:
+    """Whether a TOML file is a plan of a session; one that is not TOML may be, by its own name."""
+    try:
+        values = tomllib.loads(read_regular_file(path, MAX_TOML_BYTES).decode())
+    except (InputError, ValueError, RecursionError):
+        return path.stem == session
+    return bool(values.get("name") == session)
+
+
+def plan_changes(plan: SessionPlan, folder: SessionFolder) -> list[str]:
+    """Say how a plan differs from that of a session, and what it means for the captured sets."""
+    if plan == folder.plan:
+        return []
+    captured = Counter(entry.specimen for entry in folder.captured())
+    before, after = (each.model_dump(mode="json") for each in (folder.plan, plan))
+    old, new = ({each["id"]: each for each in values.pop("specimen")} for values in (before, after))
+    lines = []
+    for line, field in _changes(before, after):
+        lines.append(line + _unchanged(captured.total() * (field not in _OF_NO_SET)))
+    for name in dict.fromkeys([*old, *new]):
+        if name not in old or name not in new:
+            lines.append(f"specimen {name}: " + ("new" if name in new else "removed"))
+            continue
+        for line, _ in _changes(old[name], new[name]):
+            lines.append(f"specimen {name}: {line}" + _unchanged(captured[name]))
+    return [*(lines or ["the order of the specimens"]), *unplanned_text(folder.unplanned(plan))]
+
+
+def _changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Each field that differs, with its values, and its name."""
+    for each in field_differences(before, after):
+        first, second = (
+            "none" if value is None else json.dumps(value, ensure_ascii=False)
+            for value in (each.first, each.second)
+        )
+        yield f"{each.field}: {first} -> {second}", each.field
+
+
+def _unchanged(captured: int) -> str:
+    return f"; unchanged in the captured sets ({captured})" if captured else ""
+
+
+def unplanned_text(entries: Iterable[SetEntry]) -> list[str]:
+    """Name captured sets that are no longer planned in one line, if there are any."""
+    places: dict[str, list[str]] = {}
+    for entry in entries:
+        repeat = f" ({entry.repeat})" if entry.repeat > 1 else ""
+        places.setdefault(entry.specimen, []).append(f"{entry.orientation_deg:g}{repeat}")
+    named = "; ".join(f"{name} at {', '.join(angles)}" for name, angles in places.items())
+    return [f"captured and no longer planned, but kept: {named}"] if named else []
+
+
+def use_plan(plan_path: Path, folder: SessionFolder) -> None:
+    """Replace the plan of a session; entries of sets that are no longer planned are kept.
+
+    Raises
+    ------
+    InputError
+        If a set of the new plan would have the file of another set, or nothing can be written.
+    """
+    plan = read_plan(plan_path)
+    files = {entry.file.casefold(): entry for entry in folder.journal.entries if entry.file}
+    for planned in plan.sets():
+        taken = files.get(f"{SETS}/{planned.file_name}".casefold())
+        if taken is not None and folder.journal.entry_of(planned) is not taken:
+            raise InputError(
+                f"{plan_path}: {planned} would be {taken.file}, which is {taken.specimen} at "
+                f"{taken.orientation_deg:g} degrees; give another id, or another file_name"
+            )
+    with durable_file(folder.path / PLAN) as temporary:
+        shutil.copyfile(plan_path, temporary)
+    folder.plan = plan
+    folder.write_table()
+
+
+def rig_settings(config: RigConfig) -> dict[str, Any]:
+    """Return the settings of a rig that its sets depend on."""
+    return config.model_dump(mode="json", include={"name", "calibration", "lights", "camera"})
+
+
+def rig_changes(journal: Journal, config: RigConfig) -> list[str]:
+    """Say how a rig differs from that of the last run."""
+    if not journal.runs:
+        return []
+    return [line for line, _ in _changes(journal.runs[-1].settings, rig_settings(config))]
