@@ -1,6 +1,7 @@
 """The metadata of a captured set: the JSON inside its file."""
 
 import math
+from collections.abc import Iterator
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -194,8 +195,11 @@ class SetMetadata(_Record):
         As ``lights.synchronisation`` in rig.toml; None for imported images.
     failed_attempts
         Reason for the failure of each earlier attempt.
-    gamma
-        Response of imported photographs that was undone: ``linear`` or ``srgb``.
+    gamma, gamma_source
+        Response of imported photographs that was undone, ``linear`` or ``srgb``; whether the files
+        stated it, the user gave it, or it was assumed.
+    photographed
+        Date of imported photographs (ISO 8601), local time if it has no offset; None if unknown.
     calibration_ids
         Hashes of the calibrations that apply to the set.
     mm_per_px
@@ -232,6 +236,8 @@ class SetMetadata(_Record):
     checks: ChecksRecord | None = None
     failed_attempts: tuple[str, ...] = Field(default=(), alias="retries")
     gamma: str = "linear"
+    gamma_source: Literal["stated", "given", "assumed"] | None = None
+    photographed: Text | None = None
     calibration_ids: tuple[str, ...] = ()
     mm_per_px: float | None = Field(default=None, ge=1e-6, le=1e3)
     crop: tuple[int, int, int, int] | None = None
@@ -246,6 +252,22 @@ class SetMetadata(_Record):
     def is_protected(self) -> bool:
         """Whether the file has a hash over its metadata: from schema version 2 on."""
         return self.schema_version > 1
+
+    @property
+    def captured(self) -> str | None:
+        """Date of the capture; None for imported photographs that do not state theirs."""
+        is_imported = any(image.source_file is not None for image in self.images)
+        return self.photographed if is_imported else self.created_utc
+
+    @property
+    def facts(self) -> Iterator[tuple[str, str]]:
+        """Yield the dates, and the response of imported photographs, with their names."""
+        if self.captured is not None:
+            yield "captured", self.captured + " (simulated)" * self.simulated
+        if self.captured != self.created_utc:
+            yield "imported", self.created_utc
+        if self.gamma_source is not None:
+            yield "response", f"{self.gamma} ({self.gamma_source})"
 
 
 def image_noise(
