@@ -26,15 +26,15 @@ def linear_raw(content: bytes, page: Any) -> npt.NDArray[np.uint16]:
             "a DNG is read by rawpy, which is not installed: pip install 'ps4rig[dng]'"
         ) from None
     samples, kind = page.samplesperpixel, page.photometric
+    refusal = InputError("a raw image of a kind that is not handled; convert it to a TIFF")
+    is_known = (kind, samples) in ((_CFA, 1), (_LINEAR_RAW, 1), (_LINEAR_RAW, 3))
+    deltas = (_numbers(page, tag, 0) for tag in (_BLACK_DELTA_H, _BLACK_DELTA_V))
+    if not is_known or page.sampleformat != _UNSIGNED or any(each.any() for each in deltas):
+        raise refusal
     with rawpy.imread(io.BytesIO(content)) as raw:
         shape, values = raw.raw_image.shape[:2], np.atleast_3d(raw.raw_image_visible)
-        if (
-            (kind, samples) not in ((_CFA, 1), (_LINEAR_RAW, 1), (_LINEAR_RAW, 3))
-            or (kind == _CFA and raw.num_colors != 3)
-            or page.sampleformat != _UNSIGNED or shape != page.shape[:2]
-            or any(_numbers(page, tag, 0).any() for tag in (_BLACK_DELTA_H, _BLACK_DELTA_V))
-        ):  # fmt: skip
-            raise InputError("a raw image of a kind that is not handled; convert it to a TIFF")
+        if shape != page.shape[:2] or (kind == _CFA and raw.num_colors != 3):
+            raise refusal
         levels = _from_black_to_white(values[:, :, :samples], page)
         if kind == _LINEAR_RAW:
             return levels if samples == 3 else levels[:, :, 0]

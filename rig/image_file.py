@@ -12,7 +12,7 @@ import struct
 import warnings
 import zlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -65,14 +65,6 @@ _ADAM7 = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class ImageFile:
-    """The pixels of a file, turned upright, and what it states beside them."""
-
-    pixels: Image
-    metadata: ImageMetadata
-
-
 def read_image(path: Path) -> Image:
     """Read an image as (H, W) grey or (H, W, 3) RGB, uint8 or uint16; alpha is left out.
 
@@ -85,18 +77,15 @@ def read_image(path: Path) -> Image:
         If the file is missing, damaged, not one grey or colour image of 8 or 16 bits, or declares
         far more pixels than a file of its length can hold.
     """
-    return read_image_file(path).pixels
+    return read_image_file(path)[0]
 
 
 def read_exposure_ms(path: Path) -> float | None:
-    """Return the exposure time in the EXIF data of an image; None if there is none.
-
-    Errors as `read_image`.
-    """
-    return read_image_file(path).metadata.exposure_ms
+    """Return the exposure time in the EXIF data of an image, if any; errors as `read_image`."""
+    return read_image_file(path)[1].exposure_ms
 
 
-def read_image_file(path: Path) -> ImageFile:
+def read_image_file(path: Path) -> tuple[Image, ImageMetadata]:
     """Read an image as `read_image`, with its metadata."""
     readers: dict[str, tuple[str, Callable[[bytes], Decoded]]] = {
         ".png": ("PNG", _png), ".jpg": ("JPEG", _jpeg), ".jpeg": ("JPEG", _jpeg),
@@ -119,8 +108,7 @@ def read_image_file(path: Path) -> ImageFile:
         raise InputError(f"{path}: {message}") from error
     if metadata.orientation in _MIRRORED:
         pixels = pixels[:, ::-1]
-    upright = np.ascontiguousarray(np.rot90(pixels, _TURNS[metadata.orientation]))
-    return ImageFile(upright, metadata)
+    return np.ascontiguousarray(np.rot90(pixels, _TURNS[metadata.orientation])), metadata
 
 
 def _require_size(rows: int, columns: int, declared_bytes: int, held_bytes: int) -> None:
@@ -144,8 +132,11 @@ def _jpeg(content: bytes) -> Decoded:
         raise InputError(f"JPEG pixels are {colours}; save it as grey or RGB")
     _require_size(rows, columns, rows * columns * (1 if grey else 3), len(content))
     image: npt.NDArray[np.uint8] = simplejpeg.decode_jpeg(content, "gray" if grey else "rgb")
-    metadata = metadata_of_info(JpegImageFile(io.BytesIO(content)).info)
-    return image[:, :, 0] if grey else image, metadata
+    segments = JpegImageFile(io.BytesIO(content))
+    starts = (b"Exif\0\0II*\0", b"Exif\0\0MM\0*")
+    if sum(data.startswith(starts) for _, data in segments.applist) > 1:
+        raise InputError("holds EXIF data twice; remove one of them")
+    return image[:, :, 0] if grey else image, metadata_of_info(segments.info)
 
 
 def _png(content: bytes) -> Decoded:
@@ -276,9 +267,9 @@ def _tiff(content: bytes, is_raw: bool = False) -> Decoded:
         declared = samples * max(page.bitspersample, 8) // 8
         _require_size(page.imagelength, page.imagewidth, declared, len(content))
         # Each file of an OME-TIFF lists the images of all of them.
-        for series in () if tiff.is_ome else tiff.series:
-            if series.keyframe is page and (series.size != page.size or series.transform):
-                raise InputError(f"{series.shape} is not one grey or colour image")
+        stacks = [] if tiff.is_ome else [each for each in tiff.series if each.keyframe is page]
+        if page.imagedepth > 1 or any(each.size != page.size or each.transform for each in stacks):
+            raise InputError("holds a stack of images; save one in a file")
         metadata = metadata_of_pages(*dict.fromkeys((parent, page)))
         if is_raw:
             return linear_raw(content, page), replace(metadata, response="linear")

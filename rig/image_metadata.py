@@ -5,8 +5,8 @@ Pillow reads EXIF data, XMP and colour profiles. What is contradictory is refuse
 
 import io
 import math
-import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import re
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
@@ -18,9 +18,8 @@ from PIL import ExifTags, Image
 from classify.errors import InputError
 from classify.images.colour import linear_from_srgb
 
-_RDF = "{http://www.w3.org/1999/02/22-rdf-syntax-ns#}"
-_XMP_ORIENTATION = "{http://ns.adobe.com/tiff/1.0/}Orientation"
-_XMP_COLOUR_SPACE = "{http://ns.adobe.com/exif/1.0/}ColorSpace"
+# An attribute or an element of an XMP packet.
+_XMP_NUMBER = re.compile(rb":(Orientation|ColorSpace)\s*(?:=\s*[\"']|>)\s*(\d+)")
 _SRGB, _UNCALIBRATED = 1, 0xFFFF
 _RESPONSE_TAGS = ("GrayResponseCurve", "TransferFunction", "ReferenceBlackWhite")
 # Largest difference, in 255 steps of lightness, between a profile and the response that it has:
@@ -49,24 +48,21 @@ def metadata_of_info(info: Mapping[Any, Any], *responses: str) -> ImageMetadata:
     # ImageMagick writes profiles into a PNG as name, length and hexadecimal digits.
     blobs += [bytes.fromhex("".join(text.split()[2:])) for text in texts]
     profiles = [info["icc_profile"]] if "icc_profile" in info else []
-    directories, xmps = [], []
+    directories, packets = [], []
     for blob in filter(None, blobs):
         if blob.startswith((b"Exif\0\0", b"II*\0", b"MM\0*")):
             exif = Image.Exif()
             exif.load(blob)
-            private = exif.get_ifd(ExifTags.IFD.Exif)
-            named = {
-                ExifTags.TAGS.get(tag): value for tag, value in [*exif.items(), *private.items()]
-            }
-            directories.append(named)
+            tags = [*exif.items(), *exif.get_ifd(ExifTags.IFD.Exif).items()]
+            directories.append({ExifTags.TAGS.get(tag): value for tag, value in tags})
         elif blob[36:40] == b"acsp":
             profiles.append(blob)
-        elif b"<" in blob:
-            xmps.append(blob[blob.index(b"<") :])
+        else:
+            packets.append(blob)
     stated = [*responses, *map(_profile_response, profiles), *["srgb"] * ("srgb" in info)]
     if "gamma" in info:
         stated.append(power_response(1.0 / info["gamma"] if info["gamma"] else math.inf))
-    return _metadata(directories, xmps, stated)
+    return _metadata(directories, packets, stated)
 
 
 def metadata_of_pages(*pages: Any) -> ImageMetadata:
@@ -74,38 +70,41 @@ def metadata_of_pages(*pages: Any) -> ImageMetadata:
     directories = [{tag.name: tag.value for tag in page.tags} for page in pages]
     directories += [each["ExifTag"] for each in directories if "ExifTag" in each]
     profiles = [each["InterColorProfile"] for each in directories if "InterColorProfile" in each]
-    xmps = [bytes(each["XMP"]) for each in directories if "XMP" in each]
-    return _metadata(directories, xmps, [*map(_profile_response, profiles)])
+    packets = [bytes(each["XMP"]) for each in directories if "XMP" in each]
+    return _metadata(directories, packets, [*map(_profile_response, profiles)])
 
 
 def _metadata(
-    directories: Sequence[Mapping[Any, Any]], xmps: Sequence[bytes], responses: Sequence[str]
+    directories: Sequence[Mapping[Any, Any]], packets: Sequence[bytes], responses: Sequence[str]
 ) -> ImageMetadata:
-    packets = [_xmp_properties(each) for each in xmps]
-    found: list[Any] = [each["Orientation"] for each in directories if "Orientation" in each]
-    found += [each[_XMP_ORIENTATION] for each in packets if _XMP_ORIENTATION in each]
+    stated = [("Orientation", each.get("Orientation", 0)) for each in directories]
+    stated += [("ColorSpace", each["ColorSpace"]) for each in directories if "ColorSpace" in each]
+    for packet in packets:
+        found = _XMP_NUMBER.findall(packet.replace(b"\0", b""))
+        stated += [(name.decode(), number.decode()) for name, number in found]
     # Cameras that do not know the orientation write 0.
-    orientations = {int(each if isinstance(each, int) else each[0]) for each in found} - {0}
+    orientations = {_whole(value) for name, value in stated if name == "Orientation"} - {0}
     if len(orientations) > 1 or not orientations <= {*range(1, 9)}:
         listed = " and ".join(map(str, sorted(orientations)))
         raise InputError(f"its EXIF and XMP data state orientation {listed}; remove the wrong one")
     tags = {name: value for each in directories for name, value in each.items()}
+    responses = [*responses, *(f"a {name}" for name in _RESPONSE_TAGS if name in tags)]
+    for space in {_whole(value) for name, value in stated if name == "ColorSpace"}:
+        if space != _UNCALIBRATED:
+            responses.append("srgb" if space == _SRGB else f"colour space {space}")
+    if "Gamma" in tags:
+        responses.append(power_response(_number(tags["Gamma"])))
     exposure_ms = 1e3 * _number(tags.get("ExposureTime"))
     return ImageMetadata(
         orientation=next(iter(orientations), 1),
-        response=next(iter([*responses, *_tag_responses(tags, packets)]), None),
+        response=next(iter(responses), None),
         exposure_ms=exposure_ms if 0.0 < exposure_ms < math.inf else None,
         taken=_date(str(tags.get("DateTimeOriginal")), str(tags.get("OffsetTimeOriginal", ""))),
     )
 
 
-def _tag_responses(tags: Mapping[Any, Any], packets: Iterable[Mapping[str, str]]) -> Iterator[str]:
-    yield from (f"a {name}" for name in _RESPONSE_TAGS if name in tags)
-    spaces = {tags.get("ColorSpace"), *(each.get(_XMP_COLOUR_SPACE) for each in packets)}
-    for space in {int(each) for each in spaces if each is not None} - {_UNCALIBRATED}:
-        yield "srgb" if space == _SRGB else f"colour space {space}"
-    if "Gamma" in tags:
-        yield power_response(_number(tags["Gamma"]))
+def _whole(value: Any) -> int:
+    return int(value[0] if isinstance(value, (bytes, tuple)) else value)
 
 
 def _number(value: Any) -> float:
@@ -143,19 +142,6 @@ def _profile_response(profile: bytes | None) -> str:
         if np.abs(lightness - 2.55 * expected).max() < _PROFILE_TOLERANCE:
             return name
     return f"the colour profile {' '.join((source.profile.profile_description or '').split())!r}"
-
-
-def _xmp_properties(packet: bytes) -> dict[str, str]:
-    """Return the simple properties of an XMP packet, by the name with its namespace."""
-    try:
-        root = ET.fromstring(packet.strip(b"\0 \t\r\n"))
-    except ET.ParseError as error:
-        raise InputError(f"its XMP data are damaged ({error}); remove them") from error
-    found: dict[str, str] = {}
-    for rdf in root.iter(f"{_RDF}RDF"):
-        for description in rdf.findall(f"{_RDF}Description"):
-            found |= description.attrib | {each.tag: each.text or "" for each in description}
-    return found
 
 
 def _date(date: str, offset: str) -> str | None:

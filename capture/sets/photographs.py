@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from classify.errors import InputError
 from classify.images.colour import linear_from_srgb, luminance
-from rig.image_file import ImageFile, read_image, read_image_file
+from rig.image_file import read_image, read_image_file
+from rig.image_metadata import ImageMetadata
 
 Gamma = Literal["linear", "srgb"]
 GammaSource = Literal["stated", "given", "assumed"]
@@ -64,27 +65,27 @@ def read_photographs(
         raise InputError(f"{raw} of {len(paths)} photographs are DNG; give all or none as DNG")
     if raw and (gamma == "srgb" or bits is not None):
         raise InputError("a DNG is linear and states its depth; leave out --gamma and --bits")
-    files = _read_alike(paths)
-    response, source, warnings = _response(paths, files, gamma)
-    images = [_cropped(file.pixels, crop) for file in files]
+    frames, metadata = _read_alike(paths)
+    stated = [each.response for each in metadata]
+    response, source, warnings = _response(paths, stated, frames[0].dtype == np.uint8, gamma)
+    images = [_cropped(frame, crop) for frame in frames]
     bit_depth, top, largest = (16, 65535, None) if raw else _depth(images, bits)
     if response == "srgb" or any(image.ndim == 3 for image in images):
         planes = [_linear_luminance(image, top, response == "srgb") for image in images]
         top = 65535
     else:
         planes = [image.astype(np.uint16) for image in images]
-    rows, columns = files[0].pixels.shape[:2]
-    taken = next(filter(None, (file.metadata.taken for file in files)), None)
+    rows, columns = frames[0].shape[:2]
+    taken = next(filter(None, (each.taken for each in metadata)), None)
     return Photographs(
         planes, bit_depth, top, largest, response, source, (rows, columns), taken, warnings
     )
 
 
 def _response(
-    paths: Sequence[Path], files: Sequence[ImageFile], gamma: Gamma | None
+    paths: Sequence[Path], stated: Sequence[str | None], has_8_bits: bool, gamma: Gamma | None
 ) -> tuple[Gamma, GammaSource, tuple[str, ...]]:
     """Return the response to undo, its source and warnings about it."""
-    stated = [file.metadata.response for file in files]
     if gamma is not None:
         others = [k for k, each in enumerate(stated) if each not in (None, gamma)]
         if not others:
@@ -111,7 +112,7 @@ def _response(
             f"{paths[0]}: states {first}; save it with a linear or sRGB response, or give "
             "--gamma linear or --gamma srgb to read it as that"
         )
-    if files[0].pixels.dtype != np.uint8:
+    if not has_8_bits:
         return "linear", "assumed", ()
     text = "the photographs have 8 bits and do not state their response: read as linear; "
     return "linear", "assumed", (f"{text}--gamma srgb or --gamma linear states it",)
@@ -139,29 +140,29 @@ def read_mask(path: Path, frame: tuple[int, int], crop: Crop | None) -> BoolArra
     return mask
 
 
-def _read_alike(paths: Sequence[Path]) -> list[ImageFile]:
+def _read_alike(paths: Sequence[Path]) -> tuple[list[npt.NDArray[Any]], list[ImageMetadata]]:
     """Read images that must agree in size, depth and orientation."""
-    files = [read_image_file(path) for path in paths]
-    first = files[0]
-    for path, file in zip(paths, files, strict=True):
-        if file.metadata.orientation != first.metadata.orientation:
+    read = [read_image_file(path) for path in paths]
+    first, about_first = read[0]
+    for path, (image, about) in zip(paths[1:], read[1:], strict=True):
+        if about.orientation != about_first.orientation:
             raise InputError(
-                f"{path}: EXIF orientation {file.metadata.orientation}, but {paths[0]} has "
-                f"{first.metadata.orientation}; the camera must not turn between photographs. A "
+                f"{path}: EXIF orientation {about.orientation}, but {paths[0]} has "
+                f"{about_first.orientation}; the camera must not turn between photographs. A "
                 "camera that looks down may notice turns by mistake: then remove the EXIF data of "
                 "all images"
             )
-        if file.pixels.shape[:2] != first.pixels.shape[:2]:
+        if image.shape[:2] != first.shape[:2]:
             raise InputError(
-                f"{path}: {_size(file.pixels)} px, but {paths[0]} has {_size(first.pixels)} px; "
+                f"{path}: {_size(image)} px, but {paths[0]} has {_size(first)} px; "
                 "all images must show the same frame"
             )
-        if file.pixels.dtype != first.pixels.dtype:
+        if image.dtype != first.dtype:
             raise InputError(
-                f"{path}: {file.pixels.dtype}, but {paths[0]} is {first.pixels.dtype}; "
+                f"{path}: {image.dtype}, but {paths[0]} is {first.dtype}; "
                 "all images must have the same depth"
             )
-    return files
+    return [image for image, _ in read], [about for _, about in read]
 
 
 def _cropped(image: npt.NDArray[Any], crop: Crop | None) -> npt.NDArray[Any]:

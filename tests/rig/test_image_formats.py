@@ -155,7 +155,11 @@ def refused_tiffs() -> Iterator[Row]:
     for name, options in (("imagej", {"imagej": True}), ("shaped", {"truncate": True})):
         buffer = io.BytesIO()
         tifffile.imwrite(buffer, np.stack([grey] * 5), photometric="minisblack", **options)
-        yield f"{name}.tif", buffer.getvalue(), r"\(5, 7, 9\) is not one|holds 5 images"
+        yield f"{name}.tif", buffer.getvalue(), "holds 5 images|holds a stack"
+    volume = tiff(
+        np.stack([grey] * 2), photometric="minisblack", volumetric=True, tile=(16, 16, 16)
+    )
+    yield "volume.tif", volume, "holds a stack"
     sparse = tiff(grey, rowsperstrip=2)
     with tifffile.TiffFile(io.BytesIO(sparse)) as file:
         place = file.pages.first.tags[279].valueoffset
@@ -275,6 +279,8 @@ def oriented() -> Iterator[Row]:
         ("a.tif", tiff(rgb, extratags=[(274, 3, 1, 6, True), (700, 1, len(xmp(3)), xmp(3), True)])),
     ):  # fmt: skip
         yield f"contradictory {name}", content, "orientation . and .; remove the wrong one"
+    twice = with_segments(jpeg, b"Exif\0\0" + exif(1), b"Exif\0\0" + exif(3))
+    yield "two orientations.jpg", twice, "holds EXIF data twice"
     yield "unknown orientation.jpg", with_segments(jpeg, b"Exif\0\0" + exif(9)), "orientation 9"
     yield "orientation 0.jpg", with_segments(jpeg, b"Exif\0\0" + exif(0)), decoded
 
@@ -400,7 +406,7 @@ def raws() -> Iterator[Row]:
         yield f"filter {black}.dng", dng(raw, 1, black=black), interpolated(level)
     deltas = ((50715, 10, 48, (1, 1) * 48, True),)
     yield "deltas.dng", dng(raw, extra=deltas), "a raw image of a kind that is not handled"
-    yield "rgb.dng", tiff(RGB[16]), "DNG"
+    yield "rgb.dng", tiff(RGB[16]), "a raw image of a kind that is not handled"
     yield "stack.dng", tiff(np.stack([raw] * 2), photometric="minisblack"), "holds 2 images"
     whole = dng(raw)
     for length in (8, 200, len(whole) // 2, len(whole) - 500):

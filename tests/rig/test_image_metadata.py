@@ -175,7 +175,7 @@ RESPONSES: dict[str, tuple[bytes, str | None]] = {
 def test_the_stated_response_is_found(name: str, tmp_path: Path) -> None:
     content, expected = RESPONSES[name]
     (tmp_path / name).write_bytes(content)
-    assert read_image_file(tmp_path / name).metadata.response == expected
+    assert read_image_file(tmp_path / name)[1].response == expected
 
 
 TAKEN = private_exif(
@@ -193,7 +193,7 @@ TAKEN = private_exif(
 )
 def test_exposure_time_and_date_are_read(name: str, content: bytes, tmp_path: Path) -> None:
     (tmp_path / name).write_bytes(content)
-    metadata = read_image_file(tmp_path / name).metadata
+    metadata = read_image_file(tmp_path / name)[1]
     assert metadata.taken == "2024-05-01T12:34:56+02:00"
     assert metadata.exposure_ms == pytest.approx(1000 / 60)
     assert read_exposure_ms(tmp_path / name) == metadata.exposure_ms
@@ -237,4 +237,4 @@ def test_damaged_exif_data_are_read_or_refused(folder: Path, data: st.DataObject
             content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
     (folder / "a.jpg").write_bytes(with_segments(JPEG, b"Exif\0\0" + bytes(content)))
     with suppress(InputError):
-        assert read_image_file(folder / "a.jpg").metadata.orientation in range(1, 9)
+        assert read_image_file(folder / "a.jpg")[1].orientation in range(1, 9)
