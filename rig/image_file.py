@@ -43,9 +43,8 @@ _TURNS = {1: 0, 2: 0, 3: 2, 4: 2, 5: 1, 6: 3, 7: 3, 8: 1}
 _MIRRORED = (2, 4, 5, 7)
 _TGA_SIGNATURE, _TGA_PREMULTIPLIED = b"TRUEVISION-XFILE.\0", 4
 _PREMULTIPLIED = "its colours are multiplied by their alpha; save it without alpha"
+_ONE_OF_SEVERAL = 2  # a bit of NewSubfileType
 # Their decoders notice missing data; those of JPEG, JPEG 2000 and JPEG XR fill it with grey.
-# Bit of NewSubfileType: one page of several.
-_ONE_OF_SEVERAL = 2
 _TIFF_COMPRESSIONS = (
     "NONE", "LZW", "ADOBE_DEFLATE", "DEFLATE", "PACKBITS", "LZMA", "ZSTD", "WEBP", "JPEGXL",
 )  # fmt: skip
