@@ -1,6 +1,6 @@
-"""Reading a DNG, the raw data of a camera, by LibRaw (`pip install 'ps4rig[dng]'`)."""
+"""Decoding of a DNG, the raw data of a camera, by LibRaw (`pip install 'ps4rig[dng]'`)."""
 
-from pathlib import Path
+import io
 from typing import Any
 
 import numpy as np
@@ -8,38 +8,58 @@ import numpy.typing as npt
 
 from classify.errors import InputError
 
-# EXIF orientations of LibRaw's codes for a flip.
-_ORIENTATIONS = {0: 1, 3: 3, 5: 8, 6: 6}
+_CFA, _LINEAR_RAW, _UNSIGNED = 32803, 34892, 1
+# Tags of the Digital Negative Specification 1.7.
+_BLACK_REPEAT, _BLACK, _BLACK_DELTA_H, _BLACK_DELTA_V, _WHITE = range(50713, 50718)
 
 
-def read_dng(path: Path) -> tuple[npt.NDArray[np.uint16], int]:
-    """Read a DNG as (H, W, 3) linear camera RGB, and its EXIF orientation.
+def linear_raw(content: bytes, page: Any) -> npt.NDArray[np.uint16]:
+    """Return the raw image on a `tifffile` page as (H, W) or (H, W, 3) linear camera RGB.
 
-    The orientation is not undone. Black level is 0 and white level 65535. There is no white balance
-    and no colour matrix, so that a pixel depends on the light in it only. Missing colours are the
-    mean of their neighbours.
-
-    Raises
-    ------
-    InputError
-        If `rawpy` is not installed, or the file is missing or cannot be decoded.
+    Black level is 0 and white level 65535. There is no white balance and no colour matrix, so that
+    a pixel depends on the light in it only. Missing colours are the mean of their neighbours.
     """
     try:
         import rawpy
     except ImportError:
         raise InputError(
-            f"{path}: a DNG is read by rawpy, which is not installed: pip install 'ps4rig[dng]'"
+            "a DNG is read by rawpy, which is not installed: pip install 'ps4rig[dng]'"
         ) from None
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
-    try:
-        with rawpy.imread(str(path)) as raw:
-            flip = int(raw.sizes.flip)  # read first: `user_flip` replaces it
-            linear: npt.NDArray[Any] = raw.postprocess(
-                gamma=(1, 1), no_auto_bright=True, adjust_maximum_thr=0.0, output_bps=16,
-                user_wb=[1.0] * 4, output_color=rawpy.ColorSpace.raw, user_flip=0,
-                demosaic_algorithm=rawpy.DemosaicAlgorithm.LINEAR,
-            )  # fmt: skip
-    except rawpy.LibRawError as error:
-        raise InputError(f"{path}: not a readable DNG ({error})") from error
-    return np.ascontiguousarray(linear, np.uint16), _ORIENTATIONS.get(flip, 1)
+    samples, kind = page.samplesperpixel, page.photometric
+    refusal = InputError("a raw image of a kind that is not handled; convert it to a TIFF")
+    is_known = (kind, samples) in ((_CFA, 1), (_LINEAR_RAW, 1), (_LINEAR_RAW, 3))
+    deltas = (_numbers(page, tag, 0) for tag in (_BLACK_DELTA_H, _BLACK_DELTA_V))
+    if not is_known or page.sampleformat != _UNSIGNED or any(each.any() for each in deltas):
+        raise refusal
+    with rawpy.imread(io.BytesIO(content)) as raw:
+        shape, values = raw.raw_image.shape[:2], np.atleast_3d(raw.raw_image_visible)
+        if shape != page.shape[:2] or (kind == _CFA and raw.num_colors != 3):
+            raise refusal
+        levels = _from_black_to_white(values[:, :, :samples], page)
+        if kind == _LINEAR_RAW:
+            return levels if samples == 3 else levels[:, :, 0]
+        # LibRaw fills in the missing colours of these levels, and does nothing else.
+        raw.raw_image_visible[:] = levels[:, :, 0]
+        rgb: npt.NDArray[Any] = raw.postprocess(
+            gamma=(1, 1), no_auto_bright=True, no_auto_scale=True, adjust_maximum_thr=0.0,
+            output_bps=16, output_color=rawpy.ColorSpace.raw, user_flip=0, user_black=0,
+            user_cblack=[0] * 4, user_sat=65535, user_wb=[1.0] * 4,
+            demosaic_algorithm=rawpy.DemosaicAlgorithm.LINEAR,
+        )  # fmt: skip
+    return np.asarray(rgb, np.uint16)
+
+
+def _from_black_to_white(values: npt.NDArray[Any], page: Any) -> npt.NDArray[np.uint16]:
+    rows, columns = values.shape[:2]
+    down, across = _numbers(page, _BLACK_REPEAT, 1, 1).astype(int)
+    pattern = _numbers(page, _BLACK, 0).reshape(down, across, -1)
+    black = pattern[np.ix_(np.arange(rows) % down, np.arange(columns) % across)]
+    white = _numbers(page, _WHITE, (1 << page.bitspersample) - 1)
+    share = np.clip((values - black) / (white - black), 0.0, 1.0)
+    return np.asarray(np.rint(65535.0 * share), np.uint16)
+
+
+def _numbers(page: Any, tag: int, *default: float) -> npt.NDArray[np.float32]:
+    found = page.tags.get(tag)
+    numbers = np.ravel(default if found is None else found.value).astype(np.float32)
+    return numbers[::2] / numbers[1::2] if found is not None and found.dtype in (5, 10) else numbers

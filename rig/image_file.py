@@ -1,16 +1,21 @@
 """Read a PNG, JPEG, TIFF, TGA or DNG: damage is an error, memory is bounded.
 
-OpenCV fills the missing part of a truncated JPEG with grey, and libpng prints warnings. So a JPEG
-is decoded by simplejpeg, which makes warnings errors, and a PNG is checked before it is decoded.
+The tags of a file are checked before its pixels are decoded. OpenCV fills the missing part of a
+truncated JPEG with grey, and libpng prints warnings. So a JPEG is decoded by simplejpeg, which
+makes warnings errors, and a PNG is checked before it is decoded.
 """
 
 import io
+import logging
 import math
 import struct
+import warnings
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -19,23 +24,30 @@ import numpy.typing as npt
 from classify.errors import InputError
 from classify.regular_file import read_regular_file
 
-from .exif import (
-    UPRIGHT,
-    checked_orientation,
-    exif_exposure_ms,
-    exif_orientation,
-    jpeg_exif,
-    upright,
-)
-from .tga import decode_tga, tga_size
+from .dng import linear_raw
+from .image_metadata import ImageMetadata, metadata_of_info, metadata_of_pages, power_response
+
+if TYPE_CHECKING:
+    import tifffile
 
 Image = npt.NDArray[np.uint8 | np.uint16]
+Decoded = tuple[npt.NDArray[Any], ImageMetadata]
 _MAX_BYTES = 2**31
 _MAX_SIDE_PX = 32768
 # A file may declare this many bytes of pixels, or this many times its own length if that is more.
 # Zeros are compressed by 1000 and more, photographs with noise by less than 100.
 _SMALL_BYTES = 2**26
 _MAX_COMPRESSION = 200
+# Turns by 90 degrees anticlockwise after mirroring left to right (EXIF 2.32, section 4.6.4).
+_TURNS = {1: 0, 2: 0, 3: 2, 4: 2, 5: 1, 6: 3, 7: 3, 8: 1}
+_MIRRORED = (2, 4, 5, 7)
+_TGA_SIGNATURE, _TGA_PREMULTIPLIED = b"TRUEVISION-XFILE.\0", 4
+_PREMULTIPLIED = "its colours are multiplied by their alpha; save it without alpha"
+_ONE_OF_SEVERAL = 2  # a bit of NewSubfileType
+# Their decoders notice missing data; those of JPEG, JPEG 2000 and JPEG XR fill it with grey.
+_TIFF_COMPRESSIONS = (
+    "NONE", "LZW", "ADOBE_DEFLATE", "DEFLATE", "PACKBITS", "LZMA", "ZSTD", "WEBP", "JPEGXL",
+)  # fmt: skip
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 # Samples per pixel, and the allowed bits of a sample, for each colour type of a PNG (section 11.2.2
 # of its specification).
@@ -43,7 +55,7 @@ _PNG_COLOUR_TYPES = {
     0: (1, (1, 2, 4, 8, 16)), 2: (3, (8, 16)), 3: (1, (1, 2, 4, 8)), 4: (2, (8, 16)),
     6: (4, (8, 16)),
 }  # fmt: skip
-_PNG_PALETTE = 3
+_PNG_PALETTE, _PNG_GREY_ALPHA = 3, 4
 # First column and row, and steps between columns and rows, of the passes of a PNG.
 _ONE_PASS = ((0, 0, 1, 1),)
 _ADAM7 = (
@@ -55,8 +67,8 @@ _ADAM7 = (
 def read_image(path: Path) -> Image:
     """Read an image as (H, W) grey or (H, W, 3) RGB, uint8 or uint16; alpha is left out.
 
-    Pixel values are those of the file. The image is turned upright as its EXIF data say. Bytes
-    after the end of a JPEG or PNG are ignored.
+    Pixel values are those of the file; those of a DNG are linear, see `rig.dng`. The image is
+    turned upright as its EXIF or XMP data say. Bytes after the end of a JPEG or PNG are ignored.
 
     Raises
     ------
@@ -64,115 +76,94 @@ def read_image(path: Path) -> Image:
         If the file is missing, damaged, not one grey or colour image of 8 or 16 bits, or declares
         far more pixels than a file of its length can hold.
     """
-    return read_oriented_image(path)[0]
-
-
-def read_oriented_image(path: Path) -> tuple[Image, int]:
-    """Read an image as `read_image`, with the EXIF orientation, 1 to 8, that was undone.
-
-    A DNG is read as `rig.dng.read_dng` does.
-    """
-    if path.suffix.lower() == ".dng":
-        from .dng import read_dng
-
-        raw, orientation = read_dng(path)
-        return upright(raw, orientation), orientation
-    readers = {
-        ".png": _png, ".jpg": _jpeg, ".jpeg": _jpeg, ".tif": _tiff, ".tiff": _tiff, ".tga": _tga,
-    }  # fmt: skip
-    reader = readers.get(path.suffix.lower())
-    if reader is None:
-        raise InputError(f"{path}: images come as PNG, JPEG, TIFF, TGA or DNG")
-    content = read_regular_file(path, _MAX_BYTES)
-    try:
-        image, orientation = reader(content)
-    except (ValueError, cv2.error) as error:
-        raise InputError(f"{path}: {error}") from error
-    if image.dtype not in (np.uint8, np.uint16):
-        raise InputError(f"{path}: {image.dtype} pixels; give 8 or 16 bit")
-    if image.ndim == 3 and image.shape[2] == 1:
-        image = image[:, :, 0]
-    if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (3, 4)):
-        raise InputError(f"{path}: {image.shape} is not one grey or colour image")
-    return image if image.ndim == 2 else image[:, :, :3], orientation
+    return read_image_file(path)[0]
 
 
 def read_exposure_ms(path: Path) -> float | None:
-    """Return the exposure time in the EXIF data of an image; None if there is none.
+    """Return the exposure time in the EXIF data of an image, if any; errors as `read_image`."""
+    return read_image_file(path)[1].exposure_ms
 
-    Raises
-    ------
-    InputError
-        If the file is missing, or is a PNG that is damaged.
-    """
+
+def read_image_file(path: Path) -> tuple[Image, ImageMetadata]:
+    """Read an image as `read_image`, with its metadata."""
+    readers: dict[str, tuple[str, Callable[[bytes], Decoded]]] = {
+        ".png": ("PNG", _png), ".jpg": ("JPEG", _jpeg), ".jpeg": ("JPEG", _jpeg),
+        ".tif": ("TIFF", _tiff), ".tiff": ("TIFF", _tiff), ".tga": ("TGA", _tga),
+        ".dng": ("DNG", partial(_tiff, is_raw=True)),
+    }  # fmt: skip
+    if path.suffix.lower() not in readers:
+        raise InputError(f"{path}: images come as PNG, JPEG, TIFF, TGA or DNG")
+    kind, reader = readers[path.suffix.lower()]
     content = read_regular_file(path, _MAX_BYTES)
-    suffix = path.suffix.lower()
     try:
-        if suffix == ".png":
-            return exif_exposure_ms(_png_exif(_png_chunks(content)))
-    except ValueError as error:
+        # Pillow warns of oddities in EXIF data that do not concern the image.
+        with warnings.catch_warnings(action="ignore"):
+            pixels, metadata = reader(content)
+    except InputError as error:
         raise InputError(f"{path}: {error}") from error
-    # A TIFF, and so a DNG, has the form of EXIF data itself.
-    return exif_exposure_ms(jpeg_exif(content) if suffix in (".jpg", ".jpeg") else content)
+    except Exception as error:  # of many types, of six libraries
+        text = " ".join(str(error).split()) or type(error).__name__
+        message = f"not a complete {kind} image: {text}; it may be truncated"
+        raise InputError(f"{path}: {message}") from error
+    if metadata.orientation in _MIRRORED:
+        pixels = pixels[:, ::-1]
+    return np.ascontiguousarray(np.rot90(pixels, _TURNS[metadata.orientation])), metadata
 
 
 def _require_size(rows: int, columns: int, declared_bytes: int, held_bytes: int) -> None:
     if not (0 < rows <= _MAX_SIDE_PX and 0 < columns <= _MAX_SIDE_PX):
-        raise ValueError(f"{columns} x {rows} px; sides up to {_MAX_SIDE_PX} are handled")
+        raise InputError(f"{columns} x {rows} px; sides up to {_MAX_SIDE_PX} are handled")
     if declared_bytes > max(_SMALL_BYTES, _MAX_COMPRESSION * held_bytes):
-        raise ValueError(
+        raise InputError(
             f"declares {declared_bytes} bytes of pixels in {held_bytes} bytes; save it uncompressed"
         )
 
 
-def _by_opencv(content: bytes, kind: str) -> npt.NDArray[Any]:
-    # OpenCV logs an error on stderr before it returns None.
-    level = cv2.utils.logging.setLogLevel(0)
-    try:
-        image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
-    finally:
-        cv2.utils.logging.setLogLevel(level)
-    if image is None:
-        raise ValueError(f"not a readable {kind}; it may be truncated")
-    return np.ascontiguousarray(image[:, :, 2::-1]) if image.ndim == 3 else image
-
-
-def _jpeg(content: bytes) -> tuple[npt.NDArray[Any], int]:
+def _jpeg(content: bytes) -> Decoded:
     import simplejpeg
+    from PIL.JpegImagePlugin import JpegImageFile
 
-    try:
-        if not content.startswith(b"\xff\xd8"):
-            raise ValueError("no JPEG signature")
-        rows, columns, colours, _ = simplejpeg.decode_jpeg_header(content)
-        grey = colours.lower() == "gray"
-        if not grey and colours.lower() not in ("rgb", "ycbcr"):
-            raise ValueError(f"pixels are {colours}; save it as grey or RGB")
-        _require_size(rows, columns, rows * columns * (1 if grey else 3), len(content))
-        image: npt.NDArray[np.uint8] = simplejpeg.decode_jpeg(content, "gray" if grey else "rgb")
-    except ValueError as error:
-        raise ValueError(f"not a complete JPEG image: {error}; it may be truncated") from error
-    orientation = exif_orientation(jpeg_exif(content))
-    return upright(image, orientation), orientation
+    if not content.startswith(b"\xff\xd8"):
+        raise ValueError("no JPEG signature")
+    rows, columns, colours, _ = simplejpeg.decode_jpeg_header(content)
+    grey = colours.lower() == "gray"
+    if not grey and colours.lower() not in ("rgb", "ycbcr"):
+        raise InputError(f"JPEG pixels are {colours}; save it as grey or RGB")
+    _require_size(rows, columns, rows * columns * (1 if grey else 3), len(content))
+    image: npt.NDArray[np.uint8] = simplejpeg.decode_jpeg(content, "gray" if grey else "rgb")
+    segments = JpegImageFile(io.BytesIO(content))
+    starts = (b"Exif\0\0II*\0", b"Exif\0\0MM\0*")
+    if sum(data.startswith(starts) for _, data in segments.applist) > 1:
+        raise InputError("holds EXIF data twice; remove one of them")
+    return image[:, :, 0] if grey else image, metadata_of_info(segments.info)
 
 
-def _png(content: bytes) -> tuple[npt.NDArray[Any], int]:
+def _png(content: bytes) -> Decoded:
     """Check all chunks and the length of the pixels, then decode the critical chunks.
 
     No ancillary chunk changes a pixel value, and libpng prints warnings about them.
     """
-    try:
-        chunks = list(_png_chunks(content))
-        indexed = _check_png_pixels([(chunk[4:8], chunk[8:-4]) for chunk in chunks], len(content))
-    except ValueError as error:
-        raise ValueError(f"not a complete PNG image: {error}; it may be truncated") from error
+    from PIL.PngImagePlugin import PngImageFile
+
+    chunks = list(_png_chunks(content))
+    kinds = {chunk[4:8]: chunk[8:-4] for chunk in chunks}
+    indexed = _check_png_pixels([(chunk[4:8], chunk[8:-4]) for chunk in chunks], len(content))
+    if b"acTL" in kinds:
+        raise InputError("an animation; save one image")
     critical = (b"IHDR", b"IDAT", b"IEND", *((b"PLTE",) if indexed else ()))
-    image = _by_opencv(_PNG_SIGNATURE + b"".join(c for c in chunks if c[4:8] in critical), "PNG")
-    orientation = exif_orientation(_png_exif(chunks))
-    return upright(image, orientation), orientation
-
-
-def _png_exif(chunks: Iterable[bytes]) -> bytes:
-    return next((chunk[8:-4] for chunk in chunks if chunk[4:8] == b"eXIf"), b"")
+    plain = _PNG_SIGNATURE + b"".join(each for each in chunks if each[4:8] in critical)
+    image: Any = cv2.imdecode(np.frombuffer(plain, np.uint8), cv2.IMREAD_UNCHANGED)
+    # Pillow reads what stands in front of the pixels.
+    chunks.sort(key=lambda chunk: chunk[4:8] in (b"IDAT", b"IEND"))
+    info = PngImageFile(io.BytesIO(_PNG_SIGNATURE + b"".join(chunks))).info
+    # Transfer characteristics of ITU-T H.273, then full-range RGB.
+    code = kinds.get(b"cICP", b"")[1:]
+    known = {b"\x08\0\1": "linear", b"\x0d\0\1": "srgb"}
+    stated = known.get(code, f"colour space {[*code]}")
+    metadata = metadata_of_info(info, *[stated] * (b"cICP" in kinds))
+    if image.ndim == 2 or kinds[b"IHDR"][9] == _PNG_GREY_ALPHA:
+        return np.atleast_3d(image)[:, :, 0], metadata
+    return image[:, :, 2::-1], metadata
 
 
 def _png_chunks(content: bytes) -> Iterator[bytes]:
@@ -230,34 +221,88 @@ def _check_png_pixels(chunks: list[tuple[bytes, bytes]], held_bytes: int) -> boo
     return indexed
 
 
-def _tga(content: bytes) -> tuple[npt.NDArray[Any], int]:
-    rows, columns, samples = tga_size(content)
-    _require_size(rows, columns, rows * columns * samples, len(content))
-    return decode_tga(content), UPRIGHT
+def _tga(content: bytes) -> Decoded:
+    from PIL.TgaImagePlugin import TgaImageFile
+
+    if (content[2] & ~8, content[16]) not in ((2, 24), (2, 32), (3, 8)):
+        raise InputError(
+            f"TGA of type {content[2]} with {content[16]} bits a pixel; save it as PNG, grey or RGB"
+        )
+    image = TgaImageFile(io.BytesIO(content))
+    _require_size(image.height, image.width, 4 * image.width * image.height, len(content))
+    try:
+        pixels = np.asarray(image)
+    except OSError as error:  # a run length that crosses rows is one too
+        raise InputError(f"TGA: {error}; it may be truncated, else save it as PNG") from error
+    # Extension area of the TGA specification 2.0: gamma as a fraction, and the type of alpha.
+    start = int.from_bytes(content[-26:-22], "little") * content.endswith(_TGA_SIGNATURE)
+    area = content[start : start + 495] if start else bytes(495)
+    dividend, divisor = struct.unpack_from("<HH", area, 478)
+    if area[494] == _TGA_PREMULTIPLIED and (pixels.T[3:] < 255).any():
+        raise InputError(_PREMULTIPLIED)
+    metadata = ImageMetadata(response=power_response(dividend / divisor) if divisor else None)
+    return pixels if pixels.ndim == 2 else pixels[:, :, :3], metadata
 
 
-def _tiff(content: bytes) -> tuple[npt.NDArray[Any], int]:
+def _tiff(content: bytes, is_raw: bool = False) -> Decoded:
+    """Decode the only image of full resolution."""
     # Imported here, so that a simulated rig opens without it.
     import tifffile
 
-    try:
-        with tifffile.TiffFile(io.BytesIO(content)) as tiff:
-            page, shape, pages = tiff.pages.first, tiff.series[0].shape, len(tiff.series[0])
-            grey, rgb = tifffile.PHOTOMETRIC.MINISBLACK, tifffile.PHOTOMETRIC.RGB
-            kind = page.photometric
-            tag = page.tags.get("Orientation")
-            orientation = UPRIGHT if tag is None else checked_orientation(int(tag.value))
-            _require_size(page.shape[0], page.shape[1], tiff.series[0].nbytes, len(content))
-            # LZW, OpenCV's default, is read by tifffile only with a further package.
-            if kind in (grey, rgb) and page.compression != tifffile.COMPRESSION.LZW:
-                return upright(tiff.asarray(), orientation), orientation
-    except Exception as error:
-        raise ValueError(
-            f"not a readable TIFF ({error}); it may be truncated, or its compression is not handled"
-        ) from error
-    if kind not in (grey, rgb):
-        name = tifffile.PHOTOMETRIC(kind).name
-        raise ValueError(f"TIFF pixels are {name}; save it as grey or RGB")
-    if len(shape) > 3 or pages > 1:
-        raise ValueError(f"{shape} is not one grey or colour image")
-    return _by_opencv(content, "TIFF"), orientation  # OpenCV has turned it upright
+    tifffile.logger().addHandler(logging.NullHandler())  # else its warnings go to stderr
+    with tifffile.TiffFile(io.BytesIO(content)) as tiff:
+        pages: list[tuple[Any, Any]] = [(each, each) for each in tiff.pages]
+        pages += [(each, parent) for parent, _ in pages for each in parent.pages or ()]
+        if not pages:
+            raise ValueError("it holds no image")
+        full = [each for each in pages if not each[0].subfiletype & ~_ONE_OF_SEVERAL]
+        if len(full) != 1:
+            raise InputError(f"holds {len(full)} images of full resolution; save one in a file")
+        page, parent = full[0]
+        places = zip(page.dataoffsets, page.databytecounts, strict=True)
+        if any(size == 0 or start + size > len(content) for start, size in places):
+            raise ValueError("a part of the pixels is missing")
+        samples = math.prod(page.chunked) * math.prod(page.chunks)
+        declared = samples * max(page.bitspersample, 8) // 8
+        _require_size(page.imagelength, page.imagewidth, declared, len(content))
+        # Each file of an OME-TIFF lists the images of all of them.
+        stacks = [] if tiff.is_ome else [each for each in tiff.series if each.keyframe is page]
+        if page.imagedepth > 1 or any(each.size != page.size or each.transform for each in stacks):
+            raise InputError("holds a stack of images; save one in a file")
+        metadata = metadata_of_pages(*dict.fromkeys((parent, page)))
+        if is_raw:
+            return linear_raw(content, page), replace(metadata, response="linear")
+        return _tiff_pixels(page), metadata
+
+
+def _tiff_pixels(page: "tifffile.TiffPage") -> npt.NDArray[Any]:
+    import tifffile
+
+    kind = tifffile.PHOTOMETRIC(page.photometric).name
+    colours = {"MINISBLACK": 1, "RGB": 3}.get(kind)
+    extras, samples = page.extrasamples, page.samplesperpixel
+    if colours is None:
+        raise InputError(f"TIFF pixels are {kind}; save it as grey or RGB")
+    formats = {*np.ravel(page.tags.valueof(339, tifffile.SAMPLEFORMAT.UINT))}
+    depths = {*np.ravel(page.tags.valueof(258, 1))}
+    if depths not in ({8}, {16}) or formats != {tifffile.SAMPLEFORMAT.UINT}:
+        names = " and ".join(tifffile.SAMPLEFORMAT(each).name for each in formats)
+        bits = " and ".join(map(str, depths))
+        raise InputError(
+            f"{names} samples of {bits} bits; save it as unsigned integers of 8 or 16 bits"
+        )
+    # OpenCV does not declare its alpha channel.
+    if samples - len(extras) != colours and not (kind == "RGB" and samples == 4):
+        raise InputError(f"{samples} samples a pixel are not one grey or colour image")
+    compression = tifffile.COMPRESSION(page.compression).name
+    if compression not in _TIFF_COMPRESSIONS:
+        raise InputError(f"compression {compression}; save it with LZW, deflate or none")
+    pixels = page.asarray()
+    if page.axes == "SYX":
+        pixels = np.moveaxis(pixels, 0, -1)
+    pixels = pixels.reshape(page.imagelength, page.imagewidth, samples)
+    for place, extra in enumerate(extras, start=colours):
+        alpha = pixels[:, :, place]
+        if extra == tifffile.EXTRASAMPLE.ASSOCALPHA and alpha.min() < np.iinfo(alpha.dtype).max:
+            raise InputError(_PREMULTIPLIED)
+    return pixels[:, :, 0] if colours == 1 else pixels[:, :, :3]

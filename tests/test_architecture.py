@@ -42,7 +42,7 @@ STOREYS = {
         {"defects"},
     ),
     "rig": (
-        {"acceptance", "errors", "camera", "dng", "exif", "set_file", "signals", "tga"},
+        {"acceptance", "errors", "camera", "dng", "image_metadata", "set_file", "signals"},
         {"image_file"},
         {"scene"},
         {"config"},

@@ -99,7 +99,7 @@ def _lines(captured: CapturedSet) -> Iterator[tuple[str, str]]:
     for name in ("label", "specimen", "operator", "note"):
         yield name, getattr(metadata, name) or _NOT_KNOWN
     yield "orientation", _number(metadata.orientation_deg, "degrees")
-    yield "captured", metadata.created_utc + (" (simulated)" if metadata.simulated else "")
+    yield from metadata.facts
     yield (
         "images",
         f"{len(captured.images)} lights"

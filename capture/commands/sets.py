@@ -208,7 +208,10 @@ def import_(
     ] = None,
     gamma: Annotated[
         Literal["linear", "srgb"] | None,
-        typer.Option(help="Coding of brightness; needed for JPEG."),
+        typer.Option(
+            help="Coding of brightness.",
+            show_default="as the files state, else linear; not for JPEG",
+        ),
     ] = None,
     ambient: Annotated[Path | None, typer.Option(help="Photograph with all lights off.")] = None,
     bits: Annotated[
@@ -292,10 +295,12 @@ def import_(
     for warning in metadata.warnings:
         complain(f"warning: {output}: {warning}")
     if json:
-        fields = {"bits": metadata.bit_depth, "warnings": [*metadata.warnings]}
-        print_json({"set": str(output), "lights": len(images), **fields})
+        fields = {name: getattr(metadata, name) for name in ("gamma", "gamma_source", "warnings")}
+        counts = {"lights": len(images), "bits": metadata.bit_depth}
+        print_json({"set": str(output), **counts, **fields})
     else:
-        out.print(f"{output}: {len(images)} lights", soft_wrap=True)
+        response = f"response {metadata.gamma} ({metadata.gamma_source})"
+        out.print(f"{output}: {len(images)} lights, {response}", soft_wrap=True)
 
 
 def _crop(text: str) -> Crop:

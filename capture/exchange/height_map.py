@@ -70,7 +70,7 @@ class HeightMap:
                 "ps4rig calibrate scale, or export to .ply or .stl"
             )
         try:
-            captured_at = datetime.fromisoformat(metadata.created_utc)
+            captured_at = datetime.fromisoformat(metadata.captured or metadata.created_utc)
         except ValueError:
             raise InputError(
                 f"metadata field created_utc: {metadata.created_utc!r} is not a date; capture the "

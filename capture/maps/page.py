@@ -75,7 +75,7 @@ def _facts(captured: CapturedSet, maps: SurfaceMaps) -> Iterator[tuple[str, str]
         yield "LED levels", f"{_levels(captured.lighting.intensities)}, as given"
     elif surface.led_levels is not None:
         yield "LED levels", f"{_levels(surface.led_levels)}, found in the images"
-    yield "captured", metadata.created_utc
+    yield from metadata.facts
     if metadata.orientation_deg is not None:
         yield "orientation", f"{metadata.orientation_deg:g}°"
     if captured.mask is not None:

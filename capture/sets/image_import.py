@@ -48,8 +48,8 @@ def import_images(
     paths
         One photograph per light, in the order of `lighting`.
     gamma
-        Response of the photographs, ``linear`` (the default) or ``srgb``. It must be given for
-        JPEG, which does not state it.
+        Response of the photographs, ``linear`` or ``srgb``. By default it is the one that they
+        state, else ``linear``; it must be given for a JPEG that does not state it.
     ambient
         Photograph with all lights off.
     bits
@@ -69,7 +69,7 @@ def import_images(
     ------
     InputError
         If a file is missing, damaged or of another format, sizes, depths or orientations differ,
-        `gamma` is missing for a JPEG, or images under these lights cannot be solved.
+        `gamma` is missing although it is unknown, or images under these lights cannot be solved.
     SetRejected
         If no surface explains the photographs; the message names every cause.
     """
@@ -112,9 +112,16 @@ def import_images(
         images=tuple(records),
         checks=checks,
         gamma=photographs.gamma,
+        gamma_source=photographs.gamma_source,
+        photographed=photographs.taken,
         crop=crop,
         mask_file=None if mask is None else mask.name.encode("utf-8", "backslashreplace").decode(),
-        warnings=(*warnings, *_about_depth(photographs), *(each.text for each in findings)),
+        warnings=(
+            *warnings,
+            *photographs.warnings,
+            *_about_depth(photographs),
+            *(each.text for each in findings),
+        ),
         accepted=tuple(dict.fromkeys(each.cause for each in findings if each.refutes)),
         software_version=version("ps4rig"),
         pixels_sha256=pixels_sha256(images, ambient_image, part),

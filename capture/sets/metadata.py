@@ -1,6 +1,7 @@
 """The metadata of a captured set: the JSON inside its file."""
 
 import math
+from collections.abc import Iterator
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -156,8 +157,11 @@ class SetMetadata(Record):
         One record for each image, in the order of the lighting, then the ambient image.
     placement
         Placement of the simulated part, None for a real one.
-    gamma
-        Response of imported photographs that was undone: ``linear`` or ``srgb``.
+    gamma, gamma_source
+        Response of imported photographs that was undone, ``linear`` or ``srgb``; whether the files
+        stated it, the user gave it, or it was assumed.
+    photographed
+        Date of imported photographs (ISO 8601), local time if it has no offset; None if unknown.
     mm_per_px
         Scale of the image by its calibration, for the programs that only read the file.
     crop
@@ -189,6 +193,8 @@ class SetMetadata(Record):
     checks: ChecksRecord | None = None
     failed_attempts: tuple[str, ...] = ()
     gamma: str = "linear"
+    gamma_source: Literal["stated", "given", "assumed"] | None = None
+    photographed: Text | None = None
     calibration_ids: tuple[str, ...] = ()
     mm_per_px: float | None = Field(default=None, ge=1e-6, le=1e3)
     crop: tuple[int, int, int, int] | None = None
@@ -198,6 +204,22 @@ class SetMetadata(Record):
     corrections: tuple[CorrectionRecord, ...] = ()
     software_version: str
     pixels_sha256: str
+
+    @property
+    def captured(self) -> str | None:
+        """Date of the capture; None for imported photographs that do not state theirs."""
+        is_imported = any(image.source_file is not None for image in self.images)
+        return self.photographed if is_imported else self.created_utc
+
+    @property
+    def facts(self) -> Iterator[tuple[str, str]]:
+        """Yield the dates, and the response of imported photographs, with their names."""
+        if self.captured is not None:
+            yield "captured", self.captured + " (simulated)" * self.simulated
+        if self.captured != self.created_utc:
+            yield "imported", self.created_utc
+        if self.gamma_source is not None:
+            yield "response", f"{self.gamma} ({self.gamma_source})"
 
 
 def image_noise(

@@ -3,6 +3,8 @@
 import colorsys
 import json
 import xml.etree.ElementTree as ET
+from contextlib import suppress
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -145,8 +147,12 @@ def _ome_xml(
     rows, columns = shape
     ome = ET.Element("OME", {"xmlns": _OME, "Creator": f"ps4rig {metadata.software_version}"})
     image = ET.SubElement(ome, "Image", ID="Image:0", Name=metadata.label or "captured set")
-    # To the second: the labels that Bio-Formats makes of slices fail on fractions.
-    ET.SubElement(image, "AcquisitionDate").text = metadata.created_utc.split(".")[0].rstrip("Z")
+    with suppress(ValueError):  # no date, or a date that is not known
+        captured = datetime.fromisoformat(metadata.captured or "")
+        if captured.tzinfo is not None:
+            captured = captured.astimezone(UTC).replace(tzinfo=None)
+        # To the second: the labels that Bio-Formats makes of slices fail on fractions.
+        ET.SubElement(image, "AcquisitionDate").text = captured.isoformat(timespec="seconds")
     pixels = ET.SubElement(
         image, "Pixels", ID="Pixels:0", DimensionOrder="XYCZT", Type="uint16",
         SignificantBits=str(metadata.full_scale.bit_length()), SizeX=str(columns), SizeY=str(rows),

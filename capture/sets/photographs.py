@@ -3,16 +3,18 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from classify.errors import InputError
 from classify.images.colour import linear_from_srgb, luminance
-from rig.image_file import read_image, read_oriented_image
+from rig.image_file import read_image, read_image_file
+from rig.image_metadata import ImageMetadata
 
 Gamma = Literal["linear", "srgb"]
+GammaSource = Literal["stated", "given", "assumed"]
 Crop = tuple[int, int, int, int]
 BoolArray = npt.NDArray[np.bool_]
 
@@ -33,10 +35,14 @@ class Photographs:
         Depth of the data in the files; pixel value of saturation in `planes`.
     largest
         Largest value in the files, if the depth was guessed from it, else None.
-    gamma
-        The response that was undone.
+    gamma, gamma_source
+        The response that was undone, and who says so: files, caller or nobody.
     frame
         Rows and columns before the crop.
+    taken
+        Date of the first photograph that has one, as in `rig.image_metadata`.
+    warnings
+        What is doubtful about the response.
     """
 
     planes: list[npt.NDArray[np.uint16]]
@@ -44,7 +50,10 @@ class Photographs:
     full_scale: int
     largest: int | None
     gamma: Gamma
+    gamma_source: GammaSource
     frame: tuple[int, int]
+    taken: str | None
+    warnings: tuple[str, ...]
 
 
 def read_photographs(
@@ -56,22 +65,57 @@ def read_photographs(
         raise InputError(f"{raw} of {len(paths)} photographs are DNG; give all or none as DNG")
     if raw and (gamma == "srgb" or bits is not None):
         raise InputError("a DNG is linear and states its depth; leave out --gamma and --bits")
-    for path in paths:
-        if gamma is None and path.suffix.lower() in (".jpg", ".jpeg"):
-            raise InputError(
-                f"{path}: a JPEG does not state its response; give --gamma srgb "
-                "(an ordinary camera) or --gamma linear"
-            )
-    uncropped = _read_alike(paths)
-    images = [_cropped(image, crop) for image in uncropped]
+    frames, metadata = _read_alike(paths)
+    stated = [each.response for each in metadata]
+    response, source, warnings = _response(paths, stated, frames[0].dtype == np.uint8, gamma)
+    images = [_cropped(frame, crop) for frame in frames]
     bit_depth, top, largest = (16, 65535, None) if raw else _depth(images, bits)
-    if gamma == "srgb" or any(image.ndim == 3 for image in images):
-        planes = [_linear_luminance(image, top, gamma == "srgb") for image in images]
+    if response == "srgb" or any(image.ndim == 3 for image in images):
+        planes = [_linear_luminance(image, top, response == "srgb") for image in images]
         top = 65535
     else:
         planes = [image.astype(np.uint16) for image in images]
-    rows, columns = uncropped[0].shape[:2]
-    return Photographs(planes, bit_depth, top, largest, gamma or "linear", (rows, columns))
+    rows, columns = frames[0].shape[:2]
+    taken = next(filter(None, (each.taken for each in metadata)), None)
+    return Photographs(
+        planes, bit_depth, top, largest, response, source, (rows, columns), taken, warnings
+    )
+
+
+def _response(
+    paths: Sequence[Path], stated: Sequence[str | None], has_8_bits: bool, gamma: Gamma | None
+) -> tuple[Gamma, GammaSource, tuple[str, ...]]:
+    """Return the response to undo, its source and warnings about it."""
+    if gamma is not None:
+        others = [k for k, each in enumerate(stated) if each not in (None, gamma)]
+        if not others:
+            return gamma, "given", ()
+        more = f" and {len(others) - 1} more" * (len(others) > 1)
+        text = f"{paths[others[0]].name}{more}: the file states {stated[others[0]]}"
+        return gamma, "given", (f"{text}, but was read with --gamma {gamma}",)
+    first = stated[0]
+    for path, each in zip(paths, stated, strict=True):
+        if each != first:
+            raise InputError(
+                f"{path}: states {each or 'no response'}, but {paths[0]} states {first or 'none'}; "
+                "give --gamma linear or --gamma srgb for all"
+            )
+        if each is None and path.suffix.lower() in (".jpg", ".jpeg"):
+            raise InputError(
+                f"{path}: this JPEG does not state its response; give --gamma srgb "
+                "(an ordinary camera) or --gamma linear"
+            )
+    if first in get_args(Gamma):
+        return cast(Gamma, first), "stated", ()
+    if first is not None:
+        raise InputError(
+            f"{paths[0]}: states {first}; save it with a linear or sRGB response, or give "
+            "--gamma linear or --gamma srgb to read it as that"
+        )
+    if not has_8_bits:
+        return "linear", "assumed", ()
+    text = "the photographs have 8 bits and do not state their response: read as linear; "
+    return "linear", "assumed", (f"{text}--gamma srgb or --gamma linear states it",)
 
 
 def read_mask(path: Path, frame: tuple[int, int], crop: Crop | None) -> BoolArray:
@@ -96,16 +140,17 @@ def read_mask(path: Path, frame: tuple[int, int], crop: Crop | None) -> BoolArra
     return mask
 
 
-def _read_alike(paths: Sequence[Path]) -> list[npt.NDArray[Any]]:
+def _read_alike(paths: Sequence[Path]) -> tuple[list[npt.NDArray[Any]], list[ImageMetadata]]:
     """Read images that must agree in size, depth and orientation."""
-    read = [read_oriented_image(path) for path in paths]
-    first, first_orientation = read[0]
-    for path, (image, orientation) in zip(paths[1:], read[1:], strict=True):
-        if orientation != first_orientation:
+    read = [read_image_file(path) for path in paths]
+    first, about_first = read[0]
+    for path, (image, about) in zip(paths[1:], read[1:], strict=True):
+        if about.orientation != about_first.orientation:
             raise InputError(
-                f"{path}: EXIF orientation {orientation}, but {paths[0]} has {first_orientation}; "
-                "the camera must not turn between photographs. A camera that looks down may notice "
-                "turns by mistake: then remove the EXIF data of all images"
+                f"{path}: EXIF orientation {about.orientation}, but {paths[0]} has "
+                f"{about_first.orientation}; the camera must not turn between photographs. A "
+                "camera that looks down may notice turns by mistake: then remove the EXIF data of "
+                "all images"
             )
         if image.shape[:2] != first.shape[:2]:
             raise InputError(
@@ -117,7 +162,7 @@ def _read_alike(paths: Sequence[Path]) -> list[npt.NDArray[Any]]:
                 f"{path}: {image.dtype}, but {paths[0]} is {first.dtype}; "
                 "all images must have the same depth"
             )
-    return [image for image, _ in read]
+    return [image for image, _ in read], [about for _, about in read]
 
 
 def _cropped(image: npt.NDArray[Any], crop: Crop | None) -> npt.NDArray[Any]:

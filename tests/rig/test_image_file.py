@@ -101,7 +101,7 @@ def test_a_file_cut_off_anywhere_is_refused(tmp_path: Path, capfd: Any, suffix: 
     last = len(whole) - (0 if suffix == ".tif" else 2)
     for length in (0, 1, 8, 50, *range(100, last, max(1, last // 30)), last - 1):
         message = refused(path, whole[:length], capfd)
-        assert message.endswith(("it may be truncated", "its compression is not handled"))
+        assert message.endswith("it may be truncated")
 
 
 @pytest.mark.parametrize("options", [(), (cv2.IMWRITE_JPEG_PROGRESSIVE, 1)])
@@ -149,7 +149,7 @@ def test_an_invalid_png_is_refused(
 def test_a_small_file_that_declares_gigabytes_is_refused(tmp_path: Path, capfd: Any) -> None:
     path = tmp_path / "a.tif"
     tifffile.imwrite(path, np.zeros((9000, 9000), np.uint8), compression="zlib")
-    assert "declares 81000000 bytes of pixels" in refused(path, path.read_bytes(), capfd)
+    assert "declares 81171000 bytes of pixels" in refused(path, path.read_bytes(), capfd)
     jpeg = bytearray(encoded(".jpg"))
     start = jpeg.index(b"\xff\xc0")  # the frame header: length, depth, rows, columns
     jpeg[start + 5 : start + 9] = struct.pack(">HH", 30_000, 30_000)
@@ -161,7 +161,7 @@ def test_a_damaged_tiff_is_refused(tmp_path: Path, capfd: Any, compression: int)
     whole = encoded(".tif", SMOOTH, cv2.IMWRITE_TIFF_COMPRESSION, compression)
     directory = int.from_bytes(whole[4:8], "little")
     for content in (whole[:200], whole[: directory + 4] + b"\xff" * 60 + whole[directory + 64 :]):
-        assert "not a readable TIFF" in refused(tmp_path / "a.tif", content, capfd)
+        assert "not a complete TIFF image" in refused(tmp_path / "a.tif", content, capfd)
 
 
 @pytest.mark.parametrize("value", [0.5, np.nan, np.inf])
@@ -169,7 +169,7 @@ def test_floating_point_pixels_are_refused(tmp_path: Path, capfd: Any, value: fl
     tifffile.imwrite(tmp_path / "a.tif", np.full((3, 4), value, np.float32))
     content = (tmp_path / "a.tif").read_bytes()
     message = refused(tmp_path / "a.tif", content, capfd)
-    assert message == "float32 pixels; give 8 or 16 bit"
+    assert message.startswith("IEEEFP samples of 32 bits; save it as unsigned integers")
 
 
 @pytest.mark.parametrize("kind", ["palette", "miniswhite", "separated"])
@@ -189,7 +189,7 @@ def test_a_tiff_of_several_pages_is_refused(tmp_path: Path, capfd: Any) -> None:
     path = tmp_path / "a.tif"
     tifffile.imwrite(path, np.zeros((5, 12, 17), np.uint8), photometric="minisblack")
     message = refused(path, path.read_bytes(), capfd)
-    assert message == "(5, 12, 17) is not one grey or colour image"
+    assert message == "holds 5 images of full resolution; save one in a file"
     assert cv2.imwritemulti(str(path), list(np.zeros((5, 12, 17), np.uint8)))  # by LZW
     assert refused(path, path.read_bytes(), capfd) == message
 
@@ -199,7 +199,7 @@ def test_other_files_are_named(tmp_path: Path, capfd: Any) -> None:
         ("a.gif", b"GIF89a", "images come as PNG, JPEG, TIFF, TGA or DNG"),
         ("a.png", b"hello IEND", "not a complete PNG"),
         ("a.jpg", b"hello \xff\xd9", "not a complete JPEG"),
-        ("a.tif", b"hello", "not a readable TIFF"),
+        ("a.tif", b"hello", "not a complete TIFF image"),
     ):
         assert refused(tmp_path / name, content, capfd).startswith(message)
     (tmp_path / "folder.png").mkdir()

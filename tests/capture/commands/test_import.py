@@ -26,8 +26,11 @@ def photographs(tmp_path: Path) -> list[Path]:
 def test_photographs_become_a_set(ps4rig: Command, photographs: list[Path], tmp_path: Path) -> None:
     out = tmp_path / "a.ome.tif"
     result = ps4rig("import", *photographs, "--slant", 40, "--label", "oak", "--json", out)
-    about = {"lights": 4, "bits": 8, "warnings": []}
-    assert json.loads(result.stdout) == {"set": str(out), **about}
+    answer = json.loads(result.stdout)
+    (warning,) = answer.pop("warnings")
+    assert "--gamma" in warning
+    about = {"lights": 4, "bits": 8, "gamma": "linear", "gamma_source": "assumed"}
+    assert answer == {"set": str(out), **about}
     captured = CapturedSet.load(out)
     assert captured.lighting.tilts_deg.tolist() == [0.0, 90.0, 180.0, 270.0]
     assert captured.lighting.slants_deg.tolist() == [40.0] * 4
@@ -40,7 +43,7 @@ def test_tilts_belong_to_the_photographs_in_their_order(
 ) -> None:
     out = tmp_path / "a.ome.tif"
     result = ps4rig("import", *photographs[:3], "--tilts", "10,130,-110", "--slant", 40, out)
-    assert result.stdout == f"{out}: 3 lights\n"
+    assert result.stdout == f"{out}: 3 lights, response linear (assumed)\n"
     assert CapturedSet.load(out).lighting.tilts_deg.tolist() == [10.0, 130.0, 250.0]
 
 

@@ -1,7 +1,9 @@
 """Import of photographs: stored values, refused files, and the command."""
 
 import json
+import struct
 import sys
+import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,6 +17,14 @@ import tifffile
 from capture import CapturedSet, SetRejected, import_images
 from classify import Lighting
 from classify.errors import InputError
+from tests.image_files import (
+    LINEAR_RAW,
+    chunk,
+    dng,
+    private_exif,
+    with_chunks,
+    with_segments,
+)
 
 RING = Lighting.ring(45.0)
 SHAPE = (12, 17)
@@ -147,11 +157,112 @@ def test_an_ambient_image_comes_last_and_is_subtracted(four: Photographs, tmp_pa
 
 def test_a_jpeg_needs_gamma(four: Photographs) -> None:
     paths = four(np.full(SHAPE, 128, np.uint8), ".jpg")
-    with pytest.raises(InputError, match=r"image0\.jpg: a JPEG .* response; give --gamma srgb"):
+    with pytest.raises(InputError, match=r"image0\.jpg: this JPEG .* response; give --gamma srgb"):
         stored(paths)
     assert (stored(paths, gamma="linear").images == 128).all()
     expected = round(65535 * float(srgb(np.array(128 / 255))))
     assert (stored(paths, gamma="srgb").images == expected).all()
+
+
+# the stated response
+
+STATED = {
+    "linear": chunk(b"gAMA", struct.pack(">I", 100_000)),
+    "srgb": chunk(b"sRGB", b"\0"),
+    "gamma 1.8": chunk(b"gAMA", struct.pack(">I", 55_556)),
+}
+
+
+def state(path: Path, response: str) -> None:
+    """Write the response into a PNG or JPEG."""
+    content = path.read_bytes()
+    if path.suffix == ".png":
+        path.write_bytes(with_chunks(content, STATED[response]))
+    else:
+        assert response == "srgb"
+        data = b"Exif\0\0" + private_exif(ColorSpace=1)
+        path.write_bytes(with_segments(content, data))
+
+
+@pytest.mark.parametrize(
+    ("suffix", "response"), [(".png", "linear"), (".png", "srgb"), (".jpg", "srgb")]
+)
+def test_photographs_are_read_by_the_response_that_they_state(
+    four: Photographs, suffix: str, response: Any
+) -> None:
+    paths = four(np.full(SHAPE, 128, np.uint8), suffix)
+    for path in paths:
+        state(path, response)
+    captured = stored(paths)
+    expected = 128 if response == "linear" else round(65535 * float(srgb(np.array(128 / 255))))
+    assert (captured.images == expected).all()
+    metadata = captured.metadata
+    assert (metadata.gamma, metadata.gamma_source) == (response, "stated")
+    assert not any("--gamma" in warning for warning in metadata.warnings)
+
+
+@pytest.mark.parametrize(("response", "gamma"), [("linear", "srgb"), ("srgb", "linear")])
+def test_a_gamma_that_contradicts_the_files_is_a_warning(
+    four: Photographs, response: str, gamma: Any
+) -> None:
+    paths = four(pattern(np.uint8))
+    for path in paths[2:]:
+        state(path, response)
+    metadata = stored(paths, gamma=gamma).metadata
+    assert (metadata.gamma, metadata.gamma_source) == (gamma, "given")
+    (warning,) = [each for each in metadata.warnings if "--gamma" in each]
+    assert warning.startswith(f"image2.png and 1 more: the file states {response}, but")
+
+
+def test_a_response_that_is_not_undone_or_not_of_all_is_refused(four: Photographs) -> None:
+    paths = four(pattern(np.uint8))
+    state(paths[0], "linear")
+    refuse(paths, r"image1\.png: states no response, but .*image0\.png states linear; give --gamma")
+    for path in paths:
+        written(path, pattern(np.uint8))
+        state(path, "gamma 1.8")
+    refuse(paths, r"image0\.png: states gamma 1\.8; .* --gamma linear or --gamma srgb")
+    assert stored(paths, gamma="srgb").metadata.gamma_source == "given"
+
+
+@pytest.mark.parametrize(("dtype", "warned"), [(np.uint8, True), (np.uint16, False)])
+def test_an_unknown_response_counts_as_linear_with_a_word(
+    four: Photographs, dtype: type[np.uint8 | np.uint16], warned: bool
+) -> None:
+    metadata = stored(four(pattern(dtype))).metadata
+    assert (metadata.gamma, metadata.gamma_source) == ("linear", "assumed")
+    assert [*metadata.facts][-1] == ("response", "linear (assumed)")
+    assert any("--gamma" in warning for warning in metadata.warnings) == warned
+
+
+# the date
+
+
+@pytest.mark.parametrize(
+    ("date", "offset", "photographed", "acquired"),
+    [
+        ("2024:05:01 12:34:56", "+02:00", "2024-05-01T12:34:56+02:00", "2024-05-01T10:34:56"),
+        ("2024:05:01 12:34:56", "", "2024-05-01T12:34:56", "2024-05-01T12:34:56"),
+        ("", "", None, None),
+    ],
+)
+def test_the_date_of_the_photographs_is_that_of_the_set(
+    four: Photographs, tmp_path: Path, date: str, offset: str,
+    photographed: str | None, acquired: str | None,
+) -> None:  # fmt: skip
+    paths = four(pattern(np.uint8))
+    data = private_exif(DateTimeOriginal=date, OffsetTimeOriginal=offset)
+    paths[1].write_bytes(with_chunks(paths[1].read_bytes(), chunk(b"eXIf", data)))
+    captured = stored(paths)
+    metadata = captured.metadata
+    assert (metadata.photographed, metadata.captured) == (photographed, photographed)
+    facts = dict(metadata.facts)
+    assert (facts.get("captured"), facts["imported"]) == (photographed, metadata.created_utc)
+    captured.save(tmp_path / "a.ome.tif")
+    with tifffile.TiffFile(tmp_path / "a.ome.tif") as file:
+        root = ET.fromstring(file.ome_metadata)
+    found = root.findtext(".//{*}AcquisitionDate")
+    assert found == acquired
 
 
 def test_a_file_name_that_is_not_utf_8_is_escaped(four: Photographs, tmp_path: Path) -> None:
@@ -266,18 +377,11 @@ def test_photographs_are_turned_upright_and_must_agree(four: Photographs, tmp_pa
 # DNG
 
 
-def dng(path: Path, values: npt.NDArray[np.uint16], orientation: int = 1) -> Path:
-    """A Bayer image (red first) with black level 64 and white level 4095."""
-    matrix = (1, 1, 0, 1, 0, 1, 0, 1, 1, 1, 0, 1, 0, 1, 0, 1, 1, 1)
-    tags = [
-        (274, 3, 1, orientation, True), (33421, 3, 2, (2, 2), True),
-        (33422, 1, 4, (0, 1, 1, 2), True), (50706, 1, 4, (1, 4, 0, 0), True),
-        (50708, 2, 0, "ps4rig", True), (50714, 3, 1, 64, True), (50717, 4, 1, 4095, True),
-        (50721, 10, 9, matrix, True), (50778, 3, 1, 21, True),
-    ]  # fmt: skip
-    cfa = 32803
-    tifffile.imwrite(path, values, photometric=cfa, extratags=tags, metadata=None)
-    return path
+def raws(folder: Path, values: npt.NDArray[np.uint16], **options: Any) -> list[Path]:
+    paths = [folder / f"{light}.dng" for light in range(4)]
+    for path in paths:
+        path.write_bytes(dng(values, **options))
+    return paths
 
 
 def test_a_dng_is_linear_from_its_black_to_its_white_level(tmp_path: Path) -> None:
@@ -285,7 +389,7 @@ def test_a_dng_is_linear_from_its_black_to_its_white_level(tmp_path: Path) -> No
     levels = (64, 564, 1064, 2064)
     raw = np.repeat(np.repeat(np.array(levels, np.uint16), 16)[None], 32, axis=0)
     raw[20:24, 20:24] = 4095
-    paths = [dng(tmp_path / f"{light}.dng", raw) for light in range(4)]
+    paths = raws(tmp_path, raw)
     captured = stored(paths)
     assert (captured.metadata.full_scale, captured.metadata.gamma) == (65_535, "linear")
     for number, level in enumerate(levels):
@@ -293,21 +397,31 @@ def test_a_dng_is_linear_from_its_black_to_its_white_level(tmp_path: Path) -> No
         assert found == pytest.approx((level - 64) / (4095 - 64) * 65_535, abs=2.0)
     assert captured.solve().saturated[21, 21]
     assert captured.solve().saturated.sum() < 64
-    turned = [dng(tmp_path / f"{light}.dng", raw, orientation=6) for light in range(4)]
-    np.testing.assert_array_equal(stored(turned).images[0], np.rot90(captured.images[0], -1))
+    turned = stored(raws(tmp_path, raw, orientation=6))
+    np.testing.assert_array_equal(turned.images[0], np.rot90(captured.images[0], -1))
     for options in ({"gamma": "srgb"}, {"bits": 12}):
         refuse(paths, "a DNG is linear and states its depth", **options)
     (tmp_path / "0.dng").write_bytes(b"II*\0 no raw data")
-    refuse(paths, r"0\.dng: not a readable DNG")
+    refuse(paths, r"0\.dng: not a complete DNG")
     paths[0] = written(tmp_path / "0.tif", pattern(np.uint16))
     refuse(paths, "3 of 4 photographs are DNG; give all or none as DNG")
+
+
+def test_saturated_pixels_of_a_linear_raw_image_are_counted(tmp_path: Path) -> None:
+    pytest.importorskip("rawpy")
+    raw = np.full((32, 48, 3), 900, np.uint16)
+    raw[:, 20:] = 4095
+    options = {"kind": LINEAR_RAW, "black": (64, 60, 128), "white": (4095, 4095, 4095)}
+    refused = raws(tmp_path, raw, **options)
+    with pytest.raises(SetRejected, match=r"58\.3% of the pixels are saturated at 65535"):
+        import_images(refused, RING, accept=("equal-images",))
 
 
 def test_a_dng_without_rawpy_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "rawpy", None)
-    paths = [dng(tmp_path / f"{light}.dng", pattern(np.uint16)) for light in range(4)]
+    paths = raws(tmp_path, pattern(np.uint16))
     refuse(paths, r"0\.dng: a DNG is read by rawpy, .* pip install 'ps4rig\[dng\]'")
 
 

@@ -26,7 +26,7 @@ Refused = Callable[..., str]
 
 def imported(paths: list[Path], lighting: Lighting | None = None, **options: Any) -> CapturedSet:
     lighting = lighting or LIGHTS.lighting_for(PICKED)
-    return import_images(paths, lighting, ambient=AMBIENT, **options)
+    return import_images(paths, lighting, ambient=AMBIENT, gamma="linear", **options)
 
 
 def rejected(paths: list[Path], lighting: Lighting | None = None) -> str:
@@ -184,7 +184,7 @@ def test_the_command_names_the_cause_and_its_option(
 ) -> None:
     out = tmp_path / "a.ome.tif"
     arguments = ("import", *PICKED[::-1], out, "--tilts", "352,88,190,270", "--slant", 12)
-    arguments += ("--ambient", AMBIENT)
+    arguments += ("--ambient", AMBIENT, "--gamma", "linear")
     line = refused(*arguments, status=1)
     assert line.endswith("(--accept light-order)")
     assert not out.exists()
@@ -204,6 +204,7 @@ def test_unknown_keys_of_lights_are_warnings_of_the_set(
     lights.write_text(json.dumps([entry | {"relative_intensity": 1} for entry in entries]))
     out = tmp_path / "a.ome.tif"
     arguments = ("import", *PICKED, out, "--ambient", AMBIENT, "--lights", lights)
+    arguments = (*arguments, "--gamma", "linear")
     assert '"relative_intensity", which looks like "intensity"' in refused(*arguments)
     result = ps4rig(*arguments, "--accept", "light-keys", "--json")
     expected = "lights.json: unknown keys are ignored: relative_intensity"

@@ -1,0 +1,152 @@
+"""What an image file states beside its pixels: orientation, response, exposure time and date.
+
+Pillow reads EXIF data, XMP and colour profiles. What is contradictory is refused.
+"""
+
+import io
+import math
+import re
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+from PIL import ExifTags, Image
+
+from classify.errors import InputError
+from classify.images.colour import linear_from_srgb
+
+# An attribute or an element of an XMP packet.
+_XMP_NUMBER = re.compile(rb":(Orientation|ColorSpace)\s*(?:=\s*[\"']|>)\s*(\d+)")
+_SRGB, _UNCALIBRATED = 1, 0xFFFF
+_RESPONSE_TAGS = ("GrayResponseCurve", "TransferFunction", "ReferenceBlackWhite")
+# Largest difference, in 255 steps of lightness, between a profile and the response that it has:
+# rounding. Gamma 2.2 differs from sRGB by 8.
+_PROFILE_TOLERANCE = 1
+
+
+@dataclass(frozen=True)
+class ImageMetadata:
+    """What a file states: EXIF orientation, response, exposure time, date of the exposure.
+
+    The response is ``linear``, ``srgb`` or the name of another one. The date is of ISO 8601; it is
+    local time if it has no offset.
+    """
+
+    orientation: int = 1
+    response: str | None = None
+    exposure_ms: float | None = None
+    taken: str | None = None
+
+
+def metadata_of_info(info: Mapping[Any, Any], *responses: str) -> ImageMetadata:
+    """Return what Pillow's `info` of a JPEG or PNG states; `responses` go before its own."""
+    texts = [text for name, text in info.items() if str(name).startswith("Raw profile type ")]
+    blobs = [info.get("exif"), info.get("xmp"), str(info.get("XML:com.adobe.xmp", "")).encode()]
+    # ImageMagick writes profiles into a PNG as name, length and hexadecimal digits.
+    blobs += [bytes.fromhex("".join(text.split()[2:])) for text in texts]
+    profiles = [info["icc_profile"]] if "icc_profile" in info else []
+    directories, packets = [], []
+    for blob in filter(None, blobs):
+        if blob.startswith((b"Exif\0\0", b"II*\0", b"MM\0*")):
+            exif = Image.Exif()
+            exif.load(blob)
+            tags = [*exif.items(), *exif.get_ifd(ExifTags.IFD.Exif).items()]
+            directories.append({ExifTags.TAGS.get(tag): value for tag, value in tags})
+        elif blob[36:40] == b"acsp":
+            profiles.append(blob)
+        else:
+            packets.append(blob)
+    stated = [*responses, *map(_profile_response, profiles), *["srgb"] * ("srgb" in info)]
+    if "gamma" in info:
+        stated.append(power_response(1.0 / info["gamma"] if info["gamma"] else math.inf))
+    return _metadata(directories, packets, stated)
+
+
+def metadata_of_pages(*pages: Any) -> ImageMetadata:
+    """Return what the tags of `tifffile` pages state."""
+    directories = [{tag.name: tag.value for tag in page.tags} for page in pages]
+    directories += [each["ExifTag"] for each in directories if "ExifTag" in each]
+    profiles = [each["InterColorProfile"] for each in directories if "InterColorProfile" in each]
+    packets = [bytes(each["XMP"]) for each in directories if "XMP" in each]
+    return _metadata(directories, packets, [*map(_profile_response, profiles)])
+
+
+def _metadata(
+    directories: Sequence[Mapping[Any, Any]], packets: Sequence[bytes], responses: Sequence[str]
+) -> ImageMetadata:
+    stated = [("Orientation", each.get("Orientation", 0)) for each in directories]
+    stated += [("ColorSpace", each["ColorSpace"]) for each in directories if "ColorSpace" in each]
+    for packet in packets:
+        found = _XMP_NUMBER.findall(packet.replace(b"\0", b""))
+        stated += [(name.decode(), number.decode()) for name, number in found]
+    # Cameras that do not know the orientation write 0.
+    orientations = {_whole(value) for name, value in stated if name == "Orientation"} - {0}
+    if len(orientations) > 1 or not orientations <= {*range(1, 9)}:
+        listed = " and ".join(map(str, sorted(orientations)))
+        raise InputError(f"its EXIF and XMP data state orientation {listed}; remove the wrong one")
+    tags = {name: value for each in directories for name, value in each.items()}
+    responses = [*responses, *(f"a {name}" for name in _RESPONSE_TAGS if name in tags)]
+    for space in {_whole(value) for name, value in stated if name == "ColorSpace"}:
+        if space != _UNCALIBRATED:
+            responses.append("srgb" if space == _SRGB else f"colour space {space}")
+    if "Gamma" in tags:
+        responses.append(power_response(_number(tags["Gamma"])))
+    exposure_ms = 1e3 * _number(tags.get("ExposureTime"))
+    return ImageMetadata(
+        orientation=next(iter(orientations), 1),
+        response=next(iter(responses), None),
+        exposure_ms=exposure_ms if 0.0 < exposure_ms < math.inf else None,
+        taken=_date(str(tags.get("DateTimeOriginal")), str(tags.get("OffsetTimeOriginal", ""))),
+    )
+
+
+def _whole(value: Any) -> int:
+    return int(value[0] if isinstance(value, (bytes, tuple)) else value)
+
+
+def _number(value: Any) -> float:
+    """Return a number or a fraction as a float; NaN if it is neither."""
+    with suppress(TypeError, ValueError, ZeroDivisionError):
+        return float(value[0] / value[1] if isinstance(value, tuple) else value)
+    return math.nan
+
+
+def power_response(gamma: float) -> str:
+    """Return the name of the response whose light is a value to the power of `gamma`."""
+    return "linear" if abs(gamma - 1.0) < 0.005 else f"gamma {gamma:.3g}"
+
+
+def _profile_response(profile: bytes | None) -> str:
+    """Compare the lightness of the greys of a colour profile with that of known responses."""
+    from PIL import ImageCms
+
+    try:
+        source = ImageCms.ImageCmsProfile(io.BytesIO(profile or b""))
+        greys = Image.frombytes("L", (256, 1), bytes(range(256)))
+        mode = "L" if source.profile.xcolor_space.strip() == "GRAY" else "RGB"
+        lab = ImageCms.profileToProfile(
+            greys.convert(mode), source, ImageCms.createProfile("LAB"),
+            ImageCms.Intent.RELATIVE_COLORIMETRIC, "LAB", flags=ImageCms.Flags.NOOPTIMIZE,
+        )  # fmt: skip
+        assert lab is not None
+    except (OSError, ImageCms.PyCMSError):
+        return "a damaged colour profile"
+    lightness = np.asarray(lab)[0, :, 0]
+    light = np.arange(256, dtype=np.float32) / np.float32(255.0)
+    for name, known in (("linear", light), ("srgb", linear_from_srgb(light))):
+        # CIE 1976 lightness.
+        expected = np.where(known > 216 / 24389, 116.0 * np.cbrt(known) - 16.0, known * 24389 / 27)
+        if np.abs(lightness - 2.55 * expected).max() < _PROFILE_TOLERANCE:
+            return name
+    return f"the colour profile {' '.join((source.profile.profile_description or '').split())!r}"
+
+
+def _date(date: str, offset: str) -> str | None:
+    day, _, time = date.strip("\0 ").partition(" ")
+    for zone in (offset.strip("\0 "), ""):
+        with suppress(ValueError):
+            return datetime.fromisoformat(f"{day.replace(':', '-')}T{time}{zone}").isoformat()
+    return None
