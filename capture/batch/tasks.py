@@ -133,7 +133,11 @@ class LoadedSet:
         With a flat field in the calibration, no fall-off is fitted to the part.
         """
         known = self.calibration
-        planar = planar and (known is None or known.flat_field is None)
+        return self.solve(method, planar=planar and (known is None or known.flat_field is None))
+
+    def solve(self, method: Method | None = None, *, planar: bool = False) -> SurfaceEstimate:
+        """Solve with the calibration, or without one if there is none."""
+        known = self.calibration
         return self.captured.solve(method, planar=planar, calibration=known, raw=known is None)
 
 

@@ -246,28 +246,20 @@ def _classified(
     found = batch.map(task, [path.absolute() for path in paths])
     answers = dict(zip(paths, progress(found, len(paths), "classify"), strict=True))
     warn_of_sets((path, answer.warnings) for path, answer in answers.items())
-    _warn_other_solver(answers, library, trained)
-    return answers, trained
-
-
-def _warn_other_solver(
-    answers: dict[Path, ClassifiedSet], library: Path, trained: TextureLibrary
-) -> None:
-    from capture.batch.tasks import warn_of_sets
-
     if trained.method is None:
         solvers = " and ".join(sorted({answer.method for answer in answers.values()}))
         complain(
             f"warning: {library}: does not record the solver of its training sets; the sets were "
             f"solved by {solvers}"
         )
-        return
+        return answers, trained
     other = f"but {library} was trained with {trained.method}; textures differ between solvers"
     warn_of_sets(
         (path, (f"solved by {answer.method}, {other}",))
         for path, answer in answers.items()
         if answer.method != trained.method
     )
+    return answers, trained
 
 
 def _record(path: Path, answer: ClassifiedSet, trained: TextureLibrary) -> dict[str, Any]:

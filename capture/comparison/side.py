@@ -70,7 +70,7 @@ def side_of(path: Path, calibration: Path | None = None, *, raw: bool = False) -
 
 def _set(path: Path, loaded: LoadedSet) -> Side:
     captured, known = loaded.captured, loaded.calibration
-    surface = captured.solve(calibration=known)
+    surface = loaded.solve()
     scale = None if known is None or known.scale is None else known.scale.mm_per_px
     height = integrate_gradients(surface.p, surface.q)
     height *= 1.0 if scale is None else scale

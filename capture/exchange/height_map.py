@@ -20,7 +20,7 @@ def solved_height(loaded: LoadedSet) -> tuple[SurfaceEstimate, FloatMap]:
 
     Raises `SetRejected` if no pixel can be solved.
     """
-    surface = loaded.captured.solve(calibration=loaded.calibration)
+    surface = loaded.solve()
     if not surface.valid.any():
         raise SetRejected("no pixel can be solved; check exposure and lights")
     height = integrate_gradients(surface.p, surface.q)
