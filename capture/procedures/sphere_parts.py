@@ -10,7 +10,7 @@ from capture.calibration.parts import PartName
 from capture.calibration.ps4cal import CalibrationFile, MeasuredPart
 from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
-from capture.sets.photographs import Gamma, read_mask, read_photographs
+from capture.sets.photographs import Photographs, read_mask
 from classify.calibration.calibration import Calibration
 from classify.calibration.scale import Scale
 from classify.calibration.spheres import (
@@ -32,38 +32,23 @@ _OF_IMAGES: tuple[PartName, ...] = ("dark", "response", "scale", "flat_field")
 
 
 def images_of_photographs(
-    paths: Sequence[Path],
-    masks: Sequence[Path],
-    lights: int | None,
-    gamma: Gamma | None,
-    file: CalibrationFile,
+    read: Photographs, masks: Sequence[Path], lights: int | None, file: CalibrationFile
 ) -> tuple[list[SphereImages], Setting]:
-    """Read photographs of a sphere, one per light, placement after placement.
+    """Return images of a sphere, one per light, placement after placement.
 
-    Parameters
-    ----------
-    masks
-        No mask, or one per placement, white on the sphere.
-    lights
-        Number of lights; all photographs show one placement if it is None.
-
-    Raises
-    ------
-    InputError
-        If the numbers do not fit, or a file cannot be read.
+    `masks` are none, or one per placement. All photographs show one placement if `lights` is None.
     """
-    lights = lights or len(paths)
-    if len(paths) % lights:
+    lights = lights or len(read.planes)
+    if len(read.planes) % lights:
         raise InputError(
-            f"{len(paths)} photographs of a sphere for {lights} lights; give one photograph per "
-            "light, and all lights again for each further placement. A mask goes after --mask"
+            f"{len(read.planes)} photographs of a sphere for {lights} lights; give one photograph "
+            "per light, and all lights again for each further placement. A mask goes after --mask"
         )
-    count = len(paths) // lights
+    count = len(read.planes) // lights
     if len(masks) not in (0, count):
         raise InputError(
             f"{len(masks)} masks for {count} placements of the sphere; give one each, or none"
         )
-    read = read_photographs(paths, gamma=gamma, bits=None, crop=None)
     planes = np.stack(read.planes)
     placements = [
         SphereImages(

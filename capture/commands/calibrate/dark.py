@@ -22,6 +22,7 @@ from .flow import (
     files_given,
     from_files,
     keep_parts,
+    photographs_of,
 )
 
 if TYPE_CHECKING:
@@ -107,7 +108,7 @@ def _of_photographs(given: list[Path], gamma: Gamma | None, bits: int | None) ->
     from capture.calibration.setting import Setting
     from capture.procedures.camera_parts import dark_part
     from capture.sets.captured_set import CapturedSet
-    from capture.sets.photographs import DNG, read_photographs
+    from capture.sets.photographs import DNG
     from classify.calibration.dark_frames import dark_of, with_ambient
 
     images, set_paths = files_given(given)
@@ -116,7 +117,7 @@ def _of_photographs(given: list[Path], gamma: Gamma | None, bits: int | None) ->
     sets = [CapturedSet.load(path) for path in set_paths]
     if bits is None and sets and images[0].suffix.lower() != DNG:
         bits = sets[0].metadata.bit_depth
-    photographs = read_photographs(images, gamma=gamma, bits=bits, crop=None)
+    photographs = photographs_of(images, gamma, bits)
     if photographs.largest is not None:
         raise InputError(
             f"{images[0]}: 16 bits, and dark pixels do not show the depth of the data; give --bits "

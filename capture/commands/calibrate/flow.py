@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from capture.calibration.parts import PartName
     from capture.calibration.ps4cal import CalibrationFile, MeasuredPart
     from capture.sets.captured_set import CapturedSet
+    from capture.sets.photographs import Gamma, Photographs
     from rig import Rig
 
 CalibrationPath = Annotated[
@@ -141,6 +142,18 @@ def photographs_or_sets(places: Sequence[Path]) -> tuple[list[Path], list[Path]]
     if photographs and sets:
         raise InputError("--from names photographs and sets; give one kind of them")
     return photographs, sets
+
+
+def photographs_of(
+    paths: Sequence[Path], gamma: Gamma | None, bits: int | None = None
+) -> Photographs:
+    """Read whole photographs, and print what is doubtful about their response."""
+    from capture.sets.photographs import read_photographs
+
+    read = read_photographs(paths, gamma=gamma, bits=bits, crop=None)
+    for warning in read.warnings:
+        complain(f"warning: {warning}")
+    return read
 
 
 def target_sets(

@@ -22,6 +22,7 @@ from .flow import (
     calibration_at,
     from_files,
     keep_parts,
+    photographs_of,
     photographs_or_sets,
     place_target,
 )
@@ -199,7 +200,8 @@ def _of_files(
     if photographs:
         # Where a highlight is does not depend on the coding of brightness.
         coding = gamma or ("linear" if sphere == "mirror" else None)
-        spheres, setting = images_of_photographs(photographs, masks, count, coding, file)
+        read = photographs_of(photographs, coding)
+        spheres, setting = images_of_photographs(read, masks, count, file)
         placement = [path.absolute() for path in photographs[: len(spheres[0].images)]]
         folder = os.path.commonpath([path.parent for path in placement])
         return spheres, setting, [path.relative_to(folder).as_posix() for path in placement]

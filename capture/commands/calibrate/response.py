@@ -23,6 +23,7 @@ from .flow import (
     calibration_at,
     from_files,
     keep_parts,
+    photographs_of,
     photographs_or_sets,
     place_target,
 )
@@ -93,13 +94,12 @@ def _of_files(
         whole_stops,
     )
     from capture.sets.captured_set import CapturedSet
-    from capture.sets.photographs import read_photographs
 
     photographs, sets = photographs_or_sets(given)
     names = [path.name for path in (*photographs, *sets)]
     if photographs:
         times_ms = _exposures_ms(photographs, exposures_ms)
-        read = read_photographs(photographs, gamma=gamma, bits=None, crop=None)
+        read = photographs_of(photographs, gamma)
         rungs = rungs_of_photographs(read, times_ms, calibration)
         shape = read.planes[0].shape
         setting = Setting.of_photographs(shape, read.bit_depth, read.gamma)

@@ -221,6 +221,20 @@ def test_photographs_of_the_covered_lens_give_the_dark_part(ps4rig: Run, tmp_pat
     assert dark.full_scale == 4095
 
 
+@pytest.mark.parametrize(("given", "warns"), [((), True), (("--gamma", "linear"), False)])
+def test_a_response_that_photographs_do_not_state_is_a_warning(
+    ps4rig: Run, tmp_path: Path, given: tuple[str, ...], warns: bool
+) -> None:
+    folder = tmp_path / "dark"
+    folder.mkdir()
+    for number in range(3):
+        noise = np.random.default_rng(number).integers(3, 9, (64, 80))
+        cv2.imwrite(str(folder / f"{number}.png"), noise.astype(np.uint8))
+    done = ps4rig("calibrate", "dark", tmp_path / "rig.ps4cal", "--from", folder, *given)
+    assert done.exit_code == 0, done.stderr
+    assert ("--gamma srgb" in done.stderr) == warns
+
+
 def test_a_set_gives_the_depth_of_dark_photographs_and_the_ambient_light(
     ps4rig: Run, made_set: Callable[..., CapturedSet], tmp_path: Path
 ) -> None:
@@ -248,6 +262,7 @@ def test_photographs_that_cannot_show_the_dark_are_refused(
     assert "JPEG does not state" in refused("calibrate", "dark", path, *jpegs)
     cv2.imwrite(str(tmp_path / "lit.png"), np.full((64, 64), 128, np.uint8))
     lit = ("--from", tmp_path / "lit.png", "--from", tmp_path / "lit.png")
+    lit = (*lit, "--gamma", "linear")
     assert "cover the lens" in refused("calibrate", "dark", path, *lit, status=1)
     assert not path.exists()
 
