@@ -244,12 +244,14 @@ def import_(
     from classify import Lighting
 
     *images, output = paths
+    inputs = [path for path in (ambient, mask) if path is not None]
     warnings: Sequence[str] = ()
     if lights is not None:
         if slant is not None or tilts is not None:
             raise InputError("--lights gives the directions; leave out --slant and --tilts")
         light_list = load_light_list(lights, unknown_keys=ImportCause.LIGHT_KEYS in (accept or ()))
         warnings = light_list.warnings
+        inputs += light_list.inputs
         images = images or light_list.image_paths()
         if not images:
             raise InputError(f"{lights}: gives no image names; name the images themselves")
@@ -259,8 +261,7 @@ def import_(
             raise InputError("give --slant DEG of the lights, or --lights FILE")
         tilts_deg = options.degrees("--tilts", _RING if tilts is None else tilts, _RING)
         lighting = Lighting.from_angles(tilts_deg, slant)
-    inputs = [path for path in (*images, lights, ambient, mask) if path is not None]
-    check_output(output, suffix=SUFFIX, inputs=inputs, force=force)
+    check_output(output, suffix=SUFFIX, inputs=[*images, *inputs], force=force)
     known = None if calibration is None else read_calibration(calibration)
     captured = import_images(
         images, lighting, gamma=gamma, ambient=ambient, label=label, bits=bits, mask=mask,
