@@ -260,16 +260,15 @@ def import_(
 
     options.check_orientations("--orientation", orientation)
     *images, output = paths
+    inputs = [path for path in (ambient, mask) if path is not None]
     warnings: Sequence[str] = ()
-    inputs = [path for path in (*images, lights, ambient, mask) if path is not None]
     if lights is not None:
         if slant is not None or tilts is not None:
             raise InputError("--lights gives the directions; leave out --slant and --tilts")
         light_list = load_light_list(lights, unknown_keys=ImportCause.LIGHT_KEYS in (accept or ()))
         warnings = light_list.warnings
+        inputs += light_list.inputs
         images = images or light_list.image_paths()
-        listed = ((name, Path(name).name) for name in light_list.names)
-        inputs += [*images, *(lights.parent / name for names in listed for name in names)]
         if not images:
             raise InputError(f"{lights}: gives no image names; name the images themselves")
         lighting = light_list.lighting_for(images)
@@ -278,7 +277,7 @@ def import_(
             raise InputError("give --slant DEG of the lights, or --lights FILE")
         tilts_deg = options.degrees("--tilts", _RING if tilts is None else tilts, _RING)
         lighting = Lighting.from_angles(tilts_deg, slant)
-    check_output(output, suffix=SUFFIX, inputs=inputs, force=force)
+    check_output(output, suffix=SUFFIX, inputs=[*images, *inputs], force=force)
     known = None if calibration is None else read_calibration(calibration)
     captured = import_images(
         images, lighting, gamma=gamma, ambient=ambient, label=label, bits=bits, mask=mask,

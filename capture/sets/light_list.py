@@ -88,6 +88,13 @@ class LightList:
         """Return the paths of the named images, as `listed_files`."""
         return listed_files(self.source, self.names)
 
+    @property
+    def inputs(self) -> list[Path]:
+        """The list, and all files that its names may mean."""
+        names = [*self.names, *(PureWindowsPath(name).name for name in self.names)]
+        folder = self.source.parent
+        return [self.source, *(file for name in names for file in _files(folder / name))]
+
     def lighting_for(self, images: Sequence[Path]) -> Lighting:
         """Return the lights of these images, by name, or in order if the file has no names."""
         if not self.names and len(images) != len(self.vectors):
