@@ -63,13 +63,20 @@ class Description(Record):
     operator: str | None
     note: str | None
     orientation_deg: FiniteFloat | None
+    exposure_ms: FiniteFloat | None = None
+    calibration_ids: tuple[str, ...] = ()
     corrected: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, metadata: SetMetadata) -> Self:
         """Return the description in the metadata of a set."""
         corrected = dict.fromkeys(each.field for each in metadata.corrections)
-        return cls(**{name: getattr(metadata, name) for name in FIELDS}, corrected=tuple(corrected))
+        return cls(
+            **{name: getattr(metadata, name) for name in FIELDS},
+            exposure_ms=None if metadata.camera is None else metadata.camera.exposure_ms,
+            calibration_ids=metadata.calibration_ids,
+            corrected=tuple(corrected),
+        )
 
 
 class SetEntry(Record):

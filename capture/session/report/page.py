@@ -60,10 +60,12 @@ def _facts(folder: SessionFolder) -> Iterator[tuple[str, str]]:
 
 
 def _remarks(found: SessionAnalysis) -> str:
-    if not found.remarks:
+    damaged = [(file, f"cannot be read: {error}") for file, error in found.damaged.items()]
+    if not damaged and not found.remarks:
         return "<p>Nothing stands out.</p>"
     rows = (
-        f"<tr><td>{escape(file)}</td><td>{escape(said)}</td></tr>" for file, said in found.remarks
+        f"<tr><td>{escape(file)}</td><td>{escape(said)}</td></tr>"
+        for file, said in [*damaged, *found.remarks]
     )
     return table_html(("set", "what"), rows)
 

@@ -33,7 +33,7 @@ def test_the_notebook_makes_a_table_and_a_figure(
         run_session(folder, config, without_questions, lambda _: None)
     monkeypatch.setenv("MPLBACKEND", "Agg")
     table = run_python(program).splitlines()
-    assert table[0].split() == ["rms_p", "off_deg", "shadowed", "saturated"]
+    assert table[0].split() == ["rms_p", "off_deg", "shadowed_share"]
     rows = {line.split()[0]: line.split()[1:] for line in table[2:]}
     assert set(rows) == {"rock-1", "sand-1"}
     assert 0.1 < float(rows["sand-1"][0]) < 1.0
