@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, Field, FiniteFloat, ValidationError
 
 from capture.sets.description import FIELDS
-from capture.sets.metadata import SetMetadata
+from capture.sets.metadata import Property, SetMetadata
 from classify.durable_file import durable_file
 from classify.errors import InputError
 from classify.regular_file import read_regular_file
@@ -65,6 +65,7 @@ class Description(Record):
     orientation_deg: FiniteFloat | None
     exposure_ms: FiniteFloat | None = None
     calibration_ids: tuple[str, ...] = ()
+    properties: dict[str, Property] = Field(default_factory=dict)
     corrected: tuple[str, ...] = ()
 
     @classmethod
@@ -75,6 +76,7 @@ class Description(Record):
             **{name: getattr(metadata, name) for name in FIELDS},
             exposure_ms=None if metadata.camera is None else metadata.camera.exposure_ms,
             calibration_ids=metadata.calibration_ids,
+            properties=metadata.properties,
             corrected=tuple(corrected),
         )
 

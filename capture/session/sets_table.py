@@ -47,9 +47,11 @@ def sets_table(
         if entry.description is None:
             row["label"] = labels.get(entry.specimen)
         rows.append(row)
+    said = [entry.description for entry in entries if entry.description is not None]
+    properties = sorted({_column(name) for each in said for name in each.properties})
     lights = max((len(each.measures.led_levels) for each in entries if each.measures), default=0)
     text = io.StringIO()
-    writer = csv.DictWriter(text, [*COLUMNS, *map(_level, range(lights))])
+    writer = csv.DictWriter(text, [*COLUMNS, *map(_level, range(lights)), *properties])
     writer.writeheader()
     writer.writerows(rows)
     return text.getvalue()
@@ -75,6 +77,7 @@ def _row(entry: SetEntry) -> dict[str, Cell]:
             "calibration": " ".join(said.calibration_ids),
             "corrected": " ".join(said.corrected),
         }
+        row |= {_column(name): _cell(value) for name, value in said.properties.items()}
     if measures is not None:
         row |= {
             "estimated_deg": _rounded(measures.estimated_deg, 2),
@@ -89,6 +92,12 @@ def _row(entry: SetEntry) -> dict[str, Cell]:
 
 def _level(light: int) -> str:
     return f"level_led_{light}"
+
+
+def _column(name: str) -> str:
+    """Column of a property: its name, unless a column of every table is called so."""
+    taken = name.casefold() in COLUMNS or name.casefold().startswith("level_led_")
+    return f"property_{name}" if taken else name
 
 
 def _cell(value: bool | float | str | None) -> Cell:

@@ -4,7 +4,7 @@ import math
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, ConfigDict, Field, FiniteFloat
+from pydantic import AfterValidator, ConfigDict, Field, FiniteFloat, StrictBool, StrictInt
 
 from classify import Lighting
 from classify.images.noise import ROUNDING_VARIANCE, SensorNoise
@@ -29,6 +29,9 @@ def _printable(text: str | None) -> str | None:
 
 
 Text = Annotated[str, AfterValidator(_printable)]
+# What a plan may say of a specimen beside its note; dates are ISO 8601.
+Property = StrictBool | Annotated[StrictInt, Field(ge=-(2**63), lt=2**63)] | FiniteFloat | Text
+PROPERTY_PREFIX = "properties."
 
 
 class _Record(Record):
@@ -168,9 +171,12 @@ class CorrectionRecord(_Record):
     """A correction of a field after the capture: date, earlier value, new value."""
 
     corrected_utc: str
-    field: Literal["label", "specimen", "operator", "note", "orientation_deg"]
-    before: FiniteFloat | Text | None
-    after: FiniteFloat | Text | None
+    field: (
+        Literal["label", "specimen", "operator", "note", "orientation_deg"]
+        | Annotated[str, Field(pattern=r"^properties\.")]
+    )
+    before: Property | None
+    after: Property | None
 
 
 class SetMetadata(_Record):
@@ -184,6 +190,8 @@ class SetMetadata(_Record):
         One record for each image, in the order of the lighting, then the ambient image.
     specimen, operator, note
         Which piece it is, who captured it, and anything else; None if not given.
+    properties
+        Further values of the specimen, by name.
     orientation_deg
         Orientation of the part, None if unknown.
     corrections
@@ -216,6 +224,7 @@ class SetMetadata(_Record):
     specimen: Text | None = None
     operator: Text | None = None
     note: Text | None = None
+    properties: dict[str, Property] = Field(default_factory=dict)
     created_utc: str
     simulated: bool
     bit_depth: int = Field(ge=1, le=16)

@@ -96,7 +96,8 @@ def _specimen(name: str, result: SpecimenResult, found: SessionAnalysis) -> str:
         images.append(image_html(figures.spectrum_figure(result.spectra), "polar spectra", caption))
     count = sum(entry.piece == name for entry in found.entries)
     label, note = captured.label or "-", captured.metadata.note
-    said = f"class {label}{f', {note}' if note else ''}, {count} sets"
+    properties = [f"{key} = {value}" for key, value in captured.metadata.properties.items()]
+    said = ", ".join([f"class {label}", *([note] if note else []), *properties, f"{count} sets"])
     return f'<h3>{escape(name)}</h3><p>{escape(said)}</p><div class="tiles">{"".join(images)}</div>'
 
 
