@@ -30,8 +30,9 @@ def info(
         list[str] | None,
         typer.Option(
             "--set",
-            help="Correct label, specimen, operator, note or orientation_deg. The pixels stay as "
-            "they are, and a dated entry keeps the value from before. Repeat the option for more.",
+            help="Correct label, specimen, operator, note, orientation_deg or properties.NAME. The "
+            "pixels stay as they are, and a dated entry keeps the value from before. Repeat the "
+            "option for more.",
             metavar="FIELD=VALUE",
         ),
     ] = None,
@@ -98,6 +99,8 @@ def _lines(captured: CapturedSet) -> Iterator[tuple[str, str]]:
     rows, columns = captured.images.shape[1:]
     for name in ("label", "specimen", "operator", "note"):
         yield name, getattr(metadata, name) or _NOT_KNOWN
+    for name, value in metadata.properties.items():
+        yield "property", f"{name} = {value}"
     yield "orientation", _number(metadata.orientation_deg, "degrees")
     yield from metadata.facts
     yield (

@@ -5,11 +5,12 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from capture.batch.tasks import LoadedSet
+from capture.sets.archive import JOURNAL
 from capture.sets.metadata import SetMetadata
 from capture.sets.ome_tiff import read_header
 from classify.errors import InputError
 
-from .folder import JOURNAL, SETS, SessionFolder, session_folder
+from .folder import SETS, SessionFolder, session_folder
 from .journal import Description, SetEntry
 from .measures import SpecimenReference, measures_of_first
 

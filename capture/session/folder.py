@@ -2,15 +2,17 @@
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
+from types import MappingProxyType
 
 from capture.calibration.lookup import FOLDER as CALIBRATION
 from capture.process.folder_lock import LOCK_FILE_SUFFIX, folder_lock
 from capture.process.log_file import append_line
 from capture.process.utc_time import utc_text
+from capture.sets.archive import JOURNAL, REPLACED
 from capture.sets.captured_set import CapturedSet
 from capture.sets.description import as_captured
 from capture.sets.metadata import SetMetadata
@@ -22,9 +24,9 @@ from .journal import Journal, SetEntry, read_journal
 from .plan import PlannedSet, SessionPlan, read_plan
 from .sets_table import sets_table
 
-PLAN, JOURNAL, TABLE = "plan.toml", "journal.json", "sets.csv"
+PLAN, TABLE = "plan.toml", "sets.csv"
 LOG, REPORT = "session.log", "report.html"
-SETS, REPLACED, _LOCK, _RESERVE = "sets", "replaced", "session.lock", "session.reserve"
+SETS, _LOCK, _RESERVE = "sets", "session.lock", "session.reserve"
 _LOCKS = (_LOCK, _LOCK + LOCK_FILE_SUFFIX)
 # Of a set in journal and table: 1.2 kB on four lights without warnings (test_disk_full.py).
 _ENTRY_BYTES = 2_000
@@ -117,10 +119,13 @@ class SessionFolder:
         self.journal = journal
         self.write_table()
 
-    def write_table(self) -> None:
-        """Write ``sets.csv`` anew from the journal."""
+    def write_table(self, damaged: Mapping[str, str] = MappingProxyType({})) -> None:
+        """Write ``sets.csv`` anew from the journal; `damaged` has the errors of files."""
+        table = sets_table(
+            self.plan, [*self.entries()], {each.key for each in self.captured()}, damaged
+        )
         with durable_file(self.path / TABLE) as temporary:
-            temporary.write_text(sets_table(self.plan, self.journal), encoding="utf-8", newline="")
+            temporary.write_text(table, encoding="utf-8", newline="")
 
     def file_of(self, planned: PlannedSet) -> Path:
         """Path of the file of a planned set."""

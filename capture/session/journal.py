@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, Field, FiniteFloat, ValidationError
 
 from capture.sets.description import FIELDS
-from capture.sets.metadata import SetMetadata
+from capture.sets.metadata import Property, SetMetadata
 from classify.durable_file import durable_file
 from classify.errors import InputError
 from classify.regular_file import read_regular_file
@@ -63,13 +63,22 @@ class Description(Record):
     operator: str | None
     note: str | None
     orientation_deg: FiniteFloat | None
+    exposure_ms: FiniteFloat | None = None
+    calibration_ids: tuple[str, ...] = ()
+    properties: dict[str, Property] = Field(default_factory=dict)
     corrected: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, metadata: SetMetadata) -> Self:
         """Return the description in the metadata of a set."""
         corrected = dict.fromkeys(each.field for each in metadata.corrections)
-        return cls(**{name: getattr(metadata, name) for name in FIELDS}, corrected=tuple(corrected))
+        return cls(
+            **{name: getattr(metadata, name) for name in FIELDS},
+            exposure_ms=None if metadata.camera is None else metadata.camera.exposure_ms,
+            calibration_ids=metadata.calibration_ids,
+            properties=metadata.properties,
+            corrected=tuple(corrected),
+        )
 
 
 class SetEntry(Record):

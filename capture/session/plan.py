@@ -19,7 +19,8 @@ from pydantic import (
 )
 
 from capture.acquisition.attempts import MAX_AVERAGE
-from capture.sets.description import checked_text
+from capture.sets.description import checked_properties, checked_text
+from capture.sets.metadata import Property
 from capture.sets.ome_tiff import SUFFIX
 from classify.errors import InputError
 from classify.labels import checked_label
@@ -43,6 +44,13 @@ def _usable_text(text: str, about: ValidationInfo) -> str:
     # A set with a text that is not printable could not be read again.
     try:
         return checked_text(about.field_name or "text", text)
+    except InputError as error:
+        raise ValueError(str(error)) from error
+
+
+def _usable_properties(values: object) -> object:
+    try:
+        return checked_properties(values) if isinstance(values, dict) else values
     except InputError as error:
         raise ValueError(str(error)) from error
 
@@ -91,12 +99,18 @@ class Specimen(Section):
         Anything to remember.
     surface
         The surface below the camera of a simulated rig.
+    properties
+        Anything else, by names that become columns of ``sets.csv``: texts, numbers, truth values,
+        dates.
     """
 
     id: Name
     label: Label | None = None
     note: Text | None = None
     surface: str | None = None
+    properties: Annotated[dict[str, Property], BeforeValidator(_usable_properties)] = Field(
+        default_factory=dict
+    )
 
     @model_validator(mode="after")
     def _check_label(self) -> Self:
@@ -273,6 +287,7 @@ average = 1                  # frames that each image averages
 id = "rock-1"
 label = "rock"               # texture class; the id if left out
 # note = "left corner is worn"
+# properties = {mass_g = 12.5, polished = 2026-05-17}   # anything else: columns of sets.csv
 surface = "rock"             # for the simulated rig only
 
 [[specimen]]

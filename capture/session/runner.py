@@ -299,6 +299,7 @@ class _Runner:
             operator=self._folder.plan.operator,
             note=specimen.note,
             orientation_deg=planned.orientation_deg,
+            properties=specimen.properties,
         )
 
     def _new_pixels(self, rig: Rig, label: str) -> CapturedSet:

@@ -2,65 +2,109 @@
 
 import csv
 import io
-from collections.abc import Iterator
+from collections.abc import Collection, Mapping, Sequence
 
-from .journal import Journal, SetEntry
+from .journal import SetEntry
 from .plan import SessionPlan
 
+Cell = str | float | None
 COLUMNS = (
-    "specimen", "label", "orientation_deg", "repeat", "state", "file", "captured_utc",
-    "estimated_deg", "saturated", "shadowed", "blur_px", "led_levels", "warnings", "pixels_sha256",
-    "corrections",
+    "specimen", "label", "orientation_deg", "repeat", "planned", "state", "file", "captured_utc",
+    "exposure_ms", "operator", "note", "calibration", "estimated_deg", "saturated_share",
+    "shadowed_share", "blur_px", "warnings", "error", "corrected", "pixels_sha256",
 )  # fmt: skip
 
 
-def sets_table(plan: SessionPlan, journal: Journal) -> str:
-    """Return the table as CSV (RFC 4180): planned sets, then those no longer planned."""
-    text = io.StringIO()
-    writer = csv.writer(text)
-    writer.writerow(COLUMNS)
+def sets_table(
+    plan: SessionPlan,
+    entries: Sequence[SetEntry],
+    present: Collection[tuple[str, float, int]],
+    damaged: Mapping[str, str],
+) -> str:
+    """Return the table as CSV (RFC 4180): planned sets, then those no longer planned.
+
+    Parameters
+    ----------
+    entries
+        Entries of the journal.
+    present
+        Keys of the entries whose file is there.
+    damaged
+        Errors of files.
+    """
+    planned = {entry.key: entry for entry in map(SetEntry.of, plan.sets())}
+    entered = {entry.key: entry for entry in entries}
     labels = {each.id: each.label or each.id for each in plan.specimen}
-    for entry in _entries(plan, journal):
-        writer.writerow(_row(entry, labels.get(entry.specimen)))
+    rows = []
+    for key, entry in {**planned, **entered}.items():
+        error = damaged.get(entry.file or "")
+        state = "missing"
+        if entry.skipped is not None:
+            state = "left out"
+        elif key in present:
+            state = "captured" if error is None else "damaged"
+        row = _row(entry) | {"planned": _cell(key in planned), "state": state, "error": error}
+        if entry.description is None:
+            row["label"] = labels.get(entry.specimen)
+        rows.append(row)
+    said = [entry.description for entry in entries if entry.description is not None]
+    properties = sorted({_column(name) for each in said for name in each.properties})
+    lights = max((len(each.measures.led_levels) for each in entries if each.measures), default=0)
+    text = io.StringIO()
+    writer = csv.DictWriter(text, [*COLUMNS, *map(_level, range(lights)), *properties])
+    writer.writeheader()
+    writer.writerows(rows)
     return text.getvalue()
 
 
-def _entries(plan: SessionPlan, journal: Journal) -> Iterator[SetEntry]:
-    planned_keys = set()
-    for planned in plan.sets():
-        entry = journal.entry_of(planned) or SetEntry.of(planned)
-        planned_keys.add(entry.key)
-        yield entry
-    yield from (entry for entry in journal.entries if entry.key not in planned_keys)
+def _row(entry: SetEntry) -> dict[str, Cell]:
+    row: dict[str, Cell] = {
+        "specimen": entry.piece,
+        "orientation_deg": _cell(entry.entered_deg),
+        "repeat": entry.repeat,
+        "file": entry.file,
+        "captured_utc": entry.captured_utc,
+        "pixels_sha256": entry.pixels_sha256,
+        "warnings": entry.skipped,
+    }
+    said, measures = entry.description, entry.measures
+    if said is not None:
+        row |= {
+            "label": said.label,
+            "exposure_ms": _cell(said.exposure_ms),
+            "operator": said.operator,
+            "note": said.note,
+            "calibration": " ".join(said.calibration_ids),
+            "corrected": " ".join(said.corrected),
+        }
+        row |= {_column(name): _cell(value) for name, value in said.properties.items()}
+    if measures is not None:
+        row |= {
+            "estimated_deg": _rounded(measures.estimated_deg, 2),
+            "saturated_share": _rounded(measures.saturated, 6),
+            "shadowed_share": _rounded(measures.shadowed, 6),
+            "blur_px": _rounded(measures.blur_px, 2),
+            "warnings": "; ".join(measures.warnings),
+        }
+        row |= {_level(k): _rounded(value, 6) for k, value in enumerate(measures.led_levels)}
+    return row
 
 
-def _row(entry: SetEntry, label: str | None) -> list[object]:
-    state = "captured" if entry.file else "left out" if entry.skipped else "missing"
-    said = entry.description
-    row: list[object] = [
-        entry.piece, label if said is None else said.label, _exact(entry.entered_deg),
-        entry.repeat, state, entry.file, entry.captured_utc,
-    ]  # fmt: skip
-    corrections = "" if said is None else "; ".join(said.corrected)
-    if entry.measures is None:
-        unknown = [None] * 5
-        return [*row, *unknown, entry.skipped, entry.pixels_sha256, corrections]
-    measures = entry.measures
-    return [
-        *row,
-        _rounded(measures.estimated_deg, 2),
-        _rounded(measures.saturated, 5),
-        _rounded(measures.shadowed, 4),
-        _rounded(measures.blur_px, 2),
-        " ".join(f"{level:.4f}" for level in measures.led_levels),
-        "; ".join(measures.warnings),
-        entry.pixels_sha256,
-        corrections,
-    ]
+def _level(light: int) -> str:
+    return f"level_led_{light}"
 
 
-def _exact(value: float | None) -> str | None:
-    return None if value is None else repr(value).removesuffix(".0")
+def _column(name: str) -> str:
+    """Column of a property: its name, unless a column of every table is called so."""
+    taken = name.casefold() in COLUMNS or name.casefold().startswith("level_led_")
+    return f"property_{name}" if taken else name
+
+
+def _cell(value: bool | float | str | None) -> Cell:
+    """Return a value exactly: whole numbers without a fraction, truth values in small letters."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return repr(value).removesuffix(".0") if isinstance(value, float) else value
 
 
 def _rounded(value: float | None, digits: int) -> float | None:

@@ -8,6 +8,7 @@ from typing import Literal
 
 from capture.calibration.ps4cal import SUFFIX as CALIBRATION_SUFFIX
 from capture.calibration.ps4cal import CalibrationFile
+from capture.sets.archive import JOURNAL, is_set_aside
 from capture.sets.captured_set import CapturedSet
 from capture.sets.ome_tiff import SUFFIX as SET_SUFFIX
 from capture.sets.ome_tiff import read_header
@@ -19,7 +20,7 @@ from classify.errors import InputError
 from classify.library.ps4lib import SUFFIX as LIBRARY_SUFFIX
 from rig.set_file import OtherVersionError
 
-from .folder import JOURNAL, REPLACED, SETS, SessionFolder
+from .folder import SETS, SessionFolder
 
 State = Literal[
     "good",
@@ -64,7 +65,7 @@ def files_below(folder: Path, *names: str) -> list[Path]:
         path
         for path in folder.rglob("*")
         if (path.name.endswith(_SUFFIXES) or path.name in (JOURNAL, *names))
-        and not (path.parent.name == REPLACED and (path.parent.parent / JOURNAL).is_file())
+        and not is_set_aside(path)
         and not path.is_dir()
         and not path.name.startswith(".")
     )

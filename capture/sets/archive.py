@@ -8,6 +8,14 @@ from classify.errors import InputError
 
 from .ome_tiff import SUFFIX
 
+# Of a session: its journal, and the folder for files that it has set aside.
+JOURNAL, REPLACED = "journal.json", "replaced"
+
+
+def is_set_aside(path: Path) -> bool:
+    """Whether a session has replaced this file, or found it damaged."""
+    return path.parent.name == REPLACED and (path.parent.parent / JOURNAL).is_file()
+
 
 def find_sets(places: Sequence[Path]) -> list[Path]:
     """Return the files among `places`, and all captured sets below each folder, sorted.
@@ -21,7 +29,11 @@ def find_sets(places: Sequence[Path]) -> list[Path]:
 
     for place in places:
         if place.is_dir():
-            below = sorted(path for path in place.rglob(f"*{SUFFIX}") if path.is_file())
+            below = sorted(
+                path
+                for path in place.rglob(f"*{SUFFIX}")
+                if path.is_file() and (not is_set_aside(path) or place == path.parent)
+            )
             if not below:
                 raise InputError(f"{place}: holds no captured sets (*{SUFFIX})")
             for path in below:

@@ -1,22 +1,26 @@
 """The description of a captured set, such as its label, and its corrections."""
 
 import math
+import re
+import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
-from datetime import datetime
-from typing import Literal, get_args
+from datetime import date, datetime, time
+from types import MappingProxyType
+from typing import Any, Literal, get_args
 
 from capture.process.utc_time import utc_text
 from classify.errors import InputError
 from classify.labels import checked_label
 
 from .captured_set import CapturedSet
-from .metadata import CorrectionRecord, SetMetadata
+from .metadata import PROPERTY_PREFIX, CorrectionRecord, Property, SetMetadata
 
 Field = Literal["label", "specimen", "operator", "note", "orientation_deg"]
 FIELDS: tuple[Field, ...] = get_args(Field)
 # A page of text; a longer story belongs into a file of its own.
 _MAX_CHARACTERS = 4000
+_MAX_PROPERTIES = 50
 
 
 def described(
@@ -26,17 +30,21 @@ def described(
     operator: str | None,
     note: str | None,
     orientation_deg: float | None = None,
+    properties: Mapping[str, Property] = MappingProxyType({}),
 ) -> CapturedSet:
     """Return a set with its description; None leaves a field empty.
 
     Without `orientation_deg` the set keeps that of its simulated part.
     """
-    texts = {"specimen": specimen, "operator": operator, "note": note}
-    for name, text in texts.items():
-        if text is not None:
+    fields: dict[str, Any] = {
+        "specimen": specimen, "operator": operator, "note": note,
+        "properties": checked_properties(properties),
+    }  # fmt: skip
+    for name, text in fields.items():
+        if isinstance(text, str):
             checked_text(name, text)
     orientation = {} if orientation_deg is None else {"orientation_deg": orientation_deg}
-    return replace(captured, metadata=captured.metadata.model_copy(update=texts | orientation))
+    return replace(captured, metadata=captured.metadata.model_copy(update=fields | orientation))
 
 
 def corrected(
@@ -48,29 +56,81 @@ def corrected(
     value already gets no entry.
     """
     date = utc_text(corrected_utc)
-    changes = {name: _value(name, text) for name, text in values.items()}
+    changes = {name: _value(name, text, value_of(metadata, name)) for name, text in values.items()}
     entries = tuple(
         CorrectionRecord.model_validate(
             {"corrected_utc": date, "field": name, "before": before, "after": after}
         )
         for name, after in changes.items()
-        if (before := getattr(metadata, name)) != after
+        if (before := value_of(metadata, name)) != after or type(before) is not type(after)
     )
-    return metadata.model_copy(update={**changes, "corrections": metadata.corrections + entries})
+    fields: dict[str, Any] = {name: changes[name] for name in FIELDS if name in changes}
+    named = {
+        name.removeprefix(PROPERTY_PREFIX): value
+        for name, value in changes.items()
+        if name not in fields
+    }
+    properties = {**metadata.properties, **named}
+    fields["properties"] = checked_properties(
+        {name: value for name, value in properties.items() if value is not None}
+    )
+    corrections = metadata.corrections + entries
+    return metadata.model_copy(update={**fields, "corrections": corrections})
 
 
-def as_captured(metadata: SetMetadata, field: str) -> str | float | None:
-    """Return the value of a field before all corrections."""
-    before = (each.before for each in metadata.corrections if each.field == field)
-    value: str | float | None = next(before, getattr(metadata, field))
+def value_of(metadata: SetMetadata, field: str) -> Property | None:
+    """Return the present value of a field of `FIELDS`, or of ``properties.NAME``."""
+    if field.startswith(PROPERTY_PREFIX):
+        return metadata.properties.get(field.removeprefix(PROPERTY_PREFIX))
+    if field not in FIELDS:
+        fields = ", ".join([*FIELDS, f"{PROPERTY_PREFIX}NAME"])
+        raise InputError(f"{field}: cannot be corrected; the fields are {fields}")
+    value: Property | None = getattr(metadata, field)
     return value
 
 
-def _value(name: str, text: str) -> str | float | None:
-    if name not in FIELDS:
-        raise InputError(f"{name}: cannot be corrected; the fields are {', '.join(FIELDS)}")
+def as_captured(metadata: SetMetadata, field: str) -> Property | None:
+    """Return the value of a field before all corrections."""
+    before = (each.before for each in metadata.corrections if each.field == field)
+    return next(before, value_of(metadata, field))
+
+
+def checked_properties(values: Mapping[str, object]) -> dict[str, Property]:
+    """Return properties of a specimen that can stand in the metadata of a set, dates as text."""
+    if len(values) > _MAX_PROPERTIES:
+        raise InputError(f"{len(values)} properties; up to {_MAX_PROPERTIES} are kept in a set")
+    return {_property_name(name): _property(name, value) for name, value in values.items()}
+
+
+def _property_name(name: str) -> str:
+    if not re.fullmatch(r"\w[\w .%/()-]{0,59}", name):
+        raise InputError(
+            f"property {name!r}: use up to 60 letters, digits, blanks and _ . % / ( ) -, and begin "
+            "with a letter or digit"
+        )
+    return name
+
+
+def _property(name: str, value: object) -> Property:
+    if isinstance(value, date | time):
+        value = value.isoformat()
+    if isinstance(value, str):
+        return checked_text(name, value)
+    if isinstance(value, bool | int) and abs(value) < 2**63:
+        return value
+    if isinstance(value, float) and math.isfinite(value):
+        return value
+    raise InputError(
+        f"property {name}: {value!r} is not a text, a finite number of up to 64 bits, true, false "
+        "or a date"
+    )
+
+
+def _value(name: str, text: str, before: Property | None) -> Property | None:
     if not text:
         return None
+    if name.startswith(PROPERTY_PREFIX):
+        return text if isinstance(before, str) else _property(name, _toml_value(text))
     if name == "orientation_deg":
         try:
             degrees = float(text)
@@ -80,6 +140,15 @@ def _value(name: str, text: str) -> str | float | None:
             raise InputError(f"orientation_deg {text}: give degrees, such as 40")
         return degrees
     return checked_label(text) if name == "label" else checked_text(name, text)
+
+
+def _toml_value(text: str) -> object:
+    """Read a number, a truth value or a date as a plan does; anything else is a text."""
+    try:
+        value: object = tomllib.loads(f"value = {text}")["value"]
+    except ValueError:
+        return text
+    return value if isinstance(value, bool | int | float | date | time) else text
 
 
 def checked_text(name: str, text: str) -> str:

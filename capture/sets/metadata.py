@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, Field, FiniteFloat
+from pydantic import AfterValidator, Field, FiniteFloat, StrictBool, StrictInt
 
 from classify import Lighting
 from classify.images.noise import ROUNDING_VARIANCE, SensorNoise
@@ -25,6 +25,9 @@ def _printable(text: str | None) -> str | None:
 
 
 Text = Annotated[str, AfterValidator(_printable)]
+# What a plan may say of a specimen beside its note; dates are ISO 8601.
+Property = StrictBool | Annotated[StrictInt, Field(ge=-(2**63), lt=2**63)] | FiniteFloat | Text
+PROPERTY_PREFIX = "properties."
 
 
 class LightingRecord(Record):
@@ -141,9 +144,12 @@ class CorrectionRecord(Record):
     """A correction of a field after the capture: date, earlier value, new value."""
 
     corrected_utc: str
-    field: Literal["label", "specimen", "operator", "note", "orientation_deg"]
-    before: FiniteFloat | Text | None
-    after: FiniteFloat | Text | None
+    field: (
+        Literal["label", "specimen", "operator", "note", "orientation_deg"]
+        | Annotated[str, Field(pattern=r"^properties\.")]
+    )
+    before: Property | None
+    after: Property | None
 
 
 class SetMetadata(Record):
@@ -177,6 +183,7 @@ class SetMetadata(Record):
     specimen: Text | None = None
     operator: Text | None = None
     note: Text | None = None
+    properties: dict[str, Property] = Field(default_factory=dict)
     created_utc: str
     simulated: bool
     bit_depth: int = Field(ge=1, le=16)

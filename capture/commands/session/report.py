@@ -7,6 +7,7 @@ import typer
 
 from capture.commands import options
 from capture.console import ItemProgress, out, print_json, progress, reported
+from classify.errors import InputError
 
 
 @reported
@@ -14,8 +15,11 @@ def report(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the session.")],
     json: options.Json = False,
 ) -> None:
-    """Write DIR/report.html: specimens, levels, orientations, and how the textures separate."""
-    from capture.session.folder import REPORT, read_session
+    """Write DIR/report.html: specimens, levels, orientations, and how the textures separate.
+
+    A damaged set is named, also in DIR/sets.csv, and the others are reported.
+    """
+    from capture.session.folder import REPORT, read_session, session_folder
     from capture.session.report.analysis import analyse
     from capture.session.report.page import report_page
     from classify.durable_file import durable_file
@@ -26,10 +30,20 @@ def report(
     (found,) = progress((analyse(session, share) for _ in range(1)), 1, "report", share)
     with durable_file(path) as temporary:
         temporary.write_text(report_page(session, found), encoding="utf-8")
+    try:
+        with session_folder(folder) as opened:
+            opened.write_table(found.damaged)
+    except InputError as error:
+        if not isinstance(error.__cause__, BlockingIOError):
+            raise  # a session in use keeps its table itself
     if json:
+        damaged = [{"set": file, "error": error} for file, error in found.damaged.items()]
         remarks = [{"set": file, "remark": said} for file, said in found.remarks]
-        print_json({"report": str(path), "sets": len(found.entries), "remarks": remarks})
+        counts = {"report": str(path), "sets": len(found.entries)}
+        print_json({**counts, "damaged": damaged, "remarks": remarks})
         return
+    for file, said in found.damaged.items():
+        out.print(f"{file}: cannot be read: {said}", soft_wrap=True)
     for file, said in found.remarks:
         out.print(f"{file}: {said}", soft_wrap=True)
     out.print(f"{path}: {len(found.entries)} sets", soft_wrap=True)

@@ -51,9 +51,10 @@ def run(
 
     Stop with q or Ctrl-C at any time; ps4rig session resume goes on.
     """
-    from capture.session.folder import JOURNAL, make_session, read_session, session_folder
+    from capture.session.folder import make_session, read_session, session_folder
     from capture.session.plan import read_plan
     from capture.session.rig_checks import check_plan, search_warning
+    from capture.sets.archive import JOURNAL
     from rig.config.rig import config_of
 
     config, wanted = config_of(rig), read_plan(plan)

@@ -81,6 +81,8 @@ class SessionAnalysis:
         By their ids.
     separation
         None with fewer than two specimens that have a texture.
+    damaged
+        Errors of the sets that cannot be read or solved, by their files.
     remarks
         (file, remark) for a person to look at.
     """
@@ -88,33 +90,49 @@ class SessionAnalysis:
     entries: list[SetEntry]
     specimens: dict[str, SpecimenResult]
     separation: Separation | None
+    damaged: dict[str, str]
     remarks: list[tuple[str, str]]
 
 
 def analyse(
     folder: SessionFolder, on_progress: Callable[[float], None] | None = None
 ) -> SessionAnalysis:
-    """Analyse the captured sets of a session.
-
-    Raises
-    ------
-    InputError
-        If a set that the journal names cannot be read, or its calibration is missing.
-    """
+    """Analyse the captured sets of a session; damaged ones are named and left out."""
+    damaged: dict[str, str] = {}
     entries = sorted(folder.captured(), key=lambda entry: entry.captured_utc or "")
+    entries = [each for each in entries if _loaded(folder.path, each, damaged) is not None]
     specimens: dict[str, SpecimenResult] = {}
-    for entry in entries:
-        if entry.piece not in specimens:
-            path = folder.first_set_of(entry.piece)
-            if path is not None:
-                specimens[entry.piece] = _specimen(path)
-    separation = _separation(folder.path, entries, specimens, on_progress)
-    return SessionAnalysis(entries, specimens, separation, [*_remarks(entries, separation)])
+    for piece in dict.fromkeys(entry.piece for entry in entries if entry.piece):
+        for entry in folder.sets_of(piece):
+            loaded = _loaded(folder.path, entry, damaged)
+            surface = _surface(loaded, entry, damaged)
+            if loaded is not None and surface is not None:
+                specimens[piece] = _specimen(loaded, surface)
+                break
+    separation = _separation(folder.path, entries, specimens, damaged, on_progress)
+    entries = [each for each in entries if each.file not in damaged]
+    remarks = [*_remarks(entries, separation)]
+    return SessionAnalysis(entries, specimens, separation, damaged, remarks)
 
 
-def _specimen(path: Path) -> SpecimenResult:
-    loaded = LoadedSet.of(path)
-    surface = _surface(loaded)
+def _loaded(folder: Path, entry: SetEntry, damaged: dict[str, str]) -> LoadedSet | None:
+    """Load a set; a damaged one is entered into `damaged`."""
+    file = entry.file or ""
+    if file in damaged:
+        return None
+    path = folder / file
+    try:
+        loaded = LoadedSet.of(path)
+    except InputError as error:
+        damaged[file] = str(error).removeprefix(f"{path}: ")
+        return None
+    if loaded.captured.metadata.pixels_sha256 != entry.pixels_sha256:
+        damaged[file] = "its pixels are not those that the journal names"
+        return None
+    return loaded
+
+
+def _specimen(loaded: LoadedSet, surface: SurfaceEstimate) -> SpecimenResult:
     try:
         spectra = surface_spectra(surface)
     except InputError:
@@ -122,14 +140,24 @@ def _specimen(path: Path) -> SpecimenResult:
     return SpecimenResult(loaded, surface, spectra)
 
 
-def _surface(loaded: LoadedSet) -> SurfaceEstimate:
-    return loaded.solve_texture(None, planar=True)
+def _surface(
+    loaded: LoadedSet | None, entry: SetEntry, damaged: dict[str, str]
+) -> SurfaceEstimate | None:
+    """Solve a set; one that cannot be solved is entered into `damaged`."""
+    if loaded is None:
+        return None
+    try:
+        return loaded.solve_texture(None, planar=True)
+    except InputError as error:
+        damaged[entry.file or ""] = str(error)
+        return None
 
 
 def _separation(
     folder: Path,
     entries: list[SetEntry],
     specimens: dict[str, SpecimenResult],
+    damaged: dict[str, str],
     on_progress: Callable[[float], None] | None,
 ) -> Separation | None:
     usable = {name: each for name, each in specimens.items() if each.spectra is not None}
@@ -140,19 +168,24 @@ def _separation(
     first_hashes = {
         each.loaded.captured.metadata.pixels_sha256: name for name, each in usable.items()
     }
-    compared, rows = [entry for entry in entries if entry.piece in usable], []
-    for number, entry in enumerate(compared):
-        assert entry.file is not None
-        is_first = entry.pixels_sha256 in first_hashes
-        surface = (
-            usable[entry.piece].surface if is_first else _surface(LoadedSet.of(folder / entry.file))
-        )
-        found = library.distances(surface)
-        # The distance of the first set to itself says nothing about repeated captures.
-        own = {entry.piece: math.nan} if is_first else {}
-        rows.append([(found | own)[name] for name in names])
+    usable_entries = [entry for entry in entries if entry.piece in usable]
+    compared, rows = [], []
+    for number, entry in enumerate(usable_entries):
+        found = {}
+        if entry.pixels_sha256 in first_hashes:
+            surface: SurfaceEstimate | None = usable[entry.piece].surface
+            # The distance of the first set to itself says nothing about repeated captures.
+            found = {entry.piece: math.nan}
+        else:
+            surface = _surface(_loaded(folder, entry, damaged), entry, damaged)
+        if surface is not None:
+            try:
+                rows.append([(library.distances(surface) | found)[name] for name in names])
+                compared.append(entry)
+            except InputError as error:
+                damaged[entry.file or ""] = str(error)
         if on_progress is not None:
-            on_progress((number + 1) / len(compared))
+            on_progress((number + 1) / len(usable_entries))
     distances = np.array(rows)
     filled = np.nan_to_num(distances, nan=0.0)
     matrix = class_dissimilarities(filled, [names.index(entry.piece) for entry in compared])

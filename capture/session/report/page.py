@@ -60,10 +60,12 @@ def _facts(folder: SessionFolder) -> Iterator[tuple[str, str]]:
 
 
 def _remarks(found: SessionAnalysis) -> str:
-    if not found.remarks:
+    damaged = [(file, f"cannot be read: {error}") for file, error in found.damaged.items()]
+    if not damaged and not found.remarks:
         return "<p>Nothing stands out.</p>"
     rows = (
-        f"<tr><td>{escape(file)}</td><td>{escape(said)}</td></tr>" for file, said in found.remarks
+        f"<tr><td>{escape(file)}</td><td>{escape(said)}</td></tr>"
+        for file, said in [*damaged, *found.remarks]
     )
     return table_html(("set", "what"), rows)
 
@@ -94,7 +96,8 @@ def _specimen(name: str, result: SpecimenResult, found: SessionAnalysis) -> str:
         images.append(image_html(figures.spectrum_figure(result.spectra), "polar spectra", caption))
     count = sum(entry.piece == name for entry in found.entries)
     label, note = captured.label or "-", captured.metadata.note
-    said = f"class {label}{f', {note}' if note else ''}, {count} sets"
+    properties = [f"{key} = {value}" for key, value in captured.metadata.properties.items()]
+    said = ", ".join([f"class {label}", *([note] if note else []), *properties, f"{count} sets"])
     return f'<h3>{escape(name)}</h3><p>{escape(said)}</p><div class="tiles">{"".join(images)}</div>'
 
 

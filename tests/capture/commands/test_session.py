@@ -215,7 +215,7 @@ def test_a_correction_of_a_set_is_in_the_table_of_its_session(
     assert ps4rig("info", path, *options).exit_code == 0
     corrected = row()
     assert (corrected["label"], corrected["orientation_deg"]) == ("slate", "60")
-    assert corrected["corrections"] == "orientation_deg; label"
+    assert corrected["corrected"] == "orientation_deg label"
     assert abs(float(corrected["estimated_deg"]) - 30.0) < 2.0
     assert corrected["warnings"] == "the texture stands at 30 degrees, 60 were entered"
     assert ps4rig("verify", folder).exit_code == 0
@@ -238,7 +238,7 @@ def test_a_correction_that_the_table_missed_is_entered_by_the_next_run(
     table = plan.parent / "fabrics" / "sets.csv"
     assert "slate" not in table.read_text()
     assert ps4rig("session", "resume", "fabrics", "--yes").exit_code == 0
-    assert "rock-1,slate,30,1,captured" in table.read_text()
+    assert "rock-1,slate,30,1,true,captured" in table.read_text()
 
 
 def test_a_dry_run_of_a_session_counts_what_is_missing(ps4rig: Command, plan: Path) -> None:

@@ -10,9 +10,10 @@ import pytest
 from capture.session import folder as folder_module
 from capture.session import journal as journal_module
 from capture.session.events import Answer, SetCaptured
-from capture.session.folder import JOURNAL, TABLE, SessionFolder, session_folder
+from capture.session.folder import TABLE, SessionFolder, session_folder
 from capture.session.runner import run_session
 from capture.sets import ome_tiff
+from capture.sets.archive import JOURNAL
 from classify import durable_file as durable
 from classify.errors import InputError
 from rig import RigConfig

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from capture.session.folder import (
-    JOURNAL,
     SessionFolder,
     make_session,
     session_folder,
@@ -15,6 +14,7 @@ from capture.session.folder import (
 from capture.session.journal import Journal, SetEntry, SetMeasures, read_journal
 from capture.session.plan import read_plan
 from capture.session.plan_change import plan_changes, use_plan
+from capture.sets.archive import JOURNAL
 from classify.errors import InputError
 
 from .conftest import PLAN
@@ -124,7 +124,7 @@ def test_sets_that_are_no_longer_planned_stay_in_journal_and_table(
         use_plan(plan_file, folder)
     rows = (session / "sets.csv").read_text().splitlines()
     assert len(rows) == 1 + 2 + 1
-    assert rows[-1].startswith("sand-1,sand-1,40,1,left out,")
+    assert rows[-1].startswith("sand-1,sand-1,40,1,false,left out,")
 
 
 def test_a_journal_comes_back_as_it_was_written(tmp_path: Path) -> None:

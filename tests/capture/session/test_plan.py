@@ -32,13 +32,14 @@ def test_every_commented_key_of_the_example_is_a_key(tmp_path: Path) -> None:
     lines = example_plan("fabrics").splitlines()
     keys = [line.removeprefix("# ") for line in lines if line.startswith("# ") and " = " in line]
     text = "\n".join(line for line in lines if line not in {f"# {key}" for key in keys})
-    assert len(keys) == 6
+    assert len(keys) == 7
     head, _, rest = text.partition("[[specimen]]")
-    note = [key for key in keys if key.startswith("note")]
+    note = [key for key in keys if key.startswith(("note", "properties"))]
     others = [key for key in keys if key not in note]
     plan = plan_of(tmp_path, "\n".join([head, *others, "[[specimen]]", *note, rest]))
     assert plan.turntable_command(30.0) == ["turn-to", "30"]
     assert plan.specimen[0].note == "left corner is worn"
+    assert plan.specimen[0].properties == {"mass_g": 12.5, "polished": "2026-05-17"}
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """The report of a session: its findings and its page."""
 
+import csv
 import json
 import shutil
 import warnings
@@ -79,6 +80,69 @@ def test_a_set_of_another_specimen_stands_out(mixed: Path) -> None:
     assert any(said.startswith("has the pixels of sets/") for _, said in remarks)
 
 
+@pytest.mark.parametrize("damaged", ["rock-1-0-1", "sand-1-40-1"])
+def test_a_damaged_set_is_named_and_the_others_are_reported(
+    mixed: Path, ps4rig: Command, damaged: str
+) -> None:
+    file = f"sets/{damaged}.ome.tif"
+    (mixed / file).write_bytes((mixed / file).read_bytes()[:-1000])
+    result = ps4rig("session", "report", mixed, "--json")
+    assert result.exit_code == 0
+    answer = json.loads(result.stdout)
+    ((name, error),) = ((each["set"], each["error"]) for each in answer["damaged"])
+    assert (name, answer["sets"], answer["remarks"]) == (file, 5, [])
+    assert error
+    page = (mixed / "report.html").read_text()
+    assert f"<td>{file}</td><td>cannot be read" in page
+    # The other set of the specimen takes the place of a damaged first one.
+    assert page.count("<h3>") == 3
+    rows = {row["file"]: row for row in csv.DictReader((mixed / "sets.csv").open(newline=""))}
+    assert (rows[file]["state"], rows[file]["error"]) == ("damaged", error)
+    assert {row["state"] for row in rows.values()} == {"captured", "damaged"}
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda path: path.write_bytes(b""), ""),
+        (lambda path: shutil.copy(path.with_name("sand-1-0-1.ome.tif"), path),
+         "its pixels are not those that the journal names"),
+    ],
+)  # fmt: skip
+def test_sets_that_cannot_be_reported_do_not_stop_the_report(
+    mixed: Path, spoil: Callable[[Path], object], message: str
+) -> None:
+    spoil(mixed / "sets" / "rock-1-40-1.ome.tif")
+    with session_folder(mixed) as session:
+        found = analyse(session)
+    assert len(found.entries) == 5
+    ((file, error),) = found.damaged.items()
+    assert file == "sets/rock-1-40-1.ome.tif"
+    assert message in error
+
+
+def test_a_session_of_damaged_sets_is_reported(mixed: Path) -> None:
+    for path in (mixed / "sets").iterdir():
+        path.write_bytes(b"")
+    with session_folder(mixed) as session:
+        found = analyse(session)
+        assert len(found.damaged) == 6
+        assert report_page(session, found).count("cannot be read") == 6
+
+
+def test_training_on_a_session_leaves_out_what_it_set_aside(
+    mixed: Path, ps4rig: Command, tmp_path: Path
+) -> None:
+    damaged = mixed / "sets" / "rock-1-40-1.ome.tif"
+    (mixed / "replaced").mkdir()
+    damaged.write_bytes(b"")
+    damaged.rename(mixed / "replaced" / "20260101T000000-rock-1-40-1.ome.tif")
+    library = tmp_path / "mixed.ps4lib"
+    assert ps4rig("train", mixed, "--library", library).exit_code == 0
+    answer = json.loads(ps4rig("classify", mixed, "--library", library, "--json").stdout)
+    assert len(answer) == 5
+
+
 def test_the_page_escapes_what_people_wrote(mixed: Path) -> None:
     with session_folder(mixed) as session:
         page = report_page(session, analyse(session))
@@ -123,5 +187,6 @@ def test_the_command_writes_the_page_and_names_what_stands_out(
     assert (result.exit_code, result.stdout) == (0, f"{mixed / 'report.html'}: 6 sets\n")
     assert (mixed / "report.html").read_text().startswith("<!DOCTYPE html>")
     answer = json.loads(ps4rig("session", "report", mixed, "--json").stdout)
-    assert answer == {"report": str(mixed / "report.html"), "sets": 6, "remarks": []}
+    report = str(mixed / "report.html")
+    assert answer == {"report": report, "sets": 6, "damaged": [], "remarks": []}
     assert ps4rig("session", "report", in_folder).exit_code == 2

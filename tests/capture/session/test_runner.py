@@ -99,7 +99,7 @@ def test_a_skipped_placement_is_not_missing(run: Run, folder: Folder) -> None:
     assert folder().missing() == []
     (skipped,) = (entry for entry in folder().journal.entries if entry.skipped)
     assert skipped.skipped == "left out by the operator"
-    assert "rock-1,rock,0,1,left out,," in (folder().path / "sets.csv").read_text()
+    assert "rock-1,rock,0,1,true,left out,," in (folder().path / "sets.csv").read_text()
 
 
 def test_a_repeated_placement_keeps_the_earlier_set_aside(run: Run, folder: Folder) -> None:
@@ -355,7 +355,7 @@ def test_a_run_that_stops_at_once_leaves_a_damaged_set_missing(
     damage(session / "sets" / f"{FILES[1]}.ome.tif", "cut")
     run(Answer.STOP)
     assert [planned.file_name for planned in folder().missing()] == [f"{FILES[1]}.ome.tif"]
-    assert "rock-1,rock,40,1,missing,," in (session / "sets.csv").read_text()
+    assert "rock-1,rock,40,1,true,missing,," in (session / "sets.csv").read_text()
 
 
 def test_a_rig_with_another_number_of_lights_is_refused(

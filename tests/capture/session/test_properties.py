@@ -1,0 +1,139 @@
+"""Properties of a specimen: from the plan into sets, table, report and `info`."""
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from capture import CapturedSet
+from capture.session.plan import read_plan
+
+Command = Callable[..., Any]
+Refused = Callable[..., str]
+RIG = '[lights]\nport = "simulated"\n[camera]\nwidth_px = 64\nheight_px = 64\n'
+PLAN = """
+name = "stones"
+orientations_deg = [0]
+
+[[specimen]]
+id = "rock-1"
+surface = "rock"
+[specimen.properties]
+mass_g = 12.5
+count = 3
+whole = 5.0
+polished = true
+batch = "007"
+made = 2026-05-17
+at = 2026-05-17T08:30:00Z
+"thickness (\u00b5m)" = 80
+label = "a < b"
+
+[[specimen]]
+id = "sand-1"
+surface = "sand"
+"""
+PROPERTIES = {
+    "mass_g": 12.5, "count": 3, "whole": 5.0, "polished": True, "batch": "007",
+    "made": "2026-05-17", "at": "2026-05-17T08:30:00+00:00", "thickness (\u00b5m)": 80,
+    "label": "a < b",
+}  # fmt: skip
+
+
+@pytest.fixture
+def plan(in_folder: Path) -> Path:
+    (in_folder / "rig.toml").write_text(RIG)
+    path = in_folder / "stones.toml"
+    path.write_text(PLAN, encoding="utf-8")
+    return path
+
+
+def rows() -> list[dict[str, str]]:
+    return list(csv.DictReader(Path("stones/sets.csv").open(encoding="utf-8", newline="")))
+
+
+def test_properties_go_from_the_plan_to_everything(ps4rig: Command, plan: Path) -> None:
+    assert ps4rig("session", "run", plan, "--yes").exit_code == 0
+    path = Path("stones/sets/rock-1-0-1.ome.tif")
+    found = CapturedSet.load(path).metadata.properties
+    assert found == PROPERTIES
+    assert [type(each) for each in found.values()] == [type(each) for each in PROPERTIES.values()]
+    rock, sand = rows()
+    shown = {"mass_g": "12.5", "count": "3", "whole": "5", "polished": "true", "batch": "007",
+             "made": "2026-05-17", "at": "2026-05-17T08:30:00+00:00", "thickness (\u00b5m)": "80",
+             "property_label": "a < b", "label": "rock-1"}  # fmt: skip
+    assert {name: rock[name] for name in shown} == shown
+    assert {sand[name] for name in shown} - {"", "sand-1"} == set()
+    (answer,) = json.loads(ps4rig("info", path, "--json").stdout)
+    assert answer["properties"] == PROPERTIES
+    assert "  property       mass_g = 12.5" in ps4rig("info", path).stdout.splitlines()
+    assert ps4rig("session", "report", "stones").exit_code == 0
+    page = Path("stones/report.html").read_text()
+    assert "mass_g = 12.5, count = 3" in page
+    assert "a &lt; b" in page
+
+
+@pytest.mark.parametrize(
+    ("correction", "value", "cell"),
+    [
+        ("mass_g=13", 13, "13"),
+        ("batch=8", "8", "8"),
+        ("polished=false", False, "false"),
+        ("owner=J. Wu", "J. Wu", "J. Wu"),
+        ("cut=2026-01-31", "2026-01-31", "2026-01-31"),
+        ("mass_g=", None, None),
+    ],
+)
+def test_a_property_is_corrected(
+    ps4rig: Command, plan: Path, correction: str, value: object, cell: str | None
+) -> None:
+    assert ps4rig("session", "run", plan, "--yes").exit_code == 0
+    path, name = Path("stones/sets/rock-1-0-1.ome.tif"), correction.split("=")[0]
+    assert ps4rig("info", path, "--set", f"properties.{correction}").exit_code == 0
+    metadata = CapturedSet.load(path).metadata
+    assert metadata.properties.get(name) == value
+    assert type(metadata.properties.get(name)) is type(value)
+    (entry,) = metadata.corrections
+    assert (entry.field, entry.before, entry.after) == (
+        f"properties.{name}", PROPERTIES.get(name), value,
+    )  # fmt: skip
+    assert rows()[0].get(name) == cell
+    assert rows()[0]["corrected"] == f"properties.{name}"
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("a = [1, 2]", "property a: [1, 2] is not a text, a finite number"),
+        ("a = {b = 1}", "property a: {'b': 1} is not a text"),
+        ("a = nan", "property a: nan is not a text"),
+        ("a = 9223372036854775808", "property a: 9223372036854775808 is not a text"),
+        ('a = "' + "x" * 4001 + '"', "a: 4001 characters; up to 4000 are kept in a set"),
+        ('a = "x\\ty"', "use printable characters only"),
+        ('"=1" = 1', "property '=1': use up to 60 letters"),
+        ("\n".join(f"a{k} = {k}" for k in range(51)), "51 properties; up to 50 are kept"),
+    ],
+)
+def test_a_property_that_no_set_could_hold_is_refused(
+    refused: Refused, plan: Path, line: str, message: str
+) -> None:
+    text = plan.read_text(encoding="utf-8").replace("mass_g = 12.5", line)
+    if "51" in message:
+        text = text.split("count = 3")[0]
+    plan.write_text(text, encoding="utf-8")
+    said = refused("session", "run", plan, "--dry-run")
+    assert message in said
+    assert "stones.toml: specimen.0.properties" in said
+
+
+def test_a_wrong_property_changes_nothing(ps4rig: Command, refused: Refused, plan: Path) -> None:
+    assert ps4rig("session", "run", plan, "--yes").exit_code == 0
+    path = Path("stones/sets/rock-1-0-1.ome.tif")
+    before = path.read_bytes()
+    for correction in ("properties.=1", "properties.mass_g=nan", "mass_g=3"):
+        assert refused("info", path, "--set", correction)
+    assert path.read_bytes() == before
+    assert len(read_plan(plan)) == 2
