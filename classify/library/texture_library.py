@@ -131,9 +131,8 @@ class TextureLibrary:
         Parameters
         ----------
         samples
-            (label, surface) or (label, surface, orientation_deg). Where the orientation of a
-            training surface is not given, the first of a class defines 0 and later ones are
-            aligned to it.
+            (label, surface) or (label, surface, orientation_deg). Surfaces of no given orientation
+            are aligned to the first of their class with one; without any, the first defines 0.
         classifier
             One of `CLASSIFIER_NAMES`.
 
