@@ -168,7 +168,7 @@ class SessionTerminal:
     def _say(self, line: str) -> None:
         self._folder.log(line)
         if not self._quiet:
-            out.print(line, soft_wrap=True)
+            out.print(line)
 
 
 def _line_of(entry: SetEntry) -> str:
