@@ -18,14 +18,15 @@ from .process.interrupts import INTERRUPTED_STATUS, interruptible
 if TYPE_CHECKING:
     from rich.table import Table
 
-_ANY_WIDTH = 10_000  # of a terminal, to measure a table without a limit
+_ANY_WIDTH = 100_000  # of a terminal, to measure a table without a limit
+_LINE_WIDTH, _LEAST_PROSE = 80, 15
 
 P = ParamSpec("P")
 R = TypeVar("R")
 T = TypeVar("T")
 
-# Without markup: a file may be called [oak].ome.tif.
-out = Console(highlight=False, markup=False, emoji=False)
+# Without markup: a file may be called [oak].ome.tif. No line is broken: it may go into a log.
+out = Console(highlight=False, markup=False, emoji=False, soft_wrap=True)
 
 
 def print_json(value: Any) -> None:
@@ -120,20 +121,25 @@ def new_table(*columns: str, prose: str | None = None) -> Table:
 
 
 def print_table(table: Table) -> None:
-    """Print a table, or one line for each of its cells if the terminal is too narrow for it."""
+    """Print a table, alike on every terminal, in a pipe and in a log.
+
+    The column of prose ends where a line of `_LINE_WIDTH` does, unless the others need its place.
+    """
     from rich.cells import cell_len
     from rich.measure import Measurement
 
-    for column in table.columns:
-        if column.no_wrap:
-            lines = "\n".join(map(str, (column.header, *column.cells))).split("\n")
-            column.min_width = max(map(cell_len, lines))
-    if Measurement.get(out, out.options.update(width=_ANY_WIDTH), table).minimum <= out.width:
-        out.print(table)
-        return
+    def width() -> int:
+        return Measurement.get(out, out.options.update(width=_ANY_WIDTH), table).maximum
+
     if table.title:
         out.print(table.title)
-    for row in zip(*(column.cells for column in table.columns), strict=True):
-        for column, cell in zip(table.columns, row, strict=True):
-            out.print(f"{column.header}: {cell}".replace("\n", " "), soft_wrap=True)
-        out.print()
+        table.title = None
+    for column in table.columns:
+        lines = "\n".join(map(str, (column.header, *column.cells))).split("\n")
+        column.width = max(map(cell_len, lines))
+    excess = max(width() - _LINE_WIDTH, 0)
+    for column in table.columns:
+        if column.width is not None and not column.no_wrap:
+            column.width = min(column.width, max(column.width - excess, _LEAST_PROSE))
+    console = Console(width=width(), highlight=False, markup=False, emoji=False)
+    console.print(table, crop=False)

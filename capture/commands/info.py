@@ -53,9 +53,9 @@ def info(
         if json:
             rows.append(_as_json(path, captured))
             continue
-        out.print(str(path), soft_wrap=True)
+        out.print(str(path))
         for name, value in _lines(captured):
-            out.print(f"  {name:<{_NAME_WIDTH}} {value}", soft_wrap=True)
+            out.print(f"  {name:<{_NAME_WIDTH}} {value}")
     if json:
         print_json(rows)
 

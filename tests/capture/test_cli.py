@@ -53,14 +53,32 @@ def test_help_is_readable_on_a_narrow_terminal(
 
 _TABLE = """
 from capture.console import new_table, print_table
-table = new_table("set", "reason", prose="reason")
+table = new_table("set", "distance", "reason", prose="reason")
 table.title = "Title"
-table.add_row("[sets]/rock-001.ome.tif\\n(simulated)", "rock is nearest")
+table.add_row("[sets]/rock-001.ome.tif\\n(simulated)", "0.1234", REASON)
+table.add_row(PATH, "12.5", "short")
 print_table(table)
 """
+_REASON = "rock is nearest, at 2.5 times its limit; teach more sets of it, or check the focus"
 
 
-def test_a_table_that_is_too_wide_is_printed_cell_by_cell(run_python: Command) -> None:
-    assert "[sets]/rock-001.ome.tif  rock is" in run_python(_TABLE, COLUMNS="35")
-    expected = "Title\nset: [sets]/rock-001.ome.tif (simulated)\nreason: rock is nearest\n\n"
-    assert run_python(_TABLE, COLUMNS="20") == expected
+@pytest.mark.parametrize("path", ["a.ome.tif", "/a/long/folder/" * 8 + "a.ome.tif"])
+def test_a_table_is_alike_on_every_terminal_and_in_a_pipe(run_python: Command, path: str) -> None:
+    program = _TABLE.replace("REASON", repr(_REASON)).replace("PATH", repr(path))
+    shown = {run_python(program, COLUMNS=columns) for columns in ("20", "80", "300")}
+    (table,) = shown
+    title, _, head, _, first, *more = table.splitlines()
+    assert title == "Title"
+    reason = head.index("reason")
+    assert first.index("rock is nearest") == reason
+    assert next(line for line in more if "short" in line).index("short") == reason
+    assert " ".join(line[reason:].strip() for line in [first, *more[:-1]]).split() == (
+        f"{_REASON} short".split()
+    )
+    assert path in table
+    assert all(len(line) <= 80 for line in table.splitlines()) == (len(path) < 80)
+
+
+def test_a_long_line_is_not_broken(run_python: Command) -> None:
+    line = "word " * 60 + "end"
+    assert run_python(f"from capture.console import out; out.print({line!r})") == line + "\n"

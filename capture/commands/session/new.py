@@ -23,4 +23,4 @@ def new(
     with durable_file(plan) as temporary:
         temporary.write_text(example_plan(plan.stem), encoding="utf-8")
         read_plan(temporary)  # a stem that cannot name a session is refused
-    out.print(f"{plan}: edit it, then run ps4rig session run {plan} --dry-run", soft_wrap=True)
+    out.print(f"{plan}: edit it, then run ps4rig session run {plan} --dry-run")

@@ -43,7 +43,7 @@ def report(
         print_json({**counts, "damaged": damaged, "remarks": remarks})
         return
     for file, said in found.damaged.items():
-        out.print(f"{file}: cannot be read: {said}", soft_wrap=True)
+        out.print(f"{file}: cannot be read: {said}")
     for file, said in found.remarks:
-        out.print(f"{file}: {said}", soft_wrap=True)
-    out.print(f"{path}: {len(found.entries)} sets", soft_wrap=True)
+        out.print(f"{file}: {said}")
+    out.print(f"{path}: {len(found.entries)} sets")

@@ -203,14 +203,13 @@ def _show_plan(
             out.print(f"{specimen.id}: class {specimen.label or specimen.id}{surface}")
         orientations = ", ".join(f"{each:g}" for each in plan.orientations_deg)
         repeats = f", {plan.repeats} sets each" if plan.repeats > 1 else ""
-        out.print(f"each at {orientations} degrees{repeats}", soft_wrap=True)
+        out.print(f"each at {orientations} degrees{repeats}")
         sets = f"{len(plan)} sets"
         if missing < len(plan):
             sets += f" planned, {missing} missing"
         out.print(
             f"{sets}, {time_s:.0f} s of capture and the time to place the part, "
             f"{needed / 1e6:.0f} MB of {free / 1e6:.0f} MB free",
-            soft_wrap=True,
         )
     _check_disk(path.absolute().parent, needed)
 

@@ -61,7 +61,6 @@ def status(
         f"{folder}: {len(session.plan)} sets planned, "
         f"{len(session.plan) - len(missing) - len(skipped)} captured, {len(skipped)} left out, "
         f"{len(missing)} missing",
-        soft_wrap=True,
     )
     table = new_table("specimen", "captured", "missing at degrees", prose="missing at degrees")
     for specimen in session.plan.specimen:
@@ -82,22 +81,21 @@ def status(
         out.print(
             f"run {readable_utc(run.started_utc)}{ended}: {run.finish or '-'}"
             + (f" ({run.reason})" if run.reason else ""),
-            soft_wrap=True,
         )
     for line in unplanned_text(session.unplanned()):
-        out.print(line, soft_wrap=True)
+        out.print(line)
     for entry in skipped:
         planned = session.plan.planned(*entry.key)
-        out.print(f"{planned}: {entry.skipped}", soft_wrap=True)
+        out.print(f"{planned}: {entry.skipped}")
     if skipped:
-        out.print(left_out_text(session), soft_wrap=True)
+        out.print(left_out_text(session))
     for planned, reason in damaged.items():
-        out.print(f"{planned}: its file is damaged: {reason}", soft_wrap=True)
+        out.print(f"{planned}: its file is damaged: {reason}")
     for planned, why in unreadable.items():
-        out.print(f"{planned}: {why}", soft_wrap=True)
+        out.print(f"{planned}: {why}")
     for entry in warned:
         assert entry.measures is not None
-        out.print(f"{entry.file}: {'; '.join(entry.measures.warnings)}", soft_wrap=True)
+        out.print(f"{entry.file}: {'; '.join(entry.measures.warnings)}")
 
 
 def _as_json(planned: PlannedSet) -> dict[str, Any]:

@@ -168,7 +168,7 @@ class SessionTerminal:
     def _say(self, line: str) -> None:
         self._folder.log(line)
         if not self._quiet:
-            out.print(line, soft_wrap=True)
+            out.print(line)
 
 
 def _line_of(entry: SetEntry) -> str:
@@ -185,7 +185,7 @@ def _line_of(entry: SetEntry) -> str:
     if measures.estimated_deg is not None:
         said.append(f"at {measures.estimated_deg:.1f} degrees")
     if measures.blur_px is not None:
-        said.append(f"focus {-measures.blur_px:+.1f} px")
+        said.append(f"focus {round(-measures.blur_px, 1) + 0.0:+.1f} px")
     return ", ".join([*said, *measures.warnings])
 
 

@@ -35,13 +35,13 @@ def report_page(folder: SessionFolder, found: SessionAnalysis) -> str:
         folder.plan.name,
         "session",
         sections,
-        facts=_facts(folder),
+        facts=_facts(folder, found),
         notices=[simulated_notice("specimen") * any(run.simulated for run in folder.journal.runs)],
         note="Orientations in degrees, anticlockwise, modulo 180 where estimated.",
     )
 
 
-def _facts(folder: SessionFolder) -> Iterator[tuple[str, str]]:
+def _facts(folder: SessionFolder, found: SessionAnalysis) -> Iterator[tuple[str, str]]:
     journal, missing = folder.journal, len(folder.missing())
     captured, skipped = len(folder.captured()), len(folder.left_out())
     yield "operator", folder.plan.operator or "-"
@@ -51,6 +51,7 @@ def _facts(folder: SessionFolder) -> Iterator[tuple[str, str]]:
     yield (
         "sets",
         f"{captured} captured, {skipped} left out, {missing} missing"
+        + (f"; {len(found.damaged)} of the captured ones cannot be read" if found.damaged else "")
         + (f"; {unplanned} of the captured ones are no longer planned" if unplanned else ""),
     )
     if journal.runs:
@@ -110,15 +111,17 @@ def _sets(found: SessionAnalysis) -> str:
         if measures is not None:
             blur_px = measures.blur_px
             cells += [
-                _value(measures.estimated_deg),
+                _value(measures.estimated_deg, 1),
                 f'<td class="value">{measures.saturated:.1%}</td>',
                 f'<td class="value">{measures.shadowed:.1%}</td>',
-                _value(None if blur_px is None else round(-blur_px, 2)),
+                _value(None if blur_px is None else -blur_px, 2),
                 f"<td>{' '.join(f'{level:.1%}' for level in measures.led_levels)}</td>",
             ]
         rows.append(f"<tr>{''.join(cells)}</tr>")
     return table_html(head, rows)
 
 
-def _value(value: float | None) -> str:
+def _value(value: float | None, digits: int | None = None) -> str:
+    if value is not None and digits is not None:
+        value = round(value, digits) + 0.0  # no -0
     return f'<td class="value">{"-" if value is None else number_text(value)}</td>'

@@ -94,6 +94,7 @@ def test_a_damaged_set_is_named_and_the_others_are_reported(
     assert error
     page = (mixed / "report.html").read_text()
     assert f"<td>{file}</td><td>cannot be read" in page
+    assert "1 of the captured ones cannot be read" in page
     # The other set of the specimen takes the place of a damaged first one.
     assert page.count("<h3>") == 3
     rows = {row["file"]: row for row in csv.DictReader((mixed / "sets.csv").open(newline=""))}
@@ -151,6 +152,7 @@ def test_the_page_escapes_what_people_wrote(mixed: Path) -> None:
     assert "a &lt; b" in page
     assert page.count('alt="light 0: tilt 0"') == 3
     assert page.count("polar spectra of gradient") == 3
+    assert "\u22120<" not in page
     assert "<script" not in page
 
 
