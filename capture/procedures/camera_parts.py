@@ -37,10 +37,7 @@ class Rung:
 def dark_part(
     found: DarkFrames, dark: Dark, setting: Setting, source: Sequence[str]
 ) -> MeasuredPart:
-    """Describe frames with the lens covered.
-
-    `dark` is the part made from these frames; it may include the ambient light.
-    """
+    """Describe frames with the lens covered by the part made from them."""
     dark = replace(dark, exposure_ms=setting.exposure_ms)
     full = dark.full_scale
     hot = len(dark.hot_pixels)
@@ -81,14 +78,7 @@ def response_parts(
     setting: Setting,
     source: Sequence[str],
 ) -> list[MeasuredPart]:
-    """Fit the response, and for a linear camera the noise, to a ladder of exposures.
-
-    Raises
-    ------
-    CalibrationRejected
-        If no response explains the ladder. A noise that cannot be measured is left out, with a
-        warning.
-    """
+    """Fit the response, and for a linear camera the noise, to a ladder of exposures."""
     rungs = list(rungs)
     if not rungs:
         raise InputError("no exposures are given; give at least one set")
@@ -119,10 +109,7 @@ def response_parts(
 def levels_of(
     frames: Frames, full_scale: float, bit_depth: int, calibration: Calibration
 ) -> BlockLevels:
-    """Return the levels of frames in values of the camera, without its hot pixels.
-
-    `full_scale` is that of the frames, which may be stretched, and `bit_depth` the camera's.
-    """
+    """Levels of frames in values of the camera, without its hot pixels."""
     dark = calibration.dark
     hot = [] if dark is None else [each.hot_pixels for each in dark.exposures]
     known = bool(hot) and not any((each >= frames.shape[1:]).any() for each in hot)
@@ -152,15 +139,7 @@ def whole_stops(exposure_ms: float) -> float:
 
 
 def rungs_of_sets(sets: Sequence[CapturedSet], calibration: Calibration) -> list[Rung]:
-    """Return the levels of sets of one still scene, by exposure.
-
-    The light image of the brightest light counts. Sets of the same exposure show the noise.
-
-    Raises
-    ------
-    InputError
-        If a set does not state its exposure, or the sets are of different cameras or settings.
-    """
+    """Levels of the brightest light of sets of one still scene, by exposure."""
     first = sets[0].setting
     light = int(np.argmax([image.mean() for image in sets[0].images]))
     images: dict[tuple[float, int], list[npt.NDArray[np.uint16]]] = {}

@@ -28,22 +28,7 @@ def plate_parts(
     mask: npt.NDArray[np.bool_] | None,
     source: Sequence[str],
 ) -> list[MeasuredPart]:
-    """Measure a sheet that the camera parts of `calibration` correct.
-
-    Parameters
-    ----------
-    sets
-        Placements of the sheet at one setting.
-    mask
-        (H, W) pixels that count, beside those within the masks of the sets; None for all.
-
-    Raises
-    ------
-    CalibrationRejected
-        As `measure_plate`.
-    InputError
-        For sets of different settings, or a mask of another size.
-    """
+    """Measure a sheet that the camera parts of `calibration` correct."""
     first = sets[0]
     setting = first.setting
     for number, each in enumerate(sets[1:], start=2):

@@ -31,22 +31,7 @@ def scale_part(
     setting: Setting,
     source: Sequence[str],
 ) -> MeasuredPart:
-    """Measure the scale from one picture per placement of a checkerboard.
-
-    Parameters
-    ----------
-    pictures
-        (H, W) each, of any dtype.
-    corners
-        Inner corners of the board along its two sides, in any order.
-    source
-        Names of the pictures for the record, or ``captured``.
-
-    Raises
-    ------
-    CalibrationRejected
-        If a board is not found, or the result is too bad; the message names the placement.
-    """
+    """Measure the scale from one picture per placement of a checkerboard."""
     boards = []
     for number, picture in enumerate(pictures, start=1):
         try:

@@ -38,20 +38,7 @@ def images_of_photographs(
     gamma: Gamma | None,
     file: CalibrationFile,
 ) -> tuple[list[SphereImages], Setting]:
-    """Read photographs of a sphere, one per light, placement after placement.
-
-    Parameters
-    ----------
-    masks
-        No mask, or one per placement, white on the sphere.
-    lights
-        Number of lights; all photographs show one placement if it is None.
-
-    Raises
-    ------
-    InputError
-        If the numbers do not fit, or a file cannot be read.
-    """
+    """Read photographs of a sphere, one per light, placement after placement."""
     lights = lights or len(paths)
     if len(paths) % lights:
         raise InputError(
@@ -92,10 +79,9 @@ def images_of_sets(sets: Sequence[CapturedSet], file: CalibrationFile) -> list[S
 
 
 def _corrected(sphere: SphereImages, setting: Setting, file: CalibrationFile) -> SphereImages:
-    """Correct light images by the parts of the calibration that hold for them.
+    """Correct light images by the calibration, and by the vignetting in its flat field.
 
-    They are divided by the part of the flat field that all lights share: the vignetting of the
-    lens, which turns the lights on a matt sphere (tests/capture/procedures/test_sphere_parts.py).
+    Vignetting turns the lights on a matt sphere (tests/capture/procedures/test_sphere_parts.py).
     """
     parts = {
         name: getattr(file.calibration, name)
@@ -121,13 +107,7 @@ def sphere_parts(
     source: Sequence[str],
     diameter_mm: float | None = None,
 ) -> list[MeasuredPart]:
-    """Measure the lights, and the scale where the diameter of the sphere is known.
-
-    Raises
-    ------
-    CalibrationRejected
-        If the sphere or a light on it is not found, or a light is not known to 10 degrees.
-    """
+    """Measure the lights, and the scale where the diameter of the sphere is known."""
     scale = file.calibration.scale
     focal_px = None if scale is None else scale.focal_px
     found = lights_from_spheres(placements, kind, focal_px=focal_px)

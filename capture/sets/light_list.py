@@ -66,10 +66,7 @@ _JSON: TypeAdapter[_ImagesFile | tuple[_NamedLight, ...] | tuple[Vector, ...]] =
 
 @dataclass(frozen=True)
 class LightList:
-    """Light directions of a file, by names of images as the file has them, or in order.
-
-    `places` are those of the lights in the file, `intensities` are empty if it gives none.
-    """
+    """Light directions of a file, by names of images as the file has them, or in order."""
 
     source: Path
     names: Sequence[str]
@@ -129,10 +126,7 @@ class LightList:
 
 
 def listed_files(source: Path, names: Sequence[str]) -> list[Path]:
-    """Paths of the images that a list names: as written, or beside the list.
-
-    Those beside it are taken if none of the files that it names with a folder exists.
-    """
+    """Paths of the images that a list names: as written, or else beside the list."""
     written = [_files(source.parent / name) for name in names]
     beside = [_files(source.parent / PureWindowsPath(name).name) for name in names]
     moved = not any(files for files, name in zip(written, names, strict=True) if "/" in name)
@@ -174,14 +168,7 @@ def _composed(name: str) -> str:
 
 
 def load_light_list(path: Path, *, unknown_keys: bool = False) -> LightList:
-    """Read ``.lp`` (a count, then one ``name x y z`` per line) or ``.json``.
-
-    JSON may be a list of ``[x, y, z]`` in the order of the images, a list of ``{"file": name,
-    "direction": [x, y, z]}``, or an object with such a list under ``images``. An entry may have
-    ``"intensity": number``, relative to the other lights; so may a line of ``.lp``, at its end.
-    `unknown_keys` ignores keys of JSON that look like a missing one, such as
-    ``relative_intensity``. Other unknown keys are always ignored. The warnings name them all.
-    """
+    """Read the lights of a ``.lp`` or ``.json`` file; `unknown_keys` ignores misspelt keys too."""
     text = light_list_text(path)
     if path.suffix.lower() == ".lp":
         return _parsed_lp(path, text)

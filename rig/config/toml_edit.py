@@ -23,11 +23,6 @@ def with_values(text: str, section: str, values: Mapping[str, str | float]) -> s
     An existing key gets its new value in place, new keys follow the section's last line, and a new
     section comes last. The result is parsed again: if it is not the old configuration with just
     these values, because the file uses dotted keys or inline tables, it is refused.
-
-    Raises
-    ------
-    ConfigError
-        If the text cannot be changed in place; the message has the lines to add by hand.
     """
     # Not splitlines, which also splits at characters that TOML allows in comments.
     lines = text.removesuffix("\n").split("\n") if text else []
@@ -64,15 +59,7 @@ def with_values(text: str, section: str, values: Mapping[str, str | float]) -> s
 
 
 def store_values(path: Path, sections: Mapping[str, Mapping[str, str | float]]) -> None:
-    """Change values in a ``rig.toml`` as `with_values` does, atomically.
-
-    Raises
-    ------
-    ConfigError
-        If the file cannot be changed in place, or `load_config` would refuse the result.
-    InputError
-        If it cannot be written.
-    """
+    """Change values in a ``rig.toml`` as `with_values` does, atomically."""
     text = path.read_bytes().decode()
     for section, values in sections.items():
         text = with_values(text, section, values)

@@ -30,20 +30,7 @@ def diagnose(
     timeouts: LinkTimeouts = DEFAULT_TIMEOUTS,
     further: Callable[[Rig], Iterator[Check]] | None = None,
 ) -> Generator[Check]:
-    """Make all checks, one after the other; a check that fails does not prevent the next.
-
-    The LEDs are lit for the light images, and out at the end, also if the generator is closed.
-
-    Parameters
-    ----------
-    rig
-        ``"sim"``, or the path of a ``rig.toml``. Without that file the devices that are plugged in
-        are listed.
-    timeouts
-        How long to wait for the light controller.
-    further
-        Checks of the open rig that are made last, such as those against a calibration.
-    """
+    """Make all checks, with `further` ones of the open rig last; a failed one prevents no other."""
     config: RigConfig | None = None
     try:
         config = config_of(rig)

@@ -22,11 +22,7 @@ def check_lights(
     config: LightsConfig,
     firmware_version: str = FIRMWARE_VERSION,
 ) -> Iterator[Check]:
-    """Check identity, number of LEDs, watchdog and switch time.
-
-    LEDs are lit and put out again. `firmware_version` is the version that ``ps4rig rig flash``
-    installs.
-    """
+    """Check identity, number of LEDs, watchdog and switch time; LEDs are lit and put out again."""
     yield _identity(lights, firmware_version)
     yield _led_count(lights, config)
     yield _watchdog(lights)

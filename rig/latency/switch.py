@@ -19,13 +19,7 @@ class SwitchLatency:
 def measure_switch_latency(
     lights: LightController, clock: Clock, switches: int = 40
 ) -> SwitchLatency:
-    """Switch through all LEDs and off, and leave them off.
-
-    Raises
-    ------
-    LightControllerError
-        If a switch fails.
-    """
+    """Switch through all LEDs and off, and leave them off."""
     times_ms = []
     try:
         for number in range(switches):

@@ -92,13 +92,6 @@ def flash_folder(
 
     The folder must hold the firmware already or be one of `drives` (by default those of
     `find_drives`), unless `force` is set. With `dry_run` all checks run, and nothing is written.
-
-    Raises
-    ------
-    InputError
-        If the folder is missing, or no drive of a MicroPython board; the message says what to do.
-    LightControllerError
-        If the files that are read back differ.
     """
     _refuse_other_drives(folder)
     before = _version_in(folder)
@@ -127,14 +120,6 @@ def flash_port(port: str, files: Sequence[BoardFile], *, dry_run: bool = False) 
     """Put files on the MicroPython board at a serial port, and start them.
 
     A running light controller is stopped first; any other program is interrupted.
-
-    Raises
-    ------
-    InputError
-        If mpremote is missing.
-    LightControllerError
-        If the port is in use, the board has no MicroPython for a Pico, or the files that are read
-        back differ.
     """
     if find_spec("mpremote") is None:
         raise InputError("flashing over a serial port needs mpremote: pip install 'ps4rig[flash]'")
@@ -164,11 +149,6 @@ def find_board(ports: Sequence[SerialPort]) -> str:
     """Return the port of the only Raspberry Pi Pico with MicroPython among `ports`.
 
     Other boards are never chosen, because flashing interrupts the program that runs there.
-
-    Raises
-    ------
-    LightControllerError
-        If no Pico or more than one is found.
     """
     boards = [port for port in ports if port.usb_id == _PICO_WITH_MICROPYTHON]
     if len(boards) == 1:

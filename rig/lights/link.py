@@ -37,22 +37,6 @@ class ControllerLink:
     """An exclusively opened port on which a light controller has identified itself.
 
     Until then nothing but an empty line and ``*IDN?`` is written.
-
-    Parameters
-    ----------
-    port
-        Device name or pyserial URL.
-    baud
-        Bits per second; USB serial ports ignore it.
-    timeouts
-        Time-outs of the first answer, which may follow a restart of the board, and of replies.
-    any_protocol
-        Whether to accept another version of the protocol, so that old firmware can be renewed.
-
-    Raises
-    ------
-    LightControllerError
-        If the port cannot be opened, or no controller that this program can use answers there.
     """
 
     def __init__(
@@ -81,13 +65,7 @@ class ControllerLink:
         return self._line.port
 
     def ask(self, command: str) -> Reply:
-        """Send a command and return its reply, which may be a refusal.
-
-        Raises
-        ------
-        LightControllerError
-            If no reply comes in time, it is damaged, the controller restarts, or the port is gone.
-        """
+        """Send a command and return its reply, which may be a refusal."""
         return self._reply_to(command, self._send(command))
 
     def end_line(self) -> None:

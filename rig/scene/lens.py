@@ -11,25 +11,14 @@ from .surfaces import FloatImage
 
 @dataclass(frozen=True)
 class Lens:
-    """A lens with faults; the default has none.
+    """A lens with faults; the default has none."""
 
-    Attributes
-    ----------
-    blur_px
-        Standard deviation of the Gaussian by which images out of focus are blurred.
-    vignetting
-        Share of light missing in the corners of the frame; it grows with the squared distance
-        from the centre, in pixels.
-    """
-
-    blur_px: float = 0.0
+    blur_px: float = 0.0  # standard deviation of the Gaussian
+    # share missing in the corners; it grows with the squared distance from the centre
     vignetting: float = 0.0
 
     def images(self, scene: SceneImages) -> SceneImages:
-        """The images of a scene through this lens.
-
-        Slopes, albedo and shadow stay the true ones.
-        """
+        """The images of a scene through this lens; slopes, albedo and shadow stay the true ones."""
         lights = np.stack([self._image(light) for light in scene.lights])
         return replace(scene, lights=lights, ambient=self._image(scene.ambient))
 

@@ -37,43 +37,18 @@ class LitScene(Protocol):
 
 @dataclass(frozen=True)
 class ReportedTiming:
-    """The timing that a simulated camera reports of its exposures.
+    """The timing that a simulated camera reports of its exposures."""
 
-    Attributes
-    ----------
-    start_s
-        Maps a frame's sequence number and true exposure start to the reported start.
-    readout_s
-        Readout of the sensor, None if unknown.
-    start_known_to_s
-        By how much an exposure may start later than reported.
-    """
-
+    # of a sequence number and the true start
     start_s: Callable[[int, float], float] = lambda _sequence, start_s: start_s
     readout_s: float | None = None
-    start_known_to_s: float = 0.0
+    start_known_to_s: float = 0.0  # how much later an exposure may start
 
 
 class SimulatedCamera:
-    """Camera with a global or a rolling shutter.
+    """Camera with a global or a rolling shutter, and a queue of a few buffers as with V4L2.
 
-    A frame goes into a free buffer of the driver; without one it is lost, and a gap in the
-    sequence numbers remains. So a program that reads late gets the OLDEST frames first, as with
-    V4L2. The light of each row is the integral of the LEDs' true output over the row's exposure,
-    which may contain the light of two LEDs, or of the previous one only.
-
-    Parameters
-    ----------
-    board, clock
-        Board with the LEDs, and clock of the rig.
-    scene, sensor
-        Light that reaches the sensor, and the model that turns it into pixel values.
-    exposures
-        Start times of the exposures.
-    seed
-        Seed of the noise.
-    reported
-        Timing that the camera reports.
+    The light of each row is the integral of the LEDs' true output over the row's exposure.
     """
 
     def __init__(

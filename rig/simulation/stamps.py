@@ -15,17 +15,7 @@ _JITTER_STREAM = 1
 def reported_timing(
     camera: SimulatedCameraConfig | ReplayCameraConfig, simulation: SimulationConfig
 ) -> ReportedTiming:
-    """The timing that the rig derives from the stamps of a simulated driver.
-
-    Without `stamp_lag_ms` the driver stamps the start of exposure and is believed. With it, the
-    stamps are late by the lag and a random jitter, and are evaluated as those of a real camera, by
-    the timing in its configuration.
-
-    Raises
-    ------
-    ConfigError
-        If the camera's timing was measured in another mode.
-    """
+    """The timing that the rig derives from the stamps of a simulated driver."""
     require_measured_mode(camera)
     period_s, exposure_s = 1.0 / camera.frame_rate_hz, camera.exposure_ms / 1e3
     lag_ms = simulation.stamp_lag_ms

@@ -41,12 +41,6 @@ class V4l2Camera:
 
     The driver's buffers are claimed before a control is changed, so that a second program cannot
     change anything before it fails to open the camera.
-
-    Raises
-    ------
-    CameraError
-        If the camera is missing or in use, lacks the format, size or rate, or does not keep the
-        value of a control; the message names it.
     """
 
     def __init__(self, config: V4l2CameraConfig) -> None:
@@ -106,11 +100,7 @@ class V4l2Camera:
             self._mode = set_exposure(self._device, self._mode, exposure_ms)
 
     def read(self, timeout_s: float) -> Frame:
-        """The oldest frame in the queue, or the next one to arrive.
-
-        A frame that is damaged or flagged by the driver has `FrameFlag.CORRUPT` and zeros for
-        pixels.
-        """
+        """The oldest frame in the queue, or the next one; a damaged frame is CORRUPT and all 0."""
         capture = self._next_capture(timeout_s)
         start_s = exposure_start_s(
             capture.timestamp_s,
