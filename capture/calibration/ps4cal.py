@@ -265,3 +265,8 @@ def _sha256(array: npt.NDArray[Any]) -> str:
     plain = np.ascontiguousarray(array)
     about = f"{plain.dtype.str} {array.shape} ".encode()
     return hashlib.sha256(about + plain.tobytes()).hexdigest()
+
+
+def stated_error(share: float, decimals: int) -> str:
+    """Return an error in percent; one that rounds to 0 is given as the smallest that does not."""
+    return f"{max(share, 0.01 * 10.0**-decimals):.{decimals}%}"

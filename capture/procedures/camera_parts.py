@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from capture.calibration.ps4cal import MeasuredPart
+from capture.calibration.ps4cal import MeasuredPart, stated_error
 from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
 from capture.sets.photographs import Photographs
@@ -17,8 +17,6 @@ from classify.calibration.dark_frames import DarkFrames
 from classify.calibration.exposure_ladder import ExposureLadder, response_of
 from classify.calibration.photon_transfer import PhotonTransfer, photon_transfer
 from classify.errors import CalibrationRejected, InputError
-
-from .stated_error import stated_error
 
 # Below this standard deviation, rounding hides the noise of a pixel (0.24 DN^2 in EMVA 1288).
 _ROUNDED_AWAY = 0.49

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from capture.calibration.ps4cal import MeasuredPart
+from capture.calibration.ps4cal import MeasuredPart, stated_error
 from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
 from classify.calibration.calibration import Calibration
@@ -13,8 +13,6 @@ from classify.calibration.lights import CalibratedLights
 from classify.calibration.plate import MeasuredPlate, measure_plate
 from classify.errors import InputError
 from classify.images.stack import ImageStack
-
-from .stated_error import stated_error
 
 # Figure of a flat field by which a later light image of a sheet shows another exposure.
 SHEET_BRIGHTNESS = "sheet_brightness"

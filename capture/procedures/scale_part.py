@@ -5,13 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from capture.calibration.ps4cal import MeasuredPart
+from capture.calibration.ps4cal import MeasuredPart, stated_error
 from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
 from classify.calibration.checkerboard import SEEN_TILT_DEG, find_corners, scale_of_boards
 from classify.errors import CalibrationRejected
-
-from .stated_error import stated_error
 
 # Relative errors of a length that the record calls good and fair.
 _GOOD, _FAIR = 0.002, 0.01

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from capture.calibration.parts import PartName
-from capture.calibration.ps4cal import CalibrationFile, MeasuredPart
+from capture.calibration.ps4cal import CalibrationFile, MeasuredPart, stated_error
 from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
 from capture.sets.photographs import Gamma, read_mask, read_photographs
@@ -22,8 +22,6 @@ from classify.calibration.spheres import (
 )
 from classify.errors import InputError
 from classify.images.stack import ImageStack
-
-from .stated_error import stated_error
 
 # Errors of directions in words: the aim is 0.5 degrees with a mirror sphere and 2 with a matt one;
 # four degrees of slant turn the normals by three (table of faults, classify/README.md).

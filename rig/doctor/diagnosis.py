@@ -12,8 +12,8 @@ from rig.config.rig import RigConfig, config_of
 from rig.errors import ConfigError, ControlError, HardwareError
 from rig.lights.discovery import list_serial_ports
 from rig.lights.driver import LightController
+from rig.lights.link import DEFAULT_TIMEOUTS, LinkTimeouts
 from rig.lights.sequence import require_one_line
-from rig.lights.timeouts import DEFAULT_TIMEOUTS, LinkTimeouts
 from rig.rig import Rig, clock_of, open_camera, open_lights, port_of
 from rig.simulation.rig import Simulation
 from rig.v4l2.camera_list import ListedCamera, list_cameras

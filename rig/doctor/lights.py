@@ -6,8 +6,7 @@ from pathlib import Path
 from firmware_sim import Clock
 from firmware_sim.firmware import FIRMWARE_VERSION
 from rig.config.lights import LightsConfig
-from rig.latency.switch import measure_switch_latency
-from rig.lights.driver import LightController
+from rig.lights.driver import LightController, measure_switch_latency
 
 from .check import Check
 

@@ -9,10 +9,9 @@ from typing import Any
 from rig.config.lights import AUTO, LightsConfig
 from rig.errors import LightControllerError
 
-from .link import ControllerIdentity, ControllerLink
+from .link import DEFAULT_TIMEOUTS, ControllerIdentity, ControllerLink, LinkTimeouts
 from .port_holders import port_holders
 from .ports import pyserial
-from .timeouts import DEFAULT_TIMEOUTS, LinkTimeouts
 
 _BY_ID = Path("/dev/serial/by-id")
 _TRIES = 3  # to list the ports

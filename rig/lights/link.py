@@ -8,13 +8,25 @@ from firmware_sim.firmware import MAX_SEQUENCE
 from rig.errors import LightControllerError
 
 from .serial_line import Patience, SerialLine
-from .timeouts import DEFAULT_TIMEOUTS, LinkTimeouts
 from .wire import BANNER, Garbled, Reply, decode_reply, encode_command
 
 PROTOCOL_VERSION = 2
 VENDOR = "PS4RIG"
 _WRITE_PATIENCE = 20.0  # times the time-out of a reply (test_driver.py: "stands still")
 _SIMULATED = "SIM-"  # the beginning of a simulated board's serial number
+
+
+@dataclass(frozen=True)
+class LinkTimeouts:
+    """Time-outs in seconds of real time, except `unused_s`, which is on the rig's clock."""
+
+    open_s: float = 3.0  # first answer; an Arduino that resets when opened takes 2 s
+    reply_s: float = 0.5  # the firmware takes milliseconds; a write may take 20 times as long
+    recover_s: float = 5.0  # Linux needs a second or two for the port of a board plugged in again
+    unused_s: float = 600.0  # a program silent for this long hangs: its keep-alive ends
+
+
+DEFAULT_TIMEOUTS = LinkTimeouts()
 
 
 @dataclass(frozen=True)

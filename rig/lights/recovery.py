@@ -6,8 +6,7 @@ from dataclasses import replace
 
 from rig.errors import LightControllerError
 
-from .link import ControllerIdentity, ControllerLink
-from .timeouts import LinkTimeouts
+from .link import ControllerIdentity, ControllerLink, LinkTimeouts
 
 Whereabouts = Callable[[], Iterable[str]]
 """The ports on which a controller may be now, the most likely one first."""

@@ -2,8 +2,7 @@
 
 import math
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -16,6 +15,7 @@ from rig.frame_time import require_exposure
 
 from .exposures import TRANSFER_S, Exposures
 from .sensor import RecordedPixels, Sensor
+from .stamps import ReportedTiming
 
 # Buffers of the driver, as many as `V4l2Camera` claims.
 _BUFFERS = 4
@@ -35,16 +35,6 @@ class LitScene(Protocol):
     def ambient(self) -> npt.NDArray[np.float32]: ...
 
 
-@dataclass(frozen=True)
-class ReportedTiming:
-    """The timing that a simulated camera reports of its exposures."""
-
-    # of a sequence number and the true start
-    start_s: Callable[[int, float], float] = lambda _sequence, start_s: start_s
-    readout_s: float | None = None
-    start_known_to_s: float = 0.0  # how much later an exposure may start
-
-
 class SimulatedCamera:
     """Camera with a global or a rolling shutter, and a queue of a few buffers as with V4L2.
 
@@ -60,7 +50,7 @@ class SimulatedCamera:
         exposures: Exposures,
         *,
         seed: int,
-        reported: ReportedTiming = ReportedTiming(),
+        reported: ReportedTiming | None = None,
     ) -> None:
         self.scene = scene
         self.sensor = sensor
@@ -68,7 +58,7 @@ class SimulatedCamera:
         self._board = board
         self._clock = clock
         self._seed = seed
-        self._reported = reported
+        self._reported = reported or ReportedTiming()
         # Number and scene of each frame in the queue; its pixels are computed when it is read.
         self._queue: deque[tuple[int, LitScene]] = deque()
         self._next_sequence = 0

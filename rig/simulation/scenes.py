@@ -12,9 +12,8 @@ import numpy as np
 from classify.errors import InputError
 from rig.config.rig import RigConfig
 from rig.config.simulation import Placement
-from rig.scene.lens import Lens
 from rig.scene.material_folder import bundled_materials, load_material
-from rig.scene.render import DISTANT, SceneImages, render_frame
+from rig.scene.render import DISTANT, Lens, SceneImages, render_frame
 from rig.scene.surfaces import PeriodicSurface, Surface
 from rig.scene.synthetic import SYNTHETIC_NAMES, SYNTHETIC_TEXTURES, synthetic_surface, tile_side_px
 from rig.scene.targets import TARGETS, Sphere, target_named
