@@ -43,53 +43,23 @@ class Board(Protocol):
         """Largest share of the time that an LED may be on in the long run, 1 to 99 percent."""
 
     def strobe_edges(self) -> list[tuple[int, bool]]:
-        """Return the strobe's edges since the last call, oldest first; never wait.
+        """Edges of the strobe since the last call: `micros`, and whether the camera exposes then.
 
-        Each edge is its time in `micros`, taken in an interrupt or in hardware, and the level after
-        it: True while the camera exposes, for either polarity of the wire. At most
-        `firmware.STROBE_BUFFER_EDGES` edges are kept and later ones are dropped, so edges may be
-        missing from a list of that length.
+        At most `firmware.STROBE_BUFFER_EDGES` edges are kept and later ones are dropped.
         """
 
     def part_edges(self) -> list[int]:
-        """Return the times of parts since the last call, oldest first; never wait.
-
-        Each is a time in `micros`, taken in an interrupt or in hardware. The board takes the bounce
-        of one part's contact for one part. At most `firmware.STROBE_BUFFER_EDGES` are kept.
-        """
+        """The `micros` of parts since the last call, oldest first, without bounces of a contact."""
 
     def trigger(self) -> int:
-        """Begin a pulse on the camera's trigger line; return the `micros` of its beginning.
-
-        The board ends the pulse by itself. It may wait for the end for at most 100 us.
-        """
+        """Begin a pulse on the trigger line, and return its `micros`; may wait for 100 us."""
 
 
 class SimulatedBoard:
-    """A board with LEDs that rise and fall over time.
+    """A board with LEDs that rise and fall over time; thread-safe.
 
-    Thread-safe: the firmware may run in one thread while a camera reads the light in another.
-    All times except `micros` are on the clock's `now_s`.
-
-    Parameters
-    ----------
-    clock
-        The board's clock, real or virtual.
-    led_count, serial_number
-        Number of LEDs and serial number, which the firmware reports in its identity.
-    rise_ms, fall_ms
-        10 % to 90 % times of the LEDs' exponential approach; 0 switches at once.
-    max_on_ms, max_duty_percent
-        Limits of each LED, which the firmware enforces. The defaults allow 1024 frames under one
-        LED at 9 frames per second, and any order of four LEDs.
-    leds
-        The `led_count` LEDs; by default LEDs with `rise_ms` and `fall_ms`.
-
-    Raises
-    ------
-    ValueError
-        If there is no LED, the serial number would break the protocol, a time is negative or not
-        finite, or a limit allows no light.
+    The firmware enforces the limits of each LED. Their defaults allow 1024 frames under one LED at
+    9 frames per second, and any order of four LEDs.
     """
 
     def __init__(
@@ -226,23 +196,7 @@ class SimulatedBoard:
             return self._leds[led].output(at_s)
 
     def output_integral_s(self, led: int, start_s: float, end_s: float) -> float:
-        """Exact integral of an LED's relative output over an interval.
-
-        The unit is seconds of full output.
-
-        Parameters
-        ----------
-        led
-            Index of the LED, from 0.
-        start_s, end_s
-            The interval on the clock's `now_s`, such as an exposure.
-
-        Raises
-        ------
-        ValueError
-            For an interval that ends in the future or before its start, or that starts before
-            the history of 8192 switches per LED.
-        """
+        """Exact integral of an LED's output over an interval, in seconds of full output."""
         with self._lock:
             if end_s < start_s:
                 raise ValueError(f"the interval ends at {end_s} s, before its start {start_s} s")

@@ -24,11 +24,6 @@ class Clock(Protocol):
 
         The call comes from a thread of the clock or from one that sleeps, never from this method,
         which may be called with any lock held. `callback` must not sleep on the clock.
-
-        Returns
-        -------
-        Callable
-            Cancels the call if it has not begun.
         """
 
 
@@ -108,10 +103,8 @@ class RealClock:
 class VirtualClock:
     """A clock on which time passes only during sleeps, which return immediately.
 
-    A sleep advances the time in steps of at most 1 ms and calls every tick callback after each
-    step, so that a main loop with its watchdog runs at its simulated time. Callbacks of `call_at`
-    are called at their exact time, on the thread that sleeps. Several threads may sleep: each
-    returns when the common time has reached its own deadline.
+    Ticks follow steps of at most 1 ms, so that a main loop with its watchdog runs at its simulated
+    time. Of several threads that sleep, each returns when the common time reaches its own deadline.
     """
 
     def __init__(self, start_s: float = 0.0) -> None:
@@ -138,13 +131,7 @@ class VirtualClock:
         return self._agenda.add(round(at_s * 1e9), callback)
 
     def on_tick(self, callback: Callable[[], object]) -> Callable[[], None]:
-        """Call `callback` after each step of time, on the thread that sleeps.
-
-        Returns
-        -------
-        Callable
-            Unregisters the callback; after it returns, the callback is not called again.
-        """
+        """Call `callback` after each step of time, on the thread that sleeps."""
 
         def unregister() -> None:
             with self._step_lock:

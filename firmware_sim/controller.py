@@ -9,26 +9,10 @@ from .firmware import Firmware
 
 
 class SimulatedController:
-    """An LED controller as a host sees it at the other end of a cable.
+    """An LED controller as a host sees it at the other end of a cable; thread-safe.
 
-    Thread-safe: a clock's tick may call `poll` while a server feeds bytes.
-
-    Parameters
-    ----------
-    board
-        The simulated board, on the same clock.
-    clock
-        The controller's clock, real or virtual.
-    resets_on_open
-        Whether opening the port resets the board, as with an Arduino and not with a Pico.
-    boot_ms
-        Time from a reset to the banner; bytes that arrive during it are lost.
-    link_delay_ms
-        Time of each line on the wire, before it is executed.
-    turn_us
-        Shortest and longest pass of the firmware's main loop; about 50 to 200 us with MicroPython.
-        While a sequence runs, the loop is simulated pass by pass, so that it handles edges of the
-        strobe and deadlines up to one pass late.
+    While a sequence runs, the main loop is simulated pass by pass, each of `turn_us` (about 50 to
+    200 us with MicroPython), so that edges are handled up to one pass late.
     """
 
     def __init__(

@@ -23,18 +23,10 @@ class HostLine(Protocol):
 
 
 class Endpoint:
-    """A place to connect to, for one host at a time.
+    """A place to connect to, for one host at a time."""
 
-    Attributes
-    ----------
-    address
-        The address that a host opens.
-    listener_fd
-        Descriptor that becomes readable when a host connects; None: poll `accept`.
-    """
-
-    address: str
-    listener_fd: int | None = None
+    address: str  # that a host opens
+    listener_fd: int | None = None  # readable when a host connects; None: poll `accept`
 
     def accept(self) -> HostLine | None:
         """Return the line to a host that has connected, or None."""

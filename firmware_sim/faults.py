@@ -25,18 +25,7 @@ def require(holds: bool, cause: str) -> None:
 
 @dataclass(frozen=True)
 class When:
-    """Conditions for the events that a fault affects; all that are given must hold.
-
-    Attributes
-    ----------
-    nth, times
-        Number of the first affected event from `from_s` on, counted from 1, and number of affected
-        events. None affects all.
-    from_s, until_s
-        Time on the simulation's clock, which starts at 0.
-    probability
-        Probability with which each of these events is affected.
-    """
+    """Conditions for the events that a fault affects; all that are given must hold."""
 
     nth: int | None = None
     times: int = 1
@@ -71,19 +60,7 @@ class When:
 
 @dataclass(frozen=True)
 class LineFault:
-    """A fault of lines on the serial line.
-
-    Attributes
-    ----------
-    kind
-        ``lose``, ``garble`` (one to three wrong bytes), ``truncate`` (end and line end missing),
-        ``double``, ``lose_byte``, ``double_byte``, ``delay`` (by `delay_ms`), ``late`` (comes with
-        the next line), ``reboot`` (the controller restarts instead of executing the line).
-    direction
-        ``to_controller`` for commands, ``to_host`` for replies.
-    containing
-        Text of the affected commands, or of the commands whose replies are affected.
-    """
+    """A fault of lines on the serial line; rig/README.md has the kinds."""
 
     kind: Literal[
         "lose", "garble", "truncate", "double", "lose_byte", "double_byte", "delay", "late",
@@ -106,16 +83,7 @@ class LineFault:
 
 @dataclass(frozen=True)
 class LedFault:
-    """A fault in the light of one LED, during a time.
-
-    Attributes
-    ----------
-    kind
-        ``dead``, ``dim`` (`share` of its light is missing), ``stuck_on`` (never less than `share`),
-        ``flicker`` (up to `share` is missing, as a sine of `frequency_hz`), ``unsteady`` (up to
-        `share` is missing, at random for each 1 / `frequency_hz`), ``swapped`` (its cable and that
-        of LED `other` are exchanged, always).
-    """
+    """A fault in the light of one LED, during a time; rig/README.md has the kinds."""
 
     kind: Literal["dead", "dim", "stuck_on", "flicker", "unsteady", "swapped"]
     led: int

@@ -67,11 +67,7 @@ def crc8(data: bytes) -> int:
 
 
 class Lamps:
-    """The LEDs: at most one is lit, each within the limits of the board.
-
-    An LED that is on uses up its budget, and one that is off restores it, at rates that balance at
-    the largest duty. A full budget lasts for the longest time on.
-    """
+    """The LEDs: at most one is lit, and each spends and restores a budget of time."""
 
     def __init__(self, board: "Board") -> None:
         self._board = board
@@ -126,9 +122,8 @@ class Step:
 class Sequence:
     """Lights in a given order, one exposure under each; construction starts the sequence.
 
-    The next step follows at the end of an exposure, or after a time with triggered exposures. An
-    exposure counts if it began after its light had settled. All events are recorded for the host.
-    With a delay, the first step starts that long after the next edge of the part sensor.
+    An exposure counts if it began after its light had settled. With a delay, the first step starts
+    that long after the next edge of the part sensor.
     """
 
     def __init__(

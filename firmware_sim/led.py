@@ -51,14 +51,7 @@ class LedLight(Protocol):
 
 
 class Led:
-    """Relative optical output (0 to 1) of one LED over time, from its switch history.
-
-    Parameters
-    ----------
-    rise_ms, fall_ms
-        10 % to 90 % times of the exponential approach to a higher and to a lower drive; 0 switches
-        at once.
-    """
+    """Relative optical output (0 to 1) of one LED over time, from its switch history."""
 
     def __init__(self, rise_ms: float, fall_ms: float) -> None:
         self._rise_tau_s = rise_ms / 1000.0 * _TAU_PER_10_90

@@ -49,10 +49,7 @@ def serve_tcp(controller: SimulatedController, port: int = 0) -> "Server":
 
 
 class Server:
-    """A server of one controller, from construction until `stop` or the end of a `with`.
-
-    On a virtual clock the controller also runs once per simulated millisecond.
-    """
+    """A server of one controller, from construction until `stop` or the end of a `with`."""
 
     def __init__(self, controller: SimulatedController, endpoint: Endpoint) -> None:
         self._controller = controller
@@ -67,10 +64,7 @@ class Server:
 
     @property
     def address(self) -> str:
-        """The address for hosts: path of a terminal or socket, or ``socket://127.0.0.1:PORT``.
-
-        With a serial device it is the path of this end; the host opens the other.
-        """
+        """The address for hosts; for a serial device, the path of this end."""
         return self._endpoint.address
 
     def stop(self) -> None:

@@ -31,10 +31,7 @@ class _TerminalLine:
 
 
 class PtyEndpoint(Endpoint):
-    """A raw pseudo-terminal, optionally with a symbolic link at a new path.
-
-    A pty does not announce that it has been opened, so `accept` must be polled.
-    """
+    """A raw pseudo-terminal, optionally with a symbolic link at a new path."""
 
     def __init__(self, link: Path | None = None) -> None:
         self._master, slave = openpty()
@@ -93,18 +90,7 @@ class PtyEndpoint(Endpoint):
 
 
 class TtyEndpoint(Endpoint):
-    """A real serial device: this end of a null modem, or of a USB gadget's line.
-
-    Such a line does not show whether its other end is open, so a host counts as connected while
-    the device exists. A device that disappears is opened again when it is back.
-
-    Raises
-    ------
-    OSError
-        If the device is missing, not permitted, in use or not a serial device.
-    ValueError
-        If serial devices do not have the speed `baud`.
-    """
+    """A serial device: this end of a null modem or a USB gadget, opened again when it is back."""
 
     def __init__(self, path: Path, baud: int) -> None:
         self.address = str(path)

@@ -14,10 +14,9 @@ _BLACK_REPEAT, _BLACK, _BLACK_DELTA_H, _BLACK_DELTA_V, _WHITE = range(50713, 507
 
 
 def linear_raw(content: bytes, page: Any) -> npt.NDArray[np.uint16]:
-    """Return the raw image on a `tifffile` page as (H, W) or (H, W, 3) linear camera RGB.
+    """Raw image (H, W) or (H, W, 3) of a `tifffile` page as linear camera RGB, 0 to 65535.
 
-    Black level is 0 and white level 65535. There is no white balance and no colour matrix, so that
-    a pixel depends on the light in it only. Missing colours are the mean of their neighbours.
+    There is no white balance and no colour matrix, so that a pixel depends on the light in it only.
     """
     try:
         import rawpy

@@ -28,10 +28,7 @@ class CameraError(HardwareError):
 
 @dataclass(frozen=True)
 class ControlFault:
-    """One control of a camera that does not hold its configured value.
-
-    `seen` names the control, its configured value and the value found.
-    """
+    """One control of a camera that does not hold its configured value."""
 
     control: str
     seen: str

@@ -31,13 +31,7 @@ def start_known_to_s(config: StampedCameraConfig) -> float:
 
 
 def require_measured_mode(config: StampedCameraConfig) -> None:
-    """Reject a timing that was measured in another mode of the camera.
-
-    Raises
-    ------
-    ConfigError
-        If `timing_measured_at` is another mode than the configured one.
-    """
+    """Reject a timing that was measured in another mode of the camera."""
     if config.timing_measured_at not in (None, config.mode):
         raise ConfigError(
             f"camera.timing_measured_at = {config.timing_measured_at!r}, but the camera is set to "

@@ -50,15 +50,7 @@ def switch_to(rig: Rig, light: int | None) -> Switch:
 
 
 def fresh_frame(rig: Rig, light: int | None) -> Frame:
-    """Switch to `light` (None: all off) and return the first good frame exposed under it.
-
-    Previews and the doctor use it; `capture_set` checks more.
-
-    Raises
-    ------
-    HardwareError
-        If the controller or the camera fails, or no such frame arrives.
-    """
+    """Switch to `light` (None: all off) and return the first good frame exposed under it."""
     plan = rig.config.sequence_plan
     if plan is not None and plan.triggers:
         return _triggered_frame(rig, replace(plan, lights=(light,)))
@@ -72,11 +64,7 @@ def fresh_frame(rig: Rig, light: int | None) -> Frame:
 def begin_sequence(
     rig: Rig, plan: SequencePlan, *, part_delay_s: float | None = None
 ) -> RunningSequence:
-    """Start a sequence after the exposure that an aborted one left running.
-
-    No trigger may come during that exposure. `part_delay_s` and errors are those of
-    `RunningSequence`.
-    """
+    """Start a sequence after the exposure that an aborted one left running."""
     if plan.triggers:
         rig.clock.sleep_s(exposure_left_s(rig.lights, plan))
     return RunningSequence(rig.lights, plan, part_delay_s=part_delay_s)
@@ -118,28 +106,7 @@ def frames_until_fresh(
     receive: Callable[[Frame, float], FrameKind] = kind_of,
     spare_s: float = SPARE_S,
 ) -> Iterator[tuple[Frame, FrameKind]]:
-    """Read frames up to and including the first fresh one.
-
-    Parameters
-    ----------
-    not_before_s
-        Earliest exposure start of a fresh frame, on the rig's clock.
-    receive
-        Takes each frame and `not_before_s`, and returns the frame's kind.
-    spare_s
-        How long to wait beyond what the frame rate and the driver's queue explain.
-
-    Yields
-    ------
-    Each frame with its kind; the last one is fresh.
-
-    Raises
-    ------
-    NoFreshFrameError
-        If frames arrive, but no fresh one in time.
-    CameraError
-        If the camera delivers no frame at all.
-    """
+    """Read frames up to and including the first one exposed after `not_before_s`."""
     info, now_s = rig.camera.info, rig.clock.now_s()
     frames_s = (info.queue_length + 3) * info.frame_period_s + info.exposure_s
     patience_s = max(not_before_s - now_s, 0.0) + frames_s + spare_s

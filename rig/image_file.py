@@ -69,12 +69,6 @@ def read_image(path: Path) -> Image:
 
     Pixel values are those of the file; those of a DNG are linear, see `rig.dng`. The image is
     turned upright as its EXIF or XMP data say. Bytes after the end of a JPEG or PNG are ignored.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, damaged, not one grey or colour image of 8 or 16 bits, or declares
-        far more pixels than a file of its length can hold.
     """
     return read_image_file(path)[0]
 

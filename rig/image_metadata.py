@@ -29,11 +29,7 @@ _PROFILE_TOLERANCE = 1
 
 @dataclass(frozen=True)
 class ImageMetadata:
-    """What a file states: EXIF orientation, response, exposure time, date of the exposure.
-
-    The response is ``linear``, ``srgb`` or the name of another one. The date is of ISO 8601; it is
-    local time if it has no offset.
-    """
+    """What a file states of its image; the response is ``linear``, ``srgb`` or another name."""
 
     orientation: int = 1
     response: str | None = None

@@ -32,15 +32,7 @@ _MOST_COLUMNS = 1280
 def answering_controllers(
     ports: Sequence[SerialPort], ask: Callable[[str], ControllerIdentity] = identify
 ) -> list[tuple[SerialPort, ControllerIdentity]]:
-    """The light controllers that answer at `ports`, in their order.
-
-    Parameters
-    ----------
-    ports
-        Serial ports at which a board may be.
-    ask
-        Identifies the controller at a device name, or raises `LightControllerError`.
-    """
+    """The light controllers that answer at `ports`, in their order."""
     found = []
     for port in ports:
         try:
@@ -51,18 +43,7 @@ def answering_controllers(
 
 
 def initial_config(controllers: Controllers, cameras: Sequence[ListedCamera]) -> str:
-    """The text of a ``rig.toml`` with the first controller and the first usable camera.
-
-    Everything else that was found is listed in comments. A key whose device was not found is a
-    comment that tells how to fill it in; such a file is refused until that is done.
-
-    Parameters
-    ----------
-    controllers
-        Controllers that answered, with their ports.
-    cameras
-        From `rig.v4l2.camera_list.list_cameras`.
-    """
+    """A ``rig.toml`` for the first controller and camera that work, with the others in comments."""
     return "\n".join(
         [
             "# The rig, written by ps4rig rig init from what was plugged in. A line that begins",

@@ -41,21 +41,10 @@ _Grabbed = tuple[Pixels, float]  # pixels, and the time of arrival in s
 
 
 class OpencvCamera:
-    """An open camera of ``cv2.VideoCapture``.
+    """An open camera of ``cv2.VideoCapture``, whose frames a thread reads and numbers.
 
-    OpenCV provides no time stamps, sequence numbers or error flags, and a read may block for ten
-    seconds. So a thread reads the frames and numbers them as they arrive; a lost frame goes
-    unnoticed.
-
-    The exposure start is bounded by the number of buffers n: a buffer can only be filled again
-    after it was returned. So frame k was exposed no earlier than one exposure and one period before
-    frame k - n - 1 arrived, and this time is reported. It is never later than the true start, and
-    costs n frames per light. `device` may be anything that OpenCV opens, such as a video file.
-
-    Raises
-    ------
-    CameraError
-        If it cannot be opened, lacks the size or rate, or its exposure cannot be set.
+    A frame is reported as exposed one exposure and one period before the arrival of the frame that
+    came n + 1 frames earlier, for n buffers: a buffer is filled again only after it was returned.
     """
 
     def __init__(self, config: OpencvCameraConfig) -> None:

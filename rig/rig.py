@@ -21,10 +21,10 @@ from .lights.discovery import (
     ports_to_try,
 )
 from .lights.driver import LightController
+from .lights.link import DEFAULT_TIMEOUTS, LinkTimeouts
 from .lights.recovery import Whereabouts
 from .lights.sequence import require_one_line
-from .lights.timeouts import DEFAULT_TIMEOUTS, LinkTimeouts
-from .signals import uninterrupted
+from .signals import signals_held_back
 from .simulation.rig import Simulation
 
 
@@ -67,15 +67,13 @@ class Rig:
 
         Signals that would end the program are delivered afterwards.
         """
-        uninterrupted(self._close)
-
-    def _close(self) -> None:
-        try:
-            self.lights.close()
-        finally:
-            self.camera.close()
-            if self.simulation is not None:
-                self.simulation.close()
+        with signals_held_back():
+            try:
+                self.lights.close()
+            finally:
+                self.camera.close()
+                if self.simulation is not None:
+                    self.simulation.close()
 
     def __enter__(self) -> Self:
         return self

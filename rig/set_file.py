@@ -76,10 +76,7 @@ def pages(
 
 
 def fields_sha256(fields: dict[str, Any]) -> str:
-    """SHA-256 of the fields without `sha256`, as sorted ASCII JSON without blanks.
-
-    `pixels_sha256` is one of the fields, so that this hash covers pixels and metadata.
-    """
+    """SHA-256 of the fields without `sha256`, as sorted ASCII JSON without blanks."""
     others = {name: value for name, value in fields.items() if name != "sha256"}
     canonical = json.dumps(others, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(canonical.encode("ascii")).hexdigest()

@@ -2,7 +2,7 @@
 
 import signal
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 # Windows has only the first two.
@@ -11,21 +11,6 @@ _ENDING = [
     for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT")
     if hasattr(signal, name)
 ]
-
-
-def uninterrupted(action: Callable[[], object]) -> None:
-    """Run `action` to its end, and deliver signals that end a program only afterwards.
-
-    An interrupt that arrives before the signals are held back runs `action` again, so it must be
-    harmless to repeat. It needs its own deadlines, since Ctrl-C does not end it.
-    """
-    try:
-        with signals_held_back():
-            action()
-    except KeyboardInterrupt:
-        with signals_held_back():
-            action()
-        raise
 
 
 @contextmanager
@@ -39,27 +24,18 @@ def signals_held_back() -> Iterator[None]:
         yield  # Python runs handlers in the main thread only
         return
     held: list[int] = []
-    handlers = {number: signal.getsignal(number) for number in _ENDING}
-    masked = _masked("SIG_BLOCK", ())
+    # None is a handler that was not installed from Python.
+    handlers = {
+        number: handler
+        for number in _ENDING
+        if (handler := signal.getsignal(number)) not in (signal.SIG_IGN, None)
+    }
     try:
-        _masked("SIG_BLOCK", _ENDING)
-        for number, handler in handlers.items():
-            if handler not in (signal.SIG_IGN, None):  # None: not installed from Python
-                signal.signal(number, lambda number, _frame: held.append(number))
-        _masked("SIG_SETMASK", masked)
+        for number in handlers:
+            signal.signal(number, lambda number, _frame: held.append(number))
         yield
     finally:
-        _masked("SIG_BLOCK", _ENDING)
         for number, handler in handlers.items():
-            if handler not in (signal.SIG_IGN, None):
-                signal.signal(number, handler)
-        for arrived in dict.fromkeys(held):
-            signal.raise_signal(arrived)  # pending until the mask is restored
-        _masked("SIG_SETMASK", masked)
-
-
-def _masked(change: str, numbers: Iterable[int]) -> set[signal.Signals]:
-    """Change the mask of this thread, and return it as it was. Windows has no mask."""
-    if not hasattr(signal, "pthread_sigmask"):
-        return set()
-    return signal.pthread_sigmask(getattr(signal, change), numbers)  # type: ignore[return-value]
+            signal.signal(number, handler)
+        for number in dict.fromkeys(held):
+            signal.raise_signal(number)

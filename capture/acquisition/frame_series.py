@@ -11,7 +11,7 @@ from rig import Frame, Rig
 from rig.camera import EXPOSURE_LAG_FRAMES, Pixels
 from rig.errors import CameraError, ConfigError
 from rig.fresh_frame import SPARE_S, FrameKind, fresh_frame, kind_of, next_fresh_frame, switch_to
-from rig.signals import uninterrupted
+from rig.signals import signals_held_back
 
 from .frame_mean import check_frame
 from .repeated_frames import RepeatDetector
@@ -63,17 +63,14 @@ def require_free_running(rig: Rig) -> None:
 def exposure_kept(rig: Rig) -> Iterator[None]:
     """Restore the exposure and put the LEDs out at the end, also after an error."""
     configured_ms = 1e3 * rig.camera.info.exposure_s
-
-    def restore() -> None:
-        try:
-            rig.lights.off()
-        finally:
-            rig.camera.set_exposure(configured_ms)
-
     try:
         yield
     finally:
-        uninterrupted(restore)
+        with signals_held_back():
+            try:
+                rig.lights.off()
+            finally:
+                rig.camera.set_exposure(configured_ms)
 
 
 def brightest_light(rig: Rig) -> int:

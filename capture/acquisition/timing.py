@@ -9,7 +9,7 @@ from typing import Literal
 from capture.errors import SetRejected
 from capture.sets.captured_set import CapturedSet
 from rig import RigConfig, open_rig
-from rig.latency.switch import measure_switch_latency
+from rig.lights.driver import measure_switch_latency
 
 from .attempts import capture_set
 

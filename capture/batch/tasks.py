@@ -20,9 +20,8 @@ from capture.errors import SetRejected
 from capture.maps.files import write_maps
 from capture.maps.surface_maps import RELIT_LIGHT
 from capture.sets import ome_tiff
-from capture.sets.captured_set import CapturedSet
+from capture.sets.captured_set import CapturedSet, calibration_of
 from capture.sets.metadata import SetMetadata
-from capture.sets.set_calibration import calibration_of
 from classify import Lighting, Match, Method, SurfaceEstimate, TextureLibrary
 from classify.calibration.calibration import Calibration
 from classify.classifiers import Observation

@@ -35,15 +35,9 @@ def find_calibration(
     given: Path | None,
     way_out: str,
 ) -> FoundCalibration | None:
-    """Find the calibration of the set at `path`: `given`, or that of one of the `hashes`.
+    """Find the calibration of the set at `path`: `given`, or one of the `hashes`, beside the set.
 
-    It is looked for beside the set, and in folders ``calibration`` beside the set and beside its
-    folder. None for a set that names none. `way_out` ends the message about a missing one.
-
-    Raises
-    ------
-    CalibrationError
-        If the calibration is missing, cannot be read, or is of another rig or setting.
+    `way_out` ends the message about a missing one.
     """
     if given is not None:
         found, file = given, read_calibration(given)
@@ -56,13 +50,7 @@ def find_calibration(
 
 
 def check_setting(file: CalibrationFile, setting: Setting, what: str) -> None:
-    """Check that a calibration holds for a set or rig, which `what` names in the message.
-
-    Raises
-    ------
-    CalibrationError
-        Naming for each part what differs.
-    """
+    """Check that a calibration holds for a set or rig, which `what` names in the message."""
     causes: dict[str, list[str]] = {}
     for name in sorted(file.records):
         for difference in file.differences(name, setting):
@@ -77,13 +65,7 @@ def check_setting(file: CalibrationFile, setting: Setting, what: str) -> None:
 
 
 def read_calibration(path: Path) -> CalibrationFile:
-    """Read a calibration, or return the one that was read from the unchanged file before.
-
-    Raises
-    ------
-    CalibrationError
-        As `CalibrationFile.read`.
-    """
+    """Read a calibration, or return the one that was read from the unchanged file before."""
     try:
         about = path.stat()
     except OSError:
@@ -92,15 +74,7 @@ def read_calibration(path: Path) -> CalibrationFile:
 
 
 def keep_beside(source: Path, file: CalibrationFile, set_path: Path) -> None:
-    """Put a calibration, if missing, where the set at `set_path` finds it.
-
-    The file name contains the hash, because the file at `source` may have changed since.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+    """Put a calibration, if missing, where the set at `set_path` finds it by its hash."""
     above = set_path.absolute().parent.parent / FOLDER
     folder = above if above.is_dir() else set_path.absolute().parent / FOLDER
     copy = folder / f"{source.stem}-{file.hash[:_DIGITS]}{SUFFIX}"

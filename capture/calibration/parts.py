@@ -22,10 +22,7 @@ PART_NAMES: Final[tuple[PartName, ...]] = get_args(PartName)
 
 
 def taken_apart(part: Any) -> tuple[Values, dict[str, Array]]:
-    """Return the plain values and the arrays of a part, each by the path of its field.
-
-    A part is a dataclass of numbers, texts, arrays, None and further dataclasses.
-    """
+    """The plain values and the arrays of a part, each by the path of its field."""
     values: Values = {}
     arrays: dict[str, Array] = {}
 
@@ -48,13 +45,7 @@ def taken_apart(part: Any) -> tuple[Values, dict[str, Array]]:
 
 
 def put_together(name: PartName, values: Values, arrays: dict[str, Array]) -> Any:
-    """Return the part of `taken_apart`.
-
-    Raises
-    ------
-    InputError
-        If a field is missing, unknown, or not of its type; the message names it.
-    """
+    """Return the part of `taken_apart`."""
     left = {*values, *arrays}
     if max((each.count(".") for each in left), default=0) > _MOST_LEVELS:
         raise InputError(f"fields are nested more than {_MOST_LEVELS} times")

@@ -44,24 +44,14 @@ _DTYPES = ("<f8", "<f4", "<i4", "|b1", "|u1", "<u2")
 
 
 class PartRecord(Record):
-    """Date, setting and quality of the measurement of a part.
-
-    Attributes
-    ----------
-    date
-        UTC, ISO 8601.
-    quality, figures
-        How good it is, in words and in numbers by name. Units are in the names; a number whose name
-        has none is a share or a count.
-    source
-        ``captured``, or the names of the sets or images that were given.
-    """
+    """Date, setting and quality of the measurement of a part."""
 
     date: str = Field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
     setting: Setting
-    quality: str
+    quality: str  # in words
+    # units are in the names; else a share or a count
     figures: dict[str, FiniteFloat] = Field(default_factory=dict)
-    source: tuple[str, ...]
+    source: tuple[str, ...]  # "captured", or the names of sets or images
     software_version: str = Field(default_factory=lambda: version("ps4rig"))
 
     def age_days(self, at: datetime) -> int | None:
@@ -275,3 +265,8 @@ def _sha256(array: npt.NDArray[Any]) -> str:
     plain = np.ascontiguousarray(array)
     about = f"{plain.dtype.str} {array.shape} ".encode()
     return hashlib.sha256(about + plain.tobytes()).hexdigest()
+
+
+def stated_error(share: float, decimals: int) -> str:
+    """Return an error in percent; one that rounds to 0 is given as the smallest that does not."""
+    return f"{max(share, 0.01 * 10.0**-decimals):.{decimals}%}"

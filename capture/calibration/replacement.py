@@ -64,15 +64,7 @@ class _Known:
 
 
 def kept_because(file: CalibrationFile, new: MeasuredPart) -> str | None:
-    """Say why the part of a calibration is better than a new one; None if it is not.
-
-    A part of more than a year is never better, and one that no longer holds is not compared.
-
-    Raises
-    ------
-    CalibrationRejected
-        If the new part contradicts the one that is there by more than the errors of both.
-    """
+    """Say why the part of a calibration is better than a new one; None if it is not."""
     known, found = _known(file, new), _Known(new.part, new.record)
     if known is None:
         return None

@@ -24,21 +24,7 @@ Side = Annotated[int, Field(ge=1, le=32768)]
 
 
 class Setting(Record):
-    """Camera, frame and lights of one set or one measurement; None for what is not known.
-
-    Attributes
-    ----------
-    rig_name, camera
-        Name of the rig, and kind and name of its camera.
-    crop
-        Part of the photographs that was kept, as in a set's metadata.
-    exposure_ms, gain, gamma, pixel_value_controls
-        Exposure, and what else changes the pixel value of the same light, as in `CameraInfo`.
-    photograph_gamma
-        Response of photographs that was undone when they were imported.
-    light_directions, led_levels_percent
-        The lights as configured, in order, and the drive levels of their LEDs.
-    """
+    """Camera, frame and lights of one set or one measurement; None for what is not known."""
 
     simulated: bool
     rig_name: str | None

@@ -8,7 +8,7 @@ from pathlib import Path
 import tifffile
 
 from capture.sets.captured_set import CapturedSet
-from capture.sets.light_list_file import write_light_list
+from capture.sets.light_list import write_light_list
 from classify.durable_folder import durable_folder
 from classify.errors import InputError
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from capture.calibration.ps4cal import MeasuredPart
+from capture.calibration.ps4cal import MeasuredPart, stated_error
 from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
 from capture.sets.photographs import Photographs
@@ -17,8 +17,6 @@ from classify.calibration.dark_frames import DarkFrames
 from classify.calibration.exposure_ladder import ExposureLadder, response_of
 from classify.calibration.photon_transfer import PhotonTransfer, photon_transfer
 from classify.errors import CalibrationRejected, InputError
-
-from .stated_error import stated_error
 
 # Below this standard deviation, rounding hides the noise of a pixel (0.24 DN^2 in EMVA 1288).
 _ROUNDED_AWAY = 0.49
@@ -37,10 +35,7 @@ class Rung:
 def dark_part(
     found: DarkFrames, dark: Dark, setting: Setting, source: Sequence[str]
 ) -> MeasuredPart:
-    """Describe frames with the lens covered.
-
-    `dark` is the part made from these frames; it may include the ambient light.
-    """
+    """Describe frames with the lens covered by the part made from them."""
     dark = replace(dark, exposure_ms=setting.exposure_ms)
     full = dark.full_scale
     hot = len(dark.hot_pixels)
@@ -81,14 +76,7 @@ def response_parts(
     setting: Setting,
     source: Sequence[str],
 ) -> list[MeasuredPart]:
-    """Fit the response, and for a linear camera the noise, to a ladder of exposures.
-
-    Raises
-    ------
-    CalibrationRejected
-        If no response explains the ladder. A noise that cannot be measured is left out, with a
-        warning.
-    """
+    """Fit the response, and for a linear camera the noise, to a ladder of exposures."""
     rungs = list(rungs)
     if not rungs:
         raise InputError("no exposures are given; give at least one set")
@@ -119,10 +107,7 @@ def response_parts(
 def levels_of(
     frames: Frames, full_scale: float, bit_depth: int, calibration: Calibration
 ) -> BlockLevels:
-    """Return the levels of frames in values of the camera, without its hot pixels.
-
-    `full_scale` is that of the frames, which may be stretched, and `bit_depth` the camera's.
-    """
+    """Levels of frames in values of the camera, without its hot pixels."""
     dark = calibration.dark
     hot = [] if dark is None else [each.hot_pixels for each in dark.exposures]
     known = bool(hot) and not any((each >= frames.shape[1:]).any() for each in hot)
@@ -152,15 +137,7 @@ def whole_stops(exposure_ms: float) -> float:
 
 
 def rungs_of_sets(sets: Sequence[CapturedSet], calibration: Calibration) -> list[Rung]:
-    """Return the levels of sets of one still scene, by exposure.
-
-    The light image of the brightest light counts. Sets of the same exposure show the noise.
-
-    Raises
-    ------
-    InputError
-        If a set does not state its exposure, or the sets are of different cameras or settings.
-    """
+    """Levels of the brightest light of sets of one still scene, by exposure."""
     first = sets[0].setting
     light = int(np.argmax([image.mean() for image in sets[0].images]))
     images: dict[tuple[float, int], list[npt.NDArray[np.uint16]]] = {}

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from capture.calibration.ps4cal import MeasuredPart
+from capture.calibration.ps4cal import MeasuredPart, stated_error
 from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
 from classify.calibration.calibration import Calibration
@@ -13,8 +13,6 @@ from classify.calibration.lights import CalibratedLights
 from classify.calibration.plate import MeasuredPlate, measure_plate
 from classify.errors import InputError
 from classify.images.stack import ImageStack
-
-from .stated_error import stated_error
 
 # Figure of a flat field by which a later light image of a sheet shows another exposure.
 SHEET_BRIGHTNESS = "sheet_brightness"
@@ -28,22 +26,7 @@ def plate_parts(
     mask: npt.NDArray[np.bool_] | None,
     source: Sequence[str],
 ) -> list[MeasuredPart]:
-    """Measure a sheet that the camera parts of `calibration` correct.
-
-    Parameters
-    ----------
-    sets
-        Placements of the sheet at one setting.
-    mask
-        (H, W) pixels that count, beside those within the masks of the sets; None for all.
-
-    Raises
-    ------
-    CalibrationRejected
-        As `measure_plate`.
-    InputError
-        For sets of different settings, or a mask of another size.
-    """
+    """Measure a sheet that the camera parts of `calibration` correct."""
     first = sets[0]
     setting = first.setting
     for number, each in enumerate(sets[1:], start=2):

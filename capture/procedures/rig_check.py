@@ -29,21 +29,7 @@ _SHEET = "plate"  # the surface of the simulated rig
 
 
 def check_calibration(rig: Rig, *, has_sheet: bool) -> Iterator[Check]:
-    """Check an open rig against the calibration that its configuration names.
-
-    Nothing is checked for a rig without one.
-
-    Parameters
-    ----------
-    has_sheet
-        Whether a white matt sheet is below the camera. A simulated rig puts one there itself, and
-        its part back afterwards.
-
-    Raises
-    ------
-    CalibrationError
-        If the file cannot be read, or is of another rig or setting.
-    """
+    """Check an open rig against the calibration that its configuration names, if it names one."""
     if rig.config.calibration is None:
         if has_sheet:
             advice = 'measure one with ps4rig calibrate, and set calibration = "NAME.ps4cal"'
@@ -70,17 +56,7 @@ def lays_sheet_down(rig: Rig) -> bool:
 
 
 def drift_of_rig(rig: Rig, file: CalibrationFile) -> Drift:
-    """Capture a white sheet under each light, and compare it with a calibration.
-
-    Raises
-    ------
-    InputError
-        If the calibration has no flat field.
-    CalibrationRejected
-        If the light images show no white matt sheet.
-    HardwareError
-        If the controller or the camera fails.
-    """
+    """Capture a white sheet under each light, and compare it with a calibration."""
     simulation = rig.simulation
     placement = None if simulation is None else simulation.placement
     if simulation is not None and placement is not None:
@@ -95,17 +71,7 @@ def drift_of_rig(rig: Rig, file: CalibrationFile) -> Drift:
 
 
 def drift_of_set(captured: CapturedSet, file: CalibrationFile) -> Drift:
-    """Compare a set of a white sheet with a calibration.
-
-    Raises
-    ------
-    CalibrationError
-        If the calibration is of another rig or setting.
-    InputError
-        If it has no flat field.
-    CalibrationRejected
-        If the set shows no white matt sheet.
-    """
+    """Compare a set of a white sheet with a calibration."""
     setting = captured.setting
     check_setting(file, setting, "these images")
     stack = ImageStack(captured.images, captured.ambient)

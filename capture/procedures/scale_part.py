@@ -5,13 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from capture.calibration.ps4cal import MeasuredPart
+from capture.calibration.ps4cal import MeasuredPart, stated_error
 from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
 from classify.calibration.checkerboard import SEEN_TILT_DEG, find_corners, scale_of_boards
 from classify.errors import CalibrationRejected
-
-from .stated_error import stated_error
 
 # Relative errors of a length that the record calls good and fair.
 _GOOD, _FAIR = 0.002, 0.01
@@ -31,22 +29,7 @@ def scale_part(
     setting: Setting,
     source: Sequence[str],
 ) -> MeasuredPart:
-    """Measure the scale from one picture per placement of a checkerboard.
-
-    Parameters
-    ----------
-    pictures
-        (H, W) each, of any dtype.
-    corners
-        Inner corners of the board along its two sides, in any order.
-    source
-        Names of the pictures for the record, or ``captured``.
-
-    Raises
-    ------
-    CalibrationRejected
-        If a board is not found, or the result is too bad; the message names the placement.
-    """
+    """Measure the scale from one picture per placement of a checkerboard."""
     boards = []
     for number, picture in enumerate(pictures, start=1):
         try:

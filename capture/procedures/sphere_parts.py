@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from capture.calibration.parts import PartName
-from capture.calibration.ps4cal import CalibrationFile, MeasuredPart
+from capture.calibration.ps4cal import CalibrationFile, MeasuredPart, stated_error
 from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
 from capture.sets.photographs import Photographs, read_mask
@@ -22,8 +22,6 @@ from classify.calibration.spheres import (
 )
 from classify.errors import InputError
 from classify.images.stack import ImageStack
-
-from .stated_error import stated_error
 
 # Errors of directions in words: the aim is 0.5 degrees with a mirror sphere and 2 with a matt one;
 # four degrees of slant turn the normals by three (table of faults, classify/README.md).
@@ -77,10 +75,9 @@ def images_of_sets(sets: Sequence[CapturedSet], file: CalibrationFile) -> list[S
 
 
 def _corrected(sphere: SphereImages, setting: Setting, file: CalibrationFile) -> SphereImages:
-    """Correct light images by the parts of the calibration that hold for them.
+    """Correct light images by the calibration, and by the vignetting in its flat field.
 
-    They are divided by the part of the flat field that all lights share: the vignetting of the
-    lens, which turns the lights on a matt sphere (tests/capture/procedures/test_sphere_parts.py).
+    Vignetting turns the lights on a matt sphere (tests/capture/procedures/test_sphere_parts.py).
     """
     parts = {
         name: getattr(file.calibration, name)
@@ -106,13 +103,7 @@ def sphere_parts(
     source: Sequence[str],
     diameter_mm: float | None = None,
 ) -> list[MeasuredPart]:
-    """Measure the lights, and the scale where the diameter of the sphere is known.
-
-    Raises
-    ------
-    CalibrationRejected
-        If the sphere or a light on it is not found, or a light is not known to 10 degrees.
-    """
+    """Measure the lights, and the scale where the diameter of the sphere is known."""
     scale = file.calibration.scale
     focal_px = None if scale is None else scale.focal_px
     found = lights_from_spheres(placements, kind, focal_px=focal_px)

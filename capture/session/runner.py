@@ -13,9 +13,8 @@ from capture.batch.tasks import LoadedSet
 from capture.calibration.lookup import FoundCalibration, keep_beside, read_calibration
 from capture.errors import SetRejected
 from capture.process.utc_time import utc_text
-from capture.sets.captured_set import CapturedSet
+from capture.sets.captured_set import CapturedSet, calibration_of
 from capture.sets.description import described
-from capture.sets.set_calibration import calibration_of
 from classify.errors import InputError, Ps4rigError
 from rig import HardwareError, Placement, Rig, RigConfig, open_rig
 

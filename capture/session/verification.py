@@ -9,10 +9,9 @@ from typing import Literal
 from capture.calibration.ps4cal import SUFFIX as CALIBRATION_SUFFIX
 from capture.calibration.ps4cal import CalibrationFile
 from capture.sets.archive import JOURNAL, is_set_aside
-from capture.sets.captured_set import CapturedSet
+from capture.sets.captured_set import CapturedSet, calibration_of
 from capture.sets.ome_tiff import SUFFIX as SET_SUFFIX
 from capture.sets.ome_tiff import read_header
-from capture.sets.set_calibration import calibration_of
 from classify import TextureLibrary
 from classify.defects.defect_model import DefectModel
 from classify.defects.ps4def import SUFFIX as DEFECTS_SUFFIX

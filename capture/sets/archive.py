@@ -18,10 +18,7 @@ def is_set_aside(path: Path) -> bool:
 
 
 def find_sets(places: Sequence[Path]) -> list[Path]:
-    """Return the files among `places`, and all captured sets below each folder, sorted.
-
-    A file that is named twice, or is below a folder that is named too, is returned once.
-    """
+    """The files among `places`, and all captured sets below each folder, sorted, each once."""
     found: dict[Path, Path] = {}  # by their true paths
 
     def add(path: Path) -> None:
@@ -46,11 +43,10 @@ def find_sets(places: Sequence[Path]) -> list[Path]:
 
 
 def output_folders(places: Sequence[Path], output: Path) -> dict[Path, Path]:
-    """Return a folder for the results of each captured set of `places`.
+    """A folder for the results of each captured set of `places`.
 
-    A single set given as a file has `output` itself. Otherwise each set has a folder named after
-    it, whose path below `output` is that of the set below the common folder of all `places`. So
-    sets with equal names have different folders.
+    A single file has `output` itself, others a path below it as below the common folder of
+    `places`.
     """
     sets = find_sets(places)
     if len(sets) == 1 and sets == list(places):

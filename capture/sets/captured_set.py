@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from capture.calibration.lookup import check_setting
+from capture.calibration.lookup import FoundCalibration, check_setting, find_calibration
 from capture.calibration.ps4cal import CalibrationFile
 from capture.calibration.setting import Setting
 from classify import Lighting, Method, SensorNoise, SurfaceEstimate, photometric_stereo
@@ -20,8 +20,8 @@ from classify.images.stack import ImageStack
 
 from . import ome_tiff
 from .metadata import SetMetadata, image_noise
-from .set_calibration import calibration_of, setting_of
 
+_OF_THE_CAMERA = {"exposure_ms", "gain", "gamma", "pixel_value_controls"}
 _WAY_OUT = "pass another one as calibration=, or raw=True for none"
 
 
@@ -199,3 +199,30 @@ class CapturedSet:
         """
         path = Path(path)
         return CapturedSet(*ome_tiff.read(path), path=path)
+
+
+def calibration_of(
+    path: Path,
+    metadata: SetMetadata,
+    shape: tuple[int, ...],
+    given: Path | None = None,
+    way_out: str = "give --calibration CAL, or solve --raw without one",
+) -> FoundCalibration | None:
+    """Find the calibration of the set at `path` with images of `shape`; see `find_calibration`."""
+    ids, setting = metadata.calibration_ids, setting_of(metadata, shape)
+    return find_calibration(path, ids, setting, metadata.created_utc, given, way_out)
+
+
+def setting_of(metadata: SetMetadata, shape: tuple[int, ...]) -> Setting:
+    """Return the setting of a captured or imported set with images of `shape` (rows, columns)."""
+    camera = metadata.camera
+    stated = {} if camera is None else camera.model_dump(include=_OF_THE_CAMERA)
+    name = None if camera is None or camera.kind == "replay" else f"{camera.kind} {camera.name}"
+    lit = [record for record in metadata.images if record.light is not None]
+    return Setting(
+        camera=name, width_px=shape[1], height_px=shape[0], photograph_gamma=metadata.gamma,
+        light_directions=metadata.lighting.directions,
+        led_levels_percent=tuple(record.led_level_percent for record in lit),
+        **metadata.model_dump(include={"simulated", "rig_name", "crop", "bit_depth"}),
+        **({"exposure_ms": None} | stated),
+    )  # fmt: skip

@@ -32,10 +32,7 @@ def described(
     orientation_deg: float | None = None,
     properties: Mapping[str, Property] = MappingProxyType({}),
 ) -> CapturedSet:
-    """Return a set with its description; None leaves a field empty.
-
-    Without `orientation_deg` the set keeps that of its simulated part.
-    """
+    """Return a set with its description; None leaves a text empty and the orientation unchanged."""
     fields: dict[str, Any] = {
         "specimen": specimen, "operator": operator, "note": note,
         "properties": checked_properties(properties),
@@ -50,11 +47,7 @@ def described(
 def corrected(
     metadata: SetMetadata, values: Mapping[str, str], corrected_utc: datetime
 ) -> SetMetadata:
-    """Return metadata with other values of some of `FIELDS`, each with a dated entry.
-
-    The entry keeps the value from before. An empty text removes the value. A field that has its new
-    value already gets no entry.
-    """
+    """Return metadata with other values of some of `FIELDS`; dated entries keep the old ones."""
     date = utc_text(corrected_utc)
     changes = {name: _value(name, text, value_of(metadata, name)) for name, text in values.items()}
     entries = tuple(

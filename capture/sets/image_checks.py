@@ -27,14 +27,11 @@ _PROBED_COLUMNS = 8
 
 @dataclass(frozen=True, eq=False)
 class LightImages:
-    """The images of one set, in the order of the lights, uint16 or `calibrated` float32.
-
-    `ambient` was taken before the lights, `later_ambient` between them; `names` are for messages.
-    """
+    """The images of one set, in the order of the lights, uint16 or `calibrated` float32."""
 
     images: Images
     ambient: Images
-    later_ambient: Images | None
+    later_ambient: Images | None  # taken between the lights
     lighting: Lighting
     names: Sequence[str]
     full_scale: float
@@ -86,11 +83,7 @@ class LightImages:
             return None
 
     def equal_rows(self) -> Iterator[tuple[str, str, int, int]]:
-        """Pairs of light images with their numbers of equal and of comparable rows.
-
-        Noise differs from frame to frame: a row of several values that two images share is from one
-        frame.
-        """
+        """Pairs of light images with their numbers of equal and of comparable rows."""
         textured = [np.ptp(image, axis=1) > 1 for image in self.images]
         step = max(1, self.images.shape[2] // _PROBED_COLUMNS)
         for first, second in combinations(range(len(self.images)), 2):

@@ -1,4 +1,4 @@
-"""Light directions of photographs, from an RTI ``.lp`` file or JSON."""
+"""Light directions of photographs, in an RTI ``.lp`` file or JSON."""
 
 import json
 import os
@@ -18,6 +18,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from classify import Lighting
+from classify.durable_file import durable_file
 from classify.errors import InputError
 from classify.lighting import light_fault
 from classify.regular_file import read_regular_file
@@ -66,10 +67,7 @@ _JSON: TypeAdapter[_ImagesFile | tuple[_NamedLight, ...] | tuple[Vector, ...]] =
 
 @dataclass(frozen=True)
 class LightList:
-    """Light directions of a file, by names of images as the file has them, or in order.
-
-    `places` are those of the lights in the file, `intensities` are empty if it gives none.
-    """
+    """Light directions of a file, by names of images as the file has them, or in order."""
 
     source: Path
     names: Sequence[str]
@@ -136,10 +134,7 @@ class LightList:
 
 
 def listed_files(source: Path, names: Sequence[str]) -> list[Path]:
-    """Paths of the images that a list names: as written, or beside the list.
-
-    Those beside it are taken if none of the files that it names with a folder exists.
-    """
+    """Paths of the images that a list names: as written, or else beside the list."""
     written = [_files(source.parent / name) for name in names]
     beside = [_files(source.parent / PureWindowsPath(name).name) for name in names]
     moved = not any(files for files, name in zip(written, names, strict=True) if "/" in name)
@@ -181,14 +176,7 @@ def _composed(name: str) -> str:
 
 
 def load_light_list(path: Path, *, unknown_keys: bool = False) -> LightList:
-    """Read ``.lp`` (a count, then one ``name x y z`` per line) or ``.json``.
-
-    JSON may be a list of ``[x, y, z]`` in the order of the images, a list of ``{"file": name,
-    "direction": [x, y, z]}``, or an object with such a list under ``images``. An entry may have
-    ``"intensity": number``, relative to the other lights; so may a line of ``.lp``, at its end.
-    `unknown_keys` ignores keys of JSON that look like a missing one, such as
-    ``relative_intensity``. Other unknown keys are always ignored. The warnings name them all.
-    """
+    """Read the lights of a ``.lp`` or ``.json`` file; `unknown_keys` ignores misspelt keys too."""
     text = light_list_text(path)
     if path.suffix.lower() == ".lp":
         return _parsed_lp(path, text)
@@ -311,3 +299,28 @@ def _look_alike(key: str, value: Any, missing: Iterable[str]) -> str | None:
         if words & _ALIKE[known] or any(get_close_matches(w, long, 1, _MISSPELT) for w in words):
             return known
     return None
+
+
+def require_light_list_name(path: Path) -> None:
+    """Raise `InputError` if the name of a list of lights has another ending."""
+    if path.suffix.lower() not in (".lp", ".json"):
+        raise InputError(f"{path}: let the name of a list of lights end in .lp or .json")
+
+
+def write_light_list(path: Path, lighting: Lighting, names: Sequence[str]) -> None:
+    """Write ``.lp`` with names, and intensities if known, or ``.json`` with vectors in order."""
+    require_light_list_name(path)
+    vectors = [[round(each, 9) for each in row] for row in lighting.directions.tolist()]
+    if path.suffix.lower() == ".json":
+        text = "[\n" + ",\n".join(f" {json.dumps(each)}" for each in vectors) + "\n]\n"
+    else:
+        rows = [[*vector] for vector in vectors]
+        if lighting.intensities_given:
+            rows = [
+                [*vector, round(level, 6)]
+                for vector, level in zip(vectors, lighting.intensities.tolist(), strict=True)
+            ]
+        lines = (f"{name} {' '.join(map(str, row))}" for name, row in zip(names, rows, strict=True))
+        text = "\n".join([str(len(rows)), *lines]) + "\n"
+    with durable_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")

@@ -66,11 +66,7 @@ class FrameRecord(Record):
 
 
 class ImageRecord(Record):
-    """The origin of an image: frames under one light, or a file; `light` is None for ambient light.
-
-    Times are on the clocks of rig and controller. `stale_frames` were exposed before the switch,
-    `repeated_frames` came twice, `lost_frames` are gaps in the sequence numbers.
-    """
+    """The origin of an image: frames under one light (None: ambient), or a file."""
 
     light: int | None
     frames: tuple[FrameRecord, ...] = ()
@@ -87,11 +83,7 @@ class ImageRecord(Record):
 
 
 class CameraRecord(Record):
-    """The camera with its settings as read back from it.
-
-    The noise model is in the camera's own pixel values, up to 2^bit_depth - 1; all else is as in
-    `CameraInfo`.
-    """
+    """The camera with its settings as read back; noise is in the camera's own pixel values."""
 
     kind: str
     name: str
@@ -124,12 +116,7 @@ class ControllerRecord(Record):
 
 
 class ChecksRecord(Record):
-    """Results of the checks of the lights from the images of a set.
-
-    `ambient_change` is a share of an LED's light, `redundancy_residual` one of the signal.
-    `light_levels` are the LED levels that explain the light images. `retaken` says whether a retake
-    agreed with them; `undecided` are the reasons for the retake.
-    """
+    """Results of the checks of the lights from the images of a set."""
 
     ambient_change: FiniteFloat | None
     redundancy_residual: FiniteFloat | None

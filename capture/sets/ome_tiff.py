@@ -72,10 +72,7 @@ def read(path: Path) -> tuple[Planes, Planes | None, SetMetadata, Mask | None]:
 
 
 def read_header(path: Path) -> tuple[SetMetadata, tuple[int, int]]:
-    """Read the metadata, and rows and columns of the images, but no pixel.
-
-    Errors as `read`.
-    """
+    """Read the metadata, and rows and columns of the images, but no pixel."""
     fields, (pages, rows, columns) = read_set_header(path)
     return _metadata(path, fields, pages), (rows, columns)
 
@@ -118,11 +115,7 @@ def page_names(metadata: SetMetadata) -> tuple[str, ...]:
 
 
 def _channels(metadata: SetMetadata) -> list[tuple[str, int]]:
-    """Return name and OME colour of each page.
-
-    The tilt of a light is its hue, so that opposite lights have complementary colours: in a merged
-    image, level parts look grey. Ambient image and mask are white.
-    """
+    """Name and OME colour of each page; the tilt of a light is its hue."""
     tilts_deg = metadata.lighting.to_lighting().tilts_deg
     channels = []
     for record in metadata.images:

@@ -52,10 +52,7 @@ class ImportFinding:
 def check_photographs(
     images: LightImages, mask: npt.NDArray[np.bool_] | None, calibration: Calibration
 ) -> tuple[list[ImportFinding], ChecksRecord]:
-    """Check photographs inside `mask` (H, W); the record holds the results as of a capture.
-
-    Four lights are compared as they are after the calibration.
-    """
+    """Check photographs inside `mask` (H, W); four lights are compared after the calibration."""
     shading = shading_of(images.images, images.ambient, images.full_scale, mask)
     order = shading_order(shading, images.lighting)
     agreement = images.calibrated(calibration).agreement()

@@ -25,35 +25,17 @@ _DEPTHS = (8, 10, 12, 14, 16)
 
 @dataclass(frozen=True, eq=False)
 class Photographs:
-    """Photographs of one frame, linear in light.
+    """Photographs of one frame, linear in light."""
 
-    Attributes
-    ----------
-    planes
-        One (H, W) uint16 image per file.
-    bit_depth, full_scale
-        Depth of the data in the files; pixel value of saturation in `planes`.
-    largest
-        Largest value in the files, if the depth was guessed from it, else None.
-    gamma, gamma_source
-        The response that was undone, and who says so: files, caller or nobody.
-    frame
-        Rows and columns before the crop.
-    taken
-        Date of the first photograph that has one, as in `rig.image_metadata`.
-    warnings
-        What is doubtful about the response.
-    """
-
-    planes: list[npt.NDArray[np.uint16]]
+    planes: list[npt.NDArray[np.uint16]]  # (H, W) uint16 each
     bit_depth: int
-    full_scale: int
-    largest: int | None
+    full_scale: int  # saturated value in `planes`
+    largest: int | None  # value in the files, if the depth was guessed from it
     gamma: Gamma
     gamma_source: GammaSource
-    frame: tuple[int, int]
+    frame: tuple[int, int]  # rows and columns before the crop
     taken: str | None
-    warnings: tuple[str, ...]
+    warnings: tuple[str, ...]  # about the response
 
 
 def read_photographs(
@@ -119,13 +101,7 @@ def _response(
 
 
 def read_mask(path: Path, frame: tuple[int, int], crop: Crop | None) -> BoolArray:
-    """Read a mask of the size `frame`, (rows, columns): true above mid-grey.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, has another size, or is true nowhere in the crop.
-    """
+    """Read a mask of the size `frame`, (rows, columns): true above mid-grey."""
     image = read_image(path)
     if image.shape[:2] != frame:
         raise InputError(
@@ -179,10 +155,7 @@ def _cropped(image: npt.NDArray[Any], crop: Crop | None) -> npt.NDArray[Any]:
 
 
 def _depth(images: Sequence[npt.NDArray[Any]], bits: int | None) -> tuple[int, int, int | None]:
-    """Depth of the data, saturation value, and largest value if depth was guessed.
-
-    Data of fewer bits than the file may fill its lower bits or its upper ones.
-    """
+    """Depth of the data, saturation value, and largest value if depth was guessed."""
     file_bits = 8 * images[0].dtype.itemsize
     largest = max(int(image.max()) for image in images)
     used = int(np.bitwise_or.reduce([np.bitwise_or.reduce(image, axis=None) for image in images]))

@@ -12,9 +12,7 @@ from rig.set_file import Planes, hash_page
 class PixelHash:
     """SHA-256 of the pages of a set, which may arrive in any order; see `pixels_sha256`.
 
-    A page is hashed in another thread as soon as all pages before it have arrived. One task hashes
-    all pages that are due. With one task per page, each would have to wait for the task before it,
-    which can deadlock (see `beside`).
+    One task hashes all pages that are due; tasks that wait for each other could deadlock.
     """
 
     def __init__(self) -> None:

@@ -37,10 +37,7 @@ def darken() -> None:
 
 
 class Edges:
-    """The edges of an input that is low when active, with their times.
-
-    A hard interrupt records the edges; nothing may be allocated in it.
-    """
+    """The times of edges of an input that is low when active; its interrupt must not allocate."""
 
     def __init__(self, pin: int) -> None:
         self._ticks = array("l", [0] * STROBE_BUFFER_EDGES)

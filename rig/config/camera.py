@@ -27,14 +27,7 @@ PIXEL_FORMAT_BITS = {
 
 
 class CameraConfig(Section):
-    """The keys of every kind of camera.
-
-    Attributes
-    ----------
-    kind
-        ``simulated``, ``v4l2``, ``opencv`` or ``replay``, one subclass each. The default is
-        ``v4l2`` with a real light controller and ``simulated`` with a simulated one.
-    """
+    """The keys of every kind of camera."""
 
     kind: str
     width_px: int = Field(default=512, ge=16, le=8192)
@@ -69,25 +62,7 @@ class CameraConfig(Section):
 
 
 class StampedCameraConfig(CameraConfig):
-    """A camera whose driver stamps each frame with a time.
-
-    Attributes
-    ----------
-    timestamp_marks
-        Meaning of the time stamp: ``frame_end``, an early estimate; ``driver``, as the driver
-        claims; ``writer``, the frame's end by the program that writes into a loopback device. With
-        None only a simulated driver is believed.
-    timestamp_offset_ms
-        Correction, added to the driver's time stamp.
-    timestamp_uncertainty_ms
-        Largest error of the corrected stamp, early or late; frames count as exposed earlier by it.
-    readout_ms
-        Time from the first row's exposure to the last row's. None is a whole frame period, the
-        longest readout of a rolling shutter.
-    timing_measured_at
-        The `mode` in which ``ps4rig rig latency`` measured the timing. The camera is not opened in
-        another mode.
-    """
+    """A camera whose driver stamps each frame with a time."""
 
     timestamp_marks: Literal["frame_end", "driver", "writer"] | None = None
     timestamp_offset_ms: float = Field(default=0.0, ge=-1000.0, le=1000.0)
@@ -110,20 +85,7 @@ class StampedCameraConfig(CameraConfig):
 
 
 class DeviceCameraConfig(CameraConfig):
-    """A camera that is a device of this machine.
-
-    Attributes
-    ----------
-    device
-        A path, a name in ``/dev/v4l/by-id``, or the number of ``/dev/video...``. The names stay
-        the same when cameras are plugged in another order.
-    allow_compressed
-        Whether MJPG may be used, whose losses affect every slope.
-    fixed_exposure
-        Whether the camera has no exposure control and always exposes for `exposure_ms`.
-    gain, gamma
-        In the camera's own units; None leaves them as they are.
-    """
+    """A camera that is a device of this machine."""
 
     device: str = Field(min_length=1, max_length=4096)
     allow_compressed: bool = False
@@ -210,10 +172,7 @@ CAMERA_KINDS: dict[str, type[CameraConfig]] = {
 
 
 def without_idle_keys(values: dict[str, Any]) -> dict[str, Any]:
-    """Drop the keys that belong to other kinds only and have their default value.
-
-    A ``rig.toml`` may therefore list every documented key with any kind.
-    """
+    """Drop the keys of other kinds that have their default, so that a file may list every key."""
     fields = {
         name: field for model in CAMERA_KINDS.values() for name, field in model.model_fields.items()
     }

@@ -15,18 +15,7 @@ MAX_FRAMES_BACK = 4
 
 @dataclass(frozen=True)
 class FrameFault:
-    """A fault in frames.
-
-    Attributes
-    ----------
-    kind
-        ``dropped`` (a gap in the sequence numbers), ``repeated_pixels`` (the previous pixels with a
-        new number and new times), ``repeated_frame`` (the previous frame again), ``torn`` (rows
-        below `row_share` are those of the frame `frames_back` before), ``black`` (all zero),
-        ``dark`` (a frame without light), ``late`` (delivered `delay_ms` late), ``stamped_late``
-        (times `delay_ms` later than the truth), ``drift`` (the exposure grows by the share
-        `rate_per_s` of itself per second), ``gone`` (no frame from then on).
-    """
+    """A fault in frames; rig/README.md has the kinds."""
 
     kind: Literal[
         "dropped", "repeated_pixels", "repeated_frame", "torn", "black", "dark", "late",

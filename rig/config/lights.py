@@ -20,24 +20,7 @@ Intensity = Annotated[FiniteFloat, Field(ge=0.01, le=100.0)]
 
 
 class LightsConfig(Section):
-    """The LED controller, and the positions of its LEDs.
-
-    Attributes
-    ----------
-    port
-        A device (``/dev/ttyACM0``), a pyserial URL, ``auto`` or ``simulated``.
-    serial_number, usb_id
-        Serial number, and USB vendor and product, of the controller to find with ``auto``.
-    intensities
-        Levels of the LEDs as built, relative to each other; equal if empty.
-    settle_ms
-        Time from the acknowledge of a switch until the light is steady.
-    watchdog_ms
-        Silence after which the controller puts the LEDs out.
-    synchronisation
-        Part that steps from light to light: the ``software``; the controller at each edge of the
-        camera's ``strobe``; or the controller by time, with a ``trigger`` for the camera.
-    """
+    """The LED controller, and the positions of its LEDs."""
 
     port: str = Field(default=SIMULATED, min_length=1)
     serial_number: str | None = Field(default=None, min_length=1, max_length=200)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
 
 from pydantic import Field, model_validator
 
+from classify.durable_file import durable_file
 from rig.errors import ConfigError
 
 from .camera import (
@@ -228,3 +230,30 @@ def load_config(path: Path) -> RigConfig:
             f"{SIMULATED!r} for a simulated rig"
         )
     return validated(values, RigConfig, str(path))
+
+
+def store_values(path: Path, sections: Mapping[str, Mapping[str, str | float]]) -> None:
+    """Change values in a ``rig.toml``, atomically; its comments and layout stay."""
+    import tomlkit
+
+    text = path.read_bytes().decode()
+    document: Any = tomlkit.parse(text)
+    for section, values in sections.items():
+        table = document.setdefault(section, tomlkit.table())
+        # Blank lines and comments at the end of a table introduce the next one.
+        lines = table.value.body if isinstance(table, tomlkit.items.Table) else []
+        end = next((n for n in range(len(lines), 0, -1) if lines[n - 1][0] is not None), 0)
+        introduction = lines[end:]
+        del lines[end:]
+        table.update(values)
+        lines.extend(introduction)
+    line_end = "\r\n" if "\r\n" in text else "\n"
+    changed = tomlkit.dumps(document).replace("\r\n", "\n").replace("\n", line_end)
+    # Resolved, so that a symbolic link stays and its target changes.
+    with durable_file(path.resolve()) as temporary:
+        temporary.chmod(path.stat().st_mode)
+        temporary.write_bytes(changed.encode())
+        try:
+            load_config(temporary)
+        except ConfigError as error:
+            raise ConfigError(str(error).replace(str(temporary), str(path))) from error

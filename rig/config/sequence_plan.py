@@ -49,24 +49,7 @@ class SequencePlan:
 def plan_sequence(
     light_count: int, *, triggers: bool, settle_s: float, period_s: float, exposed_s: float
 ) -> SequencePlan:
-    """Plan a dark step and one step for each light, as fast as lights and camera allow.
-
-    Parameters
-    ----------
-    light_count
-        Number of lights of the rig.
-    triggers, exposed_s
-        As in `SequencePlan`.
-    settle_s
-        Time from the switch until the light is steady.
-    period_s
-        Frame period of the camera, the least time between two triggers.
-
-    Raises
-    ------
-    ValueError
-        If there are too many lights, or no pause between two exposures.
-    """
+    """Plan a dark step and one step for each light, as fast as lights and camera allow."""
     lights = (None, *range(light_count))
     if len(lights) > MAX_STEPS:
         raise ValueError(

@@ -43,44 +43,7 @@ class Placement(Section):
 
 
 class SimulationConfig(Section):
-    """Properties of the simulated hardware.
-
-    Attributes
-    ----------
-    clock
-        ``virtual``, on which a set takes milliseconds, or ``real``.
-    ambient
-        Ambient light as a share of one LED at full level.
-    led_distance_px
-        Distance of the LEDs from the centre of the field; None for distant lights. Near LEDs are
-        points that shine by Lambert's law about an axis to the centre of the field.
-    led_levels
-        True levels of the LEDs, which the rig is not told, times `lights.intensities`; 1 if empty.
-    vignetting_percent
-        Light missing in the corners of the frame.
-    response_gamma
-        Share of full scale of a pixel value: the linear share to the power of 1 / gamma.
-    hot_pixels
-        Number of pixels, at places of the camera, that read 10 to 100 % of full scale too much.
-    mm_per_px
-        Size of a pixel on the part, for the sizes of spheres and of the checkerboard.
-    led_rise_ms, led_fall_ms
-        10 to 90 % times of the LEDs.
-    controller_turn_us
-        Shortest and longest pass of the controller's main loop. It switches up to one pass after
-        the end of an exposure.
-    readout_ms
-        Time from the first row's exposure to the last row's; 0 for a global shutter.
-    stamp_lag_ms
-        Delay of the stamp after the start of exposure, for drivers that stamp the arrival of data;
-        None for the exact start.
-    stamp_jitter_ms
-        Largest random delay in addition to `stamp_lag_ms`.
-    placement
-        The part below the camera.
-    faults
-        Simulated faults; a ``rig.toml`` contains them or names their file.
-    """
+    """Properties of the simulated hardware."""
 
     clock: Literal["virtual", "real"] = "virtual"
     ambient: float = Field(default=0.02, ge=0.0, le=1.0)

@@ -18,18 +18,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 def read_toml(path: Path, if_missing: str) -> dict[str, Any]:
-    """Read the values of a TOML file of at most `MAX_TOML_BYTES`.
-
-    Parameters
-    ----------
-    if_missing
-        Error message for a missing file; its path is put in front.
-
-    Raises
-    ------
-    ConfigError
-        If the file is missing, unreadable, too large or not TOML.
-    """
+    """Read the values of a TOML file; `if_missing` ends the message about a missing one."""
     try:
         return tomllib.loads(read_regular_file(path, MAX_TOML_BYTES).decode())
     except InputError as error:
@@ -41,13 +30,7 @@ def read_toml(path: Path, if_missing: str) -> dict[str, Any]:
 
 
 def validated(values: dict[str, Any], model: type[Model], source: str) -> Model:
-    """Return `values` as a `model`; an error names `source`, key and value.
-
-    Raises
-    ------
-    ConfigError
-        If a key is unknown, or a value is missing or out of range.
-    """
+    """Return `values` as a `model`; a `ConfigError` names `source`, key and value."""
     try:
         return model.model_validate(values)
     except ValidationError as error:

@@ -15,10 +15,7 @@ _MISSING = {
 
 
 def validation_message(error: ValidationError, root: type[BaseModel]) -> str:
-    """Describe an error of the validation of `root`, a model of the file's sections.
-
-    A misspelt key is reported rather than the key that is missing because of it.
-    """
+    """Describe an error of `root`; a misspelt key precedes the key that it should have been."""
     errors = error.errors(include_url=False)
     first = next((each for each in errors if each["type"] == "extra_forbidden"), errors[0])
     location, value, cause = list(first["loc"]), first["input"], first["msg"]

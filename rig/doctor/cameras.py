@@ -92,10 +92,7 @@ def check_frames(camera: Camera) -> Iterator[Check]:
 def exposure_range_ms(
     camera: Camera, listed: Sequence[ListedCamera], config: CameraConfig
 ) -> tuple[float, float]:
-    """Return the shortest and the longest exposure in ms; the same if the exposure is fixed.
-
-    OpenCV does not report the range of a camera, but `listed` does.
-    """
+    """The shortest and the longest exposure in ms; that of OpenCV's cameras comes from `listed`."""
     shortest_ms, longest_ms = camera.exposure_range_ms
     if not isinstance(config, DeviceCameraConfig):
         return shortest_ms, longest_ms

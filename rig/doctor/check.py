@@ -11,20 +11,7 @@ Status = Literal["ok", "warning", "fault", "unknown"]
 
 @dataclass(frozen=True)
 class Check:
-    """The result of one check of the doctor.
-
-    Attributes
-    ----------
-    name
-        What was checked.
-    status
-        ``warning`` works but should be changed, ``fault`` prevents good sets, ``unknown`` could
-        not be checked.
-    seen
-        What was found, with numbers.
-    advice
-        What to do, or empty.
-    """
+    """The result of one check; a ``warning`` still allows good sets, a ``fault`` does not."""
 
     name: str
     status: Status

@@ -12,8 +12,8 @@ from rig.config.rig import RigConfig, config_of
 from rig.errors import ConfigError, ControlError, HardwareError
 from rig.lights.discovery import list_serial_ports
 from rig.lights.driver import LightController
+from rig.lights.link import DEFAULT_TIMEOUTS, LinkTimeouts
 from rig.lights.sequence import require_one_line
-from rig.lights.timeouts import DEFAULT_TIMEOUTS, LinkTimeouts
 from rig.rig import Rig, clock_of, open_camera, open_lights, port_of
 from rig.simulation.rig import Simulation
 from rig.v4l2.camera_list import ListedCamera, list_cameras
@@ -30,20 +30,7 @@ def diagnose(
     timeouts: LinkTimeouts = DEFAULT_TIMEOUTS,
     further: Callable[[Rig], Iterator[Check]] | None = None,
 ) -> Generator[Check]:
-    """Make all checks, one after the other; a check that fails does not prevent the next.
-
-    The LEDs are lit for the light images, and out at the end, also if the generator is closed.
-
-    Parameters
-    ----------
-    rig
-        ``"sim"``, or the path of a ``rig.toml``. Without that file the devices that are plugged in
-        are listed.
-    timeouts
-        How long to wait for the light controller.
-    further
-        Checks of the open rig that are made last, such as those against a calibration.
-    """
+    """Make all checks, with `further` ones of the open rig last; a failed one prevents no other."""
     config: RigConfig | None = None
     try:
         config = config_of(rig)

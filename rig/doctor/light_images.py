@@ -37,31 +37,15 @@ _SHORTER_WHEN_SATURATED = 0.4
 
 @dataclass(frozen=True, eq=False)
 class LightImages:
-    """One ambient image, and one image under each LED.
+    """One ambient image, and one image under each LED."""
 
-    Attributes
-    ----------
-    ambient
-        Shape (H, W), with all LEDs off.
-    lights
-        Shape (N, H, W), in the order of the LEDs.
-    full_scale
-        Pixel value of saturation.
-    """
-
-    ambient: npt.NDArray[np.uint16]
-    lights: npt.NDArray[np.uint16]
-    full_scale: int
+    ambient: npt.NDArray[np.uint16]  # (H, W)
+    lights: npt.NDArray[np.uint16]  # (N, H, W), in the order of the LEDs
+    full_scale: int  # pixel value of saturation
 
 
 def capture_light_images(rig: Rig) -> LightImages:
-    """Capture an ambient image and one image under each LED; put the LEDs out at the end.
-
-    Raises
-    ------
-    HardwareError
-        If the controller or the camera fails, or no good frame comes after a switch.
-    """
+    """Capture an ambient image and one image under each LED; put the LEDs out at the end."""
     try:
         ambient, *lights = (
             fresh_frame(rig, led).pixels.astype(np.uint16)
@@ -75,10 +59,7 @@ def capture_light_images(rig: Rig) -> LightImages:
 def check_light_images(
     images: LightImages, lighting: Lighting, exposure_ms: float, range_ms: tuple[float, float]
 ) -> Iterator[Check]:
-    """Check ambient light, every LED, saturation, exposure, levels and order of the LEDs.
-
-    `lighting` is the configured one; `range_ms` has the shortest and the longest exposure.
-    """
+    """Check ambient light, every LED, saturation, exposure, levels and order of the LEDs."""
     yield from check_leds(images)
     yield _saturation(images)
     yield _exposure(images, exposure_ms, range_ms)
@@ -127,19 +108,11 @@ def _saturation(images: LightImages) -> Check:
 
 @dataclass(frozen=True)
 class ExposureRating:
-    """Rating of an exposure by the brightest LED, because all images share one exposure.
-
-    Attributes
-    ----------
-    led, share
-        The brightest LED, and its bright pixels as a share of full scale.
-    factor
-        By which to multiply the exposure; a saturated image needs another rating after that.
-    """
+    """Rating of an exposure by the brightest LED, because all images share one exposure."""
 
     led: int
-    share: float
-    factor: float
+    share: float  # of full scale, of its bright pixels
+    factor: float  # for the exposure; a saturated image needs another rating after that
 
     @property
     def is_good(self) -> bool:

@@ -6,8 +6,7 @@ from pathlib import Path
 from firmware_sim import Clock
 from firmware_sim.firmware import FIRMWARE_VERSION
 from rig.config.lights import LightsConfig
-from rig.latency.switch import measure_switch_latency
-from rig.lights.driver import LightController
+from rig.lights.driver import LightController, measure_switch_latency
 
 from .check import Check
 
@@ -22,11 +21,7 @@ def check_lights(
     config: LightsConfig,
     firmware_version: str = FIRMWARE_VERSION,
 ) -> Iterator[Check]:
-    """Check identity, number of LEDs, watchdog and switch time.
-
-    LEDs are lit and put out again. `firmware_version` is the version that ``ps4rig rig flash``
-    installs.
-    """
+    """Check identity, number of LEDs, watchdog and switch time; LEDs are lit and put out again."""
     yield _identity(lights, firmware_version)
     yield _led_count(lights, config)
     yield _watchdog(lights)

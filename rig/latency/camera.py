@@ -29,37 +29,19 @@ _SETTLED_PER_RISE = math.log(1000.0) / math.log(9.0)
 
 @dataclass(frozen=True)
 class CompleteChange:
-    """Time from the acknowledge to the first frame in which a row has changed completely.
+    """Time from the acknowledge to the first frame in which a row has changed completely."""
 
-    `typical_ms` and `most_ms` are the median and the maximum until the program has the frame,
-    `most_frames` is the largest number of frames received before it, including stale ones.
-    """
-
-    typical_ms: float
+    typical_ms: float  # median until the program has the frame
     most_ms: float
-    most_frames: int
+    most_frames: int  # received before it, stale ones included
 
 
 @dataclass(frozen=True)
 class CameraLatency:
-    """The result of ``ps4rig rig latency``.
+    """The result of ``ps4rig rig latency``."""
 
-    Attributes
-    ----------
-    camera
-        Keys and values for ``[camera]``.
-    settle_ms
-        Time until the light is within a thousandth of its level.
-    first_row, last_row
-        Complete change of the row that is exposed first, and of the row that is exposed last.
-    fit
-        The model fitted to the frames.
-    switches
-        Number of switches, on and off.
-    """
-
-    camera: dict[str, str | float]
-    settle_ms: float
+    camera: dict[str, str | float]  # keys and values for [camera]
+    settle_ms: float  # until the light is within a thousandth of its level
     first_row: CompleteChange
     last_row: CompleteChange
     fit: StepFit
@@ -67,13 +49,7 @@ class CameraLatency:
 
 
 def without_timing(config: RigConfig) -> RigConfig:
-    """The configuration without any timing of the camera, to measure it anew.
-
-    Raises
-    ------
-    ConfigError
-        If the camera has no time stamps.
-    """
+    """The configuration without any timing of the camera, to measure it anew."""
     if isinstance(config.camera, OpencvCameraConfig):
         raise ConfigError("camera.kind = 'opencv' has no time stamps to measure; use 'v4l2'")
     return config.with_changes(
@@ -95,24 +71,7 @@ def measure_latency(
     steps: int = 40,
     each: Callable[[range], Iterable[int]] = iter,
 ) -> CameraLatency:
-    """Switch an LED on and off `steps` times, and measure when the frames show it.
-
-    Parameters
-    ----------
-    rig
-        Opened with `without_timing` of its configuration.
-    led, steps
-        Number of the LED, and how often it is switched on and off.
-    each
-        Wraps the numbers of all switches, for example in a progress bar.
-
-    Raises
-    ------
-    CameraError
-        If the frames do not follow the LED, or other light changes too.
-    HardwareError
-        If the controller or the camera fails.
-    """
+    """Switch an LED on and off `steps` times, and measure when the frames show it."""
     recording = record_steps(rig, led, each(range(2 * steps)), 2 * steps)
     found = evaluate(rig, recording)
     fit = found.fit

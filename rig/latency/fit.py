@@ -40,60 +40,29 @@ _RISE_10_90 = math.log(9.0)
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """Frames around steps of one LED.
+    """Frames around steps of one LED."""
 
-    Attributes
-    ----------
-    reported_s, rising
-        (F,) reported exposure start of each frame, after its step; whether the LED was switched on.
-    shares
-        (F, B) share of the LED's full light in each band of rows, 0 to 1.
-    bands
-        (B,) position of each band from the first row, 0, to the last, 1.
-    exposure_s, period_s
-        Exposure and frame period of the camera.
-    """
-
-    reported_s: Floats
-    rising: npt.NDArray[np.bool_]
-    shares: Floats
-    bands: Floats
+    reported_s: Floats  # (F,) exposure start of each frame, after its step
+    rising: npt.NDArray[np.bool_]  # (F,) whether the LED was switched on
+    shares: Floats  # (F, B) of the LED's full light in each band of rows
+    bands: Floats  # (B,) position of each band: 0 is the first row, 1 the last
     exposure_s: float
     period_s: float
 
 
 @dataclass(frozen=True)
 class StepFit:
-    """The fitted model.
+    """The fitted model."""
 
-    Attributes
-    ----------
-    start_s
-        From the reported to the true exposure start of the row that is exposed first.
-    deviation_s
-        Largest deviation of a frame's own start from `start_s`, plus one standard deviation for
-        frames that were not measured.
-    readout_s, readout_error_s
-        From the row that is exposed first to the last one, with its standard error.
-    bottom_up
-        Whether the bottom row is exposed first.
-    rise_s, fall_s
-        10 % to 90 % times of the light.
-    caught
-        Number of frames whose exposure contains a step.
-    misfit
-        Root mean square residual of the shares.
-    """
-
-    start_s: float
-    deviation_s: float
-    readout_s: float
+    start_s: float  # from the reported to the true exposure start of the first row
+    deviation_s: float  # largest, plus one standard deviation for frames that were not measured
+    readout_s: float  # from the row that is exposed first to the last one
     readout_error_s: float
     bottom_up: bool
-    rise_s: float
-    fall_s: float
-    caught: int
-    misfit: float
+    rise_s: float  # 10 to 90 %
+    fall_s: float  # 10 to 90 %
+    caught: int  # frames whose exposure contains a step
+    misfit: float  # rms residual of the shares
 
 
 def lit_share(left_s: Floats, exposure_s: float, tau_s: float) -> Floats:

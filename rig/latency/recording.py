@@ -35,39 +35,26 @@ _AIM_BEYOND = 0.1
 
 @dataclass
 class Recording:
-    """Switches, and for each frame its times and the light in each band of its rows.
+    """Switches, and for each frame its times and the light in each band of its rows."""
 
-    Each switch has the time of its command, of its acknowledge, and of the switch on the
-    controller's clock, all in s; and whether it turned the LED on.
-    """
-
+    # s: command, acknowledge, switch; turned on
     switches: list[tuple[float, float, float, bool]] = field(default_factory=list)
     reported_s: list[float] = field(default_factory=list)
     arrived_s: list[float] = field(default_factory=list)
     of_step: list[int] = field(default_factory=list)
-    levels: list[Floats] = field(default_factory=list)
+    levels: list[Floats] = field(default_factory=list)  # (B,) each
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Result of evaluating a `Recording`.
-
-    Attributes
-    ----------
-    steps, fit
-        Light in the frames, and the model fitted to it.
-    of_step, after_s
-        (F,) number of each frame's switch, and the frame's arrival after the acknowledge.
-    delay_s, unknown_s
-        Time from the command to the switch; uncertainty of the times of the switches.
-    """
+    """Result of evaluating a `Recording`."""
 
     steps: Steps
     fit: StepFit
-    of_step: npt.NDArray[np.intp]
-    after_s: Floats
-    delay_s: float
-    unknown_s: float
+    of_step: npt.NDArray[np.intp]  # (F,) number of each frame's switch
+    after_s: Floats  # (F,) arrival of each frame after the acknowledge
+    delay_s: float  # from the command to the switch
+    unknown_s: float  # uncertainty of the times of the switches
 
     def wait_s(self, place: float, now_s: float, reported_s: float) -> float:
         """Time until a command switches at `place`, 0 to 1, of a coming exposure."""
@@ -79,12 +66,7 @@ class Evaluation:
 
 
 def record_steps(rig: Rig, led: int, numbers: Iterable[int], count: int) -> Recording:
-    """Record every frame from each switch until its change is complete.
-
-    The first half of the switches are at all phases of the frames. If exposures are short, few of
-    these switches fall into one. So the second half is aimed at exposures, whose times follow from
-    the first half.
-    """
+    """Record every frame from each switch, first at all phases, then aimed at the exposures."""
     info, clock, recording = rig.camera.info, rig.clock, Recording()
     rng = random.Random(1)
     after_s = rig.config.lights.settle_ms / 1e3 + _PERIODS_AFTER * info.frame_period_s
@@ -165,12 +147,7 @@ def _band_levels(frame: Frame) -> Floats:
 
 
 def _switch_times(asked: Floats, answered: Floats, theirs: Floats) -> tuple[Floats, float]:
-    """Time of each switch on the rig's clock, and the uncertainty.
-
-    The controller reports the time of a switch on its own clock. Each exchange bounds the
-    difference of the clocks by the times of command and answer; the bounds of neighbouring
-    exchanges are combined.
-    """
+    """Time of each switch on the rig's clock, and the uncertainty."""
     switched, unknown_s = np.empty(len(asked)), 0.0
     for index in range(len(asked)):
         near = slice(max(index - _NEIGHBOURS, 0), index + _NEIGHBOURS + 1)

@@ -9,10 +9,9 @@ from typing import Any
 from rig.config.lights import AUTO, LightsConfig
 from rig.errors import LightControllerError
 
-from .link import ControllerIdentity, ControllerLink
+from .link import DEFAULT_TIMEOUTS, ControllerIdentity, ControllerLink, LinkTimeouts
 from .port_holders import port_holders
 from .ports import pyserial
-from .timeouts import DEFAULT_TIMEOUTS, LinkTimeouts
 
 _BY_ID = Path("/dev/serial/by-id")
 _TRIES = 3  # to list the ports
@@ -40,27 +39,13 @@ _VENDORS = {
 
 @dataclass(frozen=True)
 class SerialPort:
-    """One serial port of this machine.
+    """One serial port of this machine."""
 
-    Attributes
-    ----------
-    device
-        Name given by the kernel, which depends on the order of plugging.
-    usb_id
-        Vendor and product, such as ``2e8a:0005``; None for a port that is not on USB.
-    serial_number
-        Serial number of the USB device, None without one.
-    description
-        Name that the device reports.
-    by_id
-        Name in ``/dev/serial/by-id``, which does not depend on the order of plugging.
-    """
-
-    device: str
-    usb_id: str | None = None
+    device: str  # the kernel's name, which depends on the order of plugging
+    usb_id: str | None = None  # vendor and product, such as 2e8a:0005; None without USB
     serial_number: str | None = None
     description: str = ""
-    by_id: str | None = None
+    by_id: str | None = None  # in /dev/serial/by-id
 
     @property
     def may_be_a_microcontroller(self) -> bool:
@@ -77,15 +62,7 @@ Ask = Callable[[str], ControllerIdentity]
 
 
 def list_serial_ports() -> list[SerialPort]:
-    """List the serial ports, sorted by name; none if nothing is plugged in.
-
-    Raises
-    ------
-    ConfigError
-        If pyserial knows no serial ports on this system.
-    LightControllerError
-        If they cannot be listed.
-    """
+    """List the serial ports, sorted by name; none if nothing is plugged in."""
     pyserial()
     from serial.tools.list_ports import comports
 
@@ -115,13 +92,7 @@ def _listed(comports: Callable[[], list[Any]]) -> list[Any]:
 
 
 def list_serial_ports_if_possible() -> list[SerialPort]:
-    """List the serial ports; an empty list if that fails. For callers that know their port.
-
-    Raises
-    ------
-    ConfigError
-        If pyserial knows no serial ports on this system.
-    """
+    """List the serial ports, or none if that fails; for callers that know their port."""
     with suppress(LightControllerError):
         return list_serial_ports()
     return []
@@ -130,32 +101,14 @@ def list_serial_ports_if_possible() -> list[SerialPort]:
 def identify(
     device: str, baud: int = 115_200, timeouts: LinkTimeouts = DEFAULT_TIMEOUTS
 ) -> ControllerIdentity:
-    """Open a port, ask for the identity of the controller there, and close it.
-
-    Only an empty line and ``*IDN?`` are written.
-
-    Raises
-    ------
-    LightControllerError
-        If another program has the port open, or no light controller answers there.
-    """
+    """Identify the controller at a port; only an empty line and ``*IDN?`` are written."""
     link = ControllerLink(device, baud, timeouts)
     link.close()
     return link.identity
 
 
 def find_controller(lights: LightsConfig, ports: Sequence[SerialPort], ask: Ask = identify) -> str:
-    """Find the device name of the controller for ``lights.port = "auto"``.
-
-    The configured USB serial number and USB id select ports; without a USB id only ports of known
-    vendors remain. If more than one remains, or the serial number is the controller's own rather
-    than that of USB, `ask` identifies the controller of each.
-
-    Raises
-    ------
-    LightControllerError
-        If none or several are found; the message lists the ports and the key to set.
-    """
+    """Find the controller for ``lights.port = "auto"``, as rig/README.md describes."""
     wanted = lights.serial_number
     if lights.usb_id is None:
         candidates = [port for port in ports if port.may_be_a_microcontroller]
@@ -194,10 +147,7 @@ def known_port(port: str, ports: Iterable[SerialPort]) -> SerialPort:
 
 
 def ports_to_try(previous: SerialPort, ports: Iterable[SerialPort]) -> list[str]:
-    """List the ports on which the controller of the port `previous` may be now.
-
-    These are the same port, and ports with the same USB id and serial number that are not in use.
-    """
+    """List the ports on which the controller of the port `previous` may be now."""
     others = [
         port.device
         for port in ports

@@ -1,5 +1,6 @@
 """The driver of the LED controller."""
 
+import statistics
 import threading
 from contextlib import suppress
 from dataclasses import dataclass
@@ -8,12 +9,11 @@ from typing import Self
 from firmware_sim import Clock, RealClock
 from firmware_sim.firmware import WATCHDOG_MIN_MS
 from rig.errors import LightControllerError
-from rig.signals import uninterrupted
+from rig.signals import signals_held_back
 
 from .keep_alive import KeepAliveThread, LightUsage
-from .link import ControllerIdentity, ControllerLink
+from .link import DEFAULT_TIMEOUTS, ControllerIdentity, ControllerLink, LinkTimeouts
 from .recovery import Whereabouts, find_again
-from .timeouts import DEFAULT_TIMEOUTS, LinkTimeouts
 from .wire import Reply
 
 
@@ -248,29 +248,25 @@ class LightController:
         LightControllerError
             If it does not confirm. Its watchdog then puts the LEDs out.
         """
-        uninterrupted(self._put_out)
+        with signals_held_back():
+            self._missed_keep_alive = None
+            try:
+                self.off()
+            except LightControllerError:
+                # An interrupted write may have left half a line that spoils the first command.
+                self._link.end_line()
+                self.off()
 
     def close(self) -> None:
         """Put the LEDs out if the controller still answers, and release the port."""
-        uninterrupted(self._close)
-
-    def _put_out(self) -> None:
-        self._missed_keep_alive = None
-        try:
-            self.off()
-        except LightControllerError:
-            # An interrupted write may have left half a line that spoils the first command.
-            self._link.end_line()
-            self.off()
-
-    def _close(self) -> None:
-        if self._keep_alive_thread is not None:
-            self._keep_alive_thread.stop(2.0 * self._timeouts.reply_s)
-        try:
-            with suppress(LightControllerError):  # the watchdog puts the LEDs out
-                self._put_out()
-        finally:
-            self._link.close()
+        with signals_held_back():
+            if self._keep_alive_thread is not None:
+                self._keep_alive_thread.stop(2.0 * self._timeouts.reply_s)
+            try:
+                with suppress(LightControllerError):  # the watchdog puts the LEDs out
+                    self.put_out()
+            finally:
+                self._link.close()
 
     def __enter__(self) -> Self:
         return self
@@ -332,3 +328,28 @@ class LightController:
 
 def _named(led: int | None) -> str:
     return "no LED" if led is None else f"LED {led}"
+
+
+@dataclass(frozen=True)
+class SwitchLatency:
+    """Median and worst time of a number of switches, on the rig's clock."""
+
+    median_ms: float
+    worst_ms: float
+    switches: int
+
+
+def measure_switch_latency(
+    lights: LightController, clock: Clock, switches: int = 40
+) -> SwitchLatency:
+    """Switch through all LEDs and off, and leave them off."""
+    times_ms = []
+    try:
+        for number in range(switches):
+            led = number % (lights.led_count + 1)
+            asked_s = clock.now_s()
+            switch = lights.off() if led == lights.led_count else lights.select(led)
+            times_ms.append(1e3 * (switch.acknowledged_s - asked_s))
+    finally:
+        lights.off()
+    return SwitchLatency(statistics.median(times_ms), max(times_ms), switches)

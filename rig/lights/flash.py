@@ -1,11 +1,10 @@
-"""Flash the firmware: over MicroPython's prompt, or into a board's drive.
+"""Flash the firmware at MicroPython's prompt.
 
 Files are written beside the old ones, read back, and renamed at the end, `main.py` last. An
 interrupted copy leaves the old program or none, and never half of a program.
 """
 
 import hashlib
-import os
 import re
 import subprocess
 import sys
@@ -18,7 +17,6 @@ from pathlib import Path
 from typing import TypeVar
 
 import firmware_sim
-from classify.durable_file import sync
 from classify.errors import InputError
 from rig.errors import LightControllerError
 
@@ -34,115 +32,40 @@ _STEP_TIMEOUT_S = 60.0
 # After a reset the USB port disappears for about a second, and then comes back.
 _RESET_S = 1.0
 _RESTART_TIMEOUT_S = 15.0
-# Files that identify a drive.
-_BOOT_LOADER = "INFO_UF2.TXT"
-_CIRCUIT_PYTHON = "boot_out.txt"
 _SHA256 = re.compile(r"^[0-9a-f]{64}$", re.MULTILINE)
-_VERSION = re.compile(rb'^FIRMWARE_VERSION = "([0-9A-Za-z.+-]{1,32})"', re.MULTILINE)
-
-
-@dataclass(frozen=True)
-class BoardFile:
-    """A file for the board: its name there, its source here, its bytes."""
-
-    name: str
-    path: Path
-    data: bytes
-
-    @property
-    def sha256(self) -> str:
-        """SHA-256 of the bytes, in hexadecimal digits."""
-        return hashlib.sha256(self.data).hexdigest()
 
 
 @dataclass(frozen=True)
 class Flashed:
-    """The board or folder of the firmware, and its version before and after.
+    """The board's port, and the version of its firmware before and after; None without one."""
 
-    A version is None without the firmware.
-    """
-
-    where: str
+    port: str
     before: str | None
     after: str | None
 
 
-def board_files() -> tuple[BoardFile, ...]:
-    """Return the files for a Raspberry Pi Pico, in the order in which they are renamed."""
+def board_files() -> tuple[Path, ...]:
+    """The files for a Raspberry Pi Pico, in the order in which they are renamed."""
     folder = Path(firmware_sim.__file__).parent
-    paths = (folder / "firmware.py", folder / "pico" / "pico_board.py", folder / "pico" / "main.py")
-    return tuple(BoardFile(path.name, path, path.read_bytes()) for path in paths)
+    return (folder / "firmware.py", folder / "pico" / "pico_board.py", folder / "pico" / "main.py")
 
 
-def firmware_version(source: bytes) -> str | None:
-    """Return the version in the source of a firmware file, None without one."""
-    found = _VERSION.search(source)
-    return found[1].decode() if found else None
+def sha256(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
-def flash_folder(
-    folder: Path,
-    files: Sequence[BoardFile],
-    *,
-    drives: Sequence[Path] | None = None,
-    force: bool = False,
-    dry_run: bool = False,
-) -> Flashed:
-    """Put files into the folder that a MicroPython board shows as its drive.
-
-    The folder must hold the firmware already or be one of `drives` (by default those of
-    `find_drives`), unless `force` is set. With `dry_run` all checks run, and nothing is written.
-
-    Raises
-    ------
-    InputError
-        If the folder is missing, or no drive of a MicroPython board; the message says what to do.
-    LightControllerError
-        If the files that are read back differ.
-    """
-    _refuse_other_drives(folder)
-    before = _version_in(folder)
-    drives = find_drives() if drives is None else drives
-    if before is None and not force and folder.resolve() not in [each.resolve() for each in drives]:
-        raise InputError(
-            f"{folder} neither holds the firmware nor is the mounted drive of a MicroPython "
-            "board; give the board's drive, or --force to replace main.py there"
-        )
-    if dry_run:
-        return Flashed(str(folder), before, before)
-    for file in files:
-        with (folder / (file.name + _UNFINISHED)).open("wb") as unfinished:
-            unfinished.write(file.data)
-            unfinished.flush()
-            os.fsync(unfinished.fileno())
-    read = [(folder / (file.name + _UNFINISHED)).read_bytes() for file in files]
-    _compare(files, [hashlib.sha256(data).hexdigest() for data in read])
-    for file in files:
-        (folder / (file.name + _UNFINISHED)).replace(folder / file.name)
-        sync(folder)
-    return Flashed(str(folder), before, _version_in(folder))
-
-
-def flash_port(port: str, files: Sequence[BoardFile], *, dry_run: bool = False) -> Flashed:
+def flash_port(port: str, files: Sequence[Path], *, dry_run: bool = False) -> Flashed:
     """Put files on the MicroPython board at a serial port, and start them.
 
     A running light controller is stopped first; any other program is interrupted.
-
-    Raises
-    ------
-    InputError
-        If mpremote is missing.
-    LightControllerError
-        If the port is in use, the board has no MicroPython for a Pico, or the files that are read
-        back differ.
     """
     if find_spec("mpremote") is None:
-        raise InputError("flashing over a serial port needs mpremote: pip install 'ps4rig[flash]'")
+        raise InputError("flashing needs mpremote: pip install 'ps4rig[flash]'")
     if holders := port_holders(port):
         raise LightControllerError(f"{port}: in use by {holders[0]}; close that first")
     # The device's number may change when the board resets.
-    listed = list_serial_ports_if_possible()
-    port = next((each.by_id or port for each in listed if each.device == port), port)
+    names = {listed.device: listed.by_id for listed in list_serial_ports_if_possible()}
+    port = names.get(port) or port
     running = _running_controller(port, stop=not dry_run)
     before = running.firmware_version if running else None
     if dry_run:
@@ -164,43 +87,28 @@ def find_board(ports: Sequence[SerialPort]) -> str:
     """Return the port of the only Raspberry Pi Pico with MicroPython among `ports`.
 
     Other boards are never chosen, because flashing interrupts the program that runs there.
-
-    Raises
-    ------
-    LightControllerError
-        If no Pico or more than one is found.
     """
     boards = [port for port in ports if port.usb_id == _PICO_WITH_MICROPYTHON]
     if len(boards) == 1:
         return boards[0].device
     if boards:
-        named = ", ".join(str(port) for port in boards)
+        choices = ", ".join(str(board) for board in boards)
         raise LightControllerError(
-            f"{len(boards)} boards are plugged in: {named}; give one as --port"
+            f"{len(boards)} boards are plugged in: {choices}; give one as --port"
         )
-    found = ", ".join(str(port) for port in ports) or "there are no serial ports"
+    listed = ", ".join(str(port) for port in ports) or "there are no serial ports"
     raise LightControllerError(
-        f"no Raspberry Pi Pico with MicroPython was found ({found}); is it plugged in, and does "
-        "MicroPython run on it? Another board's port can be given as --port"
+        f"no Raspberry Pi Pico with MicroPython was found ({listed}). Plug it in; if it shows as a "
+        "drive, first copy MicroPython's UF2 for it (https://micropython.org/download/) there. "
+        "Another board's port can be given as --port"
     )
 
 
-def find_drives(mounts: Path = Path("/proc/self/mounts")) -> list[Path]:
-    """List mounted drives of boards, boot loaders included; empty if mounts are not listed."""
-    try:
-        lines = mounts.read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
-        return []
-    fields = [line.split() for line in lines]
-    folders = [Path(each[1].replace("\\040", " ")) for each in fields if each[2] == "vfat"]
-    return [folder for folder in folders if _is_board_drive(folder)]
-
-
-def _put(port: str, files: Sequence[BoardFile]) -> None:
+def _put(port: str, files: Sequence[Path]) -> None:
     _on_board(port, "exec", "import rp2")  # fails on other boards, whose pins differ
     names = [file.name for file in files]
     for file in files:
-        _on_board(port, "fs", "cp", "-f", str(file.path), f":{file.name}{_UNFINISHED}")
+        _on_board(port, "fs", "cp", "-f", str(file), f":{file.name}{_UNFINISHED}")
     _compare(files, _hashes(port, [name + _UNFINISHED for name in names]))
     renames = [f"os.rename({name + _UNFINISHED!r}, {name!r})" for name in names]
     _on_board(port, "exec", "; ".join(["import os", *renames]))
@@ -211,8 +119,8 @@ def _hashes(port: str, names: Sequence[str]) -> list[str]:
     return _SHA256.findall(_on_board(port, "fs", "sha256sum", *(f":{name}" for name in names)))
 
 
-def _compare(files: Sequence[BoardFile], read_back: Sequence[str]) -> None:
-    expected = [file.sha256 for file in files]
+def _compare(files: Sequence[Path], read_back: Sequence[str]) -> None:
+    expected = [sha256(file) for file in files]
     if list(read_back) != expected:
         names = ", ".join(file.name for file in files)
         raise LightControllerError(
@@ -270,33 +178,3 @@ def _on_board(port: str, *words: str) -> str:
             f"{lines[-1] if lines else 'mpremote failed'}"
         )
     return done.stdout
-
-
-def _refuse_other_drives(folder: Path) -> None:
-    if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder; is the board's drive mounted?")
-    if (folder / _BOOT_LOADER).exists():
-        raise InputError(
-            f"{folder} is a board's boot loader, which takes UF2 files only. Copy MicroPython's "
-            "UF2 for your board (https://micropython.org/download/) there; a serial port appears "
-            "in place of the drive, and ps4rig rig flash finds it"
-        )
-    if (folder / _CIRCUIT_PYTHON).exists():
-        raise InputError(
-            f"{folder} is a board with CircuitPython, on which the firmware does not run. Hold "
-            "its BOOTSEL button while you plug it in, and copy MicroPython's UF2 for your board "
-            "(https://micropython.org/download/) to the drive that appears"
-        )
-
-
-def _is_board_drive(folder: Path) -> bool:
-    marks = (_BOOT_LOADER, _CIRCUIT_PYTHON, "firmware.py", "boot.py")
-    try:
-        return any((folder / mark).exists() for mark in marks)
-    except OSError:
-        return False
-
-
-def _version_in(folder: Path) -> str | None:
-    path = folder / "firmware.py"
-    return firmware_version(path.read_bytes()) if path.exists() else None

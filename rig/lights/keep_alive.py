@@ -13,11 +13,7 @@ _INSTANT_S = 1e-9
 
 
 class LightUsage:
-    """The time at which a program last used its lights, and whether they should stay on.
-
-    A command is due after half of `watchdog_ms`. After `unused_s` without use the program counts as
-    hanging, and no keep-alive is sent.
-    """
+    """The time of the last use of the lights; a program that does not use them may hang."""
 
     def __init__(self, clock: Clock, watchdog_ms: int, unused_s: float) -> None:
         self._clock = clock
@@ -46,10 +42,7 @@ class LightUsage:
 
 
 class KeepAliveThread:
-    """A thread that keeps a controller alive in real time until it is stopped.
-
-    The thread calls `keep_alive`, which needs its own deadline and must not raise.
-    """
+    """A thread that calls `keep_alive`, which must not raise, in real time until it is stopped."""
 
     def __init__(self, keep_alive: KeepAlive) -> None:
         self._keep_alive = keep_alive
@@ -71,8 +64,8 @@ class KeepAliveThread:
 class KeepAliveClock:
     """A clock whose sleeps also keep a controller alive, for simulated time.
 
-    A thread would be too slow, since simulated time passes at once. A tick of a virtual clock must
-    not wait for a reply that takes simulated time. The simulated hardware uses the inner clock.
+    A thread would be too slow, and a tick of a virtual clock must not wait for a reply that takes
+    simulated time. The simulated hardware uses the inner clock.
     """
 
     def __init__(self, clock: Clock) -> None:

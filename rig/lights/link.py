@@ -8,13 +8,25 @@ from firmware_sim.firmware import MAX_SEQUENCE
 from rig.errors import LightControllerError
 
 from .serial_line import Patience, SerialLine
-from .timeouts import DEFAULT_TIMEOUTS, LinkTimeouts
 from .wire import BANNER, Garbled, Reply, decode_reply, encode_command
 
 PROTOCOL_VERSION = 2
 VENDOR = "PS4RIG"
 _WRITE_PATIENCE = 20.0  # times the time-out of a reply (test_driver.py: "stands still")
 _SIMULATED = "SIM-"  # the beginning of a simulated board's serial number
+
+
+@dataclass(frozen=True)
+class LinkTimeouts:
+    """Time-outs in seconds of real time, except `unused_s`, which is on the rig's clock."""
+
+    open_s: float = 3.0  # first answer; an Arduino that resets when opened takes 2 s
+    reply_s: float = 0.5  # the firmware takes milliseconds; a write may take 20 times as long
+    recover_s: float = 5.0  # Linux needs a second or two for the port of a board plugged in again
+    unused_s: float = 600.0  # a program silent for this long hangs: its keep-alive ends
+
+
+DEFAULT_TIMEOUTS = LinkTimeouts()
 
 
 @dataclass(frozen=True)
@@ -37,22 +49,6 @@ class ControllerLink:
     """An exclusively opened port on which a light controller has identified itself.
 
     Until then nothing but an empty line and ``*IDN?`` is written.
-
-    Parameters
-    ----------
-    port
-        Device name or pyserial URL.
-    baud
-        Bits per second; USB serial ports ignore it.
-    timeouts
-        Time-outs of the first answer, which may follow a restart of the board, and of replies.
-    any_protocol
-        Whether to accept another version of the protocol, so that old firmware can be renewed.
-
-    Raises
-    ------
-    LightControllerError
-        If the port cannot be opened, or no controller that this program can use answers there.
     """
 
     def __init__(
@@ -81,13 +77,7 @@ class ControllerLink:
         return self._line.port
 
     def ask(self, command: str) -> Reply:
-        """Send a command and return its reply, which may be a refusal.
-
-        Raises
-        ------
-        LightControllerError
-            If no reply comes in time, it is damaged, the controller restarts, or the port is gone.
-        """
+        """Send a command and return its reply, which may be a refusal."""
         return self._reply_to(command, self._send(command))
 
     def end_line(self) -> None:

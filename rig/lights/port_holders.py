@@ -22,11 +22,7 @@ class PortHolder:
 
 
 def port_holders(device: str, proc: Path = _PROC) -> list[PortHolder]:
-    """List the programs, this one included, that have a device open.
-
-    Any name of the device will do. Programs of other users are visible to the superuser only, so
-    the port may be in use although the list is empty. Without /proc it is always empty.
-    """
+    """List the programs, this one included, that have a device open; other users' may be hidden."""
     wanted = os.path.realpath(device)
     given_up_s = time.thread_time() + _LONGEST_S
     holders = []

@@ -33,15 +33,7 @@ class BytePort(Protocol):
 
 
 def open_port(port: str, baud: int, write_timeout_s: float) -> BytePort:
-    """Open a serial device, ``socket://HOST:PORT``, or another URL that pyserial knows.
-
-    Raises
-    ------
-    LightControllerError
-        If it is missing, not permitted, in use, or not a serial port.
-    ConfigError
-        If pyserial knows no serial ports on this system.
-    """
+    """Open a serial device, ``socket://HOST:PORT``, or another URL that pyserial knows."""
     try:
         address = urlsplit(port)
         if address.scheme == _TCP_SCHEME and address.hostname and address.port:
@@ -52,13 +44,7 @@ def open_port(port: str, baud: int, write_timeout_s: float) -> BytePort:
 
 
 def pyserial() -> ModuleType:
-    """Import pyserial, which needs a system with serial ports.
-
-    Raises
-    ------
-    ConfigError
-        If it cannot be imported.
-    """
+    """Import pyserial, which needs a system with serial ports."""
     try:
         import serial
     except ImportError as error:

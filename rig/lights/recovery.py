@@ -6,8 +6,7 @@ from dataclasses import replace
 
 from rig.errors import LightControllerError
 
-from .link import ControllerIdentity, ControllerLink
-from .timeouts import LinkTimeouts
+from .link import ControllerIdentity, ControllerLink, LinkTimeouts
 
 Whereabouts = Callable[[], Iterable[str]]
 """The ports on which a controller may be now, the most likely one first."""
@@ -18,13 +17,7 @@ _PAUSE_S = 0.1  # between two rounds through the ports; short against the second
 def find_again(
     wanted: ControllerIdentity, whereabouts: Whereabouts, baud: int, timeouts: LinkTimeouts
 ) -> ControllerLink:
-    """Open the line to the controller with the same serial number, on any of the ports.
-
-    Raises
-    ------
-    LightControllerError
-        If it is not found within `timeouts.recover_s`, or another controller is in its place.
-    """
+    """Open the line to the controller with the same serial number, on any of the ports."""
     deadline_s = time.monotonic() + timeouts.recover_s
     while True:
         failure: LightControllerError | None = None

@@ -27,13 +27,7 @@ def start_command(plan: SequencePlan) -> str:
 
 
 def require_one_line(plan: SequencePlan) -> None:
-    """Check that the command of a sequence fits into a line of the controller.
-
-    Raises
-    ------
-    ConfigError
-        If it has too many lights for that.
-    """
+    """Check that the command of a sequence fits into a line of the controller."""
     line = encode_command(MAX_SEQUENCE, start_command(plan)).removesuffix(b"\n")
     if len(line) > MAX_LINE_BYTES:
         raise ConfigError(
@@ -59,24 +53,14 @@ def _status(lights: LightController) -> Answer:
 
 @dataclass(frozen=True)
 class ClockRelation:
-    """The controller's microseconds on the rig's clock, with their uncertainty.
-
-    The controller stamps an event after the command is sent and before the answer is received, so
-    each exchange bounds the difference of the clocks from both sides.
-    """
+    """The controller's microseconds on the rig's clock: each exchange bounds their difference."""
 
     offset_s: float
     uncertainty_s: float
 
     @classmethod
     def of(cls, answers: Sequence[tuple[int, Answer]]) -> ClockRelation:
-        """Relate the clocks by exchanges that contain the controller's time in microseconds.
-
-        Raises
-        ------
-        LightControllerError
-            If the bounds contradict each other: a clock was set or restarted.
-        """
+        """Relate the clocks by exchanges that contain the controller's time in microseconds."""
         span_s = answers[-1][1].received_s - answers[0][1].sent_s
         least_s = max(answer.sent_s - 1e-6 * at_us for at_us, answer in answers)
         most_s = min(answer.received_s - 1e-6 * at_us for at_us, answer in answers)

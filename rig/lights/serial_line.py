@@ -13,11 +13,7 @@ _MAX_LINE_BYTES = 512  # the longest reply, LED:STAT? of 64 LEDs, has about 280 
 
 
 class Patience:
-    """The time left to wait for an answer.
-
-    Time in which the program did not run, as on a busy computer, does not count: the answer may
-    have arrived meanwhile, and a simulated controller did not run either.
-    """
+    """The time left for an answer; time in which a busy computer ran nothing does not count."""
 
     def __init__(self, left_s: float) -> None:
         self.left_s = left_s
@@ -46,13 +42,7 @@ class SerialLine:
             raise self._lost(error) from error
 
     def read_line(self, patience: Patience) -> bytes | None:
-        """Return the next line without its end, or None at the end of `patience`.
-
-        Raises
-        ------
-        LightControllerError
-            If the port is gone, or sends too many bytes without a line end.
-        """
+        """Return the next line without its end, or None at the end of `patience`."""
         while True:
             end = self._buffer.find(b"\n")
             if end >= 0:

@@ -33,13 +33,7 @@ def encode_command(sequence: int, command: str) -> bytes:
 
 
 def decode_reply(line: bytes) -> Reply:
-    """Check the CRC of a reply line without its line end, and parse it.
-
-    Raises
-    ------
-    Garbled
-        If the CRC is missing or wrong, or the line is not a reply.
-    """
+    """Check the CRC of a reply line without its line end, and parse it."""
     body, mark, crc = line.rpartition(b"~")
     if not mark or not re.fullmatch(rb"[0-9A-F]{2}", crc) or int(crc, 16) != crc8(body):
         raise Garbled(line)

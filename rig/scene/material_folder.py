@@ -50,28 +50,10 @@ def bundled_materials() -> dict[str, Path]:
 def load_material(folder: str | Path) -> PeriodicSurface:
     """Read a material folder as one period of a surface.
 
-    Gradients come from the normal map, with slopes limited to `STEEPEST_SLOPE`. Without one they
-    are the spectral derivatives of the height. Their error on 8-bit heights of the synthetic
-    textures is 0.03 to 0.11 of the rms slope; that of central differences is 0.35 to 0.47.
-
-    The height, which casts the shadows, is `height.png`. Its scale comes from `relief_mm` and
-    `size_mm` of `material.json`, or from `height.scale_px_per_unit` of `meta.json`. An unknown
-    scale is fitted to the normal map by least squares, or set to the rms slope
-    `DEFAULT_RMS_SLOPE`. Without `height.png` the height is integrated from the normals.
-
-    A material that is not a seamless tile has a seam where it repeats. Waves beyond 0.4 to 0.48
-    cycles/px are removed (see `PeriodicSurface.band_limited`).
-
-    Parameters
-    ----------
-    folder
-        A folder with the files described at the top of this module. The surface gets its name.
-
-    Raises
-    ------
-    InputError
-        For a missing folder or file, a file that is not an image, sizes that differ or exceed
-        `MAX_SIDE_PX`, or an invalid `material.json` or `meta.json`.
+    Gradients come from the normal map, or are the spectral derivatives of the height: on 8-bit
+    heights of the synthetic textures their error is 0.03 to 0.11 of the rms slope, that of central
+    differences 0.35 to 0.47. The height casts the shadows; without one it is integrated from the
+    normals.
     """
     folder = Path(folder)
     if not folder.is_dir():

@@ -16,35 +16,22 @@ PowerSpectrum = Callable[[Frequencies, Frequencies], Frequencies]
 
 
 def fractal(exponent: float) -> PowerSpectrum:
-    """Isotropic fractal: w^-exponent, infinite at 0.
-
-    The exponent is 2 H + 2 for the Hurst exponent H.
-    """
+    """Isotropic fractal: w^-(2 H + 2) for the Hurst exponent H, infinite at 0."""
     return lambda u, v: np.asarray(np.hypot(u, v) ** -exponent)
 
 
 def mulvaney(cutoff_cpp: float) -> PowerSpectrum:
-    """Isotropic, after Mulvaney (1989): (w^2 / cutoff^2 + 1)^(-3/2).
-
-    Flat below the cut-off, then falling as w^-3.
-    """
+    """Isotropic, after Mulvaney (1989): (w^2 / cutoff^2 + 1)^(-3/2)."""
     return lambda u, v: np.asarray(((u**2 + v**2) / cutoff_cpp**2 + 1.0) ** -1.5)
 
 
 def ogilvy(cutoff_x_cpp: float, cutoff_y_cpp: float) -> PowerSpectrum:
-    """Anisotropic, after Ogilvy (1991): 1 / ((u^2 + u_c^2) (v^2 + v_c^2)).
-
-    The grain lies along the axis with the lower cut-off.
-    """
+    """After Ogilvy (1991): 1 / ((u^2 + u_c^2) (v^2 + v_c^2)); grain along the lower cut-off."""
     return lambda u, v: 1.0 / ((u**2 + cutoff_x_cpp**2) * (v**2 + cutoff_y_cpp**2))
 
 
 def ripples(frequency_cpp: float, width_along: float, width_across: float) -> PowerSpectrum:
-    """Ripples with their wave vector along x: Gaussian lobes at +-frequency.
-
-    The widths of a lobe are in cycles/px: `width_along` the wave vector sets how even the spacing
-    of the ripples is, `width_across` the wave vector how straight their crests are.
-    """
+    """Gaussian lobes at +-frequency along x, with widths along and across in cycles/px."""
 
     def spectrum(u: Frequencies, v: Frequencies) -> Frequencies:
         across = np.exp(-0.5 * (v / width_across) ** 2)

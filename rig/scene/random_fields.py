@@ -27,11 +27,7 @@ def gaussian(power: PowerSpectrum) -> Field:
 
 
 def shot_noise(power: PowerSpectrum, spacing_px: float) -> Field:
-    """One bump repeated at the points of a Poisson process, one per spacing^2 on average.
-
-    Gives skewed relief, or flecks. The bump is the real, even function whose squared transform is
-    `power`, so the power spectrum is that of `gaussian(power)`.
-    """
+    """One bump at each of one random point per spacing^2: skewed, with the spectrum `power`."""
 
     def field(rng: np.random.Generator, side: int) -> Image:
         impulses = rng.poisson(spacing_px**-2.0, (side, side)).astype(np.float64)
@@ -43,11 +39,7 @@ def shot_noise(power: PowerSpectrum, spacing_px: float) -> Field:
 
 
 def cells(spacing_px: float) -> Field:
-    """Round-topped cells with creases between them: -r^2.
-
-    The distance to the nearest point is r. After Worley (1996). The points are a Poisson process,
-    one per spacing^2 on average.
-    """
+    """Worley (1996): -r^2, r the distance to the nearest of one random point per spacing^2."""
     # P(r > 3 spacing) = exp(-9 pi) = 5e-13 for a Poisson process.
     reach_px = round(3.0 * spacing_px)
 
@@ -97,10 +89,7 @@ def phase_randomised(field: Field) -> Field:
 
 
 def shaded(values: Image, contrast: float) -> Image:
-    """Shades of mean 0, soft for a small contrast and two tones for a large one.
-
-    tanh(contrast g / std(g)), then band-limited, which overshoots -1 and 1 a little at edges.
-    """
+    """Shades of mean 0: tanh(contrast g / std(g)), band-limited, which overshoots +-1 a little."""
     return _filtered(np.tanh((contrast / values.std()) * values))
 
 

@@ -1,4 +1,4 @@
-"""Ideal images of a surface under each light: shading, shadow and gloss."""
+"""Images of a surface under each light: shading, shadow and gloss, and the faults of a lens."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -26,12 +27,7 @@ DISTANT = math.inf
 
 
 class Gloss(NamedTuple):
-    """Blinn-Phong lobe: strength * (n . h)^exponent.
-
-    The vector h is halfway between the directions to the light and to the camera. A glossy point
-    whose h is its normal is brighter by `strength` times a white matt surface that faces the light.
-    The lobe has the colour of the light: the albedo has no part in it.
-    """
+    """Blinn-Phong lobe: strength * (n . h)^exponent, h halfway between light and camera."""
 
     strength: float
     exponent: float
@@ -39,10 +35,7 @@ class Gloss(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SceneImages:
-    """Images of one surface under N lights, and its true gradients and albedo.
-
-    A white surface that faces a light has the value 1.
-    """
+    """Images of a surface under N lights, and its true gradients; 1 is white facing a light."""
 
     lights: FloatImage  # (N, H, W), the light that each LED alone adds at full level
     ambient: FloatImage  # (H, W), the light without any LED; not part of `lights`
@@ -61,11 +54,7 @@ class SceneImages:
         return SceneImages(*(getattr(self, field.name)[part] for field in fields(self)))
 
     def without_shadow(self, lighting: Lighting) -> SceneImages:
-        """The same surface in light that passes through it: negative light where n . l < 0.
-
-        Lambert's law then holds at every pixel, as in the experiments without shadow of the
-        literature. `lighting` is that of the rendering, of distant lights.
-        """
+        """The same surface by Lambert's law everywhere, with negative light where n . l < 0."""
         reflectance = _reflectance(self.p, self.q, self.albedo)
         lights = np.stack([
             _cosine(self.p, self.q, tuple(direction)) * reflectance * intensity
@@ -90,32 +79,9 @@ def render_scene(
 ) -> SceneImages:
     """Render a patch: albedo max(n . l, 0) intensity, and 0 in cast shadow.
 
-    Parameters
-    ----------
-    patch
-        Surface of (H + 2 margin_px, W + 2 margin_px).
-    lighting
-        Lights, fixed to the rig: they do not rotate with the surface. Directions and intensities
-        of near lights are those at the centre of the frame, at the patch's `plane_px`.
-    ambient
-        Level of the even light that reaches every point without shading: albedo * ambient.
-    margin_px
-        Width of a border of the patch that casts shadows but is outside the images.
-    led_distance_px
-        Distance of the lights, which are points, from the centre of the frame: one for all, or
-        (N,). Every pixel then has its own light directions, and light falls off with the square of
-        the distance. Cast shadows have the direction of the light at the centre.
-    lobe_exponent
-        m of the strength cos^m of a near light at an angle to its axis, which points at the centre
-        of the frame: 0 is isotropic, 1 an LED that follows Lambert's law.
-    gloss
-        None for a matt surface.
-
-    Raises
-    ------
-    InputError
-        For a margin that leaves no pixel, a negative ambient level, or lights that are not above
-        the whole surface.
+    The border of `margin_px` casts shadows only. Light of `led_distance_px`, one or (N,), falls off
+    with the square of the distance and as cos^m (`lobe_exponent`; 1 is Lambert's law) about an axis
+    to the centre of the frame.
     """
     if not 0 <= 2 * margin_px < min(patch.height.shape):
         raise InputError(f"a margin of {margin_px} px leaves nothing of {patch.height.shape}")
@@ -157,11 +123,7 @@ def render_frame(
     lobe_exponent: float = 0.0,
     gloss: Gloss | None = None,
 ) -> SceneImages:
-    """Render a square frame of a shifted, rotated surface; shadows may enter it.
-
-    The margin around the frame is as wide as the longest shadow that the relief can cast, but not
-    wider than the frame. For parameters and errors see `PeriodicSurface.patch` and `render_scene`.
-    """
+    """Render a square frame of a shifted, rotated surface; shadows may enter it."""
     reach_px = surface.relief_px * math.tan(math.radians(float(lighting.slants_deg.max())))
     margin_px = min(math.ceil(magnification * reach_px), size_px)
     patch = surface.patch(size_px, rotate_deg, shift_px, margin_px, magnification)
@@ -177,17 +139,7 @@ def render_frame(
 
 
 def led_distance_for(fall_off: float, slant_deg: float, size_px: int) -> float:
-    """Distance of an LED in pixels for a given fall-off of its light across a frame.
-
-    The LED is isotropic (`lobe_exponent` 0). `fall_off`, 0 to below 1, is the share by which a
-    level white surface is darker at the far end of the frame's middle line, along the light's
-    azimuth, than at the near end.
-
-    Raises
-    ------
-    InputError
-        If no distance at this slant gives such a fall-off.
-    """
+    """Distance in pixels of an isotropic LED whose light falls by `fall_off` across a frame."""
     # Irradiance of a level surface is proportional to 1 / r^3 at the same height of the light.
     ratio = math.pow(1.0 - fall_off, -2.0 / 3.0)  # of the squared distances: (1 + u) / (1 - u)
     u = (ratio - 1.0) / (ratio + 1.0)
@@ -244,3 +196,32 @@ def _lobe(p: FloatImage, q: FloatImage, towards: Vector, gloss: Gloss) -> FloatI
 
 def _reflectance(p: FloatImage, q: FloatImage, albedo: FloatImage) -> FloatImage:
     return np.asarray(albedo / np.sqrt(1.0 + p * p + q * q), np.float32)
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A lens with faults; the default has none."""
+
+    blur_px: float = 0.0  # standard deviation of the Gaussian
+    # share missing in the corners; it grows with the squared distance from the centre
+    vignetting: float = 0.0
+
+    def images(self, scene: SceneImages) -> SceneImages:
+        """The images of a scene through this lens; slopes, albedo and shadow stay the true ones."""
+        lights = np.stack([self._image(light) for light in scene.lights])
+        return replace(scene, lights=lights, ambient=self._image(scene.ambient))
+
+    def _image(self, ideal: FloatImage) -> FloatImage:
+        image = ideal
+        if self.blur_px > 0.0:
+            blurred = cv2.GaussianBlur(ideal, (0, 0), self.blur_px)
+            image = np.asarray(blurred, np.float32)
+        sides = np.array(ideal.shape, np.float64) - 1.0
+        # Coordinates whose squared length is 2 in the corners.
+        scales = (sides / np.sqrt(np.mean(sides**2))).astype(np.float32)
+        rows, cols = (
+            scale * np.linspace(-1.0, 1.0, side, dtype=np.float32)
+            for side, scale in zip(ideal.shape, scales, strict=True)
+        )
+        darker = np.float32(0.5 * self.vignetting) * (rows[:, None] ** 2 + cols**2)
+        return np.asarray(image * (1.0 - darker), np.float32)

@@ -22,11 +22,10 @@ _STRIP_PX = 1 << 14
 
 
 def spline_coefficients(channels: FloatArray) -> FloatArray:
-    """Cubic B-spline coefficients of periodic images on a grid of twice the resolution.
+    """Cubic B-spline coefficients (2H, 2W, C) of periodic images (C, H, W) on a doubled grid.
 
-    The images are (C, H, W) float32, the coefficients (2H, 2W, C) float32: channels innermost,
-    because they are read together. The spline passes through the pixels exactly; between them it
-    is within 0.6 % rms of the band-limited image at 0.4 cycles/px and within 0.01 % at 0.15.
+    The spline passes through the pixels; between them it is within 0.6 % rms of the band-limited
+    image at 0.4 cycles/px and within 0.01 % at 0.15.
     """
     count, rows, cols = channels.shape
     # The B-spline's samples (1/6, 4/6, 1/6) have the transform (4 + 2 cos w) / 6; the
@@ -47,12 +46,7 @@ def spline_coefficients(channels: FloatArray) -> FloatArray:
 def _zero_padded(
     spectrum: npt.NDArray[np.complexfloating], rows: int, cols: int
 ) -> npt.NDArray[np.complexfloating]:
-    """Put a half spectrum (rows, cols // 2 + 1) on the grid of a doubled image.
-
-    The Nyquist term of an even side stands for both signs of that frequency. The doubled grid has
-    a separate term for each sign, and each gets half. (Along the columns the half spectrum implies
-    the second term as the conjugate of the first.)
-    """
+    """Put a half spectrum on a doubled grid, with half of the Nyquist term at either sign."""
     padded = np.zeros((2 * rows, cols + 1), spectrum.dtype)
     width = cols // 2 + 1
     below = (rows + 1) // 2
@@ -74,25 +68,7 @@ def sample_rotated(
     side_px: int,
     magnification: float = 1.0,
 ) -> FloatArray:
-    """Interpolate a rotated square from spline coefficients.
-
-    Parameters
-    ----------
-    coefficients
-        (2H, 2W, C) float32 from `spline_coefficients`.
-    centre_row, centre_col
-        Centre of the square on the tile, in pixels of the tile. Periodic.
-    rotate_deg
-        Angle of the +x direction of the tile in the square, anticlockwise.
-    side_px
-        Side of the square, in its own pixels.
-    magnification
-        Pixels of the square per pixel of the tile.
-
-    Returns
-    -------
-    (C, side_px, side_px) float32.
-    """
+    """Interpolate a rotated square (C, side_px, side_px) from coefficients of a periodic tile."""
     fine_rows, fine_cols, count = coefficients.shape
     angle = math.radians(rotate_deg)
     row = math.fmod(2.0 * centre_row, fine_rows)

@@ -24,11 +24,7 @@ MAX_SIDE_PX = 8192
 
 @dataclass(frozen=True, eq=False)
 class SurfacePatch:
-    """A piece of surface in front of the camera, one surface pixel per camera pixel.
-
-    The images are (H, W) float32; for their units see `PeriodicSurface`. The positions of near
-    lights refer to the height `plane_px`, or to the mean height if it is None.
-    """
+    """A piece of surface in front of the camera, one surface pixel per camera pixel."""
 
     height: FloatImage
     p: FloatImage
@@ -38,11 +34,7 @@ class SurfacePatch:
 
 
 class Surface(Protocol):
-    """Something that can be put below the camera: a texture or a calibration target.
-
-    `relief_px` bounds the relief outside the frame, which may cast shadows into it. For the
-    parameters of `patch` see `PeriodicSurface.patch`.
-    """
+    """Something that can be put below the camera: a texture or a calibration target."""
 
     @property
     def relief_px(self) -> float: ...
@@ -61,31 +53,14 @@ class Surface(Protocol):
 class PeriodicSurface:
     """One period of a surface that repeats in both directions.
 
-    Shading uses the gradients, cast shadow the height. Both are given, because the normal map of
-    a material often has finer detail than its height map.
-
-    Parameters
-    ----------
-    height
-        (H, W) one period, pixels, towards the camera.
-    p, q
-        (H, W) dz/dx and dz/dy with y up (rows run down: q = -dz/drow).
-    albedo
-        (H, W) 1.0 is white; not negative.
-    name
-        Name of the surface in messages and labels.
-
-    Raises
-    ------
-    InputError
-        For shapes that differ, sides outside 2 to `MAX_SIDE_PX`, values that are not finite, or a
-        negative albedo.
+    Shading uses the gradients, cast shadow the height, because a normal map often has finer detail
+    than a height map.
     """
 
-    height: FloatImage
-    p: FloatImage
-    q: FloatImage
-    albedo: FloatImage
+    height: FloatImage  # (H, W), px towards the camera
+    p: FloatImage  # (H, W), dz/dx
+    q: FloatImage  # (H, W), dz/dy with y up
+    albedo: FloatImage  # (H, W), 1 is white
     name: str
 
     def __post_init__(self) -> None:
@@ -127,11 +102,7 @@ class PeriodicSurface:
         return cls(height, slope_x, slope_y, np.asarray(albedo, np.float32), name)
 
     def band_limited(self) -> PeriodicSurface:
-        """Remove the waves that a pixel grid holds only along its diagonals.
-
-        Resampled at another angle these waves would alias, and the texture would change as the
-        surface rotates. See `round_band_limit`.
-        """
+        """Remove the waves that a pixel grid holds only along its diagonals."""
         shape = self.height.shape
         gain = round_band_limit(*shape)
         height, p, q, albedo = (
@@ -164,28 +135,6 @@ class PeriodicSurface:
 
         patch(x) = tile(R(-rotate) x / magnification + shift), with x measured from the centre of
         the frame. The gradients rotate with the surface: (p', q') = R (p, q).
-
-        Parameters
-        ----------
-        size_px
-            Side of the frame, 1 to `MAX_SIDE_PX`.
-        rotate_deg
-            Rotation of the surface, anticlockwise.
-        shift_px
-            (right, up) from the centre of the tile to the centre of the frame. If one has an even
-            and the other an odd side, the centre moves by half a pixel, so that a patch without
-            rotation and with a whole shift holds the pixels of the tile.
-        margin_px
-            Border on every side: the patch has the side size_px + 2 margin_px.
-        magnification
-            Camera pixels per pixel of the tile, 0.1 to 10. Below 1, finer waves than the camera
-            resolves are aliased, as by a sharp lens.
-
-        Raises
-        ------
-        InputError
-            For a size, margin or magnification out of range, or an angle or shift that is not
-            finite.
         """
         if not 1 <= size_px <= MAX_SIDE_PX:
             raise InputError(f"a frame of {size_px} px; its side must be 1 to {MAX_SIDE_PX}")
@@ -224,12 +173,7 @@ def spectral_gradients(height: FloatImage) -> tuple[FloatImage, FloatImage]:
 
 
 def periodic_height(p: FloatImage, q: FloatImage) -> FloatImage:
-    """Integrate p and q to a periodic height by least squares (Frankot and Chellappa 1988).
-
-    The mean height is zero. A mean slope is ignored, because no periodic height has one.
-
-    All are (H, W) float32, one period; the height is in pixels.
-    """
+    """Integrate p and q to a periodic height by least squares (Frankot and Chellappa 1988)."""
     rows, cols = p.shape
     along_x, along_y = _derivative_factors(rows, cols)
     power = np.abs(along_x) ** 2 + np.abs(along_y) ** 2
@@ -241,11 +185,9 @@ def periodic_height(p: FloatImage, q: FloatImage) -> FloatImage:
 
 
 def round_band_limit(rows: int, cols: int) -> npt.NDArray[np.float32]:
-    """Isotropic low-pass for a half spectrum, (rows, cols // 2 + 1) float32.
+    """Low-pass (rows, cols // 2 + 1): 1 up to 0.40 cycles/px, a raised cosine down to 0 at 0.48.
 
-    1 up to 0.40 cycles/px, then a raised cosine down to 0 at 0.48. A pixel grid holds every
-    direction up to 0.5; the slope avoids the ringing of a sharp edge. The cubic spline is within
-    0.6 % up to 0.40 (`test_spline_error_between_pixels`).
+    The cubic spline is within 0.6 % up to 0.40 (`test_spline_error_between_pixels`).
     """
     frequency = np.hypot(fft.rfftfreq(cols)[None, :], fft.fftfreq(rows)[:, None])
     along = np.clip((frequency - 0.40) / (0.48 - 0.40), 0.0, 1.0)
@@ -260,10 +202,7 @@ def rms_slope(p: FloatImage, q: FloatImage) -> float:
 def _derivative_factors(
     rows: int, cols: int
 ) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np.complex128]]:
-    """Factors of d/dx and d/dy (y up) for a half spectrum: (1, cols // 2 + 1) and (rows, 1).
-
-    At the Nyquist frequency of an even side they are 0: the derivative there is 0 on the pixels.
-    """
+    """Factors of d/dx (1, cols // 2 + 1) and d/dy (rows, 1), y up; 0 at the Nyquist frequency."""
     along_x = 2j * np.pi * fft.rfftfreq(cols)[None, :]
     along_y = -2j * np.pi * fft.fftfreq(rows)[:, None]
     if cols % 2 == 0:

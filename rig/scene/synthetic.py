@@ -45,10 +45,7 @@ SMALLEST_TILE_PX, LARGEST_TILE_PX = 512, 4096
 
 @dataclass(frozen=True)
 class _Pattern:
-    """Albedo of mean `PATTERN_ALBEDO` and range +-`PATTERN_SWING`, from a field.
-
-    Without a field the height gives the pattern, high is bright. For `contrast` see `shaded`.
-    """
+    """Albedo of mean `PATTERN_ALBEDO` and range +-`PATTERN_SWING`, from a field or the height."""
 
     field: Field | None
     contrast: float
@@ -157,11 +154,9 @@ Pits are inverted domes. The other has the amplitudes of cobbles with random pha
 
 
 def tile_side_px(size_px: int) -> int:
-    """Side of the tile for a frame: a power of two, at least twice `size_px`.
+    """Side of the tile: a power of two, at least twice the frame so that no part shows twice.
 
-    A rotated frame then shows no part of the tile twice. The side is 512 to 4096: the spline
-    coefficients of a larger tile need more than a gigabyte. Frames beyond 2048 pixels repeat
-    parts of the surface.
+    At most 4096, whose spline coefficients take a gigabyte.
     """
     wanted = 1 << max(2 * size_px - 1, 1).bit_length()
     return min(max(wanted, SMALLEST_TILE_PX), LARGEST_TILE_PX)

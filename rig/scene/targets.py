@@ -51,27 +51,7 @@ def target_named(
     mm_per_px: float | None = None,
     size_mm: float | None = None,
 ) -> Surface:
-    """Make a calibration target for a frame.
-
-    Parameters
-    ----------
-    name
-        One of `TARGETS`.
-    field_px
-        Height and width of the frame.
-    seed
-        Seed of the grain and the dust of a plate.
-    mm_per_px
-        Size of a pixel on the part. Without it a sphere and the checkerboard are shares of the
-        frame.
-    size_mm
-        Diameter of a sphere, or side of a square; `SPHERE_MM` and `SQUARE_MM` by default.
-
-    Raises
-    ------
-    InputError
-        If a sphere or the corners of the board do not fit into the frame.
-    """
+    """Make one of `TARGETS` for a frame of `field_px` (height, width)."""
     if name == "plate":
         return Plate(seed)
     if name == "lens_cap":
@@ -93,10 +73,7 @@ def target_named(
 
 
 class Plate:
-    """A white matt sheet with grain and dust, slightly tilted; all of it rotates with the sheet.
-
-    Every seed is another sheet.
-    """
+    """A white matt sheet with grain and dust, slightly tilted; every seed is another sheet."""
 
     def __init__(self, seed: int) -> None:
         rng = np.random.default_rng(seed)
@@ -129,10 +106,7 @@ class Plate:
 
 @dataclass(frozen=True)
 class Sphere:
-    """A ball at rest on black card, seen from straight above.
-
-    The plane of the card is that of the part.
-    """
+    """A ball at rest on black card, which lies in the plane of the part."""
 
     radius_px: float
     mirror: bool
@@ -169,11 +143,7 @@ class Sphere:
         return SurfacePatch(images[0], images[1], images[2], images[3], plane_px=0.0)
 
     def reflecting_room(self, scene: SceneImages, ambient: float) -> SceneImages:
-        """Add what a mirror reflects besides the LEDs: the room, the dark camera and the card.
-
-        The room is brighter towards +y, has a window, and gets a little light from each LED. The
-        rim of the ball reflects the card beside it, darkened only by the loss in the mirror.
-        """
+        """Add what a mirror reflects besides the LEDs: the room, the dark camera and the card."""
         if not self.mirror:
             return scene
         towards_z = 1.0 / (1.0 + scene.p**2 + scene.q**2)  # squared, of the normal

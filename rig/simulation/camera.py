@@ -2,8 +2,7 @@
 
 import math
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -16,6 +15,7 @@ from rig.frame_time import require_exposure
 
 from .exposures import TRANSFER_S, Exposures
 from .sensor import RecordedPixels, Sensor
+from .stamps import ReportedTiming
 
 # Buffers of the driver, as many as `V4l2Camera` claims.
 _BUFFERS = 4
@@ -35,45 +35,10 @@ class LitScene(Protocol):
     def ambient(self) -> npt.NDArray[np.float32]: ...
 
 
-@dataclass(frozen=True)
-class ReportedTiming:
-    """The timing that a simulated camera reports of its exposures.
-
-    Attributes
-    ----------
-    start_s
-        Maps a frame's sequence number and true exposure start to the reported start.
-    readout_s
-        Readout of the sensor, None if unknown.
-    start_known_to_s
-        By how much an exposure may start later than reported.
-    """
-
-    start_s: Callable[[int, float], float] = lambda _sequence, start_s: start_s
-    readout_s: float | None = None
-    start_known_to_s: float = 0.0
-
-
 class SimulatedCamera:
-    """Camera with a global or a rolling shutter.
+    """Camera with a global or a rolling shutter, and a queue of a few buffers as with V4L2.
 
-    A frame goes into a free buffer of the driver; without one it is lost, and a gap in the
-    sequence numbers remains. So a program that reads late gets the OLDEST frames first, as with
-    V4L2. The light of each row is the integral of the LEDs' true output over the row's exposure,
-    which may contain the light of two LEDs, or of the previous one only.
-
-    Parameters
-    ----------
-    board, clock
-        Board with the LEDs, and clock of the rig.
-    scene, sensor
-        Light that reaches the sensor, and the model that turns it into pixel values.
-    exposures
-        Start times of the exposures.
-    seed
-        Seed of the noise.
-    reported
-        Timing that the camera reports.
+    The light of each row is the integral of the LEDs' true output over the row's exposure.
     """
 
     def __init__(
@@ -85,7 +50,7 @@ class SimulatedCamera:
         exposures: Exposures,
         *,
         seed: int,
-        reported: ReportedTiming = ReportedTiming(),
+        reported: ReportedTiming | None = None,
     ) -> None:
         self.scene = scene
         self.sensor = sensor
@@ -93,7 +58,7 @@ class SimulatedCamera:
         self._board = board
         self._clock = clock
         self._seed = seed
-        self._reported = reported
+        self._reported = reported or ReportedTiming()
         # Number and scene of each frame in the queue; its pixels are computed when it is read.
         self._queue: deque[tuple[int, LitScene]] = deque()
         self._next_sequence = 0

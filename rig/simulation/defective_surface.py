@@ -48,17 +48,7 @@ class _Shape(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DefectiveSurface:
-    """A surface with defects; it is placed below the camera like the surface itself.
-
-    Parameters
-    ----------
-    surface
-        The surface without defects.
-    defects
-        Applied in this order.
-    foreign
-        Surfaces of foreign patches, by the name in `Defect.surface`.
-    """
+    """A surface with defects, in this order; `foreign` has the textures of foreign patches."""
 
     surface: Surface
     defects: tuple[Defect, ...]
@@ -140,10 +130,7 @@ class DefectiveSurface:
     def _filling(
         self, defect: Defect, along: Image, across: Image, near: Window, placed: Placed
     ) -> SurfacePatch:
-        """The patch that replaces the texture: its mean plane with the foreign relief.
-
-        For a missing texture the plane stays flat.
-        """
+        """The mean plane of the replaced texture, with the relief of the foreign one."""
         size_px, rotate_deg, shift_px, margin_px, magnification = placed
         level, p, q, albedo = _means_around(self.surface, defect, (defect.x_px, defect.y_px))
         p, q = _rotated(p, q, -defect.angle_deg)  # along and across
@@ -215,11 +202,7 @@ def _bump(defect: Defect, along: Image, across: Image) -> _Shape:
 
 
 def _scratch(defect: Defect, along: Image, across: Image) -> _Shape:
-    """Depth of a groove: (1 - u^2) exp(-u^2 / 2) across it, u in half widths of the groove.
-
-    The ridges, 0.45 of its depth high, hold the material of the groove, as when a stylus ploughs a
-    ductile surface. The stylus enters and leaves over a quarter of the length each.
-    """
+    """Depth of a groove: (1 - u^2) exp(-u^2 / 2) across it, u in half widths of the groove."""
     u = across / _GROOVE_PX
     bell = np.exp(-0.5 * u * u)
     profile, slope = (1.0 - u * u) * bell, (u * u - 3.0) * u * bell / _GROOVE_PX
@@ -231,10 +214,7 @@ def _scratch(defect: Defect, along: Image, across: Image) -> _Shape:
 
 
 def _blot(defect: Defect, along: Image, across: Image) -> _Shape:
-    """Weight of a stain or a patch: 1 within, 0 beyond an irregular outline.
-
-    Towards the outline it falls as a raised cosine.
-    """
+    """Weight of a stain or a patch: 1 within, a raised cosine down to 0 at an irregular outline."""
     distance, angle = np.hypot(along, across), np.arctan2(across, along)
     radius, turning = np.full_like(distance, 0.85), np.zeros_like(distance)
     for lobes, amplitude, start in _LOBES:

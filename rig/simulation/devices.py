@@ -16,32 +16,7 @@ from .rig import Simulation
 
 
 class DeviceSimulation:
-    """A simulated rig in real time, behind devices of this machine.
-
-    Parameters
-    ----------
-    config
-        The rig. Its ports and devices are ignored.
-    serial
-        Serial device at which the firmware answers, such as ``/dev/ttyGS0``; None creates a
-        pseudo-terminal.
-    video
-        Loopback device for the frames; None for no frames.
-
-    Attributes
-    ----------
-    written, late
-        Numbers of frames written, and of frames left out because they were late.
-    pixel_format
-        Name of the pixel format of the frames.
-
-    Raises
-    ------
-    LightControllerError, CameraError
-        If a device is missing, in use, or of the wrong kind.
-    ConfigError
-        If the pixel format cannot be written, or the camera is triggered or replays a set.
-    """
+    """A simulated rig in real time, behind a serial or pseudo-terminal and a video device."""
 
     def __init__(self, config: RigConfig, *, serial: str | None, video: str | None) -> None:
         if config.lights.synchronisation == "trigger":

@@ -25,10 +25,7 @@ Strobe = Callable[[bool, float], object]
 
 @dataclass(frozen=True)
 class Shutter:
-    """Frame period, exposure of each row, and readout from the first row to the last.
-
-    A readout of 0 is a global shutter.
-    """
+    """Frame period, exposure of each row, and readout from the first row to the last."""
 
     period_s: float
     exposure_s: float
@@ -46,10 +43,7 @@ class Shutter:
 
 
 class Exposures(ABC):
-    """The exposures of a camera, numbered from 0.
-
-    `strobe` is called when the strobe line changes: whether any row is exposed, and the time.
-    """
+    """The exposures of a camera, numbered from 0; `strobe` gets level and time of each edge."""
 
     def __init__(self, clock: Clock, shutter: Shutter, strobe: Strobe = lambda *_: None) -> None:
         self.shutter = shutter
@@ -133,13 +127,7 @@ class Triggered(Exposures):
         self._clock.call_at(now_s, lambda: self._expose(now_s))
 
     def start_s(self, number: int) -> float:
-        """Start of an exposure.
-
-        Raises
-        ------
-        ValueError
-            If the start is no longer kept, because many exposures followed it.
-        """
+        """Start of an exposure."""
         with self._lock:
             if number < self._forgotten:
                 raise ValueError(f"exposure {number} is older than the kept {len(self._starts_s)}")

@@ -16,17 +16,7 @@ from .sensor import digital
 
 
 class FaultyCamera:
-    """A camera whose frames have the faults of a plan.
-
-    Parameters
-    ----------
-    camera, clock
-        The camera without faults, and the rig's clock.
-    faults
-        All of them apply to a frame, one after the other.
-    seed
-        Seed of the faults' probabilities and of the noise in dark frames.
-    """
+    """A camera whose frames have the faults of a plan, one after the other."""
 
     def __init__(
         self, camera: Camera, clock: Clock, faults: Sequence[FrameFault], seed: int

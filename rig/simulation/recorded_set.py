@@ -21,20 +21,10 @@ _SAME_DIRECTION = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class RecordedSet:
-    """A set as the scene of a simulated camera.
+    """A set as the scene of a simulated camera."""
 
-    Attributes
-    ----------
-    lights, ambient
-        (N, H, W) and (H, W) float32 pixel values: what each light adds, and the ambient image.
-    lighting
-        The lights of the set.
-    sensor
-        Turns an exposure into the recorded pixel values.
-    """
-
-    lights: FloatImage
-    ambient: FloatImage
+    lights: FloatImage  # (N, H, W) float32 pixel values that each light adds
+    ambient: FloatImage  # (H, W) float32 pixel values
     lighting: Lighting
     sensor: RecordedPixels
 

@@ -12,9 +12,8 @@ import numpy as np
 from classify.errors import InputError
 from rig.config.rig import RigConfig
 from rig.config.simulation import Placement
-from rig.scene.lens import Lens
 from rig.scene.material_folder import bundled_materials, load_material
-from rig.scene.render import DISTANT, SceneImages, render_frame
+from rig.scene.render import DISTANT, Lens, SceneImages, render_frame
 from rig.scene.surfaces import PeriodicSurface, Surface
 from rig.scene.synthetic import SYNTHETIC_NAMES, SYNTHETIC_TEXTURES, synthetic_surface, tile_side_px
 from rig.scene.targets import TARGETS, Sphere, target_named
@@ -39,13 +38,7 @@ def surface_names() -> tuple[str, ...]:
 
 
 def require_surface(name: str) -> None:
-    """Check that there is a surface of this name, without loading it.
-
-    Raises
-    ------
-    InputError
-        If it is neither a name nor a material folder.
-    """
+    """Check that there is a surface of this name, without loading it."""
     names = (*SYNTHETIC_TEXTURES, *bundled_materials(), *TARGETS)
     if name not in names and not Path(name).is_dir():
         raise InputError(
@@ -54,15 +47,7 @@ def require_surface(name: str) -> None:
 
 
 class BoundedCache(Generic[Kept]):
-    """A cache of values that take long to make. Thread-safe.
-
-    When all values together exceed `limit_bytes`, the least recently used ones are removed.
-
-    Parameters
-    ----------
-    bytes_of
-        Memory that a value takes.
-    """
+    """A thread-safe cache of at most `limit_bytes`; the least recently used value goes first."""
 
     def __init__(self, bytes_of: Callable[[Kept], int], limit_bytes: int = _CACHE_BYTES) -> None:
         self._bytes_of, self._limit_bytes = bytes_of, limit_bytes
@@ -91,16 +76,7 @@ class SceneCache(BoundedCache[SceneImages]):
 
 
 class SceneRenderer:
-    """A renderer of the scenes below one rig's camera.
-
-    Parameters
-    ----------
-    config
-        Lights, frame size and ambient light.
-    cache
-        Cache for the scenes of built-in surfaces; by default one for the whole process. Scenes of
-        a material folder are not cached: its files may change between two renderers.
-    """
+    """A renderer of the scenes below one rig's camera; those of material folders are not cached."""
 
     def __init__(self, config: RigConfig, cache: SceneCache | None = None) -> None:
         self._config = config
@@ -108,14 +84,7 @@ class SceneRenderer:
         self._surface: tuple[tuple[object, ...], Surface] | None = None
 
     def render(self, placement: Placement) -> SceneImages:
-        """The scene of a placed surface, in the size of the camera's frames.
-
-        Raises
-        ------
-        InputError
-            If the surface is neither a name nor a readable material folder, or a target does not
-            fit into the frame.
-        """
+        """The scene of a placed surface, in the size of the camera's frames."""
         named = {placement.surface, *(each.surface for each in placement.defects)}
         if not named <= {*SYNTHETIC_TEXTURES, *bundled_materials(), *TARGETS, None}:
             return self._render(placement)

@@ -19,36 +19,17 @@ def digital(values: npt.NDArray[np.floating[Any]], bit_depth: int) -> Pixels:
 
 @dataclass(frozen=True)
 class SensorModel:
-    """A monochrome sensor of a common industrial camera.
-
-    Attributes
-    ----------
-    bit_depth
-        8, 10, 12 or 16.
-    full_well_e
-        Electrons at which a pixel, and the converter with it, saturates.
-    read_noise_e
-        rms noise of reading a pixel, electrons.
-    white_e_per_ms
-        Electrons per millisecond for a white surface that faces one LED at full level. The
-        default fills 85 % of the well in 20 ms.
-    black_level_fraction
-        Offset of the converter as a fraction of its range, so that noise around zero is not cut.
-    response_gamma
-        The linear values, black level included, are raised to 1 / gamma as shares of full scale.
-        The properties below, and the noise, are those of the linear values.
-    hot_pixels
-        Number of pixels that add 10 to 100 % of the full well at any exposure. Their places depend
-        on the number and the size of the frame only.
-    """
+    """A monochrome sensor of a common industrial camera."""
 
     bit_depth: int = 12
+    # electrons at which a pixel, and the converter with it, saturates
     full_well_e: float = 10_000.0
-    read_noise_e: float = 5.0
-    white_e_per_ms: float = 425.0
+    read_noise_e: float = 5.0  # rms
+    white_e_per_ms: float = 425.0  # white that faces one LED: 85 % of the well in 20 ms
+    # of the converter's range, so that noise around 0 is not cut
     black_level_fraction: float = 1.0 / 64.0
-    response_gamma: float = 1.0
-    hot_pixels: int = 0
+    response_gamma: float = 1.0  # linear shares of full scale are raised to 1 / gamma
+    hot_pixels: int = 0  # number of them, each 10 to 100 % of the full well too bright
 
     @property
     def full_scale_dn(self) -> int:
@@ -78,21 +59,7 @@ class SensorModel:
         return self.read_noise_e / self.gain_e_per_dn
 
     def expose(self, light_ms: npt.NDArray[np.float32], rng: np.random.Generator) -> Pixels:
-        """Pixel values for an exposure.
-
-        Parameters
-        ----------
-        light_ms
-            (H, W) float32 irradiance integrated over the exposure; 1.0 is a white surface that
-            faces one LED at full level for one millisecond.
-        rng
-            Source of the noise. Shot noise is drawn as Gaussian, which above ten electrons
-            differs from Poisson by less than the read noise.
-
-        Returns
-        -------
-        (H, W) uint8 for 8 bits, else uint16.
-        """
+        """Pixel values; `light_ms` is 1 for white that faces one LED for a millisecond."""
         signal = self.expose_unclipped(light_ms, rng)
         signal += np.float32(self.black_level_dn + 0.5)
         if self.hot_pixels:
@@ -120,10 +87,7 @@ class SensorModel:
     def expose_unclipped(
         self, light_ms: npt.NDArray[np.float32], rng: np.random.Generator
     ) -> npt.NDArray[np.float32]:
-        """(H, W) float32 noisy values above the black level, neither clipped nor rounded.
-
-        `light_ms` may be negative, as in `SceneImages.without_shadow`.
-        """
+        """(H, W) float32 noisy values above the black level, neither clipped nor rounded."""
         signal = light_ms * np.float32(self.white_e_per_ms)
         deviation = np.abs(signal)
         deviation += np.float32(self.read_noise_e**2)
@@ -136,12 +100,7 @@ class SensorModel:
 
 @dataclass(frozen=True)
 class RecordedPixels:
-    """Recorded pixel values in place of a sensor; they have their noise already.
-
-    A light that is on for half of an exposure adds half of its recorded values. `origin` identifies
-    the recorded set in the metadata of sets captured from it; a noise model is None if unknown.
-    `stated` has gain, gamma and controls of the camera that took it, as in `CameraInfo`.
-    """
+    """Recorded pixel values, with their own noise, in place of a sensor."""
 
     bit_depth: int
     exposure_ms: float

@@ -39,19 +39,7 @@ class SimulatedSet:
         led_levels: npt.ArrayLike | None = None,
         shadows: bool = True,
     ) -> SimulatedSet:
-        """Expose a scene: one image under each light, then the ambient image.
-
-        Parameters
-        ----------
-        scene
-            Rendered under `lighting`.
-        seed
-            Seed of the sensor noise.
-        led_levels
-            (N,) true levels of the LEDs, unknown to the solver; all 1 by default.
-        shadows
-            False gives unclipped images of `scene.without_shadow`.
-        """
+        """Expose a scene: one image under each light, then the ambient image."""
         rng = np.random.default_rng(seed)
         take = sensor.expose if shadows else sensor.expose_unclipped
         seen = scene if shadows else scene.without_shadow(lighting)

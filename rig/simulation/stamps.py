@@ -1,31 +1,32 @@
 """Time stamps of a simulated driver, and the exposure times that the rig derives."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
 
 from rig.config.camera import ReplayCameraConfig, SimulatedCameraConfig
 from rig.config.simulation import SimulationConfig
 from rig.frame_time import exposure_start_s, require_measured_mode, start_known_to_s
 
-from .camera import ReportedTiming
-
 # Separates the random numbers of time stamps from those of pixels.
 _JITTER_STREAM = 1
+
+
+@dataclass(frozen=True)
+class ReportedTiming:
+    """The timing that a simulated camera reports of its exposures."""
+
+    # of a sequence number and the true start
+    start_s: Callable[[int, float], float] = lambda _sequence, start_s: start_s
+    readout_s: float | None = None
+    start_known_to_s: float = 0.0  # how much later an exposure may start
 
 
 def reported_timing(
     camera: SimulatedCameraConfig | ReplayCameraConfig, simulation: SimulationConfig
 ) -> ReportedTiming:
-    """The timing that the rig derives from the stamps of a simulated driver.
-
-    Without `stamp_lag_ms` the driver stamps the start of exposure and is believed. With it, the
-    stamps are late by the lag and a random jitter, and are evaluated as those of a real camera, by
-    the timing in its configuration.
-
-    Raises
-    ------
-    ConfigError
-        If the camera's timing was measured in another mode.
-    """
+    """The timing that the rig derives from the stamps of a simulated driver."""
     require_measured_mode(camera)
     period_s, exposure_s = 1.0 / camera.frame_rate_hz, camera.exposure_ms / 1e3
     lag_ms = simulation.stamp_lag_ms

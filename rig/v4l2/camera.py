@@ -27,7 +27,6 @@ from .measurement_mode import (
     set_measurement_mode,
 )
 from .pixel_formats import PIXEL_FORMATS, CorruptFrameError, decode
-from .written_frames import WrittenFrames
 
 # Few, so that few frames are stale after a switch; with fewer than 3, drivers lose frames.
 _BUFFERS = 4
@@ -41,12 +40,6 @@ class V4l2Camera:
 
     The driver's buffers are claimed before a control is changed, so that a second program cannot
     change anything before it fails to open the camera.
-
-    Raises
-    ------
-    CameraError
-        If the camera is missing or in use, lacks the format, size or rate, or does not keep the
-        value of a control; the message names it.
     """
 
     def __init__(self, config: V4l2CameraConfig) -> None:
@@ -106,11 +99,7 @@ class V4l2Camera:
             self._mode = set_exposure(self._device, self._mode, exposure_ms)
 
     def read(self, timeout_s: float) -> Frame:
-        """The oldest frame in the queue, or the next one to arrive.
-
-        A frame that is damaged or flagged by the driver has `FrameFlag.CORRUPT` and zeros for
-        pixels.
-        """
+        """The oldest frame in the queue, or the next one; a damaged frame is CORRUPT and all 0."""
         capture = self._next_capture(timeout_s)
         start_s = exposure_start_s(
             capture.timestamp_s,
@@ -198,3 +187,38 @@ def _record(device: V4l2Device, form: VideoFormat, config: V4l2CameraConfig) -> 
         "timing_measured_at": config.timing_measured_at,
     }
     return record
+
+
+# In periods. The writer's stamps are exact to a microsecond, the reported period to 1e-9 s: over
+# 500 periods at 1 kHz, see test_written_frames.py, that adds up to 0.002.
+_PERIOD_TOLERANCE = 0.01
+
+
+class WrittenFrames:
+    """Numbers frames by their time stamps, for a driver that does not count them.
+
+    ``v4l2loopback`` replaces the stamps of all its frames by the current time whenever a program
+    claims buffers. So a frame has no number if its stamp is not later than `opened_s`, the
+    monotonic time at which this program claimed its buffers, or not a whole number of periods
+    after that of the last numbered frame.
+    """
+
+    def __init__(self, opened_s: float, period_s: float) -> None:
+        self._opened_s = opened_s
+        self._period_s = period_s
+        self._last: tuple[int, float] | None = None
+
+    def number_of(self, stamp_s: float) -> int | None:
+        """The number of the frame stamped `stamp_s`; None if the stamp is not the writer's."""
+        if stamp_s <= self._opened_s:
+            return None
+        if self._last is None:
+            self._last = (0, stamp_s)
+            return 0
+        number, last_s = self._last
+        periods = (stamp_s - last_s) / self._period_s
+        steps = round(periods)
+        if abs(periods - steps) > _PERIOD_TOLERANCE:
+            return None
+        self._last = (number + steps, stamp_s)
+        return number + steps

@@ -30,10 +30,7 @@ _MAX_MENU = 256
 
 @dataclass(frozen=True)
 class Control:
-    """One control as the driver describes it.
-
-    `menu` maps the values of a menu to their names; a menu may have gaps.
-    """
+    """One control as the driver describes it; a menu of values may have gaps."""
 
     id: int
     kind: int
@@ -103,15 +100,7 @@ def read_control(device: V4l2Device, control: Control) -> int:
 
 
 def write_control(device: V4l2Device, control: Control, value: int) -> None:
-    """Set a control and read it back.
-
-    Raises
-    ------
-    ControlError
-        If the control cannot be set to this value or does not keep it; names the control.
-    CameraError
-        If the camera is gone or in use.
-    """
+    """Set a control and read it back."""
     # The kernel would clamp the value without an error.
     allowed = value in control.menu if control.menu else control.minimum <= value <= control.maximum
     if not allowed:
@@ -149,10 +138,7 @@ def check_control(device: V4l2Device, control: Control, value: int) -> None:
 
 
 def _error(device: V4l2Device, control: Control, seen: str, advice: str = "") -> ControlError:
-    """An error about a control.
-
-    The default advice is for a control that does not keep its value.
-    """
+    """An error about a control; the default advice is for one that does not keep its value."""
     advice = advice or (
         "the camera does not obey: close other programs that use it; if v4l2-ctl -d "
         f"{device.path} cannot set it either, {_OTHER}"
@@ -182,10 +168,7 @@ def _query(device: V4l2Device, control_id: int) -> abi.QueryExtCtrl | abi.QueryC
 
 
 def _is_known(device: V4l2Device, request: int, argument: ctypes.Structure) -> bool:
-    """Do an ioctl that old drivers lack; return whether this one has it.
-
-    Other errors are raised as OSError.
-    """
+    """Do an ioctl that old drivers lack; return whether this one has it."""
     try:
         device.try_call(request, argument)
     except OSError as error:

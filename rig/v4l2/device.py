@@ -41,11 +41,7 @@ class OfferedFormat:
 
 @dataclass(frozen=True)
 class VideoFormat:
-    """The parts of a format that the driver decides.
-
-    `bytes_per_line` includes the padding of a row; `quantization` tells whether luma fills the
-    whole range.
-    """
+    """The parts of a format that the driver decides; a row of `bytes_per_line` may be padded."""
 
     bytes_per_line: int
     quantization: str

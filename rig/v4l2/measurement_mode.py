@@ -58,15 +58,7 @@ class MeasurementMode:
 
 
 def set_measurement_mode(device: V4l2Device, config: V4l2CameraConfig) -> MeasurementMode:
-    """Set exposure, gain and gamma, turn off automatic controls, read all back.
-
-    Raises
-    ------
-    ControlError
-        If controls are missing, cannot be set or do not keep their value; names all of them.
-    CameraError
-        If the camera is gone or in use.
-    """
+    """Set exposure, gain and gamma, turn off automatic controls, read all back."""
     settings: list[Setting] = []
     faults: list[ControlFault] = []
     for step in _steps(device, config):
@@ -105,13 +97,7 @@ def exposure_range_ms(device: V4l2Device, config: V4l2CameraConfig) -> tuple[flo
 
 
 def set_exposure(device: V4l2Device, mode: MeasurementMode, exposure_ms: float) -> MeasurementMode:
-    """Change the exposure of a streaming camera, and read every control back.
-
-    Raises
-    ------
-    ControlError
-        If the camera has no such exposure, or a control does not keep its value.
-    """
+    """Change the exposure of a streaming camera, and read every control back."""
     control, units = _set_exposure_time(device, exposure_ms)
     others = tuple(each for each in mode.settings if each[0].id != control.id)
     changed = MeasurementMode((*others, (control, units)), units / (1e3 * EXPOSURE_UNITS_PER_MS))

@@ -14,17 +14,7 @@ from . import abi
 
 
 class VideoNode:
-    """An open video device, on which no call blocks for ever.
-
-    `stream` is the ``BUF_TYPE`` of its frames.
-
-    Raises
-    ------
-    CameraError
-        If it is missing or not permitted.
-    ConfigError
-        If this system is not Linux.
-    """
+    """An open video device, on which no call blocks for ever."""
 
     def __init__(self, path: str, stream: int) -> None:
         self.path = path
@@ -80,14 +70,7 @@ class VideoNode:
         return abi.Buffer(index=index, type=self._stream, memory=abi.MEMORY_MMAP)
 
     def map_buffers(self, count: int) -> dict[int, mmap.mmap]:
-        """Reserve `count` buffers, or as many as the driver has, and map them.
-
-        Then no other program can stream from the device.
-
-        Returns
-        -------
-        The memory of each buffer by its offset, in the order of their indices.
-        """
+        """Map at most `count` buffers by offset; no other program can stream then."""
         request = abi.RequestBuffers(count=count, type=self._stream, memory=abi.MEMORY_MMAP)
         self.call("provides no buffers", abi.VIDIOC_REQBUFS, request)
         mapped: dict[int, mmap.mmap] = {}

@@ -13,17 +13,7 @@ _BUFFERS = 4
 
 
 class V4l2Output(VideoNode):
-    """A loopback device, open for writing.
-
-    Its driver, for example ``v4l2loopback``, passes each buffer on at once. A frame keeps the time
-    stamp given here, because the driver's own stamp would be the time of writing. `period_s` is the
-    frame period that the driver reports to readers.
-
-    Raises
-    ------
-    CameraError
-        If it is missing, in use, or does not take frames of this format.
-    """
+    """A loopback device, open for writing; a frame keeps the time stamp that it is given here."""
 
     def __init__(
         self,

@@ -51,11 +51,7 @@ def decode(
     height_px: int,
     bytes_per_line: int,
 ) -> Pixels:
-    """Decode the image in the filled part of a buffer, whose memory it may share.
-
-    `bytes_per_line` is the driver's; 0 means rows without padding. Raises `CameraError` if the
-    buffer has another size or holds values beyond the true depth.
-    """
+    """Decode the image in the filled part of a buffer, whose memory it may share."""
     if pixel_format.is_compressed:
         return _from_jpeg(data, width_px, height_px)
     row_bytes = width_px * pixel_format.bytes_per_px

@@ -17,10 +17,7 @@ _NO_COLOUR = 128
 
 @dataclass(frozen=True)
 class Packing:
-    """Encoding of one pixel format, row after row without padding.
-
-    `to_bytes` encodes an image (H, W) of the format's depth.
-    """
+    """Encoding of one pixel format, row after row without padding."""
 
     fourcc: str
     bytes_per_px: int

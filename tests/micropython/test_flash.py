@@ -9,7 +9,7 @@ import serial
 
 from firmware_sim.firmware import FIRMWARE_VERSION
 from rig.errors import LightControllerError
-from rig.lights.flash import BoardFile, board_files, flash_port
+from rig.lights.flash import board_files, flash_port
 from rig.lights.link import ControllerLink
 
 from .conftest import BOARD_FILES
@@ -29,7 +29,7 @@ def files_on(pico) -> dict[str, bytes]:
 
 
 def expected_files() -> dict[str, bytes]:
-    return {file.name: file.data for file in board_files()}
+    return {file.name: file.read_bytes() for file in board_files()}
 
 
 def test_an_empty_board_becomes_a_light_controller(new_pico):
@@ -60,9 +60,8 @@ def test_a_running_controller_is_updated(new_pico, tmp_path):
 def test_an_interrupted_copy_leaves_the_old_program_running(pico, tmp_path):
     pico.wait_for("watchdog")
     before = files_on(pico)
-    lost = BoardFile("main.py", tmp_path / "is not there", b"")
     with pytest.raises(LightControllerError, match="or it refused"):
-        flash_port(pico.port, (*board_files()[:2], lost))
+        flash_port(pico.port, (*board_files()[:2], tmp_path / "main.py"))
     left = files_on(pico)
     assert {name: left[name] for name in NAMES} == before
     ControllerLink(pico.port, 115_200).close()

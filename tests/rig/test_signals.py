@@ -1,4 +1,4 @@
-"""An uninterrupted action runs to its end, and the signal is delivered afterwards."""
+"""A block runs to its end, and the signal is delivered afterwards."""
 
 import os
 import signal
@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from rig.lights.driver import LightController
-from rig.signals import uninterrupted
+from rig.signals import signals_held_back
 
 
 @pytest.fixture(autouse=True)
@@ -33,31 +33,33 @@ def test_a_signal_is_delivered_after_the_action(number: signal.Signals) -> None:
     thread.start()
     steps = []
 
-    def act() -> None:
+    with pytest.raises(KeyboardInterrupt), signals_held_back():  # noqa: PT012
         steps.append("begin")
         os.kill(os.getpid(), number)
         time.sleep(0.01)
         steps.append("end")
-
-    with pytest.raises(KeyboardInterrupt):
-        uninterrupted(act)
     idle.set()
     thread.join()
-    assert steps[:2] == ["begin", "end"]
+    assert steps == ["begin", "end"]
     with pytest.raises(KeyboardInterrupt):  # and the handlers are as before
         signal.raise_signal(number)
-    assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == set()
 
 
 def test_an_ignored_signal_stays_ignored() -> None:
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    uninterrupted(lambda: signal.raise_signal(signal.SIGHUP))
+    with signals_held_back():
+        signal.raise_signal(signal.SIGHUP)
     assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
 
 
-def test_an_action_of_another_thread_is_run() -> None:
+def test_a_block_of_another_thread_is_run() -> None:
     done = threading.Event()
-    thread = threading.Thread(target=uninterrupted, args=(done.set,))
+
+    def act() -> None:
+        with signals_held_back():
+            done.set()
+
+    thread = threading.Thread(target=act)
     thread.start()
     thread.join()
     assert done.is_set()

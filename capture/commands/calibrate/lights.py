@@ -113,7 +113,7 @@ def lights(
     from capture.calibration.setting import Setting
     from capture.outputs import check_output
     from capture.procedures.sphere_parts import images_of_sets, sphere_parts
-    from capture.sets.light_list_file import require_light_list_name, write_light_list
+    from capture.sets.light_list import require_light_list_name, write_light_list
     from rig import open_rig
 
     calibration, photographs = _calibration_and_photographs(paths, given, mask)

@@ -38,8 +38,7 @@ def latency(
     that changes. Run it again after a change of exposure, frame rate, size or format.
     """
     from rig import ConfigError, open_rig
-    from rig.config.rig import config_of
-    from rig.config.toml_edit import store_values
+    from rig.config.rig import config_of, store_values
     from rig.latency.camera import measure_latency, without_timing
 
     config = config_of(rig)

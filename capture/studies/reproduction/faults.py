@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from classify import Lighting
-from rig.scene.lens import Lens
-from rig.scene.render import SceneImages, led_distance_for, render_frame
+from rig.scene.render import Lens, SceneImages, led_distance_for, render_frame
 from rig.scene.surfaces import PeriodicSurface
 
 

@@ -23,7 +23,7 @@ from rig import (
     RigConfig,
     open_rig,
 )
-from rig.lights.timeouts import LinkTimeouts
+from rig.lights.link import LinkTimeouts
 from rig.set_file import pixels_sha256
 from tests.changed_frames import with_frames
 

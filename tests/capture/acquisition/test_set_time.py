@@ -9,7 +9,7 @@ import pytest
 from capture import CapturedSet, SetRejected, capture_set
 from rig import CameraError, RigConfig, open_rig
 from rig.latency.camera import measure_latency, without_timing
-from rig.lights.timeouts import LinkTimeouts
+from rig.lights.link import LinkTimeouts
 
 SETS = 8
 

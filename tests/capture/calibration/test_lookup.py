@@ -15,7 +15,7 @@ from capture.calibration.parts import PART_NAMES
 from capture.calibration.ps4cal import CalibrationFile, PartRecord
 from capture.calibration.setting import Setting
 from capture.errors import CalibrationError
-from capture.sets.set_calibration import calibration_of
+from capture.sets.captured_set import calibration_of
 from classify import Lighting
 from classify.calibration.dark import Dark
 from classify.calibration.lights import CalibratedLights

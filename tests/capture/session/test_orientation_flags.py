@@ -18,9 +18,8 @@ from capture import CapturedSet
 from capture.batch.tasks import LoadedSet
 from capture.session.measures import LEAST_SHARPNESS, SpecimenReference
 from classify import Lighting, TextureLibrary
-from rig.scene.lens import Lens
 from rig.scene.material_folder import bundled_materials, load_material
-from rig.scene.render import render_frame
+from rig.scene.render import Lens, render_frame
 from rig.scene.surfaces import PeriodicSurface
 from rig.scene.synthetic import SYNTHETIC_30, synthetic_surface, tile_side_px
 from rig.simulation.sensor import SensorModel

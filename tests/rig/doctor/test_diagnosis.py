@@ -25,10 +25,9 @@ from rig.doctor.serial_ports import (
     check_port,
     check_ports,
 )
-from rig.latency.switch import measure_switch_latency
 from rig.lights.discovery import _VENDORS, SerialPort
-from rig.lights.driver import LightController
-from rig.lights.timeouts import DEFAULT_TIMEOUTS, LinkTimeouts
+from rig.lights.driver import LightController, measure_switch_latency
+from rig.lights.link import DEFAULT_TIMEOUTS, LinkTimeouts
 from rig.v4l2.abi import CID_EXPOSURE_ABSOLUTE
 from rig.v4l2.controls import Control
 from rig.v4l2.device import OfferedFormat

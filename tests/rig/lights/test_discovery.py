@@ -23,9 +23,8 @@ from rig.lights.discovery import (
     ports_to_try,
 )
 from rig.lights.driver import LightController
-from rig.lights.link import ControllerIdentity
+from rig.lights.link import ControllerIdentity, LinkTimeouts
 from rig.lights.port_holders import port_holders
-from rig.lights.timeouts import LinkTimeouts
 
 PICO, UNKNOWN = "2e8a:0005", "1234:5678"
 

@@ -23,7 +23,7 @@ from firmware_sim import (
 from rig import LightControllerError
 from rig.lights.driver import LightController, LightState
 from rig.lights.link import PROTOCOL_VERSION as DRIVER_PROTOCOL_VERSION
-from rig.lights.timeouts import LinkTimeouts
+from rig.lights.link import LinkTimeouts
 
 Line = Callable[[Callable[[str, bytes], Iterable[bytes]]], str]
 

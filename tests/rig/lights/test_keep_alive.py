@@ -14,7 +14,7 @@ from firmware_sim import RealClock, SimulatedBoard, SimulatedController, Virtual
 from rig import LightControllerError, RigConfig, open_rig
 from rig.lights.driver import LightController
 from rig.lights.keep_alive import KeepAliveClock, KeepAliveThread
-from rig.lights.timeouts import LinkTimeouts
+from rig.lights.link import LinkTimeouts
 
 SMALL = RigConfig().with_changes(
     camera={"width_px": 32, "height_px": 32}, lights={"watchdog_ms": 400}

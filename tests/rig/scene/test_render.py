@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from classify.errors import InputError
 from classify.lighting import Lighting
-from rig.scene.lens import Lens
-from rig.scene.render import Gloss, led_distance_for, render_frame, render_scene
+from rig.scene.render import Gloss, Lens, led_distance_for, render_frame, render_scene
 from rig.scene.surfaces import PeriodicSurface, SurfacePatch
 from rig.scene.synthetic import ALBEDO, synthetic_surface
 
