@@ -26,15 +26,7 @@ _SATURATED = 0.5
 
 
 def frame_series(rig: Rig, light: int | None, count: int) -> Pixels:
-    """Return (count, H, W) fresh frames under one light, None for all LEDs off.
-
-    The light stays on.
-
-    Raises
-    ------
-    HardwareError
-        If the controller or the camera fails, or no such frame arrives.
-    """
+    """Return (count, H, W) fresh frames under one light, None for all LEDs off; it stays on."""
     repeats = RepeatDetector()
 
     def receive(frame: Frame, not_before_s: float) -> FrameKind:
@@ -83,15 +75,7 @@ def brightest_light(rig: Rig) -> int:
 
 
 def ladder_ms(rig: Rig, light: int) -> list[float]:
-    """Return a ladder of exposures in ms for a response, the longest first.
-
-    At the longest, at least half of the frame is below saturation.
-
-    Raises
-    ------
-    CameraError
-        If the camera has only one exposure.
-    """
+    """Return exposures for a response, the longest first: there half of the frame may saturate."""
     shortest_ms, longest_ms = rig.camera.exposure_range_ms
     if shortest_ms == longest_ms:
         raise CameraError(

@@ -43,14 +43,6 @@ def images_in_sequence(rig: Rig, average: int, part: ArrivedPart | None = None) 
     """Capture an ambient image and one image per light, mean of `average` sequences.
 
     The part sensor may have started the first sequence already, for the `part` that it saw.
-
-    Raises
-    ------
-    SetRejected
-        If a frame is missing, repeated, corrupt or not where the controller recorded it, or the
-        sequence ended early; the message names the cause.
-    HardwareError
-        If the controller or the camera fails.
     """
     plan = rig.config.sequence_plan
     if plan is None:
@@ -148,13 +140,7 @@ def _tolerance_s(rig: Rig, report: SequenceReport) -> float:
 
 
 def _exposures_s(rig: Rig, plan: SequencePlan, report: SequenceReport) -> list[float]:
-    """Exposure start of each step on the rig's clock.
-
-    Raises
-    ------
-    SetRejected
-        If the report or the strobe in it differs from the plan.
-    """
+    """Exposure start of each step on the rig's clock."""
     done = tuple(step.light for step in report.steps)
     if report.cause is not None or done != plan.lights:
         raise SetRejected(

@@ -27,29 +27,9 @@ class ArrivedPart:
 def wait_for_part(
     rig: Rig, delay_s: float, is_stopping: Callable[[], bool] = lambda: False
 ) -> ArrivedPart | None:
-    """Wait until the part sensor has seen a part and the controller has begun its set.
+    """Wait until the controller has begun the set of a part, `delay_s` after the sensor's edge.
 
-    Parameters
-    ----------
-    rig
-        An open rig with `lights.synchronisation` strobe or trigger.
-    delay_s
-        Time from the sensor's edge to the first light.
-    is_stopping
-        Asked again and again; True ends the wait.
-
-    Returns
-    -------
-    ArrivedPart or None
-        To be given to `capture_set` at once; None if `is_stopping` ended the wait.
-
-    Raises
-    ------
-    InputError
-        If the rig is synchronised by software.
-    HardwareError
-        If the controller or the camera fails, the controller ends the wait, such as by its
-        watchdog, or the firmware is older than 2.1.
+    Give the part to `capture_set` at once; None if `is_stopping`, which is polled, ended the wait.
     """
     plan = rig.config.sequence_plan
     if plan is None:

@@ -17,15 +17,7 @@ class SequenceFrames:
         self.received: list[Frame] = []
 
     def take(self) -> bool:
-        """Read one more frame; return False if none arrives in time.
-
-        Raises
-        ------
-        SetRejected
-            If a frame was lost or repeated.
-        CameraError
-            If the camera delivered none at all.
-        """
+        """Read one more frame; return False if none arrives in time."""
         camera, clock = self._rig.camera, self._rig.clock
         try:
             frame = camera.read(max(0.0, self._deadline_s - clock.now_s()))

@@ -22,20 +22,7 @@ from .light_checks import (
 def check_set(
     images: LightImages, known: Calibration, retake: Callable[[], Images]
 ) -> ChecksRecord:
-    """Check the images of a set, with a retake if they leave a check undecided.
-
-    Parameters
-    ----------
-    known
-        Calibration of the rig, whose lights are taken into account.
-    retake
-        Captures the light images a second time; called at most once, by this thread.
-
-    Raises
-    ------
-    SetRejected
-        Naming the cause; the first one in the order of the checks.
-    """
+    """Check the images of a set; undecided checks call `retake` once, which captures them again."""
     calibrated = images.calibrated(known)
     ambient_change = check_ambient(images)
     check_images(images)

@@ -36,8 +36,7 @@ async def _greet(address: str, answer_s: float) -> None:
 class DaskPool:
     """A `Pool` of the workers of a Dask scheduler; workers may join later.
 
-    The scheduler runs the items of a dead worker again, on another worker. The workers must have
-    `version` of ps4rig, by default the one that runs here.
+    The scheduler runs the items of a dead worker again, on another worker.
     """
 
     # The scheduler itself counts failures, up to `distributed.scheduler.allowed-failures`.

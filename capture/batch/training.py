@@ -25,9 +25,8 @@ def train_library(
 ) -> tuple[TextureLibrary, dict[str, int]]:
     """Train a library from labelled sets; return it and the number of sets of each class.
 
-    All sets are solved by `method`, by default the default solver for their number of lights. The
-    library stores the paths of the sets relative to `folder`, where it will be saved. `calibration`
-    replaces the calibrations that the sets name.
+    The library stores the paths of the sets relative to `folder`, where it will be saved.
+    `calibration` replaces the calibrations that the sets name.
     """
     absolute = [path.absolute() for path in paths]
     calibration = None if calibration is None else calibration.absolute()
@@ -87,11 +86,7 @@ def retrain_library(
     method: Method | None = None,
     calibration: Path | None = None,
 ) -> TextureLibrary:
-    """Train another classifier from the sets that the library at `path` was trained from.
-
-    The solver is that of the library unless `method` is given. LibraryError if the library does not
-    name its training sets, or one of them is missing or has changed.
-    """
+    """Train another classifier from the sets that the library at `path` was trained from."""
     method = method or library.method
     remedy = f"train a library with --classifier {classifier}"
     if not library.sources:

@@ -150,10 +150,7 @@ def with_part(
     bits: int | None,
     size_px: int | None,
 ) -> RigConfig:
-    """Return `config` with the given values; None keeps the value of `config`.
-
-    `placement` holds fields of `rig.Placement`.
-    """
+    """Return `config` with values, and fields of `rig.Placement`, that are not None."""
     camera = {"bits": bits, "width_px": size_px, "height_px": size_px}
     placed = config.simulation.placement.model_dump() | _given(placement)
     return config.with_changes(

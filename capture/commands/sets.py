@@ -167,7 +167,7 @@ def _captured(
 def _numbered(output: Path, count: int, replace: bool) -> list[Path]:
     """Return `output`, or for several sets as many names with numbers.
 
-    The numbers go on after the highest of the files that exist; with `replace` they begin at 1.
+    The numbers go on after the highest that exists; with `replace` they begin at 1.
     """
     from capture.sets.ome_tiff import SUFFIX
 

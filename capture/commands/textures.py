@@ -290,10 +290,7 @@ def _library_for(
     batch: Batch,
     folder: Path | None,
 ) -> Iterator[Path]:
-    """Yield the library, or a temporary one in `folder` from the same sets.
-
-    It is trained with `classifier`, and with `method` or the solver of the library.
-    """
+    """Yield the library, or a temporary one in `folder` with `classifier` from its sets."""
     from capture.batch.training import retrain_library
     from classify import TextureLibrary
 

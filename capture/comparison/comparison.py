@@ -23,29 +23,14 @@ _ALIGNED = 0.7
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Two sides and what differs.
-
-    Attributes
-    ----------
-    texture
-        None where a side is too small for a texture, or has no valid pixel.
-    angle_deg
-        Angle from the first to the second texture, anticlockwise, [-90, 90); None where the
-        textures determine none.
-    maps
-        Pixel by pixel, of maps of equal size and unit.
-    normals_deg
-        Median and 95th percentile of the angle between normals; None for unlike sizes.
-    fields
-        What differs in the set, the rig, its settings, the calibration and the software.
-    """
+    """Two sides and what differs."""
 
     first: Side
     second: Side
-    texture: TexturePair | None
-    angle_deg: float | None
-    maps: Mapping[str, MapDifference]
-    normals_deg: tuple[float, float] | None
+    texture: TexturePair | None  # None where a side is too small, or has no valid pixel
+    angle_deg: float | None  # from the first texture to the second, anticlockwise, [-90, 90)
+    maps: Mapping[str, MapDifference]  # those of equal size and unit
+    normals_deg: tuple[float, float] | None  # median and 95th percentile of the angle between them
     fields: tuple[FieldDifference, ...]
 
     @property
@@ -55,7 +40,6 @@ class Comparison:
         return bool(slopes) and min(slopes) >= _ALIGNED
 
     def as_json(self) -> dict[str, Any]:
-        """Return the comparison as values of JSON."""
         return {
             "a": str(self.first.path),
             "b": str(self.second.path),
@@ -74,7 +58,6 @@ class Comparison:
 
 
 def compare(first: Side, second: Side) -> Comparison:
-    """Compare two sides."""
     try:
         texture = compare_textures(first.texture, second.texture)
     except InputError:

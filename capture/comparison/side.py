@@ -25,40 +25,19 @@ _OF_THE_RIG = ("rig_name", "camera", "light_directions", "led_levels_percent")
 
 @dataclass(frozen=True, eq=False)
 class Side:
-    """One of two sets or folders.
-
-    Attributes
-    ----------
-    surface
-        Slopes, albedo and validity as maps show them.
-    texture
-        The surface solved as for a texture; for a folder, `surface` itself.
-    maps
-        (H, W) maps by name, NaN where not valid, each with its unit; heights are in mm where the
-        scale is known.
-    facts
-        By group, ``set``, ``rig``, ``settings``, ``calibration`` and ``software``: values by field.
-    orientation_deg
-        As entered; None where it is not known.
-    """
+    """One of two sets or folders."""
 
     path: Path
     surface: SurfaceEstimate
-    texture: SurfaceEstimate
-    maps: _Maps
-    facts: Mapping[str, Mapping[str, Any]]
+    texture: SurfaceEstimate  # solved as for a texture; for a folder, `surface` itself
+    maps: _Maps  # (H, W), NaN where not valid
+    facts: Mapping[str, Mapping[str, Any]]  # values by field, by group
     simulated: bool
     orientation_deg: float | None
 
 
 def side_of(path: Path, calibration: Path | None = None, *, raw: bool = False) -> Side:
-    """Read and solve a set as `LoadedSet.of`, or read a folder of maps of ``ps4rig solve``.
-
-    Raises
-    ------
-    InputError
-        If it is neither, cannot be read or solved, or its calibration is missing.
-    """
+    """Read and solve a set as `LoadedSet.of`, or read a folder of maps of ``ps4rig solve``."""
     if path.is_dir():
         return _folder(path)
     if not path.name.endswith(SUFFIX):

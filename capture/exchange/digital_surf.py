@@ -27,13 +27,7 @@ _MAX_COMMENT_BYTES = 2**15 - 1
 
 
 def write_sur(path: Path, heights: HeightMap) -> None:
-    """Write heights in micrometres, rows from the top; points without a height are marked as such.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+    """Write heights in micrometres, rows from the top; NaN becomes a missing point."""
     heights_um = _UM_PER_MM * heights.heights_mm.astype(np.float64)
     missing = np.isnan(heights_um)
     # Offset and step are float32 in the file: the points are computed from what readers will read.

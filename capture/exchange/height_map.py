@@ -16,10 +16,7 @@ from classify.surface.estimate import FloatMap
 
 
 def solved_height(loaded: LoadedSet) -> tuple[SurfaceEstimate, FloatMap]:
-    """Solve a set and integrate its slopes: height in px, NaN where no slope is known.
-
-    Raises `SetRejected` if no pixel can be solved.
-    """
+    """Solve a set and integrate its slopes: height in px, NaN where no slope is known."""
     surface = loaded.captured.solve(calibration=loaded.calibration)
     if not surface.valid.any():
         raise SetRejected("no pixel can be solved; check exposure and lights")
@@ -30,38 +27,18 @@ def solved_height(loaded: LoadedSet) -> tuple[SurfaceEstimate, FloatMap]:
 
 @dataclass(frozen=True, eq=False)
 class HeightMap:
-    """Heights on the grid of the pixels, rows from the top of the image.
+    """Heights on the grid of the pixels, rows from the top of the image."""
 
-    Attributes
-    ----------
-    heights_mm
-        (H, W) float32, NaN where no slope is known.
-    mm_per_px, scale_date
-        The calibrated scale, and when it was measured.
-    captured_at
-        Time of the capture.
-    metadata, method
-        Metadata of the captured set, and the solver.
-    """
-
-    heights_mm: FloatMap
+    heights_mm: FloatMap  # (H, W) float32, NaN where no slope is known
     mm_per_px: float
-    scale_date: str
+    scale_date: str  # of the measurement of the scale
     captured_at: datetime
     metadata: SetMetadata
     method: str
 
     @classmethod
     def of(cls, loaded: LoadedSet) -> HeightMap:
-        """Solve a set with its calibration, and integrate its slopes.
-
-        Raises
-        ------
-        InputError
-            If the set cannot be solved, or has no calibrated scale.
-        SetRejected
-            If no pixel can be solved.
-        """
+        """Solve a set with its calibration, and integrate its slopes."""
         metadata = loaded.captured.metadata
         found, known = loaded.found, loaded.calibration
         if found is None or known is None or known.mm_per_px is None:

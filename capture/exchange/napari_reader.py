@@ -22,11 +22,8 @@ _SHOWN_MAP = "albedo"
 
 
 def get_reader(path: str | list[str]) -> Reader | None:
-    """Return a reader for a captured set or a folder of maps, or None for anything else.
-
-    Several files are not stacked: sets may differ in size and lights.
-    """
-    if not isinstance(path, str):
+    """Return a reader for a captured set or a folder of maps, or None for anything else."""
+    if not isinstance(path, str):  # sets may differ in size and lights: they are not stacked
         return None
     try:
         if Path(path).is_dir():
@@ -39,13 +36,7 @@ def get_reader(path: str | list[str]) -> Reader | None:
 
 
 def read_set_layers(path: str) -> list[Layer]:
-    """Read the pages of a captured set, the first light shown; its metadata go with each.
-
-    Raises
-    ------
-    InputError
-        If the set was changed or damaged.
-    """
+    """Read the pages of a captured set, the first light shown; its metadata go with each."""
     images, ambient, metadata, mask = ome_tiff.read(Path(path))
     pages = [*images] + [each for each in (ambient, mask) if each is not None]
     about = metadata.model_dump(mode="json")
@@ -56,13 +47,7 @@ def read_set_layers(path: str) -> list[Layer]:
 
 
 def read_map_layers(path: str) -> list[Layer]:
-    """Read the maps in a folder, the albedo shown; the description of each goes with it.
-
-    Raises
-    ------
-    InputError
-        If a map is damaged.
-    """
+    """Read the maps in a folder, the albedo shown; the description of each goes with it."""
     return list(_map_layers(Path(path)))
 
 

@@ -20,13 +20,7 @@ _NOT_KNOWN = "not available"
 
 
 def write_x3p(path: Path, heights: HeightMap) -> None:
-    """Write heights in metres as float64, NaN where none was measured; rows from the top.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+    """Write heights in metres as float64, NaN where none was measured; rows from the top."""
     data = (heights.heights_mm.astype("<f8") * _M_PER_MM).tobytes()
     main = _main_xml(heights, _md5(data))
     with durable_file(path) as temporary, zipfile.ZipFile(

@@ -37,9 +37,7 @@ def write_channels(
 ) -> None:
     """Write (C, H, W) channels, or one (H, W) channel, as an ImageJ hyperstack.
 
-    ImageJ opens no TIFF of interleaved float32. It shows a hyperstack as grey between `limits`,
-    with the names of its channels, and `about` as its info, since the description of such a file
-    holds ImageJ's own settings.
+    ImageJ opens no interleaved float32; it shows this as grey between `limits`.
     """
     # Bio-Formats takes a pixel without a unit for a micrometre.
     per_unit, unit = (1.0, "pixel") if mm_per_px is None else (1.0 / mm_per_px, "mm")
@@ -54,25 +52,13 @@ def write_channels(
 
 
 def read_description(path: Path) -> Description:
-    """Read the description of a map that ps4rig wrote.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or is no such map.
-    """
+    """Read the description of a map that ps4rig wrote."""
     with opened_tiff(path) as tiff:
         return _description(tiff, path)
 
 
 def read_map(path: Path) -> tuple[npt.NDArray[Any], Description]:
-    """Read a map, (H, W) or (C, H, W), and its description.
-
-    Raises
-    ------
-    InputError
-        As `read_description`, or if pixels are missing.
-    """
+    """Read a map, (H, W) or (C, H, W), and its description."""
     with opened_tiff(path) as tiff:
         about = _description(tiff, path)
         if tiff.series[0].nbytes > tiff.filehandle.size:

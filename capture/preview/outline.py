@@ -32,22 +32,12 @@ Line = npt.NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """Lines over a frame.
-
-    Attributes
-    ----------
-    width_px, height_px
-        Size of the frame.
-    lines
-        Each closed, (n, 2): x to the right and y down, in pixels; the top left pixel is at 0, 0.
-    is_of_part
-        True for the outline of a part; False for the edges of a texture that fills the frame.
-    """
+    """Lines over a frame."""
 
     width_px: int
     height_px: int
-    lines: tuple[Line, ...]
-    is_of_part: bool
+    lines: tuple[Line, ...]  # each closed, (n, 2): x, y down in px; the top left pixel is at 0, 0
+    is_of_part: bool  # False for the edges of a texture that fills the frame
 
     def rotated(self, angle_deg: float) -> "Outline":
         """Rotate the lines anticlockwise about the middle of the frame."""

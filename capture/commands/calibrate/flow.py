@@ -62,34 +62,16 @@ Yes = Annotated[bool, typer.Option("--yes", help="Do not ask whether the target 
 
 @dataclass(frozen=True)
 class Target:
-    """What a procedure puts below the camera.
+    """What a procedure puts below the camera."""
 
-    Attributes
-    ----------
-    what
-        Its name after "put", such as "a white matt sheet".
-    surface
-        Its name for the simulated rig; see `rig.Placement`.
-    size_mm
-        Diameter of a sphere or side of a square of the checkerboard, as in `rig.Placement`.
-    next_placement
-        What to do for each further placement, as a request; None if there is one only.
-    """
-
-    what: str
-    surface: str
-    size_mm: float | None = None
-    next_placement: str | None = None
+    what: str  # after "put", such as "a white matt sheet"
+    surface: str  # as in `rig.Placement`
+    size_mm: float | None = None  # diameter of a sphere, or side of a square of the checkerboard
+    next_placement: str | None = None  # a request for each further placement
 
 
 def calibration_at(path: Path, inputs: Sequence[Path] = ()) -> CalibrationFile:
-    """Return the calibration that a part will be added to: that at `path`, or an empty one.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written, or exists and cannot be read.
-    """
+    """Return the calibration that a part will be added to: that at `path`, or an empty one."""
     from capture.calibration.ps4cal import SUFFIX, CalibrationFile
 
     check_output(path, suffix=SUFFIX, inputs=inputs, force=True)
@@ -106,13 +88,7 @@ def sets_given(places: Sequence[Path]) -> tuple[list[CapturedSet], tuple[str, ..
 
 
 def files_given(places: Sequence[Path]) -> tuple[list[Path], list[Path]]:
-    """Return the photographs and the sets among the files of ``--from`` and in its folders.
-
-    Raises
-    ------
-    InputError
-        If a folder holds none of them.
-    """
+    """Return the photographs and the sets among the files of ``--from`` and in its folders."""
     from capture.sets.light_list import PHOTOGRAPH_SUFFIXES
     from capture.sets.ome_tiff import SUFFIX
 
@@ -130,13 +106,7 @@ def files_given(places: Sequence[Path]) -> tuple[list[Path], list[Path]]:
 
 
 def photographs_or_sets(places: Sequence[Path]) -> tuple[list[Path], list[Path]]:
-    """Return photographs and sets as `files_given`; one of the two lists is empty.
-
-    Raises
-    ------
-    InputError
-        If there are both photographs and sets, or a folder holds none of them.
-    """
+    """Return photographs and sets as `files_given`; one of the two lists is empty."""
     photographs, sets = files_given(places)
     if photographs and sets:
         raise InputError("--from names photographs and sets; give one kind of them")
@@ -154,16 +124,7 @@ def target_sets(
 ) -> tuple[list[CapturedSet], tuple[str, ...]]:
     """Return sets of a target and their source: those of ``--from``, or captured by a rig.
 
-    Parameters
-    ----------
-    rotations_deg
-        One set is captured for each placement. The simulated rig rotates the target to these
-        angles, a person is asked to move it.
-
-    Raises
-    ------
-    InputError
-        If both a rig and sets are given, or neither.
+    The simulated rig rotates the target to `rotations_deg`; a person is asked to move it.
     """
     from rig import open_rig
 
@@ -196,15 +157,7 @@ def place_target(
     again: bool = False,
     yes: bool = False,
 ) -> None:
-    """Put a target below the camera; without a simulated rig a person does it, and is asked.
-
-    A simulated rig keeps the shift of its placement if `shift_px` is None.
-
-    Raises
-    ------
-    InputError
-        If nobody can be asked.
-    """
+    """Put a target below the camera; without a simulated rig a person does it, and is asked."""
     simulation = rig.simulation
     if simulation is not None and simulation.placement is not None:
         change = {"surface": target.surface, "rotate_deg": rotate_deg, "size_mm": target.size_mm}
@@ -236,16 +189,7 @@ def keep_parts(
 ) -> CalibrationFile:
     """Write the calibration with parts added, replaced or dropped, and print their quality.
 
-    Without `replace` a part that is better than the new one stays. As JSON several parts are a
-    list.
-
-    Raises
-    ------
-    InputError
-        If the parts that stay are of another rig, camera or frame, or another program has changed
-        the calibration since `file` was read.
-    CalibrationRejected
-        If a new part contradicts the old one; nothing is written.
+    Without `replace` a part that is better than the new one stays.
     """
     from capture.calibration.replacement import kept_because, with_other_exposures
 

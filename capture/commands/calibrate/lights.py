@@ -166,9 +166,9 @@ def lights(
 def _calibration_and_photographs(
     paths: Sequence[Path], given: Sequence[Path] | None, masks: Sequence[Path] | None
 ) -> tuple[Path, list[Path]]:
-    """Separate the calibration from the photographs, in their order and without the mask.
+    """Separate the calibration from the photographs of ``--from photo*.png``, without the mask.
 
-    A shell puts all but the first of ``--from photo*.png`` among the arguments.
+    A shell puts all but the first of them among the arguments.
     """
     from capture.calibration.ps4cal import SUFFIX
 
