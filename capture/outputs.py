@@ -41,7 +41,7 @@ def check_output(
 
 def is_input(path: Path, inputs: Iterable[Path]) -> bool:
     """Whether a file exists and is one of `inputs`, under any name."""
-    return path.exists() and any(each.exists() and each.samefile(path) for each in inputs)
+    return path.exists() and any(file.exists() and file.samefile(path) for file in inputs)
 
 
 def csv_line(cells: Iterable[Any]) -> str:

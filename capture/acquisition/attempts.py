@@ -189,8 +189,8 @@ def _attempt(
         return _stack(_light_images(_capture(rig, average, history, is_retake=True)))
 
     checks = check_target(images) if is_target else check_set(images, known, retake)
-    found = {"checks": checks, "pixels_sha256": hashed.sha256()}
-    return replace(unchecked, metadata=metadata.model_copy(update=found))
+    checked = {"checks": checks, "pixels_sha256": hashed.sha256()}
+    return replace(unchecked, metadata=metadata.model_copy(update=checked))
 
 
 def _capture(

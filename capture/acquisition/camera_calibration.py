@@ -12,10 +12,10 @@ from rig.camera import Pixels
 
 from .frame_series import (
     brightest_light,
-    exposure_kept,
     frame_series,
     ladder_frames,
     ladder_ms,
+    restored_exposure,
 )
 
 # Hot pixels are those beyond the noise of one frame, which 16 frames average away.
@@ -49,7 +49,7 @@ def rungs_of_rig(
     """
     bit_depth = rig.camera.info.bit_depth
     full_scale = (1 << bit_depth) - 1
-    with exposure_kept(rig):
+    with restored_exposure(rig):
         light = brightest_light(rig)
         exposures_ms = ladder_ms(rig, light)
         series = ladder_frames(rig, light, exposures_ms, _LADDER_FRAMES)

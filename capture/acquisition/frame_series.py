@@ -52,7 +52,7 @@ def require_free_running(rig: Rig) -> None:
 
 
 @contextmanager
-def exposure_kept(rig: Rig) -> Iterator[None]:
+def restored_exposure(rig: Rig) -> Iterator[None]:
     """Restore the exposure and put the LEDs out at the end, also after an error."""
     configured_ms = 1e3 * rig.camera.info.exposure_s
 
@@ -89,7 +89,7 @@ def ladder_ms(rig: Rig, light: int) -> list[float]:
             break
         top_ms = max(shortest_ms, top_ms / _SHORTER)
     below = top_ms / np.cumprod((1.0, *_RATIOS))
-    return [each for each in below.tolist() if each >= shortest_ms]
+    return [exposure_ms for exposure_ms in below.tolist() if exposure_ms >= shortest_ms]
 
 
 def frames_at(rig: Rig, light: int, exposure_ms: float, count: int) -> Pixels:

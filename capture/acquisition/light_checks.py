@@ -99,19 +99,19 @@ def check_target(images: LightImages) -> ChecksRecord:
     )
 
 
-def retake_reasons(found: LightAgreement | None) -> tuple[str, ...]:
+def retake_reasons(agreement: LightAgreement | None) -> tuple[str, ...]:
     """Reasons for a retake, in words, by the agreement of the images; empty if none."""
-    if found is None:
+    if agreement is None:
         return ("the redundancy needs four lights in general position",)
-    causes = []
-    if found.redundancy_residual > MAX_REDUNDANCY_RESIDUAL:
-        causes.append(f"the redundancy residual is {found.redundancy_residual:.1%} of the signal")
-    if found.compared_rows < MIN_COMPARED_ROWS:
-        causes.append(f"all lights together reach {found.compared_rows:.0%} of the rows")
-    if found.levels is None:
+    causes, residual = [], agreement.redundancy_residual
+    if residual > MAX_REDUNDANCY_RESIDUAL:
+        causes.append(f"the redundancy residual is {residual:.1%} of the signal")
+    if agreement.compared_rows < MIN_COMPARED_ROWS:
+        causes.append(f"all lights together reach {agreement.compared_rows:.0%} of the rows")
+    if agreement.levels is None:
         causes.append("no LED levels explain the light images")
-    elif found.level_error > MAX_LED_LEVEL_ERROR:
-        causes.append(f"LED levels are known to {found.level_error:.1%} only")
+    elif agreement.level_error > MAX_LED_LEVEL_ERROR:
+        causes.append(f"LED levels are known to {agreement.level_error:.1%} only")
     return tuple(causes)
 
 
@@ -177,14 +177,14 @@ def check_different(images: LightImages) -> None:
         )
 
 
-def check_levels(found: LightAgreement | None, images: LightImages) -> None:
+def check_levels(agreement: LightAgreement | None, images: LightImages) -> None:
     """Reject light images that do not fit together, by their agreement."""
-    if found is None or found.levels is None:
+    if agreement is None or agreement.levels is None:
         return
-    limit = max(MAX_LED_LEVEL_DIFFERENCE, LED_LEVEL_STANDARD_ERRORS * found.level_error)
+    limit = max(MAX_LED_LEVEL_DIFFERENCE, LED_LEVEL_STANDARD_ERRORS * agreement.level_error)
     causes = [
         f"{name} gives {level:.0%} of the others' light{_stays_on(images, light)}"
-        for light, (name, level) in enumerate(zip(images.names, found.levels, strict=True))
+        for light, (name, level) in enumerate(zip(images.names, agreement.levels, strict=True))
         if abs(level - 1.0) > limit
     ]
     if causes:

@@ -51,7 +51,7 @@ def _arrived_part(
 ) -> ArrivedPart | None:
     sequence = begin_sequence(rig, plan, part_delay_s=delay_s)
     frames = SequenceFrames(rig, sequence.asked_s, sequence.asked_s)
-    kept = plan.frames_per_step * len(plan.lights)
+    set_frames = plan.frames_per_step * len(plan.lights)
     while sequence.is_running() and not sequence.has_begun:
         if is_stopping():
             rig.lights.off()
@@ -67,7 +67,7 @@ def _arrived_part(
         except SetRejected:
             # A fault before the part. If the set has begun already, its first frame is missing.
             frames.received.clear()
-        del frames.received[:-kept]
+        del frames.received[:-set_frames]
     if not sequence.has_begun:
         raise LightControllerError(
             f"{rig.lights.port}: the controller ended the wait for a part: "

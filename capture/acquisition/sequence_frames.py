@@ -45,7 +45,7 @@ class SequenceFrames:
     def begin(self, since_s: float, deadline_s: float) -> None:
         """Forget the frames that were exposed before `since_s`; read until `deadline_s`."""
         self._since_s, self._deadline_s = since_s, deadline_s
-        self.received = [each for each in self.received if each.exposure_end_s >= since_s]
+        self.received = [frame for frame in self.received if frame.exposure_end_s >= since_s]
 
     def at(self, begun_s: float, tolerance_s: float, name: str) -> Frame:
         """The good frame whose exposure began at `begun_s`."""

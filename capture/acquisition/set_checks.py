@@ -27,20 +27,20 @@ def check_set(
     ambient_change = check_ambient(images)
     check_images(images)
     check_different(images)
-    found = calibrated.agreement()
-    check_levels(found, calibrated)
-    undecided = retake_reasons(found)
+    agreement = calibrated.agreement()
+    check_levels(agreement, calibrated)
+    undecided = retake_reasons(agreement)
     if undecided:
         check_retake(images, retake())
-        if found is None or found.levels is None:
+        if agreement is None or agreement.levels is None:
             check_signals(calibrated)
     light_order = check_order(order_of(calibrated), calibrated.lighting)
-    levels = None if found is None else found.levels
+    levels = None if agreement is None else agreement.levels
     return ChecksRecord(
         ambient_change=ambient_change,
-        redundancy_residual=None if found is None else found.redundancy_residual,
+        redundancy_residual=None if agreement is None else agreement.redundancy_residual,
         light_levels=levels,
-        light_levels_error=None if found is None or levels is None else found.level_error,
+        light_levels_error=None if agreement is None or levels is None else agreement.level_error,
         retaken=bool(undecided),
         light_order=light_order,
         undecided=undecided,

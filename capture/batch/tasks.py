@@ -57,14 +57,14 @@ def read_header(
 ) -> SetHeader:
     """Read the header of a labelled set, to be solved by `method`, without its pixels."""
     metadata, shape = ome_tiff.read_header(path)
-    found = calibration_of(path, metadata, shape, calibration)
+    found_calibration = calibration_of(path, metadata, shape, calibration)
     with named(path):
         label = _usable_label(metadata.label)
         method = _solver(metadata, method)
         segment_px = segment_for(shape)
         lighting = metadata.lighting.to_lighting()
-        if found is not None:
-            lighting = found.file.calibration.lighting_of(lighting)
+        if found_calibration is not None:
+            lighting = found_calibration.file.calibration.lighting_of(lighting)
     return SetHeader(
         label,
         metadata.orientation_deg,
@@ -73,7 +73,7 @@ def read_header(
         method,
         lighting,
         metadata.pixels_sha256,
-        () if found is None else found.warnings,
+        () if found_calibration is None else found_calibration.warnings,
     )
 
 
@@ -231,7 +231,7 @@ def solve_set(
 ) -> SolvedSet:
     """Solve a set and write its maps; see `LoadedSet.of` and `CapturedSet.solve`."""
     loaded = LoadedSet.of(task.path, calibration, raw=raw)
-    captured, known = loaded.captured, loaded.calibration
+    captured, known, found = loaded.captured, loaded.calibration, loaded.found
     with named(task.path):
         surface = captured.solve(
             method, planar=planar, calibration=known, raw=raw, on_progress=on_progress
@@ -247,10 +247,10 @@ def solve_set(
             f"{1.0 - saturated:.0%} too dark or outside of the mask; check exposure, lights and "
             "mask"
         )
-    found = surface.fall_off
+    flat_fall_off = surface.fall_off
     if not planar and surface.divided_by is None:
         stack = ImageStack(captured.images, captured.ambient)
-        found = fall_off(stack, captured.lighting, surface.full_scale, captured.mask)
+        flat_fall_off = fall_off(stack, captured.lighting, surface.full_scale, captured.mask)
     levels = surface.led_levels
     mm_per_px = None if known is None else known.mm_per_px
     written = write_maps(
@@ -259,9 +259,9 @@ def solve_set(
         task.folder,
         light=light,
         mm_per_px=mm_per_px,
-        calibration=loaded.found,
+        calibration=found,
         raw_residual=raw_residual,
-        inputs=[task.path, *([] if loaded.found is None else [loaded.found.path])],
+        inputs=[task.path, *([] if found is None else [found.path])],
     )
     return SolvedSet(
         files=tuple(path.name for path in written),
@@ -269,12 +269,12 @@ def solve_set(
         saturated=saturated,
         shadowed=shadowed,
         planar=planar,
-        fall_off=None if found is None else found.share,
+        fall_off=None if flat_fall_off is None else flat_fall_off.share,
         led_levels=None if levels is None else tuple(np.round(levels, 4).tolist()),
         simulated=captured.metadata.simulated,
         lights=len(captured.images),
         mm_per_px=mm_per_px,
-        calibration=None if loaded.found is None else str(loaded.found.path),
+        calibration=None if found is None else str(found.path),
         residual=surface.residual_share,
         raw_residual=raw_residual,
         warnings=loaded.warnings,
@@ -303,10 +303,10 @@ def _solver(metadata: SetMetadata, method: Method | None) -> Method:
 def _read_library(path: Path) -> TextureLibrary:
     """Load a library, or return the one that was loaded from the unchanged file before."""
     try:
-        about = path.stat()
+        status = path.stat()
     except OSError:
         return TextureLibrary.load(path)  # which raises the error
-    return _loaded(path, about.st_mtime_ns, about.st_size)
+    return _loaded(path, status.st_mtime_ns, status.st_size)
 
 
 @lru_cache(maxsize=1)

@@ -70,9 +70,9 @@ def _one_solver(paths: Sequence[Path], headers: Sequence[SetHeader]) -> Method:
     """The solver of all sets; InputError if it differs, because textures differ with it."""
     example = {header.method: path for path, header in zip(paths, headers, strict=True)}
     if len(example) > 1:
-        each = ", ".join(f"{path} by {method}" for method, path in example.items())
+        solvers = ", ".join(f"{path} by {method}" for method, path in example.items())
         raise InputError(
-            f"the training sets would be solved by different solvers ({each}); give --method "
+            f"the training sets would be solved by different solvers ({solvers}); give --method "
             "least_squares, which suits all, or leave some out"
         )
     return headers[0].method
@@ -94,11 +94,11 @@ def retrain_library(
     places = [path.absolute().parent / name for name, _ in library.sources]
     for place, (_, pixels_sha256) in zip(places, library.sources, strict=True):
         try:
-            found = read_header(place, method, calibration).pixels_sha256
+            present_sha256 = read_header(place, method, calibration).pixels_sha256
         except InputError as error:
             raise LibraryError(
                 f"{path}: one of its training sets cannot be read ({error}); {remedy}"
             ) from error
-        if found != pixels_sha256:
+        if present_sha256 != pixels_sha256:
             raise LibraryError(f"{path}: its training set {place} has changed since; {remedy}")
     return train_library(places, path.parent, batch, classifier, method, calibration)[0]

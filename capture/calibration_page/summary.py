@@ -72,7 +72,7 @@ def benefit_of(file: CalibrationFile) -> Benefit:
 
 
 def summary_json(
-    path: Path, file: CalibrationFile, found: Benefit, now: datetime
+    path: Path, file: CalibrationFile, benefit: Benefit, now: datetime
 ) -> dict[str, Any]:
     parts, missing = {}, {}
     for part in part_summaries(file, now):
@@ -87,7 +87,7 @@ def summary_json(
         "parts": parts,
         "lights": _lights_json(file),
         "missing": missing,
-        "normal_error_deg": dict(found),
+        "normal_error_deg": dict(benefit),
     }
 
 
@@ -121,5 +121,5 @@ def _lights_json(file: CalibrationFile) -> dict[str, Any] | None:
     lights = file.calibration.lights
     if lights is None:
         return None
-    about = {"source": lights.source, "residual": lights.residual}
-    return {**about, "lobe_exponent": lights.lobe_exponent, "each": light_rows(file)}
+    fit = {"source": lights.source, "residual": lights.residual}
+    return {**fit, "lobe_exponent": lights.lobe_exponent, "each": light_rows(file)}

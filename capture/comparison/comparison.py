@@ -36,7 +36,7 @@ class Comparison:
     @property
     def is_aligned(self) -> bool:
         """Whether the slopes correlate, as those of a part that was not moved."""
-        slopes = [each.correlation for name, each in self.maps.items() if name in ("p", "q")]
+        slopes = [self.maps[name].correlation for name in ("p", "q") if name in self.maps]
         return bool(slopes) and min(slopes) >= _ALIGNED
 
     def as_json(self) -> dict[str, Any]:
@@ -50,9 +50,9 @@ class Comparison:
             "aligned": self.is_aligned,
             "normals_median_deg": None if self.normals_deg is None else self.normals_deg[0],
             "normals_p95_deg": None if self.normals_deg is None else self.normals_deg[1],
-            "maps": {name: asdict(each) for name, each in self.maps.items()},
+            "maps": {name: asdict(difference) for name, difference in self.maps.items()},
             "differences": [
-                {"field": each.field, "a": each.first, "b": each.second} for each in self.fields
+                {"field": field.field, "a": field.first, "b": field.second} for field in self.fields
             ],
         }
 
@@ -68,9 +68,9 @@ def compare(first: Side, second: Side) -> Comparison:
         valid = first.surface.valid & second.surface.valid
         for name, (values, unit) in first.maps.items():
             others, other_unit = second.maps[name]
-            found = map_difference(values, others, valid, unit)
-            if unit == other_unit and found is not None:
-                maps[name] = found
+            difference = map_difference(values, others, valid, unit)
+            if unit == other_unit and difference is not None:
+                maps[name] = difference
         if valid.any():
             angles = normal_angles_deg(
                 (first.surface.p, first.surface.q), (second.surface.p, second.surface.q)

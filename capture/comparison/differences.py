@@ -50,7 +50,7 @@ def normal_angles_deg(
 ) -> npt.NDArray[np.float64]:
     """(H, W) angle between the normals of two surfaces, each given by its slopes p and q."""
     (p1, q1), (p2, q2) = (
-        [np.asarray(slope, np.float64) for slope in each] for each in (first, second)
+        [np.asarray(slope, np.float64) for slope in slopes] for slopes in (first, second)
     )
     # |n1 x n2| and n1 . n2 of (-p, -q, 1): exact also for small angles.
     cross = np.sqrt((p1 - p2) ** 2 + (q1 - q2) ** 2 + (p1 * q2 - p2 * q1) ** 2)

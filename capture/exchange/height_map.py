@@ -67,13 +67,13 @@ class HeightMap:
     @property
     def comment(self) -> str:
         """The set and the source of its heights, as text for the file."""
-        about = self.metadata
-        said = (
-            "SIMULATED." if about.simulated else None,
-            about.label and f"Label {about.label}.",
-            about.specimen and f"Specimen {about.specimen}.",
+        metadata = self.metadata
+        sentences = (
+            "SIMULATED." if metadata.simulated else None,
+            metadata.label and f"Label {metadata.label}.",
+            metadata.specimen and f"Specimen {metadata.specimen}.",
             f"Heights by photometric stereo ({self.method}), integrated from slopes:",
             "errors of form grow with distance.",
-            f"Pixels SHA-256 {about.pixels_sha256}.",
+            f"Pixels SHA-256 {metadata.pixels_sha256}.",
         )
-        return " ".join(filter(None, said))
+        return " ".join(filter(None, sentences))

@@ -37,7 +37,7 @@ def _md5(data: bytes) -> str:
 
 
 def _main_xml(heights: HeightMap, data_md5: str) -> bytes:
-    about, (rows, columns) = heights.metadata, heights.heights_mm.shape
+    metadata, (rows, columns) = heights.metadata, heights.heights_mm.shape
     side = {
         "AxisType": "I",
         "DataType": "D",
@@ -53,14 +53,14 @@ def _main_xml(heights: HeightMap, data_md5: str) -> bytes:
         },
         "Record2": {
             "Date": heights.captured_at.isoformat(),
-            "Creator": about.operator or _NOT_KNOWN,
+            "Creator": metadata.operator or _NOT_KNOWN,
             "Instrument": {
                 "Manufacturer": "ps4rig",
-                "Model": "simulated rig" if about.simulated else about.rig_name or _NOT_KNOWN,
+                "Model": "simulated rig" if metadata.simulated else metadata.rig_name or _NOT_KNOWN,
                 "Serial": _NOT_KNOWN
-                if about.controller is None
-                else about.controller.serial_number,
-                "Version": about.software_version,
+                if metadata.controller is None
+                else metadata.controller.serial_number,
+                "Version": metadata.software_version,
             },
             "CalibrationDate": heights.scale_date,
             "ProbingSystem": {

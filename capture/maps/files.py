@@ -104,11 +104,11 @@ def write_maps(
         if is_input(path, inputs):
             raise InputError(f"{path}: is an input of this command; choose another folder")
     with durable_folder(folder, names, first=_PAGE) as temporary:
-        for name, (values, about) in tiffs.items():
+        for name, (values, description) in tiffs.items():
             write_values(
                 temporary / f"{name}.tif",
                 maps.known(values),
-                origin | about,
+                origin | description,
                 mm_per_px,
             )
         write_channels(

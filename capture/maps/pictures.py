@@ -179,8 +179,8 @@ def reduced(
     if known.all():
         return cv2.resize(values, size, interpolation=interpolation)
     share, summed = (
-        cv2.resize(each.astype(np.float32), size, interpolation=interpolation)
-        for each in (known, np.where(known, values, 0.0))
+        cv2.resize(image.astype(np.float32), size, interpolation=interpolation)
+        for image in (known, np.where(known, values, 0.0))
     )
     return np.where(share >= 0.5, summed / np.maximum(share, 0.5), np.float32(np.nan))
 

@@ -26,9 +26,9 @@ def places_of(directions: npt.NDArray[np.float64]) -> Places | None:
     The images are the largest that overlap neither each other nor the part; None if they are
     smaller than a seventh of the page, as for a light above the part or a dome of many.
     """
-    seen = directions[:, :2] * (1.0, -1.0)  # on the page y points down
-    reach = np.abs(seen).max(initial=_LEAST_GAP)
-    centres = np.vstack([seen / reach, np.zeros((1, 2))])
+    offsets = directions[:, :2] * (1.0, -1.0)  # on the page y points down
+    reach = np.abs(offsets).max(initial=_LEAST_GAP)
+    centres = np.vstack([offsets / reach, np.zeros((1, 2))])
     gap = min(np.abs(one - other).max() for one, other in combinations(centres, 2))
     if gap < _LEAST_GAP:
         return None

@@ -132,9 +132,9 @@ def show_lights(
             preview.shown(light, preview_image(frames[-1]))
             if stopping.wait(_PAUSE_S):
                 return
-        said = None if measure is None else measure(frames)
-        if said is not None:
-            preview.found(said)
+        text = None if measure is None else measure(frames)
+        if text is not None:
+            preview.found(text)
 
 
 def run_preview(

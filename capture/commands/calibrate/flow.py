@@ -32,9 +32,9 @@ RigToCalibrate = Annotated[
 ]
 
 
-def from_files(about: str, metavar: str = "IMG|SET") -> Any:
+def from_files(help_text: str, metavar: str = "IMG|SET") -> Any:
     """Make the option ``--from``: files instead of a rig."""
-    return typer.Option("--from", help=about, metavar=metavar)
+    return typer.Option("--from", help=help_text, metavar=metavar)
 
 
 FromSets = Annotated[
@@ -94,13 +94,13 @@ def files_given(places: Sequence[Path]) -> tuple[list[Path], list[Path]]:
 
     files: list[Path] = []
     for place in places:
-        found = [place]
+        photographs = [place]
         if place.is_dir():
             below = sorted(place.iterdir())
-            found = [each for each in below if each.suffix.lower() in PHOTOGRAPH_SUFFIXES]
-        if not found:
+            photographs = [file for file in below if file.suffix.lower() in PHOTOGRAPH_SUFFIXES]
+        if not photographs:
             raise InputError(f"{place}: holds no photographs ({', '.join(PHOTOGRAPH_SUFFIXES)})")
-        files += found
+        files += photographs
     sets = [path for path in files if path.name.endswith(SUFFIX)]
     return [path for path in files if path not in sets], sets
 
@@ -197,39 +197,39 @@ def keep_parts(
         raise InputError(
             f"{path}: another program has changed it since this command began; run it again"
         )
-    reasons = {each.name: None if replace else kept_because(file, each) for each in parts}
-    staying = file.records.keys() - {each.name for each in parts} - set(dropped)
-    kept = file
+    reasons = {part.name: None if replace else kept_because(file, part) for part in parts}
+    staying = file.records.keys() - {part.name for part in parts} - set(dropped)
+    merged = file
     for name in dropped:
-        kept = kept.without_part(name)
-    for each in parts:
+        merged = merged.without_part(name)
+    for part in parts:
         for name in sorted(staying):
             # The scale depends on rig, camera and frame only.
-            differences = file.records[name].setting.differences(each.record.setting, "scale")
+            differences = file.records[name].setting.differences(part.record.setting, "scale")
             if differences:
                 raise InputError(
                     f"{path}: its part {name} is of another rig: {'; '.join(differences)}; give "
                     "another file"
                 )
-        if reasons[each.name] is None:
-            merged = with_other_exposures(each, file)
-            kept = kept.with_part(each.name, merged.part, merged.record)
-    kept.write(path)
-    for warning in (*(text for each in parts for text in each.warnings), *kept.warnings()):
+        if reasons[part.name] is None:
+            extended = with_other_exposures(part, file)
+            merged = merged.with_part(part.name, extended.part, extended.record)
+    merged.write(path)
+    for warning in (*(text for part in parts for text in part.warnings), *merged.warnings()):
         complain(f"warning: {path}: {warning}")
     if json:
-        answers = [_answer(path, each, kept, reasons[each.name]) for each in parts]
+        answers = [_answer(path, part, merged, reasons[part.name]) for part in parts]
         print_json(answers if len(answers) > 1 else answers[0])
-        return kept
-    for each in parts:
-        record, title = kept.records[each.name], each.name.replace("_", " ")
-        done = "replaced" if each.name in file.records else "added"
-        if (reason := reasons[each.name]) is not None:
+        return merged
+    for part in parts:
+        record, title = merged.records[part.name], part.name.replace("_", " ")
+        done = "replaced" if part.name in file.records else "added"
+        if (reason := reasons[part.name]) is not None:
             done = f"of {record.date} kept, because {reason}; --replace takes the new one"
         out.print(f"{path}: {title} {done}. {record.quality}", soft_wrap=True)
         for figure, value in record.figures.items():
             out.print(f"  {figure.replace('_', ' ')}: {value:.4g}", soft_wrap=True)
-    return kept
+    return merged
 
 
 def _answer(
