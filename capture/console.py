@@ -55,10 +55,7 @@ class ShowProgress(Protocol):
 def progress(
     items: Iterable[T], total: int, description: str, present: ItemProgress | None = None
 ) -> Iterator[T]:
-    """Yield `items` and show a progress bar on stderr if that is a terminal.
-
-    While an item is made, `present` moves the bar.
-    """
+    """Yield `items` and show a progress bar on a terminal; `present` moves it during an item."""
     console = Console(stderr=True)
     if not console.is_terminal:
         yield from items
@@ -82,10 +79,7 @@ def complain(message: str) -> None:
 
 
 def reported(command: Callable[P, R]) -> Callable[P, R]:
-    """Decorate a command: report expected exceptions as one line on stderr and an exit status.
-
-    An interrupt becomes a status only; `__main__` prints its line.
-    """
+    """Decorate a command: report expected exceptions as one line on stderr and an exit status."""
 
     @functools.wraps(command)
     def run(*arguments: P.args, **options: P.kwargs) -> R:
@@ -101,7 +95,7 @@ def reported(command: Callable[P, R]) -> Callable[P, R]:
             cause = error.strerror or str(error)
             message = f"{error.filename}: {cause}" if error.filename else cause
             status = InputError.exit_status
-        except KeyboardInterrupt:
+        except KeyboardInterrupt:  # `__main__` prints its line
             raise typer.Exit(INTERRUPTED_STATUS) from None
         complain(message)
         raise typer.Exit(status)

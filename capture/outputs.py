@@ -18,8 +18,8 @@ def check_output(
 ) -> None:
     """Check that a command may write the file `path`, whose name must end in `suffix`.
 
-    A symbolic link stands for the file that it leads to. The output never replaces one of `inputs`,
-    the files that the command reads, and another existing file only with `force`.
+    It never replaces one of `inputs`, the files that the command reads, nor without `force` another
+    existing file.
     """
     if not path.name.endswith(suffix):
         raise InputError(f"{path}: the name of the output must end in {suffix}")
@@ -41,7 +41,7 @@ def check_output(
 
 def is_input(path: Path, inputs: Iterable[Path]) -> bool:
     """Whether a file exists and is one of `inputs`, under any name."""
-    return path.exists() and any(each.exists() and each.samefile(path) for each in inputs)
+    return path.exists() and any(file.exists() and file.samefile(path) for file in inputs)
 
 
 def csv_line(cells: Iterable[Any]) -> str:

@@ -189,8 +189,8 @@ def _attempt(
         return _stack(_light_images(_capture(rig, average, history, is_retake=True)))
 
     checks = check_target(images) if is_target else check_set(images, known, retake)
-    found = {"checks": checks, "pixels_sha256": hashed.sha256()}
-    return replace(unchecked, metadata=metadata.model_copy(update=found))
+    checked = {"checks": checks, "pixels_sha256": hashed.sha256()}
+    return replace(unchecked, metadata=metadata.model_copy(update=checked))
 
 
 def _capture(
@@ -202,19 +202,14 @@ def _capture(
     *,
     is_retake: bool = False,
 ) -> list[SetImage]:
-    """Ambient and light images in order of capture; a retake may lack ambient images.
-
-    `arrived` is given each of them, as early as possible.
-
-    With lights switched by software, lights of equal sign in the redundancy follow each other, with
-    the second ambient image between the two groups. Then extra light during any consecutive images
-    shows in the redundancy residual or in the ambient images.
-    """
+    """Ambient and light images in order of capture; a retake may lack ambient images."""
     if rig.config.sequence_plan is not None:
         images = images_in_sequence(rig, average, part)
         for image in images:
             arrived(image)
         return images
+    # Lights of equal sign in the redundancy follow each other, the second ambient image between the
+    # two groups: then extra light during any consecutive images shows in the residual or there.
     first, second = like_signed(rig.lighting)
     order = (*first, *second)[::-1] if is_retake else (None, *first, None, *second)
     return images_under(rig, order, average, history, arrived)

@@ -12,10 +12,10 @@ from rig.camera import Pixels
 
 from .frame_series import (
     brightest_light,
-    exposure_kept,
     frame_series,
     ladder_frames,
     ladder_ms,
+    restored_exposure,
 )
 
 # Hot pixels are those beyond the noise of one frame, which 16 frames average away.
@@ -31,13 +31,7 @@ def _unshown(items: Iterator[Series], _: int) -> Iterable[Series]:
 
 
 def dark_of_rig(rig: Rig) -> DarkFrames:
-    """Measure frames of a rig with its lens covered; its LEDs must not change them.
-
-    Raises
-    ------
-    CalibrationRejected
-        If the lens is not covered, or too many pixels are hot.
-    """
+    """Measure frames of a rig with its lens covered; its LEDs must not change them."""
     frames = frame_series(rig, None, _DARK_FRAMES)
     lit = np.concatenate([frame_series(rig, light, 1) for light in range(len(rig.lighting))])
     return dark_of(frames, (1 << rig.camera.info.bit_depth) - 1, lit)
@@ -48,25 +42,14 @@ def rungs_of_rig(
     calibration: Calibration,
     shown: Callable[[Iterator[Series], int], Iterable[Series]] = _unshown,
 ) -> list[Rung]:
-    """Capture a ladder of exposures of a white sheet.
+    """Capture a ladder of exposures of a white sheet, and restore the exposure.
 
-    The exposure is as before at the end.
-
-    Parameters
-    ----------
-    calibration
-        Its hot pixels do not count.
-    shown
-        Progress bar: gets the frames of all exposures and their number, and yields the frames.
-
-    Raises
-    ------
-    CameraError
-        If the camera has only one exposure.
+    `shown` draws a progress bar: it gets the frames of all exposures and their number, and yields
+    the frames.
     """
     bit_depth = rig.camera.info.bit_depth
     full_scale = (1 << bit_depth) - 1
-    with exposure_kept(rig):
+    with restored_exposure(rig):
         light = brightest_light(rig)
         exposures_ms = ladder_ms(rig, light)
         series = ladder_frames(rig, light, exposures_ms, _LADDER_FRAMES)

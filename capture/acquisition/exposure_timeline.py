@@ -15,8 +15,8 @@ _PERIOD_ERROR = 0.01
 class ExposureTimeline:
     """Exposure starts of the frames received so far.
 
-    Exposures start at least one frame period, `period_s`, apart. So the stamps of earlier frames
-    predict the next start, and the stamps of later frames show that an earlier one was too late.
+    Exposures start at least one frame period apart: the stamps of earlier frames predict the next
+    start, and the stamps of later frames show that an earlier one was too late.
     """
 
     def __init__(self, period_s: float) -> None:
@@ -32,13 +32,7 @@ class ExposureTimeline:
         return self._last_start_s
 
     def add(self, stamped_start_s: float) -> None:
-        """Add the time stamp of the next frame, and check the accepted frames against it.
-
-        Raises
-        ------
-        SetRejected
-            If an accepted frame was exposed before its light was on.
-        """
+        """Add the time stamp of the next frame, and check the accepted frames against it."""
         earlier_s, self._last_start_s = self._last_start_s, stamped_start_s
         if earlier_s is not None:
             self._last_start_s = max(stamped_start_s, earlier_s + self._shortest_s)

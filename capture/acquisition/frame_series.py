@@ -26,15 +26,7 @@ _SATURATED = 0.5
 
 
 def frame_series(rig: Rig, light: int | None, count: int) -> Pixels:
-    """Return (count, H, W) fresh frames under one light, None for all LEDs off.
-
-    The light stays on.
-
-    Raises
-    ------
-    HardwareError
-        If the controller or the camera fails, or no such frame arrives.
-    """
+    """Return (count, H, W) fresh frames under one light, None for all LEDs off; it stays on."""
     repeats = RepeatDetector()
 
     def receive(frame: Frame, not_before_s: float) -> FrameKind:
@@ -60,7 +52,7 @@ def require_free_running(rig: Rig) -> None:
 
 
 @contextmanager
-def exposure_kept(rig: Rig) -> Iterator[None]:
+def restored_exposure(rig: Rig) -> Iterator[None]:
     """Restore the exposure and put the LEDs out at the end, also after an error."""
     configured_ms = 1e3 * rig.camera.info.exposure_s
     try:
@@ -80,15 +72,7 @@ def brightest_light(rig: Rig) -> int:
 
 
 def ladder_ms(rig: Rig, light: int) -> list[float]:
-    """Return a ladder of exposures in ms for a response, the longest first.
-
-    At the longest, at least half of the frame is below saturation.
-
-    Raises
-    ------
-    CameraError
-        If the camera has only one exposure.
-    """
+    """Return exposures for a response, the longest first: there half of the frame may saturate."""
     shortest_ms, longest_ms = rig.camera.exposure_range_ms
     if shortest_ms == longest_ms:
         raise CameraError(
@@ -102,7 +86,7 @@ def ladder_ms(rig: Rig, light: int) -> list[float]:
             break
         top_ms = max(shortest_ms, top_ms / _SHORTER)
     below = top_ms / np.cumprod((1.0, *_RATIOS))
-    return [each for each in below.tolist() if each >= shortest_ms]
+    return [exposure_ms for exposure_ms in below.tolist() if exposure_ms >= shortest_ms]
 
 
 def frames_at(rig: Rig, light: int, exposure_ms: float, count: int) -> Pixels:

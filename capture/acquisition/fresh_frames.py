@@ -48,22 +48,10 @@ class FreshFrames:
         self.lost = 0
 
     def take(self) -> Frame:
-        """Return the next fresh frame.
-
-        Raises
-        ------
-        SetRejected
-            If no fresh frame arrives within the time that queue and frame rate explain.
-        CameraError
-            If the camera delivers no frame at all in that time.
-        """
         return self._accepted(self._next())
 
     def take_exposed_by(self, by_s: float) -> Frame | None:
-        """Return the next fresh frame, or None if its exposure may have ended after `by_s`.
-
-        Raises the same errors as `take`.
-        """
+        """Return the next fresh frame, or None if its exposure may have ended after `by_s`."""
         frame = self._next()
         end_s = self._end_s(self._history.timeline.last_start_s)
         return self._accepted(frame) if end_s is not None and end_s <= by_s else None

@@ -43,14 +43,6 @@ def images_in_sequence(rig: Rig, average: int, part: ArrivedPart | None = None) 
     """Capture an ambient image and one image per light, mean of `average` sequences.
 
     The part sensor may have started the first sequence already, for the `part` that it saw.
-
-    Raises
-    ------
-    SetRejected
-        If a frame is missing, repeated, corrupt or not where the controller recorded it, or the
-        sequence ended early; the message names the cause.
-    HardwareError
-        If the controller or the camera fails.
     """
     plan = rig.config.sequence_plan
     if plan is None:
@@ -98,9 +90,9 @@ def _run(
         frames = SequenceFrames(rig, sequence.asked_s, deadline_s)
     else:
         sequence, frames = part.sequence, part.frames
-    wanted = plan.frames_per_step * len(plan.lights)
-    while len(frames.received) < wanted or sequence.is_running():
-        if plan.triggers and len(frames.received) == wanted:
+    frame_count = plan.frames_per_step * len(plan.lights)
+    while len(frames.received) < frame_count or sequence.is_running():
+        if plan.triggers and len(frames.received) == frame_count:
             rig.clock.sleep_s(_POLL_S)  # the last step lasts longer than its frame
         elif not frames.take():
             sequence.is_running()
@@ -111,11 +103,11 @@ def _run(
     while frames.received[-1].exposure_start_s < last_s and frames.take():
         pass
     names = [light_name(rig, light) for light in plan.lights]
-    found = [
+    exposed = [
         frames.at(begun_s, tolerance_s, name)
         for begun_s, name in zip(exposures_s, names, strict=True)
     ]
-    for (before, after), name in zip(pairwise(found), names[1:], strict=True):
+    for (before, after), name in zip(pairwise(exposed), names[1:], strict=True):
         passed = after.sequence - before.sequence
         if passed != plan.frames_per_step:
             raise SetRejected(
@@ -129,7 +121,7 @@ def _run(
                 f"set rejected: the frame under {name} has the pixels of the previous one: the "
                 "camera repeats frames; check its cable"
             )
-    return found, report
+    return exposed, report
 
 
 def _tolerance_s(rig: Rig, report: SequenceReport) -> float:
@@ -148,13 +140,7 @@ def _tolerance_s(rig: Rig, report: SequenceReport) -> float:
 
 
 def _exposures_s(rig: Rig, plan: SequencePlan, report: SequenceReport) -> list[float]:
-    """Exposure start of each step on the rig's clock.
-
-    Raises
-    ------
-    SetRejected
-        If the report or the strobe in it differs from the plan.
-    """
+    """Exposure start of each step on the rig's clock."""
     done = tuple(step.light for step in report.steps)
     if report.cause is not None or done != plan.lights:
         raise SetRejected(

@@ -36,13 +36,7 @@ _STAYS_ON_CORRELATION = 0.3
 
 
 def check_images(images: LightImages) -> None:
-    """Reject images that are saturated or dark, by the limits of `rig.acceptance`.
-
-    Raises
-    ------
-    SetRejected
-        Names each such light with its value.
-    """
+    """Reject images that are saturated or dark, by the limits of `rig.acceptance`."""
     causes: list[str] = []
     full_scale, ambient_mean = images.full_scale, images.ambient_mean
     if ambient_mean > MAX_AMBIENT_SHARE * full_scale:
@@ -73,15 +67,7 @@ def check_images(images: LightImages) -> None:
 
 
 def check_ambient(images: LightImages) -> float | None:
-    """Difference of the ambient images as a share of the brightest light's signal.
-
-    None if there is only one ambient image.
-
-    Raises
-    ------
-    SetRejected
-        If they differ by more than `MAX_AMBIENT_CHANGE`.
-    """
+    """Difference of the ambient images as a share of the brightest light's signal; None of one."""
     if images.later_ambient is None:
         return None
     signal = max(1.0, float(images.signals.max()))
@@ -98,13 +84,8 @@ def check_ambient(images: LightImages) -> float | None:
 def check_target(images: LightImages) -> ChecksRecord:
     """Check the images of a calibration target for faults that no target causes.
 
-    Lights are unequal and near before they are calibrated, a mirror sphere is dark but for its
-    highlight, and a sheet has no shading. The procedures of the calibration judge these.
-
-    Raises
-    ------
-    SetRejected
-        If two images hold the same frame, or the ambient light changed.
+    Uncalibrated lights are unequal and near, a mirror sphere is dark but for its highlight, and a
+    sheet has no shading: the procedures of the calibration judge these.
     """
     check_different(images)
     bright = float(images.signals.max()) >= MIN_SIGNAL_SHARE * images.full_scale
@@ -118,30 +99,24 @@ def check_target(images: LightImages) -> ChecksRecord:
     )
 
 
-def retake_reasons(found: LightAgreement | None) -> tuple[str, ...]:
+def retake_reasons(agreement: LightAgreement | None) -> tuple[str, ...]:
     """Reasons for a retake, in words, by the agreement of the images; empty if none."""
-    if found is None:
+    if agreement is None:
         return ("the redundancy needs four lights in general position",)
-    causes = []
-    if found.redundancy_residual > MAX_REDUNDANCY_RESIDUAL:
-        causes.append(f"the redundancy residual is {found.redundancy_residual:.1%} of the signal")
-    if found.compared_rows < MIN_COMPARED_ROWS:
-        causes.append(f"all lights together reach {found.compared_rows:.0%} of the rows")
-    if found.levels is None:
+    causes, residual = [], agreement.redundancy_residual
+    if residual > MAX_REDUNDANCY_RESIDUAL:
+        causes.append(f"the redundancy residual is {residual:.1%} of the signal")
+    if agreement.compared_rows < MIN_COMPARED_ROWS:
+        causes.append(f"all lights together reach {agreement.compared_rows:.0%} of the rows")
+    if agreement.levels is None:
         causes.append("no LED levels explain the light images")
-    elif found.level_error > MAX_LED_LEVEL_ERROR:
-        causes.append(f"LED levels are known to {found.level_error:.1%} only")
+    elif agreement.level_error > MAX_LED_LEVEL_ERROR:
+        causes.append(f"LED levels are known to {agreement.level_error:.1%} only")
     return tuple(causes)
 
 
 def check_retake(images: LightImages, retaken: Images) -> None:
-    """Reject light images that a retake does not confirm.
-
-    Raises
-    ------
-    SetRejected
-        Naming the light.
-    """
+    """Reject light images that a retake does not confirm."""
     ambient, signals = images.ambient_mean, images.signals
     for name, first, second, signal in zip(
         images.names, images.images, retaken, signals.tolist(), strict=True
@@ -158,13 +133,7 @@ def check_retake(images: LightImages, retaken: Images) -> None:
 
 
 def check_signals(images: LightImages) -> None:
-    """Reject light images of which one is far darker than the others.
-
-    Raises
-    ------
-    SetRejected
-        Naming the light.
-    """
+    """Reject light images of which one is far darker than the others."""
     shares = images.signals / images.lighting.intensities
     shares /= np.median(shares)
     for name, share in zip(images.names, shares.tolist(), strict=True):
@@ -185,13 +154,7 @@ def order_of(images: LightImages) -> LightOrder | None:
 
 
 def check_order(order: LightOrder | None, lighting: Lighting) -> Literal["confirmed", "undecided"]:
-    """Whether the shading confirms the order of the lights, by the result of `order_of`.
-
-    Raises
-    ------
-    SetRejected
-        If the shading shows another order.
-    """
+    """Whether the shading confirms the order of the lights, by the result of `order_of`."""
     if order is None:
         return "undecided"
     if order.is_refuted:
@@ -205,13 +168,7 @@ def check_order(order: LightOrder | None, lighting: Lighting) -> Literal["confir
 
 
 def check_different(images: LightImages) -> None:
-    """Reject images of the camera of which two hold the same frame.
-
-    Raises
-    ------
-    SetRejected
-        Naming both lights.
-    """
+    """Reject images of the camera of which two hold the same frame."""
     for earlier, later, equal, _ in images.equal_rows():
         raise SetRejected(
             f"set rejected: the images under {earlier} and {later} are the same in "
@@ -220,20 +177,14 @@ def check_different(images: LightImages) -> None:
         )
 
 
-def check_levels(found: LightAgreement | None, images: LightImages) -> None:
-    """Reject light images that do not fit together, by their agreement.
-
-    Raises
-    ------
-    SetRejected
-        If an LED's level differs from the others.
-    """
-    if found is None or found.levels is None:
+def check_levels(agreement: LightAgreement | None, images: LightImages) -> None:
+    """Reject light images that do not fit together, by their agreement."""
+    if agreement is None or agreement.levels is None:
         return
-    limit = max(MAX_LED_LEVEL_DIFFERENCE, LED_LEVEL_STANDARD_ERRORS * found.level_error)
+    limit = max(MAX_LED_LEVEL_DIFFERENCE, LED_LEVEL_STANDARD_ERRORS * agreement.level_error)
     causes = [
         f"{name} gives {level:.0%} of the others' light{_stays_on(images, light)}"
-        for light, (name, level) in enumerate(zip(images.names, found.levels, strict=True))
+        for light, (name, level) in enumerate(zip(images.names, agreement.levels, strict=True))
         if abs(level - 1.0) > limit
     ]
     if causes:

@@ -22,18 +22,9 @@ def images_under(
     history: FrameHistory,
     arrived: Callable[[SetImage], None] = lambda _: None,
 ) -> list[SetImage]:
-    """Capture one image under each light (None: all LEDs off) from `average` fresh frames.
+    """Capture one image under each light (None: all LEDs off); the last light stays on.
 
-    After the exposure of each frame the controller is asked whether the light is still on. The
-    mean of several frames is stretched to 16 bits. The last light stays on. `arrived` is given
-    each image while the next one is exposed, and must return at once.
-
-    Raises
-    ------
-    SetRejected
-        If no fresh frame arrives.
-    HardwareError
-        If the controller or the camera fails.
+    `arrived` is given each image while the next one is exposed, and must return at once.
     """
     slot = _LightSlot(rig, lights[0], switch_to(rig, lights[0]), average, history)
     images = []
@@ -84,7 +75,6 @@ class _LightSlot:
         self._take(self._average - len(self._mean.records))
 
     def image(self) -> SetImage:
-        """The image of the slot."""
         fresh, switch = self._fresh, self._switch
         record = ImageRecord(
             light=self._light,

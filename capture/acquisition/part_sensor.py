@@ -27,29 +27,9 @@ class ArrivedPart:
 def wait_for_part(
     rig: Rig, delay_s: float, is_stopping: Callable[[], bool] = lambda: False
 ) -> ArrivedPart | None:
-    """Wait until the part sensor has seen a part and the controller has begun its set.
+    """Wait until the controller has begun the set of a part, `delay_s` after the sensor's edge.
 
-    Parameters
-    ----------
-    rig
-        An open rig with `lights.synchronisation` strobe or trigger.
-    delay_s
-        Time from the sensor's edge to the first light.
-    is_stopping
-        Asked again and again; True ends the wait.
-
-    Returns
-    -------
-    ArrivedPart or None
-        To be given to `capture_set` at once; None if `is_stopping` ended the wait.
-
-    Raises
-    ------
-    InputError
-        If the rig is synchronised by software.
-    HardwareError
-        If the controller or the camera fails, the controller ends the wait, such as by its
-        watchdog, or the firmware is older than 2.1.
+    Give the part to `capture_set` at once; None if `is_stopping`, which is polled, ended the wait.
     """
     plan = rig.config.sequence_plan
     if plan is None:
@@ -71,7 +51,7 @@ def _arrived_part(
 ) -> ArrivedPart | None:
     sequence = begin_sequence(rig, plan, part_delay_s=delay_s)
     frames = SequenceFrames(rig, sequence.asked_s, sequence.asked_s)
-    kept = plan.frames_per_step * len(plan.lights)
+    set_frames = plan.frames_per_step * len(plan.lights)
     while sequence.is_running() and not sequence.has_begun:
         if is_stopping():
             rig.lights.off()
@@ -87,7 +67,7 @@ def _arrived_part(
         except SetRejected:
             # A fault before the part. If the set has begun already, its first frame is missing.
             frames.received.clear()
-        del frames.received[:-kept]
+        del frames.received[:-set_frames]
     if not sequence.has_begun:
         raise LightControllerError(
             f"{rig.lights.port}: the controller ended the wait for a part: "

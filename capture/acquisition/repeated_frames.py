@@ -10,8 +10,8 @@ _SAMPLED_PX = 4096
 class RepeatDetector:
     """A detector of frames that repeat the previous frame.
 
-    A camera without noise, such as one that replays a set, delivers the same pixels each time.
-    Therefore a frame whose pixels come a third time in a row is not a repeat: the scene is static.
+    A camera without noise, such as one that replays a set, delivers the same pixels each time: a
+    frame whose pixels come a third time in a row is not a repeat.
     """
 
     def __init__(self) -> None:

@@ -17,15 +17,7 @@ class SequenceFrames:
         self.received: list[Frame] = []
 
     def take(self) -> bool:
-        """Read one more frame; return False if none arrives in time.
-
-        Raises
-        ------
-        SetRejected
-            If a frame was lost or repeated.
-        CameraError
-            If the camera delivered none at all.
-        """
+        """Read one more frame; return False if none arrives in time."""
         camera, clock = self._rig.camera, self._rig.clock
         try:
             frame = camera.read(max(0.0, self._deadline_s - clock.now_s()))
@@ -53,7 +45,7 @@ class SequenceFrames:
     def begin(self, since_s: float, deadline_s: float) -> None:
         """Forget the frames that were exposed before `since_s`; read until `deadline_s`."""
         self._since_s, self._deadline_s = since_s, deadline_s
-        self.received = [each for each in self.received if each.exposure_end_s >= since_s]
+        self.received = [frame for frame in self.received if frame.exposure_end_s >= since_s]
 
     def at(self, begun_s: float, tolerance_s: float, name: str) -> Frame:
         """The good frame whose exposure began at `begun_s`."""

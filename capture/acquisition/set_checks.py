@@ -22,38 +22,25 @@ from .light_checks import (
 def check_set(
     images: LightImages, known: Calibration, retake: Callable[[], Images]
 ) -> ChecksRecord:
-    """Check the images of a set, with a retake if they leave a check undecided.
-
-    Parameters
-    ----------
-    known
-        Calibration of the rig, whose lights are taken into account.
-    retake
-        Captures the light images a second time; called at most once, by this thread.
-
-    Raises
-    ------
-    SetRejected
-        Naming the cause; the first one in the order of the checks.
-    """
+    """Check the images of a set; undecided checks call `retake` once, which captures them again."""
     calibrated = images.calibrated(known)
     ambient_change = check_ambient(images)
     check_images(images)
     check_different(images)
-    found = calibrated.agreement()
-    check_levels(found, calibrated)
-    undecided = retake_reasons(found)
+    agreement = calibrated.agreement()
+    check_levels(agreement, calibrated)
+    undecided = retake_reasons(agreement)
     if undecided:
         check_retake(images, retake())
-        if found is None or found.levels is None:
+        if agreement is None or agreement.levels is None:
             check_signals(calibrated)
     light_order = check_order(order_of(calibrated), calibrated.lighting)
-    levels = None if found is None else found.levels
+    levels = None if agreement is None else agreement.levels
     return ChecksRecord(
         ambient_change=ambient_change,
-        redundancy_residual=None if found is None else found.redundancy_residual,
+        redundancy_residual=None if agreement is None else agreement.redundancy_residual,
         light_levels=levels,
-        light_levels_error=None if found is None or levels is None else found.level_error,
+        light_levels_error=None if agreement is None or levels is None else agreement.level_error,
         retaken=bool(undecided),
         light_order=light_order,
         undecided=undecided,

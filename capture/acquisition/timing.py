@@ -19,24 +19,7 @@ _SIMULATED_MODES = ((30.0, 20.0), (60.0, 8.0))
 
 @dataclass(frozen=True)
 class SetTiming:
-    """Durations of sets on the rig's clock.
-
-    Attributes
-    ----------
-    synchronisation, frame_rate_hz, exposure_ms, clock
-        Mode of the rig; the clock is ``real`` or ``virtual``.
-    accepted, rejected
-        Number of sets.
-    switch_ms
-        Median time of a switch: by software from the command to its acknowledge, with a strobe
-        from the end of the exposure to the change of the light; None with a trigger.
-    median_ms, worst_ms
-        Duration of `capture_set`; None if all sets were rejected.
-    exposures_ms
-        Median time from the start of the first exposure to the end of the last.
-    limit_ms
-        One frame period for each light and one for an ambient image: no set is shorter.
-    """
+    """Durations of sets on the rig's clock."""
 
     synchronisation: Literal["software", "strobe", "trigger"]
     frame_rate_hz: float
@@ -44,18 +27,18 @@ class SetTiming:
     clock: Literal["real", "virtual"]
     accepted: int
     rejected: int
+    # Median: by software from the command to its acknowledge, with a strobe from the end of the
+    # exposure to the change of the light; None with a trigger.
     switch_ms: float | None
+    # Duration of `capture_set`; None if all sets were rejected.
     median_ms: float | None
     worst_ms: float | None
-    exposures_ms: float | None
-    limit_ms: float
+    exposures_ms: float | None  # median from the start of the first exposure to the end of the last
+    limit_ms: float  # one frame period for each light and for an ambient image
 
 
 def compared_configs(config: RigConfig) -> Iterator[RigConfig]:
-    """Configurations to compare: all modes of a simulated rig, or a real rig's own mode.
-
-    A rig with a strobe is also measured by software.
-    """
+    """All modes of a simulated rig; a real rig's own mode, and software for one with a strobe."""
     if config.is_simulated:
         for clock in ("virtual", "real"):
             for frame_rate_hz, exposure_ms in _SIMULATED_MODES:
@@ -73,13 +56,7 @@ def compared_configs(config: RigConfig) -> Iterator[RigConfig]:
 
 
 def measure_set_timing(config: RigConfig, sets: int) -> SetTiming:
-    """Capture sets until `sets` of them are accepted, or as many rejected.
-
-    Raises
-    ------
-    HardwareError
-        If the controller or the camera fails.
-    """
+    """Capture sets until `sets` of them are accepted, or as many rejected."""
     accepted: list[CapturedSet] = []
     durations_s: list[float] = []
     rejected = 0

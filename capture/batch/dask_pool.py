@@ -36,8 +36,7 @@ async def _greet(address: str, answer_s: float) -> None:
 class DaskPool:
     """A `Pool` of the workers of a Dask scheduler; workers may join later.
 
-    The scheduler runs the items of a dead worker again, on another worker. The workers must have
-    `version` of ps4rig, by default the one that runs here.
+    The scheduler runs the items of a dead worker again, on another worker.
     """
 
     # The scheduler itself counts failures, up to `distributed.scheduler.allowed-failures`.
@@ -76,10 +75,10 @@ class DaskPool:
     def _check_versions(self, version: str) -> None:
         # A worker without this package ends at its first item without a message.
         answers = self._client.run(metadata.version, "ps4rig", on_error="return")
-        for worker, found in answers.items():
+        for worker, answer in answers.items():
             # OSError: the worker has just left the cluster.
-            if found != version and not isinstance(found, OSError):
-                theirs = f"ps4rig {found}" if isinstance(found, str) else "no ps4rig"
+            if answer != version and not isinstance(answer, OSError):
+                theirs = f"ps4rig {answer}" if isinstance(answer, str) else "no ps4rig"
                 raise InputError(
                     f"worker {worker} has {theirs}, this is ps4rig {version}; install the same "
                     "version on all machines"

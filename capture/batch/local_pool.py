@@ -27,10 +27,8 @@ Result = TypeVar("Result")
 class LocalPool:
     """A `Pool` of processes, each with one thread.
 
-    The processes are spawned: a forked process would inherit locks that threads of numba and
-    OpenCV hold. They end when this process ends, even if it is killed: each waits for the end of a
-    pipe that only this process holds open. With `yields` they compute only while no other process
-    wants the processor.
+    They end when this process ends, even if it is killed: each waits for the end of a pipe that
+    only this process holds open.
     """
 
     attempts = 3
@@ -63,6 +61,7 @@ class LocalPool:
         self._executor.shutdown(cancel_futures=True)
 
     def _start(self) -> None:
+        # A forked process would inherit locks that threads of numba and OpenCV hold.
         context = get_context("spawn")
         far_end, self._lifeline = context.Pipe(duplex=False)
         with terminal_signals_blocked():
@@ -78,9 +77,8 @@ class LocalPool:
 def terminal_signals_blocked() -> Iterator[None]:
     """Block the signals that a terminal sends to all processes of a command.
 
-    Processes that are started in the block keep the signals blocked: workers, which this process
-    interrupts itself, and the resource tracker of `multiprocessing`. Windows blocks no signals; its
-    workers ignore the only one of them that it has.
+    Workers and the resource tracker of `multiprocessing`, started in the block, keep them blocked;
+    this process interrupts the workers itself.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
@@ -94,16 +92,15 @@ def terminal_signals_blocked() -> Iterator[None]:
 
 
 def begin_worker(lifeline: Connection, yields: bool = False) -> None:
-    """Prepare a worker process.
+    """Prepare a worker that ends with the process which holds the other end of `lifeline`.
 
-    It ends with the process that holds the other end of `lifeline`. One that `yields` computes only
-    while no other process wants the processor.
+    One that `yields` computes only while no other process wants the processor.
     """
     if yields:
         yield_processors()
     signal.signal(signal.SIGTERM, _end)
     threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
-    if not hasattr(signal, "pthread_sigmask"):
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     # Every item needs it. An exception during its import makes it print that numpy is missing.
     import cv2  # noqa: F401
@@ -146,15 +143,12 @@ def _call(function: Callable[[Item], Result], item: Item) -> Result:
 
 
 def call_in_one_thread(function: Callable[[Item], Result], item: Item) -> Result:
-    """Return ``function(item)``, computed in one thread: each core has its own worker.
-
-    The threads of a Dask worker take turns, because the settings below hold for the whole process.
-    """
+    """Return ``function(item)``, computed in one thread: each core has its own worker."""
     import cv2
 
     from classify.threads import set_thread_count
 
-    with _one_at_a_time:
+    with _one_at_a_time:  # the settings hold for the whole process: threads of Dask take turns
         set_thread_count(1)
         cv2.setNumThreads(1)
         return function(item)

@@ -43,19 +43,16 @@ class Pool(Protocol):
 class Batch:
     """Call functions for many items. Use it as a context, which ends the workers.
 
-    The work begins in this process. After `starting_s` the remaining items go to worker processes.
-    This takes at most twice the time of the better choice, however long an item takes.
-
-    Functions and items are pickled: use functions of a module, `functools.partial` of them, and
-    paths. There is one worker process for each usable core unless `workers` is given. `scheduler`
-    is the address of a Dask cluster, which then does all the work.
+    The work begins in this process; after `starting_s` the remaining items go to worker processes,
+    or from the start to the Dask cluster at `scheduler`. Functions and items are pickled.
     """
 
     def __init__(
         self, workers: int | None = None, scheduler: str | None = None, *, starting_s: float = 2.0
     ) -> None:
         self._workers = workers or len(usable_processors())
-        # The time in which a worker on each core of a laptop imports numba, scipy and OpenCV.
+        # The time in which a worker on each core of a laptop imports numba, scipy and OpenCV. After
+        # as long here, the total is at most twice that of the better choice.
         self._starting_s = starting_s
         self._spent_s = 0.0
         self._pool: Pool | None = None
@@ -72,9 +69,8 @@ class Batch:
     ) -> Iterator[Result]:
         """Yield ``function(item)`` for each item, in order.
 
-        Items are read when a worker needs one, so `items` may be endless. In this process `here` is
-        called instead of the function; it may show progress and is not pickled. InputError if one
-        item's workers were killed repeatedly.
+        `items` are read when a worker needs one. In this process `here` is called instead of the
+        function; it may show progress and is not pickled.
         """
         remaining = iter(items)
         for item in remaining:

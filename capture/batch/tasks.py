@@ -54,25 +54,16 @@ class SetHeader:
 def read_header(
     path: Path, method: Method | None = None, calibration: Path | None = None
 ) -> SetHeader:
-    """Read the header of a labelled set, to be solved by `method`, without its pixels.
-
-    `calibration` is used instead of the one that the set names.
-
-    Raises
-    ------
-    InputError
-        If the set cannot be read, has no label, has too few lights, is too small for a texture, or
-        its calibration is missing or does not hold.
-    """
+    """Read the header of a labelled set, to be solved by `method`, without its pixels."""
     metadata, shape = ome_tiff.read_header(path)
-    found = calibration_of(path, metadata, shape, calibration)
+    found_calibration = calibration_of(path, metadata, shape, calibration)
     with named(path):
         label = _usable_label(metadata.label)
         method = _solver(metadata, method)
         segment_px = segment_for(shape)
         lighting = metadata.lighting.to_lighting()
-        if found is not None:
-            lighting = found.file.calibration.lighting_of(lighting)
+        if found_calibration is not None:
+            lighting = found_calibration.file.calibration.lighting_of(lighting)
     return SetHeader(
         label,
         metadata.orientation_deg,
@@ -81,7 +72,7 @@ def read_header(
         method,
         lighting,
         metadata.pixels_sha256,
-        () if found is None else found.warnings,
+        () if found_calibration is None else found_calibration.warnings,
     )
 
 
@@ -105,13 +96,7 @@ class LoadedSet:
 
     @classmethod
     def of(cls, path: Path, calibration: Path | None = None, *, raw: bool = False) -> Self:
-        """Load a set with the given calibration, or the one that it names, or if `raw` with none.
-
-        Raises
-        ------
-        InputError
-            If the set or its calibration cannot be read, or the calibration does not hold for it.
-        """
+        """Load a set with `calibration`, or the one that it names, or if `raw` with none."""
         captured = CapturedSet.load(path)
         metadata, shape = captured.metadata, captured.images.shape[1:]
         return cls(captured, None if raw else calibration_of(path, metadata, shape, calibration))
@@ -147,13 +132,7 @@ def observe_set(
     method: Method | None = None,
     calibration: Path | None = None,
 ) -> Observation:
-    """Solve a set as a planar part and compute its observation for training.
-
-    Raises
-    ------
-    InputError
-        If the set cannot be read or solved.
-    """
+    """Solve a set as a planar part and compute its observation for training."""
     loaded = LoadedSet.of(path, calibration)
     with named(path):
         return observe(loaded.solve_texture(method, planar=PLANAR), segment_px, classifier)
@@ -161,10 +140,7 @@ def observe_set(
 
 @dataclass(frozen=True)
 class ClassifiedSet:
-    """The match of a set, how it was solved, and fields of its metadata.
-
-    `trained` says whether the library was trained from a set of the same pixels.
-    """
+    """The match of a set, how it was solved, and fields of its metadata."""
 
     match: Match
     method: Method
@@ -172,7 +148,7 @@ class ClassifiedSet:
     label: str | None
     orientation_deg: float | None
     simulated: bool
-    trained: bool
+    trained: bool  # whether the library was trained from a set of the same pixels
     warnings: tuple[str, ...]
 
 
@@ -186,12 +162,6 @@ def classify_set(
     """Classify a set, solved as the sets of the library were or by `method`.
 
     A solver of the library that does not suit the number of lights is replaced by the default.
-
-    Raises
-    ------
-    InputError
-        If the set or the library cannot be read, the library does not fit the set, or the set has
-        too few lights, lacks a required label, or has no valid calibration although it names one.
     """
     loaded = LoadedSet.of(path, calibration)
     captured, metadata = loaded.captured, loaded.captured.metadata
@@ -232,38 +202,23 @@ class SolveTask:
 
 @dataclass(frozen=True)
 class SolvedSet:
-    """Names of the written files, shares of the pixels from 0 to 1, and fields of the set.
-
-    Attributes
-    ----------
-    fall_off
-        Share by which a light falls off across the part if that is flat; None where too little of
-        it is lit. It was divided out if the set was solved as `planar`.
-    led_levels
-        Levels of the lights that were estimated from the images; None if the set gives them, or the
-        solver does not estimate them.
-    mm_per_px
-        Scale of the images, with which lengths are in mm and um; None where they are relative.
-    calibration
-        File of the calibration that was used.
-    residual, raw_residual
-        Median difference of the images from the solution, as a share of the signal; `raw_residual`
-        is that without the calibration, None if there is none.
-    """
+    """Names of the written files, shares of the pixels from 0 to 1, and fields of the set."""
 
     files: tuple[str, ...]
     valid: float
     saturated: float
     shadowed: float
     planar: bool
+    # Share by which a light falls off across a flat part, divided out if `planar`; None where too
+    # little of the part is lit.
     fall_off: float | None
-    led_levels: tuple[float, ...] | None
+    led_levels: tuple[float, ...] | None  # estimated from the images; None if the set gives them
     simulated: bool
     lights: int
     mm_per_px: float | None
-    calibration: str | None
-    residual: float | None
-    raw_residual: float | None
+    calibration: str | None  # its file
+    residual: float | None  # median difference of the images from the solution, share of the signal
+    raw_residual: float | None  # the same without the calibration
     warnings: tuple[str, ...]
 
 
@@ -277,20 +232,9 @@ def solve_set(
     raw: bool = False,
     on_progress: Callable[[float], None] | None = None,
 ) -> SolvedSet:
-    """Solve a set and write its maps.
-
-    `relit.tif` is under `light`; see `CapturedSet.solve` for `planar`. With `raw` a calibration
-    that the set names is left out.
-
-    Raises
-    ------
-    InputError
-        If the set cannot be read or solved, or the maps cannot be written.
-    SetRejected
-        If no pixel is valid; nothing is written.
-    """
+    """Solve a set and write its maps; see `LoadedSet.of` and `CapturedSet.solve`."""
     loaded = LoadedSet.of(task.path, calibration, raw=raw)
-    captured, known = loaded.captured, loaded.calibration
+    captured, known, found = loaded.captured, loaded.calibration, loaded.found
     with named(task.path):
         surface = captured.solve(
             method, planar=planar, calibration=known, raw=raw, on_progress=on_progress
@@ -306,10 +250,10 @@ def solve_set(
             f"{1.0 - saturated:.0%} too dark or outside of the mask; check exposure, lights and "
             "mask"
         )
-    found = surface.fall_off
+    flat_fall_off = surface.fall_off
     if not planar and surface.divided_by is None:
         stack = ImageStack(captured.images, captured.ambient)
-        found = fall_off(stack, captured.lighting, surface.full_scale, captured.mask)
+        flat_fall_off = fall_off(stack, captured.lighting, surface.full_scale, captured.mask)
     levels = surface.led_levels
     mm_per_px = None if known is None else known.mm_per_px
     written = write_maps(
@@ -318,9 +262,9 @@ def solve_set(
         task.folder,
         light=light,
         mm_per_px=mm_per_px,
-        calibration=loaded.found,
+        calibration=found,
         raw_residual=raw_residual,
-        inputs=[task.path, *([] if loaded.found is None else [loaded.found.path])],
+        inputs=[task.path, *([] if found is None else [found.path])],
     )
     return SolvedSet(
         files=tuple(path.name for path in written),
@@ -328,12 +272,12 @@ def solve_set(
         saturated=saturated,
         shadowed=shadowed,
         planar=planar,
-        fall_off=None if found is None else found.share,
+        fall_off=None if flat_fall_off is None else flat_fall_off.share,
         led_levels=None if levels is None else tuple(np.round(levels, 4).tolist()),
         simulated=captured.metadata.simulated,
         lights=len(captured.images),
         mm_per_px=mm_per_px,
-        calibration=None if loaded.found is None else str(loaded.found.path),
+        calibration=None if found is None else str(found.path),
         residual=surface.residual_share,
         raw_residual=raw_residual,
         warnings=loaded.warnings,
@@ -362,10 +306,10 @@ def _solver(metadata: SetMetadata, method: Method | None) -> Method:
 def _read_library(path: Path) -> TextureLibrary:
     """Load a library, or return the one that was loaded from the unchanged file before."""
     try:
-        about = path.stat()
+        status = path.stat()
     except OSError:
         return TextureLibrary.load(path)  # which raises the error
-    return _loaded(path, about.st_mtime_ns, about.st_size)
+    return _loaded(path, status.st_mtime_ns, status.st_size)
 
 
 @lru_cache(maxsize=1)

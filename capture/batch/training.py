@@ -25,9 +25,8 @@ def train_library(
 ) -> tuple[TextureLibrary, dict[str, int]]:
     """Train a library from labelled sets; return it and the number of sets of each class.
 
-    All sets are solved by `method`, by default the default solver for their number of lights. The
-    library stores the paths of the sets relative to `folder`, where it will be saved. `calibration`
-    replaces the calibrations that the sets name.
+    The library stores the paths of the sets relative to `folder`, where it will be saved.
+    `calibration` replaces the calibrations that the sets name.
     """
     absolute = [path.absolute() for path in paths]
     calibration = None if calibration is None else calibration.absolute()
@@ -71,9 +70,9 @@ def _one_solver(paths: Sequence[Path], headers: Sequence[SetHeader]) -> Method:
     """The solver of all sets; InputError if it differs, because textures differ with it."""
     example = {header.method: path for path, header in zip(paths, headers, strict=True)}
     if len(example) > 1:
-        each = ", ".join(f"{path} by {method}" for method, path in example.items())
+        solvers = ", ".join(f"{path} by {method}" for method, path in example.items())
         raise InputError(
-            f"the training sets would be solved by different solvers ({each}); give --method "
+            f"the training sets would be solved by different solvers ({solvers}); give --method "
             "least_squares, which suits all, or leave some out"
         )
     return headers[0].method
@@ -87,11 +86,7 @@ def retrain_library(
     method: Method | None = None,
     calibration: Path | None = None,
 ) -> TextureLibrary:
-    """Train another classifier from the sets that the library at `path` was trained from.
-
-    The solver is that of the library unless `method` is given. LibraryError if the library does not
-    name its training sets, or one of them is missing or has changed.
-    """
+    """Train another classifier from the sets that the library at `path` was trained from."""
     method = method or library.method
     remedy = f"train a library with --classifier {classifier}"
     if not library.sources:
@@ -99,11 +94,11 @@ def retrain_library(
     places = [path.absolute().parent / name for name, _ in library.sources]
     for place, (_, pixels_sha256) in zip(places, library.sources, strict=True):
         try:
-            found = read_header(place, method, calibration).pixels_sha256
+            present_sha256 = read_header(place, method, calibration).pixels_sha256
         except InputError as error:
             raise LibraryError(
                 f"{path}: one of its training sets cannot be read ({error}); {remedy}"
             ) from error
-        if found != pixels_sha256:
+        if present_sha256 != pixels_sha256:
             raise LibraryError(f"{path}: its training set {place} has changed since; {remedy}")
     return train_library(places, path.parent, batch, classifier, method, calibration)[0]

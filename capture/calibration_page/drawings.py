@@ -54,7 +54,7 @@ def _lights(lights: CalibratedLights, scale: Scale | None, frame: FloatArray, up
     names: dict[tuple[float, float], list[str]] = {}
     for index, place in enumerate(places):
         x, y = at(place)
-        near = [each for each in names if math.dist(each, (x, y)) < _NAME_ROOM]
+        near = [position for position in names if math.dist(position, (x, y)) < _NAME_ROOM]
         names.setdefault(near[0] if near else (x, y), []).append(str(index))
         covariance = _covariance(lights, index, place)[np.ix_([0, up], [0, up])]
         drawn.append(_ellipse(x, y, unit, covariance))
@@ -116,9 +116,9 @@ def _axis(start: tuple[float, float], end: tuple[float, float]) -> str:
 def _scale_bar(reach: float, unit: float, height: float, mm_per_px: float | None) -> str:
     """A bar of 1, 2 or 5 times a power of ten, in mm or px, about a quarter of the drawing."""
     per_px, name = (1.0, "px") if mm_per_px is None else (mm_per_px, "mm")
-    wanted = 0.5 * reach * per_px
-    power = 10.0 ** np.floor(np.log10(wanted))
-    length = power * max(step for step in (1.0, 2.0, 5.0) if step * power <= wanted)
+    longest = 0.5 * reach * per_px
+    power = 10.0 ** np.floor(np.log10(longest))
+    length = power * max(step for step in (1.0, 2.0, 5.0) if step * power <= longest)
     width, y = unit * length / per_px, height - 3.0
     return (
         f'<line class="bar" x1="3" y1="{y}" x2="{3 + width:.2f}" y2="{y}"/>'

@@ -26,12 +26,12 @@ _MAP_PX = 256  # longer side of the maps of a flat field, which is smooth
 _NOT_KNOWN = "-"
 
 
-def calibration_page(path: Path, file: CalibrationFile, found: Benefit, now: datetime) -> str:
+def calibration_page(path: Path, file: CalibrationFile, benefit: Benefit, now: datetime) -> str:
     """Return the page as HTML; all text from the file is escaped."""
     settings = [record.setting for record in file.records.values()]
     sections = {
         "Parts": _parts(part_summaries(file, now)),
-        "What it buys": _benefit(found),
+        "What it buys": _benefit(benefit),
         "Light on a white sheet": _flat_field(file),
         "Positions of the lights": _lights(file),
         "Camera": _camera(file),
@@ -54,9 +54,9 @@ def _facts(file: CalibrationFile) -> Iterator[tuple[str, str]]:
         yield "rig", setting.rig_name or _NOT_KNOWN
         yield "camera", setting.camera or _NOT_KNOWN
         yield "frame", f"{setting.width_px} x {setting.height_px} px, {setting.bit_depth} bit"
-        exposures = sorted({each.exposure_ms for each in settings if each.exposure_ms is not None})
-        if exposures:
-            yield "exposure", ", ".join(f"{each:g}" for each in exposures) + " ms"
+        exposures_ms = {one.exposure_ms for one in settings if one.exposure_ms is not None}
+        if exposures_ms:
+            yield "exposure", ", ".join(f"{ms:g}" for ms in sorted(exposures_ms)) + " ms"
     scale = file.calibration.scale
     if scale is not None:
         share = 100.0 * scale.error
@@ -89,14 +89,14 @@ def _part(part: PartSummary) -> str:
     )
 
 
-def _benefit(found: Benefit) -> str:
-    if not found:
+def _benefit(benefit: Benefit) -> str:
+    if not benefit:
         return ""
-    longest = max(degrees for _, degrees in found) or 1.0
+    longest = max(degrees for _, degrees in benefit) or 1.0
     rows = (
         f'<tr><td>{escape(name)}</td><td class="value">{degrees:.2f}°</td>'
         f'<td class="length"><div style="width:{100.0 * degrees / longest:.1f}%"></div></td></tr>'
-        for name, degrees in found
+        for name, degrees in benefit
     )
     return (
         "<p>Mean error of normals on a matt part of rms slope 0.3, simulated with the faults and "
@@ -125,13 +125,13 @@ def flat_field_views(field: FlatField, setting: Setting) -> list[MapView]:
         MapView(
             None,
             f"light {light}: tilt {tilts_deg[light]:.0f}",
-            f"From {number_text(float(each.min()))}% to {number_text(float(each.max()))}%, "
-            f"{number_text(float(each.mean()))}% on average.",
-            scale.paint(each),
+            f"From {number_text(float(strength.min()))}% to {number_text(float(strength.max()))}%, "
+            f"{number_text(float(strength.mean()))}% on average.",
+            scale.paint(strength),
             scale,
             "% against the mean of all lights",
         )
-        for light, each in enumerate(percent[:SHOWN_LIGHTS])
+        for light, strength in enumerate(percent[:SHOWN_LIGHTS])
     ]
 
 

@@ -29,40 +29,26 @@ FLAT_FIELD_ERROR = "error_percent"  # in the figures of a flat field
 
 @dataclass(frozen=True)
 class PartSummary:
-    """One part of a calibration.
-
-    Attributes
-    ----------
-    record, age_days
-        None if the part was not measured; the age is None too for a date that cannot be read.
-    use
-        What the part is for.
-    command
-        The command that measures it.
-    """
+    """One part of a calibration."""
 
     name: PartName
-    record: PartRecord | None
-    age_days: int | None
+    record: PartRecord | None  # None if the part was not measured
+    age_days: int | None  # None too for a date that cannot be read
     use: str
-    command: str
+    command: str  # that measures it
 
     @property
     def title(self) -> str:
-        """The name as text."""
         return self.name.replace("_", " ")
 
 
 def part_summaries(file: CalibrationFile, now: datetime) -> tuple[PartSummary, ...]:
-    """Return all parts in order, also those that were not measured.
-
-    The noise of a camera that is not linear is left out, because it cannot be measured.
-    """
+    """Return all parts in order, also those that were not measured."""
     parts, response = [], file.calibration.response
     for name in PART_NAMES:
         record = file.records.get(name)
         if name == "noise" and record is None and response is not None and not response.linear:
-            continue
+            continue  # it cannot be measured
         use, command = _USES[name]
         if name == "lights" and file.calibration.flat_field is not None:
             command = "lights"  # their positions do not show on the sheet
@@ -72,10 +58,7 @@ def part_summaries(file: CalibrationFile, now: datetime) -> tuple[PartSummary, .
 
 
 def benefit_of(file: CalibrationFile) -> Benefit:
-    """Return the steps of the correction, each with its error of normals in degrees.
-
-    Empty for a calibration without flat field and lights.
-    """
+    """Return the steps of the correction, each with its error of normals in degrees."""
     calibration = file.calibration
     records = [file.records[name] for name in ("flat_field", "lights") if name in file.records]
     if not records:
@@ -89,9 +72,8 @@ def benefit_of(file: CalibrationFile) -> Benefit:
 
 
 def summary_json(
-    path: Path, file: CalibrationFile, found: Benefit, now: datetime
+    path: Path, file: CalibrationFile, benefit: Benefit, now: datetime
 ) -> dict[str, Any]:
-    """Return the summary as plain values."""
     parts, missing = {}, {}
     for part in part_summaries(file, now):
         if part.record is None:
@@ -105,7 +87,7 @@ def summary_json(
         "parts": parts,
         "lights": _lights_json(file),
         "missing": missing,
-        "normal_error_deg": dict(found),
+        "normal_error_deg": dict(benefit),
     }
 
 
@@ -139,5 +121,5 @@ def _lights_json(file: CalibrationFile) -> dict[str, Any] | None:
     lights = file.calibration.lights
     if lights is None:
         return None
-    about = {"source": lights.source, "residual": lights.residual}
-    return {**about, "lobe_exponent": lights.lobe_exponent, "each": light_rows(file)}
+    fit = {"source": lights.source, "residual": lights.residual}
+    return {**fit, "lobe_exponent": lights.lobe_exponent, "each": light_rows(file)}

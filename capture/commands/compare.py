@@ -54,34 +54,34 @@ def compare(
     page = output if output is not None or json else Path(f"comparison{_PAGE_SUFFIX}")
     if page is not None:
         check_output(page, suffix=_PAGE_SUFFIX, inputs=[first, second], force=force)
-    found = compared(*(side_of(each, calibration, raw=raw) for each in (first, second)))
+    comparison = compared(*(side_of(each, calibration, raw=raw) for each in (first, second)))
     if page is not None:
         with durable_file(page) as temporary:
-            temporary.write_text(comparison_page(found), encoding="utf-8")
+            temporary.write_text(comparison_page(comparison), encoding="utf-8")
     if json:
-        print_json(found.as_json())
+        print_json(comparison.as_json())
         return
-    _print(found)
+    _print(comparison)
     out.print(f"{page}: maps side by side", soft_wrap=True)
 
 
-def _print(found: Comparison) -> None:
-    texture = found.texture
+def _print(comparison: Comparison) -> None:
+    texture, angle_deg = comparison.texture, comparison.angle_deg
     if texture is None:
         out.print("texture: not compared: a side is too small, or has no valid pixel")
     else:
-        angle = "no clear angle" if found.angle_deg is None else f"{found.angle_deg:.1f} degrees"
+        angle = "no clear angle" if angle_deg is None else f"{angle_deg:.1f} degrees"
         out.print(f"texture: distance {texture.distance:.2f}, {angle} from A to B")
-    if found.normals_deg is not None and found.is_aligned:
-        median, p95 = found.normals_deg
+    if comparison.normals_deg is not None and comparison.is_aligned:
+        median, p95 = comparison.normals_deg
         out.print(f"normals: median {median:.3g} degrees apart, 95 % within {p95:.3g}")
-    for name, each in found.maps.items() if found.is_aligned else ():
-        unit = f" {each.unit}" if each.unit else ""
-        out.print(f"{name}: B - A has mean {each.mean:.3g}, rms {each.rms:.3g}{unit}")
-    if found.maps and not found.is_aligned:
+    for name, difference in comparison.maps.items() if comparison.is_aligned else ():
+        unit = f" {difference.unit}" if difference.unit else ""
+        out.print(f"{name}: B - A has mean {difference.mean:.3g}, rms {difference.rms:.3g}{unit}")
+    if comparison.maps and not comparison.is_aligned:
         out.print("the part was moved, or another one: pixels do not belong together")
-    for difference in found.fields:
+    for field in comparison.fields:
         out.print(
-            f"{difference.field}: {difference.first} -> {difference.second}",
+            f"{field.field}: {field.first} -> {field.second}",
             soft_wrap=True, markup=False,
         )  # fmt: skip

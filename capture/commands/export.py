@@ -59,25 +59,25 @@ def export(
         raise InputError(f"{output}: is not solved; leave out --calibration and --raw")
     if suffix:
         check_output(output, suffix=output.suffix, inputs=[captured_set], force=force)
-    said: dict[str, str | tuple[str, ...]] = {"set": str(captured_set), "output": str(output)}
+    answer: dict[str, str | tuple[str, ...]] = {"set": str(captured_set), "output": str(output)}
     if maps:
         task = SolveTask(captured_set, output)
-        said["files"] = solve_set(task, None, calibration=calibration, raw=raw).files
+        answer["files"] = solve_set(task, None, calibration=calibration, raw=raw).files
     elif suffix in _HEIGHTS:
         loaded = LoadedSet.of(captured_set, calibration, raw=raw)
         with named(captured_set):
-            said["unit"] = _write_height(loaded, output)
+            answer["unit"] = _write_height(loaded, output)
     elif suffix:
         write_numpy_file(CapturedSet.load(captured_set), output)
     else:
-        said["import_options"] = write_light_folder(CapturedSet.load(captured_set), output)
+        answer["import_options"] = write_light_folder(CapturedSet.load(captured_set), output)
     if json:
-        print_json(said)
+        print_json(answer)
         return
-    unit = f", lengths in {said['unit']}" if "unit" in said else ""
+    unit = f", lengths in {answer['unit']}" if "unit" in answer else ""
     out.print(f"{output}: written{unit}", soft_wrap=True)
-    if "import_options" in said:
-        out.print(f"back again: ps4rig import {said['import_options']} OUT.ome.tif", soft_wrap=True)
+    if options_back := answer.get("import_options"):
+        out.print(f"back again: ps4rig import {options_back} OUT.ome.tif", soft_wrap=True)
 
 
 def _write_height(loaded: LoadedSet, output: Path) -> str:

@@ -150,10 +150,7 @@ def with_part(
     bits: int | None,
     size_px: int | None,
 ) -> RigConfig:
-    """Return `config` with the given values; None keeps the value of `config`.
-
-    `placement` holds fields of `rig.Placement`.
-    """
+    """Return `config` with values, and fields of `rig.Placement`, that are not None."""
     camera = {"bits": bits, "width_px": size_px, "height_px": size_px}
     placed = config.simulation.placement.model_dump() | _given(placement)
     return config.with_changes(
@@ -169,11 +166,11 @@ def _given(values: dict[str, Any]) -> dict[str, Any]:
 
 def check_orientations(name: str, *degrees: float | None) -> None:
     """Check orientations that are entered as `name`; beyond 360 degrees they are a warning."""
-    for each in degrees:
-        if each is not None and not math.isfinite(each):
-            raise InputError(f"{name} {each:g}: give degrees, such as 40")
-        if each is not None and abs(each) > 360.0:
-            complain(f"warning: {name} {each:g}: beyond 360 degrees; a typing error?")
+    for angle_deg in degrees:
+        if angle_deg is not None and not math.isfinite(angle_deg):
+            raise InputError(f"{name} {angle_deg:g}: give degrees, such as 40")
+        if angle_deg is not None and abs(angle_deg) > 360.0:
+            complain(f"warning: {name} {angle_deg:g}: beyond 360 degrees; a typing error?")
 
 
 def degrees(option: str, text: str, example: str) -> list[float]:

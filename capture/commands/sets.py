@@ -106,7 +106,8 @@ def capture(
         for rotate_deg in orientations_deg
     ]
     options.check_orientations("--rotate", *orientations_deg)
-    for rotated_deg in (each.simulation.placement.rotate_deg for each in configs if has_surface):
+    for config in configs if has_surface else ():
+        rotated_deg = config.simulation.placement.rotate_deg
         if orientation is not None and (orientation - rotated_deg) % 360.0:
             raise InputError(
                 f"--orientation {orientation:g}: the simulated part is at {rotated_deg:g} degrees; "
@@ -116,7 +117,7 @@ def capture(
         described, specimen=specimen, operator=operator, note=note, orientation_deg=orientation
     )
     with open_rig(configs[0]) as opened:
-        placements = [each.simulation.placement for each in configs]
+        placements = [config.simulation.placement for config in configs]
         sets = _captured(opened, placements, count, label, average, known, target)
         answer = []
         for path, captured in zip(paths, progress(sets, len(paths), "capture"), strict=True):
@@ -167,7 +168,7 @@ def _captured(
 def _numbered(output: Path, count: int, replace: bool) -> list[Path]:
     """Return `output`, or for several sets as many names with numbers.
 
-    The numbers go on after the highest of the files that exist; with `replace` they begin at 1.
+    The numbers go on after the highest that exists; with `replace` they begin at 1.
     """
     from capture.sets.ome_tiff import SUFFIX
 
@@ -177,8 +178,8 @@ def _numbered(output: Path, count: int, replace: bool) -> list[Path]:
     last = 0
     if output.parent.is_dir() and not replace:
         numbered = re.compile(f"{re.escape(stem)}-([0-9]+){re.escape(SUFFIX)}")
-        found = (numbered.fullmatch(path.name) for path in output.parent.iterdir())
-        last = max((int(match[1]) for match in found if match), default=0)
+        names = (numbered.fullmatch(path.name) for path in output.parent.iterdir())
+        last = max((int(match[1]) for match in names if match), default=0)
     numbers = range(last + 1, last + count + 1)
     digits = max(3, len(str(numbers[-1])))
     return [output.with_name(f"{stem}-{number:0{digits}d}{SUFFIX}") for number in numbers]

@@ -100,10 +100,9 @@ def solve(
                     f"valid {surface.valid:.1%}, saturated {surface.saturated:.1%}, "
                     f"in shadow of a light {surface.shadowed:.1%} of the pixels"
                 )
-                notes = (_residual_note(surface), _levels_note(surface), _fall_off_note(surface))
-                for said in notes:
-                    if said:
-                        out.print(said, soft_wrap=True)
+                for describe in (_residual_note, _levels_note, _fall_off_note):
+                    if text := describe(surface):
+                        out.print(text, soft_wrap=True)
     warn_of_sets(warnings)
     if json:
         # The answer for one set that is given as a file is an object, not a list.
@@ -121,8 +120,8 @@ def _levels_note(surface: SolvedSet) -> str | None:
     levels = surface.led_levels
     if levels is None or max(levels) == min(levels):
         return None
-    found = ", ".join(f"{level:.3f}" for level in levels)
-    return f"LED levels {found} were found in the images and divided out: the set gives none"
+    texts = ", ".join(f"{level:.3f}" for level in levels)
+    return f"LED levels {texts} were found in the images and divided out: the set gives none"
 
 
 def _fall_off_note(surface: SolvedSet) -> str | None:

@@ -121,12 +121,12 @@ def classify(
         return
     columns = ("set", "texture", "orientation", "distance", "limit", "reason")
     table = new_table(*columns, prose="reason")
-    for path, each in answers.items():
-        match = each.match
-        name = f"{path}\n(simulated)" if each.simulated else str(path)
+    for path, answer in answers.items():
+        match = answer.match
+        name = f"{path}\n(simulated)" if answer.simulated else str(path)
         limit = "-" if match.limit is None else f"{match.limit:.4f}"
-        found = (match.label or "unknown", _degrees(match.orientation_deg, 1))
-        table.add_row(name, *found, f"{match.distance:.4f}", limit, match.reason)
+        texture = (match.label or "unknown", _degrees(match.orientation_deg, 1))
+        table.add_row(name, *texture, f"{match.distance:.4f}", limit, match.reason)
     print_table(table)
 
 
@@ -172,8 +172,8 @@ def evaluate_(
             paths, chosen, batch, method, label_required=True, calibration=calibration
         )
     training = [path for path, answer in answers.items() if answer.trained]
-    about = f"a training set of {library}; its result says nothing about new sets"
-    warn_of_sets((path, (about,)) for path in training)
+    warning = f"a training set of {library}; its result says nothing about new sets"
+    warn_of_sets((path, (warning,)) for path in training)
     _warn_not_oriented(answers.values(), library, trained)
     if csv is not None:
         _write_csv(csv, answers, trained)
@@ -243,8 +243,8 @@ def _classified(
         method=method,
         calibration=None if calibration is None else calibration.absolute(),
     )
-    found = batch.map(task, [path.absolute() for path in paths])
-    answers = dict(zip(paths, progress(found, len(paths), "classify"), strict=True))
+    results = batch.map(task, [path.absolute() for path in paths])
+    answers = dict(zip(paths, progress(results, len(paths), "classify"), strict=True))
     warn_of_sets((path, answer.warnings) for path, answer in answers.items())
     if trained.method is None:
         solvers = " and ".join(sorted({answer.method for answer in answers.values()}))
@@ -282,10 +282,7 @@ def _library_for(
     batch: Batch,
     folder: Path | None,
 ) -> Iterator[Path]:
-    """Yield the library, or a temporary one in `folder` from the same sets.
-
-    It is trained with `classifier`, and with `method` or the solver of the library.
-    """
+    """Yield the library, or a temporary one in `folder` with `classifier` from its sets."""
     from capture.batch.training import retrain_library
     from classify import TextureLibrary
 
@@ -311,8 +308,8 @@ def _trial(answer: ClassifiedSet, trained: TextureLibrary) -> Trial:
 def _warn_not_oriented(
     answers: Collection[ClassifiedSet], library: Path, trained: TextureLibrary
 ) -> None:
-    labels = {each.label for each in answers if each.orientation_deg is not None}
-    unknown = [each for each in trained.classes if each in labels - {*trained.oriented}]
+    labels = {answer.label for answer in answers if answer.orientation_deg is not None}
+    unknown = [label for label in trained.classes if label in labels - {*trained.oriented}]
     if unknown and any(answer.match.orientation_deg is not None for answer in answers):
         complain(
             f"warning: {library}: {', '.join(unknown)}: the training sets have no orientation, so "
@@ -327,7 +324,7 @@ def _write_csv(path: Path, answers: dict[Path, ClassifiedSet], trained: TextureL
     from classify.lighting import orientation_near
 
     rows = []
-    for each, answer in answers.items():
+    for set_path, answer in answers.items():
         found_deg, true_deg = answer.match.orientation_deg, answer.orientation_deg
         error_deg = None
         if found_deg is not None and true_deg is not None:
@@ -336,7 +333,7 @@ def _write_csv(path: Path, answers: dict[Path, ClassifiedSet], trained: TextureL
                 error_deg = round(found_deg - true_deg, 6)
         truth = {"set": "", "true_label": answer.label, "true_orientation_deg": true_deg}
         compared = {"orientation_deg": found_deg, "orientation_error_deg": error_deg}
-        record = truth | _record(each, answer, trained) | compared
+        record = truth | _record(set_path, answer, trained) | compared
         rows.append(record | {"training_set": answer.trained})
     with durable_file(path) as temporary:
         lines = map(csv_line, (rows[0], *(row.values() for row in rows)))

@@ -48,8 +48,8 @@ def verify(
             {
                 "files": len(paths),
                 "findings": [
-                    {"path": str(each.path), "state": each.state, "said": each.said}
-                    for each in wrong
+                    {"path": str(finding.path), "state": finding.state, "said": finding.said}
+                    for finding in wrong
                 ],
             }
         )
@@ -57,7 +57,7 @@ def verify(
         for finding in wrong:
             out.print(f"{finding.path}: {finding.state}: {finding.said}", soft_wrap=True)
         counts = Counter(finding.state for finding in findings)
-        said = ", ".join(f"{count} {state}" for state, count in sorted(counts.items()))
-        out.print(f"{len(paths)} files: {said}", soft_wrap=True)
+        summary = ", ".join(f"{count} {state}" for state, count in sorted(counts.items()))
+        out.print(f"{len(paths)} files: {summary}", soft_wrap=True)
     if wrong:
         raise typer.Exit(1)

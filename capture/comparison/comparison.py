@@ -23,39 +23,23 @@ _ALIGNED = 0.7
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Two sides and what differs.
-
-    Attributes
-    ----------
-    texture
-        None where a side is too small for a texture, or has no valid pixel.
-    angle_deg
-        Angle from the first to the second texture, anticlockwise, [-90, 90); None where the
-        textures determine none.
-    maps
-        Pixel by pixel, of maps of equal size and unit.
-    normals_deg
-        Median and 95th percentile of the angle between normals; None for unlike sizes.
-    fields
-        What differs in the set, the rig, its settings, the calibration and the software.
-    """
+    """Two sides and what differs."""
 
     first: Side
     second: Side
-    texture: TexturePair | None
-    angle_deg: float | None
-    maps: Mapping[str, MapDifference]
-    normals_deg: tuple[float, float] | None
+    texture: TexturePair | None  # None where a side is too small, or has no valid pixel
+    angle_deg: float | None  # from the first texture to the second, anticlockwise, [-90, 90)
+    maps: Mapping[str, MapDifference]  # those of equal size and unit
+    normals_deg: tuple[float, float] | None  # median and 95th percentile of the angle between them
     fields: tuple[FieldDifference, ...]
 
     @property
     def is_aligned(self) -> bool:
         """Whether the slopes correlate, as those of a part that was not moved."""
-        slopes = [each.correlation for name, each in self.maps.items() if name in ("p", "q")]
+        slopes = [self.maps[name].correlation for name in ("p", "q") if name in self.maps]
         return bool(slopes) and min(slopes) >= _ALIGNED
 
     def as_json(self) -> dict[str, Any]:
-        """Return the comparison as values of JSON."""
         return {
             "a": str(self.first.path),
             "b": str(self.second.path),
@@ -66,15 +50,14 @@ class Comparison:
             "aligned": self.is_aligned,
             "normals_median_deg": None if self.normals_deg is None else self.normals_deg[0],
             "normals_p95_deg": None if self.normals_deg is None else self.normals_deg[1],
-            "maps": {name: asdict(each) for name, each in self.maps.items()},
+            "maps": {name: asdict(difference) for name, difference in self.maps.items()},
             "differences": [
-                {"field": each.field, "a": each.first, "b": each.second} for each in self.fields
+                {"field": field.field, "a": field.first, "b": field.second} for field in self.fields
             ],
         }
 
 
 def compare(first: Side, second: Side) -> Comparison:
-    """Compare two sides."""
     try:
         texture = compare_textures(first.texture, second.texture)
     except InputError:
@@ -85,9 +68,9 @@ def compare(first: Side, second: Side) -> Comparison:
         valid = first.surface.valid & second.surface.valid
         for name, (values, unit) in first.maps.items():
             others, other_unit = second.maps[name]
-            found = map_difference(values, others, valid, unit)
-            if unit == other_unit and found is not None:
-                maps[name] = found
+            difference = map_difference(values, others, valid, unit)
+            if unit == other_unit and difference is not None:
+                maps[name] = difference
         if valid.any():
             angles = normal_angles_deg(
                 (first.surface.p, first.surface.q), (second.surface.p, second.surface.q)

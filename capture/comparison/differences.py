@@ -12,25 +12,14 @@ Facts = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class MapDifference:
-    """The second map less the first, over the pixels that are valid in both.
+    """The second map less the first, over the pixels that are valid in both."""
 
-    Attributes
-    ----------
-    unit
-        Of all figures but the correlation; empty for slopes.
-    mean, rms, p95, largest
-        Mean, root mean square, and 95th percentile and maximum of the magnitudes.
-    correlation
-        Of the two maps: near 1 where the part lies as before, near 0 where pixels do not belong
-        together. 0 for a constant map.
-    """
-
-    unit: str
+    unit: str  # of all figures but the correlation; empty for slopes
     mean: float
     rms: float
-    p95: float
-    largest: float
-    correlation: float
+    p95: float  # 95th percentile of the magnitudes
+    largest: float  # magnitude
+    correlation: float  # of the two maps: near 1 for a part that lies as before; 0 if constant
 
 
 def map_difference(
@@ -61,7 +50,7 @@ def normal_angles_deg(
 ) -> npt.NDArray[np.float64]:
     """(H, W) angle between the normals of two surfaces, each given by its slopes p and q."""
     (p1, q1), (p2, q2) = (
-        [np.asarray(slope, np.float64) for slope in each] for each in (first, second)
+        [np.asarray(slope, np.float64) for slope in slopes] for slopes in (first, second)
     )
     # |n1 x n2| and n1 . n2 of (-p, -q, 1): exact also for small angles.
     cross = np.sqrt((p1 - p2) ** 2 + (q1 - q2) ** 2 + (p1 * q2 - p2 * q1) ** 2)

@@ -25,46 +25,46 @@ _NOTE = (
 _STYLE = ".maps { grid-template-columns: repeat(3, minmax(0, 1fr)); }"
 
 
-def comparison_page(found: Comparison) -> str:
+def comparison_page(comparison: Comparison) -> str:
     """Return the page as HTML; all text from files is escaped."""
-    first, second = found.first, found.second
+    first, second = comparison.first, comparison.second
     return page_html(
         f"{first.path.name} and {second.path.name}",
         "comparison",
         {
-            "What differs": _fields(found),
-            "Maps": f'<div class="maps">{"".join(_maps(found))}</div>',
-            "Pixel by pixel, B less A": _differences(found),
+            "What differs": _fields(comparison),
+            "Maps": f'<div class="maps">{"".join(_maps(comparison))}</div>',
+            "Pixel by pixel, B less A": _differences(comparison),
         },
-        facts=_facts(found),
+        facts=_facts(comparison),
         notices=(
             simulated_notice("part of a simulated side") * (first.simulated or second.simulated),
             notice("The part was moved, or another one: pixels do not belong together.")
-            * (bool(found.maps) and not found.is_aligned),
+            * (bool(comparison.maps) and not comparison.is_aligned),
         ),
         note=_NOTE,
         style=_STYLE,
     )
 
 
-def _facts(found: Comparison) -> Iterator[tuple[str, str]]:
-    yield "A", str(found.first.path)
-    yield "B", str(found.second.path)
-    if found.texture is None:
+def _facts(comparison: Comparison) -> Iterator[tuple[str, str]]:
+    yield "A", str(comparison.first.path)
+    yield "B", str(comparison.second.path)
+    if comparison.texture is None:
         yield "texture", "not compared: a side is too small, or has no valid pixel"
         return
-    yield "texture distance", number_text(found.texture.distance)
-    angle = found.angle_deg
+    yield "texture distance", number_text(comparison.texture.distance)
+    angle = comparison.angle_deg
     yield "angle", "the textures show none" if angle is None else f"{angle:.1f}°"
-    yield "focus of B", f"{number_text(-found.texture.blur_px)} px"
-    if found.normals_deg is not None and found.is_aligned:
-        yield "normals, median", f"{number_text(found.normals_deg[0])}°"
+    yield "focus of B", f"{number_text(-comparison.texture.blur_px)} px"
+    if comparison.normals_deg is not None and comparison.is_aligned:
+        yield "normals, median", f"{number_text(comparison.normals_deg[0])}°"
 
 
-def _maps(found: Comparison) -> Iterator[str]:
+def _maps(comparison: Comparison) -> Iterator[str]:
     """Yield figures in rows of three: A, B, and their difference or an empty place."""
-    for name in found.first.maps:
-        sides = (("A", found.first), ("B", found.second))
+    for name in comparison.first.maps:
+        sides = (("A", comparison.first), ("B", comparison.second))
         shown = [pictures.reduced(side.maps[name][0]) for _, side in sides]
         scale_of = ColourScale.signed if name in _SIGNED else ColourScale.grey
         one_scale = scale_of(np.concatenate([each.ravel() for each in shown]))
@@ -76,8 +76,8 @@ def _maps(found: Comparison) -> Iterator[str]:
             yield figure_html(
                 MapView(None, title, side.path.name, scale.paint(values), scale, unit)
             )
-        if name in found.maps:
-            (one, unit), (other, _) = found.first.maps[name], found.second.maps[name]
+        if name in comparison.maps:
+            (one, unit), (other, _) = comparison.first.maps[name], comparison.second.maps[name]
             off = pictures.reduced(other - one)
             scale = ColourScale.signed(off)
             yield figure_html(MapView(None, f"B - A: {name}", "", scale.paint(off), scale, unit))
@@ -85,29 +85,35 @@ def _maps(found: Comparison) -> Iterator[str]:
             yield "<p>Not comparable: another size or unit, or no pixel is valid in both.</p>"
 
 
-def _differences(found: Comparison) -> str:
-    if not found.maps:
+def _differences(comparison: Comparison) -> str:
+    if not comparison.maps:
         return "<p>The sides have unlike sizes, or no pixel is valid in both.</p>"
     rows = [
         _row(
             name,
-            each.unit,
-            *(number_text(v) for v in (each.mean, each.rms, each.p95, each.largest)),
-            number_text(each.correlation),
+            difference.unit,
+            number_text(difference.mean),
+            number_text(difference.rms),
+            number_text(difference.p95),
+            number_text(difference.largest),
+            number_text(difference.correlation),
         )
-        for name, each in found.maps.items()
+        for name, difference in comparison.maps.items()
     ]
-    if found.normals_deg is not None:
-        median, p95 = (number_text(each) for each in found.normals_deg)
+    if comparison.normals_deg is not None:
+        median, p95 = map(number_text, comparison.normals_deg)
         rows.append(_row("normals", "degrees", f"median {median}", "", p95, "", ""))
     columns = ("map", "unit", "mean", "rms", "95 %", "largest", "correlation")
     return table_html(columns, rows)
 
 
-def _fields(found: Comparison) -> str:
-    if not found.fields:
+def _fields(comparison: Comparison) -> str:
+    if not comparison.fields:
         return "<p>Nothing.</p>"
-    rows = [_row(each.field, _text(each.first), _text(each.second)) for each in found.fields]
+    rows = [
+        _row(difference.field, _text(difference.first), _text(difference.second))
+        for difference in comparison.fields
+    ]
     return table_html(("field", "A", "B"), rows)
 
 

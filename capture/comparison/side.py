@@ -25,40 +25,19 @@ _OF_THE_RIG = ("rig_name", "camera", "light_directions", "led_levels_percent")
 
 @dataclass(frozen=True, eq=False)
 class Side:
-    """One of two sets or folders.
-
-    Attributes
-    ----------
-    surface
-        Slopes, albedo and validity as maps show them.
-    texture
-        The surface solved as for a texture; for a folder, `surface` itself.
-    maps
-        (H, W) maps by name, NaN where not valid, each with its unit; heights are in mm where the
-        scale is known.
-    facts
-        By group, ``set``, ``rig``, ``settings``, ``calibration`` and ``software``: values by field.
-    orientation_deg
-        As entered; None where it is not known.
-    """
+    """One of two sets or folders."""
 
     path: Path
     surface: SurfaceEstimate
-    texture: SurfaceEstimate
-    maps: _Maps
-    facts: Mapping[str, Mapping[str, Any]]
+    texture: SurfaceEstimate  # solved as for a texture; for a folder, `surface` itself
+    maps: _Maps  # (H, W), NaN where not valid
+    facts: Mapping[str, Mapping[str, Any]]  # values by field, by group
     simulated: bool
     orientation_deg: float | None
 
 
 def side_of(path: Path, calibration: Path | None = None, *, raw: bool = False) -> Side:
-    """Read and solve a set as `LoadedSet.of`, or read a folder of maps of ``ps4rig solve``.
-
-    Raises
-    ------
-    InputError
-        If it is neither, cannot be read or solved, or its calibration is missing.
-    """
+    """Read and solve a set as `LoadedSet.of`, or read a folder of maps of ``ps4rig solve``."""
     if path.is_dir():
         return _folder(path)
     if not path.name.endswith(SUFFIX):
@@ -89,51 +68,51 @@ def _set(path: Path, loaded: LoadedSet) -> Side:
             for name, record in records.items()
         }
     texture = loaded.solve_texture(None, planar=True)
-    about = captured.metadata
+    metadata = captured.metadata
     return Side(
         path,
         surface,
         texture,
         _known(maps, surface.valid),
         facts,
-        about.simulated,
-        about.orientation_deg,
+        metadata.simulated,
+        metadata.orientation_deg,
     )
 
 
 def _facts_of_set(captured: CapturedSet) -> dict[str, dict[str, Any]]:
-    about = captured.metadata
+    metadata = captured.metadata
     setting = captured.setting.model_dump(mode="json")
     rig = {name: setting.pop(name) for name in _OF_THE_RIG}
     rig["led_intensities"] = np.round(captured.lighting.intensities, 4).tolist()
-    if about.controller is not None:
-        rig["controller"] = about.controller.model_dump(mode="json")
-    frames = max((len(image.frames) for image in about.images), default=0)
+    if metadata.controller is not None:
+        rig["controller"] = metadata.controller.model_dump(mode="json")
+    frames = max((len(image.frames) for image in metadata.images), default=0)
     settings = setting | {
         "frames_averaged": frames,
-        "settle_ms": about.settle_ms,
-        "synchronisation": about.synchronisation,
+        "settle_ms": metadata.settle_ms,
+        "synchronisation": metadata.synchronisation,
     }
-    if about.camera is not None:
+    if metadata.camera is not None:
         settings |= {
-            "frame_rate_hz": about.camera.frame_rate_hz,
-            "controls": dict(about.camera.controls),
+            "frame_rate_hz": metadata.camera.frame_rate_hz,
+            "controls": dict(metadata.camera.controls),
         }
-    said = ("label", "specimen", "operator", "note", "orientation_deg", "created_utc")
-    placement = None if about.placement is None else about.placement.model_dump(mode="json")
+    fields = ("label", "specimen", "operator", "note", "orientation_deg", "created_utc")
+    placement = None if metadata.placement is None else metadata.placement.model_dump(mode="json")
     return {
-        "set": {name: getattr(about, name) for name in said} | {"placement": placement},
+        "set": {name: getattr(metadata, name) for name in fields} | {"placement": placement},
         "rig": rig,
         "settings": settings,
-        "calibration": {"sha256": list(about.calibration_ids)},
-        "software": {"version": about.software_version, "schema": about.schema_version},
+        "calibration": {"sha256": list(metadata.calibration_ids)},
+        "software": {"version": metadata.software_version, "schema": metadata.schema_version},
     }
 
 
 def _folder(folder: Path) -> Side:
     if not (folder / "p.tif").is_file():
         raise InputError(f"{folder}: holds no maps; ps4rig solve SET --out {folder} writes them")
-    about = read_description(folder / "p.tif")
+    description = read_description(folder / "p.tif")
     maps: _Maps = {}
     valid = read_map(folder / "valid.tif")[0] > 0
     for name in _MAPS:
@@ -153,23 +132,23 @@ def _folder(folder: Path) -> Side:
     p, q, albedo = (np.where(valid, maps[name][0], np.float32(0.0)) for name in _MAPS[:3])
     surface = SurfaceEstimate(
         p=p, q=q, albedo=albedo, valid=valid,
-        method=str(about.get("method", "")), planar=bool(about.get("planar")),
+        method=str(description.get("method", "")), planar=bool(description.get("planar")),
     )  # fmt: skip
     columns, rows = surface.shape[1], surface.shape[0]
     facts = {
-        "set": {name: about.get(name) for name in ("label", "pixels_sha256")},
+        "set": {name: description.get(name) for name in ("label", "pixels_sha256")},
         "rig": {},
         "settings": {
-            "width_px": columns, "height_px": rows, "mm_per_px": about.get("mm_per_px"),
-            "method": about.get("method"), "planar": about.get("planar"),
+            "width_px": columns, "height_px": rows, "mm_per_px": description.get("mm_per_px"),
+            "method": description.get("method"), "planar": description.get("planar"),
         },
         "calibration": {
-            "file": about.get("calibration"), "sha256": about.get("calibration_sha256"),
+            "file": description.get("calibration"), "sha256": description.get("calibration_sha256"),
         },
-        "software": {"version": about.get("software_version")},
+        "software": {"version": description.get("software_version")},
     }  # fmt: skip
     known = _known(maps, valid)
-    return Side(folder, surface, surface, known, facts, bool(about.get("simulated")), None)
+    return Side(folder, surface, surface, known, facts, bool(description.get("simulated")), None)
 
 
 def _known(maps: _Maps, valid: npt.NDArray[np.bool_]) -> _Maps:

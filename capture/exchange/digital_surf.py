@@ -27,13 +27,7 @@ _MAX_COMMENT_BYTES = 2**15 - 1
 
 
 def write_sur(path: Path, heights: HeightMap) -> None:
-    """Write heights in micrometres, rows from the top; points without a height are marked as such.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+    """Write heights in micrometres, rows from the top; NaN becomes a missing point."""
     heights_um = _UM_PER_MM * heights.heights_mm.astype(np.float64)
     missing = np.isnan(heights_um)
     # Offset and step are float32 in the file: the points are computed from what readers will read.
@@ -42,19 +36,19 @@ def write_sur(path: Path, heights: HeightMap) -> None:
     step_um = np.float32(max(np.nanmax(heights_um), _SMALLEST_RANGE_UM) / _HIGHEST)
     points = np.rint(np.where(missing, 0.0, heights_um) / step_um).astype("<i4")
     points[missing] = _MISSING
-    about, (rows, columns) = heights.metadata, points.shape
+    metadata, (rows, columns) = heights.metadata, points.shape
     date, um_per_px = heights.captured_at, _UM_PER_MM * heights.mm_per_px
     comment = heights.comment.encode("latin-1", "replace")[:_MAX_COMMENT_BYTES]
     header = _HEADER.pack(
         b"DIGITAL SURF", 0, 1, 1, _SURFACE,  # for PCs, one object, version 1
-        _text(about.label, 30), _text(about.operator, 30),
+        _text(metadata.label, 30), _text(metadata.operator, 30),
         0, 0, 0, int(missing.any()), 0,  # no kind of acquisition, range or absolute height
         0.0, _BITS, _LOWEST, _HIGHEST, columns, rows, points.size,
         um_per_px, um_per_px, step_um,
-        *(_text(each, 16) for each in ("X", "Y", "Z", *[_UNIT] * 6)), 1.0, 1.0, 1.0,
+        *(_text(text, 16) for text in ("X", "Y", "Z", *[_UNIT] * 6)), 1.0, 1.0, 1.0,
         0, 0, 0,  # neither replica, inverted nor levelled
         date.second, date.minute, date.hour, date.day, date.month, date.year, date.isoweekday() % 7,
-        0.0, 0, len(comment), 0, _text(f"ps4rig {about.software_version}", 128),
+        0.0, 0, len(comment), 0, _text(f"ps4rig {metadata.software_version}", 128),
         0.0, 0.0, offset_um, 0.0, 0.0, _text("", 13), _text("", 13),
     )  # fmt: skip
     with durable_file(path) as temporary, temporary.open("wb") as file:

@@ -16,10 +16,7 @@ from classify.surface.estimate import FloatMap
 
 
 def solved_height(loaded: LoadedSet) -> tuple[SurfaceEstimate, FloatMap]:
-    """Solve a set and integrate its slopes: height in px, NaN where no slope is known.
-
-    Raises `SetRejected` if no pixel can be solved.
-    """
+    """Solve a set and integrate its slopes: height in px, NaN where no slope is known."""
     surface = loaded.solve()
     if not surface.valid.any():
         raise SetRejected("no pixel can be solved; check exposure and lights")
@@ -30,38 +27,18 @@ def solved_height(loaded: LoadedSet) -> tuple[SurfaceEstimate, FloatMap]:
 
 @dataclass(frozen=True, eq=False)
 class HeightMap:
-    """Heights on the grid of the pixels, rows from the top of the image.
+    """Heights on the grid of the pixels, rows from the top of the image."""
 
-    Attributes
-    ----------
-    heights_mm
-        (H, W) float32, NaN where no slope is known.
-    mm_per_px, scale_date
-        The calibrated scale, and when it was measured.
-    captured_at
-        Time of the capture.
-    metadata, method
-        Metadata of the captured set, and the solver.
-    """
-
-    heights_mm: FloatMap
+    heights_mm: FloatMap  # (H, W) float32, NaN where no slope is known
     mm_per_px: float
-    scale_date: str
+    scale_date: str  # of the measurement of the scale
     captured_at: datetime
     metadata: SetMetadata
     method: str
 
     @classmethod
     def of(cls, loaded: LoadedSet) -> HeightMap:
-        """Solve a set with its calibration, and integrate its slopes.
-
-        Raises
-        ------
-        InputError
-            If the set cannot be solved, or has no calibrated scale.
-        SetRejected
-            If no pixel can be solved.
-        """
+        """Solve a set with its calibration, and integrate its slopes."""
         metadata = loaded.captured.metadata
         found, known = loaded.found, loaded.calibration
         if found is None or known is None or known.mm_per_px is None:
@@ -90,13 +67,13 @@ class HeightMap:
     @property
     def comment(self) -> str:
         """The set and the source of its heights, as text for the file."""
-        about = self.metadata
-        said = (
-            "SIMULATED." if about.simulated else None,
-            about.label and f"Label {about.label}.",
-            about.specimen and f"Specimen {about.specimen}.",
+        metadata = self.metadata
+        sentences = (
+            "SIMULATED." if metadata.simulated else None,
+            metadata.label and f"Label {metadata.label}.",
+            metadata.specimen and f"Specimen {metadata.specimen}.",
             f"Heights by photometric stereo ({self.method}), integrated from slopes:",
             "errors of form grow with distance.",
-            f"Pixels SHA-256 {about.pixels_sha256}.",
+            f"Pixels SHA-256 {metadata.pixels_sha256}.",
         )
-        return " ".join(filter(None, said))
+        return " ".join(filter(None, sentences))

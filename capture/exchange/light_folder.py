@@ -18,14 +18,7 @@ LIGHTS, _AMBIENT, _MASK, _METADATA = "lights.lp", "ambient.tif", "mask.tif", "me
 def write_light_folder(captured: CapturedSet, folder: Path) -> str:
     """Write the images with the pixel values of the camera, and the directions of the lights.
 
-    Returns
-    -------
-    The options with which `ps4rig import` reads the same pixels back, quoted for a shell.
-
-    Raises
-    ------
-    InputError
-        If the folder exists and is not empty, or cannot be written.
+    Returns the options with which `ps4rig import` reads the same pixels back, quoted for a shell.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder}: exists and is not empty; choose another name")

@@ -15,21 +15,9 @@ Array = npt.NDArray[Any]
 
 
 def write_ply(path: Path, height: FloatMap, albedo: FloatMap, per_px: float, unit: str) -> None:
-    """Write a mesh with grey vertices (Stanford PLY 1.0, little-endian).
+    """Write a mesh with grey vertices (Stanford PLY 1.0, little-endian), none where height is NaN.
 
-    Parameters
-    ----------
-    height
-        (H, W) in `unit`; NaN, where there is no vertex, but not everywhere.
-    albedo
-        (H, W); its 99.5th percentile becomes white.
-    per_px
-        Length of a pixel in `unit`, which a comment names.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
+    `height` and `per_px`, the length of a pixel, are in `unit`.
     """
     known = np.isfinite(height)
     white = float(np.percentile(albedo[known], 99.5)) or 1.0
@@ -71,10 +59,7 @@ def write_stl(path: Path, height: FloatMap, per_px: float, unit: str) -> None:
 
 
 def _triangles(height: FloatMap, per_px: float) -> tuple[FloatMap, Array]:
-    """Places of the vertices, and the vertices of each triangle.
-
-    x to the right, y up, from the middle of the frame.
-    """
+    """(V, 3) vertices from the middle of the frame, and (T, 3) indices of them."""
     rows, columns = height.shape
     places = np.empty((rows, columns, 3), np.float32)
     places[..., 0] = per_px * (np.arange(columns) - 0.5 * (columns - 1))

@@ -22,11 +22,8 @@ _SHOWN_MAP = "albedo"
 
 
 def get_reader(path: str | list[str]) -> Reader | None:
-    """Return a reader for a captured set or a folder of maps, or None for anything else.
-
-    Several files are not stacked: sets may differ in size and lights.
-    """
-    if not isinstance(path, str):
+    """Return a reader for a captured set or a folder of maps, or None for anything else."""
+    if not isinstance(path, str):  # sets may differ in size and lights: they are not stacked
         return None
     try:
         if Path(path).is_dir():
@@ -39,30 +36,18 @@ def get_reader(path: str | list[str]) -> Reader | None:
 
 
 def read_set_layers(path: str) -> list[Layer]:
-    """Read the pages of a captured set, the first light shown; its metadata go with each.
-
-    Raises
-    ------
-    InputError
-        If the set was changed or damaged.
-    """
+    """Read the pages of a captured set, the first light shown; its metadata go with each."""
     images, ambient, metadata, mask = ome_tiff.read(Path(path))
-    pages = [*images] + [each for each in (ambient, mask) if each is not None]
-    about = metadata.model_dump(mode="json")
+    pages = [*images] + [page for page in (ambient, mask) if page is not None]
+    facts = metadata.model_dump(mode="json")
     return [
-        _layer(name, page, metadata.mm_per_px, about, (0, metadata.full_scale), shown=index == 0)
+        _layer(name, page, facts, (0, metadata.full_scale), shown=index == 0)
         for index, (name, page) in enumerate(zip(ome_tiff.page_names(metadata), pages, strict=True))
     ]
 
 
 def read_map_layers(path: str) -> list[Layer]:
-    """Read the maps in a folder, the albedo shown; the description of each goes with it.
-
-    Raises
-    ------
-    InputError
-        If a map is damaged.
-    """
+    """Read the maps in a folder, the albedo shown; the description of each goes with it."""
     return list(_map_layers(Path(path)))
 
 
@@ -72,18 +57,17 @@ def _map_layers(folder: Path) -> Iterator[Layer]:
             read_description(file)
         except InputError:  # a file of someone else
             continue
-        values, about = read_map(file)
+        values, description = read_map(file)
         channels = values if values.ndim == 3 else values[None]
         names = [file.stem] if values.ndim == 2 else [f"{file.stem} {axis}" for axis in "xyz"]
         for name, channel in zip(names, channels, strict=True):
-            yield _layer(name, channel, about.get("mm_per_px"), about, shown=name == _SHOWN_MAP)
+            yield _layer(name, channel, description, shown=name == _SHOWN_MAP)
 
 
 def _layer(
     name: str,
     values: npt.NDArray[Any],
-    mm_per_px: float | None,
-    about: dict[str, Any],
+    description: dict[str, Any],
     limits: tuple[float, float] | None = None,
     *,
     shown: bool,
@@ -91,8 +75,9 @@ def _layer(
     arguments: dict[str, Any] = {
         "name": name,
         "visible": shown,
-        "metadata": {"ps4rig": about},
+        "metadata": {"ps4rig": description},
     }
+    mm_per_px = description.get("mm_per_px")
     if mm_per_px is not None:
         arguments |= {"scale": (mm_per_px, mm_per_px), "units": ("mm", "mm")}
     if name in _MASKS:

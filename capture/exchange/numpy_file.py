@@ -9,13 +9,7 @@ from classify.durable_file import durable_file
 
 
 def write_numpy_file(captured: CapturedSet, path: Path) -> None:
-    """Write images, ambient image, mask, lights and metadata (JSON text) under their names.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+    """Write images, ambient image, mask, lights and metadata (JSON text) under their names."""
     lighting = captured.lighting
     arrays = {
         "images": captured.images,

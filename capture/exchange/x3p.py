@@ -20,13 +20,7 @@ _NOT_KNOWN = "not available"
 
 
 def write_x3p(path: Path, heights: HeightMap) -> None:
-    """Write heights in metres as float64, NaN where none was measured; rows from the top.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+    """Write heights in metres as float64, NaN where none was measured; rows from the top."""
     data = (heights.heights_mm.astype("<f8") * _M_PER_MM).tobytes()
     main = _main_xml(heights, _md5(data))
     with durable_file(path) as temporary, zipfile.ZipFile(
@@ -43,7 +37,7 @@ def _md5(data: bytes) -> str:
 
 
 def _main_xml(heights: HeightMap, data_md5: str) -> bytes:
-    about, (rows, columns) = heights.metadata, heights.heights_mm.shape
+    metadata, (rows, columns) = heights.metadata, heights.heights_mm.shape
     side = {
         "AxisType": "I",
         "DataType": "D",
@@ -59,14 +53,14 @@ def _main_xml(heights: HeightMap, data_md5: str) -> bytes:
         },
         "Record2": {
             "Date": heights.captured_at.isoformat(),
-            "Creator": about.operator or _NOT_KNOWN,
+            "Creator": metadata.operator or _NOT_KNOWN,
             "Instrument": {
                 "Manufacturer": "ps4rig",
-                "Model": "simulated rig" if about.simulated else about.rig_name or _NOT_KNOWN,
+                "Model": "simulated rig" if metadata.simulated else metadata.rig_name or _NOT_KNOWN,
                 "Serial": _NOT_KNOWN
-                if about.controller is None
-                else about.controller.serial_number,
-                "Version": about.software_version,
+                if metadata.controller is None
+                else metadata.controller.serial_number,
+                "Version": metadata.software_version,
             },
             "CalibrationDate": heights.scale_date,
             "ProbingSystem": {

@@ -44,32 +44,8 @@ def write_maps(
 ) -> list[Path]:
     """Write all maps of a surface, and an `index.html` that shows them.
 
-    As float32 TIFF, NaN where not valid: p, q, albedo, height, raised, mean and Gaussian curvature,
-    relit, residual; and normals, with the channels x, y and z. As 8-bit TIFF and as PNG: shadow
-    (number of lights in shadow), dropped (index of the light that was left out, or 255), specular
-    and valid (255 or 0).
-    `roughness.json` holds Sdq, Sdr, Sa and Sq. Each TIFF says in JSON the set, the unit, and
-    whether it was simulated: see `map_tiff`.
-    `height.tif` and `raised.tif` come from the gradients alone. Maps in `folder` are replaced as a
-    whole, see `durable_folder`.
-
-    Parameters
-    ----------
-    light
-        The one light of `relit.tif`; by default at tilt 135, slant 45 degrees.
-    mm_per_px
-        Scale of the image. With it heights and curvatures are in mm, Sa and Sq in micrometres;
-        without it they are relative, in pixels.
-    calibration, raw_residual
-        The calibration that was used, and the `residual_share` without it.
-    inputs
-        Files that the surface comes from. No map replaces one of them.
-
-    Raises
-    ------
-    InputError
-        If the folder cannot be made or written to, a map would replace an input, or `light` is not
-        one light.
+    Maps in `folder` are replaced as a whole, but none of `inputs` is; `raw_residual` is the
+    `residual_share` without the calibration.
     """
     maps = SurfaceMaps.of(surface, light, mm_per_px)
     unit = maps.length_unit
@@ -128,11 +104,11 @@ def write_maps(
         if is_input(path, inputs):
             raise InputError(f"{path}: is an input of this command; choose another folder")
     with durable_folder(folder, names, first=_PAGE) as temporary:
-        for name, (values, about) in tiffs.items():
+        for name, (values, description) in tiffs.items():
             write_values(
                 temporary / f"{name}.tif",
                 maps.known(values),
-                origin | about,
+                origin | description,
                 mm_per_px,
             )
         write_channels(

@@ -18,11 +18,11 @@ Description = dict[str, Any]
 
 
 def write_values(
-    path: Path, values: npt.NDArray[np.float32], about: Description, mm_per_px: float | None
+    path: Path, values: npt.NDArray[np.float32], description: Description, mm_per_px: float | None
 ) -> None:
-    """Write (H, W) float32 values; `about` is the description of the TIFF."""
+    """Write (H, W) float32 values."""
     tifffile.imwrite(
-        path, values, photometric="minisblack", metadata=None, description=json.dumps(about),
+        path, values, photometric="minisblack", metadata=None, description=json.dumps(description),
         **resolution(mm_per_px),
     )  # fmt: skip
 
@@ -32,14 +32,12 @@ def write_channels(
     channels: npt.NDArray[np.float32] | npt.NDArray[np.uint8],
     names: tuple[str, ...],
     limits: tuple[float, float],
-    about: Description,
+    description: Description,
     mm_per_px: float | None,
 ) -> None:
     """Write (C, H, W) channels, or one (H, W) channel, as an ImageJ hyperstack.
 
-    ImageJ opens no TIFF of interleaved float32. It shows a hyperstack as grey between `limits`,
-    with the names of its channels, and `about` as its info, since the description of such a file
-    holds ImageJ's own settings.
+    ImageJ opens no interleaved float32; it shows this as grey between `limits`.
     """
     # Bio-Formats takes a pixel without a unit for a micrometre.
     per_unit, unit = (1.0, "pixel") if mm_per_px is None else (1.0 / mm_per_px, "mm")
@@ -48,47 +46,35 @@ def write_channels(
         path, channels, imagej=True, resolution=(per_unit, per_unit),
         metadata={
             "axes": "CYX"[-channels.ndim :], "mode": "grayscale", "min": low, "max": high,
-            "unit": unit, "Labels": list(names), "Info": json.dumps(about),
+            "unit": unit, "Labels": list(names), "Info": json.dumps(description),
         },
     )  # fmt: skip
 
 
 def read_description(path: Path) -> Description:
-    """Read the description of a map that ps4rig wrote.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or is no such map.
-    """
+    """Read the description of a map that ps4rig wrote."""
     with opened_tiff(path) as tiff:
         return _description(tiff, path)
 
 
 def read_map(path: Path) -> tuple[npt.NDArray[Any], Description]:
-    """Read a map, (H, W) or (C, H, W), and its description.
-
-    Raises
-    ------
-    InputError
-        As `read_description`, or if pixels are missing.
-    """
+    """Read a map, (H, W) or (C, H, W), and its description."""
     with opened_tiff(path) as tiff:
-        about = _description(tiff, path)
+        description = _description(tiff, path)
         if tiff.series[0].nbytes > tiff.filehandle.size:
             raise InputError(f"{path}: declares more pixels than it holds; solve the set again")
         values = tiff.asarray()
         # Normals were interleaved, (H, W, 3), before ImageJ had to open them.
-        return np.moveaxis(values, -1, 0) if tiff.series[0].axes == "YXS" else values, about
+        return np.moveaxis(values, -1, 0) if tiff.series[0].axes == "YXS" else values, description
 
 
 def _description(tiff: tifffile.TiffFile, path: Path) -> Description:
     hyperstack = tiff.imagej_metadata
     text = tiff.pages.first.description if hyperstack is None else hyperstack.get("Info", "")
     try:
-        about = json.loads(text)
+        description = json.loads(text)
     except (ValueError, RecursionError):
-        about = None
-    if not isinstance(about, dict) or "pixels_sha256" not in about:
+        description = None
+    if not isinstance(description, dict) or "pixels_sha256" not in description:
         raise InputError(f"{path}: a TIFF, but not a map of ps4rig; ps4rig solve writes maps")
-    return about
+    return description

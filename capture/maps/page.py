@@ -35,10 +35,7 @@ def map_page(
     calibration: FoundCalibration | None = None,
     raw_residual: float | None = None,
 ) -> str:
-    """Return the page as HTML; all text from the set is escaped.
-
-    `calibration` is the one that was used, `raw_residual` the residual without it.
-    """
+    """Return the page as HTML; `raw_residual` is the residual without the calibration."""
     metadata = captured.metadata
     figures = {name: "".join(map(figure_html, members)) for name, members in views.items()}
     figures["Curvature"] += _roughness_table(maps)

@@ -75,10 +75,7 @@ class ColourScale:
 
 
 def _limit(values: npt.NDArray[Any]) -> float:
-    """Return the 99.5th percentile; if that is 0 the maximum, and 1 if that is 0 too.
-
-    NaN does not count.
-    """
+    """Return the 99.5th percentile without NaN; if it is 0 the maximum, and 1 if that is 0 too."""
     values = values[~np.isnan(values)]
     if not values.size:
         return 1.0
@@ -104,10 +101,7 @@ def normal_map(normals: FloatMap) -> Picture:
 
 
 def shaded(normals: FloatMap, contrast: float = 1.0) -> Picture:
-    """Return the shading of (H, W, 3) normals lit from the upper left.
-
-    `contrast` multiplies the difference from the grey of a flat surface.
-    """
+    """Shade (H, W, 3) normals from the upper left; `contrast` is about the grey of a plane."""
     return grey(_FLAT_GREY + contrast * (_shading(normals) - _FLAT_GREY), top=1.0)
 
 
@@ -172,10 +166,9 @@ def reduced(
     interpolation: int = cv2.INTER_AREA,
     longest_px: int = PICTURE_PX,
 ) -> npt.NDArray[Any]:
-    """Reduce (H, W) or (H, W, 3) values to a longer side of `longest_px`, by default by means.
+    """Reduce (H, W) or (H, W, 3) values to a longer side of `longest_px`, labels by INTER_NEAREST.
 
-    A map of labels, which have no mean, needs `cv2.INTER_NEAREST`. A mean leaves out NaN, and is
-    NaN if more than half of its values are.
+    A mean leaves out NaN, and is NaN if more than half of its values are.
     """
     rows, columns = values.shape[:2]
     scale = longest_px / max(rows, columns)
@@ -186,8 +179,8 @@ def reduced(
     if known.all():
         return cv2.resize(values, size, interpolation=interpolation)
     share, summed = (
-        cv2.resize(each.astype(np.float32), size, interpolation=interpolation)
-        for each in (known, np.where(known, values, 0.0))
+        cv2.resize(image.astype(np.float32), size, interpolation=interpolation)
+        for image in (known, np.where(known, values, 0.0))
     )
     return np.where(share >= 0.5, summed / np.maximum(share, 0.5), np.float32(np.nan))
 

@@ -27,9 +27,7 @@ def roughness_parameters(
 ) -> dict[str, dict[str, Any]]:
     """Return name, value and unit of each parameter by symbol, and whether it is relative.
 
-    A value is None if no pixel is valid. Unit 1 means dimensionless. Sa and Sq come from the
-    integrated height: they are in um (micrometres), or relative in px where the scale is unknown.
-    The others come from the gradients themselves.
+    A value is None if no pixel is valid; Sa and Sq are in um, or relative in px without a scale.
     """
     relative = mm_per_px is None
     unit, per_px = ("px", 1.0) if mm_per_px is None else ("um", _UM_PER_MM * mm_per_px)

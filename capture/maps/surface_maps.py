@@ -25,36 +25,17 @@ RELIT_LIGHT = Lighting.from_angles([135.0], 45.0)
 
 @dataclass(frozen=True, eq=False)
 class SurfaceMaps:
-    """The maps that `ps4rig solve` writes and shows.
-
-    Attributes
-    ----------
-    normals
-        (H, W, 3) float32 unit normals.
-    height
-        (H, W) float32, from the gradients alone, zero mean.
-    raised
-        (H, W) float32, height above the surroundings, negative if indented.
-    mean_curvature, gaussian_curvature
-        (H, W) float32, 1/length and 1/length^2.
-    relit
-        (H, W) float32, the surface under the one distant `light` without cast shadows, in units
-        of the albedo.
-    roughness
-        None if no pixel is valid.
-    mm_per_px
-        Scale of the image. With it lengths are in mm, without it they are relative: in pixels.
-    """
+    """The maps that `ps4rig solve` writes and shows: (H, W) float32, lengths in `length_unit`."""
 
     surface: SurfaceEstimate
-    normals: FloatMap
-    height: FloatMap
-    raised: FloatMap
-    mean_curvature: FloatMap
-    gaussian_curvature: FloatMap
-    relit: FloatMap
+    normals: FloatMap  # (H, W, 3), unit length
+    height: FloatMap  # from the gradients alone, zero mean
+    raised: FloatMap  # height above the surroundings, negative if indented
+    mean_curvature: FloatMap  # 1/length
+    gaussian_curvature: FloatMap  # 1/length^2
+    relit: FloatMap  # under the distant `light`, without cast shadow, in units of the albedo
     light: Lighting
-    roughness: Roughness | None
+    roughness: Roughness | None  # None if no pixel is valid
     mm_per_px: float | None
 
     @property
@@ -74,13 +55,6 @@ class SurfaceMaps:
         light: Lighting = RELIT_LIGHT,
         mm_per_px: float | None = None,
     ) -> SurfaceMaps:
-        """Compute all maps of a surface.
-
-        Raises
-        ------
-        InputError
-            If `light` is not one light.
-        """
         if len(light) != 1:
             raise InputError(f"relit under {len(light)} lights; give one")
         height = integrate_gradients(surface.p, surface.q)

@@ -26,26 +26,12 @@ _LEGEND_ENTRIES = 8
 
 @dataclass(frozen=True, eq=False)
 class MapView:
-    """One map as the page shows it.
+    """One map as the page shows it."""
 
-    Attributes
-    ----------
-    file
-        Name of the file with the values, None if there is only a picture.
-    title, caption
-        Name of the map and a description, as plain text.
-    picture
-        Reduced to the size at which it is shown.
-    scale, unit
-        Colours and unit of a map of measured values; the unit is empty for dimensionless ones.
-    legend
-        Colours and names of the values, for a map that has few.
-    """
-
-    file: str | None
+    file: str | None  # name of the file with the values, None if there is only a picture
     title: str
     caption: str
-    picture: Picture
+    picture: Picture  # reduced to the size at which it is shown
     scale: ColourScale | None = None
     unit: str = ""
     legend: tuple[tuple[Sequence[int], str], ...] = ()

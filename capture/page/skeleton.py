@@ -19,23 +19,7 @@ def page_html(
     note: str = "",
     style: str = "",
 ) -> str:
-    """Return a self-contained page.
-
-    Parameters
-    ----------
-    title, kind
-        Heading of the page, and what kind of page it is: its name in a browser's tab ends in it.
-    sections
-        HTML by heading, in order.
-    facts
-        Names and values, as plain text.
-    notices
-        HTML of `notice` or `simulated_notice`.
-    note
-        Plain text at the foot, before the version of ps4rig.
-    style
-        CSS for elements of this kind of page only.
-    """
+    """Return a self-contained page."""
     foot = f"{escape(note)} ps4rig {escape(version('ps4rig'))}."
     body = (
         f"<h1>{escape(title)}</h1>",

@@ -13,40 +13,22 @@ _LEAST_GAP = 1e-3
 
 
 class Places(NamedTuple):
-    """Places on the page as shares of its width or height: left edge, top edge, and size.
+    """Places on the page as shares of its width or height."""
 
-    Attributes
-    ----------
-    lights
-        (left, top) for each light.
-    part
-        (left, top) of the part, in the middle.
-    size
-        Width and height of each image, as a share of those of the page.
-    """
-
-    lights: tuple[tuple[float, float], ...]
-    part: tuple[float, float]
-    size: float
+    lights: tuple[tuple[float, float], ...]  # (left, top) of each
+    part: tuple[float, float]  # in the middle
+    size: float  # width and height of each image
 
 
 def places_of(directions: npt.NDArray[np.float64]) -> Places | None:
-    """Place images as the lights stand, seen from the camera.
+    """Place images as the lights stand, by their (N, 3) directions with y up.
 
-    Parameters
-    ----------
-    directions
-        (N, 3) towards the lights, y up.
-
-    Returns
-    -------
-    Places
-        Largest images that overlap neither each other nor the part; None where they would be
-        smaller than a seventh of the page, as those of a light above the part or a dome of many.
+    The images are the largest that overlap neither each other nor the part; None if they are
+    smaller than a seventh of the page, as for a light above the part or a dome of many.
     """
-    seen = directions[:, :2] * (1.0, -1.0)  # on the page y points down
-    reach = np.abs(seen).max(initial=_LEAST_GAP)
-    centres = np.vstack([seen / reach, np.zeros((1, 2))])
+    offsets = directions[:, :2] * (1.0, -1.0)  # on the page y points down
+    reach = np.abs(offsets).max(initial=_LEAST_GAP)
+    centres = np.vstack([offsets / reach, np.zeros((1, 2))])
     gap = min(np.abs(one - other).max() for one, other in combinations(centres, 2))
     if gap < _LEAST_GAP:
         return None

@@ -26,18 +26,10 @@ _MIN_STALE_S = 3.0
 
 @dataclass
 class Preview:
-    """The newest image under each light, written by one thread and read by others.
+    """The newest image under each light, written by one thread and read by others."""
 
-    Attributes
-    ----------
-    stale_after_s
-        Age in seconds at which the page blanks an image; longer with a rig of slow frames.
-    now_s
-        The clock of the frames' exposure times.
-    """
-
-    stale_after_s: float = _MIN_STALE_S
-    now_s: Callable[[], float] = time.monotonic
+    stale_after_s: float = _MIN_STALE_S  # age at which the page blanks an image
+    now_s: Callable[[], float] = time.monotonic  # the clock of the frames' exposure times
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _camera: str = ""
     _simulated: bool = False
@@ -131,11 +123,6 @@ def show_lights(
     """Show each light of an open rig in turn until `stopping` is set.
 
     `measure` makes a text of the frames of each round, or None where there is nothing to say.
-
-    Raises
-    ------
-    HardwareError
-        If the rig fails.
     """
     preview.opened(rig)
     while True:
@@ -145,9 +132,9 @@ def show_lights(
             preview.shown(light, preview_image(frames[-1]))
             if stopping.wait(_PAUSE_S):
                 return
-        said = None if measure is None else measure(frames)
-        if said is not None:
-            preview.found(said)
+        text = None if measure is None else measure(frames)
+        if text is not None:
+            preview.found(text)
 
 
 def run_preview(
@@ -158,13 +145,7 @@ def run_preview(
 ) -> None:
     """Show each light in turn until `stopping` is set, then switch the LEDs off.
 
-    A hardware error is shown, and the rig is opened again two seconds later. For `measure` see
-    `show_lights`.
-
-    Raises
-    ------
-    InputError
-        If the configuration cannot be used.
+    A hardware error is shown, and the rig is opened again two seconds later.
     """
     # This loop switches the LEDs, and the page shows ages in real time.
     real_time = {"lights": {"synchronisation": "software"}, "simulation": {"clock": "real"}}

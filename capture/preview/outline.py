@@ -1,6 +1,6 @@
 """The outline of a part in an image, turned about the middle and drawn as SVG."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -32,22 +32,12 @@ Line = npt.NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """Lines over a frame.
-
-    Attributes
-    ----------
-    width_px, height_px
-        Size of the frame.
-    lines
-        Each closed, (n, 2): x to the right and y down, in pixels; the top left pixel is at 0, 0.
-    is_of_part
-        True for the outline of a part; False for the edges of a texture that fills the frame.
-    """
+    """Lines over a frame."""
 
     width_px: int
     height_px: int
-    lines: tuple[Line, ...]
-    is_of_part: bool
+    lines: tuple[Line, ...]  # each closed, (n, 2): x, y down in px; the top left pixel is at 0, 0
+    is_of_part: bool  # False for the edges of a texture that fills the frame
 
     def rotated(self, angle_deg: float) -> "Outline":
         """Rotate the lines anticlockwise about the middle of the frame."""
@@ -87,8 +77,8 @@ def outline_of(captured: CapturedSet) -> Outline:
     rows, columns = mean.shape
     part = captured.mask if captured.mask is not None else _part_in(mean)
     if part is not None:
-        found, _ = cv2.findContours(part.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-        lines = [max(found, key=cv2.contourArea)] if found else []
+        contours = _contours(part)
+        lines = [max(contours, key=cv2.contourArea)] if contours else []
         return Outline(columns, rows, _simplified(lines), is_of_part=True)
     return Outline(columns, rows, _edges(images), is_of_part=False)
 
@@ -129,9 +119,13 @@ def _edges(images: npt.NDArray[np.float32]) -> tuple[Line, ...]:
         across, down = (cv2.Sobel(smooth, cv2.CV_32F, *order) for order in ((1, 0), (0, 1)))
         strength += cv2.magnitude(across, down)
     strong = strength > np.quantile(strength, 1.0 - _EDGE_SHARE)
-    found, _ = cv2.findContours(strong.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    longest = sorted((line for line in found if len(line) >= _LEAST_EDGE_PX), key=len)
+    longest = sorted((line for line in _contours(strong) if len(line) >= _LEAST_EDGE_PX), key=len)
     return _simplified(longest[-_MOST_LINES:])
+
+
+def _contours(pixels: npt.NDArray[np.bool_]) -> Sequence[npt.NDArray[Any]]:
+    mask = pixels.astype(np.uint8)
+    return cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
 
 
 def _simplified(lines: Iterable[npt.NDArray[Any]]) -> tuple[Line, ...]:

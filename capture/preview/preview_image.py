@@ -17,36 +17,18 @@ _SATURATED_COLOUR = (40, 40, 255)
 
 @dataclass(frozen=True, eq=False)
 class PreviewImage:
-    """One frame as the page shows it.
+    """One frame as the page shows it."""
 
-    Attributes
-    ----------
-    png
-        The frame, at most 800 px wide or high, saturated pixels in red.
-    sequence
-        The frame's number.
-    exposed_s
-        Start of exposure on the rig's clock.
-    mean_share, saturated_share
-        Mean pixel value and share of saturated pixels, each from 0 to 1.
-    focus
-        Variance of the Laplacian over the squared mean. It is highest when the image is sharp.
-        Values of different parts or lights cannot be compared.
-    histogram
-        Share of the pixels in each of 64 equal parts of the range of pixel values.
-    """
-
-    png: bytes
+    png: bytes  # at most 800 px wide or high, saturated pixels in red
     sequence: int
-    exposed_s: float
+    exposed_s: float  # start of exposure on the rig's clock
     mean_share: float
     saturated_share: float
-    focus: float
-    histogram: tuple[float, ...]
+    focus: float  # variance of the Laplacian over the squared mean; highest when sharp
+    histogram: tuple[float, ...]  # shares of the pixels, 64 bins
 
 
 def preview_image(frame: Frame) -> PreviewImage:
-    """Return the preview of a frame."""
     full_scale = (1 << frame.bit_depth) - 1
     pixels = frame.pixels
     saturated = pixels >= full_scale

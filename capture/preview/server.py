@@ -56,7 +56,6 @@ class PreviewServer(ThreadingHTTPServer):
 
     @property
     def url(self) -> str:
-        """Address of the page."""
         return f"http://{_ADDRESS}:{self.server_port}/"
 
     def process_request(self, request: Any, client_address: Any) -> None:
@@ -125,19 +124,9 @@ class _Request(BaseHTTPRequestHandler):
 def serving(
     preview: Preview, port: int, deadline_s: float = _DEADLINE_S
 ) -> Iterator[PreviewServer]:
-    """Serve the page from a thread while the block runs.
+    """Serve the page from a thread while the block runs; port 0 chooses a free one.
 
-    Parameters
-    ----------
-    port
-        0 chooses a free one.
-    deadline_s
-        A request that takes longer is cut off, even if its client goes on sending.
-
-    Raises
-    ------
-    InputError
-        If the port is not free.
+    A request that takes longer than `deadline_s` is cut off, even if its client goes on sending.
     """
     server = PreviewServer(preview, port, deadline_s)
     thread = threading.Thread(target=server.serve_forever, args=(0.1,), daemon=True)

@@ -18,13 +18,7 @@ _MAX_CHARACTERS = 2**16
 
 
 def report_crash(error: BaseException) -> int:
-    """Write the traceback to a log file and one line that names the file to stderr.
-
-    Returns
-    -------
-    int
-        The exit status of an unforeseen error, 70.
-    """
+    """Write the traceback to a log file and one line to stderr; return the exit status."""
     path = _write_log("".join(traceback.format_exception(error)))
     where = f"the traceback is in {path}" if path else "no log file could be written"
     cause = " ".join(f"{type(error).__name__}: {error}".split())[:200]

@@ -15,7 +15,8 @@ try:
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
-# Beside the owner file, where folders themselves cannot be locked.
+# Of an empty file that SQLite locks, by the calls of each system. It stays: removing it would let
+# two programs lock two files.
 LOCK_FILE_SUFFIX = ".held"
 _OWNER_BYTES = 100
 
@@ -26,15 +27,6 @@ def folder_lock(folder: Path, owner_file: str) -> Iterator[None]:
 
     The system releases the lock when the program ends, however it ends. The file `owner_file` in
     the folder only names the program, for the message to the second one.
-
-    Without `fcntl`, SQLite locks an empty file beside it: SQLite does that by the calls of each
-    system. The file stays, because to remove it would let two programs lock two files.
-
-    Raises
-    ------
-    InputError
-        If another program, or another block of this one, holds the lock; the message names it.
-        If the folder cannot be locked, or the disk is full or read-only.
     """
     owner_path = folder / owner_file
     try:
@@ -58,17 +50,8 @@ def folder_lock(folder: Path, owner_file: str) -> Iterator[None]:
 
 @contextmanager
 def file_lock(path: Path, patience_s: float) -> Iterator[None]:
-    """Hold a lock on a file during the block; a second program waits for its end.
-
-    SQLite locks an empty file beside it, as in `folder_lock`: a file that is replaced cannot be
-    locked itself.
-
-    Raises
-    ------
-    InputError
-        If another program holds the lock for longer than `patience_s`, or the file beside it
-        cannot be made.
-    """
+    """Hold a lock on a file during the block; a second program waits for at most `patience_s`."""
+    # A file that is replaced cannot be locked itself.
     try:
         release = _lock_file(path, patience_s)
     except BlockingIOError as error:

@@ -42,10 +42,7 @@ _was_interrupted = False
 
 
 def install_handlers() -> None:
-    """Handle the signals that end a command, except those that the parent process ignores.
-
-    ``nohup`` ignores SIGHUP, and a shell ignores SIGINT for jobs in the background.
-    """
+    """Handle the signals that end a command, except those that the parent ignores, as ``nohup``."""
     for number in _ENDING:
         if signal.getsignal(number) not in (signal.SIG_IGN, None):
             signal.signal(number, _handle)
@@ -65,8 +62,7 @@ def _ignore_signals() -> None:
 def interruptible() -> Iterator[None]:
     """Raise KeyboardInterrupt in the block when a signal arrives, once.
 
-    Further signals are ignored while the block cleans up and the process ends, for at most five
-    seconds.
+    Further signals are ignored while the block cleans up, for at most five seconds.
     """
     global _exit_after_s
     _exit_after_s = _NEVER

@@ -7,13 +7,7 @@ from classify.errors import InputError
 
 
 def append_line(path: Path, line: str) -> None:
-    """Append a line to a log, which is made if it is missing.
-
-    Raises
-    ------
-    InputError
-        If it cannot be written, or is a pipe without a reader.
-    """
+    """Append a line to a log, which is made if it is missing."""
     try:
         with open(path, "a", encoding="utf-8", opener=_unblocked) as file:
             file.write(f"{line}\n")

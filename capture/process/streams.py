@@ -29,9 +29,8 @@ class _TolerantFile(io.FileIO):
 class StandardStreams:
     """Replace the standard streams for the rest of the process.
 
-    After a failed write, such as to a closed pipe, all further output is discarded. So is output to
-    a stream that the parent process has closed; a closed input is empty. Characters that the
-    stream's encoding lacks are written as escapes.
+    After a failed write, such as to a closed pipe, or if the parent process has closed the stream,
+    output is discarded; a closed input is empty.
     """
 
     def __init__(self) -> None:
@@ -45,13 +44,7 @@ class StandardStreams:
         _, sys.stderr = _tolerant(2, sys.stderr)
 
     def final_status(self, status: int) -> int:
-        """Flush both streams; return the exit status of the process.
-
-        Parameters
-        ----------
-        status
-            The exit status of the command. A failed write changes only the status 0.
-        """
+        """Flush both streams; a failed write changes the status 0 of a command."""
         sys.stdout.flush()
         error = self._output.error
         if error is not None and not isinstance(error, BrokenPipeError):

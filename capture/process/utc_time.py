@@ -7,15 +7,7 @@ from typing import Literal
 def utc_text(
     moment: datetime | None = None, *, timespec: Literal["seconds", "milliseconds"] = "seconds"
 ) -> str:
-    """Return a moment, by default now, as in ``2026-05-04T13:05:59Z``.
-
-    Parameters
-    ----------
-    moment
-        A time with its zone.
-    timespec
-        Smallest unit; what is finer is cut off.
-    """
+    """Return a moment with its zone, by default now, as in ``2026-05-04T13:05:59Z``."""
     return (
         (moment or datetime.now(UTC))
         .astimezone(UTC)

@@ -90,8 +90,8 @@ def _of_rig(rig: Rig, yes: bool) -> MeasuredPart:
         simulation.place(placement.model_copy(update={"surface": "lens_cap"}))
     elif not yes:
         ask("cover the lens with its cap or with black foil, then press Enter")
-    found = dark_of_rig(rig)
-    dark = found.dark
+    measured = dark_of_rig(rig)
+    dark = measured.dark
     if simulation is not None and placement is not None:
         simulation.place(placement)
     elif not yes:
@@ -99,7 +99,7 @@ def _of_rig(rig: Rig, yes: bool) -> MeasuredPart:
     # With --yes nobody uncovers the lens of a real camera, and ambient light is not measured.
     if placement is not None or not yes:
         dark = with_ambient(dark, frame_series(rig, None, 1)[0], dark.full_scale)
-    return dark_part(found, dark, Setting.of_rig(rig), ("captured",))
+    return dark_part(measured, dark, Setting.of_rig(rig), ("captured",))
 
 
 def _of_photographs(given: list[Path], gamma: Gamma | None, bits: int | None) -> MeasuredPart:
@@ -124,11 +124,11 @@ def _of_photographs(given: list[Path], gamma: Gamma | None, bits: int | None) ->
             "N, or a captured set of the same camera with --from"
         )
     frames = np.stack(photographs.planes)
-    found = dark_of(frames, photographs.full_scale)
-    dark = found.dark
+    measured = dark_of(frames, photographs.full_scale)
+    dark = measured.dark
     for path, captured in zip(set_paths, sets, strict=True):
         if captured.ambient is None:
             raise InputError(f"{path}: has no ambient image; leave it out")
         dark = with_ambient(dark, captured.ambient, captured.metadata.full_scale)
     setting = Setting.of_photographs(frames.shape[1:], photographs.bit_depth, photographs.gamma)
-    return dark_part(found, dark, setting, [path.name for path in (*images, *set_paths)])
+    return dark_part(measured, dark, setting, [path.name for path in (*images, *set_paths)])

@@ -33,9 +33,9 @@ RigToCalibrate = Annotated[
 ]
 
 
-def from_files(about: str, metavar: str = "IMG|SET") -> Any:
+def from_files(help_text: str, metavar: str = "IMG|SET") -> Any:
     """Make the option ``--from``: files instead of a rig."""
-    return typer.Option("--from", help=about, metavar=metavar)
+    return typer.Option("--from", help=help_text, metavar=metavar)
 
 
 FromSets = Annotated[
@@ -63,34 +63,16 @@ Yes = Annotated[bool, typer.Option("--yes", help="Do not ask whether the target 
 
 @dataclass(frozen=True)
 class Target:
-    """What a procedure puts below the camera.
+    """What a procedure puts below the camera."""
 
-    Attributes
-    ----------
-    what
-        Its name after "put", such as "a white matt sheet".
-    surface
-        Its name for the simulated rig; see `rig.Placement`.
-    size_mm
-        Diameter of a sphere or side of a square of the checkerboard, as in `rig.Placement`.
-    next_placement
-        What to do for each further placement, as a request; None if there is one only.
-    """
-
-    what: str
-    surface: str
-    size_mm: float | None = None
-    next_placement: str | None = None
+    what: str  # after "put", such as "a white matt sheet"
+    surface: str  # as in `rig.Placement`
+    size_mm: float | None = None  # diameter of a sphere, or side of a square of the checkerboard
+    next_placement: str | None = None  # a request for each further placement
 
 
 def calibration_at(path: Path, inputs: Sequence[Path] = ()) -> CalibrationFile:
-    """Return the calibration that a part will be added to: that at `path`, or an empty one.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written, or exists and cannot be read.
-    """
+    """Return the calibration that a part will be added to: that at `path`, or an empty one."""
     from capture.calibration.ps4cal import SUFFIX, CalibrationFile
 
     check_output(path, suffix=SUFFIX, inputs=inputs, force=True)
@@ -107,37 +89,25 @@ def sets_given(places: Sequence[Path]) -> tuple[list[CapturedSet], tuple[str, ..
 
 
 def files_given(places: Sequence[Path]) -> tuple[list[Path], list[Path]]:
-    """Return the photographs and the sets among the files of ``--from`` and in its folders.
-
-    Raises
-    ------
-    InputError
-        If a folder holds none of them.
-    """
+    """Return the photographs and the sets among the files of ``--from`` and in its folders."""
     from capture.sets.light_list import PHOTOGRAPH_SUFFIXES
     from capture.sets.ome_tiff import SUFFIX
 
     files: list[Path] = []
     for place in places:
-        found = [place]
+        photographs = [place]
         if place.is_dir():
             below = sorted(place.iterdir())
-            found = [each for each in below if each.suffix.lower() in PHOTOGRAPH_SUFFIXES]
-        if not found:
+            photographs = [file for file in below if file.suffix.lower() in PHOTOGRAPH_SUFFIXES]
+        if not photographs:
             raise InputError(f"{place}: holds no photographs ({', '.join(PHOTOGRAPH_SUFFIXES)})")
-        files += found
+        files += photographs
     sets = [path for path in files if path.name.endswith(SUFFIX)]
     return [path for path in files if path not in sets], sets
 
 
 def photographs_or_sets(places: Sequence[Path]) -> tuple[list[Path], list[Path]]:
-    """Return photographs and sets as `files_given`; one of the two lists is empty.
-
-    Raises
-    ------
-    InputError
-        If there are both photographs and sets, or a folder holds none of them.
-    """
+    """Return photographs and sets as `files_given`; one of the two lists is empty."""
     photographs, sets = files_given(places)
     if photographs and sets:
         raise InputError("--from names photographs and sets; give one kind of them")
@@ -167,16 +137,7 @@ def target_sets(
 ) -> tuple[list[CapturedSet], tuple[str, ...]]:
     """Return sets of a target and their source: those of ``--from``, or captured by a rig.
 
-    Parameters
-    ----------
-    rotations_deg
-        One set is captured for each placement. The simulated rig rotates the target to these
-        angles, a person is asked to move it.
-
-    Raises
-    ------
-    InputError
-        If both a rig and sets are given, or neither.
+    The simulated rig rotates the target to `rotations_deg`; a person is asked to move it.
     """
     from rig import open_rig
 
@@ -209,15 +170,7 @@ def place_target(
     again: bool = False,
     yes: bool = False,
 ) -> None:
-    """Put a target below the camera; without a simulated rig a person does it, and is asked.
-
-    A simulated rig keeps the shift of its placement if `shift_px` is None.
-
-    Raises
-    ------
-    InputError
-        If nobody can be asked.
-    """
+    """Put a target below the camera; without a simulated rig a person does it, and is asked."""
     simulation = rig.simulation
     if simulation is not None and simulation.placement is not None:
         change = {"surface": target.surface, "rotate_deg": rotate_deg, "size_mm": target.size_mm}
@@ -249,16 +202,7 @@ def keep_parts(
 ) -> CalibrationFile:
     """Write the calibration with parts added, replaced or dropped, and print their quality.
 
-    Without `replace` a part that is better than the new one stays. As JSON several parts are a
-    list.
-
-    Raises
-    ------
-    InputError
-        If the parts that stay are of another rig, camera or frame, or another program has changed
-        the calibration since `file` was read.
-    CalibrationRejected
-        If a new part contradicts the old one; nothing is written.
+    Without `replace` a part that is better than the new one stays.
     """
     from capture.calibration.replacement import kept_because, with_other_exposures
 
@@ -266,39 +210,39 @@ def keep_parts(
         raise InputError(
             f"{path}: another program has changed it since this command began; run it again"
         )
-    reasons = {each.name: None if replace else kept_because(file, each) for each in parts}
-    staying = file.records.keys() - {each.name for each in parts} - set(dropped)
-    kept = file
+    reasons = {part.name: None if replace else kept_because(file, part) for part in parts}
+    staying = file.records.keys() - {part.name for part in parts} - set(dropped)
+    merged = file
     for name in dropped:
-        kept = kept.without_part(name)
-    for each in parts:
+        merged = merged.without_part(name)
+    for part in parts:
         for name in sorted(staying):
             # The scale depends on rig, camera and frame only.
-            differences = file.records[name].setting.differences(each.record.setting, "scale")
+            differences = file.records[name].setting.differences(part.record.setting, "scale")
             if differences:
                 raise InputError(
                     f"{path}: its part {name} is of another rig: {'; '.join(differences)}; give "
                     "another file"
                 )
-        if reasons[each.name] is None:
-            merged = with_other_exposures(each, file)
-            kept = kept.with_part(each.name, merged.part, merged.record)
-    kept.write(path)
-    for warning in (*(text for each in parts for text in each.warnings), *kept.warnings()):
+        if reasons[part.name] is None:
+            extended = with_other_exposures(part, file)
+            merged = merged.with_part(part.name, extended.part, extended.record)
+    merged.write(path)
+    for warning in (*(text for part in parts for text in part.warnings), *merged.warnings()):
         complain(f"warning: {path}: {warning}")
     if json:
-        answers = [_answer(path, each, kept, reasons[each.name]) for each in parts]
+        answers = [_answer(path, part, merged, reasons[part.name]) for part in parts]
         print_json(answers if len(answers) > 1 else answers[0])
-        return kept
-    for each in parts:
-        record, title = kept.records[each.name], each.name.replace("_", " ")
-        done = "replaced" if each.name in file.records else "added"
-        if (reason := reasons[each.name]) is not None:
+        return merged
+    for part in parts:
+        record, title = merged.records[part.name], part.name.replace("_", " ")
+        done = "replaced" if part.name in file.records else "added"
+        if (reason := reasons[part.name]) is not None:
             done = f"of {record.date} kept, because {reason}; --replace takes the new one"
         out.print(f"{path}: {title} {done}. {record.quality}", soft_wrap=True)
         for figure, value in record.figures.items():
             out.print(f"  {figure.replace('_', ' ')}: {value:.4g}", soft_wrap=True)
-    return kept
+    return merged
 
 
 def _answer(

@@ -146,15 +146,15 @@ def lights(
         names = [path.name for path in photographs]
     parts = sphere_parts(spheres, sphere, file, setting, names, diameter_mm)
     kept = keep_parts(calibration, file, parts, replace=replace, json=json)
-    found = kept.calibration.lights
-    assert found is not None
+    estimate = kept.calibration.lights
+    assert estimate is not None
     if list_file is not None:
-        write_light_list(list_file, found.lighting, image_names)
+        write_light_list(list_file, estimate.lighting, image_names)
     if not json:
         angles = zip(
-            found.lighting.tilts_deg.round(1) % 360.0, found.lighting.slants_deg, strict=True
+            estimate.lighting.tilts_deg.round(1) % 360.0, estimate.lighting.slants_deg, strict=True
         )
-        errors_deg = found.direction_errors_deg
+        errors_deg = estimate.direction_errors_deg
         for name, (tilt_deg, slant_deg), error_deg in zip(
             image_names, angles, errors_deg, strict=True
         ):
@@ -167,9 +167,9 @@ def lights(
 def _calibration_and_photographs(
     paths: Sequence[Path], given: Sequence[Path] | None, masks: Sequence[Path] | None
 ) -> tuple[Path, list[Path]]:
-    """Separate the calibration from the photographs, in their order and without the mask.
+    """Separate the calibration from the photographs of ``--from photo*.png``, without the mask.
 
-    A shell puts all but the first of ``--from photo*.png`` among the arguments.
+    A shell puts all but the first of them among the arguments.
     """
     from capture.calibration.ps4cal import SUFFIX
 

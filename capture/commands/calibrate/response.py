@@ -110,7 +110,7 @@ def _of_files(
                 raise
             # The exposure that a camera marks as 1/60 s is 1/64 s (Debevec and Malik 1997).
             with suppress(CalibrationRejected):
-                rungs = [Rung(whole_stops(each.exposure_ms), each.levels) for each in rungs]
+                rungs = [Rung(whole_stops(rung.exposure_ms), rung.levels) for rung in rungs]
                 return response_parts(rungs, calibration, setting, names)
             raise
     if exposures_ms is not None or gamma is not None:
@@ -124,19 +124,19 @@ def _exposures_ms(photographs: list[Path], given: str | None) -> list[float]:
     from rig.image_file import read_exposure_ms
 
     if given is None:
-        found = [(path, read_exposure_ms(path)) for path in photographs]
-        missing = next((path for path, exposure_ms in found if exposure_ms is None), None)
+        exposures = [(path, read_exposure_ms(path)) for path in photographs]
+        missing = next((path for path, exposure_ms in exposures if exposure_ms is None), None)
         if missing is not None:
             raise InputError(
                 f"{missing}: its EXIF data state no exposure; give --exposures-ms with one for "
                 "each photograph"
             )
-        return [exposure_ms for _, exposure_ms in found if exposure_ms is not None]
+        return [exposure_ms for _, exposure_ms in exposures if exposure_ms is not None]
     try:
-        times_ms = [float(each) for each in given.split(",")]
+        times_ms = [float(time_ms) for time_ms in given.split(",")]
     except ValueError as error:
         raise InputError(f"--exposures-ms {given}: give numbers separated by commas") from error
-    if len(times_ms) != len(photographs) or not all(0.0 < each < 1e7 for each in times_ms):
+    if len(times_ms) != len(photographs) or not all(0.0 < time_ms < 1e7 for time_ms in times_ms):
         raise InputError(
             f"--exposures-ms {given}: give a positive exposure for each of {len(photographs)} "
             "photographs"

@@ -101,10 +101,10 @@ def scale(
 
 
 def _corners(text: str) -> tuple[int, int]:
-    found = re.fullmatch("([0-9]{1,3})[xX]([0-9]{1,3})", text)
-    if found is None:
+    numbers = re.fullmatch("([0-9]{1,3})[xX]([0-9]{1,3})", text)
+    if numbers is None:
         raise InputError(f"--checkerboard {text}: give two numbers of inner corners, such as 9x6")
-    return int(found[1]), int(found[2])
+    return int(numbers[1]), int(numbers[2])
 
 
 def _of_files(given: Sequence[Path]) -> tuple[list[npt.NDArray[Any]], Setting, list[str]]:
@@ -122,7 +122,7 @@ def _of_files(given: Sequence[Path]) -> tuple[list[npt.NDArray[Any]], Setting, l
         setting = Setting.of_photographs(shape, read.bit_depth, read.gamma)
         return [*read.planes], setting, source
     captured = [CapturedSet.load(path) for path in sets]
-    sizes = {each.images.shape[1:] for each in captured}
+    sizes = {one_set.images.shape[1:] for one_set in captured}
     if len(sizes) > 1:
         raise InputError("the sets of --from differ in size; give sets of one camera")
-    return [board_of_set(each) for each in captured], captured[0].setting, source
+    return [board_of_set(one_set) for one_set in captured], captured[0].setting, source

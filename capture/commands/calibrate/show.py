@@ -43,18 +43,18 @@ def show(
     if page is not None:
         check_output(page, suffix=_PAGE_SUFFIX, inputs=[path], force=True)
     file, now = CalibrationFile.read(path), datetime.now(UTC)
-    found = benefit_of(file)
+    benefit = benefit_of(file)
     if page is not None:
         with durable_file(page) as temporary:
-            temporary.write_text(calibration_page(path, file, found, now), encoding="utf-8")
+            temporary.write_text(calibration_page(path, file, benefit, now), encoding="utf-8")
     if json:
-        print_json(summary_json(path, file, found, now))
+        print_json(summary_json(path, file, benefit, now))
         return
-    _print(file, found, now)
+    _print(file, benefit, now)
     out.print(f"{page}: maps, positions and curves", soft_wrap=True)
 
 
-def _print(file: CalibrationFile, found: Benefit, now: datetime) -> None:
+def _print(file: CalibrationFile, benefit: Benefit, now: datetime) -> None:
     from capture.calibration_page.summary import part_summaries
 
     parts = part_summaries(file, now)
@@ -67,7 +67,7 @@ def _print(file: CalibrationFile, found: Benefit, now: datetime) -> None:
     for part in parts:
         if part.record is None:
             out.print(f"missing: {part.title}, for {part.use}: {part.command}", soft_wrap=True)
-    if found:
+    if benefit:
         out.print("mean error of normals on a matt part, with the faults that were measured:")
-        for name, degrees in found:
+        for name, degrees in benefit:
             out.print(f"  {name}: {degrees:.2f} degrees", soft_wrap=True)

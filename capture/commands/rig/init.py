@@ -31,7 +31,7 @@ def init(
 
     check_output(file, suffix=".toml", force=force)
     if port is None:
-        boards = [each for each in list_serial_ports() if each.may_be_a_microcontroller]
+        boards = [board for board in list_serial_ports() if board.may_be_a_microcontroller]
         controllers = answering_controllers(boards)
     else:
         try:

@@ -47,33 +47,33 @@ def latency(
             f"--led {led}: lights.tilts_deg names {len(config.lights.tilts_deg)} LEDs"
         )
     with open_rig(without_timing(config)) as opened:
-        found = measure_latency(
+        measured = measure_latency(
             opened, led, steps, lambda numbers: progress(numbers, len(numbers), "switches")
         )
-    changes: dict[str, Mapping[str, str | float]] = {"camera": found.camera}
-    if found.settle_ms > config.lights.settle_ms:
-        changes["lights"] = {"settle_ms": found.settle_ms}
+    changes: dict[str, Mapping[str, str | float]] = {"camera": measured.camera}
+    if measured.settle_ms > config.lights.settle_ms:
+        changes["lights"] = {"settle_ms": measured.settle_ms}
     stored = not dry_run and rig != "sim"
     if stored:
         store_values(Path(rig), changes)
     if as_json:
-        print_json({**asdict(found), "changes": changes, "stored": rig if stored else None})
+        print_json({**asdict(measured), "changes": changes, "stored": rig if stored else None})
         return
-    _print_page(found, changes)
+    _print_page(measured, changes)
     out.print(f"stored in {rig}" if stored else "nothing was stored", soft_wrap=True)
 
 
-def _print_page(found: CameraLatency, changes: Mapping[str, Mapping[str, str | float]]) -> None:
-    fit = found.fit
+def _print_page(measured: CameraLatency, changes: Mapping[str, Mapping[str, str | float]]) -> None:
+    fit = measured.fit
     table = new_table("row", "complete after", "at most", "frames before it")
-    for name, row in (("first", found.first_row), ("last", found.last_row)):
+    for name, row in (("first", measured.first_row), ("last", measured.last_row)):
         frames = f"up to {row.most_frames}"
         table.add_row(name, f"{row.typical_ms:.1f} ms", f"{row.most_ms:.1f} ms", frames)
     print_table(table)
     out.print(
-        f"{fit.caught} frames contain one of {found.switches} switches. The LED rises in "
+        f"{fit.caught} frames contain one of {measured.switches} switches. The LED rises in "
         f"{1e3 * fit.rise_s:.2f} ms and falls in {1e3 * fit.fall_s:.2f} ms (10 to 90 %); it is "
-        f"within a thousandth of its level after {found.settle_ms:g} ms. Rows are read out "
+        f"within a thousandth of its level after {measured.settle_ms:g} ms. Rows are read out "
         f"{'upwards' if fit.bottom_up else 'downwards'} in {1e3 * fit.readout_s:.2f} +- "
         f"{1e3 * fit.readout_error_s:.2f} ms.",
         soft_wrap=True,

@@ -23,14 +23,7 @@ _TESTS = ((37.0, (256.0, 120.0)), (112.0, (-100.0, 256.0)))
 
 
 def run_demo(output: Path, *, force: bool = False) -> None:
-    """Capture, train and classify on the simulated rig, and write the report into a folder.
-
-    Raises
-    ------
-    InputError
-        If the folder cannot be made or written to, or holds a set or library of the demo and
-        `force` is not given.
-    """
+    """Capture, train and classify on the simulated rig, and write the report into a folder."""
     sets_folder, library_file = output / "sets", output / "textures.ps4lib"
     for folder in (output, sets_folder):
         make_folder(folder)

@@ -8,12 +8,12 @@ import pytest
 
 from capture.acquisition.frame_series import (
     brightest_light,
-    exposure_kept,
     frame_series,
     frames_at,
     ladder_frames,
     ladder_ms,
     require_free_running,
+    restored_exposure,
 )
 from capture.calibration.setting import Setting
 from capture.procedures.camera_parts import Rung, levels_of, response_parts
@@ -39,7 +39,7 @@ def sheet() -> Iterator[Rig]:
 
 
 def parts_of(rig: Rig) -> list[object]:
-    with exposure_kept(rig):
+    with restored_exposure(rig):
         light = brightest_light(rig)
         rungs = [
             Rung(exposure_ms, levels_of(frames, FULL, 12, Calibration()))
@@ -81,7 +81,7 @@ def test_exposure_and_leds_are_as_before_also_after_an_error(
     sheet: Rig, error: type[BaseException], led_outputs: Callable[[Rig], list[float]]
 ) -> None:
     def interrupted() -> None:
-        with exposure_kept(sheet):
+        with restored_exposure(sheet):
             frames_at(sheet, 1, 3.0, 1)
             raise error
 
