@@ -104,10 +104,13 @@ class SessionFolder:
 
         The end of a run can then be entered even if other programs have filled the disk.
         """
-        path = self.path / _RESERVE
+        path, specimens = self.path / _RESERVE, self.plan.specimen
+        # Each entry and row repeats what the plan says of the specimen.
+        said = sum(len(each.model_dump_json().encode()) for each in specimens) / len(specimens)
+        size = round((_ENTRY_BYTES + 2 * said) * len(self.plan)) + _SPARE_BYTES
         with durable_file(path) as temporary:
             # Random bytes take their space on a file system that compresses, too.
-            temporary.write_bytes(os.urandom(_ENTRY_BYTES * len(self.plan) + _SPARE_BYTES))
+            temporary.write_bytes(os.urandom(size))
 
     def release(self) -> None:
         """Give the space of `reserve` back."""

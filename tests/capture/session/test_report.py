@@ -128,7 +128,7 @@ def test_a_session_of_damaged_sets_is_reported(mixed: Path) -> None:
     with session_folder(mixed) as session:
         found = analyse(session)
         assert len(found.damaged) == 6
-        assert report_page(session, found).count("cannot be read") == 6
+        assert report_page(session, found).count("<td>cannot be read") == 6
 
 
 def test_training_on_a_session_leaves_out_what_it_set_aside(
