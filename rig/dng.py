@@ -28,7 +28,7 @@ def linear_raw(content: bytes, page: Any) -> npt.NDArray[np.uint16]:
     refusal = InputError("a raw image of a kind that is not handled; convert it to a TIFF")
     is_known = (kind, samples) in ((_CFA, 1), (_LINEAR_RAW, 1), (_LINEAR_RAW, 3))
     deltas = (_numbers(page, tag, 0) for tag in (_BLACK_DELTA_H, _BLACK_DELTA_V))
-    if not is_known or page.sampleformat != _UNSIGNED or any(each.any() for each in deltas):
+    if not is_known or page.sampleformat != _UNSIGNED or any(delta.any() for delta in deltas):
         raise refusal
     with rawpy.imread(io.BytesIO(content)) as raw:
         shape, values = raw.raw_image.shape[:2], np.atleast_3d(raw.raw_image_visible)

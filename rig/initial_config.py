@@ -33,13 +33,13 @@ def answering_controllers(
     ports: Sequence[SerialPort], ask: Callable[[str], ControllerIdentity] = identify
 ) -> list[tuple[SerialPort, ControllerIdentity]]:
     """The light controllers that answer at `ports`, in their order."""
-    found = []
+    controllers = []
     for port in ports:
         try:
-            found.append((port, ask(port.device)))
+            controllers.append((port, ask(port.device)))
         except LightControllerError:
             continue
-    return found
+    return controllers
 
 
 def initial_config(controllers: Controllers, cameras: Sequence[ListedCamera]) -> str:

@@ -56,10 +56,10 @@ def check_setting(file: CalibrationFile, setting: Setting, what: str) -> None:
         for difference in file.differences(name, setting):
             causes.setdefault(difference, []).append(name.replace("_", " "))
     if causes:
-        each = "; ".join(f"{cause} ({', '.join(parts)})" for cause, parts in causes.items())
+        reasons = "; ".join(f"{cause} ({', '.join(parts)})" for cause, parts in causes.items())
         subject = "the calibration" if file.path is None else f"{file.path}: the calibration"
         raise CalibrationError(
-            f"{subject} does not hold for {what}: {each}; restore the setting, or calibrate "
+            f"{subject} does not hold for {what}: {reasons}; restore the setting, or calibrate "
             "again at this one"
         )
 
@@ -67,10 +67,10 @@ def check_setting(file: CalibrationFile, setting: Setting, what: str) -> None:
 def read_calibration(path: Path) -> CalibrationFile:
     """Read a calibration, or return the one that was read from the unchanged file before."""
     try:
-        about = path.stat()
+        status = path.stat()
     except OSError:
         return CalibrationFile.read(path)  # which raises the error
-    return _read(path, about.st_mtime_ns, about.st_size)
+    return _read(path, status.st_mtime_ns, status.st_size)
 
 
 def keep_beside(source: Path, file: CalibrationFile, set_path: Path) -> None:

@@ -65,10 +65,10 @@ class _Known:
 
 def kept_because(file: CalibrationFile, new: MeasuredPart) -> str | None:
     """Say why the part of a calibration is better than a new one; None if it is not."""
-    known, found = _known(file, new), _Known(new.part, new.record)
+    known, measured = _known(file, new), _Known(new.part, new.record)
     if known is None:
         return None
-    for difference in _DIFFERENCES[new.name](known, found):
+    for difference in _DIFFERENCES[new.name](known, measured):
         if difference.size > difference.limit:
             raise CalibrationRejected(
                 f"{file.path}: {new.name.replace('_', ' ')}: {difference}, measured "
@@ -77,10 +77,10 @@ def kept_because(file: CalibrationFile, new: MeasuredPart) -> str | None:
             )
     if (known.record.age_days(datetime.now(UTC)) or 0) > OLD_DAYS:
         return None
-    lost, gained = _lack(new.name, known, found), _lack(new.name, found, known)
+    lost, gained = _lack(new.name, known, measured), _lack(new.name, measured, known)
     if lost is not None:
         return f"it has {lost}, which the new one lacks"
-    before, now = (_ERRORS[new.name](each) for each in (known, found))
+    before, now = (_ERRORS[new.name](one) for one in (known, measured))
     if now <= max(_WORSE * before, _SMALL[new.name]) or gained == _POSITIONS:
         return None
     return f"its error is {before:.2g}, that of the new one {now:.2g}"
@@ -134,14 +134,14 @@ def _limit(floor: float, *errors: float) -> float:
     return max(floor, _FACTOR * math.hypot(*errors))
 
 
-def _apart(known: float, found: float) -> float:
+def _apart(known: float, measured: float) -> float:
     """Difference of two positive values as a share."""
-    return math.expm1(abs(math.log(found / known)))
+    return math.expm1(abs(math.log(measured / known)))
 
 
-def _scale(known: _Known, found: _Known) -> Iterator[Difference]:
+def _scale(known: _Known, measured: _Known) -> Iterator[Difference]:
     before: Scale = known.part
-    now: Scale = found.part
+    now: Scale = measured.part
     yield Difference(
         f"{now.mm_per_px:.5g} mm per px instead of {before.mm_per_px:.5g}",
         _apart(before.mm_per_px, now.mm_per_px),
@@ -155,9 +155,9 @@ def _scale(known: _Known, found: _Known) -> Iterator[Difference]:
         )
 
 
-def _lights(known: _Known, found: _Known) -> Iterator[Difference]:
+def _lights(known: _Known, measured: _Known) -> Iterator[Difference]:
     before: CalibratedLights = known.part
-    now: CalibratedLights = found.part
+    now: CalibratedLights = measured.part
     cosines = np.einsum("lx,lx->l", before.lighting.directions, now.lighting.directions)
     angles_deg = np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))
     errors_deg = zip(before.direction_errors_deg, now.direction_errors_deg, strict=True)
@@ -183,7 +183,7 @@ def _lights(known: _Known, found: _Known) -> Iterator[Difference]:
         yield Difference(text, _apart(first_px, second_px), limit)
 
 
-def _flat_field(known: _Known, found: _Known) -> Iterator[Difference]:
+def _flat_field(known: _Known, measured: _Known) -> Iterator[Difference]:
     setting = known.record.setting
     longer = max(setting.width_px, setting.height_px)
     x, y = (
@@ -191,41 +191,41 @@ def _flat_field(known: _Known, found: _Known) -> Iterator[Difference]:
         for side in (setting.width_px, setting.height_px)
     )
     before: FlatField = known.part
-    now: FlatField = found.part
+    now: FlatField = measured.part
     changes = now.logarithms(x, y) - before.logarithms(x, y)
     changes -= changes.mean()  # the exposure
-    errors = [each.figure("error_percent") / 100.0 for each in (known, found)]
+    errors = [each.figure("error_percent") / 100.0 for each in (known, measured)]
     for light, change in enumerate(np.abs(changes).max(axis=(1, 2)).tolist()):
         limit = _limit(_FLOOR_FLAT_FIELD, *errors)
         yield Difference(f"light {light} of another strength", math.expm1(change), limit)
 
 
-def _response(known: _Known, found: _Known) -> Iterator[Difference]:
+def _response(known: _Known, measured: _Known) -> Iterator[Difference]:
     before: Response = known.part
-    now: Response = found.part
+    now: Response = measured.part
     straight = np.linspace(0.0, 1.0, len(before.curve))
     curves = [straight if each.linear else each.curve for each in (before, now)]
     size = float(np.abs(curves[1] - curves[0]).max())
     yield Difference("another curve", size, _limit(_FLOOR_RESPONSE, before.error, now.error))
 
 
-def _noise(known: _Known, found: _Known) -> Iterator[Difference]:
+def _noise(known: _Known, measured: _Known) -> Iterator[Difference]:
     before: Noise = known.part
-    now: Noise = found.part
+    now: Noise = measured.part
     gains = before.sensor.gain_e_per_dn, now.sensor.gain_e_per_dn
-    errors = [each.figure("gain_error_share") for each in (known, found)]
+    errors = [each.figure("gain_error_share") for each in (known, measured)]
     text = f"{gains[1]:.4g} electrons per pixel value instead of {gains[0]:.4g}"
     yield Difference(text, _apart(*gains), _limit(_FLOOR_GAIN, *errors))
     reads = before.sensor.read_noise_dn, now.sensor.read_noise_dn
-    errors = [each.figure("read_noise_error_dn") / max(*reads, 1.0) for each in (known, found)]
+    errors = [each.figure("read_noise_error_dn") / max(*reads, 1.0) for each in (known, measured)]
     text = f"a read noise of {reads[1]:.3g} instead of {reads[0]:.3g}"
     size = abs(reads[1] - reads[0]) / max(*reads, 1.0)
     yield Difference(text, size, _limit(_FLOOR_NOISE, *errors))
 
 
-def _dark(known: _Known, found: _Known) -> Iterator[Difference]:
+def _dark(known: _Known, measured: _Known) -> Iterator[Difference]:
     before: Dark = known.part
-    now: Dark = found.part
+    now: Dark = measured.part
     full = before.full_scale
     offset = now.offset * full / now.full_scale
     text = f"an offset of {offset:.4g} instead of {before.offset:.4g}"

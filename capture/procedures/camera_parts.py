@@ -203,22 +203,22 @@ def _response(
     return MeasuredPart.now("response", found, setting, quality, figures, source, warnings)
 
 
-def _noise(found: PhotonTransfer, setting: Setting, source: Sequence[str]) -> MeasuredPart:
-    sensor = found.noise.sensor
-    read_error = found.read_noise_error_dn
+def _noise(transfer: PhotonTransfer, setting: Setting, source: Sequence[str]) -> MeasuredPart:
+    sensor = transfer.noise.sensor
+    read_error = transfer.read_noise_error_dn
     read = "" if read_error is None else f" +- {read_error:.2g}"
     quality = (
-        f"{sensor.gain_e_per_dn:.4g} +- {found.gain_error * sensor.gain_e_per_dn:.2g} electrons "
+        f"{sensor.gain_e_per_dn:.4g} +- {transfer.gain_error * sensor.gain_e_per_dn:.2g} electrons "
         f"per pixel value, read noise {sensor.read_noise_dn:.3g}{read} in pixel values; the noise "
-        f"agrees with shot noise to {stated_error(found.noise.error, 1)}."
+        f"agrees with shot noise to {stated_error(transfer.noise.error, 1)}."
     )
     figures = {
         "gain_e_per_dn": sensor.gain_e_per_dn,
-        "gain_error_share": found.gain_error,
+        "gain_error_share": transfer.gain_error,
         "read_noise_dn": sensor.read_noise_dn,
         "black_level_dn": sensor.black_level_dn,
-        "error_share": found.noise.error,
+        "error_share": transfer.noise.error,
     }
     if read_error is not None:
         figures["read_noise_error_dn"] = read_error
-    return MeasuredPart.now("noise", found.noise, setting, quality, figures, source)
+    return MeasuredPart.now("noise", transfer.noise, setting, quality, figures, source)

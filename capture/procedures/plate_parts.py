@@ -29,12 +29,12 @@ def plate_parts(
     """Measure a sheet that the camera parts of `calibration` correct."""
     first = sets[0]
     setting = first.setting
-    for number, each in enumerate(sets[1:], start=2):
-        other = each.setting
+    for number, captured in enumerate(sets[1:], start=2):
+        other = captured.setting
         differences = [*setting.differences(other, "dark"), *setting.differences(other, "lights")]
-        if each.metadata.full_scale != first.metadata.full_scale:
+        if captured.metadata.full_scale != first.metadata.full_scale:
             differences.append(
-                f"a full scale of {each.metadata.full_scale:g} instead of "
+                f"a full scale of {captured.metadata.full_scale:g} instead of "
                 f"{first.metadata.full_scale:g}, as of another number of averaged frames"
             )
         if differences:
@@ -47,14 +47,15 @@ def plate_parts(
             f"the mask has {mask.shape[1]} x {mask.shape[0]} px, the sets {shape[1]} x {shape[0]}; "
             "a mask covers the same frame"
         )
-    for each in sets:
-        if each.mask is not None:
-            mask = each.mask if mask is None else mask & each.mask
+    for captured in sets:
+        if captured.mask is not None:
+            mask = captured.mask if mask is None else mask & captured.mask
     full_scale = float(first.metadata.full_scale)
-    has_ambient = all(each.ambient is not None for each in sets)
+    has_ambient = all(captured.ambient is not None for captured in sets)
     known = (calibration.holding_at if has_ambient else calibration.at)(setting.exposure_ms)
     placements = [
-        known.corrected(ImageStack(each.images, each.ambient), full_scale) for each in sets
+        known.corrected(ImageStack(captured.images, captured.ambient), full_scale)
+        for captured in sets
     ]
     if mask is not None:
         mask = calibration.corrected_mask(mask)
@@ -69,7 +70,7 @@ def near_lights_are_refuted(calibration: Calibration, parts: Sequence[MeasuredPa
     """Whether a calibration has positions of lights, and the sheet in `parts` shows none."""
     lights = calibration.lights
     has_positions = lights is not None and lights.lighting.positions_px is not None
-    return has_positions and all(each.name != "lights" for each in parts)
+    return has_positions and all(part.name != "lights" for part in parts)
 
 
 def _flat_field(measured: MeasuredPlate, setting: Setting, source: Sequence[str]) -> MeasuredPart:

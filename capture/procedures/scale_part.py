@@ -37,11 +37,11 @@ def scale_part(
         except CalibrationRejected as error:
             where = f"placement {number}: " if len(pictures) > 1 else ""
             raise CalibrationRejected(f"{where}{error}") from error
-    found = scale_of_boards(boards, corners, square_mm, (setting.height_px, setting.width_px))
-    scale = found.scale
+    fit = scale_of_boards(boards, corners, square_mm, (setting.height_px, setting.width_px))
+    scale = fit.scale
     word = "Good" if scale.error <= _GOOD else "Fair" if scale.error <= _FAIR else "Poor"
     lens = (
-        f"the lens moves pixels by up to {found.distortion_px:.1f} px, which is corrected"
+        f"the lens moves pixels by up to {fit.distortion_px:.1f} px, which is corrected"
         if scale.distortion is not None
         else "no distortion of the lens beyond half a pixel is seen"
     )
@@ -54,22 +54,22 @@ def scale_part(
         "mm_per_px": scale.mm_per_px,
         "error": scale.error,
         "residual_px": scale.residual_px,
-        "distortion_px": found.distortion_px,
-        "smallest_tilt_deg": float(found.tilts_deg.min()),
-        "frame_covered": found.covered,
+        "distortion_px": fit.distortion_px,
+        "smallest_tilt_deg": float(fit.tilts_deg.min()),
+        "frame_covered": fit.covered,
         "placements": float(len(boards)),
     }
     if scale.focal_px is not None and scale.focal_error is not None:
         figures |= {"focal_length_px": scale.focal_px, "focal_error": scale.focal_error}
     warnings = []
-    if found.tilts_deg.min() > SEEN_TILT_DEG:
+    if fit.tilts_deg.min() > SEEN_TILT_DEG:
         warnings.append(
-            f"the board is tilted by {found.tilts_deg.min():.1f} degrees; its scale is that along "
+            f"the board is tilted by {fit.tilts_deg.min():.1f} degrees; its scale is that along "
             "the axis of the tilt"
         )
-    if found.covered < _COVERED:
+    if fit.covered < _COVERED:
         warnings.append(
-            f"the board reaches {found.covered:.0%} of the way to the corners of the frame; what "
+            f"the board reaches {fit.covered:.0%} of the way to the corners of the frame; what "
             "the lens does farther out is not seen"
         )
     return MeasuredPart.now("scale", scale, setting, quality, figures, source, warnings)

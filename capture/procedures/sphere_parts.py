@@ -57,7 +57,7 @@ def images_of_photographs(
         for k in range(count)
     ]
     setting = Setting.of_photographs(read.planes[0].shape, read.bit_depth, read.gamma)
-    return [_corrected(each, setting, file) for each in placements], setting
+    return [_corrected(placement, setting, file) for placement in placements], setting
 
 
 def images_of_sets(sets: Sequence[CapturedSet], file: CalibrationFile) -> list[SphereImages]:
@@ -121,16 +121,16 @@ def sphere_parts(
 
 
 def _lights_part(
-    found: SphereLights,
+    measured: SphereLights,
     kind: SphereKind,
     focal_px: float | None,
     setting: Setting,
     source: Sequence[str],
 ) -> MeasuredPart:
-    lights = found.lights
+    lights = measured.lights
     worst_deg = float(lights.direction_errors_deg.max())
-    radius_px = float(np.mean([each.radius_px for each in found.spheres]))
-    outline_px = max(each.error_px for each in found.spheres)
+    radius_px = float(np.mean([sphere.radius_px for sphere in measured.spheres]))
+    outline_px = max(sphere.error_px for sphere in measured.spheres)
     word = "Good" if worst_deg <= _GOOD_DEG else "Fair" if worst_deg <= _FAIR_DEG else "Poor"
     what = "directions" if lights.lighting.positions_px is None else "positions"
     quality = (
@@ -148,14 +148,14 @@ def _lights_part(
         "largest_direction_error_deg": worst_deg,
         "sphere_radius_px": radius_px,
         "outline_error_px": outline_px,
-        "outline_seen": min(found.outline_scores),
+        "outline_seen": min(measured.outline_scores),
         "residual": lights.residual,
-        "placements": float(len(found.spheres)),
+        "placements": float(len(measured.spheres)),
     }
     if lights.distance_errors is not None:
         figures["largest_distance_error"] = float(lights.distance_errors.max())
-    warnings = [*found.doubts]
-    if len(found.spheres) > 1 and lights.lighting.positions_px is None:
+    warnings = [*measured.doubts]
+    if len(measured.spheres) > 1 and lights.lighting.positions_px is None:
         warnings.append(
             "the lights are too far away, or the placements too close together, for their "
             "distances: they count as distant"
@@ -171,7 +171,7 @@ def _lights_part(
 
 def _scale_part(
     scale: Scale,
-    found: SphereLights,
+    measured: SphereLights,
     diameter_mm: float,
     setting: Setting,
     source: Sequence[str],
@@ -183,6 +183,6 @@ def _scale_part(
     figures = {
         "mm_per_px": scale.mm_per_px,
         "error": scale.error,
-        "diameter_px": 2.0 * float(np.mean([each.radius_px for each in found.spheres])),
+        "diameter_px": 2.0 * float(np.mean([sphere.radius_px for sphere in measured.spheres])),
     }
     return MeasuredPart.now("scale", scale, setting, quality, figures, source)

@@ -19,10 +19,10 @@ def is_set_aside(path: Path) -> bool:
 
 def find_sets(places: Sequence[Path]) -> list[Path]:
     """The files among `places`, and all captured sets below each folder, sorted, each once."""
-    found: dict[Path, Path] = {}  # by their true paths
+    sets: dict[Path, Path] = {}  # by their true paths
 
     def add(path: Path) -> None:
-        found.setdefault(path.resolve(), path)
+        sets.setdefault(path.resolve(), path)
 
     for place in places:
         if place.is_dir():
@@ -39,7 +39,7 @@ def find_sets(places: Sequence[Path]) -> list[Path]:
             add(place)
         else:
             raise InputError(f"{place}: no such file or folder")
-    return [*found.values()]
+    return [*sets.values()]
 
 
 def output_folders(places: Sequence[Path], output: Path) -> dict[Path, Path]:

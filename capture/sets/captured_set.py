@@ -101,8 +101,8 @@ class CapturedSet:
             If the calibration is of another rig or setting.
         """
         check_setting(file, self.setting, "these images")
-        about = {"calibration_ids": (file.hash,), "mm_per_px": file.calibration.mm_per_px}
-        return replace(self, metadata=self.metadata.model_copy(update=about), calibration=file)
+        fields = {"calibration_ids": (file.hash,), "mm_per_px": file.calibration.mm_per_px}
+        return replace(self, metadata=self.metadata.model_copy(update=fields), calibration=file)
 
     def solve(
         self,

@@ -156,18 +156,18 @@ def _order(images: LightImages, order: ShadingOrder) -> Iterator[ImportFinding]:
     yield ImportFinding(ImportCause.LIGHT_ORDER, text, refutes=True)
 
 
-def _four_lights(images: LightImages, found: LightAgreement | None) -> Iterator[ImportFinding]:
-    if len(images.images) == 4 and found is None:
+def _four_lights(images: LightImages, agreement: LightAgreement | None) -> Iterator[ImportFinding]:
+    if len(images.images) == 4 and agreement is None:
         try:
             drop_one_constants(images.lighting, "ps4_robust")
         except InputError as error:
             yield ImportFinding(
                 ImportCause.RESIDUAL, f"{error}; solve with --method least_squares", False
             )
-    if found is None or found.levels is None:
+    if agreement is None or agreement.levels is None:
         return
-    limit = max(MAX_LED_LEVEL_DIFFERENCE, LED_LEVEL_STANDARD_ERRORS * found.level_error)
-    for name, level in zip(images.names, found.levels, strict=True):
+    limit = max(MAX_LED_LEVEL_DIFFERENCE, LED_LEVEL_STANDARD_ERRORS * agreement.level_error)
+    for name, level in zip(images.names, agreement.levels, strict=True):
         if abs(level - 1.0) > limit:
             given = (
                 "of the given intensity" if images.lighting.intensities_given else "of the others"

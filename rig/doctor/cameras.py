@@ -99,8 +99,8 @@ def exposure_range_ms(
     node = Path(device_path(config.device)).resolve()
     limits = [
         control.maximum / EXPOSURE_UNITS_PER_MS
-        for each in listed
-        for control, _ in each.controls
-        if each.node.resolve() == node and control.id == CID_EXPOSURE_ABSOLUTE
+        for entry in listed
+        for control, _ in entry.controls
+        if entry.node.resolve() == node and control.id == CID_EXPOSURE_ABSOLUTE
     ]
     return shortest_ms, max(shortest_ms, min([longest_ms, *limits]))

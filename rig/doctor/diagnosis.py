@@ -7,7 +7,7 @@ from pathlib import Path
 
 from classify.compiling import kernel_cache_folder
 from classify.errors import Ps4rigError
-from rig.camera import Camera
+from rig.camera import Camera, CameraInfo
 from rig.config.rig import RigConfig, config_of
 from rig.errors import ConfigError, ControlError, HardwareError
 from rig.lights.discovery import list_serial_ports
@@ -104,12 +104,7 @@ def _diagnose_open(
             yield from check_controls(error)
             return
         closing.callback(camera.close)
-        info = camera.info
-        seen = (
-            f"{info.name}: {info.width_px} x {info.height_px} px of {info.bit_depth} bit, exposure "
-            f"{1e3 * info.exposure_s:g} ms; all controls were set and read back"
-        )
-        yield Check("measurement mode", "ok", seen)
+        yield _measurement_mode(camera.info)
         yield from check_frames(camera)
 
     def check_images() -> Iterator[Check]:
@@ -132,3 +127,11 @@ def _diagnose_open(
     yield from collected("light images", check_images)
     if further is not None and opened:
         yield from collected("calibration", partial(further, opened[0]))
+
+
+def _measurement_mode(info: CameraInfo) -> Check:
+    seen = (
+        f"{info.name}: {info.width_px} x {info.height_px} px of {info.bit_depth} bit, exposure "
+        f"{1e3 * info.exposure_s:g} ms; all controls were set and read back"
+    )
+    return Check("measurement mode", "ok", seen)

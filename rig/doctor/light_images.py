@@ -172,14 +172,14 @@ def _levels(images: LightImages, lighting: Lighting) -> Check:
     name = "LED levels"
     if len(lighting) != 4:
         return Check(name, "unknown", "can be estimated for four LEDs only")
-    found = light_agreement(images.lights, lighting, images.ambient, images.full_scale, None)
-    if found.levels is None or found.level_error > MAX_LED_LEVEL_ERROR:
+    agreement = light_agreement(images.lights, lighting, images.ambient, images.full_scale, None)
+    if agreement.levels is None or agreement.level_error > MAX_LED_LEVEL_ERROR:
         advice = "put something matt with relief in all directions below the camera"
         return Check(name, "unknown", "cannot be estimated from these images", advice)
-    seen = "relative to the configured " + ", ".join(f"{each:.1%}" for each in found.levels)
-    if all(abs(each - 1.0) <= EQUAL_LED_LEVELS for each in found.levels):
+    seen = "relative to the configured " + ", ".join(f"{level:.1%}" for level in agreement.levels)
+    if all(abs(level - 1.0) <= EQUAL_LED_LEVELS for level in agreement.levels):
         return Check(name, "ok", seen)
-    line = ", ".join(f"{each:.3f}" for each in lighting.intensities * found.levels)
+    line = ", ".join(f"{level:.3f}" for level in lighting.intensities * agreement.levels)
     advice = f"if the LEDs are built with these levels, set lights.intensities = [{line}]"
     return Check(name, "warning", seen, advice)
 

@@ -29,12 +29,12 @@ def check_lights(
 
 
 def _identity(lights: LightController, firmware_version: str) -> Check:
-    found = lights.identity
+    controller = lights.identity
     seen = (
-        f"{found.model} {found.serial_number} on {lights.port}, firmware {found.firmware_version}, "
-        f"protocol {found.protocol_version}"
+        f"{controller.model} {controller.serial_number} on {lights.port}, "
+        f"firmware {controller.firmware_version}, protocol {controller.protocol_version}"
     )
-    if found.firmware_version != firmware_version:
+    if controller.firmware_version != firmware_version:
         seen += f"; this program brings firmware {firmware_version}"
         return Check("light controller", "warning", seen, "ps4rig rig flash")
     return Check("light controller", "ok", seen)
@@ -56,12 +56,12 @@ def _watchdog(lights: LightController) -> Check:
 
 
 def _latency(lights: LightController, clock: Clock) -> Check:
-    found = measure_switch_latency(lights, clock)
+    switch = measure_switch_latency(lights, clock)
     seen = (
-        f"median {found.median_ms:.2f} ms, worst {found.worst_ms:.2f} ms of {found.switches}, from "
-        "writing to acknowledge"
+        f"median {switch.median_ms:.2f} ms, worst {switch.worst_ms:.2f} ms of {switch.switches}, "
+        "from writing to acknowledge"
     )
-    if found.median_ms <= _SLOW_SWITCH_MS:
+    if switch.median_ms <= _SLOW_SWITCH_MS:
         return Check("switch latency", "ok", seen)
     # A port below /dev/serial/by-id is a link to the device that sysfs names.
     name = Path(lights.port).resolve().name

@@ -177,9 +177,10 @@ def _ambiguous(answered: Sequence[tuple[SerialPort, ControllerIdentity]]) -> str
 def _nothing(lights: LightsConfig, ports: Sequence[SerialPort], silent: Sequence[str]) -> str:
     number, usb_id = lights.serial_number, lights.usb_id
     keys = (number and f"serial number {number}", usb_id and f"USB id {usb_id}")
-    wanted = " and ".join(filter(None, keys))
-    found = "; ".join(silent) or ", ".join(map(str, ports)) or "there are no serial ports"
+    selection = " and ".join(filter(None, keys))
+    controller = f"light controller with {selection}" if selection else "light controller"
+    tried = "; ".join(silent) or ", ".join(map(str, ports)) or "there are no serial ports"
     return (
-        f'lights.port = "{AUTO}": no light controller{" with " + wanted if wanted else ""} was '
-        f"found ({found}); is it plugged in? Or set lights.port to its device"
+        f'lights.port = "{AUTO}": no {controller} was found ({tried}); is it plugged in? Or set '
+        "lights.port to its device"
     )

@@ -18,6 +18,7 @@ from typing import TypeVar
 
 import firmware_sim
 from classify.errors import InputError
+from firmware_sim.firmware import FIRMWARE_VERSION
 from rig.errors import LightControllerError
 
 from .discovery import SerialPort, identify, list_serial_ports_if_possible
@@ -37,11 +38,12 @@ _SHA256 = re.compile(r"^[0-9a-f]{64}$", re.MULTILINE)
 
 @dataclass(frozen=True)
 class Flashed:
-    """The board's port, and the version of its firmware before and after; None without one."""
+    """The board's port, the version of its firmware before and after, and that of the files."""
 
     port: str
     before: str | None
     after: str | None
+    new: str = FIRMWARE_VERSION
 
 
 def board_files() -> tuple[Path, ...]:

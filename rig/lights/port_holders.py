@@ -23,21 +23,21 @@ class PortHolder:
 
 def port_holders(device: str, proc: Path = _PROC) -> list[PortHolder]:
     """List the programs, this one included, that have a device open; other users' may be hidden."""
-    wanted = os.path.realpath(device)
+    target = os.path.realpath(device)
     given_up_s = time.thread_time() + _LONGEST_S
     holders = []
     for process in sorted(proc.glob("[0-9]*"), key=lambda path: int(path.name)):
         if time.thread_time() > given_up_s:
             break
-        if _has_open(process, wanted):
+        if _has_open(process, target):
             holders.append(PortHolder(int(process.name), _name(process)))
     return holders
 
 
-def _has_open(process: Path, wanted: str) -> bool:
+def _has_open(process: Path, target: str) -> bool:
     try:
         return any(
-            _target(entry) == wanted and not _is_of_a_container(entry, wanted)
+            _target(entry) == target and not _is_of_a_container(entry, target)
             for entry in os.scandir(process / "fd")
         )
     except OSError:  # another user's, or it has just ended
@@ -51,12 +51,12 @@ def _target(entry: os.DirEntry[str]) -> str:
         return ""
 
 
-def _is_of_a_container(entry: os.DirEntry[str], wanted: str) -> bool:
+def _is_of_a_container(entry: os.DirEntry[str], target: str) -> bool:
     """Whether an open pseudo-terminal is of another /dev/pts, which uses the same names."""
-    if not wanted.startswith("/dev/pts/"):
+    if not target.startswith("/dev/pts/"):
         return False
     try:
-        return entry.stat().st_dev != os.stat(wanted).st_dev  # noqa: PTH116 - as above
+        return entry.stat().st_dev != os.stat(target).st_dev  # noqa: PTH116 - as above
     except OSError:  # closed since
         return True
 

@@ -15,7 +15,7 @@ _PAUSE_S = 0.1  # between two rounds through the ports; short against the second
 
 
 def find_again(
-    wanted: ControllerIdentity, whereabouts: Whereabouts, baud: int, timeouts: LinkTimeouts
+    lost: ControllerIdentity, whereabouts: Whereabouts, baud: int, timeouts: LinkTimeouts
 ) -> ControllerLink:
     """Open the line to the controller with the same serial number, on any of the ports."""
     deadline_s = time.monotonic() + timeouts.recover_s
@@ -28,16 +28,16 @@ def find_again(
             except LightControllerError as error:
                 failure = failure or error
                 continue
-            found = link.identity.serial_number
-            if found == wanted.serial_number:
+            present = link.identity.serial_number
+            if present == lost.serial_number:
                 return link
             link.close()
             failure = LightControllerError(
-                f"{port}: light controller {found} is there in place of {wanted.serial_number}; "
-                f"plug {wanted.serial_number} in again, or open the rig again to use {found}"
+                f"{port}: light controller {present} is there in place of {lost.serial_number}; "
+                f"plug {lost.serial_number} in again, or open the rig again to use {present}"
             )
         if time.monotonic() >= deadline_s:
             raise failure or LightControllerError(
-                f"light controller {wanted.serial_number} is not plugged in any more"
+                f"light controller {lost.serial_number} is not plugged in any more"
             )
         time.sleep(_PAUSE_S)

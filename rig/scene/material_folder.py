@@ -94,11 +94,11 @@ def load_material(folder: str | Path) -> PeriodicSurface:
 
 
 def _only_file(folder: Path, stem: str, endings: tuple[str, ...]) -> Path | None:
-    found = [folder / f"{stem}.{end}" for end in endings if (folder / f"{stem}.{end}").is_file()]
-    if len(found) > 1:
-        names = " and ".join(file.name for file in found)
+    files = [folder / f"{stem}.{end}" for end in endings if (folder / f"{stem}.{end}").is_file()]
+    if len(files) > 1:
+        names = " and ".join(file.name for file in files)
         raise InputError(f"{folder}: {names} are both there; remove one of them")
-    return found[0] if found else None
+    return files[0] if files else None
 
 
 def _read(file: Path) -> FloatImage:

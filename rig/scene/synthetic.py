@@ -158,8 +158,8 @@ def tile_side_px(size_px: int) -> int:
 
     At most 4096, whose spline coefficients take a gigabyte.
     """
-    wanted = 1 << max(2 * size_px - 1, 1).bit_length()
-    return min(max(wanted, SMALLEST_TILE_PX), LARGEST_TILE_PX)
+    side_px = 1 << max(2 * size_px - 1, 1).bit_length()
+    return min(max(side_px, SMALLEST_TILE_PX), LARGEST_TILE_PX)
 
 
 def synthetic_surface(name: str, seed: int, tile_px: int) -> PeriodicSurface:

@@ -162,11 +162,11 @@ class Sphere:
         lit_card = scene.lights.max(axis=(1, 2), where=~ball, initial=0.0)[:, None, None]
         lights = np.where(card, lit_card, np.float32(_WALLS) * room.astype(np.float32))
         dark = np.where(card, _BLACK, room).astype(np.float32)
-        seen = np.float32(_CHROME) * ball
+        reflected = np.float32(_CHROME) * ball
         return replace(
             scene,
-            lights=scene.lights + seen * lights,
-            ambient=scene.ambient + seen * np.float32(ambient) * dark,
+            lights=scene.lights + reflected * lights,
+            ambient=scene.ambient + reflected * np.float32(ambient) * dark,
         )
 
 

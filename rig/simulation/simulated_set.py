@@ -42,12 +42,12 @@ class SimulatedSet:
         """Expose a scene: one image under each light, then the ambient image."""
         rng = np.random.default_rng(seed)
         take = sensor.expose if shadows else sensor.expose_unclipped
-        seen = scene if shadows else scene.without_shadow(lighting)
+        lit_scene = scene if shadows else scene.without_shadow(lighting)
         levels = np.ones(len(lighting)) if led_levels is None else np.asarray(led_levels)
         time_ms = np.float32(exposure_ms)
         images = [
             take((light * np.float32(level) + scene.ambient) * time_ms, rng)
-            for light, level in zip(seen.lights, levels, strict=True)
+            for light, level in zip(lit_scene.lights, levels, strict=True)
         ]
         ambient = take(scene.ambient * time_ms, rng)
         noise = SensorNoise(sensor.gain_e_per_dn, sensor.read_noise_dn, sensor.black_level_dn)

@@ -27,7 +27,6 @@ def flash(
     The LEDs go out, the files are copied and read back, and the board starts with them. A board
     that another program uses is refused.
     """
-    from firmware_sim.firmware import FIRMWARE_VERSION
     from rig.lights.discovery import list_serial_ports
     from rig.lights.flash import board_files, find_board, flash_port, sha256
 
@@ -37,14 +36,12 @@ def flash(
         {"name": file.name, "bytes": file.stat().st_size, "sha256": sha256(file)} for file in files
     ]
     if as_json:
-        print_json(
-            {**asdict(flashed), "new": FIRMWARE_VERSION, "files": listed, "dry_run": dry_run}
-        )
+        print_json({**asdict(flashed), "files": listed, "dry_run": dry_run})
         return
     for file in listed:
         out.print("{name}: {bytes} bytes, SHA-256 {sha256:.16}".format_map(file))
     verb = "would get" if dry_run else "has"
     out.print(
-        f"{flashed.port} {verb} firmware {FIRMWARE_VERSION}; before: {flashed.before or 'none'}",
+        f"{flashed.port} {verb} firmware {flashed.new}; before: {flashed.before or 'none'}",
         soft_wrap=True,
     )
