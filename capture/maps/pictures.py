@@ -61,6 +61,16 @@ class ColourScale:
         top = _limit(np.abs(values))
         return cls(-top, top, _BLUE_WHITE_RED)
 
+    @property
+    def stops(self) -> Picture:
+        """(3, 3) colours of a bar: both ends and the middle."""
+        return self.colours[[0, len(self.colours) // 2, -1]]
+
+    @property
+    def ticks(self) -> tuple[float, float, float]:
+        """The values of `stops`."""
+        return self.low, (self.low + self.high) / 2.0, self.high
+
     def paint(self, values: npt.NDArray[Any]) -> Picture:
         """Return a picture of (H, W) values, grey where they are NaN."""
         per_value = 255.0 / (self.high - self.low)

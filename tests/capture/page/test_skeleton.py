@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture.page.skeleton import image_html, notice, page_html, table_html
+from capture.page.skeleton import image_html, page_html, simulated_notice, table_html
 from tests.html_page import Page
 
 # A parser of HTML reads line ends alike, and no surrogate or NUL.
@@ -17,7 +17,7 @@ def test_text_with_markup_and_templates_stays_text(title: str, name: str, value:
         "test",
         {name: table_html([value], []) + image_html("data:,", name, value), "none": ""},
         facts=[(name, value)],
-        notices=[notice(value, name)],
+        notices=[simulated_notice(value)],
         note=value,
     )
     page = Page(html)
@@ -50,5 +50,5 @@ def test_text_with_markup_and_templates_stays_text(title: str, name: str, value:
         "small",
     ]
     assert page.all("img") == [{"alt": name, "src": "data:,"}]
-    for shown in (f"{title}: test", f"{name}{value}", f"{name} {value}", f"{value} ps4rig "):
+    for shown in (f"{title}: test", f"{name}{value}", f"camera or {value} is real", f"{value} ps4rig "):
         assert shown in page.text
