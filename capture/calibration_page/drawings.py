@@ -15,7 +15,7 @@ from classify.calibration.scale import Scale
 FloatArray = npt.NDArray[np.float64]
 
 _SIDE = 100.0  # of a drawing, in its own units
-_BELOW = 12.0  # the part, in a drawing from the side: room for the scale bar
+_BELOW = 12.0  # room for the scale bar below the part, in a drawing from the side
 _MARGIN = 1.25  # drawn range, as a multiple of the largest coordinate
 # An ellipse of two standard errors holds a position with 86 %.
 _STANDARD_ERRORS = 2.0

@@ -197,7 +197,7 @@ def _of_files(
 
     photographs, sets = photographs_or_sets(given)
     if photographs:
-        # Where a highlight is does not depend on the coding of brightness.
+        # The position of a highlight does not depend on gamma.
         coding = gamma or ("linear" if sphere == "mirror" else None)
         spheres, setting = images_of_photographs(photographs, masks, count, coding, file)
         placement = [path.absolute() for path in photographs[: len(spheres[0].images)]]
