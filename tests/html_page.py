@@ -25,7 +25,7 @@ class Page(HTMLParser):
         assert self.open.pop() == tag
 
     def handle_data(self, data: str) -> None:
-        if "style" not in self.open:
+        if "style" not in self.open and data.strip():
             self.text += data
 
     def all(self, tag: str) -> list[dict[str, str | None]]:

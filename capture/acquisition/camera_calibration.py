@@ -20,7 +20,7 @@ from .frame_series import (
 
 # Hot pixels are those beyond the noise of one frame, which 16 frames average away.
 _DARK_FRAMES = 16
-# At each exposure. Their differences show the noise: four give three degrees of freedom, two one.
+# Frames at each exposure. Their differences show the noise, with three degrees of freedom.
 _LADDER_FRAMES = 4
 
 Series = tuple[float, Pixels]

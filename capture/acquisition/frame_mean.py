@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from capture.sets.metadata import FrameRecord, ImageRecord
-from rig import CameraError, CameraInfo, Frame
+from rig import CameraInfo, Frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,19 +55,3 @@ class FrameMean:
         # The mean of a pixel that saturated once is unknown.
         mean[self._saturated] = 65535
         return mean
-
-
-def check_frame(frame: Frame, info: CameraInfo, now_s: float) -> None:
-    """Reject a frame that the camera did not announce, or that is stamped in the future."""
-    rows, columns = frame.pixels.shape
-    if (rows, columns, frame.bit_depth) != (info.height_px, info.width_px, info.bit_depth):
-        raise CameraError(
-            f"the camera sent {columns} x {rows} px of {frame.bit_depth} bit instead of "
-            f"{info.width_px} x {info.height_px} px of {info.bit_depth} bit; open it again"
-        )
-    if not frame.exposure_start_s <= frame.exposure_end_s <= now_s:
-        raise CameraError(
-            f"frame {frame.sequence} is stamped {frame.exposure_start_s:.6f} to "
-            f"{frame.exposure_end_s:.6f} s and arrived at {now_s:.6f} s; the camera's time stamps "
-            "are not on the rig's clock: run ps4rig rig latency, or use another camera"
-        )

@@ -13,8 +13,7 @@ from rig.errors import CameraError, ConfigError
 from rig.fresh_frame import SPARE_S, FrameKind, fresh_frame, kind_of, next_fresh_frame, switch_to
 from rig.signals import signals_held_back
 
-from .frame_mean import check_frame
-from .repeated_frames import RepeatDetector
+from .frame_checks import RepeatDetector, check_frame
 
 # Ratios of each exposure to the next shorter one. The first steps are small, because the highest
 # levels tell most about the curve. The range is 1 to 63, so that a camera of gamma 2.2 also shows

@@ -7,8 +7,7 @@ from rig import Frame, Rig, Switch
 from rig.fresh_frame import FrameKind, NoFreshFrameError, kind_of, next_fresh_frame
 
 from .exposure_timeline import ExposureTimeline
-from .frame_mean import check_frame
-from .repeated_frames import RepeatDetector
+from .frame_checks import RepeatDetector, check_frame
 
 # Time to wait for a frame beyond what frame rate and queue explain. It is shorter than that of
 # `rig.fresh_frame`, because a set has several attempts.

@@ -35,7 +35,7 @@ _TOLERANCE_PERIODS = 0.2
 # Tolerance of the strobe's pulse against the exposure that the camera reports, which it rounds.
 _PULSE_TOLERANCE = 0.02
 _PULSE_TOLERANCE_US = 100
-# Interval of asking whether a sequence is over once all frames are received.
+# Interval of the queries whether a sequence is over, once all frames are received.
 _POLL_S = 0.001
 
 

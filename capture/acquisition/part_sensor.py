@@ -12,7 +12,7 @@ from rig.fresh_frame import begin_sequence
 from .fresh_frames import SET_SPARE_S
 from .sequence_frames import SequenceFrames
 
-# Interval of asking whether the part has come: the controller does not wait for the answer.
+# Interval of the queries whether the part has come; the controller does not wait for them.
 _POLL_S = 0.005
 
 

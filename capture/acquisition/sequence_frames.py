@@ -3,7 +3,7 @@
 from capture.errors import SetRejected
 from rig import CameraError, Frame, FrameFlag, Rig
 
-from .frame_mean import check_frame
+from .frame_checks import check_frame
 
 
 class SequenceFrames:

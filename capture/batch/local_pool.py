@@ -102,7 +102,7 @@ def begin_worker(lifeline: Connection, yields: bool = False) -> None:
     threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # Every item needs it. An exception during its import makes it print that numpy is missing.
+    # Imported before the first item: an interrupted import would print that numpy is missing.
     import cv2  # noqa: F401
 
 
@@ -122,7 +122,7 @@ def _end_with(lifeline: Connection) -> None:
 
 def _end(*_: object) -> NoReturn:
     if not at_work.is_set():
-        # Imports and the executor would print something about an exception.
+        # An exception in an import or in the executor would print a traceback.
         os._exit(1)
     # SIGALRM ends the process if compiled code does not return to Python.
     if hasattr(signal, "alarm"):

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import numpy.typing as npt
+from markupsafe import Markup
 
 from classify.calibration.dark import Dark
 from classify.calibration.lights import CalibratedLights
@@ -14,7 +15,7 @@ from classify.calibration.scale import Scale
 FloatArray = npt.NDArray[np.float64]
 
 _SIDE = 100.0  # of a drawing, in its own units
-_BELOW = 12.0  # the part, in a drawing from the side: room for the scale bar
+_BELOW = 12.0  # room for the scale bar below the part, in a drawing from the side
 _MARGIN = 1.25  # drawn range, as a multiple of the largest coordinate
 # An ellipse of two standard errors holds a position with 86 %.
 _STANDARD_ERRORS = 2.0
@@ -24,17 +25,19 @@ _NAME_ROOM = 4.0
 _MOST_DOTS = 2000
 
 
-def lights_from_above(lights: CalibratedLights, scale: Scale | None, frame: FloatArray) -> str:
+def lights_from_above(lights: CalibratedLights, scale: Scale | None, frame: FloatArray) -> Markup:
     """Draw the lights over the frame (width, height in px): x to the right, y up."""
     return _lights(lights, scale, frame, up=1)
 
 
-def lights_from_the_side(lights: CalibratedLights, scale: Scale | None, frame: FloatArray) -> str:
+def lights_from_the_side(
+    lights: CalibratedLights, scale: Scale | None, frame: FloatArray
+) -> Markup:
     """Draw the lights above the plane of the part: x to the right, z up."""
     return _lights(lights, scale, frame, up=2)
 
 
-def _lights(lights: CalibratedLights, scale: Scale | None, frame: FloatArray, up: int) -> str:
+def _lights(lights: CalibratedLights, scale: Scale | None, frame: FloatArray, up: int) -> Markup:
     """Draw the lights with the coordinate `up` upwards: 1 for y, 2 for z."""
     positions = lights.lighting.positions_px
     is_near = positions is not None
@@ -126,7 +129,7 @@ def _scale_bar(reach: float, unit: float, height: float, mm_per_px: float | None
     )
 
 
-def response_curve(response: Response) -> str:
+def response_curve(response: Response) -> Markup:
     """Draw linear light over the pixel value, both from 0 to full scale, and a linear camera."""
     values = np.linspace(0.0, _SIDE, len(response.curve))
     points = " ".join(
@@ -144,7 +147,7 @@ def response_curve(response: Response) -> str:
     )
 
 
-def hot_pixel_map(dark: Dark, frame: FloatArray) -> str:
+def hot_pixel_map(dark: Dark, frame: FloatArray) -> Markup:
     """Draw the places of hot pixels in the frame (width, height in px)."""
     unit = _SIDE / float(frame[0])
     height = unit * float(frame[1])
@@ -158,8 +161,8 @@ def hot_pixel_map(dark: Dark, frame: FloatArray) -> str:
     return _svg(rectangle + "".join(dots()), height, "Places of hot pixels")
 
 
-def _svg(content: str, height: float, label: str) -> str:
-    return (
+def _svg(content: str, height: float, label: str) -> Markup:
+    return Markup(
         f'<svg role="img" aria-label="{label}" viewBox="-2 -2 {_SIDE + 4:g} {height + 4:.2f}">'
         f"{content}</svg>"
     )

@@ -42,8 +42,7 @@ def export(
 ) -> None:
     """Write a captured set, or its height, for other programs."""
     from capture.batch.tasks import LoadedSet, SolveTask, named, solve_set
-    from capture.exchange.light_folder import write_light_folder
-    from capture.exchange.numpy_file import write_numpy_file
+    from capture.exchange.set_files import write_light_folder, write_numpy_file
     from capture.outputs import check_output
     from capture.sets.captured_set import CapturedSet
 

@@ -16,7 +16,7 @@ from classify.errors import InputError
 Layer = tuple[npt.NDArray[Any], dict[str, Any], str]
 Reader = Callable[[str], list[Layer]]
 _RECOGNISED_BY = "p.tif"  # in every folder of maps
-# Pages and maps with two values; the others are images.
+# Pages and maps with two values are label layers; the others are image layers.
 _MASKS = {"mask", "specular", "valid"}
 _SHOWN_MAP = "albedo"
 

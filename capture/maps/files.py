@@ -16,6 +16,7 @@ from classify import Lighting, SurfaceEstimate
 from classify.durable_folder import durable_folder
 from classify.errors import InputError
 from classify.shadow_rule import NO_DROPPED_LIGHT
+from classify.surface.estimate import FloatMap
 
 from . import pictures
 from .map_tiff import write_channels, write_values
@@ -47,9 +48,7 @@ def write_maps(
     Maps in `folder` are replaced as a whole, but none of `inputs` is; `raw_residual` is the
     `residual_share` without the calibration.
     """
-    maps = SurfaceMaps.of(surface, light, mm_per_px)
-    unit = maps.length_unit
-    length = {"unit": unit, "relative": mm_per_px is None}
+    maps, lights = SurfaceMaps.of(surface, light, mm_per_px), len(captured.lighting)
     origin = {
         "method": surface.method,
         "planar": surface.planar,
@@ -61,30 +60,13 @@ def write_maps(
         "pixels_sha256": captured.metadata.pixels_sha256,
         "software_version": version("ps4rig"),
     }
-    relit_by = {"tilt_deg": light.tilts_deg[0], "slant_deg": light.slants_deg[0]}
-    tiffs: dict[str, tuple[npt.NDArray[np.float32], dict[str, Any]]] = {
-        "p": (surface.p, {"unit": "1"}),
-        "q": (surface.q, {"unit": "1"}),
-        "albedo": (surface.albedo, {"unit": "full scale"}),
-        "height": (maps.height, length),
-        "raised": (maps.raised, length),
-        "mean_curvature": (maps.mean_curvature, {"unit": f"1/{unit}"}),
-        "gaussian_curvature": (maps.gaussian_curvature, {"unit": f"1/{unit}^2"}),
-        "relit": (maps.relit, {"unit": "full scale", "light": relit_by}),
-        "residual": (surface.residual, {"unit": "full scale"}),
-    }
-    masks = {
-        "shadow": (surface.shadow_count, len(captured.lighting)),
-        "dropped": (surface.dropped, NO_DROPPED_LIGHT),
-        "specular": (surface.specular * _INSIDE, int(_INSIDE)),
-        "valid": (surface.valid * _INSIDE, int(_INSIDE)),
-    }
+    tiffs, masks = _measured_maps(maps), _masks(surface, lights)
     views = map_views(captured, maps)
     tiles = [view for section in views.values() for view in section[:_PREVIEW_ROW]]
     preview = {view.title: view.picture for view in tiles[:_PREVIEW_TILES]}
     pngs = {
         "shadow": pictures.shadow_map(surface),
-        "dropped": pictures.dropped_map(surface, len(captured.lighting)),
+        "dropped": pictures.dropped_map(surface, lights),
         "specular": masks["specular"][0],
         "valid": masks["valid"][0],
         "preview": pictures.contact_sheet(preview),
@@ -105,12 +87,8 @@ def write_maps(
             raise InputError(f"{path}: is an input of this command; choose another folder")
     with durable_folder(folder, names, first=_PAGE) as temporary:
         for name, (values, description) in tiffs.items():
-            write_values(
-                temporary / f"{name}.tif",
-                maps.known(values),
-                origin | description,
-                mm_per_px,
-            )
+            path = temporary / f"{name}.tif"
+            write_values(path, maps.known(values), origin | description, mm_per_px)
         write_channels(
             temporary / "normals.tif",
             np.moveaxis(maps.known(maps.normals), 2, 0),
@@ -126,3 +104,31 @@ def write_maps(
         for name, text in texts.items():
             (temporary / name).write_text(text, encoding="utf-8")
     return [folder / name for name in names]
+
+
+def _measured_maps(maps: SurfaceMaps) -> dict[str, tuple[FloatMap, dict[str, Any]]]:
+    """The maps of one float32 value a pixel, each with its unit."""
+    surface, unit, light = maps.surface, maps.length_unit, maps.light
+    length = {"unit": unit, "relative": maps.mm_per_px is None}
+    relit_by = {"tilt_deg": light.tilts_deg[0], "slant_deg": light.slants_deg[0]}
+    return {
+        "p": (surface.p, {"unit": "1"}),
+        "q": (surface.q, {"unit": "1"}),
+        "albedo": (surface.albedo, {"unit": "full scale"}),
+        "height": (maps.height, length),
+        "raised": (maps.raised, length),
+        "mean_curvature": (maps.mean_curvature, {"unit": f"1/{unit}"}),
+        "gaussian_curvature": (maps.gaussian_curvature, {"unit": f"1/{unit}^2"}),
+        "relit": (maps.relit, {"unit": "full scale", "light": relit_by}),
+        "residual": (surface.residual, {"unit": "full scale"}),
+    }
+
+
+def _masks(surface: SurfaceEstimate, lights: int) -> dict[str, tuple[npt.NDArray[np.uint8], int]]:
+    """The maps of 8 bits, each with its largest value."""
+    return {
+        "shadow": (surface.shadow_count, lights),
+        "dropped": (surface.dropped, NO_DROPPED_LIGHT),
+        "specular": (surface.specular * _INSIDE, int(_INSIDE)),
+        "valid": (surface.valid * _INSIDE, int(_INSIDE)),
+    }

@@ -63,9 +63,7 @@ def read_map(path: Path) -> tuple[npt.NDArray[Any], Description]:
         description = _description(tiff, path)
         if tiff.series[0].nbytes > tiff.filehandle.size:
             raise InputError(f"{path}: declares more pixels than it holds; solve the set again")
-        values = tiff.asarray()
-        # Normals were interleaved, (H, W, 3), before ImageJ had to open them.
-        return np.moveaxis(values, -1, 0) if tiff.series[0].axes == "YXS" else values, description
+        return tiff.asarray(), description
 
 
 def _description(tiff: tifffile.TiffFile, path: Path) -> Description:

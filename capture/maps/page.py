@@ -1,18 +1,16 @@
 """The page of maps: one self-contained HTML file."""
 
 from collections.abc import Iterator
-from html import escape
 
 import numpy as np
 import numpy.typing as npt
 
 from capture.calibration.lookup import FoundCalibration
-from capture.page.skeleton import notice, page_html, simulated_notice
+from capture.page.skeleton import rendered
 from capture.sets.captured_set import CapturedSet
 from classify import SurfaceEstimate
 from classify.lights.flat_field import FlatField
 
-from .figures import figure_html, number_text
 from .roughness_table import roughness_note, roughness_parameters
 from .surface_maps import SurfaceMaps
 from .views import MapView
@@ -21,11 +19,6 @@ FloatArray = npt.NDArray[np.float64]
 
 # Units on the page that differ from those in files.
 _UNITS = {"1": "", "um": " \N{MICRO SIGN}m"}
-_NOTE = (
-    "Colour scales end at the 99.5th percentile; grey pixels have no valid slope. The TIFF files "
-    "hold all values as float32, NaN where there is no valid slope. x to the right, y up, z to the "
-    "camera."
-)
 
 
 def map_page(
@@ -37,18 +30,15 @@ def map_page(
 ) -> str:
     """Return the page as HTML; `raw_residual` is the residual without the calibration."""
     metadata = captured.metadata
-    figures = {name: "".join(map(figure_html, members)) for name, members in views.items()}
-    figures["Curvature"] += _roughness_table(maps)
-    return page_html(
-        metadata.label or "Captured set without a label",
-        "maps",
-        {name: f'<div class="maps">{each}</div>' for name, each in figures.items()},
+    return rendered(
+        "maps/page.html",
+        title=metadata.label or "Captured set without a label",
+        metadata=metadata,
         facts=(*_facts(captured, maps), *_calibration(maps.surface, calibration, raw_residual)),
-        notices=(
-            simulated_notice("part behind these maps") * metadata.simulated,
-            *(notice(text, "Warning at import:") for text in metadata.warnings),
-        ),
-        note=_NOTE,
+        views=views,
+        roughness=roughness_parameters(maps.roughness, maps.mm_per_px),
+        roughness_note=roughness_note(maps.mm_per_px),
+        units=_UNITS,
     )
 
 
@@ -110,16 +100,3 @@ def _levels(levels: FloatArray) -> str:
 def _span(values: FloatArray) -> str:
     low, high = f"{values.min():.1f}", f"{values.max():.1f}"
     return low if low == high else f"{low} to {high}"
-
-
-def _roughness_table(maps: SurfaceMaps) -> str:
-    rows = "".join(
-        f"<tr><td><b>{symbol}</b></td><td>{each['name']}{' (relative)' * each['relative']}</td>"
-        f'<td class="value">{"-" if each["value"] is None else number_text(each["value"])}'
-        f"{_UNITS.get(each['unit'], ' ' + each['unit'])}</td></tr>"
-        for symbol, each in roughness_parameters(maps.roughness, maps.mm_per_px).items()
-    )
-    return (
-        '<div class="wide"><b>Roughness</b> <code>roughness.json</code>'
-        f"<table>{rows}</table><figcaption>{escape(roughness_note(maps.mm_per_px))}</figcaption></div>"
-    )

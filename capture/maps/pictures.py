@@ -22,13 +22,13 @@ _SCALE_PERCENT = 99.5
 _SHADOW_COLOURS = np.array(
     [[235, 235, 235], [250, 190, 80], [225, 105, 40], [150, 35, 45], [40, 10, 40]], dtype=np.uint8
 )
-# Of NaN. Not in the signed colour scale, so that a pixel without a slope does not look flat.
+# Colour of NaN. The signed scale lacks it, so that a pixel without a slope does not look flat.
 _INVALID_COLOUR = (200, 200, 200)
 _NO_LIGHT_COLOUR = (235, 235, 235)
 _GREYS = np.repeat(np.arange(256, dtype=np.uint8)[:, None], 3, axis=1)
 _RELIEF_LIGHT = Lighting.from_angles([135.0], 55.0).directions[0].astype(np.float32)
 _FLAT_GREY = 0.5 + 0.5 * float(_RELIEF_LIGHT[2])
-# With more, the noise of a smooth part looks like a relief.
+# Largest contrast: beyond it the noise of a smooth part looks like relief.
 _MOST_CONTRAST = 6.0
 
 
@@ -60,6 +60,16 @@ class ColourScale:
         """Make a scale: blue, white at 0, red; ends at the 99.5th percentile of magnitudes."""
         top = _limit(np.abs(values))
         return cls(-top, top, _BLUE_WHITE_RED)
+
+    @property
+    def stops(self) -> Picture:
+        """(3, 3) colours of a bar: both ends and the middle."""
+        return self.colours[[0, len(self.colours) // 2, -1]]
+
+    @property
+    def ticks(self) -> tuple[float, float, float]:
+        """The values of `stops`."""
+        return self.low, (self.low + self.high) / 2.0, self.high
 
     def paint(self, values: npt.NDArray[Any]) -> Picture:
         """Return a picture of (H, W) values, grey where they are NaN."""

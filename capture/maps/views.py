@@ -15,11 +15,13 @@ from classify.shadow_rule import NO_DROPPED_LIGHT
 from classify.surface.estimate import FloatMap
 
 from . import pictures
+from .figures import data_uri
 from .pictures import ColourScale, Picture
 from .surface_maps import SurfaceMaps
 
 # Light images on the page; a dome may have hundreds.
 SHOWN_LIGHTS = 8
+_SMALL_PX = 256  # the width of a map on the page
 # A legend lists this many of the most frequent values.
 _LEGEND_ENTRIES = 8
 
@@ -35,6 +37,16 @@ class MapView:
     scale: ColourScale | None = None
     unit: str = ""
     legend: tuple[tuple[Sequence[int], str], ...] = ()
+
+    @property
+    def uri(self) -> str:
+        """Address of the picture."""
+        return data_uri(self.picture)
+
+    @property
+    def is_small(self) -> bool:
+        """Whether the page enlarges the picture, with square pixels instead of interpolation."""
+        return bool(max(self.picture.shape[:2]) < _SMALL_PX)
 
 
 def map_views(captured: CapturedSet, maps: SurfaceMaps) -> dict[str, list[MapView]]:

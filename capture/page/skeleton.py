@@ -1,12 +1,47 @@
-"""Pages from parts: title, notices, facts, sections with figures and tables, a foot note."""
+"""Self-contained HTML pages from Jinja2 templates, which extend ``page/skeleton.html``."""
+
+from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from functools import cache
 from html import escape
 from importlib.metadata import version
 from pathlib import Path
-from string import Template
+from typing import TYPE_CHECKING, Any
 
-_SKELETON = Path(__file__).with_name("skeleton.html")
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+_TEMPLATES = Path(__file__).parents[1]
+
+
+def rendered(template: str, **values: Any) -> str:
+    """Return a page from a template below ``capture/``; values are escaped, except `Markup`."""
+    return _environment().get_template(template).render(values)
+
+
+@cache
+def _environment() -> Environment:
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader(_TEMPLATES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["number"] = number_text
+    environment.globals["version"] = version("ps4rig")
+    return environment
+
+
+def number_text(value: float) -> str:
+    """Return three digits of a number, with a minus sign."""
+    return f"{value:.3g}".replace("-", "\N{MINUS SIGN}")
+
+
+# HTML in strings, for the pages of sessions and of teaching.
 
 
 def page_html(
@@ -14,51 +49,19 @@ def page_html(
     kind: str,
     sections: Mapping[str, str],
     *,
-    facts: Iterable[tuple[str, str]] = (),
-    notices: Iterable[str] = (),
-    note: str = "",
-    style: str = "",
+    facts: Iterable[tuple[str, str]],
+    notices: Iterable[str],
+    note: str,
 ) -> str:
-    """Return a self-contained page."""
-    foot = f"{escape(note)} ps4rig {escape(version('ps4rig'))}."
-    body = (
-        f"<h1>{escape(title)}</h1>",
-        "".join(notices),
-        facts_html(facts),
-        sections_html(sections),
-        f"<p><small>{foot}</small></p>",
-    )
-    return document_html(f"{title}: {kind}", "\n".join(body), style)
-
-
-def document_html(title: str, body: str, style: str = "") -> str:
-    """Return a document that loads nothing from elsewhere; `body` is HTML, `style` is CSS."""
-    skeleton = Template(_SKELETON.read_text(encoding="utf-8"))
-    return skeleton.substitute(title=escape(title), style=style, body=body)
-
-
-def facts_html(facts: Iterable[tuple[str, str]]) -> str:
-    """Return names and values side by side; they are escaped."""
-    each = (f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in facts)
-    return f"<dl>{''.join(each)}</dl>"
-
-
-def sections_html(sections: Mapping[str, str]) -> str:
-    """Return sections of HTML below their headings, which are escaped; empty ones are left out."""
-    return "".join(
-        f"<h2>{escape(name)}</h2>{content}" for name, content in sections.items() if content
-    )
-
-
-def notice(text: str, strong: str = "") -> str:
-    """Return a notice in a box, after some words in bold; both are escaped."""
-    bold = f"<b>{escape(strong)}</b> " if strong else ""
-    return f'<p class="notice">{bold}{escape(text)}</p>'
+    """Return a page of sections, HTML by heading; notices are HTML too."""
+    parts = {"sections": sections, "facts": facts, "notices": notices, "note": note}
+    return rendered("page/sections.html", title=title, kind=kind, **parts)
 
 
 def simulated_notice(thing: str) -> str:
     """Return the notice of a page from simulated images of a `thing`."""
-    return notice(f"No light, camera or {thing} is real.", "Simulated.")
+    text = f"No light, camera or {escape(thing)} is real."
+    return f'<p class="notice"><b>Simulated.</b> {text}</p>'
 
 
 def table_html(columns: Iterable[str], rows: Iterable[str]) -> str:

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 # Images that are smaller than a seventh of the page show neither focus nor framing.
 _LEAST_SHARE = 1.0 / 7.0
-# Directions this near, as shares of the ring, are one place.
+# Lights whose directions differ by less, as a share of the ring, have no places of their own.
 _LEAST_GAP = 1e-3
 
 

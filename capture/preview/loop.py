@@ -16,9 +16,9 @@ from .outline import Outline
 from .preview_image import PreviewImage, preview_image
 
 Measure = Callable[[Sequence[Frame]], str | None]
-# Time to plug in a cable again.
+# Pause before the rig is opened again: time to plug in a cable.
 _RETRY_S = 2.0
-# Processor time for the server and the browser.
+# Pause after each image, for the server and the browser.
 _PAUSE_S = 0.05
 # A person who focuses the lens must not rely on an image older than this.
 _MIN_STALE_S = 3.0

@@ -10,21 +10,21 @@ import numpy.typing as npt
 
 from capture.sets.captured_set import CapturedSet
 
-# A part that covers more of the frame, or touches more of its border, has no outline in it.
+# Largest shares of the frame and of its border that a part with an outline covers.
 _LARGEST_SHARE, _MOST_BORDER = 0.9, 0.25
-# A part that covers less of the frame is dust.
+# Smallest share of the frame that is a part and not dust.
 _SMALLEST_SHARE = 0.01
 # Least separation of part and ground by Otsu's criterion, the variance between the two over that of
 # all pixels. Evenly spread values have 0.75, normally distributed ones 2/pi = 0.64. With 0.5,
 # test_outline.py finds a part in a texture that fills the frame.
 _LEAST_SEPARATION = 0.75
-# The strongest edges that are drawn of a texture that fills the frame: more hide it, and a tenth of
-# them is too few (test_outline.py).
+# Share of the pixels that are drawn as edges of a texture that fills the frame (test_outline.py).
+# More hide the texture.
 _EDGE_SHARE = 0.02
 # Shorter edges do not show the orientation.
 _LEAST_EDGE_PX = 12
 _MOST_LINES = 300
-# Distance of the drawn line from the true one; an outline is drawn 2 px wide.
+# Largest distance of the simplified line from the contour; lines are 2 px wide.
 _TOLERANCE_PX = 0.7
 
 Line = npt.NDArray[np.float32]
@@ -61,7 +61,7 @@ class Outline:
         return (
             f'<svg xmlns="http://www.w3.org/2000/svg" width="{self.width_px}" '
             f'height="{self.height_px}" viewBox="0 0 {self.width_px} {self.height_px}">'
-            # Dark below bright is seen on any ground.
+            # A dark line below a bright one is visible on any ground.
             f'<path d="{paths}" stroke="#000" stroke-opacity="0.5" stroke-width="4" {style}/>'
             f'<path d="{paths}" stroke="#ffd400" stroke-width="2" {style}/></svg>'
         )

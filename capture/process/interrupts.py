@@ -47,7 +47,7 @@ def install_handlers() -> None:
         if signal.getsignal(number) not in (signal.SIG_IGN, None):
             signal.signal(number, _handle)
     sys.unraisablehook = _handle_lost
-    # The first one that is registered is called last. Python then takes its handlers away.
+    # Registered first, so called last: afterwards Python removes its signal handlers.
     atexit.register(_ignore_signals)
 
 
@@ -113,7 +113,7 @@ def _retry_later() -> None:
     if hasattr(signal, "setitimer"):
         signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(_last_signal))
         signal.setitimer(signal.ITIMER_REAL, _RETRY_S)
-        # A timer that is left would kill the process once Python has taken this handler away.
+        # SIGALRM would kill the process once Python has removed this handler.
         atexit.register(signal.setitimer, signal.ITIMER_REAL, 0.0)
     else:  # Windows
         import _thread

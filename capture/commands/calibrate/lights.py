@@ -198,7 +198,7 @@ def _of_files(
 
     photographs, sets = photographs_or_sets(given)
     if photographs:
-        # Where a highlight is does not depend on the coding of brightness.
+        # The position of a highlight does not depend on gamma.
         coding = gamma or ("linear" if sphere == "mirror" else None)
         read = photographs_of(photographs, coding)
         spheres, setting = images_of_photographs(read, masks, count, file)

@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from capture.calibration.parts import PartName
 
 _SHEET = Target("a white matt sheet", "plate", next_placement="rotate the sheet by 180 degrees")
-# Half a turn cancels a tilt of the sheet and a reflectance that rises along it.
+# Two placements half a turn apart cancel a tilt of the sheet and a gradient of its reflectance.
 _ROTATIONS_DEG = (0.0, 180.0)
-# Frames of each image, 5 s at 30 Hz: noise of a quarter lets positions be seen in small frames too.
+# Frames averaged in each image: a quarter of the noise, so that small frames show LED positions too.
 _FRAMES = 16
 
 

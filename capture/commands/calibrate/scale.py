@@ -116,7 +116,7 @@ def _of_files(given: Sequence[Path]) -> tuple[list[npt.NDArray[Any]], Setting, l
     photographs, sets = photographs_or_sets(given)
     source = [path.name for path in (*photographs, *sets)]
     if photographs:
-        # Where a corner is does not depend on the coding of brightness.
+        # The position of a corner does not depend on gamma.
         read = read_photographs(photographs, gamma="linear", bits=None, crop=None)
         shape = read.planes[0].shape
         setting = Setting.of_photographs(shape, read.bit_depth, read.gamma)

@@ -6,8 +6,14 @@ from collections.abc import Iterator
 from html import escape
 
 from capture.maps import pictures
-from capture.maps.figures import number_text, tile_html
-from capture.page.skeleton import image_html, page_html, simulated_notice, table_html
+from capture.maps.figures import tile_html
+from capture.page.skeleton import (
+    image_html,
+    number_text,
+    page_html,
+    simulated_notice,
+    table_html,
+)
 from capture.process.utc_time import readable_utc
 from capture.session.folder import SessionFolder
 

@@ -2,14 +2,13 @@
 
 import math
 from dataclasses import dataclass
-from html import escape
-from importlib.metadata import version
 from pathlib import Path
-from string import Template
+
+from markupsafe import Markup
 
 from capture.maps import pictures
-from capture.maps.figures import TILE_PX, tile_html
-from capture.page.skeleton import document_html, table_html
+from capture.maps.figures import TILE_PX, tile_uri
+from capture.page.skeleton import rendered
 from capture.sets.captured_set import CapturedSet
 from classify import Evaluation, Spectra, SurfaceEstimate, Trial
 from classify.durable_file import durable_file
@@ -43,31 +42,19 @@ def write_report(
     config: RigConfig,
 ) -> None:
     """Write the report as a whole or not at all."""
-    body, style = (
-        Path(__file__).with_name(name).read_text(encoding="utf-8")
-        for name in ("report.html", "report.css")
-    )
-    body = Template(body).substitute(
-        version=version("ps4rig"),
-        controller=escape(
-            f"{controller.vendor} {controller.model} {controller.serial_number}, firmware "
-            f"{controller.firmware_version}"
-        ),
-        camera=f"{config.camera.width_px} x {config.camera.height_px} px, "
-        f"{config.camera.bits} bit, {config.camera.frame_rate_hz:g} Hz, "
-        f"{config.camera.exposure_ms:g} ms",
-        slant_deg=f"{config.lights.slant_deg:g}",
-        correct=str(result.correct),
-        sets=str(result.sets),
-        classes=str(len(result.per_class)),
+    page = rendered(
+        "studies/demo/report.html",
+        title="ps4rig demo",
+        controller=controller,
+        config=config,
+        result=result,
         angle_note=ANGLE_NOTE,
-        table=table_html(COLUMNS, (_row(i, entry.trial) for i, entry in enumerate(entries))),
-        details="\n".join(_detail(number, entry) for number, entry in enumerate(entries)),
+        columns=COLUMNS,
+        rows=[(entry.trial.is_correct, cells_of(entry.trial)) for entry in entries],
+        entries=[(entry, _tiles(entry), _polar_plots(entry)) for entry in entries],
     )
     with durable_file(path) as temporary:
-        temporary.write_text(
-            document_html("ps4rig demo: simulated rig", body, style), encoding="utf-8"
-        )
+        temporary.write_text(page, encoding="utf-8")
 
 
 def cells_of(trial: Trial) -> tuple[str, ...]:
@@ -84,47 +71,31 @@ def cells_of(trial: Trial) -> tuple[str, ...]:
     )
 
 
-def _row(number: int, trial: Trial) -> str:
-    label, *cells = map(escape, cells_of(trial))
-    kind = "right" if trial.is_correct else "wrong"
-    linked = "".join(
-        f"<td>{cell}</td>" for cell in (f'<a href="#set-{number}">{label}</a>', *cells)
-    )
-    return f'<tr class="{kind}">{linked}</tr>'
-
-
-def _detail(number: int, entry: ReportEntry) -> str:
-    trial, match, surface = entry.trial, entry.trial.match, entry.surface
+def _tiles(entry: ReportEntry) -> dict[str, str]:
     maps = {
         **pictures.light_images(entry.captured, 4),
-        "lights in shadow": pictures.shadow_map(surface),
-        "albedo": pictures.grey(surface.albedo),
-        "relief": pictures.shaded(surface.normals),
-        "normals": pictures.normal_map(surface.normals),
+        "lights in shadow": pictures.shadow_map(entry.surface),
+        "albedo": pictures.grey(entry.surface.albedo),
+        "relief": pictures.shaded(entry.surface.normals),
+        "normals": pictures.normal_map(entry.surface.normals),
     }
-    figures = [tile_html(name, picture) for name, picture in maps.items()]
-    for name, test, reference in zip(
-        ("gradient", "albedo"), entry.spectra.polar, entry.reference.polar, strict=True
-    ):
-        figures.append(
-            f"<figure>{_polar_plot(test, reference, match.orientation_deg or 0.0)}"
-            f"<figcaption>polar spectrum of {name}</figcaption></figure>"
+    return {name: tile_uri(picture) for name, picture in maps.items()}
+
+
+def _polar_plots(entry: ReportEntry) -> dict[str, Markup]:
+    orientation_deg = entry.trial.match.orientation_deg or 0.0
+    return {
+        name: _polar_plot(test, reference, orientation_deg)
+        for name, test, reference in zip(
+            ("gradient", "albedo"), entry.spectra.polar, entry.reference.polar, strict=True
         )
-    verdict = (
-        f"Found <b>{escape(match.label or 'unknown')}</b> at {match.orientation_deg:.1f}°. "
-        f"{surface.shadow_mask.mean():.1%} of the pixels are in shadow of a light."
-    )
-    return (
-        f'<section id="set-{number}"><h2>{escape(trial.label)}, '
-        f"{trial.orientation_deg:.0f}°</h2><p>{verdict}</p>"
-        f'<div class="figures">{"".join(figures)}</div></section>'
-    )
+    }
 
 
-def _polar_plot(test: FloatMap, reference: FloatMap, orientation_deg: float) -> str:
+def _polar_plot(test: FloatMap, reference: FloatMap, orientation_deg: float) -> Markup:
     """SVG: the test as a line, the nearest training set at the orientation found as an area."""
     top = max(float(test.max()), float(reference.max()), 1e-12)
-    return (
+    return Markup(
         f'<svg viewBox="-1.1 -1.1 2.2 2.2" width="{TILE_PX}" height="{TILE_PX}">'
         '<circle r="1" class="frame"/><circle r="0.5" class="frame"/>'
         f'<polygon class="reference" points="{_points(reference / top, orientation_deg)}"/>'

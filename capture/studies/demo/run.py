@@ -1,6 +1,6 @@
 """``ps4rig demo``: capture, train and classify on the simulated rig."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from capture.console import new_table, out, print_table, progress
 from capture.outputs import check_output
 from capture.sets.captured_set import CapturedSet
 from capture.sets.ome_tiff import SUFFIX
-from classify import TextureLibrary, Trial, evaluate, surface_spectra
+from classify import Spectra, TextureLibrary, Trial, evaluate, surface_spectra
 from classify.durable_file import make_folder
 from rig import Placement, Rig, RigConfig, open_rig, surface_names
 
@@ -63,16 +63,8 @@ def run_demo(output: Path, *, force: bool = False) -> None:
     spectra = {
         label: surface_spectra(surface, library.segment_px) for label, surface in solved.items()
     }
-
-    def classified() -> Iterator[ReportEntry]:
-        for captured in tests:
-            surface = captured.solve(planar=True)
-            match = library.classify(surface)
-            trial = Trial(captured.label or "", captured.metadata.orientation_deg or 0.0, match)
-            own = surface_spectra(surface, library.segment_px)
-            yield ReportEntry(captured, surface, trial, own, spectra[match.nearest])
-
-    entries = list(progress(classified(), len(tests), "classify"))
+    classified = (_classified(captured, library, spectra) for captured in tests)
+    entries = list(progress(classified, len(tests), "classify"))
     trials = [entry.trial for entry in entries]
     result = evaluate(trials, library.classes)
     report = output / "report.html"
@@ -87,6 +79,16 @@ def run_demo(output: Path, *, force: bool = False) -> None:
         f"Report: {report}, sets: {sets_folder}",
         soft_wrap=True,
     )
+
+
+def _classified(
+    captured: CapturedSet, library: TextureLibrary, spectra: Mapping[str, Spectra]
+) -> ReportEntry:
+    surface = captured.solve(planar=True)
+    match = library.classify(surface)
+    trial = Trial(captured.label or "", captured.metadata.orientation_deg or 0.0, match)
+    own = surface_spectra(surface, library.segment_px)
+    return ReportEntry(captured, surface, trial, own, spectra[match.nearest])
 
 
 def _placed(folder: Path, stem: str, placements: list[Placement]) -> dict[Path, Placement]:

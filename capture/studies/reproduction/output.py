@@ -6,13 +6,14 @@ import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from importlib.metadata import version
 from pathlib import Path
 from string import Template
 
+from markupsafe import Markup
+
 from capture.console import progress
-from capture.page.skeleton import document_html, facts_html, image_html, sections_html
+from capture.page.skeleton import rendered
 from classify.durable_file import durable_file
 
 from . import plots
@@ -25,6 +26,9 @@ _QUICK = (
     " <b>Quick version:</b> fewer textures and tests, or smaller frames, than without "
     "<code>--quick</code>; one percent may be a single test."
 )
+
+
+_Table = list[list[tuple[str, str]]]
 
 
 @dataclass(frozen=True)
@@ -85,25 +89,17 @@ def write_text(path: Path, text: str) -> None:
 
 def page(exhibits: Sequence[tuple[Exhibit, bytes]], facts: Mapping[str, str], about: About) -> str:
     """HTML of the page from each exhibit and its PNG, in this order."""
-    sections: dict[str, list[str]] = {}
+    sections: dict[str, list[tuple[Exhibit, str, _Table]]] = {}
     for exhibit, png in exhibits:
-        sections.setdefault(exhibit.text.section, []).append(_exhibit(exhibit, png))
-    frame, introduction = (
-        Template(path.read_text(encoding="utf-8"))
-        for path in (Path(__file__).with_name("page.html"), about.introduction)
+        shown = exhibit, base64.b64encode(png).decode("ascii"), _table(exhibit)
+        sections.setdefault(exhibit.text.section, []).append(shown)
+    introduction = Template(about.introduction.read_text(encoding="utf-8"))
+    return rendered(
+        "studies/reproduction/page.html",
+        introduction=Markup(introduction.substitute(quick=_QUICK if about.quick else "")),
+        facts=facts.items(),
+        sections=sections,
     )
-    body = frame.substitute(
-        introduction=introduction.substitute(quick=_QUICK if about.quick else ""),
-        facts=facts_html(facts.items()),
-        contents="".join(
-            f'<li><a href="#{exhibit.key}">{escape(exhibit.text.title)}</a></li>'
-            for exhibit, _ in exhibits
-        ),
-        sections=sections_html({name: "".join(members) for name, members in sections.items()}),
-        version=escape(version("ps4rig")),
-    )
-    style = Path(__file__).with_name("page.css").read_text(encoding="utf-8")
-    return document_html("ps4rig reproduce", body, style)
 
 
 def _drawn(exhibit: Exhibit) -> bytes:
@@ -124,33 +120,16 @@ def _drawn(exhibit: Exhibit) -> bytes:
     return png.getvalue()
 
 
-def _exhibit(exhibit: Exhibit, png: bytes) -> str:
-    text = exhibit.text
-    notes = "".join(f"<p>{escape(note)}</p>" for note in text.notes)
-    files = f'<p class="files">{exhibit.key}.csv, {exhibit.key}.png</p>'
-    title, body = escape(text.title), _table(exhibit)
-    if exhibit.draw is not None:
-        data = base64.b64encode(png).decode("ascii")
-        image = image_html(f"data:image/png;base64,{data}", text.title)
-        numbers = f"<details><summary>numbers</summary>{body}</details>" if body else ""
-        body = f"{image}{numbers}"
-    return f'<section id="{exhibit.key}"><h3>{title}</h3>{notes}{body}{files}</section>'
-
-
-def _table(exhibit: Exhibit) -> str:
+def _table(exhibit: Exhibit) -> _Table:
+    """The rows as text, header first, each cell with the kind of its column."""
     if exhibit.draw is not None and len(exhibit.rows) > _SHOWN_ROWS:
-        return ""
+        return []
     columns = list(zip(*exhibit.rows, strict=True)) or [()] * len(exhibit.columns)
     kinds = []
     for name, cells in zip(exhibit.columns, columns, strict=True):
         numeric = all(isinstance(cell, int | float | None) for cell in cells)
-        kind = "given" if name.startswith("thesis") else "number" if numeric else ""
-        kinds.append(f' class="{kind}"' if kind else "")
-    rows = [
-        "".join(
-            f"<{tag}{kind}>{escape(as_text(cell, exhibit.digits))}</{tag}>"
-            for cell, kind in zip(cells, kinds, strict=True)
-        )
-        for tag, cells in [("th", exhibit.columns), *(("td", row) for row in exhibit.rows)]
+        kinds.append("given" if name.startswith("thesis") else "number" if numeric else "")
+    return [
+        [(kind, as_text(cell, exhibit.digits)) for kind, cell in zip(kinds, row, strict=True)]
+        for row in (exhibit.columns, *exhibit.rows)
     ]
-    return f'<div class="wide"><table><tr>{"</tr><tr>".join(rows)}</tr></table></div>'

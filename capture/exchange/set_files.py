@@ -1,14 +1,16 @@
-"""A set as a folder of 16-bit TIFF files with ``lights.lp``, as RTI programs read it."""
+"""A set for other programs: a NumPy ``.npz``, or a folder of TIFF with ``lights.lp`` for RTI."""
 
 from __future__ import annotations
 
 import shlex
 from pathlib import Path
 
+import numpy as np
 import tifffile
 
 from capture.sets.captured_set import CapturedSet
 from capture.sets.light_list import write_light_list
+from classify.durable_file import durable_file
 from classify.durable_folder import durable_folder
 from classify.errors import InputError
 
@@ -40,3 +42,20 @@ def write_light_folder(captured: CapturedSet, folder: Path) -> str:
             captured.metadata.model_dump_json(indent=1), encoding="utf-8"
         )
     return shlex.join([*options, "--bits", str(captured.metadata.full_scale.bit_length())])
+
+
+def write_numpy_file(captured: CapturedSet, path: Path) -> None:
+    """Write images, ambient image, mask, lights and metadata (JSON text) under their names."""
+    lighting = captured.lighting
+    arrays = {
+        "images": captured.images,
+        "ambient": captured.ambient,
+        "mask": captured.mask,
+        "directions": lighting.directions,
+        "intensities": lighting.intensities,
+        "positions_px": lighting.positions_px,
+        "metadata": np.array(captured.metadata.model_dump_json()),
+    }
+    present = {name: array for name, array in arrays.items() if array is not None}
+    with durable_file(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, allow_pickle=False, **present)

@@ -1,10 +1,26 @@
-"""Frames that the camera delivers twice, recognised by number or by pixels."""
+"""Checks of each frame: as announced, and not delivered twice."""
 
-from rig import Frame
+from rig import CameraError, CameraInfo, Frame
 
 # Pixels compared. With noise of 1 DN two exposures agree in a third of their pixels; even where
 # most of the noise is rounded away, some of so many pixels differ.
 _SAMPLED_PX = 4096
+
+
+def check_frame(frame: Frame, info: CameraInfo, now_s: float) -> None:
+    """Reject a frame that the camera did not announce, or that is stamped in the future."""
+    rows, columns = frame.pixels.shape
+    if (rows, columns, frame.bit_depth) != (info.height_px, info.width_px, info.bit_depth):
+        raise CameraError(
+            f"the camera sent {columns} x {rows} px of {frame.bit_depth} bit instead of "
+            f"{info.width_px} x {info.height_px} px of {info.bit_depth} bit; open it again"
+        )
+    if not frame.exposure_start_s <= frame.exposure_end_s <= now_s:
+        raise CameraError(
+            f"frame {frame.sequence} is stamped {frame.exposure_start_s:.6f} to "
+            f"{frame.exposure_end_s:.6f} s and arrived at {now_s:.6f} s; the camera's time stamps "
+            "are not on the rig's clock: run ps4rig rig latency, or use another camera"
+        )
 
 
 class RepeatDetector:
