@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 _ANY_WIDTH = 100_000  # of a terminal, to measure a table without a limit
-_LINE_WIDTH, _LEAST_PROSE = 80, 15
+_LINE_WIDTH, _LEAST_PROSE = 80, 12
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -128,12 +128,15 @@ def print_table(table: Table) -> None:
     if table.title:
         out.print(table.title)
         table.title = None
+    longest_word = {}
     for column in table.columns:
-        lines = "\n".join(map(str, (column.header, *column.cells))).split("\n")
-        column.width = max(map(cell_len, lines))
+        text = "\n".join(map(str, (column.header, *column.cells)))
+        column.width = max(map(cell_len, text.split("\n")))
+        longest_word[column.header] = max(map(cell_len, text.split()), default=0)
     excess = max(width() - _LINE_WIDTH, 0)
     for column in table.columns:
         if column.width is not None and not column.no_wrap:
-            column.width = min(column.width, max(column.width - excess, _LEAST_PROSE))
+            least = max(longest_word[column.header], _LEAST_PROSE)
+            column.width = min(column.width, max(column.width - excess, least))
     console = Console(width=width(), highlight=False, markup=False, emoji=False)
     console.print(table, crop=False)
