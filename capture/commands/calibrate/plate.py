@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _SHEET = Target("a white matt sheet", "plate", next_placement="rotate the sheet by 180 degrees")
 # Two placements half a turn apart cancel a tilt of the sheet and a gradient of its reflectance.
 _ROTATIONS_DEG = (0.0, 180.0)
-# Frames averaged in an image: a quarter of the noise, so that small frames show LED positions too.
+# Frames averaged in each image: with a quarter of the noise, small frames show LED positions too.
 _FRAMES = 16
 
 
