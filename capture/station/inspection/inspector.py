@@ -23,13 +23,19 @@ from capture.station.recipe.recipe import Recipe
 from capture.station.recipe.recipe_file import read_recipe
 from capture.station.recipe.recipe_folder import RecipeFolder, file_sha256
 from capture.station.recipe.taught import Taught
-from capture.station.recipe.taught_files import check_unchanged, defect_model_of, taught_for
+from capture.station.recipe.taught_files import (
+    TextureModels,
+    check_unchanged,
+    models_of,
+    taught_for,
+)
 from capture.station.results.part_result import DefectRecord
 from capture.station.verdict import Cause, Verdict
 from classify import TextureLibrary
+from classify.classifiers.joint import ring_levels
 from classify.defects.defect_map import KINDS, DefectMap, regions_of
-from classify.defects.defect_model import DefectModel
 from classify.defects.fields import part_fields
+from classify.pieces.moments import band_moments
 from classify.threads import beside
 
 from .fingerprint import Fingerprint
@@ -39,6 +45,10 @@ from .measured_surface import MeasuredSurface, fits
 # Parts of a calibration whose settings cover everything: pixel values and exposure; the lights.
 _WHOLE_SETTING: tuple[PartName, ...] = ("dark", "flat_field")
 _OF_MATCH = ("label", "nearest", "orientation_deg", "distance", "limit", "margin", "blur_px")
+_OF_MEASURES = (
+    "sdq", "shadow_fraction", "defect_score", "albedo", "scale", "handedness", "octaves", "window",
+    "seam",
+)  # fmt: skip
 # Number of defects that a result lists; a part of another texture may have hundreds.
 _MOST_DEFECTS = 50
 
@@ -80,7 +90,7 @@ class Inspection:
         fields: dict[str, Any] = {}
         for source, names in (
             (self, ("verdict", "defects", "led_levels", "timings_ms")),
-            (self.measures, ("sdq", "shadow_fraction", "defect_score")),
+            (self.measures, _OF_MEASURES),
             (self.measures.match, _OF_MATCH),
         ):
             if source is not None:
@@ -110,8 +120,8 @@ class Inspector:
 
     Parameters
     ----------
-    recipe, taught, library, defect_models
-        The recipe, and what teaching made for it; one defect model for each texture that passes.
+    recipe, taught, library, models
+        The recipe, and what teaching made for it; the models of each texture that passes.
     calibration
         Calibration of the rig with its file; None for a rig without one.
 
@@ -130,13 +140,13 @@ class Inspector:
         recipe: Recipe,
         taught: Taught,
         library: TextureLibrary,
-        defect_models: Mapping[str, DefectModel],
+        models: Mapping[str, TextureModels],
         calibration: FoundCalibration | None = None,
     ) -> None:
         self.recipe = recipe
         self._taught = taught
         self._library = library
-        self._defect_models = defect_models
+        self._models = models
         self.calibration = calibration
         self._begun: _Begun | None = None
         self._signals = {
@@ -164,7 +174,7 @@ class Inspector:
         """Load what teaching made for a recipe that was read; raises as `load`."""
         made = files.version(recipe.version)
         taught = taught_for(recipe, files)
-        models = {name: defect_model_of(made, recipe, taught, name) for name in recipe.passes}
+        models = {name: models_of(made, recipe, taught, name) for name in recipe.passes}
         library = TextureLibrary.load(made.library)
         # After loading, so that a file that is exchanged meanwhile is found.
         check_unchanged(recipe, made.library, file_sha256(made.library), taught.library_sha256)
@@ -207,26 +217,42 @@ class Inspector:
                 led_levels=self._relative_levels(captured, measured.light_signals),
                 sdq=measured.sdq,
                 shadow_fraction=measured.share(measured.shadowed),
+                albedo=measured.albedo,
             )
         if not any(invalid(self.recipe, measures)):
             with _timed(timings_ms, "match"):
                 fields = beside(partial(part_fields, measured.surface))
+                moments = beside(partial(band_moments, measured.surface))
+                signature = self._library.observe(measured.surface)
                 # No warning of the solver: a calibration may have a flat field where that of
                 # teaching had none.
-                measures = replace(measures, match=self._library.match_surface(measured.surface))
+                measures = replace(
+                    measures, match=self._library.match_surface(measured.surface, signature)
+                )
         # A part with a large defect may be unknown: its defects are recorded against the nearest
         # texture.
         match = measures.match
         texture = "" if match is None else match.label or match.nearest
         defect_map: DefectMap | None = None
         defects: tuple[DefectRecord, ...] = ()
-        if match is not None and texture in self._defect_models:
+        if match is not None and texture in self._models:
+            models = self._models[texture]
             with _timed(timings_ms, "defects"):
-                model = self._defect_models[texture]
-                defect_map = model.map_of_fields(fields(), match.orientation_deg)
+                measure = partial(models.pieces.measure_moments, moments(), match.orientation_deg)
+                begun = beside(partial(measure, ring_levels(signature)))
+                defect_map = models.defects.map_of_fields(fields(), match.orientation_deg)
                 gap_px = _largest_gap_px(defect_map, measured.inside)
                 measures = replace(measures, defect_score=defect_map.worst, unjudged_px=gap_px)
                 defects = self._defects(defect_map, self.recipe.limits_for(texture).defect)
+                pieces = begun()
+                measures = replace(
+                    measures,
+                    scale=pieces.scale,
+                    handedness=pieces.handedness,
+                    octaves=pieces.octaves,
+                    window=pieces.window,
+                    seam=pieces.seam,
+                )
         taught = self._signals.get(texture, np.mean([*self._signals.values()], axis=0))
         levels = np.array(measured.light_signals) / taught
         verdict = verdict_of(self.recipe, measures)

@@ -122,6 +122,10 @@ class TaughtFiles:
         """Return the defect model of the nth texture that passes, from 1."""
         return self.folder / f"defects-{number}.ps4def"
 
+    def pieces(self, number: int) -> Path:
+        """Return the piece model of the nth texture that passes, from 1."""
+        return self.folder / f"pieces-{number}.ps4piece"
+
     def approved(self, sha256: str) -> Path:
         """Return the copy of the recipe with this hash, as it was approved."""
         return self.folder / f"approved-{sha256[:_DIGITS]}.toml"

@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 from capture.station.approval.recipe_settings import Place, dotted
 from capture.station.recipe.recipe import (
+    RANGES,
     CalibrationRule,
     GeneralLimits,
     Light,
@@ -24,9 +25,10 @@ _MODELS: dict[str, type[Section]] = {
     "light": Light,
     "calibration": CalibrationRule,
 }
+_TITLES = {"sdq": "Sdq"}
 _TRUTHS = ("full_turn", "required")
 _UNITS = {"_px": "px", "_deg": "degrees", "_ms": "ms", "_days": "days"}
-_BOUNDS = ("least", "largest")  # of Sdq
+_BOUNDS = ("least", "largest")
 
 
 @dataclass(frozen=True)
@@ -148,14 +150,19 @@ class RecipeForm:
         for key in model.model_fields:
             value = None if values is None else getattr(values, key)
             name = f"{names or dotted(place)}.{key}"
-            if key != "sdq":
+            if key not in RANGES:
                 fields.append(self._field((*place, key), name, value))
                 continue
             for number, bound in enumerate(_BOUNDS):
                 each = None if value is None else value[number]
                 at = f"{name}.{number}"
-                fields.append(self._field((*place, key, number), at, each, f"Sdq, {bound}"))
-        together = [self._message((*place, "sdq")), self._message(place)]
+                fields.append(
+                    self._field(
+                        (*place, key, number), at, each, f"{_TITLES.get(key, key)}, {bound}"
+                    )
+                )
+        together = [self._message((*place, key)) for key in RANGES if key in model.model_fields]
+        together.append(self._message(place))
         return FormSection(title, hint, tuple(fields), "; ".join(filter(None, together)))
 
     def _field(self, place: Place, name: str, value: Any, label: str = "") -> FormField:
@@ -234,7 +241,7 @@ def _given(model: type[Section], names: str, given: Mapping[str, Any]) -> Iterat
         name = f"{names}.{key}"
         if key in _TRUTHS:
             yield key, given.get(name) == "yes"
-        elif key == "sdq":
+        elif key in RANGES:
             both = [_number(given.get(f"{name}.{number}", "")) for number in range(len(_BOUNDS))]
             if any(each is not None for each in both):
                 yield key, both

@@ -13,7 +13,7 @@ from capture.station.approval.approval import approve, approved_states, roll_bac
 from capture.station.approval.recipe_settings import save_settings, with_settings
 from capture.station.errors import RecipeError
 from capture.station.inspection.inspector import Inspector
-from capture.station.recipe.recipe import Region, require_approved
+from capture.station.recipe.recipe import Limits, Region, require_approved
 from capture.station.recipe.recipe_file import read_recipe, write_recipe
 from capture.station.recipe.recipe_folder import RecipeFolder
 from capture.station.teaching.teaching import teach
@@ -212,15 +212,28 @@ def test_patches_of_one_texture_differ_in_slope_by_less_than_limits_assume(
     assert np.std(sdqs, ddof=1) < 0.01 * np.mean(sdqs)
 
 
+def of_texture(sdqs: list[float], *, has_handedness: bool = True) -> Limits:
+    return limits_of_texture(
+        [0.4] * 3, sdqs, [0.0] * 3, [0.0] * 3, [0.3] * 3, 0.0, has_handedness=has_handedness
+    )
+
+
 def test_limits_of_equal_parts_leave_room() -> None:
-    limits = limits_of_texture([0.4, 0.4, 0.4], [0.2] * 3, [0.0] * 3, [0.0] * 3)
+    limits = of_texture([0.2] * 3)
     assert limits.sdq is not None
     assert limits.sdq[0] < 0.199 < 0.201 < limits.sdq[1]
     assert limits.shadow_fraction == pytest.approx(0.005)
+    assert limits.albedo == (pytest.approx(0.255), pytest.approx(0.345))
+    assert limits.scale == (pytest.approx(0.99, abs=1e-3), pytest.approx(1.01, abs=1e-3))
+    assert limits.handedness == 0.0
+
+
+def test_a_texture_that_looks_like_its_mirror_image_has_no_limit_of_handedness() -> None:
+    assert of_texture([0.2] * 3, has_handedness=False).handedness is None
 
 
 def test_parts_that_are_exactly_flat_have_limits() -> None:
-    limits = limits_of_texture([0.4, 0.4, 0.4], [0.0] * 3, [0.0] * 3, [0.0] * 3)
+    limits = of_texture([0.0] * 3)
     assert limits.sdq == (0.0, pytest.approx(0.001))
 
 
