@@ -14,6 +14,7 @@ from classify.regular_file import read_regular_file
 from rig.config.section import Record
 from rig.config.validation_message import first_fault
 
+from .fault_study import FaultStudy
 from .gauge import GaugeStudy, Rating, Share
 
 _MAX_BYTES = 1 << 22  # the reasons of 200 parts, 2,000 characters each, have 0.4 MB
@@ -48,8 +49,10 @@ class GaugeReport(Record):
         Whether the parts are those of a simulated rig.
     presentations
         Number of presentations.
-    effectiveness, misses, false_alarms, rating, lines, wrong
+    effectiveness, misses, false_alarms, rating, wrong
         As in `GaugeStudy`.
+    lines
+        Those of `GaugeStudy`, then those of `FaultStudy`.
     """
 
     format: Literal["ps4rig-gauge"] = "ps4rig-gauge"
@@ -69,7 +72,13 @@ class GaugeReport(Record):
 
     @classmethod
     def of(
-        cls, study: GaugeStudy, recipe: str, recipe_sha256: str | None, *, simulated: bool
+        cls,
+        study: GaugeStudy,
+        faults: FaultStudy,
+        recipe: str,
+        recipe_sha256: str | None,
+        *,
+        simulated: bool,
     ) -> Self:
         """Return the report of a study that has just ended."""
         return cls(
@@ -82,7 +91,7 @@ class GaugeReport(Record):
             misses=GaugeShare.of(study.misses),
             false_alarms=GaugeShare.of(study.false_alarms),
             rating=study.rating,
-            lines=tuple(study.lines()),
+            lines=(*study.lines(), *faults.lines()),
             wrong=tuple(study.wrong()[:_MOST_WRONG]),
         )
 

@@ -183,6 +183,10 @@ class Inspector:
             found = FoundCalibration(calibration, read_calibration(calibration), ())
         return cls(recipe, taught, library, models, found)
 
+    def with_calibration(self, calibration: FoundCalibration | None) -> "Inspector":
+        """Return an inspector of the same recipe for sets of another calibration."""
+        return Inspector(self.recipe, self._taught, self._library, self._models, calibration)
+
     def begin(self, unchecked: CapturedSet) -> None:
         """Start to judge images in another thread while they are checked; return at once.
 

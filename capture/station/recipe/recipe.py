@@ -177,6 +177,9 @@ class Recipe(Section):
         texture of the library that is in neither fails too.
     limits, limits_of
         Limits of all textures that pass, and those that differ for one of them.
+    acknowledged
+        Faults of a fifth of the frame that pass, by their name in `made_faults.FAULTS`; whoever
+        approves the recipe knows of them.
     taught
         Hash of what teaching measured; None for a recipe that was never taught.
     """
@@ -196,6 +199,7 @@ class Recipe(Section):
     region: Region | None = None
     light: Light = Light()
     calibration: CalibrationRule = CalibrationRule()
+    acknowledged: tuple[Text, ...] = Field(default=(), max_length=100, strict=False)
     taught: Sha256 | None = None
     approval: Approval | None = None
 

@@ -46,6 +46,7 @@ COMMENTS = {
     "exposure_ms": "instead of that in rig.toml",
     "required": "whether a part without a calibration is an error",
     "max_age_days": "greatest age of the calibration",
+    "acknowledged": "faults of a fifth of the frame that pass, known to whoever approves",
     "taught": "hash of what teaching measured",
     "sha256": "hash of the recipe that was approved",
 }

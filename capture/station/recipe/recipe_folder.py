@@ -62,6 +62,11 @@ class RecipeFolder:
         """Report of the last gauge study."""
         return self.folder / "gauge.json"
 
+    @property
+    def faults(self) -> Path:
+        """Outcome of the last study of faults that nobody configured."""
+        return self.folder / "faults.json"
+
     def version(self, version: int) -> "TaughtFiles":
         """Return the files of a version of the recipe."""
         return TaughtFiles(self.folder / f"version-{version}")

@@ -369,11 +369,11 @@ def _inspections(
     show: ShowProgress,
 ) -> list[Inspection]:
     """Verdicts of the recipe on its own sets, each with its own calibration."""
+    inspector = Inspector(recipe, taught, library, models)
 
     def inspections() -> Iterator[Inspection]:
         for part in parts:
             loaded = LoadedSet.of(part.kept.path)
-            inspector = Inspector(recipe, taught, library, models, loaded.found)
-            yield inspector.inspect(loaded.captured)
+            yield inspector.with_calibration(loaded.found).inspect(loaded.captured)
 
     return list(show(inspections(), len(parts), "inspect"))

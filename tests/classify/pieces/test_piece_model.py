@@ -143,7 +143,7 @@ def test_a_texture_that_is_its_own_mirror_image_has_no_handedness() -> None:
     assert found.measure(chiral(100, second_deg=0.0)).handedness is None
 
 
-@pytest.mark.parametrize("depth", [0.8, 1.2])
+@pytest.mark.parametrize("depth", [0.7, 1.4])
 def test_a_relief_of_another_depth_changes_octaves(
     taught: Taught, good: SurfaceEstimate, depth: float
 ) -> None:
