@@ -27,9 +27,11 @@ LEAST_PARTS = 3
 SCALE_STEP = 0.05
 """Change of scale from which the direction of a change of scale is learned."""
 
-# Share of good parts within each limit of a window size and of an octave, of which a part has
-# many. `python -m tests.evidence.wrong_passes` shows the good parts that are rejected.
-_COVERAGE = 0.999
+# Shares of good parts within the limit of a view by its kind, and of an octave, of which a part has
+# many. A piece that lies otherwise is far beyond its limit. The good parts that are rejected are
+# those of `python -m tests.evidence.wrong_passes`.
+_COVERAGES = {"window": 0.999, "seam": 0.9999}
+_OCTAVE_COVERAGE = 0.999
 # Prior of the standard deviation of the logarithm of the highest scores of good parts, and the
 # number of parts that it counts as: it was 0.05 to 0.25 on the textures of that command.
 _PRIOR_SPREAD, _PRIOR_FREEDOM = 0.12, 4
@@ -75,7 +77,6 @@ def learn_pieces(parts: Sequence[GoodPart], scale_direction: Floats) -> PieceMod
         raise InputError(f"{len(parts)} good parts; give {LEAST_PARTS} or more")
     if len({part.moments.shape for part in parts}) > 1:
         raise InputError("the good parts differ in the size of their frames; capture them alike")
-    factor = tolerance_factor(len(parts), _COVERAGE)
     floors = energy_floors(np.mean([part.moments.mean(axis=(0, 1)) for part in parts], axis=0))
     features = {
         size: [
@@ -88,8 +89,10 @@ def learn_pieces(parts: Sequence[GoodPart], scale_direction: Floats) -> PieceMod
     for name, size, columns in VIEWS:
         found, scores = LookAlikes.of(features[size], columns)
         highest = 0.5 * np.log([max(float(each.max()), 1e-9) for each in scores])
+        factor = tolerance_factor(len(parts), _COVERAGES[name.partition("_")[0]])
         limit = highest.mean() + factor * _spread(highest)
         views[name] = replace(found, spreads=found.spreads * np.float32(math.exp(2.0 * limit)))
+    factor = tolerance_factor(len(parts), _OCTAVE_COVERAGE)
     levels = np.array([octave_levels(part.moments) for part in parts])
     scale, scales = scale_measure(np.array([part.rings for part in parts]), scale_direction)
     handedness, hands = handedness_measure(

@@ -9,9 +9,10 @@ import numpy.typing as npt
 
 from classify.surface.estimate import FloatMap
 
-# Good windows that are kept: half of them at random, so that common ones have many, and half of
-# them by their distance from all others, so that rare ones have one.
-MOST_CENTRES = 1000
+# Good windows that are kept for each compared feature, and at most: half of them at random, so that
+# common ones have many, and half of them by their distance from all others, so that rare ones have
+# one. With 150 instead of 400 windows of 4 features twice as many holes of 80 px passed.
+_CENTRES_PER_FEATURE, _MOST_CENTRES = 100, 1000
 # Good windows whose differences from their look-alikes give the whitening, in rounds.
 _PAIRS, _ROUNDS = 1500, 2
 # Share of the variance of each feature that is added to it; more where few windows measure it.
@@ -108,7 +109,7 @@ class _Found:
 
 def _whitening(features: FloatMap, parts: Parts, order: Parts) -> FloatMap:
     """(d, d) matrix in whose space windows and their look-alikes of other parts differ by 1."""
-    kept, pairs = order[:MOST_CENTRES], order[-_PAIRS:]
+    kept, pairs = order[:_MOST_CENTRES], order[-_PAIRS:]
     whitening = np.diag(1.0 / (features.std(axis=0) + 1e-3)).astype(np.float32)
     for _ in range(_ROUNDS):
         centres, differences = features[kept] @ whitening, []
@@ -126,14 +127,15 @@ def _whitening(features: FloatMap, parts: Parts, order: Parts) -> FloatMap:
 
 
 def _spread_out(white: FloatMap, order: Parts) -> Parts:
-    """Indices of the kept windows; see `MOST_CENTRES`."""
-    if len(white) <= MOST_CENTRES:
+    """Indices of the kept windows; see `_MOST_CENTRES`."""
+    most = min(_CENTRES_PER_FEATURE * white.shape[1], _MOST_CENTRES)
+    if len(white) <= most:
         return order
-    kept = order[: MOST_CENTRES // 2].tolist()
+    kept = order[: most // 2].tolist()
     squares = np.square(white).sum(axis=1)
     blocks = (white[start : start + 4096] for start in range(0, len(white), 4096))
     distances = np.concatenate([_nearest(block, white[kept])[1] for block in blocks])
-    while len(kept) < MOST_CENTRES:
+    while len(kept) < most:
         kept.append(int(distances.argmax()))
         last = white[kept[-1]]
         np.minimum(distances, squares - 2.0 * (white @ last) + squares[kept[-1]], out=distances)

@@ -19,7 +19,7 @@ from capture.calibration.lookup import FoundCalibration, read_calibration
 from capture.calibration.parts import PartName
 from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
-from capture.station.recipe.recipe import Recipe
+from capture.station.recipe.recipe import Limits, Recipe
 from capture.station.recipe.recipe_file import read_recipe
 from capture.station.recipe.recipe_folder import RecipeFolder, file_sha256
 from capture.station.recipe.taught import Taught
@@ -35,7 +35,8 @@ from classify import TextureLibrary
 from classify.classifiers.joint import ring_levels
 from classify.defects.defect_map import KINDS, DefectMap, regions_of
 from classify.defects.fields import part_fields
-from classify.pieces.moments import band_moments
+from classify.pieces.moments import CELL_PX, band_moments
+from classify.pieces.piece_model import PieceMeasures
 from classify.threads import beside
 
 from .fingerprint import Fingerprint
@@ -51,6 +52,8 @@ _OF_MEASURES = (
 )  # fmt: skip
 # Number of defects that a result lists; a part of another texture may have hundreds.
 _MOST_DEFECTS = 50
+# Number of regions of windows of a kind; there are few, because windows overlap.
+_MOST_WINDOWS = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +69,8 @@ class Inspection:
     defect_map
         Scores of the region; None for a part whose nearest texture does not pass.
     defects
-        Regions of the defect map above the recipe's limit, the largest score first, in px of the
-        whole image.
+        Regions of the defect map above the recipe's limit, the largest score first, then boxes of
+        windows beyond the limits of `seam` and `window`, in px of the whole image.
     led_levels
         Mean signal of each light against that of the taught parts of its texture, or of all taught
         parts if it matches none that passes; empty where the set was not measured.
@@ -247,8 +250,12 @@ class Inspector:
                 defect_map = models.defects.map_of_fields(fields(), match.orientation_deg)
                 gap_px = _largest_gap_px(defect_map, measured.inside)
                 measures = replace(measures, defect_score=defect_map.worst, unjudged_px=gap_px)
-                defects = self._defects(defect_map, self.recipe.limits_for(texture).defect)
+                limits = self.recipe.limits_for(texture)
                 pieces = begun()
+                defects = (
+                    *self._defects(defect_map, limits.defect),
+                    *self._windows(pieces, limits),
+                )
                 measures = replace(
                     measures,
                     scale=pieces.scale,
@@ -268,9 +275,7 @@ class Inspector:
         """Outline the defects above a limit; their scores are in units of it."""
         unit = 1.0 if limit is None else limit
         scaled = {name: getattr(defect_map, name) / unit for name in (*KINDS, "score")}
-        left, top = (
-            (0, 0) if self.recipe.region is None else (self.recipe.region.x, self.recipe.region.y)
-        )
+        left, top = self._corner
         records = []
         for region in regions_of(replace(defect_map, **scaled))[:_MOST_DEFECTS]:
             x, y, width, height = region.box
@@ -280,6 +285,34 @@ class Inspector:
                 )
             )
         return tuple(records)
+
+    def _windows(self, pieces: PieceMeasures, limits: Limits) -> Iterator[DefectRecord]:
+        """Boxes of connected cells whose windows exceed a limit, in units of it."""
+        left, top = self._corner
+        for kind, scores, limit in (
+            ("seam", pieces.seam_map, limits.seam),
+            ("window", pieces.window_map, limits.window),
+        ):
+            scores = scores / np.float32(1.0 if limit is None else limit)
+            above = (scores > 1.0).astype(np.uint8)
+            count, labels, boxes, _ = cv2.connectedComponentsWithStats(above, connectivity=8)
+            for label in range(1, min(count, _MOST_WINDOWS + 1)):
+                x, y, width, height, cells = (int(each) for each in boxes[label])
+                yield DefectRecord(
+                    kind,
+                    top + y * CELL_PX,
+                    left + x * CELL_PX,
+                    height * CELL_PX,
+                    width * CELL_PX,
+                    cells * CELL_PX**2,
+                    float(scores[labels == label].max()),
+                )
+
+    @property
+    def _corner(self) -> tuple[int, int]:
+        """Column and row of the upper left pixel of the region."""
+        region = self.recipe.region
+        return (0, 0) if region is None else (region.x, region.y)
 
     def _faults(self, captured: CapturedSet) -> Iterator[Finding]:
         """Why the set cannot be judged, whatever part it shows."""

@@ -23,7 +23,7 @@ class DefectRecord:
     Attributes
     ----------
     kind
-        ``relief``, ``albedo`` or ``texture``.
+        ``relief``, ``albedo`` or ``texture`` of the defect map; ``seam`` or ``window``.
     row, column, height, width
         The smallest box around it, in px.
     area_px
@@ -80,7 +80,7 @@ class PartResult:
     defect_score
         Largest score of the defect map, in units of the threshold; None without a map.
     defects
-        Outlined defects, the largest score first.
+        Outlined defects, the largest score first; those of windows last.
     led_levels
         Measured level of each light against the taught one, in the order of the lights.
     timings_ms
