@@ -69,7 +69,11 @@ def gauge(
     inspector = Inspector.load(files)
     faults = keep_study(files, inspector, list(study_faults(files, inspector, _FAULTY_PARTS)))
     report = GaugeReport.of(
-        study, faults, files.name, judged.recipe_sha256, simulated=judged.simulated
+        study,
+        files.name,
+        judged.recipe_sha256,
+        simulated=judged.simulated,
+        faults=faults.lines(),
     )
     make_folder(files.gauge.parent)
     write_gauge_report(files.gauge, report)

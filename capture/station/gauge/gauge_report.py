@@ -1,5 +1,6 @@
 """`GaugeReport`: last gauge study of a recipe, as a JSON file in its folder."""
 
+from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Literal, Self
@@ -14,7 +15,6 @@ from classify.regular_file import read_regular_file
 from rig.config.section import Record
 from rig.config.validation_message import first_fault
 
-from .fault_study import FaultStudy
 from .gauge import GaugeStudy, Rating, Share
 
 _MAX_BYTES = 1 << 22  # the reasons of 200 parts, 2,000 characters each, have 0.4 MB
@@ -74,13 +74,13 @@ class GaugeReport(Record):
     def of(
         cls,
         study: GaugeStudy,
-        faults: FaultStudy,
         recipe: str,
         recipe_sha256: str | None,
         *,
         simulated: bool,
+        faults: Sequence[str] = (),
     ) -> Self:
-        """Return the report of a study that has just ended."""
+        """Return the report of a study that has just ended; `faults` are lines of a FaultStudy."""
         return cls(
             utc=utc_text(timespec="seconds"),
             recipe=recipe,
@@ -91,7 +91,7 @@ class GaugeReport(Record):
             misses=GaugeShare.of(study.misses),
             false_alarms=GaugeShare.of(study.false_alarms),
             rating=study.rating,
-            lines=(*study.lines(), *faults.lines()),
+            lines=(*study.lines(), *faults),
             wrong=tuple(study.wrong()[:_MOST_WRONG]),
         )
 

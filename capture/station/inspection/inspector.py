@@ -46,10 +46,8 @@ from .measured_surface import MeasuredSurface, fits
 # Parts of a calibration whose settings cover everything: pixel values and exposure; the lights.
 _WHOLE_SETTING: tuple[PartName, ...] = ("dark", "flat_field")
 _OF_MATCH = ("label", "nearest", "orientation_deg", "distance", "limit", "margin", "blur_px")
-_OF_MEASURES = (
-    "sdq", "shadow_fraction", "defect_score", "albedo", "scale", "handedness", "octaves", "window",
-    "seam",
-)  # fmt: skip
+_OF_PIECES = ("scale", "handedness", "octaves", "window", "seam")
+_OF_MEASURES = ("sdq", "shadow_fraction", "defect_score", "albedo", *_OF_PIECES)
 # Number of defects that a result lists; a part of another texture may have hundreds.
 _MOST_DEFECTS = 50
 # Number of regions of windows of a kind; there are few, because windows overlap.
@@ -252,18 +250,10 @@ class Inspector:
                 measures = replace(measures, defect_score=defect_map.worst, unjudged_px=gap_px)
                 limits = self.recipe.limits_for(texture)
                 pieces = begun()
-                defects = (
-                    *self._defects(defect_map, limits.defect),
-                    *self._windows(pieces, limits),
-                )
-                measures = replace(
-                    measures,
-                    scale=pieces.scale,
-                    handedness=pieces.handedness,
-                    octaves=pieces.octaves,
-                    window=pieces.window,
-                    seam=pieces.seam,
-                )
+                found = self._defects(defect_map, limits.defect)
+                defects = (*found, *self._windows(pieces, limits))
+                of_pieces = {name: getattr(pieces, name) for name in _OF_PIECES}
+                measures = replace(measures, **of_pieces)
         taught = self._signals.get(texture, np.mean([*self._signals.values()], axis=0))
         levels = np.array(measured.light_signals) / taught
         verdict = verdict_of(self.recipe, measures)

@@ -137,7 +137,7 @@ def test_a_library_that_is_exchanged_while_it_is_loaded_is_refused(
         ("worn strip", 0.1, Cause.WINDOW),
         ("stain of 30 %", 0.2, Cause.WINDOW),
         ("other scale", 1.1, Cause.SCALE),
-        ("other scale", 0.9, Cause.OCTAVES),
+        ("other scale", 0.9, Cause.SCALE),
         ("darker", 0.5, Cause.ALBEDO),
         ("deeper relief", 1.2, Cause.OCTAVES),
         ("deeper relief", 0.8, Cause.OCTAVES),

@@ -26,6 +26,7 @@ _MODELS: dict[str, type[Section]] = {
     "calibration": CalibrationRule,
 }
 _TITLES = {"sdq": "Sdq"}
+_TEXTS = ("note", "acknowledged")
 _TRUTHS = ("full_turn", "required")
 _UNITS = {"_px": "px", "_deg": "degrees", "_ms": "ms", "_days": "days"}
 _BOUNDS = ("least", "largest")
@@ -119,8 +120,12 @@ class RecipeForm:
             names = f"limits_of.{number}"
             title = f"limits of {texture}"
             found.append(self._section(place, title, hint, Limits, limits, names))
-        note = self._field(("note",), "note", recipe.note)
-        return [FormSection("note", "", (note,)), *found]
+        known = ", ".join(recipe.acknowledged)
+        texts = (
+            self._field(("note",), "note", recipe.note),
+            self._field(("acknowledged",), "acknowledged", known),
+        )
+        return [FormSection("note", "", texts), *found]
 
     def textures(self) -> list[TextureField]:
         """Return the textures, each good or bad."""
@@ -174,7 +179,7 @@ class RecipeForm:
         kind: Literal["number", "yes", "text"] = "number"
         if key in _TRUTHS:
             kind = "yes"
-        elif key == "note":
+        elif key in _TEXTS:
             kind = "text"
         return FormField(
             name=name,
@@ -213,6 +218,9 @@ def settings_of(recipe: Recipe, given: Mapping[str, Any]) -> dict[str, Any]:
     passes = [name for name, use in zip(names, uses, strict=True) if use == "pass"]
     settings: dict[str, Any] = {
         "note": str(given.get("note", "")).strip() or None,
+        "acknowledged": [
+            name for each in str(given.get("acknowledged", "")).split(",") if (name := each.strip())
+        ],
         "pass": passes,
         "fail": [name for name in names if name not in passes],
         "limits_of": {},
