@@ -21,7 +21,7 @@ _KIND = ArchiveKind(
     if_missing="make one with ps4rig station teach",
     remedy="teach it again",
     error=PieceModelError,
-    # Five views of at most 1,500 centres of at most 28 float32 take 0.7 MB.
+    # Two views of 1,000 windows of 28 float32, two of 16, and two smaller ones take 0.4 MB.
     max_bytes=2**22,
     max_header_bytes=2**16,
 )

@@ -21,6 +21,7 @@ from capture.station.teaching.teaching_limits import limits_of_texture
 from capture.station.teaching.teaching_page import teaching_page
 from capture.station.teaching.teaching_result import Teaching
 from capture.station.verdict import Cause, Decision
+from classify.pieces.piece_model import PieceModel
 from rig.config.defect import Defect
 from tests.capture.station.teaching_sets import SIDE_PX, patch, saved
 from tests.html_page import Page
@@ -318,3 +319,38 @@ def test_textures_that_overlap_need_ten_parts(taught: tuple[Path, Teaching]) -> 
     assert f"rock overlaps, and {sum(is_rock)} parts leave open how much it varies" in remarks
     assert "loose sand overlaps, and 2 parts leave open" in remarks
     assert remarks.count("; teach 10 parts or more") == 2
+
+
+def test_teaching_says_which_texture_looks_like_its_mirror_image(
+    taught: tuple[Path, Teaching],
+) -> None:
+    assert taught[1].recipe.limits_of["rock"].handedness is None
+    assert any(each.startswith("rock looks like its mirror image") for each in taught[1].remarks)
+
+
+def test_teaching_limits_what_windows_and_the_whole_part_may_be(
+    taught: tuple[Path, Teaching],
+) -> None:
+    limits = taught[1].recipe.limits_for("rock")
+    assert (limits.window, limits.seam, limits.octaves) == (1.0, 1.0, 1.0)
+    assert limits.albedo is not None
+    assert limits.scale is not None
+    for part, inspection in zip(taught[1].parts, taught[1].inspections, strict=True):
+        if part.kept.texture == "rock":
+            assert limits.albedo[0] < part.albedo < limits.albedo[1]
+            assert limits.scale[0] < (inspection.measures.scale or 0.0) < limits.scale[1]
+
+
+def test_what_an_earlier_program_taught_is_refused(files: RecipeFolder) -> None:
+    path = files.version(2).taught
+    path.write_text(path.read_text().replace('"version": 2', '"version": 1', 1))
+    with pytest.raises(RecipeError, match=r"version.*ps4rig station teach"):
+        Inspector.load(files)
+
+
+def test_a_piece_model_that_was_exchanged_is_refused(files: RecipeFolder) -> None:
+    made = files.version(2)
+    model = PieceModel.load(made.pieces(1))
+    replace(model, scale_deviation=2.0).save(made.pieces(1))
+    with pytest.raises(RecipeError, match=r"pieces-1\.ps4piece: was changed"):
+        Inspector.load(files)
