@@ -66,14 +66,17 @@ def gauge(
     else:
         found, judged = _presented(station, files, parts, times, seed)
     study = GaugeStudy(tuple(found))
-    inspector = Inspector.load(files)
-    faults = keep_study(files, inspector, list(study_faults(files, inspector, _FAULTY_PARTS)))
+    faults: list[str] = []
+    if files.file.exists():  # results may be of a recipe that was removed
+        inspector = Inspector.load(files)
+        findings = list(study_faults(files, inspector, _FAULTY_PARTS))
+        faults = keep_study(files, inspector, findings).lines()
     report = GaugeReport.of(
         study,
         files.name,
         judged.recipe_sha256,
         simulated=judged.simulated,
-        faults=faults.lines(),
+        faults=faults,
     )
     make_folder(files.gauge.parent)
     write_gauge_report(files.gauge, report)
