@@ -19,6 +19,10 @@ class DefectModelError(InputError):
     """A defect model that cannot be read."""
 
 
+class PieceModelError(InputError):
+    """A piece model that cannot be read."""
+
+
 class CalibrationRejected(Ps4rigError):  # noqa: N818 - a verdict on a measurement, no program error
     """A measurement too bad for a calibration; the message names the cause."""
 

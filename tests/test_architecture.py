@@ -39,7 +39,7 @@ STOREYS = {
         {"texture"},
         {"classifiers"},
         {"library"},
-        {"defects"},
+        {"defects", "pieces"},
     ),
     "rig": (
         {"acceptance", "errors", "camera", "dng", "image_metadata", "set_file", "signals"},

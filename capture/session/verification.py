@@ -17,6 +17,8 @@ from classify.defects.defect_model import DefectModel
 from classify.defects.ps4def import SUFFIX as DEFECTS_SUFFIX
 from classify.errors import InputError
 from classify.library.ps4lib import SUFFIX as LIBRARY_SUFFIX
+from classify.pieces.piece_model import PieceModel
+from classify.pieces.ps4piece import SUFFIX as PIECES_SUFFIX
 from rig.set_file import OtherVersionError
 
 from .folder import SETS, SessionFolder
@@ -30,7 +32,7 @@ State = Literal[
     "not in journal",
     "not in results",
 ]
-_SUFFIXES = (SET_SUFFIX, LIBRARY_SUFFIX, DEFECTS_SUFFIX, CALIBRATION_SUFFIX)
+_SUFFIXES = (SET_SUFFIX, LIBRARY_SUFFIX, DEFECTS_SUFFIX, PIECES_SUFFIX, CALIBRATION_SUFFIX)
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,9 @@ def verify_file(path: Path) -> Iterator[FileFinding]:
             yield FileFinding(path, "good")
         elif path.name.endswith(DEFECTS_SUFFIX):
             DefectModel.load(path)
+            yield FileFinding(path, "good")
+        elif path.name.endswith(PIECES_SUFFIX):
+            PieceModel.load(path)
             yield FileFinding(path, "good")
         else:
             CalibrationFile.read(path)

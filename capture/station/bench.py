@@ -20,10 +20,13 @@ from capture.sets.image_checks import LightImages
 from capture.sets.pixel_hash import PixelHash
 from classify import TextureLibrary
 from classify.calibration.calibration import Calibration
+from classify.classifiers.joint import ring_levels
 from classify.defects.learning import LEAST_PARTS, learn_defects
 from classify.durable_file import make_folder
 from classify.library.training import TrainingRow, observe
 from classify.methods import default_method
+from classify.pieces.learning import GoodPart, learn_pieces
+from classify.pieces.moments import band_moments
 from classify.texture.spectra import segment_for
 from classify.threads import beside_workers
 from rig import Placement, Rig, RigConfig, open_rig
@@ -41,6 +44,7 @@ from .inspection.inspector import Inspector
 from .inspection.measured_surface import MeasuredSurface
 from .recipe.recipe import Recipe
 from .recipe.taught import Taught, TaughtSet, TaughtTexture
+from .recipe.taught_files import TextureModels
 from .results.store import open_store
 from .verdict import Decision
 
@@ -283,7 +287,16 @@ def _inspector(good: Sequence[CapturedSet], other: CapturedSet, classes: int) ->
     library = TextureLibrary.from_observations(
         rows, segment_px, method=default_method(len(good[0].images)), planar=PLANAR
     )
-    model = learn_defects([each.surface for each in surfaces[:LEAST_PARTS]], [0.0] * LEAST_PARTS)
+    taught_surfaces = [each.surface for each in surfaces[:LEAST_PARTS]]
+    rings = [ring_levels(library.observe(each)) for each in taught_surfaces]
+    parts = [
+        GoodPart(band_moments(surface), 0.0, each)
+        for surface, each in zip(taught_surfaces, rings, strict=True)
+    ]
+    model = TextureModels(
+        learn_defects(taught_surfaces, [0.0] * LEAST_PARTS),
+        learn_pieces(parts, np.ones_like(rings[0])),
+    )
     texture = TaughtTexture(
         sets=(TaughtSet(file="bench.ome.tif", pixels_sha256=_NO_HASH),),
         light_signals=surfaces[0].light_signals,

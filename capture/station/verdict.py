@@ -37,6 +37,12 @@ class Cause(StrEnum):
     ROUGHNESS = "roughness"  # Sdq outside its limits
     SHADOW = "shadow"  # shadow fraction outside its limits
     DEFECT = "defect"
+    ALBEDO = "albedo"  # darker or brighter than the taught parts
+    SCALE = "scale"  # the texture is larger or smaller
+    HANDEDNESS = "handedness"  # mirrored
+    OCTAVES = "octaves"  # the relief or the contrast of an octave is stronger or weaker
+    SEAM = "seam"  # directions of a window
+    WINDOW = "window"  # a window unlike all good ones
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,11 @@ _HEADING = slice(-1 - HEADING_FLOATS, -1)
 _RINGS = slice(0, _SERIES_FLOATS, 2 * HARMONICS)  # the real part of harmonic 0
 
 
+def ring_levels(signature: FloatMap) -> npt.NDArray[np.float64]:
+    """(SERIES,) means of the rings of the spectra in a signature: relief, albedo, coherence."""
+    return signature[_RINGS].astype(np.float64)
+
+
 def _signature(observation: JointObservation, parameters: Parameters) -> FloatMap:
     # Scatter is inversely proportional to the area: smaller frames are further from their class.
     ratio = float(parameters["pixels"] / float(observation.pixels))

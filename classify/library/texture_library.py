@@ -261,14 +261,15 @@ class TextureLibrary:
             )
         return self.match_surface(surface)
 
-    def match_surface(self, surface: SurfaceEstimate) -> Match:
+    def match_surface(self, surface: SurfaceEstimate, signature: FloatMap | None = None) -> Match:
         """Find the nearest class, or unknown, and the orientation; raises as `observe`.
 
+        `signature` is that of the surface, by `observe`, if it is known.
         A surface that is sharper than its nearest training set is blurred and compared again,
         unless its margin is below `LEAST_MARGIN`: blur would raise the distance to the runner-up
         alone, and hide the doubt.
         """
-        match = self.match(self.observe(surface))
+        match = self.match(self.observe(surface) if signature is None else signature)
         decided = match.margin is None or match.margin >= LEAST_MARGIN
         if match.blur_px is None or match.blur_px > -_LEAST_SHARPER_PX or not decided:
             return match

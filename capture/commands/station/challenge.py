@@ -44,10 +44,13 @@ def challenge(
     """Replay the challenge set: stored parts, each with the verdict that it must get.
 
     After a change of the recipe, the library, the calibration or ps4rig, a station runs only if all
-    parts get their verdicts. The exit status is 1 if one does not.
+    parts get their verdicts. Taught parts with faults of a fifth of the frame, as a hole or a
+    stain, are judged too. The exit status is 1 if a part gets another verdict, or such a fault
+    passes that the recipe does not acknowledge.
     """
     from capture.station.challenge.challenge import run_challenge
     from capture.station.folder import StationFolder
+    from capture.station.gauge.fault_study import great_faults
     from capture.station.inspection.inspector import Inspector
     from capture.station.last_recipe import first_recipe
     from capture.station.panel.recipes.recipe_changes import recipe_on_the_terminal
@@ -70,9 +73,13 @@ def challenge(
             return
     # The log of changes is left alone: a new version of ps4rig replays the challenge set beside the
     # old one that runs, whose results it must not bring forward.
-    replay = run_challenge(changes.files, Inspector.load(changes.files, changes.calibration))
+    inspector = Inspector.load(changes.files, changes.calibration)
+    replay = run_challenge(changes.files, inspector)
+    faults = great_faults(changes.files, inspector)
+    passing = faults.passing(inspector.recipe)
     if json:
-        print_json(replay.model_dump(mode="json") | {"passed": not replay.regressions})
+        passed = not replay.regressions and not passing
+        print_json(replay.model_dump(mode="json") | {"passed": passed, "faults": faults.lines()})
     else:
         table = new_table("part", "must be", "is", "reason", prose="reason")
         for part in replay.parts:
@@ -81,5 +88,7 @@ def challenge(
         print_table(table)
         met = len(replay.parts) - len(replay.regressions)
         out.print(f"{name}: {met} of {len(replay.parts)} parts got the verdict that they must get")
-    if replay.regressions:
+        for line in faults.lines():
+            out.print(line, soft_wrap=True)
+    if replay.regressions or passing:
         raise typer.Exit(1)

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from capture.station.gauge.gauge import Presentation
     from capture.station.recipe.recipe_folder import RecipeFolder
 
+# Taught parts of each texture that get every fault in turn.
+_FAULTY_PARTS = 10
+
 
 @reported
 def gauge(
@@ -43,12 +46,16 @@ def gauge(
     """Study the station as a gauge: known parts, each presented several times.
 
     The recipe is the one with which the next run begins. Effectiveness, misses and false alarms are
-    reported with exact bounds, and compared with the 90, 2 and 5 % of AIAG. The report is kept
-    beside the recipe, for the panel. The exit status is 1 if the rating is not acceptable.
+    reported with exact bounds, and compared with the 90, 2 and 5 % of AIAG. Taught parts with
+    faults that nobody configured, as a hole or another scale, show from which strength on each is
+    found. The report is kept beside the recipe, for the panel. The exit status is 1 if the rating
+    is not acceptable.
     """
     from capture.station.folder import StationFolder
+    from capture.station.gauge.fault_study import keep_study, study_faults
     from capture.station.gauge.gauge import GaugeStudy
     from capture.station.gauge.gauge_report import GaugeReport, write_gauge_report
+    from capture.station.inspection.inspector import Inspector
     from capture.station.last_recipe import first_recipe
     from classify.durable_file import make_folder
 
@@ -59,13 +66,24 @@ def gauge(
     else:
         found, judged = _presented(station, files, parts, times, seed)
     study = GaugeStudy(tuple(found))
-    report = GaugeReport.of(study, files.name, judged.recipe_sha256, simulated=judged.simulated)
+    faults: list[str] = []
+    if files.file.exists():  # results may be of a recipe that was removed
+        inspector = Inspector.load(files)
+        findings = list(study_faults(files, inspector, _FAULTY_PARTS))
+        faults = keep_study(files, inspector, findings).lines()
+    report = GaugeReport.of(
+        study,
+        files.name,
+        judged.recipe_sha256,
+        simulated=judged.simulated,
+        faults=faults,
+    )
     make_folder(files.gauge.parent)
     write_gauge_report(files.gauge, report)
     if json:
         print_json(report.model_dump(mode="json"))
     else:
-        for line in (*study.lines(), *study.wrong()):
+        for line in (*report.lines, *study.wrong()):
             out.print(line, soft_wrap=True)
     if study.rating != "acceptable":
         raise typer.Exit(1)

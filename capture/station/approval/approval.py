@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from capture.process.utc_time import utc_text
 from capture.station.errors import RecipeError
+from capture.station.gauge.fault_study import require_great_faults_found
 from capture.station.inspection.inspector import Inspector
 from capture.station.recipe.recipe import Approval, Recipe
 from capture.station.recipe.recipe_file import read_recipe, write_recipe
@@ -35,14 +36,16 @@ def approve(
     Raises
     ------
     RecipeError
-        If the recipe was not taught, something was changed since, or it is not the one that was
-        seen.
+        If the recipe was not taught, something was changed since, it is not the one that was seen,
+        or a fault of a fifth of the frame passes that the recipe does not acknowledge.
     ConfigError
         If the name is empty or contains control characters.
     """
     with files.changing():
-        recipe = Inspector.load(files).recipe
+        inspector = Inspector.load(files)
+        recipe = inspector.recipe
         require_seen(recipe, seen_sha256)
+        require_great_faults_found(files, inspector)
         # In milliseconds, so that two approvals within a second keep their order.
         utc = utc_text(timespec="milliseconds")
         values = {"by": by, "utc": utc, "sha256": recipe.sha256}

@@ -16,6 +16,7 @@ from .approval import Record, require_seen
 
 SETTINGS = (
     "note", "pass", "fail", "orientation", "limits", "limits_of", "region", "light", "calibration",
+    "acknowledged",
 )  # fmt: skip
 """Keys of a recipe that people set; teaching and approval write all others."""
 

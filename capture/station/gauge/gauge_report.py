@@ -1,5 +1,6 @@
 """`GaugeReport`: last gauge study of a recipe, as a JSON file in its folder."""
 
+from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Literal, Self
@@ -48,8 +49,10 @@ class GaugeReport(Record):
         Whether the parts are those of a simulated rig.
     presentations
         Number of presentations.
-    effectiveness, misses, false_alarms, rating, lines, wrong
+    effectiveness, misses, false_alarms, rating, wrong
         As in `GaugeStudy`.
+    lines
+        Those of `GaugeStudy`, then those of `FaultStudy`.
     """
 
     format: Literal["ps4rig-gauge"] = "ps4rig-gauge"
@@ -69,9 +72,15 @@ class GaugeReport(Record):
 
     @classmethod
     def of(
-        cls, study: GaugeStudy, recipe: str, recipe_sha256: str | None, *, simulated: bool
+        cls,
+        study: GaugeStudy,
+        recipe: str,
+        recipe_sha256: str | None,
+        *,
+        simulated: bool,
+        faults: Sequence[str] = (),
     ) -> Self:
-        """Return the report of a study that has just ended."""
+        """Return the report of a study that has just ended; `faults` are lines of a FaultStudy."""
         return cls(
             utc=utc_text(timespec="seconds"),
             recipe=recipe,
@@ -82,7 +91,7 @@ class GaugeReport(Record):
             misses=GaugeShare.of(study.misses),
             false_alarms=GaugeShare.of(study.false_alarms),
             rating=study.rating,
-            lines=tuple(study.lines()),
+            lines=(*study.lines(), *faults),
             wrong=tuple(study.wrong()[:_MOST_WRONG]),
         )
 

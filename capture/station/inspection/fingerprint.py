@@ -17,6 +17,7 @@ class Fingerprint(Record):
     recipe_sha256: str
     library_sha256: str
     defects_sha256: tuple[str, ...]
+    pieces_sha256: tuple[str, ...]
     calibration_sha256: str | None
     software_version: str
     software_sha256: str
@@ -24,11 +25,12 @@ class Fingerprint(Record):
     @classmethod
     def of(cls, recipe: Recipe, taught: Taught, calibration: CalibrationFile | None) -> Self:
         """Return the hashes of a recipe, of what was taught for it, and of a calibration."""
-        models = (taught.textures[name].defects_sha256 for name in recipe.passes)
+        textures = [taught.textures[name] for name in recipe.passes]
         return cls(
             recipe_sha256=recipe.sha256,
             library_sha256=taught.library_sha256,
-            defects_sha256=tuple(sha256 or "" for sha256 in models),
+            defects_sha256=tuple(each.defects_sha256 or "" for each in textures),
+            pieces_sha256=tuple(each.pieces_sha256 or "" for each in textures),
             calibration_sha256=None if calibration is None else calibration.hash,
             software_version=version("ps4rig"),
             software_sha256=software_sha256(),

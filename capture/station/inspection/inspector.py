@@ -19,17 +19,24 @@ from capture.calibration.lookup import FoundCalibration, read_calibration
 from capture.calibration.parts import PartName
 from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
-from capture.station.recipe.recipe import Recipe
+from capture.station.recipe.recipe import Limits, Recipe
 from capture.station.recipe.recipe_file import read_recipe
 from capture.station.recipe.recipe_folder import RecipeFolder, file_sha256
 from capture.station.recipe.taught import Taught
-from capture.station.recipe.taught_files import check_unchanged, defect_model_of, taught_for
+from capture.station.recipe.taught_files import (
+    TextureModels,
+    check_unchanged,
+    models_of,
+    taught_for,
+)
 from capture.station.results.part_result import DefectRecord
 from capture.station.verdict import Cause, Verdict
 from classify import TextureLibrary
+from classify.classifiers.joint import ring_levels
 from classify.defects.defect_map import KINDS, DefectMap, regions_of
-from classify.defects.defect_model import DefectModel
 from classify.defects.fields import part_fields
+from classify.pieces.moments import CELL_PX, band_moments
+from classify.pieces.piece_model import PieceMeasures
 from classify.threads import beside
 
 from .fingerprint import Fingerprint
@@ -39,8 +46,12 @@ from .measured_surface import MeasuredSurface, fits
 # Parts of a calibration whose settings cover everything: pixel values and exposure; the lights.
 _WHOLE_SETTING: tuple[PartName, ...] = ("dark", "flat_field")
 _OF_MATCH = ("label", "nearest", "orientation_deg", "distance", "limit", "margin", "blur_px")
+_OF_PIECES = ("scale", "handedness", "octaves", "window", "seam")
+_OF_MEASURES = ("sdq", "shadow_fraction", "defect_score", "albedo", *_OF_PIECES)
 # Number of defects that a result lists; a part of another texture may have hundreds.
 _MOST_DEFECTS = 50
+# Number of regions of windows of a kind; there are few, because windows overlap.
+_MOST_WINDOWS = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +67,8 @@ class Inspection:
     defect_map
         Scores of the region; None for a part whose nearest texture does not pass.
     defects
-        Regions of the defect map above the recipe's limit, the largest score first, in px of the
-        whole image.
+        Regions of the defect map above the recipe's limit, the largest score first, then boxes of
+        windows beyond the limits of `seam` and `window`, in px of the whole image.
     led_levels
         Mean signal of each light against that of the taught parts of its texture, or of all taught
         parts if it matches none that passes; empty where the set was not measured.
@@ -80,7 +91,7 @@ class Inspection:
         fields: dict[str, Any] = {}
         for source, names in (
             (self, ("verdict", "defects", "led_levels", "timings_ms")),
-            (self.measures, ("sdq", "shadow_fraction", "defect_score")),
+            (self.measures, _OF_MEASURES),
             (self.measures.match, _OF_MATCH),
         ):
             if source is not None:
@@ -110,8 +121,8 @@ class Inspector:
 
     Parameters
     ----------
-    recipe, taught, library, defect_models
-        The recipe, and what teaching made for it; one defect model for each texture that passes.
+    recipe, taught, library, models
+        The recipe, and what teaching made for it; the models of each texture that passes.
     calibration
         Calibration of the rig with its file; None for a rig without one.
 
@@ -130,13 +141,13 @@ class Inspector:
         recipe: Recipe,
         taught: Taught,
         library: TextureLibrary,
-        defect_models: Mapping[str, DefectModel],
+        models: Mapping[str, TextureModels],
         calibration: FoundCalibration | None = None,
     ) -> None:
         self.recipe = recipe
         self._taught = taught
         self._library = library
-        self._defect_models = defect_models
+        self._models = models
         self.calibration = calibration
         self._begun: _Begun | None = None
         self._signals = {
@@ -164,7 +175,7 @@ class Inspector:
         """Load what teaching made for a recipe that was read; raises as `load`."""
         made = files.version(recipe.version)
         taught = taught_for(recipe, files)
-        models = {name: defect_model_of(made, recipe, taught, name) for name in recipe.passes}
+        models = {name: models_of(made, recipe, taught, name) for name in recipe.passes}
         library = TextureLibrary.load(made.library)
         # After loading, so that a file that is exchanged meanwhile is found.
         check_unchanged(recipe, made.library, file_sha256(made.library), taught.library_sha256)
@@ -172,6 +183,10 @@ class Inspector:
         if calibration is not None:
             found = FoundCalibration(calibration, read_calibration(calibration), ())
         return cls(recipe, taught, library, models, found)
+
+    def with_calibration(self, calibration: FoundCalibration | None) -> "Inspector":
+        """Return an inspector of the same recipe for sets of another calibration."""
+        return Inspector(self.recipe, self._taught, self._library, self._models, calibration)
 
     def begin(self, unchecked: CapturedSet) -> None:
         """Start to judge images in another thread while they are checked; return at once.
@@ -207,26 +222,38 @@ class Inspector:
                 led_levels=self._relative_levels(captured, measured.light_signals),
                 sdq=measured.sdq,
                 shadow_fraction=measured.share(measured.shadowed),
+                albedo=measured.albedo,
             )
         if not any(invalid(self.recipe, measures)):
             with _timed(timings_ms, "match"):
                 fields = beside(partial(part_fields, measured.surface))
+                moments = beside(partial(band_moments, measured.surface))
+                signature = self._library.observe(measured.surface)
                 # No warning of the solver: a calibration may have a flat field where that of
                 # teaching had none.
-                measures = replace(measures, match=self._library.match_surface(measured.surface))
+                measures = replace(
+                    measures, match=self._library.match_surface(measured.surface, signature)
+                )
         # A part with a large defect may be unknown: its defects are recorded against the nearest
         # texture.
         match = measures.match
         texture = "" if match is None else match.label or match.nearest
         defect_map: DefectMap | None = None
         defects: tuple[DefectRecord, ...] = ()
-        if match is not None and texture in self._defect_models:
+        if match is not None and texture in self._models:
+            models = self._models[texture]
             with _timed(timings_ms, "defects"):
-                model = self._defect_models[texture]
-                defect_map = model.map_of_fields(fields(), match.orientation_deg)
+                measure = partial(models.pieces.measure_moments, moments(), match.orientation_deg)
+                begun = beside(partial(measure, ring_levels(signature)))
+                defect_map = models.defects.map_of_fields(fields(), match.orientation_deg)
                 gap_px = _largest_gap_px(defect_map, measured.inside)
                 measures = replace(measures, defect_score=defect_map.worst, unjudged_px=gap_px)
-                defects = self._defects(defect_map, self.recipe.limits_for(texture).defect)
+                limits = self.recipe.limits_for(texture)
+                pieces = begun()
+                found = self._defects(defect_map, limits.defect)
+                defects = (*found, *self._windows(pieces, limits))
+                of_pieces = {name: getattr(pieces, name) for name in _OF_PIECES}
+                measures = replace(measures, **of_pieces)
         taught = self._signals.get(texture, np.mean([*self._signals.values()], axis=0))
         levels = np.array(measured.light_signals) / taught
         verdict = verdict_of(self.recipe, measures)
@@ -238,9 +265,7 @@ class Inspector:
         """Outline the defects above a limit; their scores are in units of it."""
         unit = 1.0 if limit is None else limit
         scaled = {name: getattr(defect_map, name) / unit for name in (*KINDS, "score")}
-        left, top = (
-            (0, 0) if self.recipe.region is None else (self.recipe.region.x, self.recipe.region.y)
-        )
+        left, top = self._corner
         records = []
         for region in regions_of(replace(defect_map, **scaled))[:_MOST_DEFECTS]:
             x, y, width, height = region.box
@@ -250,6 +275,34 @@ class Inspector:
                 )
             )
         return tuple(records)
+
+    def _windows(self, pieces: PieceMeasures, limits: Limits) -> Iterator[DefectRecord]:
+        """Boxes of connected cells whose windows exceed a limit, in units of it."""
+        left, top = self._corner
+        for kind, scores, limit in (
+            ("seam", pieces.seam_map, limits.seam),
+            ("window", pieces.window_map, limits.window),
+        ):
+            scores = scores / np.float32(1.0 if limit is None else limit)
+            above = (scores > 1.0).astype(np.uint8)
+            count, labels, boxes, _ = cv2.connectedComponentsWithStats(above, connectivity=8)
+            for label in range(1, min(count, _MOST_WINDOWS + 1)):
+                x, y, width, height, cells = (int(each) for each in boxes[label])
+                yield DefectRecord(
+                    kind,
+                    top + y * CELL_PX,
+                    left + x * CELL_PX,
+                    height * CELL_PX,
+                    width * CELL_PX,
+                    cells * CELL_PX**2,
+                    float(scores[labels == label].max()),
+                )
+
+    @property
+    def _corner(self) -> tuple[int, int]:
+        """Column and row of the upper left pixel of the region."""
+        region = self.recipe.region
+        return (0, 0) if region is None else (region.x, region.y)
 
     def _faults(self, captured: CapturedSet) -> Iterator[Finding]:
         """Why the set cannot be judged, whatever part it shows."""

@@ -42,7 +42,7 @@ class Measures:
         Share of the pixels without a slope, and of those that a light saturates.
     led_levels
         Level of each LED by its name against the brightest, as a share of the taught ratio.
-    sdq, shadow_fraction
+    sdq, shadow_fraction, albedo, scale, handedness, octaves, window, seam
         As in `Limits`.
     defect_score
         Largest score of the defect map.
@@ -56,6 +56,12 @@ class Measures:
     led_levels: tuple[tuple[str, float], ...] = ()
     sdq: float | None = None
     shadow_fraction: float | None = None
+    albedo: float | None = None
+    scale: float | None = None
+    handedness: float | None = None
+    octaves: float | None = None
+    window: float | None = None
+    seam: float | None = None
     defect_score: float | None = None
     unjudged_px: int | None = None
 
@@ -173,12 +179,21 @@ def _found_deg(rule: Orientation, match: Match) -> float | None:
 def _beyond_limits(limits: Limits, measures: Measures) -> Iterator[Finding]:
     """Which limits of its texture the part exceeds."""
     yield from _unmeasured(limits, measures)
-    if limits.sdq is not None:
-        low, high = limits.sdq
-        yield from _at_least("Sdq", measures.sdq, low, Cause.ROUGHNESS, ".3f")
-        yield from _at_most("Sdq", measures.sdq, high, Cause.ROUGHNESS, ".3f")
+    for name, value, bounds, cause in (
+        ("Sdq", measures.sdq, limits.sdq, Cause.ROUGHNESS),
+        ("albedo", measures.albedo, limits.albedo, Cause.ALBEDO),
+        ("scale", measures.scale, limits.scale, Cause.SCALE),
+    ):
+        if bounds is not None:
+            yield from _at_least(name, value, bounds[0], cause, ".3f")
+            yield from _at_most(name, value, bounds[1], cause, ".3f")
+    if limits.handedness is not None:
+        yield from _at_least("handedness", measures.handedness, limits.handedness, Cause.HANDEDNESS)
     for name, value, bound, cause, form in (
         ("shadow", measures.shadow_fraction, limits.shadow_fraction, Cause.SHADOW, ".1%"),
+        ("power in octaves", measures.octaves, limits.octaves, Cause.OCTAVES, ".2f"),
+        ("seam score", measures.seam, limits.seam, Cause.SEAM, ".2f"),
+        ("window score", measures.window, limits.window, Cause.WINDOW, ".2f"),
         ("defect score", measures.defect_score, limits.defect, Cause.DEFECT, ".2f"),
         ("px without a defect score", measures.unjudged_px, limits.unjudged_px, Cause.DEFECT,
          ".0f"),
@@ -217,6 +232,12 @@ def _within(recipe: Recipe, measures: Measures, match: Match) -> str:
     if limits.sdq is not None:
         low, high = limits.sdq
         parts.append(f"Sdq {measures.sdq:.3f} within {low:.3f} to {high:.3f}")
+    for name, value, bound in (
+        ("window", measures.window, limits.window),
+        ("seam", measures.seam, limits.seam),
+    ):
+        if bound is not None:
+            parts.append(f"{name} score {value:.2f} of {bound:.2f}")
     if limits.defect is not None:
         parts.append(f"defect score {measures.defect_score:.2f} of {limits.defect:.2f}")
     return ", ".join(parts)

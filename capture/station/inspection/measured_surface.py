@@ -90,6 +90,12 @@ class MeasuredSurface:
         """Share of the pixels without a slope."""
         return self.share(~self.surface.valid)
 
+    @property
+    def albedo(self) -> float:
+        """Mean albedo of the valid pixels; NaN if there are none."""
+        valid = self.surface.valid
+        return float(self.surface.albedo[valid].mean()) if valid.any() else float("nan")
+
     @cached_property
     def sdq(self) -> float:
         """Root mean square slope (ISO 25178-2); NaN if no pixel has one."""

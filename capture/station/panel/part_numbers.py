@@ -44,10 +44,19 @@ def _numbers(result: PartResult, recipe: Recipe | None) -> Iterator[MeasuredNumb
     least = None if recipe is None else max(LEAST_MARGIN, limits.margin or 0.0)
     yield _number("margin to the next texture", result.margin, low=least)
     yield _orientation(result, recipe)
-    low, high = limits.sdq or (None, None)
-    yield _number("Sdq, root mean square slope", result.sdq, low, high, ".3f")
+    for name, value, bounds in (
+        ("Sdq, root mean square slope", result.sdq, limits.sdq),
+        ("albedo", result.albedo, limits.albedo),
+        ("scale", result.scale, limits.scale),
+    ):
+        low, high = bounds or (None, None)
+        yield _number(name, value, low, high, ".3f")
+    yield _number("handedness", result.handedness, low=limits.handedness)
     yield _number("shadow", result.shadow_fraction, high=limits.shadow_fraction, form=".1%")
     yield _number("blur in px", result.blur_px, high=limits.blur_px)
+    yield _number("power in octaves", result.octaves, high=limits.octaves)
+    yield _number("seam score", result.seam, high=limits.seam)
+    yield _number("window score", result.window, high=limits.window)
     yield _number("defect score", result.defect_score, high=limits.defect)
 
 

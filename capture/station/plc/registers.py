@@ -151,6 +151,12 @@ CAUSES = {
     Cause.ROUGHNESS: 43,
     Cause.SHADOW: 44,
     Cause.DEFECT: 45,
+    Cause.ALBEDO: 46,
+    Cause.SCALE: 47,
+    Cause.HANDEDNESS: 48,
+    Cause.OCTAVES: 49,
+    Cause.SEAM: 50,
+    Cause.WINDOW: 51,
 }
 
 

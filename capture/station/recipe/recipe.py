@@ -15,6 +15,9 @@ _MAX_TEXTURES = 1000  # bounds the file; `station bench` measures a recipe with 
 
 Positive = Annotated[float, Field(gt=0.0, le=1e6)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Range = tuple[Annotated[float, Field(ge=0.0)], Positive]
+RANGES = ("sdq", "albedo", "scale")
+"""Limits that have a least and a largest value."""
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
@@ -54,6 +57,16 @@ class Limits(Section):
         Largest share of pixels without a slope: too dark, saturated, or lit by too few lights.
     blur_px
         Largest blur against the taught parts, the sigma of a Gaussian.
+    albedo
+        Least and largest mean albedo, as a share of full scale at the taught exposure.
+    scale
+        Least and largest size of the texture against the taught one.
+    handedness
+        Least handedness: 1 is that of the taught parts, -1 that of their mirror images.
+    octaves
+        Largest departure of the power in an octave; 1 is the limit that was taught.
+    window, seam
+        Largest score of a window, and of its directions alone; 1 is the limit that was taught.
     defect
         Largest score of the defect map; 1 is the threshold that was taught.
     unjudged_px
@@ -62,17 +75,25 @@ class Limits(Section):
 
     distance: Positive | None = None
     margin: Share | None = None
-    sdq: tuple[Annotated[float, Field(ge=0.0)], Positive] | None = Field(default=None, strict=False)
+    sdq: Range | None = Field(default=None, strict=False)
     shadow_fraction: Share | None = None
     unmeasured_fraction: Share | None = None
     blur_px: Positive | None = None
+    albedo: Range | None = Field(default=None, strict=False)
+    scale: Range | None = Field(default=None, strict=False)
+    handedness: Annotated[float, Field(ge=-10.0, le=10.0)] | None = None
+    octaves: Positive | None = None
+    window: Positive | None = None
+    seam: Positive | None = None
     defect: Positive | None = None
     unjudged_px: Annotated[int, Field(ge=0)] | None = None
 
     @model_validator(mode="after")
-    def _sdq_rises(self) -> Self:
-        if self.sdq is not None and not self.sdq[0] < self.sdq[1]:
-            raise ValueError(f"sdq = {list(self.sdq)}: give the least and the largest value")
+    def _ranges_rise(self) -> Self:
+        for name in RANGES:
+            found = getattr(self, name)
+            if found is not None and not found[0] < found[1]:
+                raise ValueError(f"{name} = {list(found)}: give the least and the largest value")
         return self
 
 
@@ -86,6 +107,9 @@ class GeneralLimits(Limits):
 
     unmeasured_fraction: Share = 0.05
     blur_px: Positive = 1.0
+    octaves: Positive = 1.0
+    window: Positive = 1.0
+    seam: Positive = 1.0
     defect: Positive = 1.0
     unjudged_px: Annotated[int, Field(ge=0)] = 255
 
@@ -153,6 +177,9 @@ class Recipe(Section):
         texture of the library that is in neither fails too.
     limits, limits_of
         Limits of all textures that pass, and those that differ for one of them.
+    acknowledged
+        Faults of a fifth of the frame that pass, by their name in `made_faults.FAULTS`; whoever
+        approves the recipe knows of them.
     taught
         Hash of what teaching measured; None for a recipe that was never taught.
     """
@@ -172,6 +199,7 @@ class Recipe(Section):
     region: Region | None = None
     light: Light = Light()
     calibration: CalibrationRule = CalibrationRule()
+    acknowledged: tuple[Text, ...] = Field(default=(), max_length=100, strict=False)
     taught: Sha256 | None = None
     approval: Approval | None = None
 

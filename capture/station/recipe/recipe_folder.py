@@ -62,6 +62,11 @@ class RecipeFolder:
         """Report of the last gauge study."""
         return self.folder / "gauge.json"
 
+    @property
+    def faults(self) -> Path:
+        """Outcome of the last study of faults that nobody configured."""
+        return self.folder / "faults.json"
+
     def version(self, version: int) -> "TaughtFiles":
         """Return the files of a version of the recipe."""
         return TaughtFiles(self.folder / f"version-{version}")
@@ -121,6 +126,10 @@ class TaughtFiles:
     def defects(self, number: int) -> Path:
         """Return the defect model of the nth texture that passes, from 1."""
         return self.folder / f"defects-{number}.ps4def"
+
+    def pieces(self, number: int) -> Path:
+        """Return the piece model of the nth texture that passes, from 1."""
+        return self.folder / f"pieces-{number}.ps4piece"
 
     def approved(self, sha256: str) -> Path:
         """Return the copy of the recipe with this hash, as it was approved."""

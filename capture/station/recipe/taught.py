@@ -47,14 +47,16 @@ class TaughtTexture(Record):
         The parts, in the order they were given.
     light_signals
         Mean signal of each light over all parts, as a share of full scale.
-    defects_file, defects_sha256
-        The defect model and its hash; None for a texture that does not pass.
+    defects_file, defects_sha256, pieces_file, pieces_sha256
+        Defect model and piece model with their hashes; None for a texture that does not pass.
     """
 
     sets: tuple[TaughtSet, ...] = Field(min_length=1)
     light_signals: tuple[Annotated[float, Field(gt=0.0, le=1.0)], ...]
     defects_file: Name | None = None
     defects_sha256: Sha256 | None = None
+    pieces_file: Name | None = None
+    pieces_sha256: Sha256 | None = None
 
 
 class Taught(Record):
@@ -73,7 +75,7 @@ class Taught(Record):
     """
 
     format: Literal["ps4rig-taught"] = "ps4rig-taught"
-    version: Literal[1] = 1
+    version: Literal[2] = 2
     utc: str = Field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
     software_version: str = Field(default_factory=lambda: version("ps4rig"))
     setting: Setting

@@ -1,9 +1,11 @@
 """Read the files that teaching made for a recipe, and check that none was changed since."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from capture.station.errors import RecipeError
 from classify.defects.defect_model import DefectModel
+from classify.pieces.piece_model import PieceModel
 
 from .recipe import Recipe
 from .recipe_folder import RecipeFolder, TaughtFiles
@@ -36,25 +38,36 @@ def taught_for(recipe: Recipe, files: RecipeFolder) -> Taught:
             "correct pass, or run ps4rig station teach"
         )
     for name in recipe.passes:
-        _defects_of(recipe, taught, name)
+        _models_of(recipe, taught, name)
     return taught
 
 
-def defect_model_of(made: TaughtFiles, recipe: Recipe, taught: Taught, texture: str) -> DefectModel:
-    """Load the defect model of a texture that passes.
+@dataclass(frozen=True, eq=False)
+class TextureModels:
+    """What teaching learned of one texture that passes."""
+
+    defects: DefectModel
+    pieces: PieceModel
+
+
+def models_of(made: TaughtFiles, recipe: Recipe, taught: Taught, texture: str) -> TextureModels:
+    """Load the models of a texture that passes.
 
     Raises
     ------
     RecipeError
-        If it was taught as a bad texture, or the file was changed since teaching.
-    DefectModelError
-        If the file cannot be read.
+        If it was taught as a bad texture, or a file was changed since teaching.
+    DefectModelError, PieceModelError
+        If a file cannot be read.
     """
-    file, sha256 = _defects_of(recipe, taught, texture)
-    path = made.folder / file
-    model = DefectModel.load(path)
-    check_unchanged(recipe, path, model.sha256, sha256)
-    return model
+    (defects_file, defects_sha256), (pieces_file, pieces_sha256) = _models_of(
+        recipe, taught, texture
+    )
+    defects = DefectModel.load(made.folder / defects_file)
+    check_unchanged(recipe, made.folder / defects_file, defects.sha256, defects_sha256)
+    pieces = PieceModel.load(made.folder / pieces_file)
+    check_unchanged(recipe, made.folder / pieces_file, pieces.sha256, pieces_sha256)
+    return TextureModels(defects, pieces)
 
 
 def check_unchanged(recipe: Recipe, path: Path, found: str, taught: str) -> None:
@@ -71,12 +84,19 @@ def check_unchanged(recipe: Recipe, path: Path, found: str, taught: str) -> None
         )
 
 
-def _defects_of(recipe: Recipe, taught: Taught, texture: str) -> tuple[str, str]:
-    """Name of the file of the defect model of a texture, and its hash."""
+def _models_of(
+    recipe: Recipe, taught: Taught, texture: str
+) -> tuple[tuple[str, str], tuple[str, str]]:
+    """File and hash of the defect model of a texture, and of its piece model."""
     about = taught.textures[texture]
-    if about.defects_file is None or about.defects_sha256 is None:
+    if (
+        about.defects_file is None
+        or about.defects_sha256 is None
+        or about.pieces_file is None
+        or about.pieces_sha256 is None
+    ):
         raise RecipeError(
             f"recipe {recipe.name}: pass names {texture!r}, which was taught as a bad texture; run "
             "ps4rig station teach"
         )
-    return about.defects_file, about.defects_sha256
+    return (about.defects_file, about.defects_sha256), (about.pieces_file, about.pieces_sha256)

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from importlib.metadata import version
 
-from sqlalchemy import Connection, func, insert, inspect, select
+from sqlalchemy import Connection, Double, func, insert, inspect, select
 
 from capture.process.utc_time import utc_text
 from classify.errors import InputError
@@ -61,6 +61,12 @@ def _make_index_independent_of_collation(connection: Connection) -> None:
         )
 
 
+def _add_measures_of_pieces(connection: Connection) -> None:
+    kind = Double().compile(connection.dialect)
+    for name in ("albedo", "scale", "handedness", "octaves", '"window"', "seam"):
+        connection.exec_driver_sql(f"ALTER TABLE results ADD COLUMN {name} {kind}")
+
+
 # By the version that a step leads to. A step is written once and never changed: it must not use
 # the tables of `schema`, which are those of the last version.
 _STEPS: Mapping[int, Callable[[Connection], None]] = {
@@ -68,6 +74,7 @@ _STEPS: Mapping[int, Callable[[Connection], None]] = {
     3: _add_changes,
     4: _add_index_without_case,
     5: _make_index_independent_of_collation,
+    6: _add_measures_of_pieces,
 }
 
 

@@ -11,7 +11,7 @@ from .utc import require_utc
 # Fields that are measured numbers, None where nothing was measured.
 MEASURES = (
     "orientation_deg", "distance", "limit", "margin", "blur_px", "sdq", "shadow_fraction",
-    "defect_score",
+    "defect_score", "albedo", "scale", "handedness", "octaves", "window", "seam",
 )  # fmt: skip
 _MAX_INTEGER = 2**63 - 1  # of a column of both databases
 
@@ -23,7 +23,7 @@ class DefectRecord:
     Attributes
     ----------
     kind
-        ``relief``, ``albedo`` or ``texture``.
+        ``relief``, ``albedo`` or ``texture`` of the defect map; ``seam`` or ``window``.
     row, column, height, width
         The smallest box around it, in px.
     area_px
@@ -75,10 +75,12 @@ class PartResult:
         As in `classify.Match`; None where it was not matched.
     sdq, shadow_fraction
         Measured slope (ISO 25178-2) and share of shadow in the region; None where not measured.
+    albedo, scale, handedness, octaves, window, seam
+        As in `Limits` of a recipe; None where not measured, or for a texture without handedness.
     defect_score
         Largest score of the defect map, in units of the threshold; None without a map.
     defects
-        Outlined defects, the largest score first.
+        Outlined defects, the largest score first; those of windows last.
     led_levels
         Measured level of each light against the taught one, in the order of the lights.
     timings_ms
@@ -122,6 +124,12 @@ class PartResult:
     sdq: float | None = None
     shadow_fraction: float | None = None
     defect_score: float | None = None
+    albedo: float | None = None
+    scale: float | None = None
+    handedness: float | None = None
+    octaves: float | None = None
+    window: float | None = None
+    seam: float | None = None
     defects: tuple[DefectRecord, ...] = ()
     led_levels: tuple[float, ...] = ()
     timings_ms: dict[str, float] = field(default_factory=dict)

@@ -30,7 +30,7 @@ from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.sql.compiler import SQLCompiler
 from sqlalchemy.sql.functions import GenericFunction
 
-VERSION = 5
+VERSION = 6
 
 metadata = MetaData()
 
@@ -127,6 +127,12 @@ results = Table(
     Column("led_levels", JSON, nullable=False),
     Column("timings_ms", JSON, nullable=False),
     Column("notes", JSON, nullable=False),
+    Column("albedo", Double),
+    Column("scale", Double),
+    Column("handedness", Double),
+    Column("octaves", Double),
+    Column("window", Double),
+    Column("seam", Double),
     PrimaryKeyConstraint("station", "part_id"),
     UniqueConstraint("station", "number"),
     ForeignKeyConstraint(

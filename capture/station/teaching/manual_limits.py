@@ -8,7 +8,10 @@ from classify.errors import InputError
 from rig.config.toml_file import read_toml_as
 
 # What teaching measures; it sets no other limit.
-_MEASURED = frozenset({"distance", "sdq", "shadow_fraction", "unmeasured_fraction", "unjudged_px"})
+_MEASURED = frozenset({
+    "distance", "sdq", "shadow_fraction", "unmeasured_fraction", "unjudged_px", "albedo", "scale",
+    "handedness",
+})  # fmt: skip
 
 LimitsOf = Mapping[str, Limits]
 

@@ -14,6 +14,9 @@ from classify.classifiers import Observation, classifier_named
 from classify.errors import InputError
 from classify.library.training import TrainingRow, observe
 from classify.methods import DEFAULT_CLASSIFIER
+from classify.pieces.learning import SCALE_STEP, scaled_surface
+from classify.pieces.moments import band_moments
+from classify.surface.estimate import FloatMap
 from classify.texture.spectra import segment_for
 
 from .taught_sets import KeptSet
@@ -27,6 +30,10 @@ class TaughtPart:
     ----------
     row, test
         Its observations for training and for matching.
+    scaled
+        Its observations with a texture that is smaller and larger by `SCALE_STEP`.
+    moments
+        Its `band_moments`.
     lighting
         Its lights, from its calibration if it has one.
     """
@@ -36,11 +43,14 @@ class TaughtPart:
     has_calibration: bool
     row: TrainingRow
     test: Observation
+    scaled: tuple[Observation, ...]
+    moments: FloatMap
     segment_px: int
     lighting: Lighting | None
     sdq: float
     shadow_fraction: float
     unmeasured_fraction: float
+    albedo: float
     light_signals: tuple[float, ...]
 
 
@@ -66,7 +76,13 @@ def taught_part(kept: KeptSet, region: Region | None) -> TaughtPart:
     try:
         segment_px = segment_for(surface.shape)
         observation = observe(surface, segment_px)
-        test = classifier_named(DEFAULT_CLASSIFIER).observe(surface, segment_px)
+        classifier = classifier_named(DEFAULT_CLASSIFIER)
+        test = classifier.observe(surface, segment_px)
+        scaled = tuple(
+            classifier.observe(scaled_surface(surface, 1.0 + step), segment_px)
+            for step in (-SCALE_STEP, SCALE_STEP)
+        )
+        moments = band_moments(surface)
     except InputError as error:
         raise InputError(f"{kept.path}: {error}") from error
     return TaughtPart(
@@ -75,11 +91,14 @@ def taught_part(kept: KeptSet, region: Region | None) -> TaughtPart:
         loaded.found is not None,
         TrainingRow(kept.texture, observation, about.orientation_deg),
         test,
+        scaled,
+        moments,
         segment_px,
         surface.lighting,
         measured.sdq,
         measured.share(measured.shadowed),
         measured.unmeasured_fraction,
+        measured.albedo,
         measured.light_signals,
     )
 

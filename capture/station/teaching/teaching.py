@@ -1,7 +1,11 @@
 """Teach a recipe: make a new version from captured sets of good and bad parts."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
 
 from capture.batch.tasks import PLANAR, LoadedSet
 from capture.console import ShowProgress, progress
@@ -11,14 +15,18 @@ from capture.station.recipe.recipe import Limits, Recipe
 from capture.station.recipe.recipe_file import read_recipe, write_recipe
 from capture.station.recipe.recipe_folder import RecipeFolder, TaughtFiles, file_sha256
 from capture.station.recipe.taught import Taught, TaughtSet, TaughtTexture, write_taught
+from capture.station.recipe.taught_files import TextureModels
 from classify import Match, SurfaceEstimate, TextureLibrary
-from classify.classifiers import classifier_named
+from classify.classifiers import Observation, classifier_named
+from classify.classifiers.joint import ring_levels
 from classify.defects.defect_model import DefectModel
 from classify.defects.learning import LEAST_PARTS, MOST_PARTS, learn_defects
 from classify.durable_file import make_folder
 from classify.library.leave_one_out import leave_one_out
 from classify.library.training import common_lighting
 from classify.methods import default_method
+from classify.pieces.learning import SCALE_STEP, GoodPart, learn_pieces
+from classify.pieces.piece_model import PieceModel
 
 from .manual_limits import (
     LimitsOf,
@@ -160,7 +168,12 @@ def _taught(
     library.save(made.library)
     segment_px = library.segment_px
     matches = leave_one_out([each.row for each in parts], [each.test for each in parts], segment_px)
-    models = {name: _defect_model(parts, name, library, recipe, show) for name in recipe.passes}
+    models = {
+        name: TextureModels(
+            _defect_model(parts, name, library, recipe, show), _piece_model(parts, name, library)
+        )
+        for name in recipe.passes
+    }
     textures = {
         name: _texture(name, parts, matches, made, recipe, models) for name in library.classes
     }
@@ -172,7 +185,7 @@ def _taught(
         textures=textures,
     )
     before, by_people = recipe.limits_of, manual_limits(recipe.limits_of, known_limits)
-    measured = _measured_limits(recipe, parts, matches)
+    measured = _measured_limits(recipe, parts, matches, models)
     recipe = _with_limits(recipe, with_set_limits(measured, by_people), taught)
     inspections = _inspections(recipe, taught, library, models, parts, show)
     measured = {
@@ -191,8 +204,15 @@ def _taught(
     if limits_of != recipe.limits_of:
         recipe = recipe.model_copy(update={"limits_of": limits_of})
         inspections = _inspections(recipe, taught, library, models, parts, show)
-    bounds = {name: model.false_alarm_bound for name, model in models.items()}
-    remarks = [*kept_remarks(measured, by_people)]
+    bounds = {name: each.defects.false_alarm_bound for name, each in models.items()}
+    remarks = [
+        *kept_remarks(measured, by_people),
+        *(
+            f"{name} looks like its mirror image: a mirrored part is not found"
+            for name, each in models.items()
+            if each.pieces.handedness is None
+        ),
+    ]
     if known_limits is None:
         remarks += replaced_remarks(before, limits_of)
     return Teaching(
@@ -238,13 +258,32 @@ def _defect_model(
     return learn_defects(surfaces(), [match.orientation_deg for match in matches])
 
 
+def _piece_model(parts: Sequence[TaughtPart], texture: str, library: TextureLibrary) -> PieceModel:
+    named = classifier_named(library.classifier)
+
+    def rings(observation: Observation) -> npt.NDArray[np.float64]:
+        return ring_levels(named.signature(observation, library.parameters))
+
+    good, changes = [], []
+    for part in parts:
+        if part.kept.texture == texture:
+            signature = named.signature(part.test, library.parameters)
+            own = ring_levels(signature)
+            good.append(GoodPart(part.moments, library.match(signature).orientation_deg, own))
+            changes += [
+                (rings(scaled) - own) / math.log(1.0 + step)
+                for scaled, step in zip(part.scaled, (-SCALE_STEP, SCALE_STEP), strict=True)
+            ]
+    return learn_pieces(good, np.mean(changes, axis=0))
+
+
 def _texture(
     texture: str,
     parts: Sequence[TaughtPart],
     matches: Sequence[Match | None],
     made: TaughtFiles,
     recipe: Recipe,
-    models: Mapping[str, DefectModel],
+    models: Mapping[str, TextureModels],
 ) -> TaughtTexture:
     own = [
         (part, match)
@@ -258,9 +297,16 @@ def _texture(
     )
     if texture not in models:
         return about
-    path = made.defects(recipe.passes.index(texture) + 1)
-    models[texture].save(path)
-    changes = {"defects_file": path.name, "defects_sha256": models[texture].sha256}
+    number, model = recipe.passes.index(texture) + 1, models[texture]
+    defects, pieces = made.defects(number), made.pieces(number)
+    model.defects.save(defects)
+    model.pieces.save(pieces)
+    changes = {
+        "defects_file": defects.name,
+        "defects_sha256": model.defects.sha256,
+        "pieces_file": pieces.name,
+        "pieces_sha256": model.pieces.sha256,
+    }
     return about.model_copy(update=changes)
 
 
@@ -277,7 +323,10 @@ def _set(kept: KeptSet, match: Match | None) -> TaughtSet:
 
 
 def _measured_limits(
-    recipe: Recipe, parts: Sequence[TaughtPart], matches: Sequence[Match | None]
+    recipe: Recipe,
+    parts: Sequence[TaughtPart],
+    matches: Sequence[Match | None],
+    models: Mapping[str, TextureModels],
 ) -> dict[str, Limits]:
     """Limits of each texture that passes, from its good parts."""
     limits_of: dict[str, Limits] = {}
@@ -289,6 +338,9 @@ def _measured_limits(
             [parts[n].sdq for n in own],
             [parts[n].shadow_fraction for n in own],
             [parts[n].unmeasured_fraction for n in own],
+            [parts[n].albedo for n in own],
+            models[texture].pieces.scale_deviation,
+            has_handedness=models[texture].pieces.handedness is not None,
         )
     return limits_of
 
@@ -312,16 +364,16 @@ def _inspections(
     recipe: Recipe,
     taught: Taught,
     library: TextureLibrary,
-    models: Mapping[str, DefectModel],
+    models: Mapping[str, TextureModels],
     parts: Sequence[TaughtPart],
     show: ShowProgress,
 ) -> list[Inspection]:
     """Verdicts of the recipe on its own sets, each with its own calibration."""
+    inspector = Inspector(recipe, taught, library, models)
 
     def inspections() -> Iterator[Inspection]:
         for part in parts:
             loaded = LoadedSet.of(part.kept.path)
-            inspector = Inspector(recipe, taught, library, models, loaded.found)
-            yield inspector.inspect(loaded.captured)
+            yield inspector.with_calibration(loaded.found).inspect(loaded.captured)
 
     return list(show(inspections(), len(parts), "inspect"))

@@ -18,6 +18,11 @@ _LEAST_SDQ = 0.001
 _LEAST_SHARE = 0.005
 # Cells without a score come in groups: the limit is twice the largest area on a good part.
 _MORE_UNJUDGED = 2
+# Least relative departures of albedo and scale that exceed their limits: LEDs may fade to 85 %
+# before the station stops, and parts lie at heights that differ by a hundredth of their distance.
+_LEAST_ALBEDO, _LEAST_SCALE = 0.15, 0.01
+# Half way between the taught texture and its mirror image.
+_LEAST_HANDEDNESS = 0.0
 # Logarithm of a distance of 1000. A larger limit, from three very different parts, is left out: the
 # library has its own.
 _NO_LIMIT = math.log(1000.0)
@@ -28,6 +33,10 @@ def limits_of_texture(
     sdqs: Sequence[float],
     shadow_fractions: Sequence[float],
     unmeasured_fractions: Sequence[float],
+    albedos: Sequence[float],
+    scale_deviation: float,
+    *,
+    has_handedness: bool,
 ) -> Limits:
     """Return limits within which 99 % of good parts lie, with 95 % confidence.
 
@@ -38,13 +47,25 @@ def limits_of_texture(
     ----------
     distances
         Distance of each good part to the texture, by a library without that part.
-    sdqs, shadow_fractions, unmeasured_fractions
+    sdqs, shadow_fractions, unmeasured_fractions, albedos
         Measures of three or more good parts.
+    scale_deviation
+        Standard deviation of the logarithm of their scale.
+    has_handedness
+        Whether the texture differs from its mirror image.
     """
     logs = [math.log(distance) for distance in distances if distance > 0.0]
     log_limit = max(_limit(logs, 0.0), *logs) if len(logs) > 1 else math.inf
     least = max(0.0, -_limit([-sdq for sdq in sdqs]))
+    albedo = statistics.fmean(albedos)
+    darker = max(0.0, min(-_limit([-each for each in albedos]), (1.0 - _LEAST_ALBEDO) * albedo))
+    brighter = max(_limit(albedos), (1.0 + _LEAST_ALBEDO) * albedo)
+    factor = tolerance_factor(len(albedos))
+    scale = math.exp(max(factor * scale_deviation, _LEAST_SCALE))
     return Limits(
+        albedo=(darker, brighter),
+        scale=(1.0 / scale, scale),
+        handedness=_LEAST_HANDEDNESS if has_handedness else None,
         distance=math.exp(log_limit) if log_limit < _NO_LIMIT else None,
         sdq=(least, max(_LEAST_SDQ, _limit(sdqs))),
         shadow_fraction=min(1.0, _LEAST_SHARE + _limit(shadow_fractions)),

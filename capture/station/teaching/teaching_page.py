@@ -6,7 +6,7 @@ from html import escape
 from capture.maps import pictures
 from capture.maps.figures import tile_html
 from capture.page.skeleton import page_html, simulated_notice, table_html
-from capture.station.recipe.recipe import Recipe
+from capture.station.recipe.recipe import RANGES, Recipe
 from classify.durable_file import durable_file
 
 from .taught_part import solved
@@ -86,7 +86,7 @@ def _limits(recipe: Recipe) -> str:
     rows = []
     for name in recipe.passes:
         for key, value in recipe.limits_for(name).model_dump(exclude_none=True).items():
-            text = " to ".join(f"{each:.4g}" for each in value) if key == "sdq" else f"{value:.4g}"
+            text = " to ".join(f"{each:.4g}" for each in value) if key in RANGES else f"{value:.4g}"
             rows.append(f"<tr><td>{escape(name)}</td><td>{key}</td><td>{text}</td></tr>")
     return table_html(("texture", "limit", "value"), rows)
 

@@ -7,6 +7,10 @@ import pytest
 
 from capture.station.challenge.challenge_set import add_to_challenge
 from capture.station.folder import StationFolder, make_station
+from capture.station.gauge.fault_study import great_faults
+from capture.station.inspection.inspector import Inspector
+from capture.station.recipe.recipe import Recipe
+from capture.station.recipe.recipe_file import write_recipe
 from capture.station.recipe.recipe_folder import RecipeFolder
 from capture.station.teaching.teaching import teach
 from capture.station.teaching.teaching_result import Teaching
@@ -20,11 +24,16 @@ def taught(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Teaching]:
     folder = sets / "station"
     make_station(folder)
     files = StationFolder(folder).recipe_files()
+    write_recipe(
+        files.file,
+        Recipe(name=files.name, passes=("rock",), acknowledged=("dent", "rotated piece")),
+    )
     rock, sand = saved(sets, "rock", range(5)), saved(sets, "sand", range(3))
     teach(files, rock[:4])
     teaching = teach(files, sand[:2], "loose sand")
     add_to_challenge(files.challenge, rock[3:4], "PASS")
     add_to_challenge(files.challenge, sand[2:], "FAIL")
+    great_faults(files, Inspector.load(files))  # an approval need not wait for it
     return folder, teaching
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
@@ -14,16 +14,19 @@ from capture.station.cycle.events import Event, PartAnnounced
 from capture.station.cycle.station_rig import StationRig
 from capture.station.errors import RecipeError
 from capture.station.folder import StationFolder, station_folder
+from capture.station.gauge.made_faults import FAULTS, Place, with_fault
 from capture.station.inspection.inspector import Inspector
+from capture.station.inspection.judge import verdict_of
 from capture.station.recipe.recipe_file import read_recipe, write_recipe
 from capture.station.recipe.recipe_folder import RecipeFolder
 from capture.station.verdict import Cause, Decision
+from classify import Match
 from classify.errors import InputError
 from classify.library.texture_library import TextureLibrary
 from rig import CameraError, Placement, Rig, Switch, open_rig
 from rig.fresh_frame import switch_to
 from tests.capture.station.production import SMALL_RIG, configure, run_parts
-from tests.capture.station.teaching_sets import patch
+from tests.capture.station.teaching_sets import SIDE_PX, patch
 
 
 @pytest.fixture
@@ -125,6 +128,48 @@ def test_a_library_that_is_exchanged_while_it_is_loaded_is_refused(
     monkeypatch.setattr(TextureLibrary, "load", exchanged)
     with pytest.raises(RecipeError, match=r"textures\.ps4lib: was changed"):
         Inspector.load(files)
+
+
+@pytest.mark.parametrize(
+    ("fault", "strength", "cause"),
+    [
+        ("hole", 0.2, Cause.WINDOW),
+        ("worn strip", 0.1, Cause.WINDOW),
+        ("stain of 30 %", 0.2, Cause.WINDOW),
+        ("other scale", 1.1, Cause.SCALE),
+        ("other scale", 0.9, Cause.SCALE),
+        ("darker", 0.5, Cause.ALBEDO),
+        ("deeper relief", 1.2, Cause.OCTAVES),
+        ("deeper relief", 0.8, Cause.OCTAVES),
+    ],
+)
+def test_a_fault_that_nobody_configured_does_not_pass(
+    files: RecipeFolder, fault: str, strength: float, cause: Cause
+) -> None:
+    """Only the checks of windows and of the whole part: the others may find it too."""
+    made = next(each for each in FAULTS if each.name == fault)
+    changed = with_fault(patch("rock", 20), made, strength, Place(10.0, -20.0, 30.0))
+    assert changed is not None
+    inspection = Inspector.load(files).inspect(changed)
+    assert inspection.verdict.decision is not Decision.PASS
+    limits = read_recipe(files.file).limits_for("rock")
+    of_texture = replace(inspection.measures, match=replace(
+        cast(Match, inspection.measures.match), label="rock", distance=0.0, margin=None,
+        runner_up=None, blur_px=0.0,
+    ))  # fmt: skip
+    wide = limits.model_copy(update={"defect": 1e6, "unjudged_px": 10**6})
+    recipe = read_recipe(files.file).model_copy(update={"limits_of": {"rock": wide}})
+    assert cause in verdict_of(recipe, of_texture).causes
+
+
+def test_a_hole_is_recorded_where_it_is(files: RecipeFolder) -> None:
+    changed = with_fault(patch("rock", 20), FAULTS[0], 0.25, Place(40.0, 40.0, 0.0))
+    assert changed is not None
+    found = Inspector.load(files).inspect(changed).defects
+    box = next(each for each in found if each.kind == "window")
+    assert box.column <= SIDE_PX // 2 + 40 <= box.column + box.width
+    assert box.row <= SIDE_PX // 2 - 40 <= box.row + box.height
+    assert box.score > 1.0
 
 
 @pytest.mark.parametrize(("moved_px", "lights"), [(3.0, {3}), (3.0, {1, 2}), (40.0, {2})])

@@ -9,7 +9,7 @@ from capture.station.folder import StationFolder
 from capture.station.recipe.recipe import Recipe
 from capture.station.recipe.recipe_folder import RecipeFolder
 from capture.station.recipe.taught import read_taught
-from capture.station.recipe.taught_files import defect_model_of
+from capture.station.recipe.taught_files import models_of
 from capture.station.results.part_result import PartResult
 from classify import Method, TextureLibrary
 from classify.defects.defect_model import DefectModel
@@ -73,7 +73,7 @@ def _judged_by(files: RecipeFolder, version: int, sha256: str, texture: str | No
         raise RecipeError(f"{made.taught}: was changed since the part was judged")
     model = None
     if texture is not None and texture in recipe.passes:
-        model = defect_model_of(made, recipe, taught, texture)
+        model = models_of(made, recipe, taught, texture).defects
     return JudgedBy(recipe, TextureLibrary.load(made.library).method, model)
 
 

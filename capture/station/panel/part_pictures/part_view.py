@@ -133,17 +133,23 @@ def _in_pixels(scores: DefectMap) -> FloatMap:
 def _outlines(
     scores: DefectMap | None, region: Region | None, defects: Sequence[DefectRecord]
 ) -> tuple[Outline, ...] | None:
-    """The outlines of recorded defects, or None if the map does not show the same ones."""
+    """The outlines of recorded defects, or None if the map does not show the same ones.
+
+    Regions of windows have boxes; they come after those of the map.
+    """
     if scores is None:
         return None
     left, top = (0, 0) if region is None else (region.x, region.y)
+    windows = [each for each in defects if each.kind not in KINDS]
+    defects = [each for each in defects if each.kind in KINDS]
     found = regions_of(scores)[: len(defects)]
     boxes = [(left + x, top + y, width, height) for x, y, width, height in
              (each.box for each in found)]  # fmt: skip
     if boxes != [(each.column, each.row, each.width, each.height) for each in defects]:
         return None
     corner = np.array([left, top])
-    return tuple(tuple((int(x), int(y)) for x, y in each.outline + corner) for each in found)
+    outlines = [tuple((int(x), int(y)) for x, y in each.outline + corner) for each in found]
+    return (*outlines, *map(_box, windows))
 
 
 def _box(defect: DefectRecord) -> Outline:

@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 from capture.station.approval.recipe_settings import Place, dotted
 from capture.station.recipe.recipe import (
+    RANGES,
     CalibrationRule,
     GeneralLimits,
     Light,
@@ -24,9 +25,11 @@ _MODELS: dict[str, type[Section]] = {
     "light": Light,
     "calibration": CalibrationRule,
 }
+_TITLES = {"sdq": "Sdq"}
+_TEXTS = ("note", "acknowledged")
 _TRUTHS = ("full_turn", "required")
 _UNITS = {"_px": "px", "_deg": "degrees", "_ms": "ms", "_days": "days"}
-_BOUNDS = ("least", "largest")  # of Sdq
+_BOUNDS = ("least", "largest")
 
 
 @dataclass(frozen=True)
@@ -117,8 +120,12 @@ class RecipeForm:
             names = f"limits_of.{number}"
             title = f"limits of {texture}"
             found.append(self._section(place, title, hint, Limits, limits, names))
-        note = self._field(("note",), "note", recipe.note)
-        return [FormSection("note", "", (note,)), *found]
+        known = ", ".join(recipe.acknowledged)
+        texts = (
+            self._field(("note",), "note", recipe.note),
+            self._field(("acknowledged",), "acknowledged", known),
+        )
+        return [FormSection("note", "", texts), *found]
 
     def textures(self) -> list[TextureField]:
         """Return the textures, each good or bad."""
@@ -148,14 +155,19 @@ class RecipeForm:
         for key in model.model_fields:
             value = None if values is None else getattr(values, key)
             name = f"{names or dotted(place)}.{key}"
-            if key != "sdq":
+            if key not in RANGES:
                 fields.append(self._field((*place, key), name, value))
                 continue
             for number, bound in enumerate(_BOUNDS):
                 each = None if value is None else value[number]
                 at = f"{name}.{number}"
-                fields.append(self._field((*place, key, number), at, each, f"Sdq, {bound}"))
-        together = [self._message((*place, "sdq")), self._message(place)]
+                fields.append(
+                    self._field(
+                        (*place, key, number), at, each, f"{_TITLES.get(key, key)}, {bound}"
+                    )
+                )
+        together = [self._message((*place, key)) for key in RANGES if key in model.model_fields]
+        together.append(self._message(place))
         return FormSection(title, hint, tuple(fields), "; ".join(filter(None, together)))
 
     def _field(self, place: Place, name: str, value: Any, label: str = "") -> FormField:
@@ -167,7 +179,7 @@ class RecipeForm:
         kind: Literal["number", "yes", "text"] = "number"
         if key in _TRUTHS:
             kind = "yes"
-        elif key == "note":
+        elif key in _TEXTS:
             kind = "text"
         return FormField(
             name=name,
@@ -206,6 +218,9 @@ def settings_of(recipe: Recipe, given: Mapping[str, Any]) -> dict[str, Any]:
     passes = [name for name, use in zip(names, uses, strict=True) if use == "pass"]
     settings: dict[str, Any] = {
         "note": str(given.get("note", "")).strip() or None,
+        "acknowledged": [
+            name for each in str(given.get("acknowledged", "")).split(",") if (name := each.strip())
+        ],
         "pass": passes,
         "fail": [name for name in names if name not in passes],
         "limits_of": {},
@@ -234,7 +249,7 @@ def _given(model: type[Section], names: str, given: Mapping[str, Any]) -> Iterat
         name = f"{names}.{key}"
         if key in _TRUTHS:
             yield key, given.get(name) == "yes"
-        elif key == "sdq":
+        elif key in RANGES:
             both = [_number(given.get(f"{name}.{number}", "")) for number in range(len(_BOUNDS))]
             if any(each is not None for each in both):
                 yield key, both

@@ -32,6 +32,12 @@ GOOD = Measures(
     led_levels=(("LED 0", 1.0), ("LED 90", 0.97)),
     sdq=0.2,
     shadow_fraction=0.1,
+    albedo=0.4,
+    scale=1.0,
+    handedness=1.0,
+    octaves=0.4,
+    window=0.6,
+    seam=0.5,
     defect_score=0.5,
     unjudged_px=0,
 )
@@ -40,7 +46,15 @@ RECIPE = Recipe(
     passes=("steel",),
     fails=("rust",),
     orientation=Orientation(tolerance_deg=5.0),
-    limits=GeneralLimits(distance=1.5, margin=0.2, sdq=(0.1, 0.3), shadow_fraction=0.2),
+    limits=GeneralLimits(
+        distance=1.5,
+        margin=0.2,
+        sdq=(0.1, 0.3),
+        shadow_fraction=0.2,
+        albedo=(0.3, 0.5),
+        scale=(0.99, 1.01),
+        handedness=0.0,
+    ),
 )
 
 
@@ -102,6 +116,15 @@ def of_match(**changes: object) -> Measures:
         (replace(GOOD, sdq=0.4), Decision.FAIL, Cause.ROUGHNESS, "Sdq 0.400, at most 0.300"),
         (replace(GOOD, sdq=0.05), Decision.FAIL, Cause.ROUGHNESS, "Sdq 0.050, at least 0.100"),
         (replace(GOOD, shadow_fraction=0.3), Decision.FAIL, Cause.SHADOW, "30.0%, at most 20.0%"),
+        (replace(GOOD, albedo=0.2), Decision.FAIL, Cause.ALBEDO, "albedo 0.200, at least 0.300"),
+        (replace(GOOD, scale=1.05), Decision.FAIL, Cause.SCALE, "scale 1.050, at most 1.010"),
+        (replace(GOOD, scale=0.95), Decision.FAIL, Cause.SCALE, "scale 0.950, at least 0.990"),
+        (replace(GOOD, handedness=-1.0), Decision.FAIL, Cause.HANDEDNESS, "-1.00, at least 0.00"),
+        (replace(GOOD, handedness=None), Decision.ERROR, Cause.UNFORESEEN, "handedness: not"),
+        (replace(GOOD, octaves=1.2), Decision.FAIL, Cause.OCTAVES, "octaves 1.20, at most 1.00"),
+        (replace(GOOD, seam=1.2), Decision.FAIL, Cause.SEAM, "seam score 1.20, at most 1.00"),
+        (replace(GOOD, window=1.2), Decision.FAIL, Cause.WINDOW, "window score 1.20, at most 1.00"),
+        (replace(GOOD, window=None), Decision.ERROR, Cause.UNFORESEEN, "window score: not"),
         (replace(GOOD, defect_score=1.2), Decision.FAIL, Cause.DEFECT, "1.20, at most 1.00"),
         (replace(GOOD, unjudged_px=256), Decision.FAIL, Cause.DEFECT, "256, at most 255"),
         (replace(GOOD, defect_score=math.nan), Decision.ERROR, Cause.UNFORESEEN, "score: nan"),
@@ -173,6 +196,12 @@ MEASURES = st.builds(
     led_levels=st.sampled_from([(), (("LED 0", math.nan),), (("LED 0", 1.0),), (("LED 0", 0.8),)]),
     sdq=NUMBERS,
     shadow_fraction=NUMBERS,
+    albedo=NUMBERS,
+    scale=NUMBERS,
+    handedness=NUMBERS,
+    octaves=NUMBERS,
+    window=NUMBERS,
+    seam=NUMBERS,
     defect_score=NUMBERS,
     unjudged_px=st.none() | st.integers(),
 )
@@ -183,6 +212,12 @@ LIMITS = st.builds(
     sdq=st.none() | st.just((0.1, 1.5)),
     shadow_fraction=st.none() | st.floats(0.0, 1.0),
     blur_px=st.none() | st.floats(0.1, 3.0),
+    albedo=st.none() | st.just((0.1, 1.5)),
+    scale=st.none() | st.just((0.9, 1.1)),
+    handedness=st.none() | st.floats(-1.0, 1.0),
+    octaves=st.none() | st.floats(0.1, 3.0),
+    window=st.none() | st.floats(0.1, 3.0),
+    seam=st.none() | st.floats(0.1, 3.0),
     defect=st.none() | st.floats(0.1, 3.0),
 )
 RULES = st.builds(
@@ -212,6 +247,9 @@ def every_condition_holds(recipe: Recipe, m: Measures) -> bool:
         *(holds(level, STOP_LED_LEVEL, math.inf) for _, level in m.led_levels),
         match.runner_up is None or holds(match.margin, max(0.15, limits.margin or 0.0), math.inf),
         limits.sdq is None or holds(m.sdq, *limits.sdq),
+        limits.albedo is None or holds(m.albedo, *limits.albedo),
+        limits.scale is None or holds(m.scale, *limits.scale),
+        limits.handedness is None or holds(m.handedness, limits.handedness, math.inf),
         *(
             bound is None or holds(value, -math.inf, bound)
             for value, bound in (
@@ -219,6 +257,9 @@ def every_condition_holds(recipe: Recipe, m: Measures) -> bool:
                 (m.unmeasured_fraction, recipe.limits.unmeasured_fraction),
                 (m.unmeasured_fraction, limits.unmeasured_fraction),
                 (match.blur_px, limits.blur_px),
+                (m.octaves, limits.octaves),
+                (m.seam, limits.seam),
+                (m.window, limits.window),
                 (m.defect_score, limits.defect),
                 (m.unjudged_px, limits.unjudged_px),
             )
@@ -264,7 +305,8 @@ GOOD_MEASURES = st.builds(
     else of_match(**{name: value}),
     st.sampled_from(
         ["unmeasured_fraction", "saturated_fraction", "sdq", "shadow_fraction", "defect_score",
-         "distance", "margin", "blur_px", "sharpness"]
+         "albedo", "scale", "handedness", "octaves", "window", "seam", "distance", "margin",
+         "blur_px", "sharpness"]
     ),
     st.floats(),
 )  # fmt: skip

@@ -13,7 +13,7 @@ from capture.station.approval.approval import approve, approved_states, roll_bac
 from capture.station.approval.recipe_settings import save_settings, with_settings
 from capture.station.errors import RecipeError
 from capture.station.inspection.inspector import Inspector
-from capture.station.recipe.recipe import Region, require_approved
+from capture.station.recipe.recipe import Limits, Region, require_approved
 from capture.station.recipe.recipe_file import read_recipe, write_recipe
 from capture.station.recipe.recipe_folder import RecipeFolder
 from capture.station.teaching.teaching import teach
@@ -21,6 +21,7 @@ from capture.station.teaching.teaching_limits import limits_of_texture
 from capture.station.teaching.teaching_page import teaching_page
 from capture.station.teaching.teaching_result import Teaching
 from capture.station.verdict import Cause, Decision
+from classify.pieces.piece_model import PieceModel
 from rig.config.defect import Defect
 from tests.capture.station.teaching_sets import SIDE_PX, patch, saved
 from tests.html_page import Page
@@ -212,15 +213,28 @@ def test_patches_of_one_texture_differ_in_slope_by_less_than_limits_assume(
     assert np.std(sdqs, ddof=1) < 0.01 * np.mean(sdqs)
 
 
+def of_texture(sdqs: list[float], *, has_handedness: bool = True) -> Limits:
+    return limits_of_texture(
+        [0.4] * 3, sdqs, [0.0] * 3, [0.0] * 3, [0.3] * 3, 0.0, has_handedness=has_handedness
+    )
+
+
 def test_limits_of_equal_parts_leave_room() -> None:
-    limits = limits_of_texture([0.4, 0.4, 0.4], [0.2] * 3, [0.0] * 3, [0.0] * 3)
+    limits = of_texture([0.2] * 3)
     assert limits.sdq is not None
     assert limits.sdq[0] < 0.199 < 0.201 < limits.sdq[1]
     assert limits.shadow_fraction == pytest.approx(0.005)
+    assert limits.albedo == (pytest.approx(0.255), pytest.approx(0.345))
+    assert limits.scale == (pytest.approx(0.99, abs=1e-3), pytest.approx(1.01, abs=1e-3))
+    assert limits.handedness == 0.0
+
+
+def test_a_texture_that_looks_like_its_mirror_image_has_no_limit_of_handedness() -> None:
+    assert of_texture([0.2] * 3, has_handedness=False).handedness is None
 
 
 def test_parts_that_are_exactly_flat_have_limits() -> None:
-    limits = limits_of_texture([0.4, 0.4, 0.4], [0.0] * 3, [0.0] * 3, [0.0] * 3)
+    limits = of_texture([0.0] * 3)
     assert limits.sdq == (0.0, pytest.approx(0.001))
 
 
@@ -305,3 +319,38 @@ def test_textures_that_overlap_need_ten_parts(taught: tuple[Path, Teaching]) -> 
     assert f"rock overlaps, and {sum(is_rock)} parts leave open how much it varies" in remarks
     assert "loose sand overlaps, and 2 parts leave open" in remarks
     assert remarks.count("; teach 10 parts or more") == 2
+
+
+def test_teaching_says_which_texture_looks_like_its_mirror_image(
+    taught: tuple[Path, Teaching],
+) -> None:
+    assert taught[1].recipe.limits_of["rock"].handedness is None
+    assert any(each.startswith("rock looks like its mirror image") for each in taught[1].remarks)
+
+
+def test_teaching_limits_what_windows_and_the_whole_part_may_be(
+    taught: tuple[Path, Teaching],
+) -> None:
+    limits = taught[1].recipe.limits_for("rock")
+    assert (limits.window, limits.seam, limits.octaves) == (1.0, 1.0, 1.0)
+    assert limits.albedo is not None
+    assert limits.scale is not None
+    for part, inspection in zip(taught[1].parts, taught[1].inspections, strict=True):
+        if part.kept.texture == "rock":
+            assert limits.albedo[0] < part.albedo < limits.albedo[1]
+            assert limits.scale[0] < (inspection.measures.scale or 0.0) < limits.scale[1]
+
+
+def test_what_an_earlier_program_taught_is_refused(files: RecipeFolder) -> None:
+    path = files.version(2).taught
+    path.write_text(path.read_text().replace('"version": 2', '"version": 1', 1))
+    with pytest.raises(RecipeError, match=r"version.*ps4rig station teach"):
+        Inspector.load(files)
+
+
+def test_a_piece_model_that_was_exchanged_is_refused(files: RecipeFolder) -> None:
+    made = files.version(2)
+    model = PieceModel.load(made.pieces(1))
+    replace(model, scale_deviation=2.0).save(made.pieces(1))
+    with pytest.raises(RecipeError, match=r"pieces-1\.ps4piece: was changed"):
+        Inspector.load(files)

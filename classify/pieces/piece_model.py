@@ -1,0 +1,222 @@
+"""`PieceModel`: what the windows and the whole of good parts look like."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from classify.surface.estimate import FloatMap, SurfaceEstimate
+
+from . import ps4piece
+from .features import (
+    ALBEDO,
+    DIRECTIONS,
+    FEATURES,
+    FINE,
+    window_features,
+    window_moments,
+)
+from .look_alikes import LookAlikes
+from .moments import MOMENTS, band_moments
+from .whole_part import Floats, LinearMeasure, octave_levels, pseudo_scalars
+
+VIEWS: tuple[tuple[str, int, tuple[int, ...]], ...] = (
+    ("window_1", 1, FINE),
+    ("window_2", 2, ALBEDO),
+    ("window_4", 4, tuple(range(FEATURES))),
+    ("window_8", 8, tuple(range(FEATURES))),
+    ("seam_4", 4, DIRECTIONS),
+    ("seam_8", 8, DIRECTIONS),
+)
+"""Name, side in cells of 16 px, and compared features of every view of a part.
+
+`python -m tests.evidence.wrong_passes` shows what they find together. In all features at once the
+many that differ between good windows hide the few that a small hole or a stain changes.
+"""
+SIZES = tuple(dict.fromkeys(size for _, size, _ in VIEWS))
+
+
+@dataclass(frozen=True, eq=False)
+class PieceMeasures:
+    """How far a part is from good parts, in pieces and as a whole.
+
+    Attributes
+    ----------
+    window_map, seam_map
+        (h, w) float32 scores of the cells of 16 px; 1.0 is the limit. The second compares only the
+        directions of the octaves of the windows around a cell.
+    octaves
+        Largest departure of the power in an octave of relief or albedo; 1.0 is the limit.
+    scale
+        Size of the texture, 1 as taught.
+    handedness
+        1 as taught, -1 in a mirror; None where the texture has none.
+    """
+
+    window_map: FloatMap
+    seam_map: FloatMap
+    octaves: float
+    scale: float
+    handedness: float | None
+
+    @property
+    def window(self) -> float:
+        """The largest score of a window."""
+        return float(self.window_map.max())
+
+    @property
+    def seam(self) -> float:
+        """The largest score of the directions of a window."""
+        return float(self.seam_map.max())
+
+
+@dataclass(frozen=True, eq=False)
+class PieceModel:
+    """Windows and wholes of good parts of one texture.
+
+    Attributes
+    ----------
+    floors
+        (MOMENTS,) energies that are added to measured ones.
+    views
+        Look-alikes by the name of the view, in units of whose limits the scores are.
+    octave_means, octave_limits
+        Levels of good parts in each octave of relief and of albedo, and their largest departures.
+    scale
+        Measure of the logarithm of the scale.
+    handedness
+        Measure of handedness; None for a texture without one.
+    scale_deviation
+        Standard deviation of the logarithm of the scale of good parts that are left out.
+    """
+
+    floors: FloatMap
+    views: dict[str, LookAlikes]
+    octave_means: Floats
+    octave_limits: Floats
+    scale: LinearMeasure
+    handedness: LinearMeasure | None
+    scale_deviation: float
+
+    def measure(
+        self, surface: SurfaceEstimate, orientation_deg: float | None, rings: Floats
+    ) -> PieceMeasures:
+        """Measure a part.
+
+        Parameters
+        ----------
+        surface
+            The part, of the same size of pixel on the part as the good parts.
+        orientation_deg
+            Orientation of its texture, as of `Match.orientation_deg`; None counts as 0.
+        rings
+            Its `ring_levels`, by the library of the good parts.
+
+        Raises
+        ------
+        InputError
+            As `band_moments`.
+        """
+        return self.measure_moments(band_moments(surface), orientation_deg, rings)
+
+    def measure_moments(
+        self, moments: FloatMap, orientation_deg: float | None, rings: Floats
+    ) -> PieceMeasures:
+        """As `measure`, for a part whose moments are known."""
+        maps = {kind: np.zeros(moments.shape[:2], np.float32) for kind in ("window", "seam")}
+        features: dict[int, FloatMap] = {}
+        for name, size, _ in VIEWS:
+            windows = window_moments(moments, size)
+            if size not in features:
+                features[size] = window_features(windows, self.floors, orientation_deg or 0.0)
+            scores = np.sqrt(self.views[name].scores(features[size]))
+            _cover(maps[name.partition("_")[0]], scores.reshape(windows.shape[:2]), size)
+        departures = np.abs(octave_levels(moments) - self.octave_means) / self.octave_limits
+        hand = self.handedness
+        return PieceMeasures(
+            maps["window"],
+            maps["seam"],
+            float(departures.max()),
+            float(np.exp(self.scale.of_part(rings))),
+            None if hand is None else hand.of_part(pseudo_scalars(moments)),
+        )
+
+    @cached_property
+    def sha256(self) -> str:
+        """Hash of this model, as in its file."""
+        return ps4piece.digest(self._arrays)
+
+    def save(self, path: str | Path) -> None:
+        """Write a ``.ps4piece`` file, whole or not at all; raises as `ps4piece.write`."""
+        ps4piece.write(Path(path), self._arrays)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read a ``.ps4piece`` file; PieceModelError, which names it, if it cannot be used."""
+        arrays = ps4piece.read(Path(path), _shapes())
+        views = {
+            name: LookAlikes(*(arrays[f"{name}_{part}"] for part in _PARTS)) for name, _, _ in VIEWS
+        }
+        hand = arrays["handedness_weights"]
+        return cls(
+            arrays["floors"],
+            views,
+            arrays["octave_means"],
+            arrays["octave_limits"],
+            LinearMeasure(arrays["scale_origin"], arrays["scale_weights"]),
+            LinearMeasure(np.zeros(len(hand)), hand) if len(hand) else None,
+            float(arrays["scale_deviation"][0]),
+        )
+
+    @property
+    def _arrays(self) -> dict[str, npt.NDArray[Any]]:
+        """The arrays of its file."""
+        arrays: dict[str, npt.NDArray[Any]] = {
+            "floors": self.floors,
+            "octave_means": self.octave_means,
+            "octave_limits": self.octave_limits,
+            "scale_origin": self.scale.origin,
+            "scale_weights": self.scale.weights,
+            "scale_deviation": np.array([self.scale_deviation]),
+            "handedness_weights": np.zeros(0)
+            if self.handedness is None
+            else self.handedness.weights,
+        }
+        for name, view in self.views.items():
+            arrays |= {f"{name}_{part}": getattr(view, part) for part in _PARTS}
+        return arrays
+
+
+_PARTS = ("whitening", "centres", "spreads")
+
+
+def _shapes() -> dict[str, tuple[int | None, ...]]:
+    """Shapes of the arrays of a model; None is any length."""
+    shapes: dict[str, tuple[int | None, ...]] = {
+        "floors": (MOMENTS,),
+        "octave_means": (None,),
+        "octave_limits": (None,),
+        "scale_origin": (None,),
+        "scale_weights": (None,),
+        "scale_deviation": (1,),
+        "handedness_weights": (None,),
+    }
+    for name, _, columns in VIEWS:
+        shapes[f"{name}_whitening"] = (FEATURES, len(columns))
+        shapes[f"{name}_centres"] = (None, len(columns))
+        shapes[f"{name}_spreads"] = (None,)
+    return shapes
+
+
+def _cover(cells: FloatMap, scores: FloatMap, size: int) -> None:
+    """Raise each cell to the largest score of the windows around it."""
+    half = max(size // 2, 1)
+    blocks = np.kron(scores, np.ones((half, half), np.float32))
+    rows, columns = blocks.shape
+    for top in range(0, size, half):
+        for left in range(0, size, half):
+            place = cells[top : top + rows, left : left + columns]
+            np.maximum(place, blocks[: place.shape[0], : place.shape[1]], out=place)

@@ -1,0 +1,182 @@
+"""Pieces and wholes: faults are found as what they are, and good parts pass."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from classify import InputError, SurfaceEstimate, TextureLibrary
+from classify.classifiers.joint import ring_levels
+from classify.errors import PieceModelError
+from classify.pieces.learning import SCALE_STEP, GoodPart, learn_pieces, scaled_surface
+from classify.pieces.moments import band_moments
+from classify.pieces.piece_model import PieceMeasures, PieceModel
+
+SIDE = 256
+LEARNED = 12
+
+
+def chiral(
+    seed: int,
+    orientation_deg: float = 0.0,
+    *,
+    mirrored: bool = False,
+    second_deg: float = 40.0,
+    scale: float = 1.0,
+) -> SurfaceEstimate:
+    """Coarse ripples along x, and fine ones at an angle to them: a texture with a handedness."""
+    draw = np.random.default_rng(seed)
+    x, y = np.arange(SIDE) - SIDE / 2.0, SIDE / 2.0 - np.arange(SIDE)
+    lengths = scale * np.repeat((24.0, 7.0), 60) * 2.0 ** draw.normal(0.0, 0.1, 120)
+    angles = np.repeat((0.0, second_deg), 60) + draw.normal(0.0, 8.0, 120)
+    angles = np.radians((-angles if mirrored else angles) + orientation_deg)
+    u, v = np.cos(angles), np.sin(angles)
+    along_x = np.exp(2j * np.pi * (u / lengths)[:, None] * x)
+    along_y = np.exp(2j * np.pi * (v / lengths) * y[:, None])
+    phases = np.exp(2j * np.pi * draw.uniform(0.0, 1.0, 120))
+
+    def field(weights: np.ndarray) -> np.ndarray:
+        return (along_y * (weights * phases)) @ along_x
+
+    p, q, albedo = 0.03 * field(u).real, 0.03 * field(v).real, 0.01 * field(np.ones(120)).imag
+    noise = draw.normal(0.0, 0.005, (3, SIDE, SIDE))
+    values = (p + noise[0], q + noise[1], 0.5 + albedo + noise[2])
+    return SurfaceEstimate(
+        *(each.astype(np.float32) for each in values), np.ones(p.shape, bool), "least_squares"
+    )
+
+
+class Taught:
+    """A library and a piece model of the same good parts."""
+
+    def __init__(self, surfaces: list[SurfaceEstimate]) -> None:
+        self.library = TextureLibrary.train([("chiral", each, 0.0) for each in surfaces])
+        parts = [GoodPart(band_moments(each), 0.0, self.rings(each)) for each in surfaces]
+        steps = (-SCALE_STEP, SCALE_STEP)
+        changes = [
+            (self.rings(scaled_surface(each, 1.0 + step)) - part.rings) / math.log(1.0 + step)
+            for each, part in zip(surfaces, parts, strict=True)
+            for step in steps
+        ]
+        self.model = learn_pieces(parts, np.mean(changes, axis=0))
+
+    def rings(self, surface: SurfaceEstimate) -> np.ndarray:
+        return ring_levels(self.library.observe(surface))
+
+    def measure(self, surface: SurfaceEstimate, orientation_deg: float = 0.0) -> PieceMeasures:
+        return self.model.measure(surface, orientation_deg, self.rings(surface))
+
+
+@pytest.fixture(scope="module")
+def taught() -> Taught:
+    return Taught([chiral(seed) for seed in range(LEARNED)])
+
+
+@pytest.fixture
+def good() -> SurfaceEstimate:
+    return chiral(102)
+
+
+def test_a_good_part_is_within_all_limits(taught: Taught, good: SurfaceEstimate) -> None:
+    found = taught.measure(good)
+    assert max(found.window, found.seam, found.octaves) < 1.0
+    assert found.scale == pytest.approx(1.0, abs=0.02)
+    assert found.handedness == pytest.approx(1.0, abs=0.5)
+
+
+def test_good_parts_are_seldom_beyond_a_limit(taught: Taught) -> None:
+    found = [taught.measure(chiral(seed)) for seed in range(200, 210)]
+    assert sum(max(each.window, each.seam, each.octaves) > 1.0 for each in found) <= 1
+
+
+def test_three_parts_give_limits_that_good_parts_keep() -> None:
+    found = Taught([chiral(seed) for seed in range(3)]).measure(chiral(106))
+    assert max(found.window, found.seam, found.octaves) < 1.0
+
+
+def test_a_good_part_may_lie_at_any_orientation(taught: Taught) -> None:
+    found = taught.measure(chiral(101, 50.0), 50.0)
+    assert max(found.window, found.seam, found.octaves) < 1.0
+
+
+def test_missing_texture_is_a_window_unlike_good_ones(
+    taught: Taught, good: SurfaceEstimate
+) -> None:
+    hole = np.zeros((SIDE, SIDE), bool)
+    hole[100:160, 60:120] = True
+    flat = np.where(hole, 0.0, 1.0).astype(np.float32)
+    part = replace(good, p=good.p * flat, q=good.q * flat)
+    found = taught.measure(part)
+    assert found.window > 1.5
+    row, column = np.unravel_index(found.window_map.argmax(), found.window_map.shape)
+    assert 100 // 16 - 2 <= row <= 160 // 16 + 2
+    assert 60 // 16 - 2 <= column <= 120 // 16 + 2
+
+
+def test_a_piece_at_another_orientation_is_a_seam(taught: Taught, good: SurfaceEstimate) -> None:
+    other = chiral(105, 90.0)
+    half = np.arange(SIDE) < SIDE // 2
+    part = replace(
+        good,
+        **{
+            name: np.where(half, getattr(good, name), getattr(other, name))
+            for name in ("p", "q", "albedo")
+        },
+    )
+    assert taught.measure(part).seam > 1.5
+
+
+@pytest.mark.parametrize("scale", [0.9, 0.95, 1.05, 1.1])
+def test_another_scale_is_measured(taught: Taught, scale: float) -> None:
+    found = math.log(taught.measure(chiral(104, scale=scale)).scale) / math.log(scale)
+    assert 0.3 < found < 3.0
+
+
+def test_a_mirrored_part_has_the_other_handedness(taught: Taught) -> None:
+    assert taught.measure(chiral(103, mirrored=True)).handedness == pytest.approx(-1.0, abs=0.5)
+
+
+def test_a_texture_that_is_its_own_mirror_image_has_no_handedness() -> None:
+    found = Taught([chiral(seed, second_deg=0.0) for seed in range(LEARNED)])
+    assert found.model.handedness is None
+    assert found.measure(chiral(100, second_deg=0.0)).handedness is None
+
+
+@pytest.mark.parametrize("depth", [0.7, 1.4])
+def test_a_relief_of_another_depth_changes_octaves(
+    taught: Taught, good: SurfaceEstimate, depth: float
+) -> None:
+    factor = np.float32(depth)
+    assert taught.measure(replace(good, p=factor * good.p, q=factor * good.q)).octaves > 1.0
+
+
+def test_a_model_is_read_as_it_was_written(taught: Taught, good: SurfaceEstimate, tmp_path) -> None:
+    path = tmp_path / "x.ps4piece"
+    taught.model.save(path)
+    assert path.stat().st_size < 1_000_000
+    read = PieceModel.load(path)
+    assert read.sha256 == taught.model.sha256
+    rings = taught.rings(good)
+    found, again = (each.measure(good, 0.0, rings) for each in (taught.model, read))
+    np.testing.assert_array_equal(found.window_map, again.window_map)
+    assert (found.scale, found.handedness) == (again.scale, again.handedness)
+
+
+def test_a_damaged_model_is_refused(taught: Taught, tmp_path) -> None:
+    path = tmp_path / "x.ps4piece"
+    taught.model.save(path)
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(PieceModelError, match=r"x\.ps4piece"):
+        PieceModel.load(path)
+
+
+def test_too_few_parts_and_parts_of_different_sizes_are_refused(good: SurfaceEstimate) -> None:
+    part = GoodPart(band_moments(good), 0.0, np.zeros(84))
+    with pytest.raises(InputError, match="2 good parts"):
+        learn_pieces([part] * 2, np.ones(84))
+    smaller = GoodPart(part.moments[:-1], 0.0, part.rings)
+    with pytest.raises(InputError, match="differ in the size"):
+        learn_pieces([part, part, smaller], np.ones(84))

@@ -1,0 +1,1 @@
+"""Studies of the product: commands that print a table beside its limits."""

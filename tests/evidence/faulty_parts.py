@@ -1,0 +1,184 @@
+"""Good parts of a material, and parts with faults that a person sees at once, captured as sets."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+from unittest import mock
+
+import numpy as np
+
+from capture import CapturedSet, capture_set
+from rig import Placement, RigConfig, open_rig
+from rig.config.defect import Defect, DefectKind
+from rig.scene.material_folder import load_material
+from rig.scene.surfaces import PeriodicSurface, Surface, SurfacePatch
+from rig.scene.targets import part_coordinates
+
+SIDE_PX = 512
+# Pixels over which the edges of a strip and of a seam change.
+_EDGE_PX = 2.0
+# The middle of a fault stays within this distance of the middle of the frame.
+_MIDDLE_PX = 130.0
+
+Change = Literal["strip", "seam", "mirrored", "scaled", "darker", "relief"]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault: a defect of the simulated rig, or a change of the whole surface, with its strength.
+
+    `most` is the largest share of such parts that may pass; None for a row without a target.
+    """
+
+    name: str
+    kind: DefectKind | Change | None
+    strength: float = 0.0
+    most: float | None = 0.0
+
+
+GOOD = Fault("good", None, most=None)
+FAULTS = (
+    Fault("missing, 40 px", "missing", 40.0, 0.05),
+    Fault("missing, 80 px", "missing", 80.0),
+    Fault("stain, 60 px, 30 %", "stain", 60.0),
+    Fault("dent, 40 px, 4 px deep", "dent", 40.0),
+    Fault("worn strip, 26 px", "strip", 26.0),
+    Fault("seam, 90 degrees", "seam", 90.0),
+    Fault("mirrored", "mirrored"),
+    Fault("5 % smaller", "scaled", 0.95, 0.05),
+    Fault("5 % larger", "scaled", 1.05, 0.05),
+    Fault("10 % smaller", "scaled", 0.9),
+    Fault("10 % larger", "scaled", 1.1),
+    Fault("reflectance 50 %", "darker", 0.5),
+    Fault("relief 20 % flatter", "relief", 0.8, 0.05),
+    Fault("relief 20 % deeper", "relief", 1.2, 0.05),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class _ChangedSurface:
+    """A surface with a change that no defect of the simulated rig makes."""
+
+    surface: PeriodicSurface
+    fault: Fault
+    angle_deg: float
+    offset_px: float
+
+    @property
+    def relief_px(self) -> float:
+        return 1.2 * self.surface.relief_px
+
+    def patch(
+        self,
+        size_px: int,
+        rotate_deg: float = 0.0,
+        shift_px: tuple[float, float] = (0.0, 0.0),
+        margin_px: int = 0,
+        magnification: float = 1.0,
+    ) -> SurfacePatch:
+        strength = np.float32(self.fault.strength)
+        if self.fault.kind == "scaled":
+            magnification *= self.fault.strength
+        patch = self.surface.patch(size_px, rotate_deg, shift_px, margin_px, magnification)
+        if self.fault.kind == "darker":
+            return replace(patch, albedo=strength * patch.albedo)
+        if self.fault.kind == "relief":
+            return replace(
+                patch, height=strength * patch.height, p=strength * patch.p, q=strength * patch.q
+            )
+        x, y = part_coordinates(size_px, 0.0, (0.0, 0.0), margin_px, 1.0)
+        angle = np.radians(self.angle_deg)
+        across = (np.cos(angle) * x + np.sin(angle) * y - self.offset_px).astype(np.float32)
+        if self.fault.kind == "seam":
+            other = self.surface.patch(
+                size_px, rotate_deg + self.fault.strength, shift_px, margin_px, magnification
+            )
+            share = np.clip(0.5 + across / np.float32(_EDGE_PX), 0.0, 1.0)
+        else:
+            flat = np.zeros_like(patch.p)
+            other = SurfacePatch(flat + patch.height.mean(), flat, flat, patch.albedo)
+            share = np.clip((0.5 * strength - abs(across)) / np.float32(_EDGE_PX) + 0.5, 0.0, 1.0)
+        rows, columns = np.gradient(share)  # the slopes are those of the blended height
+        step = other.height - patch.height
+        mixed = {
+            name: getattr(patch, name) * (1.0 - share) + getattr(other, name) * share + edge
+            for name, edge in (
+                ("height", 0),
+                ("p", columns * step),
+                ("q", -rows * step),
+                ("albedo", 0),
+            )
+        }
+        return SurfacePatch(**{name: each.astype(np.float32) for name, each in mixed.items()})
+
+
+def _mirrored(surface: PeriodicSurface) -> PeriodicSurface:
+    height, p, q, albedo = (
+        np.ascontiguousarray(each[:, ::-1])
+        for each in (surface.height, surface.p, surface.q, surface.albedo)
+    )
+    return PeriodicSurface(height, -p, q, albedo, surface.name)
+
+
+def captured_parts(material: Path, fault: Fault, count: int, seed: int) -> Iterator[CapturedSet]:
+    """Capture parts at random places and orientations, with shadows and noise."""
+    names = [each.name for each in (GOOD, *FAULTS)]
+    draw = np.random.default_rng([seed, names.index(fault.name), *material.name.encode()])
+    base = load_material(material)
+    if fault.kind == "mirrored":
+        base = _mirrored(base)
+    surfaces: dict[str, Surface] = {str(material): base}
+    config = RigConfig().with_changes(
+        camera={"width_px": SIDE_PX, "height_px": SIDE_PX},
+        simulation={"placement": {"surface": str(material)}},
+    )
+    with _surfaces(surfaces), open_rig(config) as rig:
+        assert rig.simulation is not None
+        for number in range(count):
+            shift_px = tuple(draw.uniform(-2000.0, 2000.0, 2).tolist())
+            x_px, y_px = (np.array(shift_px) + draw.uniform(-_MIDDLE_PX, _MIDDLE_PX, 2)).tolist()
+            angle_deg, offset_px = draw.uniform(0.0, 180.0), draw.uniform(-60.0, 60.0)
+            defects: tuple[Defect, ...] = ()
+            surface: Surface = base
+            if fault.kind in ("missing", "stain", "dent"):
+                values = {"kind": fault.kind, "size_px": fault.strength, "angle_deg": angle_deg}
+                values |= {"x_px": x_px, "y_px": y_px, "contrast": 0.3, "depth_px": 4.0}
+                defects = (Defect.model_validate(values),)
+            elif fault.kind not in (None, "mirrored"):
+                surface = _ChangedSurface(base, fault, angle_deg, offset_px)
+            name = f"{material} {number}"
+            surfaces.clear()
+            surfaces[name] = surface
+            rig.simulation.place(
+                Placement(
+                    surface=name,
+                    rotate_deg=draw.uniform(0.0, 360.0),
+                    shift_px=shift_px,
+                    seed=int(draw.integers(1, 2**31)),
+                    defects=defects,
+                )
+            )
+            yield capture_set(rig, label=material.name)
+
+
+@contextmanager
+def _surfaces(named: Mapping[str, Surface]) -> Iterator[None]:
+    """Let the simulated rig find these surfaces by name."""
+    with mock.patch("rig.simulation.scenes._load", lambda name, *_: named[name]):
+        yield
+
+
+def kept_parts(folder: Path, material: Path, fault: Fault, count: int, seed: int) -> list[Path]:
+    """Captured parts as files; those of an earlier run are used again."""
+    place = folder / f"{material.name}-{seed}"
+    place.mkdir(parents=True, exist_ok=True)
+    name = fault.name.replace(" ", "-").replace(",", "").replace("%", "percent")
+    paths = [place / f"{name}-{number}.ome.tif" for number in range(count)]
+    if not all(path.exists() for path in paths):
+        for path, captured in zip(paths, captured_parts(material, fault, count, seed), strict=True):
+            captured.save(path)
+    return paths

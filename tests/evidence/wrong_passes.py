@@ -1,0 +1,127 @@
+"""Parts with faults that a person sees at once, judged by a commissioned station.
+
+    python -m tests.evidence.wrong_passes MATERIALS [--quick] [--good N] [--faulty N] [--seed N]
+
+MATERIALS is a folder with one folder for each material. On the first 12 in alphabetical order a
+recipe is taught from 25 good parts of 512 px; other parts, captured with shadows and noise, are
+then judged by the inspector. Constants were chosen on materials 1, 3, 5 ... (even, from 0);
+targets hold for the others. Captured sets are kept in the folder of temporary files.
+"""
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from capture.console import progress
+from capture.sets.captured_set import CapturedSet
+from capture.station.inspection.inspector import Inspector
+from capture.station.recipe.recipe_folder import RecipeFolder
+from capture.station.teaching.teaching import teach
+from capture.station.verdict import Decision
+
+from .faulty_parts import FAULTS, GOOD, Fault, kept_parts
+
+TEXTURES = 12
+_TAUGHT = 25
+# Most good parts that may be rejected.
+_MOST_REJECTED = 0.01
+
+
+def taught(material: Path, kept: Path, folder: Path, seed: int, parts: int) -> Inspector:
+    """Teach a recipe from good parts, and print the remarks of teaching."""
+    files = RecipeFolder(folder / f"{material.name}.toml", folder / material.name)
+    remarks = teach(files, kept_parts(kept, material, GOOD, parts, seed)).remarks
+    for remark in remarks:
+        print(f"{material.name}: {remark}")
+    return Inspector.load(files)
+
+
+def passed(inspector: Inspector, paths: Sequence[Path], shown: list[str]) -> int:
+    """Number of parts that pass; `shown` gets the causes of the others."""
+    count = 0
+    for path in progress(paths, len(paths), path_name(paths)):
+        verdict = inspector.inspect(CapturedSet.load(path)).verdict
+        if verdict.decision is Decision.PASS:
+            count += 1
+        else:
+            shown.append(", ".join(verdict.causes))
+    return count
+
+
+def path_name(paths: Sequence[Path]) -> str:
+    """What the parts of these files are."""
+    return paths[0].name.rpartition("-")[0] if paths else ""
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Print the table; return 1 if a target is missed."""
+    parser = argparse.ArgumentParser(prog="wrong_passes")
+    parser.add_argument("materials", type=Path)
+    parser.add_argument("--quick", action="store_true", help="2 textures, 10 taught parts")
+    parser.add_argument("--good", type=int, default=100, help="good parts of each texture")
+    parser.add_argument("--faulty", type=int, default=12, help="parts of each texture and fault")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--only", choices=("even", "odd"))
+    parser.add_argument("--causes", action="store_true", help="print the causes of each row")
+    given = parser.parse_args(arguments)
+    found = sorted(each for each in given.materials.iterdir() if each.is_dir())[:TEXTURES]
+    numbered = list(enumerate(found))
+    if given.only:
+        numbered = [each for each in numbered if each[0] % 2 == (given.only == "odd")]
+    good, faulty, learned = given.good, given.faulty, _TAUGHT
+    if given.quick:
+        numbered, good, faulty, learned = numbered[2:4], 5, 2, 10
+    kept = Path(tempfile.gettempdir()) / "ps4rig-wrong-passes"
+    rows: dict[str, list[tuple[int, int, int]]] = {each.name: [] for each in (GOOD, *FAULTS)}
+    for number, material in numbered:
+        with tempfile.TemporaryDirectory() as folder:
+            inspector = taught(material, kept, Path(folder), given.seed, learned)
+            handed = inspector.recipe.limits_for(material.name).handedness is not None
+            for fault in (GOOD, *FAULTS):
+                if fault.kind == "mirrored" and not handed:
+                    continue
+                if fault is GOOD:
+                    paths = kept_parts(kept, material, GOOD, learned + good, given.seed)[learned:]
+                else:
+                    paths = kept_parts(kept, material, fault, faulty, given.seed)
+                causes: list[str] = []
+                count = passed(inspector, paths, causes)
+                rows[fault.name].append((number, count, len(paths)))
+                print(
+                    f"{material.name:24} {fault.name:24} {count:4} of {len(paths):4} pass  "
+                    + (f"{_counted(causes)}" if given.causes else ""),
+                    flush=True,
+                )
+    met = [_row(fault, rows[fault.name]) for fault in (GOOD, *FAULTS)]
+    return int(not all(met))
+
+
+def _counted(causes: Sequence[str]) -> str:
+    return "; ".join(f"{causes.count(each)} {each}" for each in sorted(set(causes)))
+
+
+def _row(fault: Fault, found: Sequence[tuple[int, int, int]]) -> bool:
+    """Print a line of the table; return whether the odd materials meet the target."""
+    shares = []
+    for odd in (0, 1):
+        count, total = (
+            sum(each[index] for each in found if each[0] % 2 == odd) for index in (1, 2)
+        )
+        shares.append((count, total))
+    count, total = shares[1] if shares[1][1] else shares[0]
+    met = True
+    if fault is GOOD:
+        met, wanted = total - count <= _MOST_REJECTED * total, "99 % or more"
+    elif fault.most is None:
+        wanted = "-"
+    else:
+        met, wanted = count <= fault.most * total, f"{fault.most:.0%} or less"
+    even, odd = (f"{count:4} of {total:4}" for count, total in shares)
+    print(f"{fault.name:26} even {even}   odd {odd}   wanted {wanted}{'' if met else '   MISSED'}")
+    return met
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
