@@ -10,9 +10,9 @@ or foreign texture that are found, and the mean logarithm of the scores of all d
 import numpy as np
 import pytest
 
-from capture.studies.reproduction.defects import measure
-from capture.studies.reproduction.defects.parts import part_of
-from capture.studies.reproduction.defects.plan import DefectCase
+from tests.evidence.defects import measure
+from tests.evidence.defects.parts import part_of
+from tests.evidence.defects.plan import DefectCase
 from capture.studies.reproduction.plan import Texture, material_textures
 from classify import TextureLibrary, learn_defects
 from classify.defects import (

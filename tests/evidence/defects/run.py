@@ -17,21 +17,18 @@ from .measure import measure
 from .plan import DefectPlan
 
 
-def reproduce_defects(
-    plan: DefectPlan, output: Path, workers: int | None = None, scheduler: str | None = None
-) -> Path:
+def reproduce_defects(plan: DefectPlan, output: Path, workers: int | None = None) -> Path:
     """Measure all textures of a plan and write all files; returns the page.
 
     Raises
     ------
     InputError
-        If the folder cannot be made or written to, a material is too small, or no scheduler
-        answers.
+        If the folder cannot be made or written to, or a material is too small.
     """
     make_folder(output)
     started_s = time.monotonic()
     tasks = [(plan, place) for place in range(len(plan.textures))]
-    with Batch(workers, scheduler) as batch:
+    with Batch(workers, None) as batch:
         results = list(progress(batch.map(measure, tasks), len(tasks), "textures"))
     facts = {
         "textures": ", ".join(texture.name for texture in plan.textures),
