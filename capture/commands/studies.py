@@ -49,28 +49,10 @@ def reproduce(
             metavar="DIR",
         ),
     ] = None,
-    defects: Annotated[
-        bool,
-        typer.Option(
-            "--defects",
-            help="Measure which simulated defects a defect map finds, instead of the chapter.",
-        ),
-    ] = False,
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,
 ) -> None:
     """Measure every figure and table of the thesis's chapter 9 on simulated surfaces."""
-    if defects:
-        if photographs is not None:
-            raise InputError("--defects is a study of its own; leave out --photographs")
-        from capture.studies.reproduction.defects.plan import defect_plan
-        from capture.studies.reproduction.defects.run import reproduce_defects
-        from capture.studies.reproduction.plan import material_textures
-
-        plan = defect_plan(quick, material_textures(materials))
-        page = reproduce_defects(plan, output, workers, scheduler)
-        out.print(f"{page}: detected defects (simulated)", soft_wrap=True)
-        return
     if photographs is not None:
         if quick or materials is not None:
             raise InputError("--photographs measures no materials; leave out --materials, --quick")

@@ -25,14 +25,16 @@ class DefectMap:
 
     Attributes
     ----------
-    relief, albedo
-        Part of the score from single spots and lines, in the relief and in the log albedo.
+    relief
+        Spots and scratches of the relief: the highest alone, or their share in the sum.
+    albedo
+        Spots and lines of the log albedo.
     texture
-        Part of the score from local statistics, the mean of those of octaves and of windows:
-        another texture, or a missing one.
+        Local statistics: another texture, or a missing one. The highest alone, or half of their
+        share in the sum.
     score
-        relief + albedo + 2 texture, which may exceed 1 although none of them does. Models of
-        version 1 have the largest of the three instead.
+        The highest departure in units of its own limit, or the sum of the evidence of all in units
+        of that of the sum, which may exceed 1 although none alone does.
     shape
         Rows and columns of the frame, px.
     """

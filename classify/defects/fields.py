@@ -104,6 +104,13 @@ def resized(plane: Plane, rows: int, columns: int) -> FloatMap:
     return np.asarray(cv2.resize(plane, (columns, rows), interpolation=method), np.float32)
 
 
+def cell_maximum(plane: FloatMap, pixels: int) -> FloatMap:
+    """Largest value of every square of `pixels` x `pixels`."""
+    highest = cv2.dilate(plane, np.ones((pixels, pixels), np.uint8), anchor=(0, 0))
+    # With its anchor at the first pixel, a square reaches to the right and down.
+    return np.ascontiguousarray(highest[::pixels, ::pixels])
+
+
 def gaussian_mean(plane: FloatMap, sigma: float) -> FloatMap:
     """Gaussian mean around every pixel."""
     return np.asarray(cv2.GaussianBlur(plane, (0, 0), sigma), np.float32)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .gaussian import PowerSums
+from .good_cells import PowerSums
 
 
 def unlike_halves(sums: Sequence[PowerSums]) -> tuple[list[int], list[int]]:

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from typing import TypeVar
 
 import numpy as np
@@ -12,20 +11,20 @@ import numpy.typing as npt
 from classify.errors import InputError
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 
-from .defect_model import DefectModel
-from .departures import Departures
+from .defect_model import CHANNEL_SHARES, DefectModel, channels_of
+from .departures import Departures, observed
 from .evidence import Evidence
 from .fields import PartFields, part_fields
-from .gaussian import Gaussian, PowerSums, power_sums
+from .good_cells import GoodCells, power_sums
 from .halves import unlike_halves
-from .limits import common_limit, limits_of, tile_maxima
-from .observation import Observation
-from .responses import RELIEF_RESPONSES
+from .limits import common_limit, tile_maxima
 from .whitening import MIN_SIDE_PX, Spectrum, mean_spectrum
-from .window_statistics import window_statistics
+from .window_statistics import LOW, window_statistics
 
 LEAST_PARTS = 3
 MOST_PARTS = 100
+# Responses to an albedo that is exactly constant on all good parts are 0.
+_LEAST_SCALE = 1e-6
 
 Item = TypeVar("Item")
 
@@ -38,7 +37,7 @@ def learn_defects(
     """Learn what good parts of one texture look like.
 
     The parts are split into halves that differ as much as possible, and each part is scored by a
-    model of the other half. The limit follows from these scores, so that a share
+    model of the other half. The limits follow from these scores, so that a share
     `false_alarm_rate` of good parts exceeds 1.0 anywhere. Fewer parts than 1 / rate cannot show
     that: the tail of their scores is extrapolated, the limit is not below the highest score of a
     good part, and `DefectModel.false_alarm_bound` states what the parts show.
@@ -71,20 +70,23 @@ def learn_defects(
         )
     if len({part.shape for part in parts}) > 1:
         raise InputError("the good parts differ in the size of their frames; capture them alike")
-    observed = _observed(parts, angles)
+    observations = _observations(parts, angles)
     departures: dict[int, FloatMap] = {}
-    for half in unlike_halves([each.windows for each in observed]):
-        others = _departures(_without(observed, half), false_alarm_rate)
+    for half in unlike_halves([power_sums(each.windows) for each in observations]):
+        others = _departures(_without(observations, half))
         departures |= {index: others.of(parts[index], angles[index]) for index in half}
     inside = np.concatenate([each[:, parts[n].valid] for n, each in departures.items()], axis=1)
-    evidence = Evidence.of(inside)
+    evidence = Evidence.learn(inside)
     maxima = np.array([
-        tile_maxima(evidence.of_departures(departures[index]).sum(axis=0), part.valid)
+        [tile_maxima(each, part.valid) for each in channels_of(evidence.of(departures[index]))]
         for index, part in enumerate(parts)
     ])  # fmt: skip
-    limit = common_limit(maxima, false_alarm_rate)
-    model = _departures(observed, false_alarm_rate)
-    return DefectModel(model, evidence, limit, false_alarm_rate, maxima.max(axis=1) / limit)
+    limits = np.array([
+        common_limit(maxima[:, channel], false_alarm_rate * share)
+        for channel, share in enumerate(CHANNEL_SHARES)
+    ], np.float32)  # fmt: skip
+    scores = np.max(maxima.max(axis=2) / limits, axis=1)
+    return DefectModel(_departures(observations), evidence, limits, false_alarm_rate, scores)
 
 
 def _checked(surface: SurfaceEstimate) -> SurfaceEstimate:
@@ -97,49 +99,45 @@ def _checked(surface: SurfaceEstimate) -> SurfaceEstimate:
 
 
 @dataclass(frozen=True, eq=False)
-class _Observed:
-    """Observations of one part: maxima of its tiles, and sums of its statistics.
+class _Observation:
+    """Observations of one part: means of the maxima of its tiles, and statistics of its cells.
 
     Responses and octaves are whitened by the spectra of the other half of the parts.
     """
 
     spectrum: Spectrum
-    maxima: npt.NDArray[np.float64]
-    octaves: PowerSums
-    windows: PowerSums
+    scales: npt.NDArray[np.float64]
+    octaves: FloatMap
+    windows: FloatMap
 
 
-def _observed(parts: Sequence[PartFields], angles: Sequence[float]) -> list[_Observed]:
+def _observations(parts: Sequence[PartFields], angles: Sequence[float]) -> list[_Observation]:
     spectra = [Spectrum.of(part, angle) for part, angle in zip(parts, angles, strict=True)]
     windows = [
-        power_sums(window_statistics(part.moments, angle)[part.valid])
+        window_statistics(part.moments, angle)[part.valid]
         for part, angle in zip(parts, angles, strict=True)
     ]
-    observed = {}
-    for half in unlike_halves(windows):
+    found = {}
+    for half in unlike_halves([power_sums(each) for each in windows]):
         gains = mean_spectrum(_without(spectra, half)).gains()
         for index in half:
             valid = parts[index].valid
-            observation = Observation.of(parts[index], gains, angles[index])
-            responses = chain(observation.relief_responses(), observation.albedo_responses())
-            observed[index] = _Observed(
-                spectra[index],
-                np.array([tile_maxima(response, valid) for response in responses]),
-                power_sums(observation.octave_statistics()[valid]),
-                windows[index],
-            )
-    return [observed[index] for index in range(len(parts))]
+            octaves, responses = observed(parts[index], gains, angles[index])
+            maxima = np.array([tile_maxima(each, valid) for bank in responses for each in bank])
+            scales = maxima[:, np.isfinite(maxima[0])].mean(axis=1)
+            found[index] = _Observation(spectra[index], scales, octaves()[valid], windows[index])
+    return [found[index] for index in range(len(parts))]
 
 
-def _departures(observed: Sequence[_Observed], false_alarm_rate: float) -> Departures:
-    limits = limits_of(np.array([each.maxima for each in observed]), false_alarm_rate)
-    relief_limits, albedo_limits = np.split(limits.astype(np.float32), [RELIEF_RESPONSES])
+def _departures(observations: Sequence[_Observation]) -> Departures:
+    windows = [each.windows for each in observations]
+    scales = np.mean([each.scales for each in observations], axis=0)
     return Departures(
-        mean_spectrum([each.spectrum for each in observed]).gains(),
-        relief_limits,
-        albedo_limits,
-        Gaussian.of([each.octaves for each in observed]),
-        Gaussian.of([each.windows for each in observed]),
+        mean_spectrum([each.spectrum for each in observations]).gains(),
+        np.maximum(scales, _LEAST_SCALE).astype(np.float32),
+        GoodCells.of([each.octaves for each in observations]),
+        GoodCells.of(windows),
+        Evidence.learn(-np.concatenate(windows)[:, LOW].T),
     )
 
 

@@ -24,7 +24,7 @@ _LEAST_LIMIT = 1e-3
 # Quantile of the normal distribution at 95 %.
 _CONFIDENCE_BOUND = 1.645
 # Prior of the standard deviation of the parts' log maxima, and the number of parts that it counts
-# as. The deviation was 0.2 to 0.3 on most textures of `ps4rig reproduce --defects`.
+# as. The deviation was 0.2 to 0.3 on most textures of `python -m tests.evidence.defects`.
 _PRIOR_SPREAD, _PRIOR_FREEDOM = 0.25, 4
 
 Maxima = npt.NDArray[np.float64]

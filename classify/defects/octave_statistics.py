@@ -1,19 +1,23 @@
-"""Energy and anisotropy of the whitened fields around each cell."""
+"""Energy of the whitened fields around each cell."""
 
 from functools import partial
 
+import cv2
 import numpy as np
+import scipy.fft
 
 from classify.compiling import Array, kernel
 from classify.surface.estimate import FloatMap
-from classify.threads import run_on_rows
+from classify.threads import map_in_threads, run_on_rows
 
-from .fields import HALF_CELL, gaussian_mean, resized
+from .fields import COARSEST, HALF_CELL, gaussian_mean, resized
+from .whitening import HalfSpectrum
 
 LEVELS = 4
 """Octaves of the local statistics."""
 OCTAVE_STATISTICS = 2 * LEVELS
-"""Statistics of a cell, or three times as many with anisotropies."""
+"""Statistics of a cell: of relief and of albedo."""
+assert 2**LEVELS == COARSEST
 
 # Cells over which local statistics are averaged: standard deviation of the Gaussian.
 _STATISTICS_CELLS = 1.5
@@ -21,39 +25,40 @@ _STATISTICS_CELLS = 1.5
 _ENERGY_FLOOR = np.float32(1e-3)
 
 
-def octave_statistics(
-    relief: list[FloatMap], albedo: list[FloatMap], weight: FloatMap, orientation_deg: float | None
-) -> FloatMap:
-    """(h, w, d) float32 statistics of every cell.
+def octave_statistics(white: tuple[HalfSpectrum, HalfSpectrum], weight: FloatMap) -> FloatMap:
+    """(h, w, OCTAVE_STATISTICS) float32 log energies of the gradient in each octave.
 
-    The logarithm of the energy of the gradient in each octave of relief and then of albedo. Models
-    of version 1 have its anisotropy in the frame of the texture beside each, as the cosine and sine
-    of twice the direction; an `orientation_deg` asks for these.
+    Parameters
+    ----------
+    white
+        Half spectra of the whitened relief and albedo.
+    weight
+        As `PartFields.weight`.
     """
-    rows, columns = (side // HALF_CELL for side in relief[0].shape)
+    rows, columns = (side // HALF_CELL for side in weight.shape)
     around = gaussian_mean(resized(weight * weight, rows, columns), _STATISTICS_CELLS)
     around += np.float32(1e-3)
 
-    def mean(energy: FloatMap) -> FloatMap:
-        return gaussian_mean(resized(energy, rows, columns), _STATISTICS_CELLS) / around
+    def statistics(spectrum: HalfSpectrum) -> list[FloatMap]:
+        level = np.asarray(scipy.fft.irfft2(spectrum, s=weight.shape), np.float32)
+        values = []
+        for number in range(LEVELS):
+            energy = resized(_gradient_energies(level, HALF_CELL >> number or 1), rows, columns)
+            energy = gaussian_mean(energy, _STATISTICS_CELLS) / around
+            values.append(np.log(energy + 2 * _ENERGY_FLOOR))
+            # Not pyrDown: its pixels are not in the middle of those that they stand for.
+            blurred = np.asarray(cv2.GaussianBlur(level, (3, 3), 0), np.float32)
+            level = resized(blurred, level.shape[0] // 2, level.shape[1] // 2)
+        return values
 
-    values = []
-    for number, level in enumerate((*relief[:LEVELS], *albedo[:LEVELS])):
-        xx, yy, xy = _gradient_energies(level, HALF_CELL >> number % LEVELS or 1)
-        total = mean(xx + yy) + 2 * _ENERGY_FLOOR
-        values.append(np.log(total))
-        if orientation_deg is not None:
-            angle = np.radians(2.0 * orientation_deg)
-            c, s = np.float32(np.cos(angle)), np.float32(np.sin(angle))
-            even, odd = mean(xx - yy) / total, mean(2 * xy) / total
-            values += [c * even + s * odd, c * odd - s * even]
-    return np.stack(values, axis=-1)
+    relief, albedo = map_in_threads(statistics, white)
+    return np.stack(relief + albedo, axis=-1)
 
 
 def _gradient_energies(level: FloatMap, pixels: int) -> FloatMap:
-    """(3, h, w) means of x^2, y^2 and x y of the gradient (y up) in squares."""
+    """(h, w) means of the squared gradient in squares."""
     rows, columns = (side // pixels for side in level.shape)
-    energies = np.empty((3, rows, columns), np.float32)
+    energies = np.empty((rows, columns), np.float32)
     run_on_rows(partial(_sum_energies, level, pixels, energies), (rows, level[:pixels].size))
     return energies
 
@@ -62,12 +67,11 @@ def _gradient_energies(level: FloatMap, pixels: int) -> FloatMap:
 def _sum_energies(level: Array, pixels: int, energies: Array, first: int, stop: int) -> None:
     """Means of rows of squares; Sobel gradients, which are 0 at the border."""
     rows, columns = level.shape
-    sums = np.empty((3, columns), np.float32)
+    sums = np.empty(columns, np.float32)
     quarter, two = np.float32(0.25), np.float32(2.0)
     share = np.float32(1.0) / np.float32(pixels * pixels)
     for row in range(first, stop):
         sums[:] = np.float32(0.0)
-        xx, yy, xy = sums[0], sums[1], sums[2]
         for r in range(max(row * pixels, 1), min((row + 1) * pixels, rows - 1)):
             above, here, below = level[r - 1], level[r], level[r + 1]
             for c in range(1, columns - 1):
@@ -75,12 +79,9 @@ def _sum_energies(level: Array, pixels: int, energies: Array, first: int, stop: 
                 rising = above[c - 1] - below[c + 1]
                 x = quarter * (falling - rising + two * (here[c + 1] - here[c - 1]))
                 y = quarter * (falling + rising + two * (above[c] - below[c]))
-                xx[c] += x * x
-                yy[c] += y * y
-                xy[c] += x * y
-        for index in range(3):
-            for column in range(energies.shape[2]):
-                total = np.float32(0.0)
-                for c in range(column * pixels, (column + 1) * pixels):
-                    total += sums[index, c]
-                energies[index, row, column] = share * total
+                sums[c] += x * x + y * y
+        for column in range(energies.shape[1]):
+            total = np.float32(0.0)
+            for c in range(column * pixels, (column + 1) * pixels):
+                total += sums[c]
+            energies[row, column] = share * total

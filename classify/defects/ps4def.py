@@ -14,15 +14,15 @@ from classify.durable_file import require_folder
 from classify.errors import DefectModelError
 
 SUFFIX = ".ps4def"
-VERSIONS: Final = (1, 2)
+VERSION: Final = 3
 _KIND = ArchiveKind(
     noun="defect model",
     header="defects.json",
-    versions=VERSIONS,
+    versions=(VERSION,),
     if_missing="make one with ps4rig station teach",
     remedy="teach it again",
     error=DefectModelError,
-    # A model takes 150 kB, and 8 bytes for each of at most 100 good parts.
+    # A model takes 180 kB, and 8 bytes for each of at most 100 good parts.
     max_bytes=2**22,
     max_header_bytes=2**16,
 )
@@ -34,12 +34,12 @@ Array = npt.NDArray[Any]
 class _Header(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
     format: Literal["ps4def"] = "ps4def"
-    version: Literal[1, 2]
+    version: Literal[3] = VERSION
     false_alarm_rate: float = Field(gt=0.0, lt=0.5)
     sha256: str
 
 
-def write(path: Path, version: int, false_alarm_rate: float, arrays: Mapping[str, Array]) -> None:
+def write(path: Path, false_alarm_rate: float, arrays: Mapping[str, Array]) -> None:
     """Write a model to `path`, whole or not at all.
 
     Raises
@@ -52,17 +52,17 @@ def write(path: Path, version: int, false_alarm_rate: float, arrays: Mapping[str
     if path.suffix != SUFFIX:
         raise DefectModelError(f"{path}: let the name of a defect model end in {SUFFIX}")
     require_folder(path)
-    sha256 = digest(version, false_alarm_rate, arrays)
-    header = _Header(version=version, false_alarm_rate=false_alarm_rate, sha256=sha256)
+    sha256 = digest(false_alarm_rate, arrays)
+    header = _Header(false_alarm_rate=false_alarm_rate, sha256=sha256)
     write_archive(path, _KIND, header.model_dump_json(indent=1), arrays)
 
 
 def read(
-    path: Path, shapes: Mapping[int, Mapping[str, tuple[int | None, ...]]]
+    path: Path, shapes: Mapping[str, tuple[int | None, ...]]
 ) -> tuple[float, dict[str, Array]]:
     """Read the false alarm rate and the arrays of a model.
 
-    `shapes` names the arrays of every version; None stands for any length.
+    `shapes` names the arrays; None stands for any length.
 
     Raises
     ------
@@ -72,8 +72,8 @@ def read(
     """
     with open_archive(path, _KIND) as archive:
         header = archive.header(_Header)
-        arrays = {name: archive.array(f"{name}.npy", _DTYPES) for name in shapes[header.version]}
-        for name, shape in shapes[header.version].items():
+        arrays = {name: archive.array(f"{name}.npy", _DTYPES) for name in shapes}
+        for name, shape in shapes.items():
             found = arrays[name].shape
             fits = len(found) == len(shape) and all(
                 side in (None, length) for side, length in zip(shape, found, strict=True)
@@ -82,14 +82,14 @@ def read(
                 raise archive.damaged(f"{name} has the shape {found} instead of {shape}")
             if not np.isfinite(arrays[name]).all():
                 raise archive.damaged(f"{name} contains NaN or infinity")
-        if digest(header.version, header.false_alarm_rate, arrays) != header.sha256:
+        if digest(header.false_alarm_rate, arrays) != header.sha256:
             raise archive.error("its arrays do not match their SHA-256: the file was changed")
     return header.false_alarm_rate, arrays
 
 
-def digest(version: int, false_alarm_rate: float, arrays: Mapping[str, Array]) -> str:
+def digest(false_alarm_rate: float, arrays: Mapping[str, Array]) -> str:
     """SHA-256 over version, rate, and arrays with their names, types and shapes."""
-    hashed = hashlib.sha256(f"{version} {false_alarm_rate!r}".encode())
+    hashed = hashlib.sha256(f"{VERSION} {false_alarm_rate!r}".encode())
     for name in sorted(arrays):
         plain = np.ascontiguousarray(arrays[name])
         hashed.update(f" {name} {plain.dtype.str} {plain.shape} ".encode())

@@ -1,8 +1,8 @@
 """Whitening: relief and albedo divided by the spectrum of their texture.
 
 A filter that divides by the root of the power spectrum turns a stationary texture into white noise
-of variance 1, in which a defect has the largest possible signal-to-noise ratio (the matched filter
-of North 1943, without the shape of the defect).
+of variance 1. Divided by the power itself, and correlated with the shape of a defect, it shows that
+defect with the largest possible signal-to-noise ratio (the matched filter of North 1943).
 """
 
 from collections.abc import Sequence
@@ -33,10 +33,11 @@ _LEAST_WEIGHT = 0.5
 # Power added to every frequency, as a share of the mean power: errors of focus, scale and
 # orientation move about this share of the power of one frequency to others.
 _FLOOR = 1e-3
-# Isotropic low-pass in cycles per pixel at half resolution, so that all orientations are alike.
+# Low-pass in cycles per pixel, so that all orientations are alike.
 _PASS, _STOP = 0.40, 0.48
 
 Power = npt.NDArray[np.float64]
+HalfSpectrum = npt.NDArray[np.complex64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +57,7 @@ class Spectrum:
         fits = [side for side in _SEGMENTS if 2 * side <= min(fields.p.shape)]
         segment = fits[0] if fits else _SEGMENTS[-1]
         window = _window(segment)
-        u, v = _frequencies((segment, segment))
+        u, v = frequencies((segment, segment))
         length = np.maximum(np.hypot(u, v), 1e-9)
         relief = np.zeros((segment, segment // 2 + 1))
         albedo = np.zeros_like(relief)
@@ -98,10 +99,10 @@ def mean_spectrum(spectra: Sequence[Spectrum]) -> Spectrum:
     )
 
 
-def whitened(
+def white_spectra(
     fields: PartFields, gains: FloatMap, orientation_deg: float
-) -> tuple[FloatMap, FloatMap]:
-    """Whitened relief and albedo of a part, as large as its fields.
+) -> tuple[tuple[HalfSpectrum, HalfSpectrum], tuple[HalfSpectrum, HalfSpectrum]]:
+    """Half spectra of relief and albedo, divided by the root of their power, and by their power.
 
     Raised and bright places are positive. `gains` are in the frame of the texture; the part is
     rotated by `orientation_deg` from it.
@@ -110,12 +111,10 @@ def whitened(
     p, q, a = map_in_threads(scipy.fft.rfft2, [fields.p, fields.q, fields.albedo])
     angle = np.radians(orientation_deg)
     rotation = np.array([np.cos(angle), np.sin(angle)], np.float32)
-    run_on_rows(
-        partial(_apply_gains, p, q, a, gains, _low_pass(shape, gains.shape[1] - 1), rotation),
-        p.shape,
-    )
-    relief, albedo = map_in_threads(partial(scipy.fft.irfft2, s=shape), [p, a])
-    return relief, albedo
+    relief, albedo = np.empty_like(p), np.empty_like(p)
+    band = _band(shape, gains.shape[1] - 1)
+    run_on_rows(partial(_apply_gains, p, q, a, gains, band, rotation, relief, albedo), p.shape)
+    return (relief, albedo), (p, a)
 
 
 @lru_cache(maxsize=2)
@@ -136,17 +135,19 @@ def _segment_corners(shape: tuple[int, ...], segment: int) -> list[tuple[int, in
 
 
 @lru_cache(maxsize=4)
-def _low_pass(shape: tuple[int, int], segment: int) -> FloatMap:
+def _band(shape: tuple[int, int], segment: int) -> FloatMap:
     """The band of a half spectrum that is whitened."""
-    u, v = _frequencies(shape)
-    radius = np.hypot(u, v)
-    low_pass = 0.5 + 0.5 * np.cos(np.pi * np.clip((radius - _PASS) / (_STOP - _PASS), 0.0, 1.0))
+    radius = np.hypot(*frequencies(shape))
     # Longer waves than a segment are drift of lights and form, which the spectra do not resolve.
-    low_pass *= -np.expm1(-((radius * segment) ** 2))
-    return np.asarray(low_pass, np.float32)
+    return np.asarray(low_pass(radius) * -np.expm1(-((radius * segment) ** 2)), np.float32)
 
 
-def _frequencies(shape: tuple[int, int]) -> tuple[Power, Power]:
+def low_pass(radius: Power) -> Power:
+    """Isotropic low-pass at a distance from zero frequency, in cycles per pixel."""
+    return 0.5 + 0.5 * np.cos(np.pi * np.clip((radius - _PASS) / (_STOP - _PASS), 0.0, 1.0))
+
+
+def frequencies(shape: tuple[int, int]) -> tuple[Power, Power]:
     """U to the right, (1, columns // 2 + 1), and v up, (rows, 1), of a half spectrum."""
     rows, columns = shape
     u, v = np.fft.rfftfreq(columns), -np.fft.fftfreq(rows)
@@ -159,12 +160,14 @@ def _apply_gains(
     q: Array,
     a: Array,
     gains: Array,
-    low_pass: Array,
+    band: Array,
     rotation: Array,
+    relief: Array,
+    albedo: Array,
     first: int,
     stop: int,
 ) -> None:
-    """Turn half spectra of p and albedo a into those of whitened relief and albedo."""
+    """Whiten half spectra into `relief` and `albedo`, and once more into `p` and `a`."""
     rows, half = p.shape
     across, down = np.float32(0.5 / (half - 1)), np.float32(1.0 / rows)
     side = np.float32(gains.shape[1] - 1)
@@ -182,17 +185,19 @@ def _apply_gains(
             y -= np.float32(row)
             upper = (one - x) * gains[0, row, column] + x * gains[0, row, column + 1]
             lower = (one - x) * gains[0, row + 1, column] + x * gains[0, row + 1, column + 1]
-            relief_gain = low_pass[r, k] * ((one - y) * upper + y * lower)
+            relief_gain = (one - y) * upper + y * lower
             upper = (one - x) * gains[1, row, column] + x * gains[1, row, column + 1]
             lower = (one - x) * gains[1, row + 1, column] + x * gains[1, row + 1, column + 1]
-            albedo_gain = low_pass[r, k] * ((one - y) * upper + y * lower)
-            scale = relief_gain / np.sqrt(max(u * u + v * v, np.float32(1e-18)))
+            albedo_gain = (one - y) * upper + y * lower
+            scale = band[r, k] * relief_gain / np.sqrt(max(u * u + v * v, np.float32(1e-18)))
             u, v_share = scale * u, scale * v
             # -i times the slope along the wave vector is positive on raised places.
             real = u * p[r, k].real + v_share * q[r, k].real
             imaginary = u * p[r, k].imag + v_share * q[r, k].imag
-            p[r, k] = complex(imaginary, -real)
-            a[r, k] = albedo_gain * a[r, k]
+            relief[r, k] = complex(imaginary, -real)
+            albedo[r, k] = band[r, k] * albedo_gain * a[r, k]
+            p[r, k] = relief_gain * relief[r, k]
+            a[r, k] = albedo_gain * albedo[r, k]
 
 
 def _full_spectrum(half: Power) -> Power:

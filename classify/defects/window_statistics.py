@@ -13,6 +13,8 @@ from .fields import gaussian_mean
 _WINDOWS = (1, 3)
 WINDOW_STATISTICS = 5 * len(_WINDOWS)
 """Window statistics of a cell."""
+LOW = [0, 3]
+"""Those that fall in the smallest window where the texture is missing."""
 
 # Cells over which squared distances are averaged: standard deviation of the Gaussian.
 _SMOOTHING_CELLS = 1.0
@@ -57,3 +59,11 @@ def smoothed(squares: FloatMap, valid: npt.NDArray[np.bool_]) -> FloatMap:
     around = np.maximum(gaussian_mean(share, _SMOOTHING_CELLS), _LEAST_SHARE)
     mean: Array = gaussian_mean(squares * share, _SMOOTHING_CELLS) / around
     return mean
+
+
+def mean_around(values: FloatMap, valid: npt.NDArray[np.bool_]) -> FloatMap:
+    """Mean of the valid ones among a cell and its eight neighbours."""
+    share = valid.astype(np.float32)
+    sums: Array = cv2.blur(values * share, (3, 3), borderType=cv2.BORDER_CONSTANT)
+    around: Array = cv2.blur(share, (3, 3), borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(sums / np.maximum(around, _LEAST_SHARE), np.float32)

@@ -10,20 +10,20 @@ or foreign texture that are found, and the mean logarithm of the scores of all d
 import numpy as np
 import pytest
 
-from capture.studies.reproduction.defects import measure
-from capture.studies.reproduction.defects.parts import part_of
-from capture.studies.reproduction.defects.plan import DefectCase
 from capture.studies.reproduction.plan import Texture, material_textures
 from classify import TextureLibrary, learn_defects
 from classify.defects import (
     fields,
-    gaussian,
+    good_cells,
     limits,
     octave_statistics,
     whitening,
     window_statistics,
 )
 from classify.surface.estimate import SurfaceEstimate
+from tests.evidence.defects import measure
+from tests.evidence.defects.parts import part_of
+from tests.evidence.defects.plan import DefectCase
 
 Oriented = tuple[SurfaceEstimate, float]
 
@@ -40,7 +40,7 @@ CONSTANTS = {
     fields: {"_FADE": (9, 25)},
     octave_statistics: {"_STATISTICS_CELLS": (0.75, 3.0)},
     window_statistics: {"_WINDOWS": ((1,), (3,), (1, 5)), "_SMOOTHING_CELLS": (0.5, 2.0)},
-    gaussian: {"_RIDGE": (0.005, 0.02)},
+    good_cells: {"_RIDGE": (0.005, 0.02), "_MOST_CELLS": (5_000, 80_000)},
     limits: {
         "_PRIOR_SPREAD": (0.125, 0.5),
         "_TILE": (4, 16),

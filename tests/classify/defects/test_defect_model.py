@@ -7,7 +7,7 @@ import pytest
 
 from classify import DefectModel, InputError, SurfaceEstimate, learn_defects, regions_of
 from classify.defects.fields import part_fields
-from classify.defects.gaussian import power_sums
+from classify.defects.good_cells import power_sums
 from classify.defects.halves import unlike_halves
 from classify.defects.window_statistics import window_statistics
 
@@ -58,6 +58,26 @@ def test_a_bump_and_a_dent_are_found_where_they_are(model, good, height_px: floa
     assert max(width, height) <= 96
 
 
+@pytest.mark.parametrize("width_px", [1.0, 2.5, 4.0])
+@pytest.mark.parametrize("angle_deg", [0.0, 52.0])
+def test_a_groove_of_any_width_is_a_defect_of_the_relief(
+    model, good, width_px: float, angle_deg: float
+) -> None:
+    rows, columns = np.indices(good.shape)
+    c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
+    x, y = columns - MIDDLE[1], MIDDLE[0] - rows
+    along, across = c * x + s * y, (c * y - s * x) / width_px
+    # A Gaussian groove without ridges.
+    slope = 2.5 * across * np.exp(-0.5 * across**2) * (np.abs(along) < 20.0)
+    p, q = good.p - s * slope, good.q + c * slope
+    scratched = replace(good, p=p.astype(np.float32), q=q.astype(np.float32))
+    region = regions_of(model.map_of(scratched, 0.0))[0]
+    left, top, width, height = region.box
+    assert region.kind == "relief"
+    assert top <= MIDDLE[0] <= top + height
+    assert left <= MIDDLE[1] <= left + width
+
+
 def test_a_stain_is_a_defect_of_the_albedo_alone(model, good) -> None:
     found = model.map_of(with_stain(good, 0.4), 0.0)
     assert regions_of(found)[0].kind == "albedo"
@@ -92,7 +112,8 @@ def test_a_levelled_patch_is_found_and_outlined(model, good, radius_px: float) -
     assert region.kind == "texture"
     x, y = region.outline.mean(axis=0)
     assert np.hypot(y - MIDDLE[0], x - MIDDLE[1]) < 12.0
-    assert 0.5 < region.area_px / inside.sum() < 2.0
+    # A cell that the patch only touches may exceed the limit, too.
+    assert 0.5 < region.area_px / inside.sum() < 3.0
 
 
 @pytest.mark.parametrize("share", [0.1, 0.4])

@@ -17,21 +17,18 @@ from .measure import measure
 from .plan import DefectPlan
 
 
-def reproduce_defects(
-    plan: DefectPlan, output: Path, workers: int | None = None, scheduler: str | None = None
-) -> Path:
+def reproduce_defects(plan: DefectPlan, output: Path, workers: int | None = None) -> Path:
     """Measure all textures of a plan and write all files; returns the page.
 
     Raises
     ------
     InputError
-        If the folder cannot be made or written to, a material is too small, or no scheduler
-        answers.
+        If the folder cannot be made or written to, or a material is too small.
     """
     make_folder(output)
     started_s = time.monotonic()
     tasks = [(plan, place) for place in range(len(plan.textures))]
-    with Batch(workers, scheduler) as batch:
+    with Batch(workers, None) as batch:
         results = list(progress(batch.map(measure, tasks), len(tasks), "textures"))
     facts = {
         "textures": ", ".join(texture.name for texture in plan.textures),
@@ -40,6 +37,6 @@ def reproduce_defects(
         "duration": f"{(time.monotonic() - started_s) / 60.0:.1f} min on {os.cpu_count()} cores, "
         f"{platform.machine()}",
     }
-    introduction = Path(__file__).parents[1] / "defects.html"
+    introduction = Path(__file__).with_name("page.html")
     about = About("defects", introduction, simulated=True, quick=plan.quick)
     return write_page(list(defect_exhibits(plan, results)), facts, about, output)

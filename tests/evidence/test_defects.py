@@ -1,4 +1,4 @@
-"""`ps4rig reproduce --defects`: metrics by hand, disjoint parts, and results of the quick form."""
+"""The study of simulated defects: metrics by hand, disjoint parts, results of the quick form."""
 
 import csv
 import math
@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture.studies.reproduction.defects.detectors import DETECTORS, OURS
-from capture.studies.reproduction.defects.parts import part_of, place_on_material
-from capture.studies.reproduction.defects.plan import DefectCase, defect_plan
-from capture.studies.reproduction.defects.run import reproduce_defects
-from capture.studies.reproduction.defects.scores import aupro, auroc
 from capture.studies.reproduction.plan import Texture, material_textures
 from classify import SurfaceEstimate, TextureLibrary, learn_defects
 from classify.errors import InputError
+from tests.evidence.defects.detectors import DETECTORS, OURS
+from tests.evidence.defects.parts import part_of, place_on_material
+from tests.evidence.defects.plan import DefectCase, defect_plan
+from tests.evidence.defects.run import reproduce_defects
+from tests.evidence.defects.scores import aupro, auroc
 
 SCORES = st.lists(st.integers(0, 9), min_size=1, max_size=12)
 

@@ -1,0 +1,99 @@
+"""`GoodCells`: statistics of good cells, and the distance from the nearest of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+from classify.compiling import Array, kernel
+from classify.surface.estimate import FloatMap
+from classify.threads import run_on_rows
+
+CENTRES = 200
+"""Good cells that are kept. 800 found no more on the textures of `tests.evidence.defects`."""
+# Cells among which they are chosen, evenly from all parts.
+_MOST_CELLS = 20_000
+# Share of the variance of each statistic that is added to it, so that directions in which a few
+# parts agree by chance do not decide.
+_RIDGE = 0.01
+# A statistic that does not vary, as of an albedo without noise, must not decide.
+_LEAST_VARIANCE = 1e-6
+_BLOCK = 64
+
+PowerSums = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class GoodCells:
+    """Mean (d,), whitening matrix (d, d), and whitened statistics of chosen cells (CENTRES, d).
+
+    A part need not be alike everywhere: a joint and a brick have cells of their own.
+    """
+
+    mean: FloatMap
+    whitening: FloatMap
+    centres: FloatMap
+
+    @classmethod
+    def of(cls, parts: Sequence[FloatMap]) -> Self:
+        """Choose from the statistics (n, d) of the cells of several parts.
+
+        Each centre is the cell that is farthest from those chosen before it (Gonzalez 1985).
+        """
+        moments = np.sum([power_sums(each) for each in parts], axis=0)
+        moments = moments / moments[0, 0]
+        mean = moments[0, 1:]
+        covariance = moments[1:, 1:] - np.outer(mean, mean)
+        covariance += _RIDGE * np.diag(np.diag(covariance)) + _LEAST_VARIANCE * np.eye(len(mean))
+        values, vectors = np.linalg.eigh(covariance)
+        whitening = (vectors / np.sqrt(values)).astype(np.float32)
+        cells = np.concatenate(parts)
+        cells = cells[np.linspace(0, len(cells) - 1, min(len(cells), _MOST_CELLS)).astype(int)]
+        cells = (cells - mean.astype(np.float32)) @ whitening
+        centres = np.empty((CENTRES, len(mean)), np.float32)
+        nearest = np.full(len(cells), np.inf, np.float32)
+        chosen = np.argmin(np.sum(cells**2, axis=1))
+        for index in range(CENTRES):
+            centres[index] = cells[chosen]
+            np.minimum(nearest, np.sum((cells - centres[index]) ** 2, axis=1), out=nearest)
+            chosen = np.argmax(nearest)
+        return cls(mean.astype(np.float32), whitening, centres)
+
+    def squared_distances(self, statistics: FloatMap) -> FloatMap:
+        """(h, w) squared distances of (h, w, d) statistics from the nearest centre."""
+        flat = statistics.reshape(-1, statistics.shape[-1])
+        whitened = np.ascontiguousarray(((flat - self.mean) @ self.whitening).T)
+        nearest = np.empty(len(flat), np.float32)
+        blocks = -(-len(flat) // _BLOCK)
+        run_on_rows(partial(_nearest, whitened, self.centres, nearest), (blocks, _BLOCK * CENTRES))
+        return nearest.reshape(statistics.shape[:2])
+
+
+def power_sums(samples: FloatMap) -> PowerSums:
+    """(d + 1, d + 1) sums of the products of (1, sample), of (n, d) samples."""
+    extended = np.pad(samples.astype(np.float64), ((0, 0), (1, 0)), constant_values=1.0)
+    return extended.T @ extended
+
+
+@kernel
+def _nearest(cells: Array, centres: Array, nearest: Array, first: int, stop: int) -> None:
+    """Squared distances of blocks of cells from the nearest centre."""
+    square = np.empty(_BLOCK, np.float32)
+    for block in range(first, stop):
+        left = block * _BLOCK
+        count = min(_BLOCK, cells.shape[1] - left)
+        least = nearest[left : left + count]
+        least[:] = np.float32(np.inf)
+        for centre in range(centres.shape[0]):
+            square[:] = np.float32(0.0)
+            # Two statistics at once halve the traffic of the sum.
+            for d in range(0, cells.shape[0], 2):
+                x, y = centres[centre, d], centres[centre, d + 1]
+                a, b = cells[d, left : left + count], cells[d + 1, left : left + count]
+                for c in range(count):
+                    square[c] += (a[c] - x) ** 2 + (b[c] - y) ** 2
+            for c in range(count):
+                least[c] = np.minimum(least[c], square[c])  # vectorised, as min is not
