@@ -1,6 +1,8 @@
 """Decoding of a DNG, the raw data of a camera, by LibRaw (`pip install 'ps4rig[dng]'`)."""
 
 import io
+import struct
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -9,8 +11,11 @@ import numpy.typing as npt
 from classify.errors import InputError
 
 _CFA, _LINEAR_RAW, _UNSIGNED = 32803, 34892, 1
+_CFA_LAYOUT, _RECTANGULAR = 50711, 1
 # Tags of the Digital Negative Specification 1.7.
 _BLACK_REPEAT, _BLACK, _BLACK_DELTA_H, _BLACK_DELTA_V, _WHITE = range(50713, 50718)
+# Lists of corrections before demosaicing, and those that change the response of pixels or rows.
+_OPCODE_LISTS, _RESPONSE_OPCODES = (51008, 51009), (7, 8, 10, 11, 12, 13)
 
 
 def linear_raw(content: bytes, page: Any) -> npt.NDArray[np.uint16]:
@@ -27,9 +32,13 @@ def linear_raw(content: bytes, page: Any) -> npt.NDArray[np.uint16]:
     samples, kind = page.samplesperpixel, page.photometric
     refusal = InputError("a raw image of a kind that is not handled; convert it to a TIFF")
     is_known = (kind, samples) in ((_CFA, 1), (_LINEAR_RAW, 1), (_LINEAR_RAW, 3))
+    is_known &= page.tags.valueof(_CFA_LAYOUT, _RECTANGULAR) == _RECTANGULAR
     deltas = (_numbers(page, tag, 0) for tag in (_BLACK_DELTA_H, _BLACK_DELTA_V))
     if not is_known or page.sampleformat != _UNSIGNED or any(delta.any() for delta in deltas):
         raise refusal
+    for opcode in (each for tag in _OPCODE_LISTS for each in _opcodes(page.tags.valueof(tag, b""))):
+        if opcode in _RESPONSE_OPCODES:
+            raise InputError(f"corrected by opcode {opcode}, which is not handled; convert to TIFF")
     with rawpy.imread(io.BytesIO(content)) as raw:
         shape, values = raw.raw_image.shape[:2], np.atleast_3d(raw.raw_image_visible)
         if shape != page.shape[:2] or (kind == _CFA and raw.num_colors != 3):
@@ -54,6 +63,13 @@ def _from_black_to_white(values: npt.NDArray[Any], page: Any) -> npt.NDArray[np.
     pattern = _numbers(page, _BLACK, 0).reshape(down, across, -1)
     black = pattern[np.ix_(np.arange(rows) % down, np.arange(columns) % across)]
     white = _numbers(page, _WHITE, (1 << page.bitspersample) - 1)
+    for levels in (black, white):
+        if levels.shape[-1] not in (1, values.shape[2]):
+            raise InputError(f"states {levels.shape[-1]} levels for {values.shape[2]} samples")
+    if (white <= black).any():
+        raise InputError(
+            f"its white level, {white.min():g}, is not above its black level, {black.max():g}"
+        )
     share = np.clip((values - black) / (white - black), 0.0, 1.0)
     return np.asarray(np.rint(65535.0 * share), np.uint16)
 
@@ -62,3 +78,11 @@ def _numbers(page: Any, tag: int, *default: float) -> npt.NDArray[np.float32]:
     found = page.tags.get(tag)
     numbers = np.ravel(default if found is None else found.value).astype(np.float32)
     return numbers[::2] / numbers[1::2] if found is not None and found.dtype in (5, 10) else numbers
+
+
+def _opcodes(content: bytes) -> Iterator[int]:
+    place = 4
+    while len(content) >= place + 16:
+        opcode, _, _, length = struct.unpack_from(">4I", content, place)
+        yield opcode
+        place += 16 + length

@@ -11,6 +11,7 @@ import math
 import struct
 import warnings
 import zlib
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
@@ -43,6 +44,8 @@ _TURNS = {1: 0, 2: 0, 3: 2, 4: 2, 5: 1, 6: 3, 7: 3, 8: 1}
 _MIRRORED = (2, 4, 5, 7)
 _TGA_SIGNATURE, _TGA_PREMULTIPLIED = b"TRUEVISION-XFILE.\0", 4
 _PREMULTIPLIED = "its colours are multiplied by their alpha; save it without alpha"
+# EXIF data, XMP with its extensions, and image resources.
+_METADATA_SEGMENTS = (b"Exif\0", b"EXIF\0", b"exif\0", b"http://ns.adobe.com/", b"Photoshop 3.0\0")
 _ONE_OF_SEVERAL = 2  # a bit of NewSubfileType
 # Their decoders notice missing data; those of JPEG, JPEG 2000 and JPEG XR fill it with grey.
 _TIFF_COMPRESSIONS = (
@@ -56,6 +59,8 @@ _PNG_COLOUR_TYPES = {
     6: (4, (8, 16)),
 }  # fmt: skip
 _PNG_PALETTE, _PNG_GREY_ALPHA = 3, 4
+_PNG_TEXTS = (b"EXt", b"TXt")
+_PNG_METADATA = ("eXIf", "XML:com.adobe.xmp", "exif:Orientation", "iCCP", "sRGB", "gAMA", "cICP")
 # First column and row, and steps between columns and rows, of the passes of a PNG.
 _ONE_PASS = ((0, 0, 1, 1),)
 _ADAM7 = (
@@ -92,6 +97,7 @@ def read_image_file(path: Path) -> tuple[Image, ImageMetadata]:
     try:
         # Pillow warns of oddities in EXIF data that do not concern the image.
         with warnings.catch_warnings(action="ignore"):
+            warnings.filterwarnings("error", r"Corrupt EXIF data\. +Expecting to read (2|12) bytes")
             pixels, metadata = reader(content)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
@@ -125,11 +131,17 @@ def _jpeg(content: bytes) -> Decoded:
         raise InputError(f"JPEG pixels are {colours}; save it as grey or RGB")
     _require_size(rows, columns, rows * columns * (1 if grey else 3), len(content))
     image: npt.NDArray[np.uint8] = simplejpeg.decode_jpeg(content, "gray" if grey else "rgb")
-    segments = JpegImageFile(io.BytesIO(content))
-    starts = (b"Exif\0\0II*\0", b"Exif\0\0MM\0*")
-    if sum(data.startswith(starts) for _, data in segments.applist) > 1:
+    header = JpegImageFile(io.BytesIO(content))
+    segments = [data for _, data in header.applist if data.startswith(_METADATA_SEGMENTS)]
+    exif = [data for data in segments if data[:4].upper() == b"EXIF"]
+    if sum(data[6:10] in (b"II*\0", b"MM\0*") for data in exif) > 1:
         raise InputError("holds EXIF data twice; remove one of them")
-    return image[:, :, 0] if grey else image, metadata_of_info(segments.info)
+    # EXIF data of more than one segment begin in the first.
+    whole = [b"".join((exif[0], *(data[6:] for data in exif[1:])))] if exif else []
+    others = [data for data in segments if data not in exif]
+    info = {name: header.info[name] for name in header.info.keys() - {"exif", "xmp"}}
+    metadata = metadata_of_info(info, segments=[*whole, *others])
+    return image[:, :, 0] if grey else image, metadata
 
 
 def _png(content: bytes) -> Decoded:
@@ -144,6 +156,10 @@ def _png(content: bytes) -> Decoded:
     indexed = _check_png_pixels([(chunk[4:8], chunk[8:-4]) for chunk in chunks], len(content))
     if b"acTL" in kinds:
         raise InputError("an animation; save one image")
+    names = [each[8:].split(b"\0")[0] if each[5:8] in _PNG_TEXTS else each[4:8] for each in chunks]
+    for name in (each.decode("latin-1") for each, count in Counter(names).items() if count > 1):
+        if name in _PNG_METADATA or name.startswith("Raw profile type "):
+            raise InputError(f"holds {name} twice; remove one of them")
     critical = (b"IHDR", b"IDAT", b"IEND", *((b"PLTE",) if indexed else ()))
     plain = _PNG_SIGNATURE + b"".join(each for each in chunks if each[4:8] in critical)
     image: Any = cv2.imdecode(np.frombuffer(plain, np.uint8), cv2.IMREAD_UNCHANGED)
@@ -257,7 +273,7 @@ def _tiff(content: bytes, is_raw: bool = False) -> Decoded:
         if any(size == 0 or start + size > len(content) for start, size in places):
             raise ValueError("a part of the pixels is missing")
         samples = math.prod(page.chunked) * math.prod(page.chunks)
-        declared = samples * max(page.bitspersample, 8) // 8
+        declared = samples * max(8, *np.ravel(page.bitspersample).tolist()) // 8
         _require_size(page.imagelength, page.imagewidth, declared, len(content))
         # Each file of an OME-TIFF lists the images of all of them.
         stacks = [] if tiff.is_ome else [each for each in tiff.series if each.keyframe is page]
@@ -285,8 +301,8 @@ def _tiff_pixels(page: "tifffile.TiffPage") -> npt.NDArray[Any]:
         raise InputError(
             f"{names} samples of {bits} bits; save it as unsigned integers of 8 or 16 bits"
         )
-    # OpenCV does not declare its alpha channel.
-    if samples - len(extras) != colours and not (kind == "RGB" and samples == 4):
+    # OpenCV does not declare its alpha channel. More than one further plane may be other images.
+    if (samples - len(extras) != colours and (kind, samples) != ("RGB", 4)) or len(extras) > 1:
         raise InputError(f"{samples} samples a pixel are not one grey or colour image")
     compression = tifffile.COMPRESSION(page.compression).name
     if compression not in _TIFF_COMPRESSIONS:

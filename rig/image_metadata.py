@@ -6,7 +6,7 @@ Pillow reads EXIF data, XMP and colour profiles. What is contradictory is refuse
 import io
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
@@ -18,8 +18,16 @@ from PIL import ExifTags, Image
 from classify.errors import InputError
 from classify.images.colour import linear_from_srgb
 
-# An attribute or an element of an XMP packet.
-_XMP_NUMBER = re.compile(rb":(Orientation|ColorSpace)\s*(?:=\s*[\"']|>)\s*(\d+)")
+# An attribute or an element of an XMP packet, and its value.
+_XMP_NUMBER = re.compile(
+    rb"(?<![\w/:-])(?:[\w-]+:)?(Orientation|ColorSpace)(?![\w:.-])"
+    rb"(?:\s*=\s*[\"']|[^<>]*>(?:\s*<rdf:value>)?)\s*([^\"'<]*)"
+)
+# EXIF data and XMP in the image resources of Photoshop, without a name, and their length.
+_PHOTOSHOP_RESOURCE = re.compile(rb"8BIM\x04[\x22\x24]\0\0(.{4})", re.DOTALL)
+# Some programs write it in capitals, end it by another byte, or write it twice.
+_EXIF_NAME = re.compile(rb"\A(?:exif\0.)+", re.DOTALL | re.IGNORECASE)
+_TIFF_BLOBS, _EXIF_TEXT = ("XMP", "ImageResources"), "exif:Orientation"
 _SRGB, _UNCALIBRATED = 1, 0xFFFF
 _RESPONSE_TAGS = ("GrayResponseCurve", "TransferFunction", "ReferenceBlackWhite")
 # Largest difference, in 255 steps of lightness, between a profile and the response that it has:
@@ -37,24 +45,22 @@ class ImageMetadata:
     taken: str | None = None
 
 
-def metadata_of_info(info: Mapping[Any, Any], *responses: str) -> ImageMetadata:
-    """Return what Pillow's `info` of a JPEG or PNG states; `responses` go before its own."""
+def metadata_of_info(
+    info: Mapping[Any, Any], *responses: str, segments: Sequence[bytes] = ()
+) -> ImageMetadata:
+    """Return what Pillow's `info` of a JPEG or PNG states, and segments with EXIF data or XMP.
+
+    `responses` go before those of `info`.
+    """
     texts = [text for name, text in info.items() if str(name).startswith("Raw profile type ")]
     blobs = [info.get("exif"), info.get("xmp"), str(info.get("XML:com.adobe.xmp", "")).encode()]
-    # ImageMagick writes profiles into a PNG as name, length and hexadecimal digits.
+    # ImageMagick writes profiles into a PNG as name, length and hexadecimal digits, and the tags
+    # of EXIF data as texts.
     blobs += [bytes.fromhex("".join(text.split()[2:])) for text in texts]
-    profiles = [info["icc_profile"]] if "icc_profile" in info else []
-    directories, packets = [], []
-    for blob in filter(None, blobs):
-        if blob.startswith((b"Exif\0\0", b"II*\0", b"MM\0*")):
-            exif = Image.Exif()
-            exif.load(blob)
-            tags = [*exif.items(), *exif.get_ifd(ExifTags.IFD.Exif).items()]
-            directories.append({ExifTags.TAGS.get(tag): value for tag, value in tags})
-        elif blob[36:40] == b"acsp":
-            profiles.append(blob)
-        else:
-            packets.append(blob)
+    directories, packets, profiles = _contents([*filter(None, blobs), *segments])
+    directories.append({"Orientation": info.get(_EXIF_TEXT, 0)})
+    if "icc_profile" in info:
+        profiles.insert(0, info["icc_profile"])
     stated = [*responses, *map(_profile_response, profiles), *["srgb"] * ("srgb" in info)]
     if "gamma" in info:
         stated.append(power_response(1.0 / info["gamma"] if info["gamma"] else math.inf))
@@ -66,8 +72,32 @@ def metadata_of_pages(*pages: Any) -> ImageMetadata:
     directories = [{tag.name: tag.value for tag in page.tags} for page in pages]
     directories += [each["ExifTag"] for each in directories if "ExifTag" in each]
     profiles = [each["InterColorProfile"] for each in directories if "InterColorProfile" in each]
-    packets = [bytes(each["XMP"]) for each in directories if "XMP" in each]
-    return _metadata(directories, packets, [*map(_profile_response, profiles)])
+    blobs = [bytes(each[name]) for each in directories for name in _TIFF_BLOBS if name in each]
+    more, packets, _ = _contents(blobs)
+    return _metadata([*directories, *more], packets, [*map(_profile_response, profiles)])
+
+
+def _contents(blobs: Iterable[bytes]) -> tuple[list[Mapping[Any, Any]], list[bytes], list[bytes]]:
+    """Return the directories of EXIF data, XMP packets and colour profiles."""
+    directories: list[Mapping[Any, Any]] = []
+    packets, profiles = [], []
+    for blob in blobs:
+        resources = [*_PHOTOSHOP_RESOURCE.finditer(blob)]
+        ends = [each.end() + int.from_bytes(each[1], "big") for each in resources]
+        parts = [blob[each.end() : end] for each, end in zip(resources, ends, strict=True)]
+        for part in parts or [blob]:
+            data = _EXIF_NAME.sub(b"", part)
+            if data.startswith((b"II*\0", b"MM\0*")):
+                exif = Image.Exif()
+                exif.load(data)
+                for directory in (exif, exif.get_ifd(ExifTags.IFD.Exif)):
+                    named = {ExifTags.TAGS.get(tag): value for tag, value in directory.items()}
+                    directories.append(named)
+            elif data[36:40] == b"acsp":
+                profiles.append(data)
+            else:
+                packets.append(data)
+    return directories, packets, profiles
 
 
 def _metadata(
@@ -77,7 +107,7 @@ def _metadata(
     stated += [("ColorSpace", each["ColorSpace"]) for each in directories if "ColorSpace" in each]
     for packet in packets:
         found = _XMP_NUMBER.findall(packet.replace(b"\0", b""))
-        stated += [(name.decode(), number.decode()) for name, number in found]
+        stated += [(name.decode(), number.decode(errors="replace")) for name, number in found]
     # Cameras that do not know the orientation write 0.
     orientations = {_whole(value) for name, value in stated if name == "Orientation"} - {0}
     if len(orientations) > 1 or not orientations <= {*range(1, 9)}:
@@ -100,7 +130,13 @@ def _metadata(
 
 
 def _whole(value: Any) -> int:
-    return int(value[0] if isinstance(value, (bytes, tuple)) else value)
+    try:
+        return int(value[0] if isinstance(value, (bytes, tuple)) else value)
+    except (ArithmeticError, IndexError, TypeError, ValueError):
+        raise InputError(
+            f"its EXIF or XMP data state orientation or colour space {value!r}, which is no whole "
+            "number; remove them"
+        ) from None
 
 
 def _number(value: Any) -> float:

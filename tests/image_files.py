@@ -39,6 +39,12 @@ def xmp(orientation: int, form: str = "attribute") -> bytes:
         "element": "<rdf:Description rdf:about='' {0}><tiff:Orientation>"
         f"{orientation}</tiff:Orientation></rdf:Description>",
         "prefix": f"<rdf:Description rdf:about='' {{0}} t:Orientation='{orientation}'/>",
+        "default": "<rdf:Description rdf:about=''><Orientation xmlns='http://ns.adobe.com/tiff/1.0/'>"
+        f"{orientation}</Orientation></rdf:Description>",
+        "typed": "<rdf:Description rdf:about='' {0}><tiff:Orientation rdf:datatype='int'>\n"
+        f"<rdf:value> {orientation} </rdf:value></tiff:Orientation></rdf:Description>",
+        "reference": "<rdf:Description rdf:about='' {0}><tiff:Orientation>"
+        f"&#{ord(str(orientation))};</tiff:Orientation></rdf:Description>",
     }[form].format('xmlns:{}="http://ns.adobe.com/tiff/1.0/"')
     return (
         "<?xpacket begin='\ufeff' id='W5M0MpCehiHzreSzNTczkc9d'?>"

@@ -250,6 +250,9 @@ class _Runner:
                     continue
                 return
             self._state(State.CHECKING, planned)
+            path = self._folder.file_of(planned)
+            if self._calibration is not None:  # before the first set is read with it
+                keep_beside(self._calibration.path, self._calibration.file, path)
             entry = self._entry(planned, LoadedSet(captured, self._calibration))
             warnings = entry.measures.warnings if entry.measures else ()
             if warnings:
@@ -262,9 +265,6 @@ class _Runner:
                     return
                 if answer is Answer.STOP:
                     raise _Stopped(Finish("stopped"))
-            path = self._folder.file_of(planned)
-            if self._calibration is not None:
-                keep_beside(self._calibration.path, self._calibration.file, path)
             if self._reference is not None and self._reference[0] == path:
                 self._reference = None  # the first set of its specimen is replaced
             kept = self._folder.keep(planned, captured, entry)

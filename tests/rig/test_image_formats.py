@@ -23,6 +23,7 @@ from tests.image_files import (
     chunk,
     dng,
     exif,
+    private_exif,
     raw_profile,
     text_chunk,
     tiff,
@@ -151,6 +152,13 @@ def refused_tiffs() -> Iterator[Row]:
         content = tiff(image, photometric="minisblack", planarconfig=1)
         hidden = content.replace(struct.pack("<H", 338), struct.pack("<H", 337), 1)  # ExtraSamples
         yield f"{samples} samples of grey.tif", hidden, f"{samples} samples a pixel"
+    planes = tiff(np.stack([grey, grey[::-1], grey]), photometric="minisblack", planarconfig=2)
+    yield "stack in planes.tif", planes, "3 samples a pixel are not one"
+    unequal = tiff(rgb)
+    with tifffile.TiffFile(io.BytesIO(unequal)) as file:
+        place = file.pages.first.tags[258].valueoffset
+    unequal = unequal[:place] + struct.pack("<HHH", 8, 8, 16) + unequal[place + 6 :]
+    yield "unequal depths.tif", unequal, "samples of (8 and 16|16 and 8) bits"
     yield "stack.tif", tiff(np.stack([grey] * 5), photometric="minisblack"), "holds 5 images"
     for name, options in (("imagej", {"imagej": True}), ("shaped", {"truncate": True})):
         buffer = io.BytesIO()
@@ -240,6 +248,7 @@ def oriented() -> Iterator[Row]:
             "XMP": text_chunk("iTXt", "XML:com.adobe.xmp", packet),
             "packed XMP": text_chunk("iTXt packed", "XML:com.adobe.xmp", xmp(k, "element")),
             "raw XMP": text_chunk("zTXt", "Raw profile type xmp", raw_profile("xmp", packet)),
+            "property": text_chunk("tEXt", "exif:Orientation", b"%d" % k),
         }.items():
             yield f"{k} {name}.png", with_chunks(png, added), upright(grey, k)
             if name in ("eXIf", "zTXt", "XMP"):
@@ -252,8 +261,22 @@ def oriented() -> Iterator[Row]:
             "LONG big-endian": b"Exif\0\0" + exif(k, kind=4, order=">"),
             "XMP": head + packet, "XMP element": head + xmp(k, "element"),
             "XMP with another prefix": head + xmp(k, "prefix"),
+            "XMP in the default namespace": head + xmp(k, "default"),
+            "XMP with a type": head + xmp(k, "typed"),
+            "extended XMP": b"http://ns.adobe.com/xmp/extension/\0" + bytes(40) + packet,
+            "another prefix": b"Exif\0\xff" + data, "upper case": b"EXIF\0\0" + data,
         }.items():  # fmt: skip
             yield f"{k} {name}.jpg", with_segments(jpeg, segment), upright(decoded, k)
+        for name, code, resource in (("EXIF", 0x0422, data), ("XMP", 0x0424, packet)):
+            block = photoshop(code, resource)
+            segment = b"Photoshop 3.0\0" + block
+            yield (
+                f"{k} {name} of Photoshop.jpg",
+                with_segments(jpeg, segment, marker=0xED),
+                upright(decoded, k),
+            )
+            tag = (34377, 1, len(block), block, True)
+            yield f"{k} {name} of Photoshop.tif", tiff(rgb, extratags=[tag]), upright(rgb, k)
         tag = (274, 3, 1, k, True)
         for compression, order, planar in (("lzw", "<", 1), (None, ">", 2), ("deflate", ">", 1)):
             stored = rgb if planar == 1 else np.moveaxis(rgb, -1, 0)
@@ -279,10 +302,41 @@ def oriented() -> Iterator[Row]:
         ("a.tif", tiff(rgb, extratags=[(274, 3, 1, 6, True), (700, 1, len(xmp(3)), xmp(3), True)])),
     ):  # fmt: skip
         yield f"contradictory {name}", content, "orientation . and .; remove the wrong one"
+    key = "Raw profile type exif"
+    texts = [raw_profile("exif", b"Exif\0\0" + exif(k)) for k in (3, 1)]
+    for name, twice in {
+        "eXIf": [chunk(b"eXIf", exif(k)) for k in (3, 1)],
+        key: [text_chunk("zTXt", key, text) for text in texts],
+        "XML:com.adobe.xmp": [text_chunk("iTXt", "XML:com.adobe.xmp", xmp(k)) for k in (3, 1)],
+    }.items():  # fmt: skip
+        yield f"{name} twice.png", with_chunks(png, *twice), f"holds {name} twice; remove one"
+    for k in (1, 3):
+        packets = (head + xmp(k), head + xmp(4 - k))
+        yield f"two XMP {k}.jpg", with_segments(jpeg, *packets), "orientation 1 and 3"
+    private = private_exif(Orientation=3)
+    nested = (
+        b"II*\0" + struct.pack("<IH", 8, 2) + exif(1)[10:22] + struct.pack("<HHII", 34665, 4, 1, 38)
+    )
+    yield (
+        "in both directories.jpg",
+        with_segments(jpeg, b"Exif\0\0" + nested + bytes(4) + exif(3)[8:]),
+        "orientation 1 and 3",
+    )
+    yield "private.jpg", with_segments(jpeg, b"Exif\0\0" + private), upright(decoded, 3)
+    yield "reference.jpg", with_segments(jpeg, head + xmp(3, "reference")), "'&#51;', which is no"
+    word = exif(3)[:10] + struct.pack("<HHI4s", 274, 2, 4, b"abc\0") + bytes(4)
+    yield "word.jpg", with_segments(jpeg, b"Exif\0\0" + word), "'abc', which is no"
+    cut = with_segments(jpeg, b"Exif\0\0" + exif(3)[:14])
+    yield "cut EXIF.jpg", cut, "Corrupt EXIF data"
     twice = with_segments(jpeg, b"Exif\0\0" + exif(1), b"Exif\0\0" + exif(3))
     yield "two orientations.jpg", twice, "holds EXIF data twice"
     yield "unknown orientation.jpg", with_segments(jpeg, b"Exif\0\0" + exif(9)), "orientation 9"
     yield "orientation 0.jpg", with_segments(jpeg, b"Exif\0\0" + exif(0)), decoded
+
+
+def photoshop(code: int, data: bytes) -> bytes:
+    """An image resource block of Photoshop."""
+    return b"8BIM" + struct.pack(">HHI", code, 0, len(data)) + data + bytes(len(data) % 2)
 
 
 def pngs_jpegs_and_tgas() -> Iterator[Row]:
@@ -406,7 +460,26 @@ def raws() -> Iterator[Row]:
         yield f"filter {black}.dng", dng(raw, 1, black=black), interpolated(level)
     deltas = ((50715, 10, 48, (1, 1) * 48, True),)
     yield "deltas.dng", dng(raw, extra=deltas), "a raw image of a kind that is not handled"
+    layout = ((50711, 3, 1, 2, True),)
+    yield "staggered.dng", dng(raw, extra=layout), "a raw image of a kind that is not handled"
     yield "rgb.dng", tiff(RGB[16]), "a raw image of a kind that is not handled"
+    for white in (64, 63):
+        content = dng(raw, 1, LINEAR_RAW, (64,), (white,))
+        yield f"white {white}.dng", content, "its white level, .*, is not above its black level"
+    for name, white in (("two whites", (4095, 4095)), ("two blacks", (4095,))):
+        black = (64, 64) if name == "two blacks" else (64,)
+        content = dng(np.dstack([raw] * 3), 1, LINEAR_RAW, black, white)
+        yield f"{name}.dng", content, "2 levels for 3 samples"
+    for code, kind in product((51008, 51009), (7, 8, 10, 11, 12, 13)):
+        opcodes = struct.pack(">7I", 2, 4, 1 << 24, 1, 0, kind, 1 << 24) + bytes(8)
+        content = dng(raw, extra=((code, 7, len(opcodes), opcodes, True),))
+        yield f"opcode {kind} in {code}.dng", content, f"opcode {kind}, which is not handled"
+    gain = struct.pack(">5I", 1, 9, 1 << 24, 1, 0)  # the shading of the lens
+    yield (
+        "gain map.dng",
+        dng(raw, extra=((51009, 7, 20, gain, True),)),
+        interpolated(np.rint((raw - 64) / (4095 - 64) * 65535).astype(np.uint16)),
+    )
     yield "stack.dng", tiff(np.stack([raw] * 2), photometric="minisblack"), "holds 2 images"
     whole = dng(raw)
     for length in (8, 200, len(whole) // 2, len(whole) - 500):

@@ -572,6 +572,19 @@ def test_a_required_calibration_travels_with_the_sets(
     }
 
 
+def test_a_damaged_copy_of_the_calibration_is_written_again(
+    run: Run, folder: Folder, calibrated_config: RigConfig
+) -> None:
+    run(rig=calibrated_config)
+    (copy,) = (folder().path / "calibration").iterdir()
+    whole = copy.read_bytes()
+    copy.write_bytes(whole[:-200])
+    (folder().path / "sets" / f"{FILES[-1]}.ome.tif").unlink()
+    run(rig=calibrated_config)
+    assert folder().missing() == []
+    assert copy.read_bytes() == whole
+
+
 @pytest.fixture
 def calibrated_config(
     near_config: RigConfig, near_calibration: CalibrationFile, tmp_path: Path
