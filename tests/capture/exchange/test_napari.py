@@ -115,21 +115,6 @@ def test_a_folder_of_maps_opens_as_layers(
     assert layers["height"][1]["metadata"]["ps4rig"]["relative"] == (mm_per_px is None)
 
 
-def test_normals_of_earlier_versions_open_too(opened: Opened, tmp_path: Path) -> None:
-    captured = CapturedSet.load(SET)
-    surface = captured.solve()
-    write_maps(captured, surface, tmp_path)
-    with tifffile.TiffFile(tmp_path / "p.tif") as tiff:
-        description = tiff.pages.first.description
-    tifffile.imwrite(
-        tmp_path / "normals.tif", surface.normals, photometric="rgb", metadata=None,
-        description=description,
-    )  # fmt: skip
-    layers = opened(tmp_path)
-    for axis, values in zip("xyz", np.moveaxis(surface.normals, -1, 0), strict=True):
-        np.testing.assert_array_equal(layers[f"normals {axis}"][0], values)
-
-
 def test_other_files_are_left_to_other_readers(tmp_path: Path) -> None:
     other, text, maps = tmp_path / "a.ome.tif", tmp_path / "b.ome.tif", tmp_path / "maps"
     tifffile.imwrite(other, np.zeros((3, 4, 5), np.uint16), ome=True)
