@@ -60,7 +60,9 @@ def test_a_bump_and_a_dent_are_found_where_they_are(model, good, height_px: floa
 
 @pytest.mark.parametrize("width_px", [1.0, 2.5, 4.0])
 @pytest.mark.parametrize("angle_deg", [0.0, 52.0])
-def test_a_groove_of_any_width_is_a_defect_of_the_relief(model, good, width_px: float, angle_deg: float) -> None:
+def test_a_groove_of_any_width_is_a_defect_of_the_relief(
+    model, good, width_px: float, angle_deg: float
+) -> None:
     rows, columns = np.indices(good.shape)
     c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
     x, y = columns - MIDDLE[1], MIDDLE[0] - rows
