@@ -29,7 +29,7 @@ class _Filter(NamedTuple):
 
 
 _SPOTS = tuple(_Filter(width_px, octave, False) for width_px, octave in ((4, 1), (8, 1), (16, 1)))
-# A groove of 1.5 px is found as well by the filter of 1 px: above half resolution they are alike.
+# The filter of 1 px found more ploughed grooves of 1.5 px on the even textures than one of 1.5 px.
 _FINE, _WIDE, _WIDEST = _Filter(1.0, 0, True), _Filter(2.5, 1, True), _Filter(4.0, 1, True)
 RELIEF_BANKS = (_SPOTS, (_FINE,), (_WIDE, _WIDEST))
 BANKS = (*RELIEF_BANKS, (*_SPOTS, _WIDE))

@@ -13,7 +13,7 @@ from classify.surface.estimate import FloatMap
 from classify.threads import run_on_rows
 
 CENTRES = 200
-"""Good cells that are kept. 800 found no more on the textures of `tests.evidence.defects`."""
+"""Number of good cells that are kept."""
 # Cells among which they are chosen, evenly from all parts.
 _MOST_CELLS = 20_000
 # Share of the variance of each statistic that is added to it, so that directions in which a few

@@ -22,8 +22,7 @@ def line_responses(field: FloatMap, cell: int, orientation_deg: float) -> FloatM
     """(LENGTHS * DIRECTIONS, h, w) float32 largest absolute response in every cell.
 
     The weights fall towards the ends of a line: 1 2 1, 1 2 3 2 1 and 1 2 3 3 3 2 1 for threes of
-    pixels. Lines that end at once found a tenth fewer scratches on the even textures of
-    `python -m tests.evidence.defects`.
+    pixels.
 
     Parameters
     ----------
