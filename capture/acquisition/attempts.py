@@ -6,11 +6,12 @@ from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from capture.calibration.lookup import check_setting
+from capture.calibration.lookup import check_setting, read_calibration
 from capture.calibration.ps4cal import CalibrationFile
 from capture.calibration.setting import Setting
 from capture.errors import SetRejected
@@ -77,7 +78,8 @@ def capture_set(
     average
         Frames per image. The mean of several is stretched to 16 bits.
     calibration
-        Calibration of this rig at this setting. The set keeps the pixel values of the camera and
+        Calibration of this rig at this setting; by default the one that its ``rig.toml`` names,
+        except for a target. The set keeps the pixel values of the camera and
         the hash of the calibration. The checks take its lights into account.
     is_target
         The part is a calibration target: no image is rejected for its brightness or shading.
@@ -106,6 +108,8 @@ def capture_set(
         raise InputError(f"average is {average}; it must be 1 to {MAX_AVERAGE} frames")
     if label is not None:
         checked_label(label)
+    if calibration is None and rig.config.calibration is not None and not is_target:
+        calibration = read_calibration(Path(rig.config.calibration))
     if calibration is not None:
         check_setting(calibration, Setting.of_rig(rig), "this rig")
     failures: list[Ps4rigError] = []

@@ -73,11 +73,12 @@ def read_calibration(path: Path) -> CalibrationFile:
     return _read(path, status.st_mtime_ns, status.st_size)
 
 
-def keep_beside(source: Path, file: CalibrationFile, set_path: Path) -> None:
+def keep_beside(file: CalibrationFile, set_path: Path) -> None:
     """Put a calibration, if missing, where the set at `set_path` finds it by its hash."""
     above = set_path.absolute().parent.parent / FOLDER
     folder = above if above.is_dir() else set_path.absolute().parent / FOLDER
-    copy = folder / f"{source.stem}-{file.hash[:_DIGITS]}{SUFFIX}"
+    stem = FOLDER if file.path is None else file.path.stem
+    copy = folder / f"{stem}-{file.hash[:_DIGITS]}{SUFFIX}"
     if _hash_at(copy) != file.hash:
         make_folder(folder)
         file.write(copy)

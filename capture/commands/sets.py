@@ -71,7 +71,7 @@ def capture(
     json: options.Json = False,
 ) -> None:
     """Capture one set or several: the ambient image, then one image under each LED."""
-    from capture.calibration.lookup import keep_beside, read_calibration
+    from capture.calibration.lookup import read_calibration
     from capture.sets.description import described
     from capture.sets.ome_tiff import SUFFIX
     from rig import ConfigError, open_rig
@@ -121,8 +121,6 @@ def capture(
         sets = _captured(opened, placements, count, label, average, known, target)
         answer = []
         for path, captured in zip(paths, progress(sets, len(paths), "capture"), strict=True):
-            if calibration is not None and known is not None:
-                keep_beside(calibration, known, path)
             describe(captured).save(path)
             answer.append({"set": str(path), "simulated": captured.metadata.simulated})
             if not json:
@@ -252,7 +250,7 @@ def import_(
 
     Photographs that no surface under these lights explains are refused, see --accept.
     """
-    from capture.calibration.lookup import keep_beside, read_calibration
+    from capture.calibration.lookup import read_calibration
     from capture.sets.description import described
     from capture.sets.image_import import import_images
     from capture.sets.light_list import load_light_list
@@ -290,8 +288,6 @@ def import_(
     )
     if known is not None:
         captured = captured.with_calibration(known)
-    if calibration is not None and known is not None:
-        keep_beside(calibration, known, output)
     captured.save(output)
     metadata = captured.metadata
     for warning in metadata.warnings:

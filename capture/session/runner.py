@@ -252,7 +252,7 @@ class _Runner:
             self._state(State.CHECKING, planned)
             path = self._folder.file_of(planned)
             if self._calibration is not None:  # before the first set is read with it
-                keep_beside(self._calibration.path, self._calibration.file, path)
+                keep_beside(self._calibration.file, path)
             entry = self._entry(planned, LoadedSet(captured, self._calibration))
             warnings = entry.measures.warnings if entry.measures else ()
             if warnings:

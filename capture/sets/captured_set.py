@@ -10,7 +10,12 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from capture.calibration.lookup import FoundCalibration, check_setting, find_calibration
+from capture.calibration.lookup import (
+    FoundCalibration,
+    check_setting,
+    find_calibration,
+    keep_beside,
+)
 from capture.calibration.ps4cal import CalibrationFile
 from capture.calibration.setting import Setting
 from classify import Lighting, Method, SensorNoise, SurfaceEstimate, photometric_stereo
@@ -178,6 +183,7 @@ class CapturedSet:
     def save(self, path: str | Path, *, home: Path | None = None) -> None:
         """Write an ``.ome.tif``, whole or not at all; an existing file is replaced.
 
+        A copy of `calibration` is kept beside it, in ``calibration/``.
         `home` is another folder of the same file system for the temporary file; see `durable_file`.
 
         Raises
@@ -185,6 +191,8 @@ class CapturedSet:
         InputError
             If the name does not end in ``.ome.tif``, or the file cannot be written.
         """
+        if self.calibration is not None:
+            keep_beside(self.calibration, Path(path))
         ome_tiff.write(Path(path), self.images, self.ambient, self.metadata, self.mask, home)
 
     @staticmethod

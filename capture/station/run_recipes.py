@@ -123,7 +123,7 @@ class RecipeLoader:
             path = self._folder.path / set_file
             make_folder(path.parent)
             if found is not None:
-                keep_beside(found.path, found.file, path)
+                keep_beside(found.file, path)
             captured.save(path, home=path.parent.parent)  # not the folder with all sets of the day
 
         name = self._folder.config.name

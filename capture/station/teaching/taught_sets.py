@@ -69,7 +69,7 @@ def keep_sets(
             with durable_file(copy) as temporary:
                 shutil.copyfile(path, temporary)
         if loaded.found is not None:
-            keep_beside(loaded.found.path, loaded.found.file, copy)
+            keep_beside(loaded.found.file, copy)
         try:
             name = checked_label(texture or about.label or default)
         except InputError as error:

@@ -2,11 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from capture import SetRejected, capture_set
+from capture import CapturedSet, SetRejected, capture_set
 from capture.acquisition.set_checks import check_set
 from capture.calibration.ps4cal import CalibrationFile
 from capture.errors import CalibrationError
@@ -56,6 +57,23 @@ def test_a_calibrated_rig_is_still_rejected_for_a_fault(
     without_lights = replace(near_calibration.calibration, flat_field=None, lights=None)
     with pytest.raises(SetRejected, match="not in the order"):
         check_set(replace(images, images=exchanged), without_lights, lambda: exchanged)
+
+
+def test_the_calibration_of_the_rig_is_used_and_kept_without_being_named(
+    near_config: RigConfig, near_calibration: CalibrationFile, tmp_path: Path
+) -> None:
+    (tmp_path / "sets").mkdir()
+    near_calibration.write(tmp_path / "rig.ps4cal")
+    named = near_config.model_copy(update={"calibration": str(tmp_path / "rig.ps4cal")})
+    with open_rig(named.with_changes(simulation={"placement": {"surface": "rock"}})) as rig:
+        assert capture_set(rig, is_target=True).metadata.calibration_ids == ()
+        captured = capture_set(rig)
+    assert captured.metadata.calibration_ids == (near_calibration.hash,)
+    captured.save(tmp_path / "sets" / "rock.ome.tif")
+    (tmp_path / "rig.ps4cal").unlink()
+    loaded = CapturedSet.load(tmp_path / "sets" / "rock.ome.tif")
+    np.testing.assert_array_equal(loaded.solve().p, captured.solve().p)
+    assert np.abs(loaded.solve().p - loaded.solve(raw=True).p).mean() > 0.05
 
 
 def test_a_capture_refuses_the_calibration_of_another_setting(

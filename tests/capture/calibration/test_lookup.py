@@ -77,9 +77,11 @@ def test_a_set_keeps_its_calibration_although_the_file_was_measured_anew(
     tmp_path: Path, placed: CapturedSet
 ) -> None:
     source, path = tmp_path / "rig.ps4cal", tmp_path / "sets" / "a.ome.tif"
+    path.parent.mkdir()
     known, other = file_of(placed.setting), file_of(SETTING)
     other.write(source)
-    keep_beside(source, known, path)
+    placed.with_calibration(known).save(path)
+    assert CapturedSet.load(path).solve().p.shape == placed.images.shape[1:]
     assert find(path, placed.with_calibration(known)).file.hash == known.hash != other.hash
 
 
@@ -95,7 +97,7 @@ def test_a_calibration_that_was_read_keeps_its_hash_in_the_copy(
         lights = CalibratedLights(lighting, "mirror sphere", np.full(4, 0.3), None, 0.01, None)
         CalibrationFile().with_part("lights", lights, record).write(source)
         read = CalibrationFile.read(source)
-        keep_beside(source, read, path)
+        keep_beside(read, path)
         found = find(path, placed.with_calibration(read))
         assert found.path == path.parent / "calibration" / f"rig-{read.hash[:8]}.ps4cal"
 
@@ -149,14 +151,14 @@ def test_the_copy_beside_a_set_outlives_a_change_of_the_file(
     file = file_of(placed.setting)
     file.write(source)
     for _ in range(2):
-        keep_beside(source, file, path)
+        keep_beside(CalibrationFile.read(source), path)
     file_of(placed.setting, 0.3).write(source)
     (copy,) = (tmp_path / "sets" / "calibration").iterdir()
     assert copy.name == f"rig-{file.hash[:8]}.ps4cal"
     assert find(path, placed.with_calibration(file)).path == copy
     session = tmp_path / "calibration"
     session.mkdir()
-    keep_beside(copy, file, tmp_path / "sets" / "b.ome.tif")
+    keep_beside(CalibrationFile.read(copy), tmp_path / "sets" / "b.ome.tif")
     assert len(list(session.iterdir())) == 1
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from capture import CapturedSet, capture_set
-from capture.calibration.lookup import keep_beside, read_calibration
+from capture.calibration.lookup import read_calibration
 from capture.calibration.ps4cal import CalibrationFile, PartRecord
 from capture.calibration.setting import Setting
 from capture.process.utc_time import utc_text
@@ -57,7 +57,6 @@ def test_a_calibrated_recipe_judges_its_region(tmp_path: Path) -> None:
             rig.simulation.place(place)
             sets.append(tmp_path / f"rock-{number}.ome.tif")
             capture_set(rig, label="rock", calibration=file).save(sets[-1])
-            keep_beside(calibration, file, sets[-1])
         # 40 px to the right of the frame's centre and 30 px below it.
         stain = Defect(kind="stain", x_px=540.0, y_px=-30.0, size_px=30.0, contrast=0.6)
         rig.simulation.place(Placement(surface="rock", shift_px=(500.0, 0.0), defects=(stain,)))
