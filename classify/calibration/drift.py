@@ -66,7 +66,7 @@ class Drift:
 
     causes: tuple[DriftCause, ...]  # beyond the limit of a warning, the worst first
     level_changes: FloatArray  # (N,) relative to the common change; -0.1 for 10 % less light
-    brightness: float | None
+    brightness: float | None  # common to all lights, a multiple of the calibration's, if known
     sheet_tilt_deg: float
     error_deg: float  # rms tilt of a level part, solved with this calibration
     residual: float  # rms of the ratios of lights that no cause explains
