@@ -30,28 +30,14 @@ Bounds = npt.NDArray[np.float64]
 class Comparison(NamedTuple):
     """One signature compared with n references, as (n,) arrays.
 
-    Attributes
-    ----------
-    distances
-        How different they are; 0 equal.
-    orientations_deg
-        Orientation of the surface relative to the reference, anticlockwise, [0, 180). This field
-        and those below are None where the classifier finds no orientation.
-    sharpness
-        How well the orientation is determined: 0 not at all, 1 exactly.
-    headings
-        Standard deviations in favour of this orientation against the opposite one (180 degrees
-        more); negative where the opposite one fits better, 0 where both do.
-    blurs_px
-        Sigma of the Gaussian by which the surface is blurrier than the reference; negative where it
-        is sharper. None where the classifier finds no blur.
+    Arrays are None where the classifier finds no orientation or no blur.
     """
 
-    distances: npt.NDArray[np.float64]
-    orientations_deg: npt.NDArray[np.float64] | None = None
-    sharpness: npt.NDArray[np.float64] | None = None
-    headings: npt.NDArray[np.float64] | None = None
-    blurs_px: npt.NDArray[np.float64] | None = None
+    distances: npt.NDArray[np.float64]  # 0 equal
+    orientations_deg: npt.NDArray[np.float64] | None = None  # anticlockwise, [0, 180)
+    sharpness: npt.NDArray[np.float64] | None = None  # of the orientation, 0 to 1
+    headings: npt.NDArray[np.float64] | None = None  # sigma against 180 degrees more
+    blurs_px: npt.NDArray[np.float64] | None = None  # sigma; negative: sharper
 
 
 @dataclass(frozen=True)
