@@ -25,8 +25,7 @@ FloatArray = npt.NDArray[np.float64]
 _LEAST_VARIANCE, _ROUNDING_ERROR = 0.4, 0.003
 # EMVA 1288 fits from the dark to 70 % of saturation: beyond, the brightest pixels clip.
 _HIGHEST = 0.7
-# Groups of blocks of similar mean that are compared with the line; fewer do not show that it is
-# one.
+# Groups of blocks of similar mean, compared with the line; fewer do not show that it is straight.
 _GROUPS, _LEAST_GROUPS = 12, 4
 # The levels must span this part of the range, or the slope is that of a short piece.
 _LEAST_SPAN = 0.2

@@ -207,7 +207,7 @@ def _mean_misfits(
     z0, z1, z2, z3 = weight[2]
     n0, n1, n2, n3 = weight[3]
     mean = (n0 * means[0] + n1 * means[1]) + (n2 * means[2] + n3 * means[3])
-    # Scaled normals of the last three rows.
+    # Slopes of the last three rows.
     p, q = np.empty((3, columns), np.float32), np.empty((3, columns), np.float32)
     curl = np.empty((rows - 2, columns - 2), np.float32)
     # Sums of columns, which vectorise without changing the order of additions.
