@@ -43,37 +43,20 @@ _UNREADABLE = (
 
 @dataclass(frozen=True)
 class ArchiveKind:
-    """One kind of archive.
+    """One kind of archive."""
 
-    Attributes
-    ----------
-    noun, header
-        Its name in messages, and the name of the JSON inside.
-    versions
-        The versions that are read; the last one is written.
-    if_missing, remedy
-        What to do without such a file, and with one that cannot be read.
-    error
-        The class of all its errors.
-    max_bytes, max_header_bytes
-        Limits of a file and of its header.
-    """
-
-    noun: str
-    header: str
-    versions: tuple[int, ...]
-    if_missing: str
-    remedy: str
-    error: type[InputError]
+    noun: str  # its name in messages
+    header: str  # name of the JSON inside
+    versions: tuple[int, ...]  # that are read; the last one is written
+    if_missing: str  # what to do without such a file
+    remedy: str  # what to do with one that cannot be read
+    error: type[InputError]  # class of all its errors
     max_bytes: int
     max_header_bytes: int
 
 
 class ArrayArchive:
-    """The members of an open archive, checked before they are read.
-
-    `open_archive` adds the name of the file to the errors.
-    """
+    """Members of an open archive, checked before reading; `open_archive` adds the file name."""
 
     def __init__(
         self, kind: ArchiveKind, archive: zipfile.ZipFile, file: BinaryIO, map_from_bytes: float
@@ -169,13 +152,7 @@ class ArrayArchive:
 def open_archive(
     path: Path, kind: ArchiveKind, *, map_from_bytes: float = math.inf
 ) -> Iterator[ArrayArchive]:
-    """Open an archive; arrays of `map_from_bytes` or more stay in the file.
-
-    Raises
-    ------
-    InputError
-        Of the kind's class, for any failure in the block too; the message names the file.
-    """
+    """Open an archive; arrays of `map_from_bytes` or more stay in the file."""
     try:
         with open_regular_file(path, kind.max_bytes) as file, zipfile.ZipFile(file) as archive:
             yield ArrayArchive(kind, archive, file, map_from_bytes)
@@ -191,13 +168,7 @@ def open_archive(
 
 
 def write_archive(path: Path, kind: ArchiveKind, header: str, arrays: Mapping[str, Array]) -> None:
-    """Write an archive of a JSON header and named arrays, whole or not at all.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+    """Write an archive of a JSON header and named arrays, whole or not at all."""
     with durable_file(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
         archive.writestr(kind.header, header)
         for name, array in arrays.items():

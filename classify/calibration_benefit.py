@@ -34,21 +34,9 @@ def errors_left(
     shape: tuple[int, int],
     flat_field_error: float = 0.0,
 ) -> tuple[tuple[str, float], ...]:
-    """Solve a simulated part that has the faults of this calibration, and no noise.
+    """Mean angular errors in degrees of a simulated part: uncalibrated, then by added part.
 
-    Parameters
-    ----------
-    configured
-        The lights as they are taken without calibration: distant, and of equal strength.
-    shape
-        Rows and columns of the frame of the calibration.
-    flat_field_error
-        Standard error of the flat field, as a share.
-
-    Returns
-    -------
-    Name and mean angular error of the normals in degrees: without calibration, then with one more
-    part each. The true rig differs from the calibration by the standard errors of its parts.
+    `configured` are the lights without calibration: distant, and of equal strength.
     """
     scale = _LONGER_SIDE_PX / max(shape)
     small = (max(1, round(shape[0] * scale)), max(1, round(shape[1] * scale)))
@@ -68,19 +56,11 @@ def errors_left(
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """A surface under the true lights, seen by the true camera.
+    """A surface under the true lights, seen by the true camera."""
 
-    Attributes
-    ----------
-    slopes
-        (2, H, W) p and q.
-    lighting, sheet
-        The true lights in the small frame, and their light (N, H, W) on a white sheet.
-    """
-
-    slopes: FloatArray
-    lighting: Lighting
-    sheet: FloatArray
+    slopes: FloatArray  # (2, H, W) p and q
+    lighting: Lighting  # in the small frame
+    sheet: FloatArray  # (N, H, W) light on a white sheet
     calibration: Calibration
 
     @classmethod

@@ -20,13 +20,9 @@ _FASTMATH = {"contract", "arcp", "nsz"}
 
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a function when it is first called, and release the GIL while it runs.
+    """Compile a function when it is first called, cached on disk, and release the GIL.
 
-    Kernels work on whole arrays or on a range of rows; `classify.threads` shares out the rows.
     `numba.prange` is not used: it takes three to four times as long to compile.
-
-    The machine code is cached on disk. Where numba can write to no folder, as in a read-only
-    installation with a read-only home, every process compiles the kernel again.
     """
     compiled: Callable[..., Any] = njit(nogil=True, fastmath=_FASTMATH, error_model="numpy")(
         function
@@ -40,9 +36,7 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 def kernel_cache_folder() -> Path | None:
     """Folder in which compiled kernels are cached, or None if they are not.
 
-    It is the first of these that can be written to: a subfolder of ``NUMBA_CACHE_DIR``, the
-    ``__pycache__`` beside this file, a folder in the user's cache. Kernels of other files may be
-    in a folder beside it.
+    The first that can be written to: in `NUMBA_CACHE_DIR`, `__pycache__` here, the user's cache.
     """
     path = _probe.stats.cache_path  # type: ignore[attr-defined]
     return None if path is None else Path(path)

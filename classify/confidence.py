@@ -11,10 +11,7 @@ CONFIDENCE = 0.95
 
 
 def share_at_most(events: int, trials: int, confidence: float = CONFIDENCE) -> float:
-    """Return the exact upper bound of a share, after Clopper and Pearson (1934).
-
-    If the true share were larger, so few events would come with a probability below
-    1 - `confidence`. The bound is 1 without trials.
+    """Return the exact upper bound of a share (Clopper and Pearson 1934); 1 without trials.
 
     >>> round(share_at_most(0, 149), 3)
     0.02
@@ -40,18 +37,8 @@ def trials_to_show(share: float, confidence: float = CONFIDENCE) -> int:
 
 
 def tolerance_factor(count: int, coverage: float = 0.99, confidence: float = CONFIDENCE) -> float:
-    """Return the k of the one-sided tolerance limit mean + k standard deviations.
+    """Return k of the one-sided tolerance limit mean + k sigma of `count` values (Owen 1968).
 
-    With `confidence`, a share `coverage` of a normal distribution lies below this limit if mean and
-    standard deviation are estimated from `count` values (Owen 1968).
-
-    Raises
-    ------
-    InputError
-        For fewer than two values.
-
-    Examples
-    --------
     >>> [round(tolerance_factor(count), 2) for count in (3, 10, 30)]
     [10.55, 3.98, 3.06]
     """

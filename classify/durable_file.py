@@ -28,13 +28,6 @@ _NO_FOLDER_SYNC = {
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder and its missing parents.
-
-    Raises
-    ------
-    InputError
-        If the folder cannot be made.
-    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -42,13 +35,7 @@ def make_folder(folder: Path) -> None:
 
 
 def require_folder(path: Path) -> None:
-    """Check that the folder of an output exists, before the work on it begins.
-
-    Raises
-    ------
-    InputError
-        If the folder is missing.
-    """
+    """Check that the folder of an output exists, before the work on it begins."""
     if not path.parent.is_dir():
         raise InputError(f"{path}: cannot be written: there is no folder {path.parent}")
 
@@ -57,22 +44,8 @@ def require_folder(path: Path) -> None:
 def durable_file(path: Path, home: Path | None = None) -> Iterator[Path]:
     """Yield a temporary path that becomes `path` when the block ends without an error.
 
-    It is in the same folder. The data are forced to disk before the rename, and the rename after
-    it. If the block raises, or the disk is full, the temporary file is removed and an older `path`
-    stays as it was. If `path` is a symbolic link, the file that it points to is replaced, and the
-    link stays.
-
-    Parameters
-    ----------
-    home
-        Another folder of the same file system for the temporary file. Each call lists that folder,
-        which takes 20 ms where it holds 20,000 files.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written: no such folder, no permission, disk full, or a device or
-        pipe in its place.
+    Data and rename are forced to disk, and links are followed; `home` is another folder of the same
+    file system for the temporary file.
     """
     try:
         target = path.resolve() if path.is_symlink() else path
@@ -96,13 +69,7 @@ def locked_temporary(
 ) -> Iterator[Path]:
     """Yield a new locked file or folder in `home`, and remove it at the end.
 
-    Temporary files and folders in `home` whose writers were killed are removed first; where
-    `fcntl` is missing, after a day.
-
-    Raises
-    ------
-    InputError
-        If it cannot be made, or the block raises an OSError; the message names `path`.
+    Those of killed writers are removed first; where `fcntl` is missing, after a day.
     """
     try:
         _remove_abandoned(home)

@@ -18,16 +18,8 @@ _AT_FDCWD, _RENAME_EXCHANGE = -100, 2
 def durable_folder(folder: Path, names: Collection[str], first: str) -> Iterator[Path]:
     """Yield a temporary folder whose files move to `folder` when the block ends well.
 
-    If `folder` is missing, or holds only files called `names`, both folders are exchanged in one
-    step. If it holds anything else, or cannot be exchanged, the old files called `names` are
-    removed, `first` before the others, and the new files are moved in, `first` after the others.
-    Files of an old result never lie beside those of a new one. If the block raises, `folder` stays
-    as it was.
-
-    Raises
-    ------
-    InputError
-        If the folder cannot be made or written to.
+    If `folder` is missing or holds only files called `names`, both are exchanged in one step; else
+    its old files are removed, `first` first, and the new ones moved in, `first` last.
     """
     folder = folder.resolve()
     if folder.exists() and not folder.is_dir():

@@ -11,15 +11,7 @@ from numba.core.caching import FunctionCache, IndexDataCacheFile
 
 
 class KernelCache(FunctionCache):
-    """The machine code of one kernel, for each type of its arguments.
-
-    A cache that cannot be read or written costs the time to compile, and nothing else.
-
-    Raises
-    ------
-    RuntimeError
-        If numba finds no folder that can be written to.
-    """
+    """The machine code of one kernel, by argument types; failures cost compile time only."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
@@ -38,9 +30,8 @@ class KernelCache(FunctionCache):
 class _CodeFiles(IndexDataCacheFile):
     """An index, and files of machine code whose names are the hashes of their content.
 
-    numba numbers these files, uses the numbers again, and names a file in the index before it is
-    written. When two programs compile at once, or one is killed, the index can then name the code
-    of another type or of an older source, which would run without an error.
+    numba's numbered files can hold code of another type or older source if two programs compile at
+    once, or one is killed; it would run without an error.
     """
 
     def __init__(self, folder: str, kernel_name: str, source_stamp: object) -> None:

@@ -6,14 +6,7 @@ from .errors import InputError
 
 
 def checked_label(label: str) -> str:
-    """Return `label` if it can name a class in files, tables and results.
-
-    Raises
-    ------
-    InputError
-        For characters that do not print, such as line ends, and for "unknown" in any spelling:
-        results use that word for a surface that matches no class.
-    """
+    """Return `label` if it prints and is not "unknown", the word for a surface of no class."""
     if not label.isprintable():
         raise InputError(f"label {label!r}: use printable characters only")
     if unicodedata.normalize("NFKC", label).strip().casefold() == "unknown":

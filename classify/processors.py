@@ -15,10 +15,7 @@ def usable_processors() -> list[int]:
 
 @contextmanager
 def bound_to(processor: int) -> Iterator[None]:
-    """Let the calling thread, and threads that it starts, run on one processor only.
-
-    Systems without affinity, and a processor that is no longer there, leave it as it is.
-    """
+    """Let this thread, and threads it starts, run on one processor, where that is possible."""
     if not hasattr(os, "sched_setaffinity"):
         yield
         return

@@ -15,13 +15,7 @@ _PIECE_BYTES = 1 << 20
 
 
 def open_regular_file(path: Path, max_bytes: int) -> BinaryIO:
-    """Open a regular file for reading; links to one are followed.
-
-    Raises
-    ------
-    InputError
-        If it is missing, unreadable, larger than `max_bytes`, a folder, a pipe or a device.
-    """
+    """Open a regular file of at most `max_bytes` for reading; links to one are followed."""
     try:
         file = open(path, "rb", opener=_descriptor)  # noqa: SIM115 - has an opener
     except FileNotFoundError as error:
@@ -40,13 +34,7 @@ def open_regular_file(path: Path, max_bytes: int) -> BinaryIO:
 
 
 def read_regular_file(path: Path, max_bytes: int) -> bytes:
-    """Read a whole file of at most `max_bytes`, opened by `open_regular_file`.
-
-    Raises
-    ------
-    InputError
-        As `open_regular_file`, or if reading fails.
-    """
+    """Read a whole file of at most `max_bytes`, opened by `open_regular_file`."""
     with open_regular_file(path, max_bytes) as file:
         try:
             # The size that a file states may be wrong: it may grow, and files of /proc state 0.

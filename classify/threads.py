@@ -27,16 +27,7 @@ _lock = threading.Lock()
 
 
 def thread_count() -> int:
-    """Number of threads that kernels may use.
-
-    That of `set_thread_count`, else of the environment variable ``NUMBA_NUM_THREADS``, else one
-    for each processor that this process may run on.
-
-    Raises
-    ------
-    InputError
-        If ``NUMBA_NUM_THREADS`` is not a whole number from 1 to 1024.
-    """
+    """Threads for kernels: `set_thread_count`, `NUMBA_NUM_THREADS`, or one per processor."""
     if _count is not None:
         return _count
     text = os.environ.get("NUMBA_NUM_THREADS", "").strip()
@@ -51,13 +42,7 @@ def thread_count() -> int:
 
 
 def set_thread_count(count: int | None) -> None:
-    """Use `count` threads from now on in this process; None returns to the default.
-
-    Raises
-    ------
-    InputError
-        If it is less than 1.
-    """
+    """Use `count` threads from now on in this process; None returns to the default."""
     global _count
     if count is not None and count < 1:
         raise InputError(f"{count} threads; give 1 or more")
@@ -67,9 +52,8 @@ def set_thread_count(count: int | None) -> None:
 def bind_workers(*, is_bound: bool = True) -> None:
     """Bind each kept thread of this process to a processor of its own from now on.
 
-    Some kernels let threads that have slept share one processor while another is idle, and the
-    parts of a loop then follow one another. capture/README.md has the gain. False returns to the
-    default: the system chooses.
+    Some operating systems let threads that have slept share one processor while another is idle;
+    capture/README.md has the gain.
     """
     global _is_bound
     if is_bound != _is_bound:
@@ -79,10 +63,7 @@ def bind_workers(*, is_bound: bool = True) -> None:
 
 @contextmanager
 def beside_workers() -> Iterator[None]:
-    """Bind the calling thread to the processor that bound workers leave free.
-
-    Threads that it starts meanwhile are bound to it, too. See `bind_workers`.
-    """
+    """Bind the calling thread, and those it starts, to the processor `bind_workers` leaves."""
     if not _is_bound or thread_count() == 1:
         yield
         return
@@ -91,10 +72,7 @@ def beside_workers() -> Iterator[None]:
 
 
 def map_in_threads(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-    """``[function(item) for item in items]``, with the items shared among threads.
-
-    The calling thread takes part, so that a call within a call cannot wait for itself.
-    """
+    """`[function(item) for item in items]` in threads, including the calling one."""
     results: dict[int, Result] = {}
     # One iterator for all threads: each takes the next item as soon as it is free.
     indices = iter(range(len(items)))
@@ -119,11 +97,8 @@ def map_in_threads(function: Callable[[Item], Result], items: Sequence[Item]) ->
 def beside(work: Callable[[], Result], *, is_long: bool = False) -> Callable[[], Result]:
     """Start work in another thread; return a function that waits for its result.
 
-    The caller does the work itself if no thread was free until then, and otherwise helps other
-    threads until the result is there. Give `is_long` for work that a thread that waits for another
-    result should not begin. Short work must not wait for other work started by `beside`: a thread
-    that waits within the other work could take the short work, which then waits for what lies below
-    it on the same stack.
+    A waiting caller does the work itself or helps others, with tasks that are not `is_long`; short
+    work must not wait for other work started by `beside`, which may lie below it on the same stack.
     """
     if thread_count() == 1:
         return work
@@ -135,10 +110,7 @@ def beside(work: Callable[[], Result], *, is_long: bool = False) -> Callable[[],
 def run_on_rows(
     function: Callable[[int, int], None], shape: tuple[int, int], strip_px: int = STRIP_PX
 ) -> None:
-    """Call ``function(first, last)`` for strips of rows that together cover `shape`.
-
-    The strips do not depend on the number of threads.
-    """
+    """Call `function(first, last)` for strips that cover `shape`, whatever the threads."""
     rows, columns = shape
     height = max(1, strip_px // max(columns, 1))
     strips = [(first, min(first + height, rows)) for first in range(0, rows, height)]

@@ -37,24 +37,9 @@ class Task(Generic[Result]):
 
 
 class Workers:
-    """Threads that do tasks in the order of a queue, long ones first.
+    """Threads that do tasks in the order of a queue, long ones first, bound to `processors`.
 
-    They are one fewer than the threads that may compute, because the thread that gives them work
-    computes, too. One thread more would interrupt another in the middle of a loop that they share,
-    and all would wait for that one. So that no processor is idle, a thread that waits for a result
-    does other tasks meanwhile.
-
-    Parameters
-    ----------
-    count
-        Number of threads.
-    processors
-        Processor that each thread is bound to; empty to leave the choice to the system.
-
-    Attributes
-    ----------
-    count
-        As given.
+    Give one fewer than may compute: a thread that waits for a result does other tasks meanwhile.
     """
 
     def __init__(self, count: int, processors: Sequence[int] = ()) -> None:

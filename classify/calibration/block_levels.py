@@ -20,23 +20,12 @@ _CLIPPED = 0.01
 
 @dataclass(frozen=True, eq=False)
 class BlockLevels:
-    """Blocks of a scene at one exposure, in pixel values of the camera.
+    """Blocks of a scene at one exposure, in pixel values of the camera."""
 
-    Attributes
-    ----------
-    means, variances
-        (n,) float64 mean, and temporal variance of a pixel in one frame; NaN where more than 1 % of
-        the values are clipped at 0 or at full scale. A single frame has no variances.
-    saturated
-        Share of all values at full scale.
-    freedom
-        Degrees of freedom of each variance.
-    """
-
-    means: FloatArray
-    variances: FloatArray
-    saturated: float
-    freedom: float
+    means: FloatArray  # (n,); NaN where more than 1 % of the values are clipped
+    variances: FloatArray  # (n,) temporal variance of a pixel in one frame; NaN likewise
+    saturated: float  # share of all values at full scale
+    freedom: float  # degrees of freedom of each variance
 
 
 def block_levels(
@@ -44,13 +33,8 @@ def block_levels(
 ) -> BlockLevels:
     """Return the levels of 16 x 16 blocks of (F, H, W) frames of one still scene.
 
-    A change of the light from frame to frame is removed, because each block of each frame has its
-    own mean. The (n, 2) `hot_pixels` do not count.
-
-    Raises
-    ------
-    InputError
-        For another shape, or frames of fewer than 32 px a side.
+    Each block of each frame has its own mean, which removes flicker; (n, 2) `hot_pixels` do not
+    count.
     """
     blocks: Frames = in_blocks(frames)
     usable = np.ones(frames.shape[1:], np.bool_)
@@ -70,10 +54,7 @@ def block_levels(
 def temporal_variances(
     blocks: Frames, counted: npt.NDArray[np.bool_]
 ) -> tuple[FloatArray, FloatArray, float]:
-    """(n,) means and variances of (F, n, pixels) values, and their degrees of freedom.
-
-    Pixels that are false in (n, pixels) `counted` do not count.
-    """
+    """(n,) means and variances of `counted` values (F, n, pixels), and their freedom."""
     counts = np.maximum(counted.sum(axis=1), 1)
     means, squares = np.empty(len(counts)), np.empty(len(counts))
     # A few blocks at a time: as float32, all frames of a large camera would not fit into memory.

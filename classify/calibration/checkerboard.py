@@ -48,36 +48,16 @@ _TILTED_FOR_FOCAL = 2
 
 @dataclass(frozen=True, eq=False)
 class CheckerboardScale:
-    """The scale from a checkerboard.
-
-    Attributes
-    ----------
-    tilts_deg
-        (J,) tilt of each placement from the image plane, known to about 3 degrees.
-    distortion_px
-        The most by which distortion moves a pixel of the frame.
-    covered
-        Share of the frame's diagonal that the corners reach from its middle.
-    """
+    """The scale from a checkerboard."""
 
     scale: Scale
-    tilts_deg: FloatArray
-    distortion_px: float
-    covered: float
+    tilts_deg: FloatArray  # (J,) of each placement from the image plane, known to about 3 degrees
+    distortion_px: float  # the most by which distortion moves a pixel of the frame
+    covered: float  # share of the diagonal that the corners reach from the middle
 
 
 def find_corners(image: npt.NDArray[Any], corners: tuple[int, int]) -> FloatArray:
-    """(n, 2) columns and rows of the inner corners of a checkerboard in a picture.
-
-    `image` is (H, W) of any type, `corners` their number along the two sides.
-
-    Raises
-    ------
-    InputError
-        For a number of corners outside 3 to 64.
-    CalibrationRejected
-        If the whole board is not found.
-    """
+    """(n, 2) columns and rows of the inner corners of a checkerboard in an (H, W) picture."""
     if not all(_CORNERS[0] <= each <= _CORNERS[1] for each in corners):
         raise InputError(
             f"a checkerboard with {corners[0]} x {corners[1]} inner corners; {_CORNERS[0]} to "
@@ -122,27 +102,10 @@ def scale_of_boards(
     square_mm: float,
     frame: tuple[int, int],
 ) -> CheckerboardScale:
-    """Fit scale and distortion to the corners of one board in its placements.
+    """Fit scale and radial distortion to (n, 2) corners of one board in its placements.
 
-    A homography for each placement, which allows any tilt, and radial distortion about the middle
-    of the frame are fitted together. Two tilted placements or more give the focal length too (Zhang
-    2000, by OpenCV).
-
-    Parameters
-    ----------
-    boards
-        `find_corners` of each placement. At least one lies in the plane of the part.
-    square_mm
-        Side of a square.
-    frame
-        Rows and columns of the pictures.
-
-    Raises
-    ------
-    InputError
-        For a side that is not positive and finite.
-    CalibrationRejected
-        If no placement lies flat, or the corners do not fit a flat board.
+    Homographies allow any tilt; two tilted placements give the focal length too (Zhang 2000, by
+    OpenCV).
     """
     if not 0.0 < square_mm < np.inf:
         raise InputError(f"squares of {square_mm:g} mm; give their side, a positive number")

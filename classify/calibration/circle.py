@@ -36,8 +36,7 @@ def fitted_circle(points: FloatArray, weights: FloatArray, start: Circle) -> Cir
 def centre_error(rim: FloatArray, weights: FloatArray, circle: Circle) -> float:
     """Standard error of the centre, from fits that leave out one sector each.
 
-    Errors of an outline are correlated over long arcs, so the scatter of its points would give far
-    too small an error.
+    Errors of an outline are correlated over long arcs, so the scatter of its points is too small.
     """
     angles = np.arctan2(rim[:, 1] - circle.row, rim[:, 0] - circle.column)
     sector = np.floor((angles / (2.0 * np.pi) + 0.5) * _SECTORS).astype(int) % _SECTORS

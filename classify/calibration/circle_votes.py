@@ -23,10 +23,7 @@ _CANDIDATES = 12
 
 
 def voted_circles(images: Sequence[Image], smallest_radius_px: float) -> list[Circle]:
-    """Return circles in (H, W) images that many edges are on, the likeliest first.
-
-    Radii go from `smallest_radius_px`, and at least 8 px, to 0.55 of the shorter side.
-    """
+    """Return circles in (H, W) images that many edges are on, the likeliest first."""
     points, gradients, weights = _edges(images)
     height, width = images[0].shape
     found: list[tuple[float, Circle]] = []

@@ -18,11 +18,7 @@ _NEIGHBOURS = [(row, column) for row in (-1, 0, 1) for column in (-1, 0, 1) if r
 
 
 def without_hot_pixels(images: Array, hot_pixels: npt.NDArray[np.int32]) -> Array:
-    """Copy of (..., H, W) images with hot pixels replaced.
-
-    Each gets the median of its good neighbours. A pixel whose eight neighbours are all hot or
-    outside of the frame is left as it is.
-    """
+    """Copy of (..., H, W) images with the median of good neighbours in each hot pixel."""
     rows, columns = images.shape[-2:]
     is_good = np.ones((rows, columns), np.bool_)
     row, column = hot_pixels.T
@@ -65,8 +61,7 @@ def offset_in_light(dark: Dark, response: Response | None, full_scale: float) ->
 def undistorted(stack: ImageStack, scale: Scale, full_scale: float) -> ImageStack:
     """The images of a lens without distortion, by bilinear interpolation.
 
-    A pixel that is interpolated from a saturated one is saturated. Beyond the frame the values of
-    its edge are repeated.
+    A pixel that is interpolated from a saturated one is saturated.
     """
     maps = _source_of_pixels(scale, stack.shape)
 

@@ -17,41 +17,15 @@ _MOST_EXPOSURES = 16
 
 @dataclass(frozen=True, eq=False)
 class Dark:
-    """Offset, noise and hot pixels of a camera at one gain, and at one exposure or several.
+    """Offset, noise and hot pixels, in pixel values, at one gain and one exposure or several."""
 
-    All are in the pixel values of the camera.
-
-    Attributes
-    ----------
-    offset
-        Pixel value without light.
-    noise
-        Temporal standard deviation of a pixel in one frame.
-    hot_pixels
-        (n, 2) int32 row and column of pixels that do not follow the light.
-    ambient
-        Pixel value of the ambient light with all LEDs off, less `offset`; None if not measured.
-    full_scale
-        Pixel value of saturation to which the values above belong.
-    exposure_ms
-        Exposure of the values above; None if unknown.
-    longer
-        The same at the next longer exposure that was measured; None for the longest.
-
-    Raises
-    ------
-    InputError
-        For hot pixels of another shape or type, a value out of range, exposures that do not rise,
-        or more than 16 of them.
-    """
-
-    offset: float
-    noise: float
-    hot_pixels: npt.NDArray[np.int32]
-    ambient: float | None
-    full_scale: float
-    exposure_ms: float | None = None
-    longer: Dark | None = None
+    offset: float  # without light
+    noise: float  # temporal standard deviation of a pixel in one frame
+    hot_pixels: npt.NDArray[np.int32]  # (n, 2) rows and columns
+    ambient: float | None  # ambient light with all LEDs off, less `offset`; None if unknown
+    full_scale: float  # pixel value of saturation to which the values above belong
+    exposure_ms: float | None = None  # of the values above; None if unknown
+    longer: Dark | None = None  # at the next longer measured exposure; None for the longest
 
     def __post_init__(self) -> None:
         if not (0.0 < self.full_scale < np.inf and 0.0 <= self.offset < self.full_scale):
@@ -106,10 +80,7 @@ class Dark:
         return (self.exposure_ms, *longer)
 
     def holds_at(self, exposure_ms: float | None) -> bool:
-        """Whether an exposure was measured or lies between two that were.
-
-        One exposure also holds where either is unknown.
-        """
+        """Whether an exposure lies within the measured ones; True for one if either is unknown."""
         shortest_ms, longest_ms = self.exposures_ms[0], self.exposures_ms[-1]
         if shortest_ms is None or longest_ms is None or exposure_ms is None:
             return self.longer is None
@@ -117,16 +88,9 @@ class Dark:
         return shortest_ms / rounding <= exposure_ms <= longest_ms * rounding
 
     def at(self, exposure_ms: float | None) -> Dark:
-        """Return offset, noise and hot pixels at one exposure.
+        """Return offset, noise and hot pixels at one exposure between those measured.
 
-        Offset, ambient light and the variance of the noise grow with the exposure as dark current
-        does, so they are interpolated linearly. A pixel is hot if it is at one of the two measured
-        exposures around this one.
-
-        Raises
-        ------
-        InputError
-            If the exposure lies outside those that were measured.
+        Offset, ambient light and noise variance are interpolated linearly, as dark current grows.
         """
         if not self.holds_at(exposure_ms):
             if exposure_ms is None:

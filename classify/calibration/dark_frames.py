@@ -35,24 +35,12 @@ _CLIPPED = 0.001
 
 @dataclass(frozen=True, eq=False)
 class DarkFrames:
-    """A dark part and further measures of its frames.
-
-    Attributes
-    ----------
-    dark
-        The dark part.
-    fixed_pattern
-        Standard deviation of the pixels' own offsets, hot pixels left out, in pixel values.
-    clipped
-        Share of the values at 0. From 0.1 % on the true offset is lower and the noise larger.
-    frames
-        Number of frames.
-    """
+    """A dark part and further measures of its frames."""
 
     dark: Dark
-    fixed_pattern: float
-    clipped: float
-    frames: int
+    fixed_pattern: float  # standard deviation of the pixels' offsets, in pixel values
+    clipped: float  # share of the values at 0
+    frames: int  # number of frames
 
     @property
     def is_clipped(self) -> bool:
@@ -61,24 +49,9 @@ class DarkFrames:
 
 
 def dark_of(frames: Frames, full_scale: float, lit: Frames | None = None) -> DarkFrames:
-    """Measure offset, noise and hot pixels from frames with the lens covered.
+    """Measure offset, noise and hot pixels from (F, H, W) frames with the lens covered.
 
-    Parameters
-    ----------
-    frames
-        (F, H, W) frames, at least two.
-    full_scale
-        Pixel value of saturation.
-    lit
-        (n, H, W) frames under the LEDs, with the lens still covered, which must be as dark; None
-        if there are none.
-
-    Raises
-    ------
-    InputError
-        For another shape or type, fewer than two frames, or frames of fewer than 32 px a side.
-    CalibrationRejected
-        If the lens is not covered, or more than 1 % of the pixels are hot.
+    The (n, H, W) `lit` frames are under the LEDs, with the lens covered too, and must be as dark.
     """
     if len(frames) < 2 or frames.dtype not in (np.uint8, np.uint16):
         count = "one frame" if len(frames) == 1 else f"{len(frames)} frames"
@@ -117,16 +90,7 @@ def dark_of(frames: Frames, full_scale: float, lit: Frames | None = None) -> Dar
 
 
 def with_ambient(dark: Dark, image: npt.NDArray[np.generic], full_scale: float) -> Dark:
-    """Return `dark` with the ambient light of an image.
-
-    The image is taken with the lens open and all LEDs off. `full_scale` is that of the image, which
-    differs from the camera's for an average of frames.
-
-    Raises
-    ------
-    InputError
-        If a hot pixel is outside the image.
-    """
+    """Return `dark` with the ambient light of an image with the lens open and all LEDs off."""
     rows, columns = image.shape
     hot = dark.hot_pixels
     if hot.size and ((hot[:, 0] >= rows) | (hot[:, 1] >= columns)).any():

@@ -51,55 +51,26 @@ _UNEXPLAINED = (0.005, 0.01)
 
 @dataclass(frozen=True)
 class DriftCause:
-    """One thing that has changed since the calibration.
-
-    Attributes
-    ----------
-    kind, light
-        What has changed; the index of the light, None for a change that all lights share.
-    status
-        ``warning``, or ``fault`` where the calibration does not hold any more.
-    seen, advice
-        What was found, with numbers, and what to do.
-    """
+    """One thing that has changed since the calibration."""
 
     kind: DriftKind
-    light: int | None
+    light: int | None  # index; None for a change that all lights share
     status: Status
-    seen: str
-    advice: str
+    seen: str  # what was found, with numbers
+    advice: str  # what to do
 
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """A rig compared with its calibration.
+    """A rig compared with its calibration."""
 
-    Attributes
-    ----------
-    causes
-        Changes beyond the limit of a warning, the worst first.
-    level_changes
-        (N,) change of each light relative to the change that all share: -0.1 for 10 % less light.
-    brightness
-        Brightness that all lights share, as a multiple of that at the calibration; None if that is
-        unknown.
-    sheet_tilt_deg
-        Tilt of the sheet; a small tilt needs no cause.
-    error_deg
-        rms tilt that a level part would seem to have, solved with this calibration.
-    residual
-        rms of the ratios of lights that no cause explains.
-    shows_moved_lights
-        Whether a moved light or camera would show on the sheet. The light of distant LEDs is even.
-    """
-
-    causes: tuple[DriftCause, ...]
-    level_changes: FloatArray
-    brightness: float | None
+    causes: tuple[DriftCause, ...]  # beyond the limit of a warning, the worst first
+    level_changes: FloatArray  # (N,) relative to the common change; -0.1 for 10 % less light
+    brightness: float | None  # common to all lights, a multiple of the calibration's, if known
     sheet_tilt_deg: float
-    error_deg: float
-    residual: float
-    shows_moved_lights: bool
+    error_deg: float  # rms tilt of a level part, solved with this calibration
+    residual: float  # rms of the ratios of lights that no cause explains
+    shows_moved_lights: bool  # whether a moved light or camera would show on the sheet
 
     @property
     def status(self) -> Status:
@@ -115,31 +86,10 @@ def plate_drift(
     *,
     brightness: float | None = None,
 ) -> Drift:
-    """Compare light images of a white sheet with a calibration.
+    """Compare light images of a white matt sheet, as captured, with a calibration.
 
-    Parameters
-    ----------
-    stack
-        Light images of a white matt sheet and the ambient image, as captured. The sheet may be
-        another one, and need not lie as it did.
-    full_scale
-        Pixel value at which the sensor saturates.
-    lighting
-        The lights as configured, for a calibration that has only a flat field.
-    brightness
-        Geometric mean of the sheet's pixel values at the calibration, as a share of full scale.
-
-    Returns
-    -------
-    `Drift`. A light or a camera that has moved is found only where the light falls off over the
-    frame; a distant light that has moved shows only in its level.
-
-    Raises
-    ------
-    InputError
-        If the calibration has no flat field, or is one of another number of lights.
-    CalibrationRejected
-        If the light images are saturated or too dark, or show no white matt sheet.
+    `brightness` is the geometric mean of the sheet's pixel values at the calibration, as a share of
+    full scale; a distant light that has moved shows only in its level.
     """
     flat_field, lighting = calibration.flat_field, calibration.lighting_of(lighting)
     if flat_field is None:
@@ -175,9 +125,7 @@ def _leds(
 ) -> tuple[FloatArray, float, Aim]:
     """Positions of the LEDs, exponent and aim of their lobes, from a flat field.
 
-    The positions of the calibration may be missing, or be those of directions alone. Where the
-    flat field does not tell directions, those of `lighting` are better, and its distances give
-    them the fall-off that was seen.
+    Where the flat field does not tell directions, those of `lighting` are used.
     """
     ratios = expected - expected.mean(axis=0)
     if len(expected) < _FEWEST_LIGHTS or float(ratios.std(axis=(1, 2)).max()) <= _EVEN:

@@ -45,64 +45,28 @@ _LOWEST_LIGHT = 0.02  # least z of a unit vector: no light of a fit sinks below 
 
 @dataclass(frozen=True, eq=False)
 class PossibleCause:
-    """One thing that may have changed.
-
-    Attributes
-    ----------
-    light
-        Index of the light, None for a change that all lights share.
-    spreads
-        Standard deviations of its numbers.
-    change
-        The change (N, B) for its numbers.
-    """
+    """One thing that may have changed."""
 
     kind: Kind
-    light: int | None
-    spreads: tuple[float, ...]
-    change: Callable[[FloatArray], FloatArray]
+    light: int | None  # index; None for a change that all lights share
+    spreads: tuple[float, ...]  # standard deviations of the numbers of the cause
+    change: Callable[[FloatArray], FloatArray]  # the change (N, B) for these numbers
 
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """The most probable causes of a change.
-
-    Attributes
-    ----------
-    causes
-        Each cause with its numbers.
-    levels
-        (N,) logarithm of the level of each light, without what all lights share.
-    brightness
-        Logarithm of the brightness that all lights share.
-    slope
-        (2,) slope of the sheet along x and y.
-    residual
-        rms of the ratios of lights that nothing explains.
-    unevenness
-        Robust standard deviation of what all lights share and nothing explains.
-    """
+    """The most probable causes of a change, each with its numbers."""
 
     causes: tuple[tuple[PossibleCause, FloatArray], ...]
-    levels: FloatArray
-    brightness: float
-    slope: FloatArray
-    residual: float
-    unevenness: float
+    levels: FloatArray  # (N,) logarithm of each light's level, without the common part
+    brightness: float  # logarithm of the brightness that all lights share
+    slope: FloatArray  # (2,) of the sheet along x and y
+    residual: float  # rms of the ratios of lights that nothing explains
+    unevenness: float  # robust standard deviation of the unexplained common part
 
 
 class DriftModel:
-    """The sheet under the lights of one calibration.
-
-    Parameters
-    ----------
-    positions
-        (N, 3) positions of the lights, in the unit of `x` and `y`.
-    lobe_exponent, aim
-        m of the lobe cos^m of each LED, and where its axis points.
-    x, y
-        (B,) middles of the blocks.
-    """
+    """The sheet under lights at (N, 3) positions, in blocks with (B,) middles x and y."""
 
     def __init__(
         self, positions: FloatArray, lobe_exponent: float, aim: Aim, x: FloatArray, y: FloatArray
@@ -155,10 +119,7 @@ class DriftModel:
     def _best(
         self, change: FloatArray, chosen: tuple[PossibleCause, ...], numbers: FloatArray
     ) -> tuple[tuple[PossibleCause, ...], float, FloatArray]:
-        """Add to `chosen` the cause that explains most of the rest.
-
-        `numbers` are start values. Returns the causes, their score and their numbers.
-        """
+        """Add the best cause to `chosen`; also return the score and all numbers."""
         tried = []
         for cause in self._causes:
             if cause not in chosen:
@@ -326,11 +287,7 @@ def led_strength(
 
 
 def moved_light(position: FloatArray, numbers: FloatArray) -> FloatArray:
-    """(3,) position after two rotations and a change of distance.
-
-    All are relative to the middle of the frame. The first angle is along the tilt, the second
-    raises the light; both in radians.
-    """
+    """(3,) position after rotation along the tilt, raising (radians) and a change of distance."""
     distance = float(np.linalg.norm(position))
     towards = position / distance
     across = np.array([-towards[1], towards[0], 0.0])

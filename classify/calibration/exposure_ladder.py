@@ -62,47 +62,17 @@ _NEGLIGIBLE, _SIGNIFICANT = 0.002, 3.0
 
 @dataclass(frozen=True, eq=False)
 class ExposureLadder:
-    """A response and further measures of its ladder.
-
-    Attributes
-    ----------
-    response
-        The response.
-    departure
-        Largest distance of the curve from a straight line, as a share of full scale.
-    offset
-        Pixel value without light: the limit of ever shorter exposures.
-    lowest, highest
-        Range of the pixel values that the ladder covers; the curve beyond them is a continuation.
-    """
+    """A response and further measures of its ladder."""
 
     response: Response
-    departure: float
-    offset: float
-    lowest: float
-    highest: float
+    departure: float  # largest distance of the curve from a straight line, share of full scale
+    offset: float  # pixel value without light: the limit of ever shorter exposures
+    lowest: float  # pixel value; the curve below it is a continuation
+    highest: float  # pixel value; the curve above it is a continuation
 
 
 def response_of(values: FloatArray, exposures_ms: FloatArray, full_scale: float) -> ExposureLadder:
-    """Fit the response to the values of a scene at several exposures.
-
-    Parameters
-    ----------
-    values
-        (E, n) mean values of n blocks of the scene; NaN where pixels are clipped. Blocks of
-        different brightness, as by the fall-off of a light over a white sheet, give more levels.
-    exposures_ms
-        (E,) exposure times.
-    full_scale
-        Pixel value of saturation.
-
-    Raises
-    ------
-    InputError
-        For another shape, or exposures or full scale that are not positive.
-    CalibrationRejected
-        If no response explains the values; the message names the cause.
-    """
+    """Fit the response to (E, n) mean values of blocks, NaN if clipped, at (E,) exposures."""
     values, times = np.asarray(values, np.float64), np.asarray(exposures_ms, np.float64)
     if values.ndim != 2 or times.shape != values.shape[:1]:
         raise InputError(
@@ -184,28 +154,14 @@ def _check_levels(levels: FloatArray, times: FloatArray) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """A monotone cubic spline through the levels, which are shares of full scale.
+    """A monotone cubic spline through the levels, which are shares of full scale."""
 
-    Attributes
-    ----------
-    spline
-        Linear light at a level above that at `lowest`; it rises by 1 between two inner levels.
-    lowest, highest
-        Range of the levels.
-    base
-        Light at `lowest`, without the offset of the camera.
-    strengths
-        (n,) light of each block per unit of exposure time.
-    residuals
-        (E, n) differences of the levels from the fit; NaN where a level is.
-    """
-
-    spline: BSpline
+    spline: BSpline  # light above that at `lowest`; rises by 1 between two inner levels
     lowest: float
     highest: float
-    base: float
-    strengths: FloatArray
-    residuals: FloatArray
+    base: float  # light at `lowest`, without the offset of the camera
+    strengths: FloatArray  # (n,) light of each block per unit of exposure time
+    residuals: FloatArray  # (E, n) differences of the levels from the fit; NaN where a level is
 
     @classmethod
     def of(cls, levels: FloatArray, times: FloatArray) -> "_Fit":
@@ -295,8 +251,8 @@ class _Fit:
     def curve(self) -> tuple[FloatArray, float]:
         """(257,) curve from 0 to 1, and the level without light.
 
-        Only differences of light are measured. The curve is placed so that it goes on below the
-        lowest level as a power of the level, with the exponent of the lowest quarter.
+        Below the lowest level it goes on as a power of the level, with the exponent of the lowest
+        quarter.
         """
         lowest, highest = self.lowest, self.highest
         slope = self.spline.derivative()

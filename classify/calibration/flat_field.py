@@ -28,45 +28,24 @@ _TINY = 1e-30
 
 @dataclass(frozen=True, eq=False)
 class FittedFlatField:
-    """A flat field and how well it fits the blocks of its sheet.
+    """A flat field and how well it fits the blocks of its sheet in S placements."""
 
-    Attributes
-    ----------
-    flat_field
-        Of geometric mean 1 over the lights and the blocks that were used.
-    degree
-        Degrees of the polynomials of the ratios of the lights, and of their mean.
-    ratio_residual, mean_residual
-        Robust standard deviations of the blocks from the fit, as shares: of the ratios of the
-        lights, which relief and gloss raise, and of their mean, which uneven reflectance raises.
-    error
-        Standard error of the flat field that follows from the residuals, as a share.
-    unused
-        Share of the blocks that do not fit: dust, relief or gloss.
-    ratios, weights
-        (N, 32, 32) logarithms of the ratio of each light to the geometric mean of all, over all
-        placements; (32, 32) their weights, 0 where a block does not fit or is not usable.
-    offsets
-        (S, N) log brightness of each light in each placement, less the mean over the placements.
-    """
-
-    flat_field: FlatField
-    degree: tuple[int, int]
-    ratio_residual: float
-    mean_residual: float
-    error: float
-    unused: float
-    ratios: FloatArray
-    weights: FloatArray
-    offsets: FloatArray
+    flat_field: FlatField  # of geometric mean 1 over the lights and the blocks that were used
+    degree: tuple[int, int]  # of the polynomials of the lights' ratios, and of their mean
+    ratio_residual: float  # robust standard deviation, a share; relief and gloss raise it
+    mean_residual: float  # likewise of the lights' mean; uneven reflectance raises it
+    error: float  # standard error of the flat field by the residuals, a share
+    unused: float  # share of the blocks that do not fit: dust, relief or gloss
+    ratios: FloatArray  # (N, 32, 32) log ratio of each light to the geometric mean of all
+    weights: FloatArray  # (32, 32) of the ratios; 0 where a block is not used
+    offsets: FloatArray  # (S, N) log brightness, less the mean over the placements
 
 
 def fit_flat_field(blocks: PlateBlocks) -> FittedFlatField:
-    """Fit polynomials to the logarithms of the blocks of one placement or more.
+    """Fit polynomials to the logarithms of the blocks: to the lights' ratios, and their mean.
 
-    Ratios of lights and their mean are fitted apart: dust and grain change only the mean.
-    Placements that are rotated by 180 degrees cancel a tilt of the sheet and a reflectance that
-    rises along it.
+    Placements rotated by 180 degrees cancel a tilt of the sheet and a reflectance that rises along
+    it.
     """
     common = blocks.logs.mean(axis=1, keepdims=True)
     ratio, mean = (_Fit.of(values, blocks) for values in (blocks.logs - common, common))
@@ -169,8 +148,7 @@ def _combined(
 ) -> tuple[FloatArray, FloatArray, FloatArray, float]:
     """Robust means (C, folds, blocks) over the placements, weights, offsets and scale.
 
-    A placement that is brighter, darker or tilted shifts all values of a light by an offset. The
-    offsets (S, C) of all placements have the mean 0.
+    A placement shifts all values of a light by an offset; the (S, C) offsets have the mean 0.
     """
     offsets = np.zeros(residuals.shape[:2])
     weights = usable

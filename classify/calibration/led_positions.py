@@ -36,44 +36,23 @@ _MARGIN = 1.4
 
 @dataclass(frozen=True, eq=False)
 class LedPositions:
-    """Positions of N LEDs as fitted, with their uncertainties.
+    """Positions of N LEDs as fitted, with their uncertainties."""
 
-    Attributes
-    ----------
-    positions
-        (N, 3) in half of the longer side, from the middle of the frame.
-    direction_errors_deg, distance_errors
-        (N,) standard errors; those of the distances are relative.
-    lobe_exponent, aim
-        m of the strength cos^m at an angle to the axis of an LED, and where the axes point.
-    residual
-        rms deviation of the logarithms of the ratios from the model.
-    residuals
-        (N, 16, 16) excess of the logarithms over the model, also of blocks without weight.
-    """
-
-    positions: FloatArray
-    direction_errors_deg: FloatArray
-    distance_errors: FloatArray
-    lobe_exponent: float
-    aim: Aim
-    residual: float
-    residuals: FloatArray
+    positions: FloatArray  # (N, 3) in half of the longer side, from the middle of the frame
+    direction_errors_deg: FloatArray  # (N,) standard errors
+    distance_errors: FloatArray  # (N,) relative standard errors
+    lobe_exponent: float  # m of the strength cos^m at an angle to the axis of an LED
+    aim: Aim  # where the axes point
+    residual: float  # rms deviation of the logarithms of the ratios from the model
+    residuals: FloatArray  # (N, 16, 16) excess over the model, also of blocks without weight
 
 
 def fit_led_positions(
     ratios: FloatArray, weights: FloatArray, x: FloatArray, y: FloatArray
 ) -> LedPositions:
-    """Fit positions, levels and lobe of N >= 3 LEDs to the ratios of their light images.
+    """Fit N >= 3 LEDs to (N, n, n) log ratios of each light to the geometric mean of all.
 
-    Parameters
-    ----------
-    ratios
-        (N, n, n) logarithms of the ratio of each light to the geometric mean of all.
-    weights
-        (n, n) of these blocks, 0 where there is no sheet.
-    x, y
-        (n,) coordinates of the blocks in half of the longer side, y upwards.
+    The (n,) coordinates of the blocks are in half of the longer side, y upwards.
     """
     size = _BLOCKS if len(ratios) <= _MANY_LIGHTS else _BLOCKS // 2
     pooled = _sums(weights, size)
@@ -114,8 +93,7 @@ def fit_led_positions(
 class _Model:
     """Logarithms of the ratios at n places, and how they differ from (N, n) `data`.
 
-    The parameters are v of each light, the logarithms of the levels of all but the first light
-    relative to it, and m.
+    Parameters: v of each light, log levels of all but the first light relative to it, and m.
     """
 
     x: FloatArray
@@ -150,14 +128,14 @@ class _Model:
         """(N,) standard errors of v along itself and across; infinite if undetermined.
 
         Clustered by parts of the frame (Cameron and Miller 2015, equation 11): the residuals are
-        smooth, so that blocks are not independent measurements.
+        smooth.
         """
         lights = len(self.data)
         columns, rows = (np.floor((each + 1.0) * 0.5 * _PARTS) for each in (self.x, self.y))
         part = columns * 2 * _PARTS + rows
         scores = (found.jac * found.fun[:, None]).reshape(lights, part.size, -1).sum(axis=0)
         clustered = np.stack([scores[part == each].sum(axis=0) for each in np.unique(part)])
-        if np.linalg.matrix_rank(found.jac) < found.x.size:  # as of lights that do not differ
+        if np.linalg.matrix_rank(found.jac) < found.x.size:  # for example lights that do not differ
             return np.full(lights, np.inf), np.full(lights, np.inf)
         inverse = np.linalg.pinv(found.jac.T @ found.jac)
         freedom = max((lights - 1) * part.size - found.x.size, 1)

@@ -14,36 +14,14 @@ Source = Literal["plate", "mirror sphere", "matte sphere", "list"]
 
 @dataclass(frozen=True, eq=False)
 class CalibratedLights:
-    """The N lights of a rig with their uncertainties.
+    """The N lights of a rig with their uncertainties."""
 
-    Attributes
-    ----------
-    lighting
-        Directions seen from the middle of the frame, and positions where they are known.
-    source
-        What they were measured with; ``list`` for a file of directions.
-    direction_errors_deg
-        (N,) standard errors of the directions.
-    distance_errors
-        (N,) standard errors of the distances from the middle of the frame, as shares of them; None
-        for distant lights.
-    residual
-        rms difference of the measurement from the model, as a share of its signal.
-    lobe_exponent
-        m of the strength of an LED at an angle to its axis, cos^m; None if not measured.
-
-    Raises
-    ------
-    InputError
-        For another shape, a value that is negative or not finite, or an unknown source.
-    """
-
-    lighting: Lighting
-    source: Source
-    direction_errors_deg: npt.NDArray[np.float64]
-    distance_errors: npt.NDArray[np.float64] | None
-    residual: float
-    lobe_exponent: float | None
+    lighting: Lighting  # directions from the middle of the frame; positions where known
+    source: Source  # what they were measured with; "list" for a file of directions
+    direction_errors_deg: npt.NDArray[np.float64]  # (N,) standard errors
+    distance_errors: npt.NDArray[np.float64] | None  # (N,) relative; None for distant lights
+    residual: float  # rms misfit of the model, as a share of the signal
+    lobe_exponent: float | None  # m of the strength cos^m at an angle to an LED's axis
 
     def __post_init__(self) -> None:
         if self.source not in get_args(Source):

@@ -46,34 +46,10 @@ _WORST_RESIDUAL = 0.12
 def matte_directions(
     images: npt.NDArray[Any], sphere: Sphere, full_scale: float, vignetting: float | None = None
 ) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-    """Find the light of each light image by its shading of a matt sphere.
+    """(N, 3) directions of lights by their shading of a matt sphere, errors, levels, residual.
 
-    The value of a lit pixel is a function of n . l alone, times the vignetting of the lens, which
-    falls with the squared distance from the middle of the frame. l and a polynomial of third degree
-    are fitted to each light image by least squares, first with Lambert's law. Pixels in shadow, at
-    full scale or far off the fit, such as gloss and dirt, are left out.
-
-    Parameters
-    ----------
-    images
-        (N, H, W) light images, less ambient light where that is known.
-    full_scale
-        Value of saturation.
-    vignetting
-        Share of light missing in the corners of the frame; None to fit it.
-
-    Returns
-    -------
-    directions, errors_deg, levels
-        (N, 3) unit vectors, (N,) standard errors, and (N,) brightnesses of a surface that faces the
-        light, with a geometric mean of 1.
-    residual
-        rms deviation from the shading of a matt sphere, as a share of its range.
-
-    Raises
-    ------
-    CalibrationRejected
-        If a light image does not show the shading of a matt sphere; the message names it.
+    Shading, a cubic in n . l, times vignetting by radius^2 is fitted to each (H, W) light image;
+    `vignetting` is the share of light missing in the corners, None to fit it.
     """
     rows, columns = sphere.pixels(_INSIDE)
     every = -(-len(rows) // _MOST_PIXELS)

@@ -41,30 +41,10 @@ _PIXEL = 0.15
 def mirror_directions(
     images: npt.NDArray[Any], sphere: Sphere, ambient: npt.NDArray[Any] | None = None
 ) -> tuple[FloatArray, FloatArray, FloatArray, list[str]]:
-    """Find the light of each light image by its image in a mirror sphere.
+    """(N, 3) directions of lights by a mirror sphere, errors_deg, (N, 3) points, doubts.
 
-    The light images share the room; the rest of each light image is its light. Its direction
     l = 2 (n . v) n - v is averaged over the highlight, weighted by the light: equal areas of the
     image of a mirror sphere are equal solid angles, 4 / radius^2.
-
-    Parameters
-    ----------
-    images
-        (N, H, W) light images.
-    ambient
-        (H, W) image without any of the lights, which shows the room too.
-
-    Returns
-    -------
-    directions, errors_deg, points
-        (N, 3) unit vectors, (N,) standard errors and (N, 3) reflecting points.
-    doubts
-        A sentence for each light whose highlight is not the only one.
-
-    Raises
-    ------
-    CalibrationRejected
-        If a light image has no highlight; the message names it.
     """
     rows, columns = sphere.pixels(_INSIDE)
     top, left = int(rows.min()), int(columns.min())
@@ -131,8 +111,7 @@ def _room(others: Sequence[FloatArray], values: FloatArray) -> FloatArray:
 def _lit_share(values: FloatArray, room: FloatArray, light: int) -> tuple[FloatArray, float]:
     """Share of each pixel, 0 to 1, that shows the light, and the limit of a highlight.
 
-    A highlight is often at full scale. It then adds less to a bright window than to a dark wall
-    beside it, so the change is divided by the difference of the room from full scale.
+    The change is divided by the room's difference from full scale, where highlights are clipped.
     """
     change = values - room
     highest = float(change.max())

@@ -8,23 +8,10 @@ from classify.images.noise import SensorNoise
 
 @dataclass(frozen=True)
 class Noise:
-    """Shot and read noise of a camera.
-
-    Attributes
-    ----------
-    sensor
-        The noise in the camera's own pixel values.
-    error
-        rms error of the fitted variance, as a share of it.
-
-    Raises
-    ------
-    InputError
-        If the error is negative or not finite.
-    """
+    """Shot and read noise of a camera, in its own pixel values."""
 
     sensor: SensorNoise
-    error: float
+    error: float  # rms error of the fitted variance, as a share of it
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.error < float("inf"):

@@ -25,7 +25,7 @@ FloatArray = npt.NDArray[np.float64]
 _LEAST_VARIANCE, _ROUNDING_ERROR = 0.4, 0.003
 # EMVA 1288 fits from the dark to 70 % of saturation: beyond, the brightest pixels clip.
 _HIGHEST = 0.7
-# Groups of blocks of similar mean, which are compared with the line. Fewer are no proof of it.
+# Groups of blocks of similar mean, compared with the line; fewer do not show that it is straight.
 _GROUPS, _LEAST_GROUPS = 12, 4
 # The levels must span this part of the range, or the slope is that of a short piece.
 _LEAST_SPAN = 0.2
@@ -37,21 +37,11 @@ _ROUNDS = 5
 
 @dataclass(frozen=True, eq=False)
 class PhotonTransfer:
-    """Noise of a camera with the standard errors of its constants.
+    """Noise of a camera with the standard errors of its constants."""
 
-    Attributes
-    ----------
-    noise
-        The noise; its `error` is the rms departure of groups of levels from the line.
-    gain_error
-        Standard error of the gain, as a share of it.
-    read_noise_error_dn
-        Standard error of the read noise in pixel values; None for one from dark frames.
-    """
-
-    noise: Noise
-    gain_error: float
-    read_noise_error_dn: float | None
+    noise: Noise  # its `error` is the rms departure of groups of levels from the line
+    gain_error: float  # standard error, as a share
+    read_noise_error_dn: float | None  # in pixel values; None if from dark frames
 
 
 def photon_transfer(
@@ -64,24 +54,6 @@ def photon_transfer(
 
     The camera must be linear, which `response_of` decides: with a gamma of 2 all variances are
     equal, and lie on a line too.
-
-    Parameters
-    ----------
-    levels
-        Levels of blocks at several exposures.
-    black_level_dn
-        Pixel value without light.
-    full_scale
-        Pixel value of saturation.
-    dark_noise_dn
-        Temporal standard deviation without light, from dark frames. The read noise follows from it
-        unless rounding hides it, and otherwise from the line.
-
-    Raises
-    ------
-    CalibrationRejected
-        If the levels are too few, or do not lie on a line: the camera is not linear, or the noise
-        is lost in the rounding of its pixel values.
     """
     means = np.concatenate([each.means for each in levels]) - black_level_dn
     variances = np.concatenate([each.variances for each in levels])
@@ -114,7 +86,7 @@ def photon_transfer(
     read_noise = np.sqrt(max(0.0, float(line[0]) - ROUNDING_VARIANCE))
     read_error = None
     if known is None:
-        # Error of a square root, or near 0 the square root of the error.
+        # Standard error of sqrt(variance): delta method, except near 0.
         variance_error = float(np.hypot(np.sqrt(covariance[0, 0]), _ROUNDING_ERROR))
         read_error = min(variance_error / max(2.0 * read_noise, 1e-12), np.sqrt(variance_error))
     sensor = SensorNoise(float(1.0 / line[1]), float(read_noise), black_level_dn)
@@ -125,10 +97,9 @@ def photon_transfer(
 def _fit(
     means: FloatArray, variances: FloatArray, freedom: FloatArray, known: float | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Intercept and slope with their covariance.
+    """Intercept (`known`, or None to fit it) and slope with their covariance.
 
-    `known` is the intercept, None to fit it. A variance V of n degrees of freedom has the variance
-    2 V^2 / n, here with V from the line.
+    A variance V of n degrees of freedom has the variance 2 V^2 / n, here with V from the line.
     """
     terms = np.stack([np.ones_like(means), means])
     line: FloatArray = np.zeros(2)
@@ -159,13 +130,7 @@ def _smoothed(means: FloatArray, variances: FloatArray) -> FloatArray:
 
 
 def _departure(means: FloatArray, variances: FloatArray, line: FloatArray) -> float:
-    """Rms over groups of similar mean of the relative departure of their variance.
-
-    Raises
-    ------
-    CalibrationRejected
-        If too few groups hold a block.
-    """
+    """Rms over groups of similar mean of the relative departure of their variance."""
     ends = np.linspace(means.min(), means.max(), _GROUPS + 1)[1:-1]
     group = np.searchsorted(ends, means)
     sizes = np.bincount(group, minlength=_GROUPS)

@@ -19,15 +19,7 @@ _ALIKE = 0.7
 
 
 def check_placements_differ(images: Sequence[npt.NDArray[Any]]) -> None:
-    """Check that no two placements have the same light images.
-
-    They would count as two measurements although their errors are the same.
-
-    Raises
-    ------
-    InputError
-        If two are the same.
-    """
+    """Refuse placements with the same light images: their errors are the same."""
     for (first, one), (second, other) in combinations(enumerate(images, start=1), 2):
         if np.array_equal(one, other):
             raise InputError(

@@ -49,28 +49,14 @@ _REPEATED = "ps4rig calibrate dark, which adds the exposure, and this command"
 
 @dataclass(frozen=True, eq=False)
 class MeasuredPlate:
-    """Flat field and lights of a rig, from S placements of a sheet.
-
-    Attributes
-    ----------
-    lights
-        With positions; None where the ratios of the lights do not give them.
-    no_lights_because
-        Why they are None.
-    tilts_deg
-        (S,) tilt of the sheet in each placement from the mean of all.
-    brightness
-        Geometric mean of the sheet's pixel values over lights and frame, as a share of full scale.
-    is_moved
-        Whether the sheet was rotated or moved between placements. If not, they count as one.
-    """
+    """Flat field and lights of a rig, from S placements of a sheet."""
 
     flat_field: FittedFlatField
-    lights: CalibratedLights | None
+    lights: CalibratedLights | None  # with positions; None where the ratios do not give them
     no_lights_because: str | None
-    tilts_deg: FloatArray
-    brightness: float
-    is_moved: bool
+    tilts_deg: FloatArray  # (S,) of the sheet from the mean of all placements
+    brightness: float  # geometric mean of the pixel values, as a share of full scale
+    is_moved: bool  # between placements; if not, they count as one
 
 
 def measure_plate(
@@ -79,24 +65,10 @@ def measure_plate(
     lighting: Lighting,
     mask: BoolArray | None = None,
 ) -> MeasuredPlate:
-    """Measure the flat field of each light and the positions of the LEDs.
+    """Measure flat field and LED positions on a white matt sheet in the (H, W) `mask`.
 
-    Parameters
-    ----------
-    placements
-        Images of a white matt sheet that fills the frame or the (H, W) `mask`. Two placements,
-        rotated by 180 degrees against each other, cancel its tilt.
-    full_scale
-        Pixel value of saturation.
-    lighting
-        The lights as configured; only directions that disagree by a common tilt are refused.
-
-    Raises
-    ------
-    CalibrationRejected
-        For a sheet that is saturated, too dark, tilted or shiny, or that is no white matt sheet.
-    InputError
-        For placements that differ in shape or lights, or that have the same light images.
+    Two placements, rotated by 180 degrees, cancel its tilt; of `lighting`, the lights as
+    configured, only directions that disagree by a common tilt are refused.
     """
     if len(lighting) < 3:
         raise InputError(f"{len(lighting)} lights; a sheet shows the positions of three or more")
@@ -135,13 +107,7 @@ def measure_plate(
 
 
 def check_sheet(blocks: PlateBlocks, lighting: Lighting) -> None:
-    """Check that the light images show a sheet in a suitable exposure.
-
-    Raises
-    ------
-    CalibrationRejected
-        For light images that are saturated or too dark, or of something with relief.
-    """
+    """Reject light images that are saturated, too dark, or of something with relief."""
     _check_exposure(blocks)
     slopes = blocks.relief[blocks.usable] / np.tan(np.radians(lighting.slants_deg)).mean()
     if np.median(slopes) > _STEEPEST_RELIEF:
@@ -152,7 +118,6 @@ def check_sheet(blocks: PlateBlocks, lighting: Lighting) -> None:
 
 
 def check_evenness(residual: float) -> None:
-    """Check the residual of the reflectance of a sheet; CalibrationRejected if uneven."""
     if residual > _MOST_UNEVEN:
         raise CalibrationRejected(
             f"not a white sheet: its reflectance varies by {residual:.1%} over the frame; use "
@@ -224,10 +189,7 @@ def _tilts_deg(offsets: FloatArray, lighting: Lighting) -> FloatArray:
 def _checked_tilt_deg(
     tilts_deg: FloatArray, fitted: FittedFlatField, measured: Lighting | None, given: Lighting
 ) -> float:
-    """Check the tilts, and return the tilt that all placements share.
-
-    It follows from the difference of the measured and the configured lights.
-    """
+    """Check the tilts; return the one that all share, by measured less configured lights."""
     if tilts_deg.max() > _MOST_TILTED_DEG:
         raise CalibrationRejected(
             f"the sheet is tilted by {tilts_deg.max():.1f} degrees; lay it flat, to "

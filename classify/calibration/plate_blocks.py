@@ -29,36 +29,17 @@ _USABLE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class PlateBlocks:
-    """Blocks of S placements of a sheet under N lights.
+    """Blocks of S placements of a sheet under N lights."""
 
-    Attributes
-    ----------
-    logs
-        (S, N, 32, 32) logarithms of the mean values less ambient light; 0 where not `usable`.
-    usable
-        (S, 32, 32) bool, false where too much of the block is outside the mask or saturated.
-    relief, grain
-        (S, 32, 32) robust standard deviation, within each block, of the ratio of a light to the
-        mean of all, and of the mean of all.
-    saturated
-        (S, N) share of pixels within the mask that are saturated.
-    levels
-        (S, N) median of the values less ambient light, as a share of full scale.
-    x, y
-        (32,) coordinates of the blocks in half of the longer side, y upwards.
-    shape
-        Rows and columns of the frame.
-    """
-
-    logs: FloatArray
-    usable: BoolArray
-    relief: FloatArray
-    grain: FloatArray
-    saturated: FloatArray
-    levels: FloatArray
-    x: FloatArray
-    y: FloatArray
-    shape: tuple[int, int]
+    logs: FloatArray  # (S, N, 32, 32) of the mean values less ambient light; 0 where not `usable`
+    usable: BoolArray  # (S, 32, 32), false where too much is outside the mask or saturated
+    relief: FloatArray  # (S, 32, 32) robust scatter in a block of a light's ratio to the mean
+    grain: FloatArray  # (S, 32, 32) robust scatter in a block of the mean of all lights
+    saturated: FloatArray  # (S, N) share of pixels within the mask
+    levels: FloatArray  # (S, N) median less ambient light, as a share of full scale
+    x: FloatArray  # (32,) in half of the longer side
+    y: FloatArray  # (32,) in half of the longer side, upwards
+    shape: tuple[int, int]  # rows and columns of the frame
 
     @classmethod
     def of(

@@ -13,27 +13,11 @@ STEPS = 256
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """Linear light for each pixel value of a camera.
+    """Linear light for each pixel value of a camera."""
 
-    Attributes
-    ----------
-    curve
-        (257,) float64 from 0 or above to 1, never falling: linear light at the pixel value k/256 of
-        full scale, as a share of the light at full scale.
-    error
-        rms error of `curve`, as a share of full scale.
-    linear
-        Whether pixel values are taken as linear in light, and `curve` is not applied.
-
-    Raises
-    ------
-    InputError
-        For another shape, a curve that falls or does not end at 1, or an error that is not finite.
-    """
-
-    curve: npt.NDArray[np.float64]
-    error: float
-    linear: bool
+    curve: npt.NDArray[np.float64]  # (257,) light, 0 to 1, at k/256 of full scale; never falls
+    error: float  # rms error of `curve`, as a share of full scale
+    linear: bool  # whether pixel values count as linear, and `curve` is not applied
 
     def __post_init__(self) -> None:
         curve = self.curve
@@ -50,10 +34,7 @@ class Response:
             raise InputError(f"the response has an error of {self.error:g}; give a share of 0 to 1")
 
     def linearise(self, image: npt.NDArray[Any], full_scale: float) -> npt.NDArray[np.float32]:
-        """Pixel values of any shape as linear light, float32 with the same full scale.
-
-        Between the values of `curve` it is interpolated linearly. Full scale stays full scale.
-        """
+        """Pixel values of any shape as linear light with the same full scale, by `curve`."""
         levels = np.linspace(0.0, full_scale, STEPS + 1)
         if image.dtype.kind == "u":
             # By a table for all values of the type, a tenth of the time of interpolation.

@@ -10,34 +10,14 @@ from classify.errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class Scale:
-    """Length of a pixel at the plane of the part, and the geometry of the lens.
-
-    Attributes
-    ----------
-    mm_per_px, error
-        Length of a pixel, and its standard error as a share of it.
-    camera_matrix
-        (3, 3) float64 of OpenCV's camera model, in pixels.
-    distortion
-        (5,) float64 k1, k2, p1, p2, k3 of OpenCV; None if it moves no pixel by more than 0.5 px.
-    residual_px
-        rms distance of the corners of the checkerboard from the model.
-    focal_error
-        Standard error of the focal length as a share of it; None if it was not measured, and the
-        camera matrix is that of `nominal_camera_matrix`.
-
-    Raises
-    ------
-    InputError
-        For another shape or a value that is not finite, or not positive where it must be.
-    """
+    """Length of a pixel at the plane of the part, and the geometry of the lens."""
 
     mm_per_px: float
-    error: float
-    camera_matrix: npt.NDArray[np.float64]
-    distortion: npt.NDArray[np.float64] | None
-    residual_px: float
-    focal_error: float | None = None
+    error: float  # standard error of `mm_per_px`, as a share of it
+    camera_matrix: npt.NDArray[np.float64]  # (3, 3) of OpenCV's camera model, in pixels
+    distortion: npt.NDArray[np.float64] | None  # (5,) k1, k2, p1, p2, k3; None if below 0.5 px
+    residual_px: float  # rms distance of the corners of the checkerboard from the model
+    focal_error: float | None = None  # as a share; None for `nominal_camera_matrix`
 
     @property
     def focal_px(self) -> float | None:
@@ -69,10 +49,7 @@ class Scale:
 
 
 def nominal_camera_matrix(frame: tuple[int, int]) -> npt.NDArray[np.float64]:
-    """Camera matrix of a frame (rows, columns) whose focal length is unknown.
-
-    Coefficients of distortion refer to a focal length; twice the longer side stands for it here.
-    """
+    """Camera matrix with twice the longer side for an unknown focal length."""
     rows, columns = frame
     focal_px = 2.0 * max(rows, columns)
     middle = 0.5 * (columns - 1), 0.5 * (rows - 1)

@@ -20,26 +20,13 @@ FloatArray = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Sphere:
-    """A sphere at rest on the plane of the part.
+    """A sphere at rest on the plane of the part."""
 
-    Attributes
-    ----------
-    centre
-        (3,) its centre.
-    radius_px, error_px
-        Radius, and standard error of the centre in the picture.
-    focal_px
-        Distance of the camera from the plane of the part, which is its focal length in pixels;
-        None for an orthographic view.
-    frame
-        Rows and columns of the picture.
-    """
-
-    centre: FloatArray
+    centre: FloatArray  # (3,)
     radius_px: float
-    error_px: float
-    focal_px: float | None
-    frame: tuple[int, int]
+    error_px: float  # standard error of the centre in the picture
+    focal_px: float | None  # distance of the camera from the plane; None for an orthographic view
+    frame: tuple[int, int]  # rows and columns
 
     @classmethod
     def of_outline(
@@ -47,14 +34,9 @@ class Sphere:
     ) -> Sphere:
         """Return the sphere with this outline.
 
-        Rays of a pinhole camera to the outline of a sphere form a circular cone. For unit vectors d
-        along it and the unit vector c to the centre of the sphere, d . c = cos(g), so
-        d . (c / cos(g)) = 1 is solved by linear least squares. sin(g) is radius / distance.
-
-        Raises
-        ------
-        CalibrationRejected
-            If the rays of the outline form no cone.
+        Rays to an outline form a circular cone: unit vectors d along it and c to the centre have d
+        . c = cos(g), so d . (c / cos(g)) = 1 is solved by linear least squares. sin(g) is radius /
+        distance.
         """
         rows, columns = frame
         if focal_px is None:

@@ -70,34 +70,16 @@ _CUT = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """The outline of a sphere in a light image.
+    """The outline of a sphere in a light image."""
 
-    Attributes
-    ----------
-    circle
-        The circle that fits it best.
-    rim
-        (n, 2) columns and rows of points on it.
-    error_px
-        Standard error of the circle's centre.
-    score
-        How much of the circumference is visible as an edge, 0 to 1; 1 for a mask.
-    """
-
-    circle: Circle
-    rim: FloatArray
-    error_px: float
-    score: float
+    circle: Circle  # best fit
+    rim: FloatArray  # (n, 2) columns and rows of points on it
+    error_px: float  # standard error of the circle's centre
+    score: float  # visible share of the circumference, 0 to 1; 1 for a mask
 
 
 def outline_of_mask(mask: BoolArray) -> Outline:
-    """Return the outline of the largest white region of an (H, W) mask of the sphere.
-
-    Raises
-    ------
-    CalibrationRejected
-        If that region is small, cut by the frame, or not round.
-    """
+    """Return the outline of the largest white region of an (H, W) mask of the sphere."""
     labels, count = ndimage.label(ndimage.binary_fill_holes(mask))
     sizes = np.bincount(labels.ravel(), minlength=2)
     sizes[0] = 0
@@ -139,13 +121,8 @@ def outline_of_mask(mask: BoolArray) -> Outline:
 def find_outline(images: npt.NDArray[Any], *, is_mirror: bool = True) -> Outline:
     """Find the outline of the one sphere in (N, H, W) light images under N lights.
 
-    For a matt sphere the differences between lights are not used: they are largest at the edges of
-    its attached shadows.
-
-    Raises
-    ------
-    CalibrationRejected
-        If there is no sphere, or the frame cuts it.
+    On a matt sphere the differences between lights are largest at attached shadows, and are not
+    used.
     """
     features = _features(images, is_mirror=is_mirror)
     height, width = features[0].shape
@@ -197,9 +174,8 @@ def _scaled(circle: Circle, factor: float) -> Circle:
 def _features(images: npt.NDArray[Any], *, is_mirror: bool) -> list[Image]:
     """Roots of the mean, largest and smallest value over the lights, and a ratio.
 
-    Roots let all values weigh alike. In the ratio of a pixel's brighter half of the lights to its
-    darker half, the albedo of the background cancels, so that clutter fades and the sphere stays.
-    The brightest light is left out of it: it may be a highlight.
+    In the ratio of a pixel's brighter half of the lights (without the brightest, perhaps a
+    highlight) to its darker half, the albedo of the background cancels.
     """
     each = (images.mean(axis=0, dtype=np.float32), images.max(axis=0), images.min(axis=0))
     top = max(float(image.max()) for image in each) or 1.0
@@ -342,8 +318,7 @@ def _scores(
 ) -> FloatArray:
     """Share of each circle with edges, less half of those just outside; 1 all around.
 
-    Reflections in a mirror crowd just inside its outline, so the outermost circle is right. Roots
-    of the means of sectors favour a circle with edges on all sides over one that touches another.
+    Reflections crowd just inside a mirror's outline; roots favour circles with edges on all sides.
     """
     off = _off(points, circles)
     on = (weights * _nearness(off, tolerance)).max(axis=2)

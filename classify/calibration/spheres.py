@@ -35,74 +35,32 @@ _WORST_ERROR_DEG = 10.0
 
 @dataclass(frozen=True, eq=False)
 class SphereImages:
-    """Light images of a sphere at one place, under each light.
+    """Light images of a sphere at one place, under each light."""
 
-    Attributes
-    ----------
-    images
-        (N, H, W) one per light.
-    full_scale
-        Value of saturation.
-    ambient
-        (H, W) image with all lights off, or None.
-    mask
-        (H, W) true on the sphere, or None if its outline is to be found.
-    vignetting
-        Share of light missing in the corners of the frame; None if unknown.
-    """
-
-    images: npt.NDArray[Any]
-    full_scale: float
-    ambient: npt.NDArray[Any] | None = None
-    mask: npt.NDArray[np.bool_] | None = None
-    vignetting: float | None = None
+    images: npt.NDArray[Any]  # (N, H, W)
+    full_scale: float  # value of saturation
+    ambient: npt.NDArray[Any] | None = None  # (H, W) with all lights off
+    mask: npt.NDArray[np.bool_] | None = None  # (H, W) true on the sphere; None to find it
+    vignetting: float | None = None  # share of light missing in the corners; None if unknown
 
 
 @dataclass(frozen=True, eq=False)
 class SphereLights:
-    """Lights from spheres, and what they were measured with.
-
-    Attributes
-    ----------
-    spheres
-        The sphere of each placement.
-    outline_scores
-        How much of each outline is visible, 0 to 1.
-    doubts
-        What may be wrong, in sentences.
-    """
+    """Lights from spheres, and what they were measured with."""
 
     lights: CalibratedLights
-    spheres: tuple[Sphere, ...]
-    outline_scores: tuple[float, ...]
-    doubts: tuple[str, ...]
+    spheres: tuple[Sphere, ...]  # one per placement
+    outline_scores: tuple[float, ...]  # visible share of each outline, 0 to 1
+    doubts: tuple[str, ...]  # what may be wrong, in sentences
 
 
 def lights_from_spheres(
     placements: Sequence[SphereImages], kind: SphereKind, *, focal_px: float | None = None
 ) -> SphereLights:
-    """Measure lights by spheres.
+    """Directions of lights from spheres, and positions where several placements give them.
 
-    One placement gives directions, several give positions too where they determine them. Rays from
-    the spheres towards one light meet at its position, by least squares.
-
-    Parameters
-    ----------
-    placements
-        Light images of the sphere at each place, under the same lights.
-    kind
-        Surface of the sphere.
-    focal_px
-        Focal length in pixels. Without it the view counts as orthographic, which turns a light by
-        up to (radius / distance of the camera) sin(slant / 2).
-
-    Raises
-    ------
-    InputError
-        For no placement, placements with different numbers of lights or sizes, or two with the
-        same light images.
-    CalibrationRejected
-        If a sphere or the light on it is not found; the message names placement and light image.
+    Without `focal_px` the view counts as orthographic, which turns a light by up to (radius /
+    distance of the camera) sin(slant / 2).
     """
     shapes = {each.images.shape for each in placements}
     if len(shapes) != 1:
@@ -172,13 +130,7 @@ def lights_from_spheres(
 
 
 def scale_of_spheres(spheres: Sequence[Sphere], diameter_mm: float) -> Scale:
-    """Return the scale at the plane of the part from spheres of known diameter.
-
-    Raises
-    ------
-    InputError
-        If the diameter is not positive and finite.
-    """
+    """Return the scale at the plane of the part from spheres of known diameter."""
     if not 0.0 < diameter_mm < np.inf:
         raise InputError(f"diameter of {diameter_mm:g} mm; give that of the sphere")
     radii = np.array([each.radius_px for each in spheres])
@@ -221,16 +173,10 @@ def _mean_directions(directions: FloatArray, errors: FloatArray) -> tuple[FloatA
 def positions_of_rays(
     points: FloatArray, directions: FloatArray, errors: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Positions where the rays towards each light meet; None if not determined.
+    """(N, 3) positions where (J, N, 3) rays meet, and errors across (rad) and along (a share).
 
-    `points` and `directions` of the rays are (J, N, 3), `errors` (J, N) in radians. Minimises the
-    sum over rays of |(I - d d^T)(P - X)|^2 / (error |P - X|)^2 for each light.
-
-    Returns
-    -------
-    positions, across, along
-        (N, 3), and the (N,) errors of direction in radians and of distance as a share, both seen
-        from the middle of the frame.
+    Minimises for each light the sum over rays of |(I - d d^T)(P - X)|^2 / (error |P - X|)^2; None
+    if not determined.
     """
     off = np.eye(3) - directions[..., :, None] * directions[..., None, :]
     distance = np.ones(errors.shape)

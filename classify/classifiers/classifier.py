@@ -30,91 +30,54 @@ Bounds = npt.NDArray[np.float64]
 class Comparison(NamedTuple):
     """One signature compared with n references, as (n,) arrays.
 
-    Attributes
-    ----------
-    distances
-        How different they are; 0 equal.
-    orientations_deg
-        Orientation of the surface relative to the reference, anticlockwise, [0, 180). This field
-        and those below are None where the classifier finds no orientation.
-    sharpness
-        How well the orientation is determined: 0 not at all, 1 exactly.
-    headings
-        Standard deviations in favour of this orientation against the opposite one (180 degrees
-        more); negative where the opposite one fits better, 0 where both do.
-    blurs_px
-        Sigma of the Gaussian by which the surface is blurrier than the reference; negative where it
-        is sharper. None where the classifier finds no blur.
+    Arrays are None where the classifier finds no orientation or no blur.
     """
 
-    distances: npt.NDArray[np.float64]
-    orientations_deg: npt.NDArray[np.float64] | None = None
-    sharpness: npt.NDArray[np.float64] | None = None
-    headings: npt.NDArray[np.float64] | None = None
-    blurs_px: npt.NDArray[np.float64] | None = None
+    distances: npt.NDArray[np.float64]  # 0 equal
+    orientations_deg: npt.NDArray[np.float64] | None = None  # anticlockwise, [0, 180)
+    sharpness: npt.NDArray[np.float64] | None = None  # of the orientation, 0 to 1
+    headings: npt.NDArray[np.float64] | None = None  # sigma against 180 degrees more
+    blurs_px: npt.NDArray[np.float64] | None = None  # sigma; negative: sharper
 
 
 @dataclass(frozen=True)
 class Classifier(Generic[Tested, Trained]):
-    """A way to tell textures apart, as functions on arrays.
-
-    Attributes
-    ----------
-    name
-        As in ``--classifier NAME``.
-    observe
-        (surface, segment_px) to the observation of a test.
-    observe_training
-        (surface, segment_px) to the observation of a training set, which may hold more.
-    signature
-        (observation of a test, parameters) to an array of fixed shape, float32.
-    references
-        (observation of a training set, parameters) to (k, ...) signatures.
-    compare
-        (signature, (n, ...) references, parameters) to a `Comparison`.
-    learn
-        (observations of all training sets, their labels) to parameters.
-    parameter_shapes
-        segment_px to the shape of each parameter.
-    limits
-        (label and set number of each reference, (n, ...) references, parameters) to the distance
-        beyond which each class rejects; empty where the classifier rejects nothing.
-    has_invariants
-        Whether there are `bounds`; a large library then compares few references.
-    invariants
-        ((n, ...) signatures, parameters) to (n, k) float32.
-    bounds
-        ((k,) invariants of a test, (n, k) of references, parameters) to (n,) numbers that do not
-        exceed the distances.
-    agreement
-        (signature, (n, ...) references) to (n, 180): the share of the angular structure that agrees
-        at each orientation relative to the reference; None where the classifier finds none.
-    without_heading
-        (k, ...) references to the same references without a heading.
-    from_images
-        Whether it compares images rather than surfaces: images depend on the lighting.
-    """
+    """A way to tell textures apart, as functions on arrays."""
 
     name: str
     observe: Callable[[SurfaceEstimate, int], Tested]
+    # A training observation may hold more than one of a test.
     observe_training: Callable[[SurfaceEstimate, int], Trained]
+    # An array of fixed shape.
     signature: Callable[[Tested, Parameters], FloatMap]
+    # (k, ...) signatures of one training set.
     references: Callable[[Trained, Parameters], FloatMap]
+    # A signature with (n, ...) references.
     compare: Callable[[FloatMap, FloatMap, Parameters], Comparison]
+    # From the observations of all training sets and their labels.
     learn: Callable[[Sequence[Trained], Sequence[str]], Parameters] = lambda _trained, _labels: {}
+    # By `segment_px`.
     parameter_shapes: Callable[[int], Mapping[str, Shape]] = lambda _segment_px: {}
+    # From label and set number of each reference, (n, ...) references: the distance beyond which
+    # each class rejects; empty where the classifier rejects nothing.
     limits: Callable[[Sequence[str], Sequence[int], FloatMap, Parameters], dict[str, float]] = (
         lambda _labels, _sets, _references, _parameters: {}
     )
+    # Whether there are `bounds`; a large library then compares few references.
     has_invariants: bool = False
+    # (n, k) of (n, ...) signatures.
     invariants: Callable[[FloatMap, Parameters], FloatMap] = lambda each, _parameters: np.ones(
         (len(each), 1), np.float32
     )
+    # (n,) numbers that do not exceed the distances, from (k,) and (n, k) invariants.
     bounds: Callable[[FloatMap, FloatMap, Parameters], Bounds] = (
         lambda _test, references, _parameters: np.zeros(len(references))
     )
+    # (n, 180) share of the angular structure that agrees at each orientation relative to the
+    # reference; None where the classifier finds none.
     agreement: Callable[[FloatMap, FloatMap], npt.NDArray[np.float64]] | None = None
     without_heading: Callable[[FloatMap], FloatMap] = lambda references: references
+    # Whether it compares images, which depend on the lighting, rather than surfaces.
     from_images: bool = False
 
 

@@ -86,10 +86,7 @@ def _vector(
     parameters: Parameters,
     last: float,
 ) -> FloatMap:
-    """Assemble a signature, in units of the distance between quarters.
-
-    It holds series, whitened statistics, their changes by blur, the heading and `last`.
-    """
+    """Assemble a signature: series, whitened statistics, changes by blur, heading and `last`."""
     series = spectral_series(observation.polar, parameters)
     series *= np.float32(spectral_unit(parameters))
     statistics = statistics_rows(observation.statistics, parameters)

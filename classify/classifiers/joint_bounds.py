@@ -43,11 +43,7 @@ _ROUNDING = np.float32(2e-6)
 
 
 def blur_basis(curves: FloatMap, rings: int) -> npt.NDArray[np.float64]:
-    """(16, d) orthonormal directions of the largest changes, those of rings first.
-
-    `curves` are the (n, 3, d) changes of all training sets. Few sets give fewer directions; the
-    others are 0.
-    """
+    """(16, d) orthonormal directions of the largest of (n, 3, d) changes; rings first, then 0."""
     changes = curves.reshape(-1, curves.shape[-1]).astype(np.float64)
     basis = np.zeros((RING_DIRECTIONS + LOCAL_DIRECTIONS, changes.shape[1]))
     for first, count, part in (
@@ -64,9 +60,8 @@ def blur_coordinates(
 ) -> FloatMap:
     """(n, 4 m + 6) features and changes along m directions, and lengths of the remainders.
 
-    `levels` (n, d) and `curves` (n, 3, d) are those of `least_over_blurs`. Of the six lengths three
-    are those of a reference, one for each knot; one is that of the statistics in its first change;
-    two are those of the rings of a test in its first and second change.
+    Of the six lengths three are a reference's, by knot; one is that of the statistics in its first
+    change; two are a test's, of the rings in its first and second change.
     """
     directions = basis.astype(np.float32)
     coordinates = levels @ directions.T

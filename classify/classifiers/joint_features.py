@@ -58,49 +58,23 @@ _QUARTER_PAIRS = tuple((i, j) for i in range(QUARTERS) for j in range(i))
 
 @dataclass(frozen=True, eq=False)
 class JointObservation(Observation):
-    """One surface: its polar spectra and local statistics.
+    """One surface: its polar spectra and local statistics."""
 
-    Attributes
-    ----------
-    polar
-        (3, R, A) float32 densities: relief, albedo, co-spectrum.
-    curl_density
-        Mean density of the curl, which a relief does not have: the error of the gradient.
-    statistics
-        Local statistics of the frame and its quarters.
-    pixels
-        Number of pixels of the frame.
-    segment_px
-        Side of the segments of the spectra.
-    """
-
-    polar: FloatMap
-    curl_density: float
+    polar: FloatMap  # (3, R, A) densities: relief, albedo, co-spectrum
+    curl_density: float  # mean density of the curl: the error of the gradient
     statistics: LocalStatistics
-    pixels: int
-    segment_px: int
+    pixels: int  # of the frame
+    segment_px: int  # side of the segments of the spectra
 
 
 @dataclass(frozen=True, eq=False)
 class JointTraining(Observation):
-    """One training set.
-
-    Attributes
-    ----------
-    frame
-        The whole frame.
-    quarters
-        (4, 3, R, A) float32 `polar` of its quarters.
-    rotated
-        The frame under rotated lights, where that changes it.
-    blurred
-        Statistics of the frame blurred by each of `KNOTS_PX2`.
-    """
+    """One training set."""
 
     frame: JointObservation
-    quarters: FloatMap
-    rotated: tuple[JointObservation, ...]
-    blurred: tuple[LocalStatistics, ...]
+    quarters: FloatMap  # (4, 3, R, A) `polar` of its quarters
+    rotated: tuple[JointObservation, ...]  # under rotated lights, where that changes it
+    blurred: tuple[LocalStatistics, ...]  # by each of `KNOTS_PX2`
 
 
 def observe(surface: SurfaceEstimate, segment_px: int) -> JointObservation:
@@ -147,19 +121,15 @@ def _polar(spectra: Spectra) -> FloatMap:
 
 
 def spectral_series(polar: FloatMap, parameters: Parameters) -> Complex:
-    """(..., SERIES, 16) weighted series of (..., 3, R, A) densities.
+    """(..., SERIES, 16) weighted series of log relief, log albedo, coherence (..., 3, R, A).
 
-    The channels are log relief, log albedo and coherence. The floor is added to each density:
-    logarithms of errors would vary like those of textures.
+    The floor is added to each density: logarithms of errors would vary like those of textures.
     """
     return harmonics(_channels(polar, parameters))
 
 
 def contrasts(polar: FloatMap, density_floor: npt.NDArray[np.float64]) -> FloatMap:
-    """(..., 3) contrasts of (..., 3, R, A) densities: weighted sums over all rings.
-
-    A change of contrast by one factor changes only these numbers.
-    """
+    """(..., 3) contrasts of (..., 3, R, A) densities: weighted sums over all rings."""
     return _contrasts(_weighted_channels(polar, density_floor))
 
 
@@ -205,11 +175,7 @@ def _root_weights(channel_weights: tuple[float, ...], cap_bins: float) -> FloatM
 def blur_curve(
     observation: JointObservation, blurred: Sequence[LocalStatistics], parameters: Parameters
 ) -> FloatMap:
-    """(knots, SERIES + d) changes of the means of rings and of the statistics by blur.
-
-    Rings follow from the spectra. `blurred` are the statistics at the knots, none for a test, whose
-    statistics do not change.
-    """
+    """(knots, SERIES + d) changes of the means of rings and of the statistics by blur."""
     radii_cpp = polar_radii_px(observation.segment_px) / observation.segment_px
     gains = np.concatenate([np.ones((1, RADII), np.float32), blur_gains(radii_cpp)])
     polar = observation.polar * gains[:, None, :, None]
@@ -248,10 +214,7 @@ def quarter_distances(
     statistics: npt.NDArray[np.float64],
     parameters: Parameters,
 ) -> tuple[Distances, Distances]:
-    """(sets, 6) squared distances between quarters, of spectra and of statistics.
-
-    `statistics` is (sets, 5, d).
-    """
+    """(sets, 6) squared distances between quarters, of spectra and (sets, 5, d) statistics."""
     white = statistics[:, 1:] @ parameters["whitening"].T
     local = np.stack(
         [np.square(white[:, i] - white[:, j]).sum(axis=1) for i, j in _QUARTER_PAIRS], axis=1

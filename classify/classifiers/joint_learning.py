@@ -140,10 +140,9 @@ def _spectral_unit(distances: Distances) -> float:
 
 
 def _whitening(quarters: npt.NDArray[np.float64], levels: int) -> npt.NDArray[np.float64]:
-    """(d, d) W such that |W (x - y)|^2 is a squared Mahalanobis distance.
+    """(d, d) W of (sets, 4, d) quarters: |W (x - y)|^2 is a squared Mahalanobis distance.
 
-    `quarters` is (sets, 4, d), statistics of `levels` octaves. The distance is within a
-    class. The fewer sets, the nearer are variances to their geometric mean and correlations to 0.
+    The fewer sets, the nearer are variances to their geometric mean and correlations to 0.
     """
     deviations = (quarters - quarters.mean(axis=1, keepdims=True)).reshape(-1, quarters.shape[-1])
     degrees = len(quarters) * (QUARTERS - 1)

@@ -64,12 +64,8 @@ def unit_limit(pixels: float) -> float:
 def limit_of_sets(limit: float, distances: Sequence[float]) -> float:
     """Limit of a class of several sets, from the distance of each to the others.
 
-    `limit` is the limit of one set. The more sets, the less the median distance of the class is in
-    doubt. Sets of one patch tell nothing about other patches: a distance more than two standard
-    deviations below the expected median is left out, and none counts as less than one below it.
-
-    A part is compared with the nearest set. However large the distances are, the limit is therefore
-    at most the 99th percentile of the smallest of as many distances.
+    A distance more than two standard deviations below the expected median (sets of one patch) is
+    left out; the limit is at most the 99th percentile of the smallest of as many distances.
     """
     spread = math.hypot(_CLASS_SPREAD, _PATCH_SPREAD)
     expected = math.log(limit) - _DEVIATIONS * spread
@@ -93,16 +89,9 @@ def class_limits(
     lower_bounds: Callable[[int, Indices], Distances],
     nearest: Callable[[int, Indices], float],
 ) -> dict[str, float]:
-    """Limit of each class.
+    """Limit of each class, at most the distance to the nearest other class.
 
-    It does not exceed the distance to the nearest other class.
-
-    Parameters
-    ----------
-    labels, sets, single
-        (n,) class of each reference, number of its set, and limit of that set alone.
-    lower_bounds, nearest
-        Bounds on the distances of a reference to others, and the distance to the nearest of them.
+    `single` (n,) is the limit of each reference's set alone.
     """
     numbers, classes = np.array(sets), np.array(labels)
     firsts = np.unique(numbers, return_index=True)[1]

@@ -21,10 +21,9 @@ class PolarSpectra(Observation):
 
 
 def _observe(surface: SurfaceEstimate, segment_px: int) -> PolarSpectra:
-    """Spectra M and A of a surface times frequency squared.
+    """Spectra M and A times frequency squared: slope^2 and albedo^2 per octave.
 
-    The thesis does not specify the weights of frequencies and of gradient against albedo. This
-    gives slope^2 and albedo^2 per octave.
+    The thesis does not specify the weights of frequencies and of gradient against albedo.
     """
     spectra = surface_spectra(surface, segment_px)
     density = np.stack([spectra.gradient, spectra.albedo])
@@ -100,10 +99,7 @@ def _energy(rows: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
 
 
 def shifts_by_polar(test: FloatMap, references: FloatMap) -> npt.NDArray[np.float64]:
-    """(n,) shifts of least squared error between 1D polar spectra, in grid steps.
-
-    The errors of M and of A are each relative to the energy of both surfaces.
-    """
+    """(n,) shifts of least squared error between 1D polar spectra, in grid steps."""
     errors_1d = np.zeros((len(references), test.shape[-1]))
     for channel in range(2):
         polar = test[channel].sum(axis=0)
@@ -125,10 +121,8 @@ def _power(observation: PolarSpectra, _: Parameters) -> FloatMap:
 def _compare_2d(test: FloatMap, references: FloatMap, _: Parameters) -> Comparison:
     """Distance and orientation of one (2, R, A) signature against n references.
 
-    For each reference the 1D polar spectra of M and A give the shift of least squared error; the
-    2D spectra, shifted by it, give the total squared error (thesis scheme 9.3). The error is
-    divided by the energy of both signatures, for M and A separately, so that it lies between
-    0 and 1 and M does not outweigh A.
+    The 1D polar spectra give the shift of least squared error, at which the 2D spectra are compared
+    (thesis scheme 9.3); errors of M and A are each divided by the energy of both signatures.
     """
     shifts = shifts_by_polar(test, references)
     shifted = roll_angles(test, shifts)

@@ -15,10 +15,7 @@ from .thesis import first_light, images_of
 
 @dataclass(frozen=True, eq=False)
 class FilterResponses(Observation):
-    """(images, 8, H, W) float32 MR8 responses.
-
-    A test has those to one image, a training set those to all its images.
-    """
+    """(images, 8, H, W) MR8 responses, to one image of a test or all of a training set."""
 
     responses: FloatMap
 

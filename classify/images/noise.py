@@ -97,18 +97,9 @@ def noise_of_sensor(
 def noise_of_images(stack: ImageStack, gains: npt.NDArray[np.float32], lighting: Lighting) -> float:
     """Standard deviation of a pixel, in units of images times gains.
 
-    N lights leave N - 3 combinations in which a Lambertian surface without shadow cancels out,
-    whatever its shape and albedo. Their residual is noise, shadow, gloss and unequal LED levels.
-    All of these increase it, so the smallest of several estimates is taken. There is one from the
-    combinations themselves, and one from their differences between near pixels, in which a light
-    that fails everywhere cancels as well. Each is made for groups of pixels of similar brightness,
-    because the residual of unequal LED levels is proportional to the brightness. The first is also
-    made for the flattest pixels: highlights of a ring of lights are alike on a level surface and
-    cancel. Pixels with a light that may be in shadow are left out where enough others remain.
-
-    In a group, the tenth with the smallest residuals gives a first variance. All residuals within
-    three standard deviations give the next, until it no longer changes. Three lights have no
-    combination of this kind: then only the rounding of the pixel values is known.
+    N lights leave N - 3 combinations in which a Lambertian surface cancels out; shadow, gloss and
+    unequal LEDs only increase their residual, so the smallest of several estimates, for groups of
+    pixels of similar brightness, is taken. Of three lights only the rounding is known.
     """
     rounding = 0.0
     if stack.images.dtype.kind != "f":

@@ -11,12 +11,9 @@ IndexArray = npt.NDArray[np.intp]
 
 @lru_cache(maxsize=32)
 def sample_pixels(shape: tuple[int, int], most: int, margin: int = 0) -> IndexArray:
-    """Flat indices of about `most` pixels, evenly spread over the frame's inner part.
+    """Flat indices of about `most` pixels, evenly spread, without `margin` px at the sides.
 
-    `margin` pixels along each side are left out.
-
-    The samples of a frame that is rotated by quarter turns or mirrored are the rotated or mirrored
-    ones: their grid is symmetric about the middle, with one step for rows and columns.
+    The grid is symmetric about the middle: a rotated or mirrored frame has the same samples.
     """
     rows, columns = (max(0, side - 2 * margin) for side in shape)
     step = max(1, math.ceil(math.sqrt(rows * columns / most)))
@@ -26,10 +23,7 @@ def sample_pixels(shape: tuple[int, int], most: int, margin: int = 0) -> IndexAr
 
 @lru_cache(maxsize=32)
 def symmetric_samples(size: int, step: int) -> IndexArray:
-    """Indices below `size` at distances of `step`, symmetric about (size - 1) / 2.
-
-    The two in the middle of an even size are `step` or `step` - 1 apart.
-    """
+    """Indices below `size` at distances of `step`, symmetric about (size - 1) / 2."""
     middle = (size - 1) // 2
     first = middle if size % 2 else min(middle, max(0, middle - (step - 1) // 2))
     lower = np.arange(first, -1, -step)

@@ -21,45 +21,27 @@ Images = npt.NDArray[Any] | Sequence[npt.NDArray[Any]]
 
 @dataclass(frozen=True, eq=False)
 class ImageStack:
-    """The images of one frame, as kernels read them.
+    """The images of one frame, as kernels read them."""
 
-    Attributes
-    ----------
-    images
-        (N, H, W) contiguous uint8, uint16 or finite float32, one image per light.
-    ambient
-        (H, W) of the same type, subtracted from each image; None for no ambient light.
-    """
-
-    images: npt.NDArray[Any]
-    ambient: npt.NDArray[Any] | None
+    images: npt.NDArray[Any]  # (N, H, W) contiguous uint8, uint16 or finite float32
+    ambient: npt.NDArray[Any] | None  # (H, W) of the same type, subtracted from each image
 
     @classmethod
     def checked(
         cls, images: Images, lights: int, ambient: npt.NDArray[Any] | None = None
     ) -> ImageStack:
-        """Check images and ambient image, and make them contiguous.
-
-        Raises
-        ------
-        InputError
-            For another shape, dtype or count of images, or NaN or infinity in a float image.
-        """
+        """Check images and ambient image, and make them contiguous."""
         stack = checked_stack(images, lights)
         return cls(stack, None if ambient is None else checked_ambient(ambient, stack))
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
         rows, columns = self.images.shape[1:]
         return rows, columns
 
     @property
     def dark_rows(self) -> npt.NDArray[Any]:
-        """(H, W) ambient image, or (1, W) zeros for every row, of the type of the images.
-
-        One form for both cases, because a kernel is compiled for each form it gets.
-        """
+        """(H, W) ambient image, or (1, W) zeros: kernels are compiled for one form."""
         if self.ambient is None:
             return np.zeros((1, self.shape[1]), self.images.dtype)
         return self.ambient
@@ -87,23 +69,14 @@ class ImageStack:
     def float_rows(
         self, first: int, last: int
     ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-        """(N, last - first, W) images and their `dark_rows`, both contiguous float32.
-
-        Kernels that read these are compiled once, and not for each type of image.
-        """
+        """(N, last - first, W) images and `dark_rows`, as float32: kernels compile once."""
         dark = self.dark_rows if self.ambient is None else self.ambient[first:last]
         images = self.images[:, first:last].astype(np.float32, order="C")
         return images, dark.astype(np.float32)
 
 
 def checked_stack(images: Images, lights: int) -> npt.NDArray[Any]:
-    """(N, H, W) contiguous uint8, uint16 or finite float32, one image per light.
-
-    Raises
-    ------
-    InputError
-        For another shape, dtype or count of images, or values that are not finite or beyond 1e12.
-    """
+    """(N, H, W) contiguous uint8, uint16 or finite float32, one image per light."""
     if not isinstance(images, np.ndarray):
         if len(images) == 0:
             raise InputError("no images are given; give one for each light")
@@ -133,13 +106,7 @@ def checked_stack(images: Images, lights: int) -> npt.NDArray[Any]:
 
 
 def checked_ambient(ambient: npt.NDArray[Any], stack: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """(H, W) contiguous, of the shape and type of the images of `stack`.
-
-    Raises
-    ------
-    InputError
-        For another shape or dtype than the stack, or values that cannot be used.
-    """
+    """(H, W) contiguous, of the shape and type of the images of `stack`."""
     if ambient.shape != stack.shape[1:] or ambient.dtype != stack.dtype:
         raise InputError(
             f"the ambient image is {ambient.shape} {ambient.dtype}, the light images are "

@@ -20,13 +20,11 @@ MOST = 4096
 def nearest_references(
     classes: npt.NDArray[np.integer], bounds: Bounds, compare: Callable[[Indices], Comparison]
 ) -> tuple[Indices, Comparison]:
-    """Compare all references that may be the nearest or the runner-up.
+    """Compare all references that may be the nearest or runner-up, `MOST` at most.
 
-    `classes` holds the (n,) class of each reference. The references of the lowest bounds, of two
-    classes or more, are compared first. Let d1 be their smallest distance, to a reference of class
-    c, and d2 the smallest to any other class. References of c whose bound is at most d1 are
-    compared too, and references of other classes whose bound is at most d2: lowest bounds first,
-    `MOST` at most. Returns (m,) indices, rising, and the comparison with these references.
+    The lowest bounds are compared first. With d1 the smallest distance, to class c, and d2 the
+    smallest to another class, references of c with a bound of at most d1, and others with a bound
+    of at most d2, are compared too; indices rise.
     """
     # NaN, which a mapped file may contain, gives no bound.
     bounds = np.fmax(bounds, 0.0)

@@ -17,11 +17,7 @@ Matrix = npt.NDArray[np.float64]
 
 
 def class_dissimilarities(distances: Matrix, classes: Sequence[int]) -> Matrix:
-    """(C, C) dissimilarity of classes, from (n, C) distances of n sets and the class of each set.
-
-    The median distance of the sets of one class to the other, the mean of both ways; 0 on the
-    diagonal. Every class has one set at least.
-    """
+    """(C, C) median distances of the sets of one class to another, mean of both ways."""
     members = np.asarray(classes)
     one_way = np.stack(
         [np.median(distances[members == each], axis=0) for each in range(distances.shape[1])]
@@ -61,11 +57,9 @@ def dendrogram(dissimilarities: Matrix) -> Dendrogram:
 
 
 def embedding(distances: Matrix, dissimilarities: Matrix) -> Matrix:
-    """Map sets to a plane by landmark multidimensional scaling.
+    """(n, 2) map of sets by landmark multidimensional scaling (de Silva and Tenenbaum 2004).
 
-    After de Silva and Tenenbaum (2004). The classes are the landmarks, placed by classical scaling
-    of their (C, C) dissimilarities; each set is placed by its (n, C) distances to them. The second
-    of the (n, 2) coordinates is 0 for two classes.
+    The classes are the landmarks, placed by classical scaling of their (C, C) dissimilarities.
     """
     squares = np.square(dissimilarities)
     means = squares.mean(axis=0)

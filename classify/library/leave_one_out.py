@@ -19,10 +19,7 @@ def leave_one_out(
 ) -> list[Match | None]:
     """Return the match of each set with a library that was not trained on it.
 
-    Each round leaves out one set and trains a library of the others, in 0.3 s of one core for ten
-    sets. More than `rounds` sets are left out in `rounds` groups. `tests` are observations of the
-    same sets by `Classifier.observe`. A match is None where no set is left; the only set of a class
-    is matched with the other classes.
+    More than `rounds` sets are left out in groups; a match is None where no set is left.
     """
     named = classifier_named(classifier)
     # Sets of one class are neighbours in `rows`, so that they come into different groups.

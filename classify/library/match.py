@@ -77,11 +77,7 @@ def match_of(
     *,
     blurred_px: float = 0.0,
 ) -> Match:
-    """Make a match from the comparison of a surface with n references.
-
-    `labels` and `orientations_deg` are those of the references. `limits` is empty if no limits were
-    learned. `blurred_px` is the blur that was added to the surface before the comparison.
-    """
+    """Make a match from the comparison of a surface, blurred by `blurred_px`, with n references."""
     best_of_class: dict[str, int] = {}
     for index in np.argsort(found.distances, kind="stable").tolist():
         best_of_class.setdefault(labels[index], index)

@@ -92,11 +92,7 @@ class _Header(BaseModel):
 
 
 def check_path(path: Path) -> None:
-    """Check before the work that a library can be written to `path`.
-
-    LibraryError if the name does not end in ``.ps4lib``, because the file may be something else;
-    InputError if there is no such folder.
-    """
+    """Check before the work that a library can be written to `path`, by suffix and folder."""
     if path.suffix != SUFFIX:
         raise LibraryError(f"{path}: let the name of a texture library end in {SUFFIX}")
     require_folder(path)

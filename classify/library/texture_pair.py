@@ -13,15 +13,11 @@ from .training import TrainingRow, observe
 
 @dataclass(frozen=True)
 class TexturePair:
-    """How two textures differ.
+    """How two textures differ."""
 
-    `distance` is the mean of the distances from either to the other: 0 equal, 1 as two quarters of
-    one frame. `sharpness` tells how well the angle is determined: 0 not at all, 1 exactly.
-    """
-
-    distance: float
+    distance: float  # mean of both ways; 0 equal, 1 as two quarters of one frame
     angle_deg: float  # from the first to the second, anticlockwise, [-90, 90)
-    sharpness: float
+    sharpness: float  # of the angle: 0 not determined, 1 exactly
     blur_px: float  # sigma of the Gaussian by which the second is blurrier; negative: sharper
 
 

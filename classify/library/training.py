@@ -43,8 +43,7 @@ def observe(
 ) -> Observation:
     """Observe one training surface, for `TextureLibrary.from_observations`.
 
-    A pure function with a small result, so that other processes can observe sets. InputError if the
-    surface is smaller than a segment, or has no valid pixel.
+    A pure function with a small result, so that other processes can observe sets.
     """
     observation: Observation = classifier_named(classifier).observe_training(surface, segment_px)
     return observation

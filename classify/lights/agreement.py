@@ -56,32 +56,18 @@ _EXTRA_ROUNDING = 1.0 / 4.0 - ROUNDING_VARIANCE
 
 @dataclass(frozen=True)
 class LightAgreement:
-    """LED levels and consistency of four light images, if the surface is matt.
+    """LED levels and consistency of four light images, if the surface is matt."""
 
-    Attributes
-    ----------
-    redundancy_residual
-        Redundancy residual beyond noise, after correction for `levels` where they are known: the
-        rms share of the brightness by which one image would be wrong. 0 where it is all noise.
-    levels
-        (4,) LED levels, of median 1, that explain the images; None where no levels do, or too few
-        pixels are lit by all four.
-    level_error
-        Standard error of the level that is known least.
-    compared_rows
-        Share of the rows in which enough pixels are lit by all four.
-    """
-
-    redundancy_residual: float
-    levels: tuple[float, ...] | None
-    level_error: float
-    compared_rows: float
+    redundancy_residual: float  # beyond noise, rms share of the brightness
+    levels: tuple[float, ...] | None  # (4,) of median 1; None if no levels explain the images
+    level_error: float  # standard error of the level that is known least
+    compared_rows: float  # share of the rows with enough pixels lit by all four
 
 
 def like_signed(lighting: Lighting) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Split the lights by the sign of their redundancy weight.
+    """Split the lights by the sign of their redundancy weight; halve them if not four.
 
-    In a ring of four, opposite lights are in one group. Any other number of lights is halved.
+    In a ring of four, opposite lights are in one group.
     """
     lights = range(len(lighting))
     try:
@@ -100,19 +86,10 @@ def light_agreement(
     full_scale: float,
     noise: SensorNoise | None,
 ) -> LightAgreement:
-    """Compare the images of four lights with one another.
+    """Compare the (4, H, W) images of four lights, in the order of the lighting.
 
-    The redundancy residual sum_k nul_k i_k (see `led_levels`) is fitted by LED levels over the
-    whole frame and over its halves: the same levels everywhere are weak LEDs. A larger residual in
-    rows, columns or bands of them comes from frames that are torn, mixed, or of another light.
-
-    `images` (4, H, W) are in the order of the lighting, `ambient` (H, W) is subtracted from them,
-    and their noise is estimated if it is None.
-
-    Raises
-    ------
-    InputError
-        For another number of lights, or three of them in one plane.
+    The redundancy residual sum_k nul_k i_k is fitted by LED levels over the frame and its halves; a
+    larger residual in rows, columns or bands comes from torn, mixed or wrong frames.
     """
     _, null = drop_one_constants(lighting, "light_agreement")
     rows, columns = images.shape[1:]
@@ -148,19 +125,11 @@ def light_agreement(
 
 @dataclass(frozen=True, eq=False)
 class _Comparison:
-    """Terms of the redundancy residual at some pixels, in shares of the brightness.
+    """Terms of the redundancy residual at some pixels, in shares of the brightness."""
 
-    Attributes
-    ----------
-    terms, noises
-        (4, R, C) weighted values, and their variance.
-    lit
-        (R, C) whether all four lights reach a pixel.
-    """
-
-    terms: FloatArray
-    noises: FloatArray
-    lit: BoolArray
+    terms: FloatArray  # (4, R, C) weighted values
+    noises: FloatArray  # (4, R, C) variance of the terms
+    lit: BoolArray  # (R, C) whether all four lights reach a pixel
 
     def normed(self) -> tuple[FloatArray, FloatArray]:
         """(4, R C) terms and noises for `fit_levels`."""
@@ -191,10 +160,7 @@ def _compare(
     rows: IndexArray,
     columns: IndexArray,
 ) -> _Comparison:
-    """Compare some rows and columns.
-
-    `noise` is that of the sensor, or the standard deviation of all values.
-    """
+    """Compare some rows and columns; a float `noise` is the standard deviation of all values."""
     raw, dark = (_picked(planes, rows, columns).astype(np.float32) for planes in (images, ambient))
     gains = (1.0 / lighting.intensities).astype(np.float32)
     if isinstance(noise, SensorNoise):
@@ -229,8 +195,7 @@ def _weigh(
 ) -> None:  # fmt: skip
     """Turn values (4, R, C) into terms of a `_Comparison`; write `noises` and `lit`.
 
-    `means` (4,) are those of the images less ambient light, times `gains`. The variance of a pixel
-    value is `squares` (4,) times a + b (value - black).
+    The variance of a pixel value is `squares` (4,) times a + b (value - black).
     """
     rows, columns = dark.shape
     a, b, black = variance
@@ -268,8 +233,7 @@ def image_difference(
 ) -> float:
     """Rms difference beyond noise of two images of one scene, as a share of `signal`.
 
-    `signal` is the pixel value above dark that counts as 1. Without `noise` it is estimated from
-    the steps of the difference from pixel to pixel, for pixels of similar brightness.
+    Without `noise` it is estimated from steps between neighbours of similar brightness.
     """
     columns = _spread_out(first.shape[1])
     a, b = (image.take(columns, axis=1).astype(np.float32) for image in (first, second))
@@ -305,10 +269,7 @@ def _spread_out(size: int) -> IndexArray:
 
 
 def _beyond_noise(deviation: FloatArray, variance: FloatArray, counted: BoolArray) -> float:
-    """Rms deviation beyond noise over the frame, from the bands of rows that exceed the noise.
-
-    Bands have 1, 4, 16, ... rows; the largest value of all heights counts.
-    """
+    """Rms deviation beyond noise, the largest over bands of 1, 4, 16, ... rows."""
     rows = len(deviation)
     squares = np.square(deviation)
     squares /= variance

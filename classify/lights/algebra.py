@@ -21,13 +21,7 @@ _PS3_UNUSED_TILT_DEG = {"ps3a": 270.0, "ps3b": 0.0, "ps3c": 90.0, "ps3d": 180.0}
 def drop_one_constants(
     lighting: Lighting, method: str
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """pinv(L) (3, 4) and nul (4,) of length 1, for four lights in general position.
-
-    Raises
-    ------
-    InputError
-        For another number of lights, or three of them in one plane.
-    """
+    """pinv(L) (3, 4) and nul (4,) of length 1, for four lights in general position."""
     L = lighting.directions
     if len(L) != 4:
         raise InputError(
@@ -69,13 +63,7 @@ def require_solvable(lighting: Lighting) -> None:
 
 @lru_cache(maxsize=16)
 def least_squares_weights(lighting: Lighting, method: str) -> Array32:
-    """(3, N) weights with b = weights i from all lights.
-
-    Raises
-    ------
-    InputError
-        For fewer than three lights (four for drbohlav), or all in one plane.
-    """
+    """(3, N) weights with b = weights i from all lights."""
     count = len(lighting)
     if method == "drbohlav" and count < 4:
         raise InputError(
@@ -85,13 +73,7 @@ def least_squares_weights(lighting: Lighting, method: str) -> Array32:
 
 
 def three_of_ring(lighting: Lighting, method: str) -> tuple[Array32, int]:
-    """(3, 4) weights of a version of PS3, and the index of the light left out.
-
-    Raises
-    ------
-    InputError
-        If these are not four lights at the tilts of the ring, or the three in one plane.
-    """
+    """(3, 4) weights of a version of PS3, and the index of the light left out."""
     if len(lighting) != 4:
         raise InputError(
             f"method {method} chooses 3 of 4 lights, this set has {len(lighting)}; "
@@ -105,15 +87,7 @@ def three_of_ring(lighting: Lighting, method: str) -> tuple[Array32, int]:
 
 
 def drop_two_inverses(lighting: Lighting) -> Array32:
-    """(N, N, 3, 3) inverse of L^T L without lights i and j.
-
-    It is NaN where the other lights lie in one plane. [i, i] is the inverse of all lights.
-
-    Raises
-    ------
-    InputError
-        For fewer than five lights, or if the others lie in one plane, whichever two are dropped.
-    """
+    """(N, N, 3, 3) inverse of L^T L without lights i and j; NaN if singular, [i, i] of all."""
     L = lighting.directions
     count = len(L)
     if count < 5:

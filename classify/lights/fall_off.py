@@ -61,9 +61,8 @@ def fall_off(
 ) -> FlatField | None:
     """Fit the fall-off of the lights over a planar part; None if too little is lit.
 
-    Pixels that are saturated, dark, in the shadow of a light or outside the (H, W) `mask` do not
-    count. The degree is 2, or 4 where that predicts left-out parts of the frame clearly better and
-    the redundancy of the lights shows that they do fall off.
+    The degree is 2, or 4 where that predicts left-out parts of the frame clearly better and the
+    redundancy of the lights shows that they do fall off.
     """
     samples = _Samples.of(stack, lighting, full_scale, mask)
     even = np.zeros((len(lighting), _TERMS, _TERMS))
@@ -83,26 +82,13 @@ def fall_off(
 
 @dataclass(frozen=True, eq=False)
 class _Grid:
-    """Samples of a frame, symmetric about its middle, and the blocks that they form.
+    """Samples of a frame, symmetric about its middle, and the blocks that they form."""
 
-    Blocks are in the order of their folds: (folds, blocks of a fold).
-
-    Attributes
-    ----------
-    rows, columns
-        (n,) indices of the samples.
-    x_powers, y_powers
-        (n, 5) powers of their coordinates.
-    bases
-        By degree, (folds, blocks, terms) values of y^i x^j at the blocks, in the order of
-        `exponents`.
-    """
-
-    rows: npt.NDArray[np.intp]
-    columns: npt.NDArray[np.intp]
-    x_powers: FloatArray
-    y_powers: FloatArray
-    bases: Mapping[int, FloatArray]
+    rows: npt.NDArray[np.intp]  # (n,) indices of the samples
+    columns: npt.NDArray[np.intp]  # (n,) indices of the samples
+    x_powers: FloatArray  # (n, 5)
+    y_powers: FloatArray  # (n, 5)
+    bases: Mapping[int, FloatArray]  # by degree, (folds, blocks, terms) of y^i x^j, as `exponents`
 
     @classmethod
     @lru_cache(maxsize=4)
@@ -135,19 +121,11 @@ class _Grid:
 
 @dataclass(frozen=True, eq=False)
 class _Samples:
-    """Pixels of a grid.
-
-    Attributes
-    ----------
-    values
-        (N, n, n) float32, the same for all lights on a flat part if all are equally strong.
-    usable
-        (n, n) bool, false outside the mask and for saturated and dark pixels.
-    """
+    """Pixels of a grid."""
 
     grid: _Grid
-    values: npt.NDArray[np.float32]
-    usable: npt.NDArray[np.bool_]
+    values: npt.NDArray[np.float32]  # (N, n, n), equal on a flat part under equal lights
+    usable: npt.NDArray[np.bool_]  # (n, n), not outside the mask, saturated or dark
 
     @classmethod
     def of(
@@ -174,8 +152,7 @@ class _Samples:
     def residuals(self, coefficients: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(N, folds, blocks) means of ratio / strength - 1, and their weights.
 
-        The ratio is that of a value to the mean of all lights. Tukey's biweight is one for all
-        lights of a pixel, so that no direction is preferred.
+        Tukey's biweight is one for all lights of a pixel, so that no direction is preferred.
         """
         factors = (-self.grid.y_powers @ coefficients).astype(np.float32)
         residuals = np.empty_like(self.values)
@@ -207,9 +184,8 @@ def _find_residuals(
 ) -> None:
     """Write the residuals: ratio of a value to the mean of all lights, minus 1.
 
-    Values are multiplied by exp of a polynomial of x first; `factors` (N, n, 5) are those of the
-    polynomial in each row. `squares` (n, n) are means over the lights, infinite where a sample is
-    not usable or may be in shadow.
+    `factors` (N, n, 5) are of the polynomial in each row, `squares` (n, n) the means over the
+    lights, infinite where a sample is not usable or may be in shadow.
     """
     lights, rows, columns = values.shape
     zero, one, share = np.float32(0.0), np.float32(1.0), np.float32(1.0 / lights)
@@ -267,10 +243,7 @@ def _positions(count: int) -> npt.NDArray[np.intp]:
 
 
 def _no_relief(lighting: Lighting, means: FloatArray, weights: FloatArray) -> bool:
-    """Whether relief cannot explain the residuals of even lights.
-
-    Relief cancels in combinations of four or more lights.
-    """
+    """Whether relief, which cancels in combinations of four lights, cannot explain residuals."""
     directions = lighting.directions / lighting.directions[:, 2:]
     cancelling = np.linalg.svd(directions.T)[2][3:]
     redundant = np.tensordot(cancelling, means, 1)

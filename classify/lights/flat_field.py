@@ -29,23 +29,11 @@ _ROWS = 384
 class FlatField:
     """Strength of each light over a plane, relative to a value that all lights share.
 
-    Attributes
-    ----------
-    coefficients
-        (N, T, T) factors of y^i x^j in the logarithm of the strength, T at most 7. The origin is
-        the middle of the frame, y points up, and the unit is half of the longer side.
-    bounds
-        (N, 2) lowest and highest logarithm on the part; there is no extrapolation beyond.
-
-    Raises
-    ------
-    InputError
-        For another shape, coefficients that are not finite, or bounds in the wrong order or whose
-        exponential float32 cannot hold.
+    y points up, and the unit is half of the longer side, from the middle of the frame.
     """
 
-    coefficients: FloatArray
-    bounds: FloatArray
+    coefficients: FloatArray  # (N, T, T) factors of y^i x^j in the logarithm, T at most 7
+    bounds: FloatArray  # (N, 2) lowest and highest logarithm; no extrapolation beyond
 
     def __post_init__(self) -> None:
         lights, *terms = self.coefficients.shape or (0,)
@@ -108,14 +96,9 @@ class FlatField:
         return FlatField(coefficients, bounds)
 
     def facing(self, lighting: Lighting) -> "FlatField":
-        """The flat field of a sheet that faces each light; the mean stays the same.
+        """The flat field of a sheet that faces each light, not the camera; the mean stays.
 
-        The sheet faced the camera: its images are proportional to the z of the directions.
-
-        Raises
-        ------
-        InputError
-            For another number of lights.
+        The images of the sheet are proportional to the z of the directions.
         """
         if len(self.coefficients) != len(lighting):
             raise InputError(
@@ -126,30 +109,22 @@ class FlatField:
         return self.times(np.exp(np.log(cosines).mean()) / cosines)
 
     def divide(self, stack: ImageStack, full_scale: float | None) -> ImageStack:
-        """Divide each image, less the ambient image, by the strength of its light.
+        """Divide each image, less the ambient image, by the strength of its light, as float32.
 
-        The result is float32, and the ambient image is in it as before. Pixels that reach
-        `full_scale` get the value `saturation`.
+        Pixels that reach `full_scale` get the value `saturation`.
         """
         return DividedStack(stack.images, stack.ambient, self, full_scale).materialised()
 
 
 @dataclass(frozen=True, eq=False)
 class DividedStack(ImageStack):
-    """Images divided by a flat field when they are read; see `FlatField.divide`.
+    """Images, kept as taken, that `FlatField.divide` divides when they are read.
 
     A copy of five megapixels takes longer to write than to make again while it is in the cache.
-
-    Attributes
-    ----------
-    images, ambient
-        As they were taken.
-    flat_field, full_scale
-        The divisor, and the value of saturated pixels before division, None if not known.
     """
 
     flat_field: FlatField
-    full_scale: float | None
+    full_scale: float | None  # value of saturated pixels before division
 
     def materialised(self) -> ImageStack:
         images = np.empty(self.images.shape, np.float32)
@@ -196,10 +171,7 @@ class DividedStack(ImageStack):
 
 @kernel
 def exponential(e: np.float32) -> np.float32:
-    """Exponential to 2e-6 for |e| < 1 and 1e-4 for |e| < 2.
-
-    The compiler does not vectorise exp itself.
-    """
+    """Exponential to 2e-6 for |e| < 1, 1e-4 for |e| < 2; compilers do not vectorise exp."""
     one, half, third = np.float32(1.0), np.float32(1.0 / 2.0), np.float32(1.0 / 3.0)
     u = np.float32(1.0 / 8.0) * e
     root = one + u * (one + half * u * (one + third * u * (one + np.float32(1.0 / 4.0) * u)))
@@ -213,11 +185,10 @@ def _multiply(
     first: int, images: Array, dark: Array, apart: int, factors: Array, bounds: Array, x: Array,
     saturation: np.float32, top: np.float32, product: Array,
 ) -> None:  # fmt: skip
-    """Multiply images, less `dark`, by exp of a polynomial of x within `bounds`.
+    """Multiply (N, n, W) rows of images, less `dark`, by exp of a polynomial in `bounds`.
 
-    `dark` and `product` (N, n, W) are of the rows from `first` on. `factors` (N, m, 7) are the
-    factors of the polynomial in every row that is a multiple of `apart`; between these exp is
-    interpolated. Pixels that reach `saturation` get `top`.
+    `factors` (N, m, 7) are of every `apart`-th row, exp is interpolated between; `saturation` gets
+    `top`.
     """
     lights, rows, columns = product.shape
     begin, end = np.zeros(columns, np.float32), np.zeros(columns, np.float32)

@@ -58,40 +58,20 @@ _MEDIAN_OF_NOISE = 0.75
 
 @dataclass(frozen=True, eq=False)
 class LevelFit:
-    """Factors for the images of four lights that minimise the redundancy residual.
+    """Factors for the images of four lights that minimise the redundancy residual."""
 
-    Attributes
-    ----------
-    factors
-        (4,) inverse levels, of mean 1.
-    error
-        Standard error of the combination of factors that is known least.
-    typical_residual
-        1.48 times the median absolute residual, in standard deviations of the noise.
-    agreeing
-        (n,) 1 for samples whose residual is within three times that, else 0.
-    """
-
-    factors: npt.NDArray[np.float64]
-    error: float
-    typical_residual: float
-    agreeing: npt.NDArray[np.float64]
+    factors: npt.NDArray[np.float64]  # (4,) inverse levels, of mean 1
+    error: float  # standard error of the combination of factors that is known least
+    typical_residual: float  # 1.48 times the median absolute residual, in sigma of noise
+    agreeing: npt.NDArray[np.float64]  # (n,) 1 where the residual is within 3 times that, else 0
 
 
 def fit_levels(terms: FloatArray, noises: FloatArray, level_spread: float) -> LevelFit:
     """Fit the factors w of mean 1 that make w . terms noise of variance 1.
 
-    Total least squares, as the images that carry the levels carry the noise as well; samples that
-    do not agree are left out.
-
-    Parameters
-    ----------
-    terms
-        (4, n) nul_k i_k of the samples, divided by the standard deviation of their sum.
-    noises
-        (4, n) part of the square of each term that is noise.
-    level_spread
-        Standard deviation of levels that is assumed where the images determine nothing.
+    Total least squares: `terms` (4, n) are nul_k i_k over the standard deviation of their sum,
+    `noises` the part of each square that is noise, `level_spread` the prior standard deviation of
+    levels.
     """
     exact, noise = terms.astype(np.float64), noises.astype(np.float64)
     # Weights 0 and 1: to copy the samples that agree takes longer.
@@ -113,18 +93,10 @@ def fit_levels(terms: FloatArray, noises: FloatArray, level_spread: float) -> Le
 
 @dataclass(frozen=True, eq=False)
 class LitSamples:
-    """Pixels of four images that all lights reach, evenly spread over the frame.
+    """Pixels of four images that all lights reach, evenly spread over the frame."""
 
-    Attributes
-    ----------
-    raw
-        (4, n) float32 pixel values.
-    values
-        (4, n) float32, less the ambient image and times the gains.
-    """
-
-    raw: FloatArray
-    values: FloatArray
+    raw: FloatArray  # (4, n) pixel values
+    values: FloatArray  # (4, n) less the ambient image and times the gains
 
     @classmethod
     def of(cls, stack: ImageStack, gains: FloatArray, saturation: float) -> Self:
@@ -140,10 +112,7 @@ class LitSamples:
 
 
 def residual_spread(values: FloatArray, null: npt.NDArray[np.float64]) -> float:
-    """Robust deviation of the redundancy residual from 0, as a share of brightness.
-
-    `values` (4, n) are those of pixels that all lights reach; too few of them give 0.
-    """
+    """Robust deviation of the redundancy residual from 0, as a share of brightness."""
     if values.shape[1] < _MIN_SAMPLES:
         return 0.0
     residual = np.abs(null.astype(np.float32) @ values) / values.mean(axis=0)
@@ -153,17 +122,11 @@ def residual_spread(values: FloatArray, null: npt.NDArray[np.float64]) -> float:
 def level_corrections(
     lit: LitSamples, gains: FloatArray, variance: FloatArray, lighting: Lighting
 ) -> FloatArray:
-    """Find factors of mean 1 for the images of four lights whose levels are not known.
+    """Find factors (4,) of mean 1 for images whose levels are not known; 1 if not needed.
 
     They are those of `fit_levels` where these leave noise only, else those of a part that is level
-    on average. The factors (4,) are all 1 where the images agree as well without a correction.
-
-    Parameters
-    ----------
-    gains
-        (4,) factors by which pixel values were multiplied.
-    variance
-        (3,) a, b and black of the variance a + b (value - black) of a pixel value.
+    on average; `variance` (3,) is a, b and black of the variance a + b (value - black) of a pixel
+    value.
     """
     equal = np.ones(4, np.float32)
     values, count = lit.values, lit.values.shape[1]
@@ -198,11 +161,8 @@ def _levels_of_a_level_part(
 ) -> npt.NDArray[np.float64]:
     """Levels (4,) of the lights, from the brightness of their images.
 
-    On a level part each image is l_z times its level times what all images have in common. The
-    median ratios to that are x = g + A t in the logarithm, with g the levels and A t the effect
-    of a mean slope t of the part, A = -l_xy / l_z. g is estimated for normal g and t. The variance
-    of g is that of the redundancy residual which x removes: levels that the residual does not
-    show are not corrected.
+    Median log ratios are x = g + A t with levels g and a mean slope t of the part, A = -l_xy / l_z;
+    g is estimated for normal g and t, with the variance of the redundancy residual that x removes.
     """
     vertical = directions[:, 2]
     logarithms = np.log(values / vertical.astype(np.float32)[:, None])

@@ -38,27 +38,14 @@ _MARGIN = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Shear:
-    """The difference of near lights from distant ones in the same directions, float32.
+    """The difference of near lights from distant ones in the same directions; 0 if distant."""
 
-    All values are 0 for distant lights.
-
-    Attributes
-    ----------
-    plane
-        (3,) c of the plane of the lights, per px.
-    excess
-        (N,) e of each light, per px.
-    inverse_distances
-        (N,) 1 / R of each light, per px.
-    """
-
-    plane: FloatArray
-    excess: FloatArray
-    inverse_distances: FloatArray
+    plane: FloatArray  # (3,) c of the plane of the lights, per px
+    excess: FloatArray  # (N,) e of each light, per px
+    inverse_distances: FloatArray  # (N,) 1 / R of each light, per px
 
     @classmethod
     def of(cls, lighting: Lighting) -> Shear:
-        """The shear of these lights."""
         inverse = np.zeros(len(lighting))
         if lighting.positions_px is not None:
             inverse = 1.0 / np.linalg.norm(lighting.positions_px, axis=1)
@@ -77,18 +64,8 @@ def sheet_of(
 ) -> FlatField:
     """The images of a white matt sheet under near lights, as a flat field.
 
-    They follow the inverse square and Lambert's law. Their values at the middle of the frame have
-    the geometric mean 1.
-
-    Parameters
-    ----------
-    lighting
-        Near lights, with their intensities at the middle of the frame.
-    shape
-        Rows and columns of the frame.
-    lobe_exponent
-        m of the strength of an LED at an angle to its axis, cos^m; the axes point to the middle of
-        the frame. None for LEDs of equal strength in all directions.
+    Inverse square, Lambert's law and a lobe cos^m that points to the middle of the frame, where the
+    values have the geometric mean 1.
     """
     positions, half = lighting.positions_px, 0.5 * max(shape)
     assert positions is not None

@@ -42,26 +42,11 @@ _ACROSS_DEG = 30.0
 
 @dataclass(frozen=True)
 class LightOrder:
-    """Orders of the lights that four images allow.
+    """Orders of the lights that four images allow; image k shows light `order[k]`."""
 
-    An order is a tuple: image k shows light ``order[k]``.
-
-    Attributes
-    ----------
-    plausible
-        The orders that explain the images, best first. All 24 if the images do not decide.
-    opposite
-        The order with the lights rotated by 180 degrees about the camera's axis. It explains any
-        images as well, with raised and indented exchanged. None if the lights are not two pairs
-        across that axis; then nothing is decided.
-    excess
-        Misfit of the given order above that of the best one: the logarithm of the ratio of their
-        residuals, summed over scales. 0 if it is the best.
-    """
-
-    plausible: tuple[Order, ...]
-    opposite: Order | None
-    excess: float
+    plausible: tuple[Order, ...]  # best first; all 24 if the images do not decide
+    opposite: Order | None  # rotated by 180 degrees; None if no two pairs across the axis
+    excess: float  # misfit of the given order above that of the best one; 0 if best
 
     @property
     def is_refuted(self) -> bool:
@@ -81,39 +66,11 @@ def light_order(
     ambient: npt.NDArray[Any] | None = None,
     full_scale: float | None = None,
 ) -> LightOrder:
-    """Test by four images whether the lights were in the order of `lighting`.
+    """Test by four linear images (4, H, W) whether the lights were in this order.
 
-    Two conditions hold for a matt surface only if each image is assigned to its own light. The
-    redundancy residual sum_k nul_k i_k is zero, with nul the left null vector of the light
-    directions. And the slopes p, q are those of a surface: their curl dp/dy - dq/dx is zero. Lights
-    exchanged across the ring break the second condition, lights exchanged with a neighbour the
-    first and mostly both. The misfit of an order is the sum of the logarithms of its mean absolute
-    residual and curl: minus its log likelihood for errors of a Laplace distribution of unknown
-    width. It is computed for all 24 orders.
-
-    Only what would hold for a perfect ring is used: the residual decides which lights are opposite
-    each other, and an order has the same misfit as itself rotated by 180 degrees. Differences
-    beyond that come from errors of the light positions as well.
-
-    A level surface decides nothing. Slopes along one direction only cannot distinguish orders that
-    give the same images. Both opposite pairs exchanged give the same images as a surface that is
-    indented where this one is raised.
-
-    Parameters
-    ----------
-    images
-        (4, H, W) uint8, uint16 or float32, linear in light, in the order of `lighting`.
-    lighting
-        Four lights. The order is tested only if they are two pairs across the camera's axis.
-    ambient
-        (H, W) image with all lights out, of the same dtype, subtracted from each image.
-    full_scale
-        Pixel value at which the sensor saturates; pixels that reach it do not count.
-
-    Raises
-    ------
-    InputError
-        For another number of lights, or images that are not theirs.
+    A matt surface has a redundancy residual sum_k nul_k i_k and a curl dp/dy - dq/dx of zero only
+    in the true order or in that rotated by 180 degrees; the misfit is the sum of the logs of their
+    mean absolute values: minus the log likelihood for Laplace errors.
     """
     if len(lighting) != 4:
         raise InputError(f"the order of {len(lighting)} lights cannot be tested; give 4")
@@ -153,10 +110,7 @@ def light_order(
 def _scales(
     planes: list[npt.NDArray[Any]], usable: BoolArray
 ) -> Iterator[tuple[list[npt.NDArray[Any]], BoolArray]]:
-    """The middle of the frame at full, half, quarter ... resolution.
-
-    A mean of pixels is usable if all of them are.
-    """
+    """The middle of the frame at full, half, quarter ... resolution."""
     while True:
         rows, columns = usable.shape
         top, left = max(0, (rows - _MIDDLE_PX) // 2), max(0, (columns - _MIDDLE_PX) // 2)
@@ -191,10 +145,7 @@ def _mean_of_four(plane: npt.NDArray[Any], half: FloatArray) -> None:
 
 
 def _halved(plane: npt.NDArray[Any], join: Join) -> npt.NDArray[Any]:
-    """Half of the rows and columns, symmetric about the middle.
-
-    Two neighbours are joined, or three where the number is odd.
-    """
+    """Half of the rows and columns, symmetric about the middle; odd numbers join three."""
     for _ in range(2):
         if len(plane) % 2 == 0:
             plane = join(plane[::2], plane[1::2])
@@ -212,10 +163,7 @@ def _mean(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> FloatArray:
 
 
 def _misfits(values: FloatArray, usable: BoolArray, weights: FloatArray) -> npt.NDArray[np.float64]:
-    """(2, 24) log of the mean residual and of the mean curl under each order.
-
-    All 0 if too few pixels are lit by all four lights.
-    """
+    """(2, 24) log of mean residual and mean curl under each order; 0 if too few are lit."""
     brightest = values.max(axis=0)
     lit = usable & (values.min(axis=0) > MAYBE_SHADOW * brightest)
     lit &= brightest > _MAYBE_NOISE * brightest.mean()
@@ -248,11 +196,9 @@ def _misfits_of_orders(
 def _mean_misfits(
     shares: FloatArray, means: FloatArray, lit: BoolArray, inner: BoolArray, weight: FloatArray
 ) -> tuple[float, float]:
-    """Mean absolute deviations of residual and curl from their means.
+    """Mean absolute deviations of residual and curl from their means, over `lit` and `inner`.
 
-    They are over `lit` and `inner`. Unequal LED levels change the means only. `shares` is (4, H, W)
-    with its `means` (4,) over `lit`, `inner` is (H - 2, W - 2), and `weight` (4, 4) gives the
-    scaled normal and the residual from four shares.
+    `shares` (4, H, W) have `means` (4,); `weight` (4, 4) gives the scaled normal and the residual.
     """
     rows, columns = lit.shape
     none, one = np.float32(0.0), np.float32(1.0)
@@ -261,7 +207,7 @@ def _mean_misfits(
     z0, z1, z2, z3 = weight[2]
     n0, n1, n2, n3 = weight[3]
     mean = (n0 * means[0] + n1 * means[1]) + (n2 * means[2] + n3 * means[3])
-    # Of the last three rows.
+    # Slopes of the last three rows.
     p, q = np.empty((3, columns), np.float32), np.empty((3, columns), np.float32)
     curl = np.empty((rows - 2, columns - 2), np.float32)
     # Sums of columns, which vectorise without changing the order of additions.

@@ -69,44 +69,21 @@ _NOISE_KERNEL = np.outer((1.0, -2.0, 1.0), (1.0, -2.0, 1.0)) / 6.0
 
 @dataclass(frozen=True, eq=False)
 class Shading:
-    """Second moments of the contrasts of N images, at each scale from fine to coarse.
+    """Second moments of the contrasts of N images, at each scale from fine to coarse."""
 
-    Attributes
-    ----------
-    contrasts
-        (N, N) of the contrasts, at pixels lit by all.
-    noises
-        (N,) variance of the contrasts that is noise at most, if that is white.
-    shadings
-        (N, N) of the contrasts less their mean over the lights.
-    steps
-        (2N, 2N) of the differences of the latter to the right, then upwards.
-    """
-
-    contrasts: tuple[Float64Array, ...]
-    noises: tuple[Float64Array, ...]
-    shadings: tuple[Float64Array, ...]
-    steps: tuple[Float64Array, ...]
+    contrasts: tuple[Float64Array, ...]  # (N, N), at pixels lit by all
+    noises: tuple[Float64Array, ...]  # (N,) upper bound of the variance that is white noise
+    shadings: tuple[Float64Array, ...]  # (N, N) of the contrasts less their mean over the lights
+    steps: tuple[Float64Array, ...]  # (2N, 2N) of the steps of the latter, right then up
 
 
 @dataclass(frozen=True)
 class ShadingOrder:
-    """Whether the shading fits the order of the lights.
-
-    Attributes
-    ----------
-    verdict
-        ``refuted`` if other lights explain the images and the given ones do not, ``confirmed`` if
-        the given ones do, else ``undecided``.
-    order
-        The better order, if refuted and not `mirrored`: image k shows light ``order[k]``.
-    mirrored
-        Whether the images fit the lights with y pointing down instead.
-    """
+    """Whether the shading fits the order of the lights."""
 
     verdict: Literal["confirmed", "undecided", "refuted"]
-    order: Order | None = None
-    mirrored: bool = False
+    order: Order | None = None  # the better order, if refuted and not `mirrored`
+    mirrored: bool = False  # whether the images fit the lights with y pointing down
 
 
 def shading_of(
@@ -117,8 +94,7 @@ def shading_of(
 ) -> Shading:
     """Compute the `Shading` of images (N, H, W) that are linear in light.
 
-    `ambient` (H, W) is subtracted. Pixels of `full_scale` in any image, and those outside `mask`,
-    do not count.
+    Pixels of `full_scale` in any image, and those outside `mask`, do not count.
     """
     u, usable, lit = _contrasts(images, ambient, full_scale, mask)
     contrasts, noises, shadings, steps = [], [], [], []
@@ -137,11 +113,9 @@ def shading_of(
 
 
 def explained_detail(shading: Shading) -> Float64Array:
-    """(N,) share of the detail of each image that a mix of the other images explains.
+    """(N,) share of each image's detail that the others explain; 1 without detail.
 
-    The square of the multiple correlation, at the scale at which it is largest; 1 where an image
-    has no detail. An image of another scene, or of a part that has moved, is not explained. Empty
-    where too few pixels are lit by all lights.
+    The square of the multiple correlation, at the scale at which it is largest.
     """
     explained = []
     for moments, noise in zip(shading.contrasts, shading.noises, strict=True):
@@ -158,8 +132,6 @@ def explained_detail(shading: Shading) -> Float64Array:
 def shading_order(shading: Shading, lighting: Lighting) -> ShadingOrder:
     """Compare the given order of the lights with others, by residual and curl.
 
-    Of up to four lights, all orders are compared. Of more lights they are the list shifted or
-    reversed, y pointing down, and exchanges of two among the 16 lights of the largest residuals.
     The scale at which an order explains the images best decides.
     """
     count = len(lighting)

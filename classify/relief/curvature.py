@@ -122,8 +122,7 @@ def _fitted_planes(
 ) -> list[tuple[FloatMap, FloatMap, FloatMap]]:
     """Value, x slope and y slope of the plane fitted to each field around each pixel.
 
-    Weighted least squares in closed form, from moments about the weighted mean position. The
-    fields are zero where `weight` is zero, as it is beyond the frame.
+    Weighted least squares in closed form; the fields are zero where `weight` is zero.
     """
     offset = np.arange(-reach, reach + 1, dtype=np.float32)
     g0 = np.exp(-0.5 * (offset / np.float32(scale_px)) ** 2)

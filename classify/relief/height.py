@@ -57,8 +57,7 @@ def integrate_gradients(p: FloatMap, q: FloatMap) -> FloatMap:
 def _second_difference(length: int) -> FloatMap:
     """Eigenvalues of the second difference with free ends, 2 cos(pi k / length) - 2.
 
-    They are computed as the square of a sine. A float32 cosine near 1 has too few digits, and the
-    lowest frequencies, which carry most of the height, would be wrong by percents.
+    As the square of a sine: a float32 cosine near 1 has too few digits for the lowest frequencies.
     """
     sine = np.sin(0.5 * np.pi * np.arange(length) / length)
     return (-4.0 * sine * sine).astype(np.float32)

@@ -19,30 +19,10 @@ _NO_HORIZON = -1e30
 
 
 def cast_shadow(height: npt.NDArray[np.float32], direction: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-    """Find the points that other points of the surface hide from the light.
+    """(H, W) points of a height in px that the rest of the surface hides from the light.
 
-    A point x is shadowed if z(x + d) - z(x) > d cot(slant) for some d > 0 along the light's
-    azimuth. The running maximum of z - d cot(slant), from the light's side, decides that for a
-    whole line at once. Where the azimuth is not along an axis the lines run obliquely through the
-    grid: heights on them, and the horizon back on the pixels, are linearly interpolated. Nothing
-    outside the array casts a shadow. A surface that faces away from the light is in attached
-    shadow, which follows from its normals; it may or may not be in cast shadow too.
-
-    Parameters
-    ----------
-    height
-        (H, W) float32, pixels.
-    direction
-        (3,) towards the light: x right, y up, z towards the camera, z > 0.
-
-    Returns
-    -------
-    (H, W) bool.
-
-    Raises
-    ------
-    InputError
-        For another shape, or a light that is not above the surface.
+    x is shadowed if z(x + d) - z(x) > d cot(slant) for some d > 0 along the light's azimuth, by the
+    running maximum of z - d cot(slant); `direction` has x right, y up, z > 0 towards the camera.
     """
     light = np.asarray(direction, dtype=np.float64)
     if np.ndim(height) != 2 or light.shape != (3,):
@@ -98,8 +78,7 @@ def _horizons(
 ) -> None:  # fmt: skip
     """Horizon of a light towards the last column, along lines through the grid.
 
-    Lines fall by `rows_per_col` rows per column. Line k crosses column c at row first + k + c
-    rows_per_col.
+    Line k crosses column c at row first + k + c rows_per_col.
     """
     rows, cols = height.shape
     for k in range(first_line, last_line):

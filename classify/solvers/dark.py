@@ -18,14 +18,11 @@ _MISSING = 3.0
 def judge_dark_pixels(
     problem: Problem, stack: ImageStack, maps: Maps, first: int, last: int
 ) -> None:
-    """Invalidate dark pixels at which a light is missing.
+    """Invalidate dark pixels of rows `first` to `last` at which a light is missing.
 
-    A pixel that is dark beside the rest of the frame (`Problem.dark_level`) gets much of its light
-    from the lens and its surroundings, and a backdrop is lit by some of the LEDs only. There a
-    missing light is no evidence of shadow, and the other lights do not show a slope. The problem
-    must hold the intensities with which the maps were solved.
-
-    Only rows from `first` to before `last` are judged, of maps that were solved from `stack`.
+    A dark pixel (`Problem.dark_level`) gets much of its light from the lens and its surroundings,
+    so there a missing light is no evidence of shadow; the problem must hold the solver's
+    intensities.
     """
     part = maps.rows(first, last)
     if not part.dark_counts.any():

@@ -22,13 +22,9 @@ Array = npt.NDArray[Any]
 def solve_drbohlav(problem: Problem) -> Maps:
     """Least squares without inconsistent values; four lights or more.
 
-    After Drbohlav and Leonardis (1998) and Barsky and Petrou (2003). Four light vectors are
+    After Drbohlav and Leonardis (1998) and Barsky and Petrou (2003): four light vectors are
     linearly dependent, l_k = sum c_j l_j, and so are the values of a Lambertian pixel without
-    shadow or highlight, i_k = sum c_j i_j. A value replaced by the prediction of the others has no
-    residual, so that the solution from all is that of the others: the light is left out.
-
-    The lights are left out one by one. The residuals without a light follow from those with it
-    (`_replace`): a pixel takes a time proportional to the lights times those left out.
+    shadow or highlight.
     """
     weights = least_squares_weights(problem.lighting, "drbohlav")
     least_bz, limits = slope_noise(weights), gates(len(problem.lighting))
@@ -52,8 +48,7 @@ def solve_drbohlav(problem: Problem) -> Maps:
 def gates(lights: int) -> npt.NDArray[np.float32]:
     """(N + 1,) limits of the sum of squared residuals of n lights, in variances.
 
-    A larger sum is not noise. The limit is the 99.7 % quantile of chi-squared with n - 3 degrees of
-    freedom: 9 for four lights; infinite for three, which always agree.
+    The 99.7 % quantile of chi-squared with n - 3 degrees of freedom; infinite for three lights.
     """
     limits = [np.inf if n < 4 else chi_squared(n - 3, BEYOND_NOISE) for n in range(lights + 1)]
     return np.array(limits, np.float32)
@@ -67,11 +62,7 @@ def _drop_inconsistent(
     p: Array, q: Array, albedo: Array, valid: Array, dark_counts: Array,
     dropped: Array, highlights: Array,
 ) -> None:  # fmt: skip
-    """Solve rows from all lights, or without those that are inconsistent.
-
-    `noise`, `frames` and `least_bz` are those of `robust._gate`, with sigma the rms noise of the
-    values.
-    """
+    """Solve rows from all lights, or without those that are inconsistent; see `robust._gate`."""
     count = len(images)
     rows, columns = p.shape
     a, slope, black = noise
@@ -127,22 +118,12 @@ def _replace(
     images: Array, dark: np.float32, dark_variance: np.float32, lights: Array, gains: Array,
     directions: Array, saturation: np.float32, gates: Array, variance: np.float32, r: int, c: int,
 ) -> tuple[int, bool, np.float32, np.float32, np.float32]:  # fmt: skip
-    """Leave out one light after the other until the rest agree.
+    """Leave out lights until the rest agree; return the first, whether a highlight, and b.
 
-    Dark lights are left out first. Of five lights or more, the light is left out whose absence
-    gives the smallest residuals. Any three of four lights agree. Of four, the darkest is left out
-    if it is dark. Otherwise there are two candidates, the darkest of those below their prediction
-    and the brightest of those above it; the surface is flatter without the chosen one (see
-    `robust._gate`). If no majority of the lights agrees, directions or levels are wrong, rather
-    than lights in shadow or highlights: then all that are not dark are used.
-
-    With e the residual of light l and h = l . (L^T L)^-1 l its leverage, its absence subtracts
-    e^2 / (1 - h) from the sum of squared residuals and multiplies the determinant of L^T L by 1 - h
-    (Cook and Weisberg 1982, Residuals and Influence in Regression, chapter 2).
-
-    Returns
-    -------
-    The first light left out, whether one was a highlight, and b, which is zero if not determined.
+    Dark lights go first, then the one whose absence leaves the smallest residuals; of four, see
+    `_one_of_four`. With e the residual of light l and h = l . (L^T L)^-1 l its leverage, its
+    absence subtracts e^2 / (1 - h) from the sum of squared residuals and multiplies the determinant
+    of L^T L by 1 - h (Cook and Weisberg 1982, Residuals and Influence in Regression, chapter 2).
     """
     count = len(images)
     used = np.ones(count, np.bool_)
@@ -190,7 +171,8 @@ def _replace(
         if squares <= gates[remaining] * variance + tolerance * tolerance:
             break
         if 2 * (remaining - 1) <= bright:
-            # No majority agrees.
+            # No majority agrees: directions or levels are wrong, and all lights that are not dark
+            # are used.
             first = NO_DROPPED_LIGHT
             for k in range(count):
                 used[k] = (images[k, r, c] < saturation) & (not is_dark[k])
@@ -235,8 +217,8 @@ def _least_consistent(
 ) -> int:  # fmt: skip
     """The light whose absence gives the smallest residuals; -1 for none.
 
-    `inverse` is the upper half of (L^T L)^-1 with the values off the diagonal doubled; `least` is
-    the smallest 1 - h with which the other lights determine the normal.
+    `inverse` is the upper half of (L^T L)^-1 with the values off the diagonal doubled, `least` the
+    smallest 1 - h with which the other lights determine the normal.
     """
     xx, xy, xz = np.float32(inverse[0]), np.float32(inverse[1]), np.float32(inverse[2])
     yy, yz, zz = np.float32(inverse[3]), np.float32(inverse[4]), np.float32(inverse[5])

@@ -34,10 +34,7 @@ _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 def in_fill(problem: Problem, maps: Maps, strip_px: int) -> None:
     """Complete the maps in place where `Maps.unlit` is not 0.
 
-    Pixels in two lights become valid unless one was saturated. Those in one or none get a slope
-    and an albedo, but stay invalid. Nothing is filled in more than 24 px from a solved pixel (8 px
-    with one light or none), nor at dark pixels that are not valid: there p = q = 0. `strip_px` is
-    the number of pixels in a strip of rows.
+    Pixels in two lights become valid unless one was saturated; those in one or none stay invalid.
     """
     unlit = maps.unlit
     assert unlit is not None
@@ -95,8 +92,8 @@ def _lines_of_two_lights(
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """(6, 3, 2) solutions and (7, 3) unit directions d of the lines of two lights.
 
-    b0 = solutions[pair] (i_j, i_k). d_z >= 0; the last d is 0, for no line. b0 is the shortest
-    solution, that of the pseudo-inverse, perpendicular to d = l_j x l_k.
+    b0 = solutions[pair] (i_j, i_k) is that of the pseudo-inverse; d_z >= 0; the last d, 0, is no
+    line.
     """
     first, second = lighting.directions[_FIRST], lighting.directions[_SECOND]
     cosines = (first * second).sum(axis=1, keepdims=True)

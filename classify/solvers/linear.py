@@ -60,14 +60,10 @@ def _solve(problem: Problem, weights: Array, unused: int) -> Maps:
 
 
 def by_fours(problem: Problem, unused: int = NO_DROPPED_LIGHT) -> tuple[Array, Array, Array]:
-    """The lights without `unused`, for kernels that read four images at a time.
+    """(4 n,) index and gain, (3, 4 n) direction of the lights without `unused`, in fours.
 
-    One loop over four images takes half the time of four loops, because it stores its sums once.
-    The last four are filled up with a light of gain 0, which adds nothing.
-
-    Returns
-    -------
-    The index (4 n,) of each image, its gain, and its direction as a column of (3, 4 n).
+    Kernels that read four images at a time take half the time; the last four are filled up with
+    gain 0.
     """
     used = np.flatnonzero(np.arange(len(problem.lighting)) != unused)
     padding = (0, -len(used) % 4)
@@ -127,10 +123,7 @@ def _solve_saturated(
     saturated: Array, saturation: np.float32, noise_floor: np.float32, dark_albedo: np.float32,
     p: Array, q: Array, albedo: Array, valid: Array,
 ) -> int:  # fmt: skip
-    """Solve the `saturated` pixels of row r again, without their saturated lights.
-
-    Returns the change of the number of pixels below `dark_albedo`.
-    """
+    """Solve `saturated` pixels without those lights; return the change of the dark count."""
     zero, more = np.float32(0.0), 0
     used = np.empty(len(lights), np.bool_)
     for c in np.flatnonzero(saturated):
@@ -158,11 +151,7 @@ def _solve_many(
     saturation: np.float32, noise_floor: np.float32, weights: Array, dark_albedo: np.float32,
     p: Array, q: Array, albedo: Array, valid: Array, dark_counts: Array,
 ) -> None:  # fmt: skip
-    """Solve by b = weights i; `weights` (3, 4 n) contain the gains.
-
-    Lights that are saturated at a pixel are left out there as long as the rest determine the
-    normal.
-    """
+    """Solve by b = weights i; `weights` (3, 4 n) contain the gains."""
     columns = p.shape[1]
     zero = np.float32(0.0)
     bx = np.empty(columns, np.float32)
@@ -220,11 +209,7 @@ def solve_lights(
     images: Array, dark: np.float32, lights: Array, gains: Array, directions: Array,
     used: Array, r: int, c: int,
 ) -> tuple[bool, np.float32, np.float32, np.float32]:  # fmt: skip
-    """Scaled normal of one pixel by the normal equations of the lights `used`.
-
-    `used` is of the first lights or of all, `dark` the ambient value. If the lights do not
-    determine a normal, fewer than three or all in one plane, the results are False and zeros.
-    """
+    """Scaled normal of one pixel by the lights `used`; False and zeros if not determined."""
     xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     x, y, z = 0.0, 0.0, 0.0
     for k in range(len(used)):
@@ -265,10 +250,7 @@ def invert(
 
 @kernel
 def least_determinant(trace: float) -> float:
-    """Least determinant of L^T L that determines a normal.
-
-    Its trace is the number of lights.
-    """
+    """Least determinant of L^T L that determines a normal; its trace is the number of lights."""
     # The product of the two larger eigenvalues is at most a quarter of the squared trace.
     return 0.25 * _MIN_EIGENVALUE * trace * trace
 
@@ -281,8 +263,7 @@ def judge_row(
 ) -> None:  # fmt: skip
     """Write the maps of row r from its scaled normals; `dark` is its ambient row.
 
-    The lights are those of `by_fours`. A slope is valid where bz^2 >= `floors` rho and at least
-    three of the lights are out of shadow. Pixels below `dark_albedo` are counted.
+    A slope is valid where bz^2 >= `floors` rho and at least three of the lights are out of shadow.
     """
     columns = p.shape[1]
     zero = np.float32(0.0)
@@ -340,10 +321,7 @@ def _lit(
     value: np.float32, b: tuple[np.float32, np.float32, np.float32],
     light: tuple[np.float32, np.float32, np.float32, np.float32],
 ) -> np.float32:  # fmt: skip
-    """1 if a light of this value is out of shadow on the scaled normal b, else 0.
-
-    It is in shadow at `SHADOW_FRACTION` of its prediction or less; `light` is from `_light`.
-    """
+    """1 if a light of this value is above `SHADOW_FRACTION` of its prediction by b, else 0."""
     x, y, z = b
     towards_x, towards_y, towards_z, gain = light
     prediction = towards_x * x + towards_y * y + towards_z * z

@@ -31,27 +31,14 @@ _NEAR_PLANE = np.float32(0.05)
 
 @dataclass(frozen=True, eq=False)
 class NearRows:
-    """Some rows of a frame under near lights.
+    """Some rows of a frame under near lights."""
 
-    Attributes
-    ----------
-    problem, shear
-        Of the whole frame.
-    x, y
-        Coordinates in px of the columns and of these rows.
-    inner
-        b . X used to subtract the excess: one row for each row if the excess is large, a single
-        row to write over if it is not, none if nothing is subtracted.
-    excess_is_large
-        Whether the images need `subtract_rest_of_excess`.
-    """
-
-    problem: Problem
-    shear: Shear
-    x: FloatArray
-    y: FloatArray
-    inner: FloatArray
-    excess_is_large: bool
+    problem: Problem  # of the whole frame
+    shear: Shear  # of the whole frame
+    x: FloatArray  # of the columns, px
+    y: FloatArray  # of these rows, px
+    inner: FloatArray  # b . X of each row if the excess is large; else one row of scratch, or none
+    excess_is_large: bool  # whether the images need `subtract_rest_of_excess`
 
     @classmethod
     def of(cls, problem: Problem, first: int, height: int) -> Self | None:
@@ -67,10 +54,7 @@ class NearRows:
         return cls(problem, problem.shear, x, y[first : first + height], inner, is_large)
 
     def subtract_excess(self, stack: ImageStack) -> None:
-        """Subtract e_k (b . X) from the images of these rows, with b by least squares.
-
-        The images are changed in place.
-        """
+        """Subtract e_k (b . X) from these rows in place, with b by least squares."""
         if len(self.inner) > 0:
             gains, shear = self.problem.gains, self.shear
             weights = np.linalg.pinv(self.problem.directions) * gains
@@ -80,20 +64,14 @@ class NearRows:
             )  # fmt: skip
 
     def subtract_rest_of_excess(self, stack: ImageStack, maps: Maps) -> None:
-        """Subtract e_k times the change of b . X from least squares to the solution.
-
-        The maps are those of the solver, before `correct`. The images are changed in place.
-        """
+        """Subtract in place e_k times the change of b . X to the solver's `maps`."""
         _subtract_rest(
             self.shear.plane, self.shear.excess / self.problem.gains, self.x, self.y,
             self.problem.saturation, maps.p, maps.q, maps.albedo, stack.images, self.inner,
         )  # fmt: skip
 
     def correct(self, maps: Maps) -> None:
-        """Replace b' by b in the maps of these rows.
-
-        Slopes that face away, or of pixels in the plane of the lights, become invalid.
-        """
+        """Replace b' by b in the maps; slopes that face away become invalid."""
         _undo_shear(self.shear.plane, self.x, self.y, maps.p, maps.q, maps.albedo, maps.valid)
 
 
@@ -162,10 +140,7 @@ def _subtract_rest(
     plane: Array, excess: Array, x: Array, y: Array, saturation: np.float32,
     p: Array, q: Array, albedo: Array, images: Array, inner: Array,
 ) -> None:  # fmt: skip
-    """Subtract `excess` times the difference of b . X from `inner`.
-
-    b . X = (b' . X) / (1 - c . X) is that of the maps.
-    """
+    """Subtract `excess` times the difference of b . X = (b' . X) / (1 - c . X) from `inner`."""
     cx, cy, _ = plane
     one = np.float32(1.0)
     lights, rows, columns = images.shape

@@ -32,38 +32,18 @@ FloatArray = npt.NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class Maps:
-    """The maps of a solver, each (H, W); see `SurfaceEstimate` for their meaning.
-
-    Attributes
-    ----------
-    p, q, albedo, valid
-        Written by every solver.
-    dark_counts
-        (H,) int32 number of pixels in each row below `Problem.dark_albedo`; written by every
-        solver.
-    left_out
-        uint8 index of the light left out at each pixel; None for the darkest one everywhere.
-    highlights
-        bool; None where highlights follow from the prediction of the solution.
-    repaired
-        bool.
-    unlit
-        uint8 marks of the pixels that `in_fill` completes, 0 where it need not; None for methods
-        that do not fill in.
-    lighting
-        The lights with the intensities that were used.
-    """
+    """The maps of a solver, each (H, W); see `SurfaceEstimate` for their meaning."""
 
     p: FloatArray
     q: FloatArray
     albedo: FloatArray
     valid: npt.NDArray[np.bool_]
-    dark_counts: npt.NDArray[np.int32]
-    left_out: npt.NDArray[np.uint8] | None
-    highlights: npt.NDArray[np.bool_] | None
+    dark_counts: npt.NDArray[np.int32]  # (H,) pixels of each row below `Problem.dark_albedo`
+    left_out: npt.NDArray[np.uint8] | None  # index of the light; None for the darkest one
+    highlights: npt.NDArray[np.bool_] | None  # None where the prediction of the solution shows them
     repaired: npt.NDArray[np.bool_]
-    unlit: npt.NDArray[np.uint8] | None
-    lighting: Lighting
+    unlit: npt.NDArray[np.uint8] | None  # marks for `in_fill`, 0 for none; None if not filled in
+    lighting: Lighting  # with the intensities that were used
 
     def rows(self, first: int, last: int) -> "Maps":
         """Some rows of all maps, to be written."""
@@ -80,10 +60,7 @@ class Maps:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Images under known lights, checked, to be solved for slopes and albedo.
-
-    The noise is estimated from the images where that of the sensor is not known.
-    """
+    """Images under known lights, checked; `sensor_noise` is estimated if None."""
 
     stack: ImageStack
     lighting: Lighting
@@ -94,7 +71,6 @@ class Problem:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
         return self.stack.shape
 
     @cached_property
@@ -138,9 +114,8 @@ class Problem:
     def dark_level(self) -> np.float32:
         """Mean of the values of a pixel, in units of the albedo, below which it is dark.
 
-        It is a share of the brightness of the frame: the mean of its pixels, weighted by their own
-        values, so that a dark backdrop of any size hardly changes it. Each pixel counts with the
-        median of its lights, which a highlight under one of them does not change.
+        A share of the frame's mean, weighted by the pixels' own values, so that a dark backdrop of
+        any size hardly changes it.
         """
         values = self.stack.values_at(sample_pixels(self.shape, _SAMPLES)) * self.gains[:, None]
         typical = np.maximum(_median(values), 0.0)
@@ -197,7 +172,7 @@ def _median(values: FloatArray) -> FloatArray:
 def slope_noise(weights: npt.NDArray[Any]) -> np.float32:
     """Factor c of the rule b_z^2 >= c sigma rho of valid slopes, where b = weights i.
 
-    From p = -b_x / b_z the standard error of a slope is about sigma |weights| rho / b_z^2, and it
-    may be 0.5 at most.
+    From p = -b_x / b_z the standard error of a slope is about sigma |weights| rho / b_z^2; at most
+    0.5.
     """
     return np.float32(np.linalg.norm(weights, axis=1).max() / _MAX_SLOPE_ERROR)

@@ -19,10 +19,7 @@ _DARK = SHADOW_FRACTION * SHADOW_FLOOR
 
 
 def solve_ps4(problem: Problem) -> Maps:
-    """Leave out the darkest light at every pixel; four lights.
-
-    No highlights are reported: the three brightest lights are taken to be those of the surface.
-    """
+    """Leave out the darkest of four lights at every pixel; reports no highlights."""
     pinv, null = drop_one_constants(problem.lighting, "ps4")
     floor = problem.noise_floor(pinv)
     inverse = np.linalg.inv(problem.lighting.directions[:3]).astype(np.float32)
@@ -52,18 +49,13 @@ def _drop_darkest(
     dark_albedo: np.float32,
     p: Array, q: Array, albedo: Array, valid: Array, dark_counts: Array,
 ) -> None:  # fmt: skip
-    """Leave out the darkest of four values, solve from the other three.
+    """Leave out the darkest of four values (the mean of ties), solve from the other three.
 
-    Four light vectors are linearly dependent: with nul their left null vector, r = nul . i is zero
-    for a Lambertian pixel lit by all four. So the other three predict i_k - r / nul_k for light k.
-    With this prediction in place of i_k all four values agree, and any three of them give b: here
-    the first three, by `inverse`. Where several lights are equally dark the mean of their
-    solutions is taken, because to pick the first would favour one axis over the other.
-
-    A slope is valid where b_z^2 >= `noise_floor` rho (before `albedo_gain`), no light is
-    saturated, and the second darkest light is out of shadow: with two lights in shadow, one of
-    them is part of the solution. Of n equally dark lights one may be in shadow, and the mean moves
-    its value by 1 / n of r / nul_k only: the second darkest value is lowered by the rest of it.
+    With nul the left null vector of the lights, r = nul . i is 0 for a Lambertian pixel lit by all
+    four, so the others predict i_k - r / nul_k for light k; with that in place of i_k any three
+    values give b. A slope is valid where b_z^2 >= `noise_floor` rho, no light is saturated, and the
+    second darkest light is out of shadow; of n equally dark lights the mean corrects each by 1 / n
+    of r / nul_k only, so the second darkest value is lowered by the rest.
     """
     columns = p.shape[1]
     g0, g1, g2, g3 = gains

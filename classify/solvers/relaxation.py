@@ -47,10 +47,8 @@ def neighbour_weights(
 ) -> tuple[np.float32, np.float32]:
     """Weights of a relative step of albedo and of a curl, relative to a step of slope.
 
-    Each is the inverse of its mean square over squares of four solved pixels (`unlit` 0), of which
-    `squares` (n, 2) are the row and column with the lowest indices. So the smoother of albedo and
-    relief on this surface gets the larger weight, noise included. A step of more than 1 is an edge
-    and counts as 1.
+    Each is the inverse mean square over the solved pixels of `squares` (n, 2), lowest row and
+    column.
     """
     slope, relative, curl, count = 0.0, 0.0, 0.0, 0
     for r, c in squares:
@@ -114,10 +112,7 @@ def _step_along_line(
     P: np.float32, Q: np.float32, A: np.float32,
     slope_weight: np.float32, albedo_weight: np.float32,
 ) -> np.float32:  # fmt: skip
-    """Find the Gauss-Newton step of t along a line, from p, q, rho towards P, Q, A.
-
-    `z` is that of b0.
-    """
+    """Find the Gauss-Newton step of t along a line, from p, q, rho towards P, Q, A."""
     inverse = np.float32(1.0) / (z + t * d[2])
     dp, dq = -(d[0] + p * d[2]) * inverse, -(d[1] + q * d[2]) * inverse
     dr = t / rho
@@ -133,10 +128,7 @@ def _downhill(
     rho: np.float32, P: np.float32, Q: np.float32, A: np.float32,
     slope_weight: np.float32, albedo_weight: np.float32,
 ) -> np.float32:  # fmt: skip
-    """Shorten a move of t that leaves the allowed part of a line, or overshoots.
-
-    p and q are not linear along the line.
-    """
+    """Shorten a move of t that leaves the allowed part of a line, or overshoots."""
     relative = albedo_weight / (A * A)
     error = slope_weight * ((p - P) ** 2 + (q - Q) ** 2) + relative * (rho - A) ** 2
     error += slope_weight * _OVERSHOOT
@@ -177,11 +169,8 @@ def relax(
 ) -> None:
     """Smooth the values of the unsolved pixels, all of them at once in each step.
 
-    Each moves towards the minimum that `link` describes; a pixel with two lights comes as near to
-    that as its line does.
-
-    The steps are those of the Chebyshev semi-iteration (Golub and Varga, 1961): as fast as
-    successive over-relaxation, but without an order of the pixels, which would prefer a direction.
+    Chebyshev semi-iteration (Golub and Varga 1961) towards the minimum of `link`: as fast as over-
+    relaxation, but without an order of the pixels, which would prefer a direction.
     """
     # Largest eigenvalue of the iteration: 2 for the steps between neighbours, 4 for the curl.
     largest = (2.0 + 16.0 * float(curl_weight)) / (1.0 + 4.0 * float(curl_weight))
@@ -291,7 +280,6 @@ def _find_moves(
 def _apply_moves(
     first: int, last: int, lines: Array, pairs: Array, along: Array, moves: Array, values: Array
 ) -> None:
-    """Apply the moves."""
     for n in range(first, last):
         if pairs[n] == SKIPPED:
             continue

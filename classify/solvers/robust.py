@@ -47,8 +47,7 @@ _TINY = np.float32(1e-30)
 def solve_ps4_robust(problem: Problem, strip_px: int = STRIP_PX) -> Maps:
     """Least squares of four lights, without the light to blame where they disagree.
 
-    Pixels with fewer than three lights are filled in from their surroundings. Intensities that
-    were not given are estimated first, and the lighting of the result holds them.
+    Intensities that were not given are estimated first, and the lighting of the result holds them.
     """
     pinv, null = drop_one_constants(problem.lighting, "ps4_robust")
     shape = problem.shape
@@ -103,35 +102,14 @@ def _gate(
 ) -> None:  # fmt: skip
     """Solve rows by least squares, without the light to blame where they disagree.
 
-    Parameters
-    ----------
-    noise
-        (3,) a, b and black of the variance a + b (value - black) of a pixel value.
-    frames
-        1, or 2 where an ambient image, which is noisy as well, was subtracted.
-    spread
-        Standard deviation of the redundancy residual where all lights reach, as a share of the
-        brightness.
-    least_bz
-        A slope is valid where bz^2 >= least_bz sigma rho, sigma that of the redundancy residual.
-    corrections
-        (3, 4) pinv / null: change of b if a light is left out, per unit of the residual.
-    unlit
-        Out: 0 where a pixel is solved, `LOST` where noise makes its slope too uncertain, else
-        the bits of the lights in shadow or saturated, which leave fewer than three.
-
-    Notes
-    -----
-    b = L+ i - share sum_k w_k L+[:, k] / nul_k, with weights w_k of sum 1 that say which light is
-    to blame, and a share of the redundancy residual r = nul . i. The share is (1 - T^2 / r^2) r,
-    or 0 for |r| < T (the positive-part estimator of James and Stein, 1961), so that nothing jumps
-    at the gate T. T is the largest of three standard deviations of noise, `TOLERANCE` and `spread`
-    times the brightness: a smaller residual need not come from shadow or gloss.
-
-    Four values cannot tell a light that is too dark from one that is too bright. Each of the four
-    explanations has its surface; flatter ones are likelier. The weights are the inverse fourth
-    powers of their slopes, so that the blame passes smoothly from light to light. A light that is
-    dark or saturated takes all the blame, and T is one standard deviation of noise.
+    b = L+ i - share sum_k w_k L+[:, k] / nul_k. The share (1 - T^2 / r^2) r of the redundancy
+    residual r = nul . i is 0 for |r| < T (positive-part estimator of James and Stein, 1961); the
+    weights w_k are the inverse fourth powers of the slopes without light k, because flatter
+    surfaces are likelier. T is the largest of three standard deviations of noise, `TOLERANCE` and
+    `spread` times the brightness. A dark or saturated light takes all the blame, and T is one
+    standard deviation. `noise` (3,) is a, b and black of the variance a + b (value - black),
+    `corrections` (3, 4) is pinv / null; `unlit` gets 0, `LOST` or the bits of the lights in shadow
+    or saturated.
     """
     columns = p.shape[1]
     g0, g1, g2, g3 = gains

@@ -45,13 +45,11 @@ def _drop_extremes(
     saturation: np.float32, noise_floor: np.float32, inverses: Array, dark_albedo: np.float32,
     p: Array, q: Array, albedo: Array, valid: Array, dark_counts: Array, dropped: Array,
 ) -> None:  # fmt: skip
-    """Solve rows without the lowest and the highest value of each pixel.
+    """Solve rows without the lowest and the highest value of each pixel (the mean of ties).
 
     `inverses` (N, N, 3, 3) holds at [j, k] the inverse of L^T L without lights j and k, NaN where
-    that is singular, and at [k, k] the inverse of all lights.
-
-    Where several lights are equally dark, or equally bright, the mean of their solutions is taken.
-    Where all are equal, all are used. Saturated lights count as the highest, however many they are.
+    singular, and at [k, k] that of all. Saturated lights count as the highest, however many they
+    are.
     """
     rows, columns = p.shape
     floors = np.full(columns, noise_floor)
@@ -137,10 +135,7 @@ def _without_saturated(
     images: Array, dark: np.float32, lights: Array, gains: Array, directions: Array,
     saturation: np.float32, r: int, c: int,
 ) -> tuple[int, np.float32, np.float32, np.float32]:  # fmt: skip
-    """Solve without the lowest and the saturated lights.
-
-    Returns the lowest light and b, which is zero if not determined.
-    """
+    """Solve without the lowest and the saturated lights; return the lowest, and b or 0."""
     count = len(images)
     used = np.ones(count, np.bool_)
     low, lowest = 0, np.float32(np.inf)

@@ -23,18 +23,8 @@ def solve_strips(
 ) -> None:
     """Solve a frame into its maps, judge its dark pixels, and correct for near lights.
 
-    Methods that fill in (`Maps.unlit`) call `correct_for_near_lights` when they are done.
-
-    Parameters
-    ----------
-    solve
-        Called as ``solve(stack, maps, first, last)`` to write these rows of the maps from the same
-        rows of the stack. Both are of the whole frame, or of a strip with images to be prepared.
-    strip_px
-        Pixels of a strip; by default as many values as of four images in `STRIP_PX`, so that they
-        stay in the cache.
-    from_all_lights
-        Whether `solve` is least squares of all lights, which lights out of one plane do not change.
+    `solve(stack, maps, first, last)` writes rows of the maps, of the frame or of strips of
+    `strip_px`; methods that fill in call `correct_for_near_lights` when they are done.
     """
     rows, done = problem.shape[0], list[int]()
     # The threads would each compute them.

@@ -31,41 +31,21 @@ FIRST_WEIGHTS = np.where(_BESIDE, 1.0, 0.7).astype(np.float32)
 class Unsolved:
     """The pixels to be filled in, row by row, with all that their values depend on.
 
-    Arrays of their own take a fraction of the time of the maps: the values of a pixel and its
-    neighbours are beside each other in memory, and those of solved pixels are summed only once.
-
-    Attributes
-    ----------
-    pixels
-        (n,) flat indices, ascending.
-    lines
-        (n, 4) b0 and t of each pixel on its line of scaled normals; t is written.
-    pairs, along
-        (n,) the pair of lights of each pixel, or `NO_LINE` or `SKIPPED`, and (7, 3) the direction
-        d of the line of each pair. Pixels that `relax` must leave alone become `SKIPPED`.
-    near
-        (n, 8) index in this list of each neighbour, or `_SOLVED` or `NOTHING`; written by `link`.
-    solved
-        (n, 7) sums over the solved neighbours: weighted p, q, albedo and 1 for the first values,
-        and their part of the minima of p, q and albedo; written by `link`.
-    values
-        (n, 3) p, q and albedo; written.
-    depth
-        (n,) the layer of each pixel, `NOT_REACHED` before; written.
+    A pixel and its neighbours are side by side in memory, which takes a fraction of the time of
+    maps.
     """
 
-    pixels: Array
-    lines: Array
-    pairs: Array
-    along: Array
-    near: Array
-    solved: Array
-    values: Array
-    depth: Array
+    pixels: Array  # (n,) flat indices, ascending
+    lines: Array  # (n, 4) b0 and t of each pixel on its line of scaled normals; t is written
+    pairs: Array  # (n,) pair of lights, `NO_LINE` or `SKIPPED`, which `relax` leaves alone
+    along: Array  # (7, 3) direction d of the line of each pair
+    near: Array  # (n, 8) index of each neighbour in this list, or `_SOLVED` or `NOTHING`
+    solved: Array  # (n, 7) sums of solved neighbours: weighted p, q, albedo, 1; parts of the minima
+    values: Array  # (n, 3) p, q and albedo; written
+    depth: Array  # (n,) the layer of each pixel, `NOT_REACHED` before; written
 
     @classmethod
     def of(cls, pixels: Array, lines: Array, pairs: Array, along: Array) -> Self:
-        """Pixels without values."""
         count = len(pixels)
         return cls(
             pixels, lines, pairs, along, np.empty((count, 8), np.int32),
@@ -84,12 +64,10 @@ def link(
 ) -> None:  # fmt: skip
     """Find the neighbours of each pixel, and sum up those that are solved (`unlit` 0).
 
-    The sum to be minimised is that of the squared steps of slope and of albedo between neighbours,
-    and of the squared curl around each four pixels by the trapezoid rule. At one pixel, with all
-    others held, the minimum of p is a weighted mean of the mean of p at the four neighbours, with
-    weight 1, and, with weight 4 curl_weight, of
-    (2 (p_n + p_s - p_w - p_e) + p_nw + p_ne + p_sw + p_se + q_nw - q_ne - q_sw + q_se) / 4;
-    likewise for q.
+    Minimised are the squared steps of slope and albedo between neighbours, and the squared curl
+    around each four pixels. At one pixel the minimum of p is a weighted mean of the mean of p at
+    the four neighbours, with weight 1, and, with weight 4 curl_weight, of (2 (p_n + p_s - p_w -
+    p_e) + p_nw + p_ne + p_sw + p_se + q_nw - q_ne - q_sw + q_se) / 4; likewise for q.
     """
     factors = neighbour_factors(curl_weight)
 
@@ -106,8 +84,6 @@ def neighbour_factors(curl_weight: np.float32) -> Array:
     """(8, 4) factors of the neighbours in the minima of p, q and albedo; see `link`.
 
     In order: of p and of q in the minimum of p, of q in that of q, of albedo in that of albedo.
-
-    The factor of p in the minimum of q is that of q in that of p.
     """
     curl = float(curl_weight)
     vertical, horizontal = 0.25 + 2.0 * curl, 0.25 - 2.0 * curl

@@ -27,8 +27,7 @@ def fit_residual(
 ) -> None:  # fmt: skip
     """Rms difference between the lights and the least squares surface, b' = weights i.
 
-    `plane`, `excess` and the coordinates x and y are those of `near_light`. As the weights are of
-    least squares, the excess does not change b'.
+    `plane`, `excess`, x and y are those of `near_light`.
     """
     lights = images.shape[0]
     rows, columns = residual.shape
@@ -68,10 +67,9 @@ def compare_with_prediction(
     p: Array, q: Array, albedo: Array, determined: Array, limits: Array,
     shadow_count: Array, highlights: Array,
 ) -> None:  # fmt: skip
-    """Count shadows and mark highlights by the prediction of p, q and albedo.
+    """Count shadows and mark highlights (from `limits[k]` on) by the predicted values.
 
-    Only where a slope is `determined`. Light k is a highlight from `limits[k]` times the prediction
-    on. The prediction is b . (l - X / R) at the coordinates x and y, see `near_light`.
+    Only where a slope is `determined`; the prediction is b . (l - X / R), see `near_light`.
     """
     rows, columns = p.shape
     one = np.float32(1.0)
@@ -99,11 +97,10 @@ def highlight_limits(
     values: Array, directions: Array, inverse_distances: Array, x: Array, y: Array,
     p: Array, q: Array, albedo: Array,
 ) -> npt.NDArray[np.float32]:  # fmt: skip
-    """(N,) multiples of the prediction from which on a light is a highlight.
+    """(N,) multiples of the prediction of (N, n) `values`, from which a light is a highlight.
 
-    Of (N, n) `values` of n pixels with their coordinates, slopes and albedo. A light that is
-    brighter than assumed, or falls off across the frame, exceeds the prediction by half at many
-    pixels: its typical ratio to the prediction and the spread of that ratio raise its limit.
+    A light that is brighter than assumed, or falls off, exceeds the prediction at many pixels: the
+    typical ratio to the prediction and its spread raise the limit.
     """
     predicted = directions @ np.stack([-p, -q, np.ones_like(p)])
     predicted += inverse_distances[:, None] * (p * x + q * y)

@@ -33,29 +33,17 @@ Floats = npt.NDArray[np.float64]
 
 
 class LeastError(NamedTuple):
-    """Least squared difference over all shifts, of one stack of maps and n references.
+    """Least squared difference over all shifts, of one stack of maps and n references."""
 
-    Attributes
-    ----------
-    errors
-        (n,) float64.
-    shifts_deg
-        (n,) shift from the reference to the test, anticlockwise, [0, 180).
-    sharpness
-        (n,) share of the energy of all harmonics but 0 that agrees at this shift: 0 where all
-        shifts do equally well, 1 where both are equal.
-    """
-
-    errors: npt.NDArray[np.float64]
-    shifts_deg: npt.NDArray[np.float64]
-    sharpness: npt.NDArray[np.float64]
+    errors: npt.NDArray[np.float64]  # (n,)
+    shifts_deg: npt.NDArray[np.float64]  # (n,) from reference to test, anticlockwise, [0, 180)
+    sharpness: npt.NDArray[np.float64]  # (n,) share of directional energy that agrees, 0 to 1
 
 
 def harmonics(polar: npt.NDArray[np.floating[Any]]) -> Complex:
     """(..., 16) complex64 series of (..., A) real maps over 180 degrees.
 
-    The sum of |c|^2 over the series is the sum of squares over the angles, except for the energy
-    of finer harmonics (Parseval).
+    The sum of |c|^2 is the sum of squares over the angles, without finer harmonics (Parseval).
     """
     series = scipy.fft.rfft(polar, norm="ortho")[..., :HARMONICS]
     # A real map has negative harmonics of the same modulus.
@@ -64,10 +52,7 @@ def harmonics(polar: npt.NDArray[np.floating[Any]]) -> Complex:
 
 
 def least_error(test: Complex, references: Complex) -> LeastError:
-    """Compare a stack of maps, (K, 16) series, with n stacks, (n, K, 16) series.
-
-    All maps of a stack are shifted by the same angle.
-    """
+    """Compare a stack of maps, (K, 16) series, with (n, K, 16), all shifted by one angle."""
     correlations, zeroth, energies = _correlations(test, references)
     total = energies.sum(axis=1)
     errors = total[:, None] - 2.0 * correlations
@@ -79,11 +64,7 @@ def least_error(test: Complex, references: Complex) -> LeastError:
 
 
 def agreement_by_shift(test: Complex, references: Complex) -> npt.NDArray[np.float64]:
-    """(n, 180) share of the directional energy that agrees, at shifts of 0 to 179 deg.
-
-    The directional energy is that of all harmonics but 0. The highest of a row is the sharpness of
-    `least_error`; see there for the parameters.
-    """
+    """(n, 180) share of the energy of harmonics but 0 that agrees, at shifts of 0 to 179 deg."""
     correlations, zeroth, energies = _correlations(test, references)
     return _agreed(correlations.T, zeroth, energies).T
 
@@ -109,10 +90,10 @@ def _correlations(test: Complex, references: Complex) -> tuple[Floats, Floats, F
 
 
 def shift_invariant_norms(series: Complex) -> FloatMap:
-    """(..., K, 16) series to (..., 2 K) float32 that no shift changes.
+    """(..., K, 16) series to (..., 2 K) harmonics 0, and norms of all others.
 
-    They are harmonic 0 of each map, which is real, and the norm of all others. The squared distance
-    of two of these vectors is at most the least error of their maps (triangle inequality).
+    The distance of two of these vectors is at most the least error of their maps (triangle
+    inequality).
     """
     others = np.sqrt(_squares(series[..., 1:]).sum(axis=-1))
     return np.concatenate([series[..., 0].real, others], axis=-1, dtype=np.float32)
@@ -126,10 +107,7 @@ def _squares(series: Complex) -> npt.NDArray[np.float32]:
 def _products(
     test: Array, references: Array, cross: Array, energies: Array, first: int, stop: int
 ) -> None:
-    """Sum test times conjugate reference, and the reference's squares, over the maps.
-
-    `cross` and `energies` are (n, 16).
-    """
+    """Sum test times conjugate reference, and reference squared, into (n, 16) arrays."""
     _, maps, length = references.shape
     for n in range(first, stop):
         sums = np.zeros((3, length), np.float64)

@@ -88,21 +88,10 @@ def least_over_blurs(
     rings: int,
     penalty: np.float32,
 ) -> tuple[Floats, Floats]:
-    """Least squared distance of a test to n references over blurs, with a penalty.
+    """(n,) least squared distances over blurs, with a penalty, and (n,) variances in px^2.
 
-    Parameters
-    ----------
-    test, references
-        (d,) and (n, d) float32 features, the `rings` means of rings first.
-    test_curve, curves
-        (3, d) and (n, 3, d) changes of the features at the knots. Of a test only rings count.
-    penalty
-        Of `blur_penalty`.
-
-    Returns
-    -------
-    (n,) squared distances, and (n,) variances of the test minus those of the reference, px^2, from
-    minus the square of `MAX_SHARPER_PX` to the square of `MAX_BLURRIER_PX`.
+    Features are (d,) and (n, d), the `rings` means first, their changes at the knots (3, d) and (n,
+    3, d); a variance is that of the test minus that of the reference.
     """
     least = np.empty((len(references), 2), np.float64)
     rows = partial(_least_rows, test, test_curve, references, curves, rings, penalty, least)
@@ -126,8 +115,7 @@ def path_products(
 ) -> tuple[Any, Any]:
     """Squared differences at six points of the path, and products of neighbours.
 
-    A blurrier test is compared with the blurred reference. For a sharper test its rings are
-    blurred, and the statistics of the reference are extrapolated.
+    A sharper test has its rings blurred; the statistics of the reference are extrapolated.
     """
     zero = np.float32(0.0)
     s0, s1, s2, s3, s4, s5 = zero, zero, zero, zero, zero, zero

@@ -21,10 +21,7 @@ _ROWS = 16
 
 @dataclass(frozen=True, eq=False)
 class TextureFields:
-    """Slopes of at most 2 and albedo in units of its mean, (H, W) float32 each.
-
-    Pixels that are not valid have the mean slope and the mean albedo.
-    """
+    """Slopes of at most 2 and albedo in units of its mean, (H, W) each; means if not valid."""
 
     p: FloatMap
     q: FloatMap
@@ -32,19 +29,12 @@ class TextureFields:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
         rows, columns = self.p.shape
         return rows, columns
 
 
 def texture_fields(surface: SurfaceEstimate) -> TextureFields:
-    """Compute the fields of a surface.
-
-    Raises
-    ------
-    InputError
-        If no pixel is valid, or valid pixels contain NaN or have a mean albedo of 0.
-    """
+    """Compute the fields of a surface; InputError if no pixel is valid."""
     # One allocation instead of three: the allocator reuses a large block, while it returns small
     # ones to the system and their pages have to be cleared again.
     p, q, albedo = np.empty((3, *surface.shape), np.float32)

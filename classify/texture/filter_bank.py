@@ -38,9 +38,8 @@ _MAX_BLOCK_PX = 512
 def mr8_filters() -> FloatMap:
     """The filters, (38, 49, 49) float32, of mean 0 and L1 norm 1.
 
-    Their order: edges at sigma 1, 2 and 4, each differentiated along 6 directions from 0 to 150
-    degrees anticlockwise; bars likewise; Gaussian and Laplacian of Gaussian at sigma 10. Edges and
-    bars are the first and second derivative of a Gaussian three times as long as wide.
+    Edges at sigma 1, 2 and 4, each along 6 directions from 0 to 150 degrees anticlockwise; bars
+    likewise; Gaussian and Laplacian of Gaussian at sigma 10.
     """
     offsets = np.arange(FILTER_PX) - _MARGIN
     x, y = offsets[None, :], -offsets[:, None]
@@ -65,15 +64,8 @@ def mr8_filters() -> FloatMap:
 def mr8_responses(image: npt.NDArray[np.generic]) -> FloatMap:
     """(8, H - 48, W - 48) float32 MR8 responses to an (H, W) image under one light.
 
-    They are edges at sigma 1, 2, 4, bars at sigma 1, 2, 4, Gaussian and Laplacian of Gaussian; the
-    last two have a sign. The image is scaled to mean 0 and standard deviation 1. Edges and bars
-    give the largest magnitude over their orientations; each pixel's vector R becomes
-    R log(1 + |R| / 0.03) / |R| (Weber's law). Only pixels with a whole filter around them are kept.
-
-    Raises
-    ------
-    InputError
-        For an image that is not 2D, shorter than `MIN_IMAGE_PX`, constant or not finite.
+    Edges and bars give the largest magnitude over their orientations; each pixel's vector R becomes
+    R log(1 + |R| / 0.03) / |R| (Weber's law).
     """
     normal = _normalised(image)
     rows, columns = (side - 2 * _MARGIN for side in normal.shape)
@@ -123,8 +115,7 @@ def _blocks(length: int) -> Iterator[slice]:
 def _block_responses(block: FloatMap) -> FloatMap:
     """The 8 responses before Weber's law, (8, H - 48, W - 48).
 
-    A circular convolution is correct where no filter crosses the edge; only those pixels are kept,
-    so that no padding is needed.
+    A circular convolution is correct where no filter crosses the edge; only those pixels are kept.
     """
     rows, columns = block.shape
     shape = scipy.fft.next_fast_len(rows), scipy.fft.next_fast_len(columns, real=True)
@@ -148,11 +139,9 @@ def _block_responses(block: FloatMap) -> FloatMap:
 
 @lru_cache(maxsize=4)
 def _transfer_functions(rows: int, columns: int) -> tuple[FloatMap, FloatMap, FloatMap]:
-    """Transfer functions of edges, of bars, and of the two isotropic filters.
+    """Transfer functions of edges, of bars (3, 6, ...), and of the isotropic filters (2, ...).
 
-    They are (3, 6, rows, columns // 2 + 1) for edges and bars, (2, ...) for the others. Edges are
-    odd, so that their transforms are imaginary: their factor i is left out. The others are even and
-    have real transforms.
+    Edges are odd, so that their transforms are imaginary: their factor i is left out.
     """
     padded = np.zeros((len(mr8_filters()), rows, columns), np.float32)
     padded[:, :FILTER_PX, :FILTER_PX] = mr8_filters()

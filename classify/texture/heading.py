@@ -63,14 +63,11 @@ def add_row(
 
 
 def heading_moments(sums: Floats, counts: Floats, variances: Floats) -> Complex:
-    """(..., 6) complex moments without unit, from sums over pixels.
+    """(..., 6) complex moments without unit, from (..., 13) sums of `add_row`.
 
     With g = p + i q minus its mean, z and a the responses of relief and albedo, these are the means
     of |g|^2 g, z^2 g, a g, a^2 g, a z g and g^3 divided by the rms of each factor. A rotation by t
     multiplies the first five by exp(i t), the last by exp(3 i t).
-
-    `sums` are (..., 13) from `add_row` over `counts` (...) pixels, and `variances` (..., 2) are of
-    the responses of relief and of albedo.
     """
     means = sums / counts[..., None]
     tiny = 1e-12
@@ -82,10 +79,7 @@ def heading_moments(sums: Floats, counts: Floats, variances: Floats) -> Complex:
 
 
 def heading_variances(moments: Complex) -> Floats:
-    """(levels, 6) variance of the moments of a frame, from its quarters.
-
-    `moments` is (5, levels, 6), the frame first.
-    """
+    """(levels, 6) variance of a frame's moments, from (5, levels, 6) of it and its quarters."""
     quarters = moments[1:]
     deviations = np.abs(quarters - quarters.mean(axis=0))
     variances: Floats = np.square(deviations).sum(axis=0) / (len(quarters) - 1) / len(quarters)
@@ -95,8 +89,8 @@ def heading_variances(moments: Complex) -> Floats:
 def heading_numbers(moments: Complex, typical: Floats) -> FloatMap:
     """(72,) float32: (5, levels, 6) moments, and the weights they have in a reference.
 
-    `typical` is the (levels, 6) mean of the `heading_variances` of all training sets. Four quarters
-    give those of one set only roughly, so the mean of both is used.
+    Four quarters give variances only roughly: they are averaged with the mean of all sets,
+    `typical`.
     """
     found = np.zeros((_MAX_LEVELS, MOMENTS), np.complex128)
     weights = np.zeros((_MAX_LEVELS, MOMENTS))
@@ -112,9 +106,7 @@ def heading_numbers(moments: Complex, typical: Floats) -> FloatMap:
 def heading_scores(test: FloatMap, references: FloatMap, orientations_deg: Floats) -> Floats:
     """(n,) scores of orientations against the opposite ones, in standard deviations.
 
-    A score is negative where the orientation is 180 degrees more, and 0 where the reference has no
-    heading. `test` is (72,) and `references` (n, 72) from `heading_numbers`; `orientations_deg`
-    (n,) are those of the test relative to each reference, modulo 180.
+    Negative where the orientation is 180 degrees more, 0 where the reference has no heading.
     """
     size = MOMENTS * _MAX_LEVELS
     own = test[:size] + 1j * test[size : 2 * size]

@@ -16,10 +16,8 @@ def squared_errors_by_shift(
 ) -> Floats:
     """(n, A) sums over theta of (test(theta + phi) - reference(theta))^2 by phi.
 
-    `test` is (..., A), sampled at A angles over 180 degrees, and `references` is (n, ..., A). The
-    errors are (n, A) float64, summed over all axes between; entry j is the error if the test is the
-    reference shifted anticlockwise by j steps of the grid. They come from one circular
-    cross-correlation along the last axis by FFT (thesis section 6.4.6).
+    By circular cross-correlation along the last axis by FFT (thesis section 6.4.6); entry j is for
+    a reference shifted anticlockwise by j steps of the grid.
     """
     between = tuple(range(1, references.ndim - 1))
     cross = scipy.fft.rfft(test.astype(np.float64)) * np.conj(
@@ -40,10 +38,9 @@ def best_shift(errors: Floats) -> Floats:
 
 
 def refined_minima(errors: Floats, flat_below: Floats) -> tuple[Floats, Floats]:
-    """(n,) positions and values of the minima of (n, A) errors, by a parabola.
+    """(n,) positions and values of the minima of (n, A) periodic errors, by a parabola.
 
-    The errors are periodic. Where the curvature is at most `flat_below`, rounding decides: the
-    lowest error is returned.
+    Where the curvature is at most `flat_below`, rounding decides: the lowest error is returned.
     """
     count = errors.shape[-1]
     lowest = np.argmin(errors, axis=-1)
@@ -56,11 +53,7 @@ def refined_minima(errors: Floats, flat_below: Floats) -> tuple[Floats, Floats]:
 
 
 def roll_angles(polar: npt.NDArray[np.floating], shifts: Floats) -> Floats:
-    """(n, ..., A) `polar` (..., A) shifted back by (n,) `shifts` in grid steps.
-
-    A shift along the angle axis is a phase ramp in the Fourier transform, so a fraction of a step
-    needs no interpolation.
-    """
+    """(n, ..., A) `polar` (..., A) shifted back by (n,) `shifts`, by a Fourier phase ramp."""
     transform = scipy.fft.rfft(polar.astype(np.float64))
     order = np.arange(transform.shape[-1])
     count = polar.shape[-1]

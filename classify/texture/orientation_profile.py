@@ -10,25 +10,12 @@ from .orientation import refined_minima
 
 @dataclass(frozen=True, eq=False)
 class OrientationProfile:
-    """Agreement of a surface with a reference, by orientation.
+    """Agreement of a surface with a reference, by orientation."""
 
-    It has one peak for most directional textures, two equal ones for a weave that looks the same
-    after a quarter turn, and many low ones for a texture without direction.
-
-    Attributes
-    ----------
-    agreement
-        (180,) float64 for orientations of 0 to 179 degrees, anticlockwise: 1 where both are equal,
-        0 as for unrelated surfaces.
-    """
-
-    agreement: npt.NDArray[np.float64]
+    agreement: npt.NDArray[np.float64]  # (180,) at 0 to 179 degrees; 1 equal, 0 unrelated
 
     def best(self, near_deg: float = 0.0, within_deg: float = 90.0) -> tuple[float, float]:
-        """Return the best orientation in degrees, [0, 180), and its agreement.
-
-        Only orientations within `within_deg` of `near_deg` count.
-        """
+        """Return the best orientation near `near_deg`, in [0, 180), and its agreement."""
         distance_deg = np.abs((np.arange(180) - near_deg + 90.0) % 180.0 - 90.0)
         allowed = np.where(distance_deg <= within_deg, self.agreement, -np.inf)
         index = int(np.argmax(allowed))

@@ -21,11 +21,10 @@ _LEAST_SHADOW = 0.01
 
 
 def under_rotated_lights(surface: SurfaceEstimate) -> Iterator[SurfaceEstimate]:
-    """Yield estimates of the same pixels as if the part were rotated.
+    """Yield estimates of the same pixels as if the part were rotated, three times.
 
-    The orientations are three steps of a quarter of the angle between lights; after four steps the
-    ring of lights is the same again. Slopes stay relative to the image. Yields nothing for an
-    estimate without lighting or by PS3, or where less than 1 % of the surface is in shadow.
+    Each step is a quarter of the angle between lights; yields nothing without lighting, by PS3, or
+    where less than 1 % of the surface is in shadow.
     """
     lighting = surface.lighting
     # PS3 chooses lights by their tilt: rotated, it would choose others.

@@ -22,13 +22,7 @@ _FEW_PX = 1 << 17
 
 
 def require_segment(shape: tuple[int, ...], side: int) -> None:
-    """Check that a frame of `shape` holds a segment.
-
-    Raises
-    ------
-    InputError
-        If it is smaller than a segment of `side` pixels.
-    """
+    """Check that a frame of `shape` holds a segment of `side` pixels."""
     if min(shape) < side:
         raise InputError(
             f"a frame of {shape[1]} x {shape[0]} px is smaller than the "
@@ -37,22 +31,11 @@ def require_segment(shape: tuple[int, ...], side: int) -> None:
 
 
 def segment_powers(fields: TextureFields, side: int) -> FloatMap:
-    """Mean powers of overlapping segments, for each wave vector of half a plane.
+    """Mean powers (side, 6, side // 2 + 1) of overlapping segments, by wave vector.
 
-    The thesis does not specify window, segments and mean. Here segments overlap by half or a little
-    more to cover the frame. The mean of each is subtracted and a circular Hann window applied,
-    because a square window does not rotate with the surface.
-
-    Returns
-    -------
-    powers
-        (side, 6, side // 2 + 1) float32 |P|^2 + |Q|^2, |P|^2 - |Q|^2, 2 Re P Q*, |A|^2, Im P A* and
-        Im Q A*, by row and column of the discrete Fourier transform.
-
-    Raises
-    ------
-    InputError
-        If the frame is smaller than a segment of `side` pixels.
+    They are |P|^2 + |Q|^2, |P|^2 - |Q|^2, 2 Re P Q*, |A|^2, Im P A* and Im Q A*. The thesis does
+    not specify the window: here a circular Hann window, which unlike a square one rotates with the
+    surface.
     """
     require_segment(fields.shape, side)
     rows, columns = (_starts(length, side) for length in fields.shape)
@@ -76,8 +59,7 @@ def segment_powers(fields: TextureFields, side: int) -> FloatMap:
 def _starts(length: int, side: int) -> list[int]:
     """First pixels of segments that cover `length` evenly and overlap by half or more.
 
-    They are symmetric about the middle. If `length` - `side` is odd, no segment lies in the middle,
-    and an odd count is raised by one.
+    If `length` - `side` is odd, no segment lies in the middle, and an odd count is raised by one.
     """
     rest = length - side
     count = -(-2 * length // side) - 1
@@ -96,9 +78,8 @@ def _circular_hann(side: int) -> FloatMap:
 def _summed_powers(planes: tuple[Array, ...], window: FloatMap, pairs: Sequence[Array]) -> FloatMap:
     """Sum the powers of pairs of segments, using the same memory for every pair.
 
-    Two real fields make one complex field, whose transform costs little more than that of one: p
-    and q of a segment, and the albedos of two segments. Fields of different magnitude are not
-    paired, because the larger one would leave its rounding error in the smaller one.
+    Two real fields make one complex field; fields of different magnitude are not paired, because
+    the larger one would leave its rounding error in the smaller one.
     """
     side, weight = len(window), window.sum()
     sums = np.zeros((side, _POWERS, side // 2 + 1), np.float32)
@@ -163,8 +144,8 @@ def _line(plane: Array, corner: Array, r: int, side: int) -> Array:
 def _add_powers(slopes: Array, albedo: Array, sums: Array) -> None:
     """Add the powers of one segment or two to the sums.
 
-    If C is the transform of x + i y, that of x is X(k) = (C(k) + C*(-k)) / 2 and that of y is
-    Y(k) = (C(k) - C*(-k)) / 2i; and C(k) C(-k) = |X|^2 - |Y|^2 + 2i Re X Y*.
+    If C is the transform of x + i y, that of x is X(k) = (C(k) + C*(-k)) / 2 and that of y is Y(k)
+    = (C(k) - C*(-k)) / 2i; and C(k) C(-k) = |X|^2 - |Y|^2 + 2i Re X Y*.
     """
     side = len(albedo)
     columns = side // 2 + 1

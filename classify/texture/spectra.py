@@ -81,11 +81,7 @@ class Spectra:
 
 
 def segment_for(shape: tuple[int, int]) -> int:
-    """Side of the segments for a frame, a power of two.
-
-    The largest that fits twice into the shorter side, at most 256 px. InputError for a frame
-    smaller than two segments of 32 px.
-    """
+    """Largest power of two, up to 256 px, that fits twice into the shorter side of a frame."""
     shorter = min(shape)
     if shorter < 2 * MIN_SEGMENT_PX:
         raise InputError(
@@ -134,9 +130,8 @@ def field_spectra(fields: TextureFields, segment_px: int) -> Spectra:
 def image_spectrum(image: Array, segment_px: int) -> FloatMap:
     """(R, 90) float32 power spectrum of one image, on the polar grid of `Spectra`.
 
-    The image is divided by its mean. The spectrum contains the factor cos^2(theta - tilt) of its
-    light, so that it does not rotate with the surface (thesis chapter 6; chapters 7 to 9 use
-    gradients instead). InputError if the image is smaller than a segment, or black.
+    It contains the factor cos^2(theta - tilt) of its light, so that it does not rotate with the
+    surface (thesis chapter 6; chapters 7 to 9 use gradients instead).
     """
     mean = float(image.mean())
     if mean <= 0.0:
@@ -148,10 +143,7 @@ def image_spectrum(image: Array, segment_px: int) -> FloatMap:
 
 @lru_cache(maxsize=8)
 def _wave_directions(side: int) -> FloatMap:
-    """(4, side, side // 2 + 1) cos and sin of one and two angles of each wave vector.
-
-    y points up. Zero frequency has no direction and gets 0.
-    """
+    """(4, side, side // 2 + 1) cos and sin of one and two angles of each wave vector, y up."""
     u = scipy.fft.rfftfreq(side)[None, :]
     v = -scipy.fft.fftfreq(side)[:, None]
     radius = np.hypot(u, v)
@@ -182,10 +174,9 @@ def _polar_map(side: int) -> tuple[FloatMap, FloatMap]:
 
 @kernel
 def _amplitudes(powers: Array, directions: Array) -> Array:
-    """(side, side // 2 + 1, 4) roots of M, A, relief and co-spectrum.
+    """(side, side // 2 + 1, 4) roots of M, A, relief and signed co-spectrum.
 
-    Zero frequency is in row side // 2. Amplitudes are interpolated instead of powers, because they
-    vary less between bins. The root of the co-spectrum keeps its sign.
+    Amplitudes are interpolated instead of powers, because they vary less between bins.
     """
     side, _, columns = powers.shape
     amplitudes = np.empty((side, columns, 4), np.float32)

@@ -43,30 +43,18 @@ Moments = npt.NDArray[np.float64]
 class LocalStatistics:
     """Moments of relief and albedo responses on each level of a pyramid of octaves.
 
-    Row 0 is the whole frame, rows 1 to 4 are its quarters. The relief response is
-    -(dp/dx + dq/dy), positive on raised places; the albedo response is minus the Laplacian,
-    positive on bright places.
-
-    Attributes
-    ----------
-    moments
-        (5, levels, 8) float64: variance of relief and of albedo, third central moments of both,
-        fourth cumulants of both, covariance of relief and albedo, variance of the curl
-        dq/dx - dp/dy, an estimate of the error in the variance of relief.
-    energies
-        (5, 2 levels, 2 levels) float64 covariances of the logarithms of local energy, relief and
-        albedo alternating, finest level first.
-    headings
-        (5, levels - 1, 6) complex128 `heading_moments` of all levels except the finest.
+    Row 0 is the frame, 1 to 4 its quarters; relief is -(dp/dx + dq/dy), albedo minus the Laplacian.
+    The 8 moments are variances, third central moments and fourth cumulants of relief and albedo,
+    their covariance, and the variance of the curl dq/dx - dp/dy, an estimate of the error of
+    relief.
     """
 
-    moments: Moments
-    energies: Moments
-    headings: npt.NDArray[np.complex128]
+    moments: Moments  # (5, levels, 8)
+    energies: Moments  # (5, 2 levels, 2 levels) covariances of log local energy
+    headings: npt.NDArray[np.complex128]  # (5, levels - 1, 6), not of the finest
 
     @property
     def levels(self) -> int:
-        """Octaves."""
         return len(self.moments[0])
 
 
@@ -76,10 +64,7 @@ def levels_for(segment_px: int) -> int:
 
 
 def local_statistics(fields: TextureFields, levels: int) -> LocalStatistics:
-    """Measure a frame and its quarters in one pass per level, from the pixel upwards.
-
-    The sides of the frame are at least ``16 * 2**levels``.
-    """
+    """Measure a frame of at least `16 * 2**levels` px, and its quarters, level by level."""
     planes = [
         cv2.GaussianBlur(plane, _BLUR_SIZE, _BLUR_PX, borderType=cv2.BORDER_REFLECT_101)
         for plane in (fields.p, fields.q, fields.albedo)
@@ -123,16 +108,8 @@ def statistics_vector(
 ) -> npt.NDArray[np.float64]:
     """(5, d) float64 statistics of order one, so that differences can be compared.
 
-    Parameters
-    ----------
-    measured
-        Statistics of a frame and its quarters.
-    relief_floors, albedo_floors
-        (levels,) variances that are added to the measured ones: textures fainter than their error
-        then differ little, instead of by the logarithm of noise.
-    albedo_leaks
-        (levels,) share of the variance of relief that counts as variance of albedo: LED levels
-        that are slightly wrong leak about as much.
+    The (levels,) floors are variances that are added to the measured ones; `albedo_leaks` is the
+    share of the variance of relief that counts as variance of albedo.
     """
     relief, albedo, relief_3, albedo_3, relief_4, albedo_4, both, _ = np.moveaxis(
         measured.moments, 2, 0
@@ -166,10 +143,7 @@ def _respond(
     p: Array, q: Array, albedo: Array, p_mean: np.float32, q_mean: np.float32,
     energy: Array, sums: Array, odd: Array, first: int, stop: int,
 ) -> None:  # fmt: skip
-    """Responses of rows of one level: squares, and sums of powers per row and half.
-
-    Powers are summed in single precision along a row, in double over the rows.
-    """
+    """Responses of rows of one level: squares, and sums of powers per row and half."""
     rows, columns = p.shape
     middle = columns // 2
     zero = np.float32(0.0)
@@ -226,8 +200,8 @@ def _copy_rows(plane: Array, r: int, target: Array) -> None:
 def _respond_row(p: Array, q: Array, albedo: Array, responses: Array) -> None:
     """Relief, albedo and curl responses of the middle of three rows.
 
-    The derivatives are those of Scharr (2000), the Laplacian the one of nine points: of all 3 x 3
-    stencils these depend least on the direction.
+    Derivatives of Scharr (2000), Laplacian of nine points: 3 x 3 stencils that are nearly
+    isotropic.
     """
     near, far = np.float32(10.0 / 32.0), np.float32(3.0 / 32.0)
     for left in range(p.shape[1] - 2):

@@ -28,17 +28,7 @@ _CHUNK = 1024
 
 
 def learn_textons(responses: Sequence[FloatMap]) -> FloatMap:
-    """(10, 8) float32 cluster centres of the responses of one class, by k-means++.
-
-    `responses` holds one (8, H, W) of `mr8_responses` for each image of the class; sizes may
-    differ. An equal share of each is used, 20,000 pixels in total. The seed is fixed: the same
-    responses give the same textons.
-
-    Raises
-    ------
-    InputError
-        With fewer different pixels than textons.
-    """
+    """(10, 8) cluster centres by k-means++ of the (8, H, W) responses of one class, fixed seed."""
     count = TEXTONS_PER_CLASS
     rng = np.random.default_rng(_SEED)
     share = -(-_SAMPLES // len(responses))
@@ -59,10 +49,7 @@ def learn_textons(responses: Sequence[FloatMap]) -> FloatMap:
 
 
 def texton_histogram(responses: FloatMap, textons: FloatMap) -> FloatMap:
-    """(T,) float32 shares of the pixels nearest to each texton.
-
-    `responses` is (8, H, W) of `mr8_responses`, `textons` is (T, 8), of all classes.
-    """
+    """(T,) float32 shares of the pixels of (8, H, W) responses nearest to each texton."""
     pixels = _pixels(responses)
     # |x - t|^2 = |x|^2 - 2 (x . t - |t|^2 / 2), and |x|^2 is the same for all textons.
     directions = np.ascontiguousarray(textons.T, dtype=np.float32)
@@ -78,10 +65,7 @@ def texton_histogram(responses: FloatMap, textons: FloatMap) -> FloatMap:
 
 
 def chi_squared(histogram: FloatMap, references: FloatMap) -> FloatMap:
-    """(n,) float32 distances of a (T,) histogram from (n, T) references.
-
-    1/2 sum (a - b)^2 / (a + b). They lie between 0 and 1. Bins that are empty in both count 0.
-    """
+    """(n,) distances 1/2 sum (a - b)^2 / (a + b) of (T,) and (n, T) histograms, 0 to 1."""
     total = references + histogram
     squares = np.square(references - histogram)
     distances = np.divide(squares, total, out=np.zeros_like(total), where=total > 0)
