@@ -148,7 +148,7 @@ class Publisher:
     def wait_for_room(self, is_over: Callable[[], bool]) -> None:
         """Wait while subscribers are `MOST_EVENTS` behind, unless `is_over`.
 
-        Called by a subscriber it does not wait.
+        A call by a subscriber returns at once.
         """
         while self._events.qsize() >= MOST_EVENTS and not is_over():
             if threading.current_thread() is self._thread:

@@ -67,7 +67,7 @@ class SelfTest:
 
 
 def disk_fault(folder: Path, floor_mb: int, sets_bytes: int = 0) -> str | None:
-    """Return why no set may be written to `folder`; None if `sets_bytes` and the floor are free."""
+    """Return why no set may be written to `folder`; `sets_bytes` is space that sets will take."""
     try:
         free_bytes = shutil.disk_usage(folder).free
     except OSError as error:

@@ -21,9 +21,7 @@ def made_part_id(number: int) -> str:
 
 
 def require_given_part_id(part_id: str) -> str:
-    """Return an id that came with a trigger, if it can name a file and no part of the station's
-    own.
-    """
+    """Return the id of a trigger; it must name a file, and not look like an id of the station."""
     if not _GIVEN.fullmatch(part_id):
         raise InputError(
             f"part id {part_id[:100]!r}: give 1 to 100 letters, digits, dots, dashes or "

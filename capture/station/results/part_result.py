@@ -51,7 +51,7 @@ class PartResult:
     calibration_sha256: str | None = None
     set_file: str | None = None  # relative to the station's folder
     set_sha256: str | None = None  # of the pixels
-    label: str | None = None  # to `blur_px` as in `classify.Match`
+    label: str | None = None  # this to `blur_px`: as in `classify.Match`
     nearest: str | None = None
     orientation_deg: float | None = None
     distance: float | None = None
@@ -61,7 +61,7 @@ class PartResult:
     sdq: float | None = None  # ISO 25178-2
     shadow_fraction: float | None = None  # share of the region
     defect_score: float | None = None  # largest score of the defect map; 1 is the threshold
-    albedo: float | None = None  # to `seam` as in `Limits` of a recipe
+    albedo: float | None = None  # this to `seam`: as in `Limits` of a recipe
     scale: float | None = None
     handedness: float | None = None
     octaves: float | None = None

@@ -63,8 +63,8 @@ class BegunPart:
 class ResultStore:
     """The results of one station, for any thread; `open_store` makes it.
 
-    Each method writes in one transaction, on disk at the return; after `ResultsUnavailable` `add`
-    may be repeated.
+    Each method writes in one transaction, which is on disk when it returns. `add` may be repeated
+    after `ResultsUnavailable`.
     """
 
     def __init__(self, url: URL, station: str, writer: Writer, reader: Engine) -> None:
