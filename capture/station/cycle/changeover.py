@@ -29,7 +29,7 @@ class UsableRecipe:
 
     judge: PartJudge
     recipe: Recipe
-    # called with the images of each part before their checks
+    # Called with the images of each part before their checks.
     begin: Callable[[CapturedSet], None] = lambda _: None
     calibration: FoundCalibration | None = None
     by: str = ""  # who asked for it; empty for the recipe of the start

@@ -29,12 +29,12 @@ class Equipment:
     camera: PartCamera
     judge: PartJudge  # until another recipe is loaded
     store: ResultStore
-    # makes all checks except those of the rig, while no part is in progress
+    # Makes all checks except those of the rig, while no part is in progress.
     prepare: Callable[[], list[Check]]
     clock: StationClock
     publisher: Publisher
     sensor: PartSensor | None = None
-    # called by each worker several times a second, unless the worker hangs
+    # Called by each worker several times a second, unless the worker hangs.
     report_alive: ReportAlive = lambda _: None
     recipes: Recipes | None = None  # None if no parts are judged
 

@@ -52,7 +52,7 @@ class ExposedPart:
     error: BaseException | None
     exposed_s: float  # end of the last exposure, on the monotonic clock
     exposed_utc: str | None  # None if there is no set
-    # ``capture``: trigger to end of exposure; ``checks``: from there on
+    # ``capture``: trigger to end of exposure; ``checks``: from there on.
     timings_ms: dict[str, float]
     notes: tuple[str, ...] = ()
 

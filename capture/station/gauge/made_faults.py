@@ -38,7 +38,7 @@ class MadeFault:
     name: str
     unit: Unit  # of a strength: size of the fault, or factor of the whole part
     strengths: tuple[float, float, float]
-    # from images, tilts of lights in deg, strength, place; None where the lights forbid it
+    # From images, tilts of lights in deg, strength, place; None where the lights forbid it.
     make: Callable[[Images, npt.NDArray[np.float64], float, Place], Images | None]
     needs_handedness: bool = False  # cannot be seen on a texture that looks like its mirror image
 

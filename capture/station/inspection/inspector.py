@@ -61,9 +61,9 @@ class Inspection:
     verdict: Verdict
     measures: Measures = field(default_factory=Measures)
     defect_map: DefectMap | None = None  # None for a part whose nearest texture does not pass
-    # of the map, largest score first, then boxes of windows, in px of the whole image
+    # Of the map, largest score first, then boxes of windows, in px of the whole image.
     defects: tuple[DefectRecord, ...] = ()
-    # mean signal of each light against the taught one; empty if not measured
+    # Mean signal of each light against the taught one; empty if not measured.
     led_levels: tuple[float, ...] = ()
     timings_ms: dict[str, float] = field(default_factory=dict)
 

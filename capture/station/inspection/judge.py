@@ -37,7 +37,7 @@ class Measures:
     match: Match | None = None
     unmeasured_fraction: float | None = None  # share of the pixels without a slope
     saturated_fraction: float | None = None  # share of the pixels that a light saturates
-    # against the brightest LED, as a share of the taught ratio
+    # Against the brightest LED, as a share of the taught ratio.
     led_levels: tuple[tuple[str, float], ...] = ()
     sdq: float | None = None  # this to `seam`: as in `Limits`
     shadow_fraction: float | None = None

@@ -15,7 +15,7 @@ from .routes import Call
 class FilterForm:
     """Values and choices of the form."""
 
-    # filters of the query; on a simulated rig simulated parts unless the query says otherwise
+    # Filters of the query; on a simulated rig simulated parts unless the query says otherwise.
     values: Mapping[str, str]
     choices: Choices
 

@@ -36,7 +36,7 @@ class Panel:
     pictures: PictureMaker
     jobs: BackgroundJobs = field(default_factory=BackgroundJobs)
     logins: LoginLimit = field(default_factory=LoginLimit)
-    # held by an override or acknowledgement, so that a second click finds the first done
+    # Held by an override or acknowledgement, so that a second click finds the first done.
     changing: threading.Lock = field(default_factory=threading.Lock)
     answers: SharedAnswers = field(default_factory=SharedAnswers)
 

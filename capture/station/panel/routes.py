@@ -68,9 +68,9 @@ class PanelRoute:
     handler: Handler  # a plain function runs in a thread and may wait; a coroutine must not
     about: str
     query: Mapping[str, str] = field(default_factory=dict)  # names with their meanings
-    # of the form or JSON object, with their meanings
+    # Of the form or JSON object, with their meanings.
     fields: Mapping[str, str] = field(default_factory=dict)
-    # of fields that are not texts: ``array`` or ``object``
+    # Of fields that are not texts: ``array`` or ``object``.
     types: Mapping[str, str] = field(default_factory=dict)
     answer: str = "application/json"
     menu: str = ""  # name in the menu of all pages; empty for a page that is not in the menu

@@ -52,7 +52,7 @@ class StationStatistics:
 
     selection: Selection
     tally: Tally
-    # by a name for addresses and files; those without numbers are left out
+    # By a name for addresses and files; those without numbers are left out.
     figures: dict[str, Figure]
 
     @property

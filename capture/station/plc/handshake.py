@@ -67,7 +67,7 @@ class TriggerRequest:
     trigger_id: int
     part_id: str | None  # None lets the station make the id of the part
     recipe: str | None = None  # name of the recipe that the PLC requires; None if it requires none
-    # reason for which the handshake refused it; None if the station must answer
+    # Reason for which the handshake refused it; None if the station must answer.
     refusal: str | None = None
 
 

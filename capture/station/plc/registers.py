@@ -166,7 +166,7 @@ class Register:
 
     address: int  # first register, from 0
     name: str
-    # ``u32``: high word first; ``text``: ASCII, first character in the high byte, zero-filled
+    # ``u32``: high word first; ``text``: ASCII, first character in the high byte, zero-filled.
     type: Type
     words: int  # number of registers
     meaning: str  # for the README

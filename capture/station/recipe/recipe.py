@@ -24,9 +24,9 @@ Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 class Orientation(Section):
     """How a part must lie."""
 
-    # from `reference_deg`; None accepts every orientation
+    # From `reference_deg`; None accepts every orientation.
     tolerance_deg: Annotated[float, Field(gt=0.0, le=180.0)] | None = None
-    # anticlockwise, with the zero of the taught parts
+    # Anticlockwise, with the zero of the taught parts.
     reference_deg: Annotated[FiniteFloat, Field(ge=-360.0, le=360.0)] = 0.0
     full_turn: bool = False  # whether a part at `reference_deg` + 180 degrees is wrong
 
@@ -36,23 +36,23 @@ class Limits(Section):
 
     distance: Positive | None = None  # largest to the texture, beside the limit of the library
     margin: Share | None = None  # least to the next texture, beside that of the library, 0.15
-    # least and largest root mean square slope (ISO 25178-2)
+    # Least and largest root mean square slope (ISO 25178-2).
     sdq: Range | None = Field(default=None, strict=False)
     shadow_fraction: Share | None = None  # largest share of pixels that a light does not reach
     unmeasured_fraction: Share | None = None  # largest share of pixels without a slope
     blur_px: Positive | None = None  # largest against the taught parts, sigma of a Gaussian
-    # least and largest mean, as a share of full scale at the taught exposure
+    # Least and largest mean, as a share of full scale at the taught exposure.
     albedo: Range | None = Field(default=None, strict=False)
-    # least and largest size of the texture against the taught one
+    # Least and largest size of the texture against the taught one.
     scale: Range | None = Field(default=None, strict=False)
-    # least; 1 is that of the taught parts, -1 that of their mirror images
+    # Least; 1 is that of the taught parts, -1 that of their mirror images.
     handedness: Annotated[float, Field(ge=-10.0, le=10.0)] | None = None
-    # largest departure of the power in an octave; 1 is the taught limit
+    # Largest departure of the power in an octave; 1 is the taught limit.
     octaves: Positive | None = None
     window: Positive | None = None  # largest score of a window; 1 is the taught limit
     seam: Positive | None = None  # largest score of a window's directions; 1 is the taught limit
     defect: Positive | None = None  # largest score of the defect map; 1 is the taught threshold
-    # largest connected area without a score in the defect map
+    # Largest connected area without a score in the defect map.
     unjudged_px: Annotated[int, Field(ge=0)] | None = None
 
     @model_validator(mode="after")
@@ -73,7 +73,7 @@ class GeneralLimits(Limits):
     window: Positive = 1.0
     seam: Positive = 1.0
     defect: Positive = 1.0
-    # below four adjacent cells of the defect map, 2 x 2 or 256 px: a hole
+    # Below four adjacent cells of the defect map, 2 x 2 or 256 px: a hole.
     unjudged_px: Annotated[int, Field(ge=0)] = 255
 
 
@@ -135,22 +135,22 @@ class Recipe(Section):
     name: Name
     version: int = Field(default=1, ge=1, le=2**31 - 1)  # raised by each teaching, from 1
     note: Text | None = Field(default=None, max_length=1000)
-    # textures of parts that pass
+    # Textures of parts that pass.
     passes: tuple[Label, ...] = Field(alias="pass", max_length=_MAX_TEXTURES, strict=False)
-    # textures of known bad parts; a texture of the library in neither list fails too
+    # Textures of known bad parts; a texture of the library in neither list fails too.
     fails: tuple[Label, ...] = Field(
         default=(), alias="fail", max_length=_MAX_TEXTURES, strict=False
     )
     orientation: Orientation = Orientation()
     limits: GeneralLimits = GeneralLimits()
-    # limits that differ for one texture
+    # Limits that differ for one texture.
     limits_of: Mapping[Label, Limits] = Field(default_factory=dict)
     region: Region | None = None
     light: Light = Light()
     calibration: CalibrationRule = CalibrationRule()
-    # faults of a fifth of the frame that pass, by their name in `made_faults.FAULTS`
+    # Faults of a fifth of the frame that pass, by their name in `made_faults.FAULTS`.
     acknowledged: tuple[Text, ...] = Field(default=(), max_length=100, strict=False)
-    # hash of what teaching measured; None for a recipe that was never taught
+    # Hash of what teaching measured; None for a recipe that was never taught.
     taught: Sha256 | None = None
     approval: Approval | None = None
 

@@ -29,7 +29,7 @@ class TaughtSet(Record):
 
     file: Name
     pixels_sha256: Sha256
-    # match with a library of all other sets; None for an unknown texture
+    # Match with a library of all other sets; None for an unknown texture.
     found: Label | None = None
     nearest: Label | None = None
     distance: FiniteFloat | None = None
@@ -39,7 +39,7 @@ class TaughtTexture(Record):
     """Measurements on the taught parts of one texture."""
 
     sets: tuple[TaughtSet, ...] = Field(min_length=1)  # in the order they were given
-    # mean of each light over all parts, as a share of full scale
+    # Mean of each light over all parts, as a share of full scale.
     light_signals: tuple[Annotated[float, Field(gt=0.0, le=1.0)], ...]
     defects_file: Name | None = None  # None, like the next three, for a texture that does not pass
     defects_sha256: Sha256 | None = None

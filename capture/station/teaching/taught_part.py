@@ -31,7 +31,7 @@ class TaughtPart:
     has_calibration: bool
     row: TrainingRow  # observations for training
     test: Observation  # observations for matching
-    # observations with a texture that is smaller and larger by `SCALE_STEP`
+    # Observations with a texture that is smaller and larger by `SCALE_STEP`.
     scaled: tuple[Observation, ...]
     moments: FloatMap  # its `band_moments`
     segment_px: int

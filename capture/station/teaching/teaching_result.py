@@ -49,10 +49,10 @@ class Teaching:
     taught: Taught
     files: TaughtFiles
     parts: tuple[TaughtPart, ...]
-    # of each set with a library of all others; None where that is empty
+    # Of each set with a library of all others; None where that is empty.
     matches: tuple[Match | None, ...]
     inspections: tuple[Inspection, ...]  # by the new recipe, which was taught these sets
-    # largest share of good parts that the defect map rejects, by texture
+    # Largest share of good parts that the defect map rejects, by texture.
     false_alarm_bounds: Mapping[str, float]
     measured: LimitsOf  # the limits that were measured; people may have set others in the recipe
     limit_remarks: tuple[str, ...]

@@ -27,7 +27,7 @@ class Identity:
 
     name: str
     role: Role
-    # ``session``, ``token``, or ``local`` (this machine, while the station has no users)
+    # ``session``, ``token``, or ``local`` (this machine, while the station has no users).
     via: Literal["session", "token", "local"]
     csrf: str = ""  # token that a change from this session must carry; empty for others
 

@@ -26,7 +26,7 @@ class Client(Section):
 
     name: Name
     role: Role = Field(strict=False)
-    # of its token; a plain hash is enough, because nobody can try 2**256 tokens
+    # Of its token; a plain hash is enough, because nobody can try 2**256 tokens.
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
     created_utc: str = Field(max_length=40)
 

@@ -37,9 +37,9 @@ class PartView:
     albedo: FloatMap
     shadow_count: npt.NDArray[np.uint8]
     valid: npt.NDArray[np.bool_]
-    # 1 is the limit of the recipe, NaN is no score; None without a defect map
+    # 1 is the limit of the recipe, NaN is no score; None without a defect map.
     score: FloatMap | None
-    # columns and rows of the corners of each defect of the result, in order
+    # Columns and rows of the corners of each defect of the result, in order.
     outlines: tuple[Outline, ...]
     notes: tuple[str, ...] = ()  # possible differences between the pictures and the inspection
 

@@ -33,7 +33,7 @@ class LongChange:
     """A change that takes a while; its beginning is recorded already."""
 
     title: str  # what it does, for people
-    # records the end of the change and its outcome; for None, the recipe as it is then
+    # Records the end of the change and its outcome; for None, the recipe as it is then.
     ended: Callable[[str | None], None]
 
     def failed(self, cause: str) -> None:
