@@ -16,19 +16,9 @@ from .measures import SpecimenReference, measures_of_first
 
 
 def correct_in_sessions(paths: Iterable[Path], correct: Callable[[], None]) -> None:
-    """Correct sets, and enter the corrections into the sessions that they belong to.
+    """Correct sets by `correct`, and enter the corrections into the sessions that they belong to.
 
-    Parameters
-    ----------
-    paths
-        Files of sets, in sessions or anywhere.
-    correct
-        Writes the corrected sets.
-
-    Raises
-    ------
-    InputError
-        If a session is in use: nothing is corrected then.
+    If a session is in use, nothing is corrected.
     """
     files = {path.resolve() for path in paths}
     homes = {path.parent.parent for path in files if path.parent.name == SETS}

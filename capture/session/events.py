@@ -56,10 +56,7 @@ class SetAdopted:
 
 @dataclass(frozen=True)
 class SetDamaged:
-    """The file of a captured set was damaged, and was set aside.
-
-    The set is missing again.
-    """
+    """The file of a captured set was damaged, and was set aside: the set is missing again."""
 
     planned: PlannedSet
     reason: str
@@ -115,23 +112,18 @@ class Answer(StrEnum):
 
 @dataclass(frozen=True)
 class PlaceSpecimen:
-    """Put the specimen below the camera; REPEAT captures the previous placement once more.
-
-    `live_rig` returns the rig for live images until the answer, and opens it if necessary.
-    """
+    """Put the specimen below the camera; REPEAT captures the previous placement once more."""
 
     planned: PlannedSet
+    # Opens the rig for live images if necessary, until the answer.
     live_rig: Callable[[], Rig] | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True)
 class PlaceSheet:
-    """Put a white matt sheet below the camera; SKIP leaves the comparison out.
+    """Put a white matt sheet below the camera; SKIP leaves the comparison out."""
 
-    `cause` is why the calibration did not hold at the previous try, None at the first one.
-    """
-
-    cause: str | None
+    cause: str | None  # why the calibration did not hold at the previous try, None at the first one
 
 
 @dataclass(frozen=True)

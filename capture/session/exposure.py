@@ -14,17 +14,9 @@ _SHORTEST_MS = 0.01
 
 
 def find_exposure_ms(config: RigConfig) -> float:
-    """Find an exposure in ms that `rate_exposure` calls good.
+    """Find an exposure in ms that `rate_exposure` calls good, beginning with that of `config`.
 
-    The search begins with the exposure of `config`. A dark specimen gets the longest exposure that
-    fits into a frame, even if that is not good.
-
-    Raises
-    ------
-    InputError
-        If no exposure is found; the message gives the shortest one tried.
-    HardwareError
-        If the rig fails.
+    A dark specimen gets the longest exposure that fits into a frame, even if that is not good.
     """
     listed = [] if config.is_simulated else list_cameras()
     exposure_ms = config.camera.exposure_ms

@@ -50,15 +50,7 @@ def _read_error(path: Path, error: InputError) -> InputError | None:
 
 
 class SessionFolder:
-    """A session on disk, for reading; `session_folder` opens one for writing.
-
-    Attributes
-    ----------
-    path
-        The folder.
-    plan, journal
-        Its plan, and its journal as last written.
-    """
+    """A session on disk, for reading; `session_folder` opens one for writing."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -68,9 +60,10 @@ class SessionFolder:
     def missing(
         self, plan: SessionPlan | None = None, *, left_out: bool = False
     ) -> list[PlannedSet]:
-        """Planned sets that were not captured or left out, or whose file is missing.
+        """Planned sets (of `plan` in place of the session's) that were not captured, or lost their
+        file.
 
-        `plan` replaces the plan of the session. With `left_out` those left out are missing too.
+        Sets that were left out are missing only with `left_out`.
         """
 
         def is_missing(planned: PlannedSet) -> bool:
@@ -100,10 +93,7 @@ class SessionFolder:
         append_line(self.path / LOG, f"{utc_text()} {line}")
 
     def reserve(self) -> None:
-        """Take the disk space that journal, table and log need at the end of a run.
-
-        The end of a run can then be entered even if other programs have filled the disk.
-        """
+        """Reserve the disk space that the end of a run needs, even if others fill the disk."""
         path, specimens = self.path / _RESERVE, self.plan.specimen
         # Each entry and row repeats what the plan says of the specimen.
         said = sum(len(each.model_dump_json().encode()) for each in specimens) / len(specimens)
@@ -166,8 +156,7 @@ class SessionFolder:
     def read_again(self) -> Iterator[tuple[PlannedSet, SetMetadata | str | InputError]]:
         """Read and hash the file of each captured set, also of those no longer planned.
 
-        Yields its metadata, why it is damaged, or the error of a file that could not be read and
-        may be intact. A file that a killed run wrote but could not enter is left to `orphans`.
+        Yields its metadata, why it is damaged, or the error of a file that may be intact.
         """
         for entry in self.captured():
             path, planned = self.path / str(entry.file), self.plan.planned(*entry.key)
@@ -188,16 +177,7 @@ class SessionFolder:
         self.update(self.journal.without_entry_of(planned))
 
     def orphans(self) -> Iterator[tuple[PlannedSet, CapturedSet]]:
-        """Intact files of planned sets that a killed run could not enter into the journal.
-
-        A file is left out if it is damaged, of another specimen, orientation or number of lights,
-        or has the pixels of a set in the journal.
-
-        Raises
-        ------
-        InputError
-            If disk or memory fails while a file is read.
-        """
+        """Intact files of planned sets that a killed run could not enter into the journal."""
         for planned in self.plan.sets():
             path, entry = self.file_of(planned), self.journal.entry_of(planned)
             if path.is_file() and (entry is None or entry.file == f"{SETS}/{path.name}"):
@@ -212,8 +192,7 @@ class SessionFolder:
     def _is_unentered(self, planned: PlannedSet, metadata: SetMetadata) -> bool:
         """Whether a file is of a planned set and this rig, and not in the journal.
 
-        If the journal has an entry for the planned set, the file must be captured during a run:
-        otherwise somebody copied it from elsewhere.
+        A planned set with an entry needs a file captured during a run: others were copied here.
         """
         captured_as = [as_captured(metadata, name) for name in ("specimen", "orientation_deg")]
         lights = len(metadata.lighting.directions)
@@ -243,13 +222,7 @@ class SessionFolder:
 
 
 def read_session(path: Path) -> SessionFolder:
-    """Read a session without locking it; to write, use `session_folder`.
-
-    Raises
-    ------
-    InputError
-        If it is no session, or its plan or journal cannot be read.
-    """
+    """Read a session without locking it; to write, use `session_folder`."""
     if not (path / JOURNAL).is_file():
         raise InputError(f"{path}: not the folder of a session; ps4rig session run PLAN makes one")
     return SessionFolder(path)
@@ -257,13 +230,7 @@ def read_session(path: Path) -> SessionFolder:
 
 @contextmanager
 def session_folder(path: Path) -> Iterator[SessionFolder]:
-    """Open a session for writing, for this program alone.
-
-    Raises
-    ------
-    InputError
-        As `read_session`, or if another program has it open.
-    """
+    """Open a session for writing, for this program alone."""
     read_session(path)
     with folder_lock(path, _LOCK):
         yield SessionFolder(path)

@@ -23,27 +23,14 @@ FinishReason = Literal["complete", "incomplete", "stopped", "interrupted", "fail
 
 
 class SetMeasures(Record):
-    """Measures of a set right after its capture.
+    """Measures of a set right after its capture."""
 
-    Attributes
-    ----------
-    led_levels
-        Mean signal of each light as a share of full scale.
-    saturated, shadowed
-        Shares of the pixels at full scale, and in shadow of a light.
-    estimated_deg
-        Orientation by comparison with the first set of the specimen, modulo 180 nearest to the
-        entered one; None for that set, and where the surface determines none.
-    blur_px
-        By how much the set is blurrier than the first of the specimen; negative where sharper.
-    warnings
-        Warnings for a person.
-    """
-
-    led_levels: tuple[FiniteFloat, ...]
-    saturated: FiniteFloat
-    shadowed: FiniteFloat
+    led_levels: tuple[FiniteFloat, ...]  # mean signal of each light, as a share of full scale
+    saturated: FiniteFloat  # share of the pixels at full scale
+    shadowed: FiniteFloat  # share of the pixels in shadow of a light
+    # Modulo 180, by comparison with the first set of the specimen; None for that set.
     estimated_deg: FiniteFloat | None = None
+    # Against the first set of the specimen; negative where sharper.
     blur_px: FiniteFloat | None = None
     warnings: tuple[str, ...] = ()
 
@@ -53,10 +40,7 @@ def _with_slashes(file: str) -> str:
 
 
 class Description(Record):
-    """What the file of a set says of it.
-
-    `corrected` names the fields that ``ps4rig info --set`` changed.
-    """
+    """What the file of a set says of it."""
 
     label: str | None
     specimen: str | None
@@ -66,7 +50,7 @@ class Description(Record):
     exposure_ms: FiniteFloat | None = None
     calibration_ids: tuple[str, ...] = ()
     properties: dict[str, Property] = Field(default_factory=dict)
-    corrected: tuple[str, ...] = ()
+    corrected: tuple[str, ...] = ()  # fields that ``ps4rig info --set`` changed
 
     @classmethod
     def of(cls, metadata: SetMetadata) -> Self:
@@ -82,17 +66,7 @@ class Description(Record):
 
 
 class SetEntry(Record):
-    """A planned set that has its file, or was left out.
-
-    Attributes
-    ----------
-    file, pixels_sha256, captured_utc, measures
-        None for a set that was left out.
-    description
-        What its file says of it, with later corrections; None for a set that was left out.
-    skipped
-        Why it was left out; None for a captured set.
-    """
+    """A planned set that has its file, or was left out."""
 
     specimen: str
     orientation_deg: FiniteFloat
@@ -100,9 +74,10 @@ class SetEntry(Record):
     file: Annotated[str, AfterValidator(_with_slashes)] | None = None
     pixels_sha256: str | None = None
     captured_utc: str | None = None
+    # With later corrections; None for a set that was left out.
     description: Description | None = None
     measures: SetMeasures | None = None
-    skipped: str | None = None
+    skipped: str | None = None  # why it was left out; None for a captured set
 
     @classmethod
     def of(
@@ -144,17 +119,14 @@ class SetEntry(Record):
 
 
 class RunRecord(Record):
-    """One run of the program on the session; `ended_utc` stays None if it was killed.
-
-    `settings` are those of the rig that the sets depend on.
-    """
+    """One run of the program on the session."""
 
     started_utc: str
     rig: str
-    settings: dict[str, Any]
+    settings: dict[str, Any]  # of the rig, that the sets depend on
     simulated: bool
     software_version: str
-    ended_utc: str | None = None
+    ended_utc: str | None = None  # None if it was killed
     finish: FinishReason | None = None
     reason: str | None = None
 
@@ -225,13 +197,7 @@ class Journal(Record):
 
 
 def read_journal(path: Path) -> Journal:
-    """Read a journal.
-
-    Raises
-    ------
-    InputError
-        If it is missing, not a journal, or of a later version.
-    """
+    """Read a journal."""
     text = read_regular_file(path, _MAX_BYTES)
     try:
         return Journal.model_validate_json(text)

@@ -16,13 +16,7 @@ from .placement_guide import PlacementGuide
 
 
 class LiveView:
-    """Contents of the page: live images, the outline of the asked placement, the last set.
-
-    Attributes
-    ----------
-    preview
-        For the server of the page.
-    """
+    """Contents of the page: live images, the outline of the asked placement, the last set."""
 
     def __init__(self, folder: SessionFolder) -> None:
         self._folder = folder

@@ -29,13 +29,7 @@ _MAX_SIGNAL_CHANGE = 0.1
 
 
 class SpecimenReference:
-    """The first set of a specimen, with which its later sets are compared.
-
-    Parameters
-    ----------
-    loaded
-        That set, with its orientation.
-    """
+    """The first set of a specimen, with which its later sets are compared."""
 
     def __init__(self, loaded: LoadedSet) -> None:
         self._orientation_deg = loaded.captured.metadata.orientation_deg
@@ -78,12 +72,10 @@ class SpecimenReference:
     def orientation_deg(
         self, surface: SurfaceEstimate, entered_deg: float | None = None
     ) -> float | None:
-        """Orientation of a surface of the same specimen, nearest to `entered_deg` modulo 180.
+        """Orientation of a surface of the same specimen, nearest to `entered_deg` modulo 180; or
+        None.
 
-        Relative to the first set if that has no orientation. None where the texture determines
-        none. A texture that looks the same after a
-        quarter turn has several; the one near `entered_deg` counts, if it agrees as well as the
-        best.
+        Relative to the first set if that has no orientation.
         """
         profile = None
         if self._library is not None:

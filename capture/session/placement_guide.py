@@ -22,28 +22,16 @@ _GOOD_DEG = 2.0
 
 @dataclass(frozen=True, eq=False)
 class PlacementGuide:
-    """The first set of a specimen, and the orientation that is asked for.
+    """The first set of a specimen, and the orientation that is asked for."""
 
-    Attributes
-    ----------
-    outline
-        Outline of the first placement, turned to the asked orientation.
-    """
-
-    outline: Outline
+    outline: Outline  # of the first placement, turned to the asked orientation
     reference: SpecimenReference
     asked_deg: float
 
     @classmethod
     def of(cls, first: Path, asked_deg: float | None = None) -> Self:
-        """Make the guide for a specimen from its first set.
-
-        Without `asked_deg` it asks for the orientation of that set.
-
-        Raises
-        ------
-        InputError
-            If the set or its calibration cannot be read.
+        """Make the guide from the first set of a specimen, for its orientation without
+        `asked_deg`.
         """
         changed_ns = first.stat().st_mtime_ns if first.is_file() else 0
         outline, reference, first_deg = _known(first, changed_ns)
@@ -51,9 +39,8 @@ class PlacementGuide:
         return cls(outline.rotated(asked_deg - first_deg), reference, asked_deg)
 
     def said_of(self, lighting: Lighting, frames: Sequence[Frame]) -> str | None:
-        """Say at which orientation a part lies, from a frame under each light.
-
-        None where its texture determines no orientation.
+        """Say at which orientation a part lies, from a frame under each light; None if
+        undetermined.
         """
         images = np.stack([frame.pixels for frame in frames])
         full_scale = (1 << frames[0].bit_depth) - 1

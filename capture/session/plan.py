@@ -87,27 +87,13 @@ Label = Annotated[str, AfterValidator(_usable_label)]
 
 
 class Specimen(Section):
-    """A specimen to capture.
+    """A specimen to capture."""
 
-    Attributes
-    ----------
-    id
-        Its name, also in the names of files: letters, digits, and ``_ . -``.
-    label
-        Texture class; the `id` if none is given.
-    note
-        Anything to remember.
-    surface
-        The surface below the camera of a simulated rig.
-    properties
-        Anything else, by names that become columns of ``sets.csv``: texts, numbers, truth values,
-        dates.
-    """
-
-    id: Name
-    label: Label | None = None
+    id: Name  # also in names of files: letters, digits, and ``_ . -``
+    label: Label | None = None  # texture class; the `id` if none is given
     note: Text | None = None
-    surface: str | None = None
+    surface: str | None = None  # below the camera of a simulated rig
+    # Columns of ``sets.csv``: texts, numbers, truth values, dates.
     properties: Annotated[dict[str, Property], BeforeValidator(_usable_properties)] = Field(
         default_factory=dict
     )
@@ -121,10 +107,7 @@ class Specimen(Section):
 
 @dataclass(frozen=True, order=True)
 class PlannedSet:
-    """One set of a plan: a specimen at an orientation, for the nth time (from 1).
-
-    `file_name` is the name of its file in the folder ``sets``.
-    """
+    """One set of a plan: a specimen at an orientation, for the nth time (from 1)."""
 
     specimen: str
     orientation_deg: float
@@ -137,43 +120,23 @@ class PlannedSet:
 
 
 class SessionPlan(Section):
-    """The sets that a session captures, and the settings for them.
+    """The sets that a session captures, and the settings for them."""
 
-    Attributes
-    ----------
-    name
-        Folder of the session, beside the plan.
-    operator
-        Person who captures.
-    orientations_deg
-        Orientations of each specimen, anticlockwise from its first placement.
-    repeats, average
-        Sets of each placement, and frames that each image averages.
-    exposure_ms
-        Exposure for all sets; ``search`` finds one for each specimen at its first placement, and
-        without it that of the rig is used.
-    file_name
-        Names of the files, without ``.ome.tif``: ``{specimen}``, ``{angle}`` and ``{repeat}`` stand
-        for the set.
-    calibration_required
-        Whether to refuse sets without a calibration that fits the rig.
-    turntable
-        Command that turns the specimen, with ``{angle}`` in place of the degrees. It runs without a
-        shell before each placement, and must end within `turntable_timeout_s`.
-    specimen
-        The specimens, in the order of their capture.
-    """
-
-    name: Name
+    name: Name  # folder of the session, beside the plan
     operator: Text | None = None
+    # Of each specimen, anticlockwise from its first placement.
     orientations_deg: tuple[Degrees, ...] = Field(min_length=1, max_length=3600, strict=False)
-    repeats: int = Field(default=1, ge=1, le=999)
-    average: int = Field(default=1, ge=1, le=MAX_AVERAGE)
+    repeats: int = Field(default=1, ge=1, le=999)  # sets of each placement
+    average: int = Field(default=1, ge=1, le=MAX_AVERAGE)  # frames that each image averages
+    # ``search``: for each specimen at its first placement; None: that of the rig.
     exposure_ms: Annotated[Exposure, BeforeValidator(_exposure)] = None
+    # Without ``.ome.tif``; ``{specimen}``, ``{angle}`` and ``{repeat}`` stand for the set.
     file_name: str = Field(default="{specimen}-{angle}-{repeat}", max_length=100)
-    calibration_required: bool = False
+    calibration_required: bool = False  # refuse sets without a calibration that fits the rig
+    # Command without a shell before each placement; ``{angle}`` stands for the degrees.
     turntable: str | None = None
     turntable_timeout_s: float = Field(default=60.0, gt=0.0, le=3600.0)
+    # In the order of their capture.
     specimen: tuple[Specimen, ...] = Field(min_length=1, max_length=10_000, strict=False)
 
     @field_validator("file_name")
@@ -254,14 +217,7 @@ class SessionPlan(Section):
 
 
 def read_plan(path: Path) -> SessionPlan:
-    """Read a plan.
-
-    Raises
-    ------
-    ConfigError
-        If it is missing or not TOML, or has an unknown key or a value out of range; the message
-        names file, key and value.
-    """
+    """Read a plan."""
     missing = f"no such plan; write one with ps4rig session new {path}"
     return read_toml_as(path, SessionPlan, missing)
 

@@ -25,13 +25,7 @@ _OF_NO_SET = ("orientations_deg", "repeats", "file_name", "turntable", "turntabl
 
 
 def plan_beside(folder: Path) -> Path | None:
-    """Return the plan beside the folder of a session that names it; None if there is none.
-
-    Raises
-    ------
-    InputError
-        If several plans name it.
-    """
+    """Return the plan beside the folder of a session that names it; None if there is none."""
     folder = Path(os.path.normpath(folder.absolute()))  # without links: as `run` does
     plans = [path for path in sorted(folder.parent.glob("*.toml")) if _names(path, folder.name)]
     if len(plans) > 1:
@@ -95,13 +89,7 @@ def unplanned_text(entries: Iterable[SetEntry]) -> list[str]:
 
 
 def use_plan(plan_path: Path, folder: SessionFolder) -> None:
-    """Replace the plan of a session; entries of sets that are no longer planned are kept.
-
-    Raises
-    ------
-    InputError
-        If a set of the new plan would have the file of another set, or nothing can be written.
-    """
+    """Replace the plan of a session; entries of sets that are no longer planned are kept."""
     plan = read_plan(plan_path)
     files = {entry.file.casefold(): entry for entry in folder.journal.entries if entry.file}
     for planned in plan.sets():

@@ -15,27 +15,14 @@ from .plan import SEARCH, SessionPlan
 
 
 def check_rig(folder: SessionFolder, config: RigConfig) -> None:
-    """Check that a rig can capture the missing sets of a session.
-
-    Raises
-    ------
-    InputError
-        If the plan needs another rig, or the captured sets have another number of lights or another
-        size of frames.
-    """
+    """Check that a rig can capture the missing sets of a session."""
     check_plan(folder.plan, folder.path / PLAN, config)
     _check_lights(folder, config)
     _check_frame(folder, config)
 
 
 def check_plan(plan: SessionPlan, source: Path, config: RigConfig) -> None:
-    """Check that a rig can capture a plan, which was read from `source`.
-
-    Raises
-    ------
-    InputError
-        If it needs another rig, or a surface is missing.
-    """
+    """Check that a rig can capture a plan, which was read from `source`."""
     for each in plan.specimen:
         if not config.is_simulated and each.surface is not None:
             raise InputError(

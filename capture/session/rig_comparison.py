@@ -17,17 +17,10 @@ _NOT_COMPARED = Check(
 
 
 def compare_rig(rig: Rig, known: CalibrationFile, ask: Ask, publish: Publish) -> Answer:
-    """Compare a rig with its calibration by a white sheet; publish the result.
+    """Compare a rig with its calibration by a white sheet, and publish the result.
 
-    A simulated rig puts the sheet there itself. A person is asked again if the calibration does not
-    hold. Return GO, or STOP if the person stops before the first comparison.
-
-    Raises
-    ------
-    CalibrationRejected
-        If the calibration does not hold: with a fault of `checks_of_drift`, or no white sheet.
-    HardwareError
-        If the rig fails.
+    Return GO, or STOP if the person stops before the first comparison; raise CalibrationRejected on
+    a fault.
     """
     cause: str | None = None
     is_alone = lays_sheet_down(rig)

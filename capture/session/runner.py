@@ -67,32 +67,8 @@ def run_session(
 ) -> SessionFinished:
     """Capture the missing sets of a session.
 
-    Each set is in its file before its entry is in the journal, and in the journal before the next
-    one begins. A run that is killed loses the set in progress at most.
-
-    Parameters
-    ----------
-    folder
-        The open folder of the session.
-    config
-        The rig.
-    ask
-        Called where a person decides.
-    publish
-        Called with every event.
-    left_out
-        Whether to capture the sets that were left out, too.
-
-    Raises
-    ------
-    InputError
-        If the plan does not suit the rig, or a file cannot be written.
-    HardwareError
-        If the rig fails and `ask` answers STOP.
-    CalibrationRejected
-        If the rig is not as its calibration says.
-    KeyboardInterrupt
-        As it came; the journal says that the run was interrupted.
+    Each set is in its file before its entry is in the journal, and there before the next one
+    begins.
     """
     run = RunRecord(
         started_utc=utc_text(),
@@ -193,13 +169,7 @@ class _Runner:
             self._publish(SetAdopted(entry))
 
     def compare_rig(self) -> None:
-        """Compare the rig with its calibration, if it has one, by a white sheet.
-
-        Raises
-        ------
-        CalibrationRejected
-            If the calibration does not hold.
-        """
+        """Compare the rig with its calibration, if it has one, by a white sheet."""
         known = None if self._calibration is None else self._calibration.file
         if known is None or known.calibration.flat_field is None or not self._missing():
             return
@@ -304,8 +274,8 @@ class _Runner:
     def _new_pixels(self, rig: Rig, label: str) -> CapturedSet:
         """Capture a set that no other set of the session equals pixel by pixel.
 
-        The noise of two sets differs. The simulated rig begins with the same noise at each start,
-        so that the first set of a run may equal an earlier one; a second never does.
+        The simulated rig begins with the same noise at each start: a first set may equal an earlier
+        one.
         """
         average = self._folder.plan.average
         known = None if self._calibration is None else self._calibration.file

@@ -23,14 +23,7 @@ def sets_table(
 ) -> str:
     """Return the table as CSV (RFC 4180): planned sets, then those no longer planned.
 
-    Parameters
-    ----------
-    entries
-        Entries of the journal.
-    present
-        Keys of the entries whose file is there.
-    damaged
-        Errors of files.
+    `present` has the keys of the entries whose file is there, `damaged` the errors of files.
     """
     planned = {entry.key: entry for entry in map(SetEntry.of, plan.sets())}
     entered = {entry.key: entry for entry in entries}

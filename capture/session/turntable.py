@@ -8,15 +8,7 @@ from .plan import SessionPlan
 
 
 def turn_specimen(plan: SessionPlan, orientation_deg: float) -> None:
-    """Let the turntable of a plan turn the specimen.
-
-    Nothing happens in a plan without a turntable.
-
-    Raises
-    ------
-    HardwareError
-        If the command fails or takes too long.
-    """
+    """Let the turntable of a plan, if it has one, turn the specimen."""
     if plan.turntable is None:
         return
     command = plan.turntable_command(orientation_deg)

@@ -47,17 +47,7 @@ class FileFinding:
 def files_below(folder: Path, *names: str) -> list[Path]:
     """Return all sets, libraries, calibrations and journals in a folder and below, sorted.
 
-    Files that a session has replaced, such as damaged ones, are left out.
-
-    Parameters
-    ----------
-    names
-        Names of further files.
-
-    Raises
-    ------
-    InputError
-        If it is no folder, or contains none of them.
+    Files that a session has replaced are left out.
     """
     if not folder.is_dir():
         wrong = "is a file; give its folder" if folder.exists() else "no such folder"

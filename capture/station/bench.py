@@ -62,26 +62,14 @@ _NO_HASH = "0" * 64
 
 @dataclass(frozen=True)
 class BenchResult:
-    """What a bench measured.
+    """What a bench measured."""
 
-    Attributes
-    ----------
-    latencies_ms
-        From the end of the last exposure to the announced result, of each part.
-    steps_ms
-        Durations of each step, part by part. Solver, match and defect map are the inspection. The
-        set file is written at the same time. The record is the row and the announcement.
-    duration_s
-        Time of the run, with `_EXPOSURES_S` for the exposures of each part.
-    memory_mb
-        Resident memory after a tenth of the parts and after all; None where it cannot be read.
-    decisions
-        Number of parts of each verdict.
-    """
-
+    # From the end of the last exposure to the announced result, of each part.
     latencies_ms: tuple[float, ...]
+    # Part by part; the set file is written beside the inspection.
     steps_ms: dict[str, tuple[float, ...]]
-    duration_s: float
+    duration_s: float  # with `_EXPOSURES_S` for the exposures of each part
+    # Resident, after a tenth of the parts and after all; None where it cannot be read.
     memory_mb: tuple[float, float] | None
     decisions: dict[str, int]
 
@@ -134,13 +122,7 @@ class _Watcher:
 
 
 class _StoredSets:
-    """A rig that delivers stored sets, in the time that their exposures would take.
-
-    Parameters
-    ----------
-    exposed
-        As for `StationRig`.
-    """
+    """A rig that delivers stored sets, in the time that their exposures would take."""
 
     is_simulated = True
 
@@ -194,16 +176,7 @@ def run_bench(
 ) -> BenchResult:
     """Judge `parts` parts of 16 bit, with a library of `classes` classes and a defect map.
 
-    Parameters
-    ----------
-    folder
-        An empty folder, on the disk that sets and results are written to.
-    side_px
-        Side of the frames.
-    prepared
-        Called with what is prepared next, in words.
-    subscribers
-        Get the events of the station; a panel is one.
+    `folder` is empty, on the disk that sets and results are written to.
     """
     prepared("capturing parts")
     good, other = _captured(side_px)

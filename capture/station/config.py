@@ -31,44 +31,25 @@ def _results(text: str) -> str:
 
 
 class Retention(Section):
-    """Which set files of parts stay on disk; rows of results always stay.
+    """Which set files of parts stay on disk; rows of results always stay."""
 
-    Attributes
-    ----------
-    pass_every
-        One in `pass_every` of the parts that passed keeps its set file; 1 keeps all of them.
-    pass_days
-        Age in days at which the set files of the other passed parts are removed. It is at least 1,
-        because today's folder may still receive files.
-    """
-
+    # One in so many passed parts keeps its set file; 1 keeps all.
     pass_every: int = Field(default=20, ge=1, le=1_000_000)
+    # Age at which the others go; at least 1: today's folder may still receive files.
     pass_days: float = Field(default=7.0, ge=1.0, le=36_500.0)
 
 
 class SimulatedParts(Section):
-    """The parts below a simulated rig, drawn at random from a seed and the part's number.
-
-    Attributes
-    ----------
-    seed
-        Seed of the parts and of their synthetic surfaces: the same parts come in the same order.
-    surfaces
-        Surfaces of the parts, as in ``[simulation.placement]`` of ``rig.toml``.
-    others, share_other
-        Unexpected surfaces, and their share of the parts.
-    orientations_deg
-        Orientations to draw from; empty draws from all angles.
-    share_defective, defects
-        Share of the parts with an expected surface that have one defect, and the kinds of defects.
-    """
+    """The parts below a simulated rig, drawn at random from a seed and the part's number."""
 
     seed: int = Field(default=100, ge=0, lt=2**31)
+    # As in ``[simulation.placement]`` of ``rig.toml``.
     surfaces: tuple[Surface, ...] = Field(default=("rock",), min_length=1, strict=False)
-    others: tuple[Surface, ...] = Field(default=("sand",), strict=False)
-    share_other: Share = 0.02
+    others: tuple[Surface, ...] = Field(default=("sand",), strict=False)  # unexpected surfaces
+    share_other: Share = 0.02  # of the parts, from 0 to 1
+    # Empty draws from all angles.
     orientations_deg: tuple[Degrees, ...] = Field(default=(), max_length=3600, strict=False)
-    share_defective: Share = 0.05
+    share_defective: Share = 0.05  # of the parts with an expected surface; each has one defect
     defects: tuple[DefectKind, ...] = Field(
         default=("scratch", "dent", "bump", "stain"), strict=False
     )
@@ -86,59 +67,34 @@ class SimulatedParts(Section):
 
 
 class StationConfig(Section):
-    """The configuration of a station.
+    """The configuration of a station."""
 
-    Attributes
-    ----------
-    name
-        Name of the station, unique in the database of results.
-    rig
-        ``sim``, or a ``rig.toml``, relative to the station's folder.
-    recipe
-        Name of the recipe: ``recipes/NAME.toml``.
-    results
-        SQLite file, relative to the station's folder, or URL of a PostgreSQL database.
-    operator
-        Person responsible for the results; ``station run --operator`` overrides it.
-    trigger
-        Where triggers come from; ``station run --trigger`` overrides it.
-    timer_s
-        Period of the timer; 0 triggers as soon as the station is ready. With a simulated part
-        sensor it is the time from a ready station to the next part.
-    sensor_delay_ms
-        Time from the edge of the part sensor to the first light.
-    buffers
-        Number of exposed parts that may wait for their verdict; a trigger beyond it is refused.
-    disk_floor_mb
-        Free space below which triggers are refused.
-    plate_check
-        Whether the start compares the rig with its calibration by a white sheet, which somebody
-        has put below the camera. A simulated rig puts it there itself.
-    reconnect_s
-        Time between two attempts to open a rig that was lost.
-    retention, simulated_parts, panel, modbus, mqtt
-        The sections of these names; without ``modbus`` there is no PLC, without ``mqtt`` no broker.
-    """
-
-    name: Name
+    name: Name  # unique in the database of results
+    # ``sim``, or a ``rig.toml``, relative to the station's folder.
     rig: str = Field(default=SIM, min_length=1, max_length=4096)
-    recipe: Name
+    recipe: Name  # name in ``recipes/NAME.toml``
+    # SQLite file, relative to the station's folder, or URL of a PostgreSQL database.
     results: Annotated[str, Field(min_length=1, max_length=4096), AfterValidator(_results)] = (
         "results.sqlite"
     )
-    operator: Text | None = None
+    operator: Text | None = None  # responsible for the results
     trigger: Literal["timer", "enter", "sensor", "http", "modbus"] = "enter"
+    # 0 triggers as soon as ready; with a simulated sensor: from ready to the next part.
     timer_s: float = Field(default=2.0, ge=0.0, le=86_400.0)
+    # From the edge of the part sensor to the first light.
     sensor_delay_ms: float = Field(default=0.0, ge=0.0, le=60_000.0)
+    # Exposed parts that may wait for their verdict; a trigger beyond is refused.
     buffers: int = Field(default=2, ge=1, le=64)
+    # Free space below which triggers are refused.
     disk_floor_mb: int = Field(default=500, ge=1, le=10_000_000)
-    plate_check: bool = False
+    plate_check: bool = False  # compare the rig at the start with its calibration by a white sheet
+    # Between two attempts to open a rig that was lost.
     reconnect_s: float = Field(default=5.0, ge=0.01, le=3600.0)
     retention: Retention = Retention()
     simulated_parts: SimulatedParts = SimulatedParts()
     panel: PanelConfig = PanelConfig()
-    modbus: ModbusConfig | None = None
-    mqtt: MqttConfig | None = None
+    modbus: ModbusConfig | None = None  # None without a PLC
+    mqtt: MqttConfig | None = None  # None without a broker
 
     def rig_in(self, folder: Path) -> str:
         """Return the rig to open for a station in `folder`: ``sim`` or a path."""
@@ -150,13 +106,7 @@ class StationConfig(Section):
 
 
 def read_config(path: Path) -> StationConfig:
-    """Read a ``station.toml``.
-
-    Raises
-    ------
-    ConfigError
-        If it is missing or wrong; the message names file, key and value.
-    """
+    """Read a ``station.toml``."""
     missing = f"no such station; make one with ps4rig station init {path.parent}"
     return read_toml_as(path, StationConfig, missing)
 

@@ -20,9 +20,9 @@ from .results.store import open_store
 
 
 def diagnose_station(folder: Path) -> Iterator[Check]:
-    """Yield all checks, one after the other; a failed check does not prevent the next one.
+    """Yield all checks; a failed one does not prevent the next.
 
-    The LEDs of the rig are lit. A running station holds the rig, which is then reported as a fault.
+    The LEDs of the rig are lit; a rig held by a running station is reported as a fault.
     """
     opened: list[StationFolder] = []
 

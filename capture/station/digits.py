@@ -7,12 +7,8 @@ _MOST_DIGITS = 17
 
 
 def told_apart(value: float, bound: float, form: str) -> tuple[str, str]:
-    """Return two numbers as texts, with more digits than `form` until they differ.
-
-    Parameters
-    ----------
-    form
-        As in ``format``: a point, the number of digits and the kind, such as ``.2f`` or ``.1%``.
+    """Return two numbers as texts, with more digits than `form` (``.2f``, ``.1%``) until they
+    differ.
     """
     digits, kind = int(form[1:-1]), form[-1]
     if math.isfinite(value) and value != bound:

@@ -15,10 +15,7 @@ _OTHERWISE = Cause.UNFORESEEN
 
 
 def error_verdict(error: BaseException, cause: Cause | None = None) -> Verdict:
-    """Return the verdict ERROR on a part from an exception.
-
-    `cause` is given where the failed step determines it; None derives it from the kind of error.
-    """
+    """Return the verdict ERROR on a part; a `cause` of None is derived from the kind of error."""
     if cause is None:
         cause = next((known for kind, known in _CAUSES if isinstance(error, kind)), _OTHERWISE)
     return Verdict(Decision.ERROR, error_text(error), (cause,))

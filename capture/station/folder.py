@@ -24,15 +24,7 @@ _MAX_LOG_BYTES = 8 << 20
 
 
 class StationFolder:
-    """A station on disk, for reading; `station_folder` opens one for writing.
-
-    Attributes
-    ----------
-    path
-        The folder.
-    config
-        Its configuration.
-    """
+    """A station on disk, for reading; `station_folder` opens one for writing."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -48,13 +40,7 @@ class StationFolder:
         return config_of(self.config.rig_in(self.path))
 
     def recipe_files(self, recipe: str | None = None) -> RecipeFolder:
-        """Return the files of a recipe, by default those of the configured one.
-
-        Raises
-        ------
-        RecipeError
-            If the name cannot be that of a file.
-        """
+        """Return the files of a recipe, by default those of the configured one."""
         try:
             name = file_name(recipe or self.config.recipe)
         except ValueError as error:
@@ -66,13 +52,7 @@ class StationFolder:
         return any(self.parts.glob(f"*/*{SUFFIX}"))
 
     def log(self, line: str) -> None:
-        """Append a line with the time to ``station.log``; a full log becomes ``station.log.1``.
-
-        Raises
-        ------
-        InputError
-            If it cannot be written.
-        """
+        """Append a line with the time to ``station.log``; a full log becomes ``station.log.1``."""
         path = self.path / LOG
         try:
             if path.exists() and path.stat().st_size > _MAX_LOG_BYTES:
@@ -89,26 +69,14 @@ def set_file_of(part_id: str, triggered_utc: str) -> str:
 
 @contextmanager
 def station_folder(path: Path) -> Iterator[StationFolder]:
-    """Open a station for writing, for this program alone.
-
-    Raises
-    ------
-    InputError
-        If it is not a station, its configuration is wrong, or another program has it open.
-    """
+    """Open a station for writing, for this program alone."""
     StationFolder(path)  # raises before a lock file is made in a folder that is not a station
     with folder_lock(path, _LOCK):
         yield StationFolder(path)
 
 
 def make_station(path: Path) -> None:
-    """Make the folder of a station with a commented configuration.
-
-    Raises
-    ------
-    InputError
-        If the folder is a station already, contains other files, or cannot be made.
-    """
+    """Make the folder of a station with a commented configuration."""
     if (path / CONFIG).exists():
         raise InputError(f"{path}: is a station already; edit {path / CONFIG}")
     if path.exists() and (not path.is_dir() or any(path.iterdir())):

@@ -37,25 +37,14 @@ PathText = Annotated[str, Field(min_length=1, max_length=4096)]
 
 
 class PanelConfig(Section):
-    """The panel and the HTTP API.
-
-    Attributes
-    ----------
-    host, port
-        Where it listens.
-    tls_cert, tls_key
-        PEM files for HTTPS, relative to the station's folder.
-    behind_proxy
-        Whether a proxy on this machine terminates HTTPS.
-    names
-        Host names by which browsers reach the panel; IP addresses need no entry.
-    """
+    """The panel and the HTTP API."""
 
     host: Address = "127.0.0.1"
     port: int = Field(default=8100, ge=0, le=65535)
-    tls_cert: PathText | None = None
+    tls_cert: PathText | None = None  # PEM file for HTTPS, relative to the station's folder
     tls_key: PathText | None = None
-    behind_proxy: bool = False
+    behind_proxy: bool = False  # a proxy on this machine terminates HTTPS
+    # Host names by which browsers reach the panel; IP addresses need no entry.
     names: tuple[Annotated[str, AfterValidator(_host_name)], ...] = Field(
         default=(), max_length=100, strict=False
     )
@@ -97,18 +86,11 @@ class PanelConfig(Section):
 
 
 class ModbusConfig(Section):
-    """The registers for a PLC.
-
-    Attributes
-    ----------
-    host, port
-        Where it listens. Modbus has no passwords: whoever reaches the port can trigger.
-    recipes
-        Names of recipes, each once; the PLC knows them by their positions, from 1.
-    """
+    """The registers for a PLC; Modbus has no passwords: whoever reaches the port can trigger."""
 
     host: Address = "127.0.0.1"
     port: int = Field(default=1502, ge=0, le=65535)
+    # Names, each once; the PLC knows them by their positions, from 1.
     recipes: tuple[Name, ...] = Field(default=(), max_length=1000, strict=False)
 
     @field_validator("recipes")
@@ -132,15 +114,9 @@ def _broker(text: str) -> str:
 
 
 class MqttConfig(Section):
-    """Where results are published.
+    """Where results are published."""
 
-    Attributes
-    ----------
-    url
-        The broker: ``mqtt://HOST:1883``, or ``mqtts://USER:PASSWORD@HOST:8883`` with TLS.
-    topic
-        Beginning of all topics.
-    """
-
+    # ``mqtt://HOST:1883``, or ``mqtts://USER:PASSWORD@HOST:8883`` with TLS.
     url: Annotated[str, Field(max_length=4096), AfterValidator(_broker)]
+    # Beginning of all topics.
     topic: Annotated[str, Field(pattern=r"^[^\s/#+$][^\s#+]{0,200}$")]

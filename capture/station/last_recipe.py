@@ -27,15 +27,9 @@ class LastRecipe(Record):
 
 
 def first_recipe(folder: StationFolder) -> str:
-    """Return the name of the recipe with which a run begins.
+    """Return the recipe with which a run begins: the last loaded one, for the parts on the line.
 
-    It is the one that was loaded last, because the parts on the line are the same after a restart.
-    Another `recipe` in ``station.toml`` than at that time is newer, and replaces it.
-
-    Raises
-    ------
-    InputError
-        If the file of the last recipe is damaged.
+    A `recipe` in ``station.toml`` that differs from the one at that time is newer.
     """
     path, configured = folder.path / FILE, folder.config.recipe
     if not path.exists():

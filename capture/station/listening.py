@@ -16,25 +16,7 @@ def listening_socket(
 ) -> socket.socket:
     """Listen on a port that no other program has; 0 chooses a free one.
 
-    All options are set before the socket listens, because a connection inherits the options that
-    the listener has when the connection is made.
-
-    Parameters
-    ----------
-    section
-        Section of ``station.toml`` that messages name.
-    advice
-        What to do if it cannot listen there.
-    most_unacknowledged_ms
-        A connection ends when sent data stay unacknowledged for this long, where the system has
-        that option (Linux). A lost client is found even if too little is sent to fill a buffer.
-    send_buffer_bytes
-        Bytes that the system holds for a client that does not read.
-
-    Raises
-    ------
-    CannotListen
-        If it cannot listen there.
+    All options are set before it listens, because a connection inherits those of the listener.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)

@@ -32,8 +32,7 @@ _LEAST_DAYS = 2
 def is_sample(station: str, part_id: str, pass_every: int) -> bool:
     """Whether a part that passed belongs to the sample that keeps its set file.
 
-    The hash of its id decides, so that each run decides alike and the sample does not follow the
-    cycle of a machine with several moulds or spindles.
+    The hash of its id decides: the sample does not follow the cycle of several moulds or spindles.
     """
     digest = hashlib.sha256(f"{station}/{part_id}".encode()).digest()
     return int.from_bytes(digest[:8]) % pass_every == 0
@@ -46,29 +45,9 @@ def remove_old_sets(
     now: datetime,
     stop: Callable[[], bool] = lambda: False,
 ) -> int:
-    """Remove set files that the retention does not keep; return how many.
+    """Remove set files that the retention does not keep, in batches until `stop`; return how many.
 
-    It removes the set files of parts that passed until `removed_until`, are not in the sample and
-    have no override. Results stay. A row that records the removal is written before the file is
-    removed: a missing file without such a row was lost. After a kill between the two, the next call
-    removes the file.
-
-    Parameters
-    ----------
-    folder
-        The folder of the station.
-    now
-        The present time with its zone.
-    stop
-        Asked between two batches; true leaves the rest to the next call.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be removed, a name in the results is outside ``parts``, or a backup holds
-        the lock.
-    ResultsUnavailable
-        If the database does not answer.
+    A row records the removal first: a file that is missing without such a row was lost.
     """
     make_folder(folder / PARTS)
     with folder_lock(folder / PARTS, _LOCK):
@@ -88,8 +67,8 @@ def remove_old_sets(
 def removed_until(folder: Path, retention: Retention, now: datetime) -> str:
     """Return the time of the last trigger whose set may be removed.
 
-    It is `Retention.pass_days` ago, and before the last ``pass_days / 2`` days that had parts. A
-    clock that was set far ahead adds one such day, so that the sets of yesterday stay.
+    It is `Retention.pass_days` ago, and before the last ``pass_days / 2`` days that had parts: a
+    clock set far ahead adds one such day.
     """
     days = sorted((day.name for day in (folder / PARTS).glob("????-??-??/")), reverse=True)
     staying = days[: max(_LEAST_DAYS, math.ceil(retention.pass_days / 2))]
@@ -98,13 +77,7 @@ def removed_until(folder: Path, retention: Retention, now: datetime) -> str:
 
 @contextmanager
 def sets_stay(folder: Path) -> Iterator[None]:
-    """Keep all set files during the block; wait for a removal in progress first.
-
-    Raises
-    ------
-    InputError
-        If the removal does not end within a minute, or the folder cannot be locked.
-    """
+    """Keep all set files during the block; wait for a removal in progress first."""
     make_folder(folder / PARTS)
     last_attempt_s = time.monotonic() + _PATIENCE_S
     with ExitStack() as stack:
@@ -140,13 +113,7 @@ def _remove(folder: Path, set_files: list[str]) -> int:
 
 
 def inside_parts(set_file: str) -> PurePosixPath:
-    """Return the path of a set file, relative to its station.
-
-    Raises
-    ------
-    InputError
-        If it is outside the parts: a row must not name another file.
-    """
+    """Return the path of a set file, relative to its station; InputError if outside ``parts``."""
     path = PurePosixPath(set_file)
     if path.parts[:1] != (PARTS,) or ".." in path.parts or len(path.parts) < 2:
         raise InputError(f"{set_file}: the results name it as a set, but it is not in {PARTS}/")

@@ -22,7 +22,7 @@ def retention_in_background(
 ) -> Iterator[None]:
     """Remove old set files of a station now and every hour, until the block ends.
 
-    A failure is passed to `warn` and tried again an hour later; parts are not affected.
+    A failure is passed to `warn` and tried again an hour later.
     """
     ended = threading.Event()
 

@@ -25,24 +25,12 @@ from .run_recipes import RecipeLoader, RunRecipes
 
 @dataclass(frozen=True)
 class RunOptions:
-    """Options of a run that its command line sets.
+    """Options of a run that its command line sets."""
 
-    Attributes
-    ----------
-    operator
-        Person responsible for the results; None for that of the configuration.
-    parts
-        Number of parts after which the run ends; None for no end.
-    report_alive
-        As in `Equipment`.
-    is_collecting
-        Whether parts are captured to be taught, and none is judged.
-    """
-
-    operator: str | None = None
-    parts: int | None = None
+    operator: str | None = None  # None for that of the configuration
+    parts: int | None = None  # number after which the run ends; None for no end
     report_alive: ReportAlive = lambda _: None
-    is_collecting: bool = False
+    is_collecting: bool = False  # parts are captured to be taught, and none is judged
 
 
 def run_station(
@@ -52,21 +40,8 @@ def run_station(
     publisher: Publisher,
     options: RunOptions = RunOptions(),
 ) -> StationStopped:
-    """Run a station until its triggers end.
-
-    Raises
-    ------
-    InputError
-        If recipe, library, calibration or results cannot be used, or the recipe is not approved or
-        has no challenge set.
-    ChallengeFailed
-        If a part of the challenge set gets another verdict than it must.
-    HardwareError
-        If the rig cannot be opened, or the self-test finds a fault.
-    ResultsUnavailable
-        If the database does not answer.
-    KeyboardInterrupt
-        As it came, after the parts in progress.
+    """Run a station until its triggers end; KeyboardInterrupt is raised after the parts in
+    progress.
     """
     config, clock = folder.config, StationClock()
     path = None if rig_config.calibration is None else Path(rig_config.calibration)

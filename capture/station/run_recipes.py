@@ -37,19 +37,7 @@ _KINDS: tuple[tuple[type[Exception], RecipeRefusal], ...] = (
 
 
 class RecipeLoader:
-    """Loads the recipes of a station, each with what makes results by it.
-
-    Parameters
-    ----------
-    folder
-        The station.
-    calibration
-        Calibration of its rig; None for a rig without one.
-    operator
-        Person responsible for the results.
-    clock
-        For times of records.
-    """
+    """Loads the recipes of a station, each with what makes results by it."""
 
     def __init__(
         self,
@@ -80,15 +68,6 @@ class RecipeLoader:
         """Load a recipe that is approved and meets its challenge set.
 
         `go_on` is called before each part of the set; an exception of it ends the work.
-
-        Raises
-        ------
-        InputError
-            If recipe, library or calibration cannot be used, or there is no challenge set.
-        NotApproved
-            If nobody approved exactly this recipe.
-        ChallengeFailed
-            If a part of the challenge set gets another verdict than it must.
         """
         inspector = Inspector.load(files, self._calibration)
         recipe, fingerprint = inspector.recipe, inspector.fingerprint
@@ -131,15 +110,7 @@ class RecipeLoader:
 
 
 class RunRecipes:
-    """The recipes of a running station, as its `Changeover` sees them.
-
-    Parameters
-    ----------
-    folder, loader, store, rig
-        The station; its rig has the settings of the first recipe.
-    first
-        The recipe with which the run begins.
-    """
+    """The recipes of a running station, whose rig has the settings of the first one."""
 
     def __init__(
         self,
@@ -153,13 +124,7 @@ class RunRecipes:
         self.present = first
 
     def load(self, name: str, by: Asker, go_on: Callable[[], None]) -> UsableRecipe:
-        """Load a recipe; `go_on` as in `RecipeLoader.load`.
-
-        Raises
-        ------
-        RecipeRefused
-            If it cannot judge parts.
-        """
+        """Load a recipe, or raise RecipeRefused; `go_on` as in `RecipeLoader.load`."""
         try:
             files = self._folder.recipe_files(name)
             if not files.file.is_file():
@@ -185,12 +150,8 @@ class RunRecipes:
         self.use(self.present)
 
     def keep(self, recipe: UsableRecipe, by: Asker) -> None:
-        """Record that the rig took a recipe; the next run begins with it, too.
-
-        Raises
-        ------
-        RecipeRefused
-            If that cannot be recorded: the present recipe stays.
+        """Record that the rig took a recipe, with which the next run begins, or raise
+        RecipeRefused.
         """
         try:
             keep_recipe(self._folder, recipe.recipe.name)

@@ -14,11 +14,7 @@ class Decision(StrEnum):
 
 
 class Cause(StrEnum):
-    """Why a part did not pass, as a code that statistics and a PLC count.
-
-    First group: the part could not be judged (ERROR). Second: it resembles no taught texture
-    clearly (UNKNOWN). Third: it is known to be bad (FAIL).
-    """
+    """Why a part did not pass, as a code: causes of ERROR, then of UNKNOWN, then of FAIL."""
 
     CAPTURE = "capture"  # the set was rejected: saturation, a dead LED, stale frames
     RIG = "rig"  # camera or lights failed
@@ -47,26 +43,11 @@ class Cause(StrEnum):
 
 @dataclass(frozen=True)
 class Verdict:
-    """The verdict on a part.
-
-    Attributes
-    ----------
-    decision
-        PASS, FAIL, UNKNOWN or ERROR.
-    reason
-        Why, in one sentence, with the values and their limits.
-    causes
-        Codes of all findings against the part, the gravest first; empty for PASS.
-
-    Raises
-    ------
-    ValueError
-        For a PASS with causes, or another decision without one.
-    """
+    """The verdict on a part; ValueError for a PASS with causes, or another decision without one."""
 
     decision: Decision
-    reason: str
-    causes: tuple[Cause, ...] = ()
+    reason: str  # in one sentence, with the values and their limits
+    causes: tuple[Cause, ...] = ()  # of all findings, the gravest first; empty for PASS
 
     def __post_init__(self) -> None:
         if (self.decision is Decision.PASS) == bool(self.causes):

@@ -17,8 +17,7 @@ from .results.store import ResultStore, open_store
 def verify_station(folder: Path) -> Iterator[FileFinding]:
     """Compare the results of a station with the hashes and names of its set files.
 
-    Findings about the results themselves are listed under ``station.toml``; without any, that file
-    is listed as good. `verify_file` checks the pixels of the sets.
+    Findings about the results themselves are listed under ``station.toml``.
     """
     try:
         config = StationFolder(folder).config

@@ -25,16 +25,7 @@ def panel_of(
 ) -> Iterator[None]:
     """Serve the panel while the block runs, and print its address.
 
-    Parameters
-    ----------
-    is_asked
-        Whether the command line asks for the panel. If not, and its port is taken, the station
-        runs without it.
-
-    Raises
-    ------
-    InputError
-        If it cannot be served.
+    If its port is taken and the panel was not asked for, the station runs without it.
     """
     from capture.station.errors import CannotListen
     from capture.station.panel.panel import Panel
@@ -53,13 +44,7 @@ def panel_of(
 
 
 def panel_settings(configured: PanelConfig, host: str | None, port: int | None) -> PanelConfig:
-    """Return the settings with what the command line changed.
-
-    Raises
-    ------
-    ConfigError
-        For a host that is not an address of this machine.
-    """
+    """Return the settings with what the command line changed."""
     from capture.station.interface_config import PanelConfig
     from rig.config.toml_file import validated
 
@@ -86,13 +71,7 @@ def plc_line(config: StationConfig, live: LiveStation, trigger: str) -> PlcLine 
 
 @contextmanager
 def modbus_of(line: PlcLine, configured: ModbusConfig | None) -> Iterator[None]:
-    """Serve the registers of a line while the block runs, and print their address.
-
-    Raises
-    ------
-    InputError
-        If pymodbus is not installed, or the port is taken.
-    """
+    """Serve the registers of a line while the block runs, and print their address."""
     from capture.station.interface_config import ModbusConfig
 
     try:
@@ -106,13 +85,7 @@ def modbus_of(line: PlcLine, configured: ModbusConfig | None) -> Iterator[None]:
 
 
 def mqtt_of(settings: MqttConfig, folder: StationFolder) -> MqttPublisher:
-    """Return the publisher of results by MQTT; its lines go to the log of the station.
-
-    Raises
-    ------
-    InputError
-        If paho is not installed.
-    """
+    """Return the publisher of results by MQTT; its lines go to the log of the station."""
     try:
         from capture.station.plc.mqtt import MqttPublisher
     except ImportError as error:

@@ -13,15 +13,7 @@ _STDOUT = 1
 
 
 def shown_by(station: str, *, as_json: bool) -> Subscriber:
-    """Return a subscriber that prints events, or writes the journal if stdout leads there.
-
-    Parameters
-    ----------
-    station
-        Its name.
-    as_json
-        Whether to print JSON wherever stdout leads.
-    """
+    """Return a subscriber that prints events, or writes the journal if stdout leads there."""
     if as_json:
         return print_event_as_json
     if is_connected_to_journal(os.environ, _STDOUT):

@@ -42,56 +42,27 @@ class SpecimenResult:
 
 @dataclass(frozen=True, eq=False)
 class Separation:
-    """The separation of the specimens by their textures.
+    """The separation of the specimens by their textures."""
 
-    Attributes
-    ----------
-    specimens
-        The C specimens that have a texture.
-    entries
-        The n sets of these specimens.
-    distances
-        (n, C) of each set to the first set of each specimen; NaN for the first sets themselves.
-    limits
-        (C,) distance beyond which a part is not the texture of a specimen.
-    dissimilarities, tree
-        (C, C) of the specimens, and their grouping.
-    places
-        (n, 2) of the sets in a plane.
-    """
-
-    specimens: list[str]
-    entries: list[SetEntry]
+    specimens: list[str]  # the C specimens that have a texture
+    entries: list[SetEntry]  # the n sets of these specimens
+    # (n, C) of each set to the first set of each specimen; NaN for the first sets.
     distances: Matrix
-    limits: Matrix
-    dissimilarities: Matrix
+    limits: Matrix  # (C,) distance beyond which a part is not the texture of a specimen
+    dissimilarities: Matrix  # (C, C) of the specimens
     tree: Dendrogram
-    places: Matrix
+    places: Matrix  # (n, 2) of the sets in a plane
 
 
 @dataclass(frozen=True, eq=False)
 class SessionAnalysis:
-    """Everything that the page of a report shows.
+    """Everything that the page of a report shows."""
 
-    Attributes
-    ----------
-    entries
-        The captured sets in the order of their capture.
-    specimens
-        By their ids.
-    separation
-        None with fewer than two specimens that have a texture.
-    damaged
-        Errors of the sets that cannot be read or solved, by their files.
-    remarks
-        (file, remark) for a person to look at.
-    """
-
-    entries: list[SetEntry]
-    specimens: dict[str, SpecimenResult]
-    separation: Separation | None
-    damaged: dict[str, str]
-    remarks: list[tuple[str, str]]
+    entries: list[SetEntry]  # captured sets, in the order of their capture
+    specimens: dict[str, SpecimenResult]  # by their ids
+    separation: Separation | None  # None with fewer than two specimens that have a texture
+    damaged: dict[str, str]  # errors of the sets that cannot be read or solved, by their files
+    remarks: list[tuple[str, str]]  # (file, remark) for a person to look at
 
 
 def analyse(
@@ -214,7 +185,7 @@ def strangers(separation: Separation) -> Iterator[tuple[str, str]]:
     """Sets that look like another class, or like none.
 
     A set is far if it is beyond the limit of its specimen, and by more than sets of the session
-    are: of a single material all distances are large, because its own quarters are the unit.
+    are.
     """
     names, entries = separation.specimens, separation.entries
     own = np.array([names.index(entry.piece) for entry in entries])

@@ -148,10 +148,7 @@ def _mark(number: int) -> str:
 
 
 def _svg(figure: Figure) -> str:
-    """Return the figure as an image of an HTML page.
-
-    As an image of its own its names cannot collide with those of other figures.
-    """
+    """Return the figure as an image of an HTML page, whose names cannot collide with others."""
     text = io.BytesIO()
     # A date would make two reports of one session differ.
     figure.savefig(text, format="svg", metadata={"Date": None})

@@ -24,22 +24,8 @@ def approve(
 ) -> Recipe:
     """Approve a recipe as it is, and keep a copy of it beside what was taught.
 
-    Parameters
-    ----------
-    by
-        Who approves it.
-    seen_sha256
-        Hash of the recipe that this person has seen; None skips the comparison.
-    record
-        Records the change, and prevents it by an exception.
-
-    Raises
-    ------
-    RecipeError
-        If the recipe was not taught, something was changed since, it is not the one that was seen,
-        or a fault of a fifth of the frame passes that the recipe does not acknowledge.
-    ConfigError
-        If the name is empty or contains control characters.
+    It must still have the hash `seen_sha256`, unless that is None; an exception of `record`
+    prevents it.
     """
     with files.changing():
         inspector = Inspector.load(files)
@@ -58,13 +44,7 @@ def approve(
 
 
 def require_seen(recipe: Recipe, seen_sha256: str | None) -> None:
-    """Check that a recipe has the hash that somebody has seen; None skips the check.
-
-    Raises
-    ------
-    RecipeError
-        If it was changed since.
-    """
+    """Check that a recipe has the hash that somebody has seen; None skips the check."""
     if seen_sha256 is not None and recipe.sha256 != seen_sha256:
         raise RecipeError(
             f"recipe {recipe.name}: was changed by somebody else since you saw it; look at it again"
@@ -97,13 +77,7 @@ def _approved_at(recipe: Recipe) -> tuple[str, int, str]:
 def roll_back(files: RecipeFolder, sha256: str, record: Record = lambda *_: None) -> Recipe:
     """Replace the recipe by an earlier approved state, with its approval.
 
-    Later versions stay on disk. The challenge set must be met again before the recipe runs.
-    `record` is that of `approve`.
-
-    Raises
-    ------
-    RecipeError
-        If there is no such approved state, or what was taught for it was changed since.
+    The challenge set must be met again before the recipe runs.
     """
     with files.changing():
         state = next((each for each in approved_states(files) if each.sha256 == sha256), None)

@@ -24,13 +24,7 @@ Place = tuple[str | int, ...]
 
 
 class SettingsRefused(RecipeError):  # noqa: N818 - what somebody gave, no error of the program
-    """Settings that are invalid in a recipe.
-
-    Attributes
-    ----------
-    messages
-        What is wrong, by the place of the value, such as ``("limits", "margin")``.
-    """
+    """Invalid settings of a recipe; `messages` are by place, such as ``("limits", "margin")``."""
 
     def __init__(self, messages: Mapping[Place, str]) -> None:
         self.messages = dict(messages)
@@ -56,13 +50,7 @@ def dotted(place: Place) -> str:
 
 
 def with_settings(recipe: Recipe, values: Mapping[str, Any]) -> Recipe:
-    """Return a recipe with new values for the given keys, without approval.
-
-    Raises
-    ------
-    SettingsRefused
-        If a key is not in `SETTINGS`, or a value is invalid.
-    """
+    """Return a recipe with new values for the given keys, without approval."""
     unknown = [key for key in values if key not in SETTINGS]
     if unknown:
         message = f"is not a setting; settings are {', '.join(SETTINGS)}"
@@ -91,17 +79,7 @@ def save_settings(
     seen_sha256: str,
     record: Record = lambda *_: None,
 ) -> None:
-    """Replace the recipe by a changed one, if it still has the hash that somebody has seen.
-
-    `record` is that of `approve`.
-
-    Raises
-    ------
-    RecipeError
-        If it was changed since.
-    InputError
-        If another program is changing it, or it cannot be written.
-    """
+    """Replace the recipe by a changed one, if it still has the hash that somebody has seen."""
     with files.changing():
         before = read_recipe(files.file)
         require_seen(before, seen_sha256)

@@ -17,27 +17,13 @@ from classify.errors import InputError
 
 @dataclass(frozen=True)
 class RecipeState:
-    """A recipe, and the reasons why it cannot run.
-
-    Attributes
-    ----------
-    recipe
-        The recipe.
-    problem
-        Why it cannot judge anything; None if it can.
-    challenge
-        State of the challenge set, in words.
-    has_met_challenge
-        Whether every part got its verdict from exactly this recipe, calibration and software.
-    replay
-        The last replay, of this state or an earlier one; None without one.
-    """
+    """A recipe, and the reasons why it cannot run."""
 
     recipe: Recipe
-    problem: str | None
-    challenge: str
-    has_met_challenge: bool
-    replay: Replay | None
+    problem: str | None  # why it cannot judge anything; None if it can
+    challenge: str  # state of the challenge set, in words
+    has_met_challenge: bool  # with exactly this recipe, calibration and software
+    replay: Replay | None  # of this state or an earlier one; None without one
 
     @property
     def approval(self) -> str:
@@ -51,18 +37,7 @@ class RecipeState:
 
 
 def state_of(files: RecipeFolder, calibration: Path | None) -> RecipeState:
-    """Return the state of a recipe.
-
-    Parameters
-    ----------
-    calibration
-        Calibration of the rig; None for a rig without one.
-
-    Raises
-    ------
-    InputError
-        If the recipe cannot be read.
-    """
+    """Return the state of a recipe."""
     recipe, replay = read_recipe(files.file), last_replay(files)
     try:
         taught = taught_for(recipe, files)

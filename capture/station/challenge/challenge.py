@@ -29,12 +29,10 @@ _MAX_BYTES = 1 << 23
 
 
 class PartOutcome(Record):
-    """The verdict on a part of a challenge, and the one that it must get.
-
-    `file_sha256` is None for a file that could not be read, and in a replay of an older program.
-    """
+    """The verdict on a part of a challenge, and the one that it must get."""
 
     file: str
+    # None for a file that could not be read, and in a replay of an older program
     file_sha256: str | None = None
     pixels_sha256: str | None
     expected: Expected
@@ -71,11 +69,6 @@ def replay_challenge(
     """Judge every part of the challenge as if captured with the present calibration.
 
     `go_on` is called before each part; an exception of it ends the replay.
-
-    Raises
-    ------
-    InputError
-        If there is no challenge set, or it proves nothing.
     """
     for file, expected in read_challenge(files.challenge).sets.items():
         go_on()
@@ -114,20 +107,11 @@ def keep_replay(
 def require_challenge(
     files: RecipeFolder, inspector: Inspector, go_on: Callable[[], None] = lambda: None
 ) -> Replay:
-    """Check that this inspector meets the challenge set.
+    """Raise ChallengeFailed unless this inspector meets the challenge set; a recorded replay
+    counts.
 
-    A recorded replay counts if inspector and files are the same. The parts up to the first good one
-    are judged in any case: another processor may judge otherwise, and the first part of the line
-    need not wait for kernels to be loaded. The whole set is replayed if none is on record or one of
-    these parts gets another verdict than it must. `go_on` is called before each file; an exception
-    of it ends the check, and nothing is recorded.
-
-    Raises
-    ------
-    ChallengeFailed
-        If a part gets another verdict than it must; the message names it.
-    InputError
-        If there is no challenge set, or it proves nothing.
+    The parts up to the first good one are judged in any case: another processor may judge
+    otherwise, and kernels are loaded.
     """
     _known_sha256.cache_clear()  # what runs now does not depend on times of files
     replay, outcomes = (
@@ -157,13 +141,7 @@ def _up_to_a_good_part(outcomes: Iterator[PartOutcome]) -> list[PartOutcome]:
 
 
 def has_met_challenge(files: RecipeFolder, inspector: Inspector) -> bool:
-    """Whether a replay by this inspector is on record, and every part got its verdict.
-
-    Raises
-    ------
-    InputError
-        If there is no challenge set, or it proves nothing.
-    """
+    """Whether a replay by this inspector is on record, and every part got its verdict."""
     replay = valid_replay(files, inspector.fingerprint)
     return replay is not None and not replay.regressions
 
@@ -185,15 +163,7 @@ def _replayed(path: Path, inspector: Inspector) -> tuple[Verdict, str | None]:
 def valid_replay(
     files: RecipeFolder, fingerprint: Fingerprint, go_on: Callable[[], None] = lambda: None
 ) -> Replay | None:
-    """Return the recorded replay if it has this challenge set and fingerprint.
-
-    `go_on` as in `require_challenge`.
-
-    Raises
-    ------
-    InputError
-        If there is no challenge set, or it proves nothing.
-    """
+    """Return the recorded replay if it has this challenge set and fingerprint."""
     replay = last_replay(files)
     if replay is None or replay.fingerprint != fingerprint:
         return None

@@ -40,15 +40,7 @@ class ChallengeSet(Section):
 
 
 def read_challenge(folder: Path) -> ChallengeSet:
-    """Read a challenge set.
-
-    Raises
-    ------
-    ConfigError
-        If there is none, or its list is damaged.
-    RecipeError
-        If it has no part that must pass, or none that must not.
-    """
+    """Read a challenge set."""
     missing = (
         "there is no challenge set; add parts with ps4rig station challenge DIR --add SET "
         "--expect PASS|FAIL|UNKNOWN"
@@ -65,13 +57,7 @@ def read_challenge(folder: Path) -> ChallengeSet:
 
 
 def challenge_sets(folder: Path) -> dict[str, Expected]:
-    """Return files and verdicts of a challenge; empty if there is no challenge set.
-
-    Raises
-    ------
-    ConfigError
-        If its list is damaged.
-    """
+    """Return files and verdicts of a challenge; empty if there is no challenge set."""
     if not (folder / FILE).exists():
         return {}
     return dict(read_toml_as(folder / FILE, ChallengeSet, "").sets)
@@ -85,17 +71,7 @@ def add_to_challenge(
 ) -> None:
     """Copy sets into a challenge; a set that is in it already gets the new verdict.
 
-    Parameters
-    ----------
-    record
-        Records each change, and prevents all by an exception.
-
-    Raises
-    ------
-    InputError
-        If a set cannot be read or copied, its name is invalid, or another program holds the lock.
-    RecipeError
-        If the challenge contains another set of this name.
+    `record` records each change, and prevents all by an exception.
     """
     make_folder(folder)
     with folder_lock(folder, _LOCK):
@@ -124,13 +100,7 @@ def _is_there(copy: Path, path: Path) -> bool:
 
 
 def remove_from_challenge(folder: Path, file: str, record: Record = lambda *_: None) -> None:
-    """Take a set out of a challenge; its file stays. `record` is that of `add_to_challenge`.
-
-    Raises
-    ------
-    InputError
-        If the challenge does not contain it, or another program holds the lock.
-    """
+    """Take a set out of a challenge; its file stays. `record` is that of `add_to_challenge`."""
     missing = InputError(f"{file[:100]!r} is not in the challenge set")
     if not folder.is_dir():  # the lock needs it
         raise missing

@@ -69,13 +69,7 @@ def _broken(offsets: Sequence[float]) -> Iterator[str]:
 
 
 class RuleSeries:
-    """Points of one chart: the first ones are its baseline.
-
-    Attributes
-    ----------
-    baseline
-        None as long as there are too few points.
-    """
+    """Points of one chart: the first ones are its baseline."""
 
     def __init__(self) -> None:
         self._first: list[float] = []
@@ -121,16 +115,8 @@ class _Watched:
 class ControlChart:
     """Charts of a running station; subscribe it to the events of the station.
 
-    Each point is the mean of five parts that matched a texture; 20 points are the baseline. Every
-    warning is passed on once as `Warned`, until it has not held for eight points. The charts start
-    again with each recipe, because its distances and taught levels differ.
-
-    Parameters
-    ----------
-    led_names
-        Names of the LEDs, in the order of the lights.
-    subscribers
-        Get the warnings.
+    A warning is passed on once as `Warned`, until it has not held for eight points; each recipe
+    starts new charts.
     """
 
     def __init__(self, led_names: Sequence[str], *subscribers: Subscriber) -> None:

@@ -19,45 +19,24 @@ from .control_chart import (
 
 @dataclass(frozen=True)
 class ChartPoint:
-    """A point of a chart: the mean of some parts.
-
-    Attributes
-    ----------
-    number, part_id, triggered_utc
-        Those of its last part.
-    value
-        Arithmetic mean of levels, geometric mean of distances.
-    broken, begun
-        Western Electric rules that the point breaks, in words; and those that a running station
-        would report as new at this point.
-    """
+    """A point of a chart: the mean of some parts, of which the last one names it."""
 
     number: int
     part_id: str
     triggered_utc: str
-    value: float
-    broken: tuple[str, ...]
-    begun: tuple[str, ...]
+    value: float  # arithmetic mean of levels, geometric mean of distances
+    broken: tuple[str, ...]  # Western Electric rules that the point breaks, in words
+    begun: tuple[str, ...]  # those that a running station would report as new at this point
 
 
 @dataclass(frozen=True)
 class ChartHistory:
-    """A control chart.
-
-    Attributes
-    ----------
-    points
-        In the order of the parts.
-    baseline_points
-        Number of first points that form the baseline.
-    centre, lower, upper
-        The mean of the baseline, and the limits at three standard deviations; None if there are too
-        few points.
-    """
+    """A control chart."""
 
     points: tuple[ChartPoint, ...]
-    baseline_points: int
+    baseline_points: int  # number of first points
     centre: float | None
+    # Three standard deviations from `centre`, as `upper`; None with too few points.
     lower: float | None
     upper: float | None
 
@@ -65,8 +44,7 @@ class ChartHistory:
 def chart_histories(parts: Iterable[ChartedPart]) -> tuple[ChartHistory, ...]:
     """Return the chart of the distance and those of each LED, in the order of the lights.
 
-    A point is the mean of five parts, and the first 20 points are the baseline. Parts with another
-    number of lights than the last one are left out.
+    Parts with another number of lights than the last one are left out.
     """
     listed = list(parts)
     leds = len(listed[-1].led_levels) if listed else 0

@@ -25,27 +25,14 @@ PATIENCE_S = 1.0
 
 @dataclass(frozen=True, eq=False)
 class UsableRecipe:
-    """A recipe that may judge parts: approved, loaded, with its challenge set met.
-
-    Attributes
-    ----------
-    judge
-        Makes results by this recipe.
-    recipe
-        The recipe.
-    begin
-        Called with the images of each part before their checks.
-    calibration
-        Calibration of the rig.
-    by
-        Who asked for it; empty for the recipe of the start.
-    """
+    """A recipe that may judge parts: approved, loaded, with its challenge set met."""
 
     judge: PartJudge
     recipe: Recipe
+    # Called with the images of each part before their checks.
     begin: Callable[[CapturedSet], None] = lambda _: None
     calibration: FoundCalibration | None = None
-    by: str = ""
+    by: str = ""  # who asked for it; empty for the recipe of the start
 
     @property
     def loaded(self) -> RecipeLoaded:
@@ -61,7 +48,7 @@ class Recipes(Protocol):
         """The recipe that judges now."""
 
     def load(self, name: str, by: Asker, go_on: Callable[[], None]) -> UsableRecipe:
-        """Load a recipe; raises RecipeRefused.
+        """Load a recipe, or raise RecipeRefused.
 
         `go_on` is called repeatedly; an exception of it ends the work.
         """
@@ -86,19 +73,10 @@ class WantedRecipe:
 
 
 class Changeover:
-    """The exchange of the recipe of a station.
+    """Exchanges the recipe of a station.
 
-    The asker waits in `loading`, in a thread of its own, until the station has taken or refused the
-    recipe. The station calls all other methods except `take` under its lock.
-
-    Parameters
-    ----------
-    recipes
-        Those of the station; None if it judges no parts.
-    publish
-        Gets `RecipeLoaded`, and a warning for each recipe that is not loaded.
-    is_stopping
-        Whether the station stops: a recipe that is being loaded is refused then.
+    The asker waits in `loading`, in its own thread; the station calls all methods but `take` under
+    its lock.
     """
 
     def __init__(
@@ -123,13 +101,7 @@ class Changeover:
 
     @contextmanager
     def loading(self, name: str, by: Asker) -> Iterator[WantedRecipe]:
-        """Load a recipe while parts go on, and run the block with the request.
-
-        Raises
-        ------
-        RecipeRefused
-            If it cannot be loaded, the station stops, or another one is being loaded.
-        """
+        """Load a recipe while parts go on, and run the block with the request."""
         if self._recipes is None:
             raise RecipeRefused("the station judges no parts", RecipeRefusal.NOT_READY)
         if not self._one.acquire(timeout=PATIENCE_S):
@@ -167,8 +139,8 @@ class Changeover:
     def take(self, wanted: WantedRecipe, camera: PartCamera, self_test: SelfTest) -> PartJudge:
         """Exchange the recipe while no part is in progress; return the new judge.
 
-        The asker gets its answer as soon as the station is ready. After an exception the present
-        recipe stays, the rig is closed, and the asker has the reason.
+        After an exception the present recipe stays, the rig is closed, and the asker has the
+        reason.
         """
         recipes, recipe = self._recipes, wanted.recipe
         assert recipes is not None

@@ -50,17 +50,7 @@ _OF_THE_SET = (SetRejected, CalibrationError)
 
 
 class Station:
-    """A running station; `run` runs it to its end.
-
-    Parameters
-    ----------
-    folder, config
-        The station.
-    equipment
-        The objects that it works with.
-    count
-        Number of parts after which the run ends; None for no end.
-    """
+    """A running station; `run` runs it to its end."""
 
     def __init__(
         self, folder: Path, config: StationConfig, equipment: Equipment, count: int | None = None
@@ -120,9 +110,8 @@ class Station:
         return Accepted(begun.part_id, begun.number)
 
     def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
-        """Load a recipe beside the parts; return when it judges all later parts.
-
-        Raises RecipeRefused if that cannot be done: the present recipe holds.
+        """Load a recipe beside the parts; return when it judges all later parts, else
+        RecipeRefused.
         """
         with self._changeover.loading(name, by) as wanted:
             with self._lock:
@@ -142,14 +131,8 @@ class Station:
     # The run.
 
     def run(self, source: TriggerSource) -> StationStopped:
-        """Serve triggers until the source ends, the parts are done, or Ctrl-C.
-
-        Raises
-        ------
-        Ps4rigError
-            If the station did not become ready.
-        KeyboardInterrupt
-            As it came, after the parts in progress.
+        """Serve triggers until the source ends, the parts are done, or Ctrl-C, which is raised at
+        the end.
         """
         threads = [
             GuardedThread(work, self.stop, f"station {name}")

@@ -24,41 +24,19 @@ ReportAlive = Callable[[Worker], None]
 
 @dataclass(frozen=True, eq=False)
 class Equipment:
-    """The objects that a station works with.
-
-    Attributes
-    ----------
-    camera
-        The rig.
-    judge
-        Makes the result of an exposed part, until another recipe is loaded.
-    store
-        The results.
-    prepare
-        Makes all checks except those of the rig before the station becomes ready, while no part is
-        in progress.
-    clock
-        The clock for times in records.
-    publisher
-        Gets all events.
-    sensor
-        The part sensor, if it triggers the parts.
-    report_alive
-        Called by each worker several times a second while it waits, and between two steps of its
-        work. A worker that hangs does not call it.
-    recipes
-        The recipes that can be loaded; None if no parts are judged.
-    """
+    """The objects that a station works with."""
 
     camera: PartCamera
-    judge: PartJudge
+    judge: PartJudge  # until another recipe is loaded
     store: ResultStore
+    # Makes all checks except those of the rig, while no part is in progress.
     prepare: Callable[[], list[Check]]
     clock: StationClock
     publisher: Publisher
     sensor: PartSensor | None = None
+    # Called by each worker several times a second, unless the worker hangs.
     report_alive: ReportAlive = lambda _: None
-    recipes: Recipes | None = None
+    recipes: Recipes | None = None  # None if no parts are judged
 
     def refused(self, trigger: Trigger, reason: str) -> TriggerRefused:
         """Record a refused trigger; return the event to publish. Never raises."""

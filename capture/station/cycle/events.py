@@ -22,15 +22,12 @@ _POLL_S = 0.02
 
 @dataclass(frozen=True)
 class RecipeLoaded:
-    """A recipe was loaded; it judges all parts that are triggered from now on.
-
-    `by` says who asked for it; empty at the start. All earlier parts have their results.
-    """
+    """A recipe was loaded; it judges all parts that are triggered from now on."""
 
     name: str
     version: int
     sha256: str
-    by: str = ""
+    by: str = ""  # who asked for it; empty at the start
 
 
 @dataclass(frozen=True)
@@ -68,10 +65,7 @@ class PartBegun:
 
 @dataclass(frozen=True)
 class ExposureComplete:
-    """No further exposure of the part is needed: it may move.
-
-    Published after the last attempt: its set has passed the checks, or the part is an ERROR.
-    """
+    """No further exposure of the part is needed: it may move. Published after the last attempt."""
 
     part_id: str
     number: int
@@ -79,13 +73,10 @@ class ExposureComplete:
 
 @dataclass(frozen=True)
 class PartAnnounced:
-    """The result of a part; its set file and its row are on disk.
-
-    `latency_ms` is the time since the end of its last exposure.
-    """
+    """The result of a part; its set file and its row are on disk."""
 
     result: PartResult
-    latency_ms: float
+    latency_ms: float  # since the end of its last exposure
 
 
 @dataclass(frozen=True)
@@ -104,21 +95,11 @@ class Warned:
 
 @dataclass(frozen=True)
 class StationStopped:
-    """The run is over.
-
-    Attributes
-    ----------
-    reason
-        Why.
-    announced
-        Number of its parts by verdict.
-    refused
-        Number of triggers that were not served.
-    """
+    """The run is over."""
 
     reason: str
     announced: Mapping[Decision, int]
-    refused: int
+    refused: int  # triggers that were not served
 
     @property
     def rejected(self) -> int:
@@ -142,15 +123,9 @@ Subscriber = Callable[[Event], None]
 
 
 class Publisher:
-    """Passes events to all subscribers, one after the other, from a thread of its own.
+    """Passes events to all subscribers, in order, from a thread of its own.
 
-    A subscriber may therefore call the station. An error of a subscriber is logged and concerns
-    neither the station nor other subscribers. Within a ``with`` block; at its end all events have
-    been passed on.
-
-    `publish` never waits, so that it may be called under a lock, where the order of events is
-    known. No event is lost. Memory is bounded because the station waits in `wait_for_room`, without
-    a lock, before it takes further work.
+    `publish` never waits and may be called under a lock; `wait_for_room` bounds the memory.
     """
 
     def __init__(self, *subscribers: Subscriber) -> None:
@@ -173,7 +148,7 @@ class Publisher:
     def wait_for_room(self, is_over: Callable[[], bool]) -> None:
         """Wait while subscribers are `MOST_EVENTS` behind, unless `is_over`.
 
-        A subscriber that calls this would wait for itself: it does not wait.
+        A call by a subscriber returns at once.
         """
         while self._events.qsize() >= MOST_EVENTS and not is_over():
             if threading.current_thread() is self._thread:

@@ -5,18 +5,7 @@ from collections.abc import Callable
 
 
 class GuardedThread(threading.Thread):
-    """A thread that reports its end, with the error that ended it.
-
-    Parameters
-    ----------
-    work
-        What the thread does.
-    stop
-        Called at its end, with the error or None; also with a `KeyboardInterrupt` that comes while
-        somebody waits for the thread.
-    name, daemon
-        As those of any thread.
-    """
+    """A thread that calls `stop` at its end, with the error that ended it or None."""
 
     def __init__(
         self,

@@ -45,49 +45,20 @@ class PartInspector(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class ExposedPart:
-    """A part that needs no further exposure.
-
-    Attributes
-    ----------
-    begun
-        Its row in the results.
-    captured, error
-        Its set, or the exception that prevented one.
-    exposed_s, exposed_utc
-        End of its last exposure, on the monotonic clock and as UTC text for records; `exposed_utc`
-        is None if there is no set.
-    timings_ms
-        ``capture``, from the trigger to the end of the last exposure, and ``checks``, from there
-        until the set had passed its checks.
-    notes
-        Remarks on the part for the record.
-    """
+    """A part that needs no further exposure."""
 
     begun: BegunPart
     captured: CapturedSet | None
     error: BaseException | None
-    exposed_s: float
-    exposed_utc: str | None
+    exposed_s: float  # end of the last exposure, on the monotonic clock
+    exposed_utc: str | None  # None if there is no set
+    # ``capture``: trigger to end of exposure; ``checks``: from there on.
     timings_ms: dict[str, float]
     notes: tuple[str, ...] = ()
 
 
 class PartJudge:
-    """Makes the result of an exposed part.
-
-    Parameters
-    ----------
-    station, operator
-        Name of the station, and of the person responsible for the results.
-    inspector
-        Judges the sets.
-    recipe_fields
-        Fields of every `PartResult` that name recipe, library and calibration.
-    save
-        Writes a set to a file whose name is relative to the station's folder.
-    clock
-        For times of records.
-    """
+    """Makes the result of an exposed part."""
 
     def __init__(
         self,

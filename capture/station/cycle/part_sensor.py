@@ -14,15 +14,7 @@ MOST_RECORDED = 100
 
 
 class PartSensor:
-    """The sensor at the light controller of a rig; each part that it sees is a trigger.
-
-    Parameters
-    ----------
-    rig
-        The rig, which is open while a part is awaited.
-    store
-        Gives the number of the next part.
-    """
+    """The sensor at the light controller of a rig; each part that it sees is a trigger."""
 
     def __init__(self, rig: StationRig, store: ResultStore) -> None:
         self._rig, self._store = rig, store
@@ -30,15 +22,8 @@ class PartSensor:
     def await_part(self, station: TriggerTarget, is_over: Callable[[], bool]) -> None:
         """Wait for a part and submit its trigger, unless `is_over`.
 
-        Parts that came since the last wait are refused, so that they are on record: one row each,
-        and one for all beyond `MOST_RECORDED`, or after `is_over`.
-
-        Raises
-        ------
-        HardwareError, InputError
-            If the controller fails or cannot wait for parts.
-        ResultsUnavailable
-            If the database does not answer.
+        Parts that came since the last wait are refused: a row each, one for all beyond
+        `MOST_RECORDED`.
         """
         missed = self._rig.missed_parts()
         for _ in range(min(missed, MOST_RECORDED)):

@@ -7,14 +7,11 @@ from classify.errors import Ps4rigError
 
 
 class Asker(NamedTuple):
-    """Who asks for a recipe: a name, and a role such as ``engineer``.
-
-    `seen_sha256` is the hash of the recipe that the asker saw; None if none was shown.
-    """
+    """Who asks for a recipe: a name, and a role such as ``engineer``."""
 
     name: str
     role: str
-    seen_sha256: str | None = None
+    seen_sha256: str | None = None  # hash of the recipe that the asker saw; None if none was shown
 
 
 class RecipeRefusal(Enum):

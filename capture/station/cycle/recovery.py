@@ -23,15 +23,7 @@ _FILES_AT_A_TIME = 500
 def finish_interrupted(
     folder: Path, store: ResultStore, decided_utc: Callable[[], str]
 ) -> Iterator[PartResult]:
-    """Give every begun part without a result the verdict ERROR, and yield that result.
-
-    An intact set file of the part is kept with the result.
-
-    Raises
-    ------
-    ResultsUnavailable
-        If the database does not answer.
-    """
+    """Give each begun part without a result the verdict ERROR, and yield it with its intact set."""
     for begun in store.unfinished():
         stored, reason = _left_behind(folder, begun)
         result = interrupted_result(store.station, begun, decided_utc(), stored, reason)
@@ -54,10 +46,7 @@ def _left_behind(folder: Path, begun: BegunPart) -> tuple[dict[str, Any], str]:
 
 
 def damaged_sets(folder: Path, store: ResultStore) -> Iterator[str]:
-    """Yield a line for each set file of the last results that is missing or altered.
-
-    The results are not changed: they were right when they were written.
-    """
+    """Yield a line for each set file of the last results that is missing or altered."""
     for entry in store.parts(newest=_LAST_RESULTS):
         result = entry.result
         if result.set_file is None or entry.set_removed_utc is not None:

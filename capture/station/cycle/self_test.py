@@ -31,13 +31,7 @@ class SelfTestFailed(HardwareError):  # noqa: N818 - the state of the station, n
 
 
 def require_no_fault(checks: Iterable[Check]) -> None:
-    """Check that no check found a fault.
-
-    Raises
-    ------
-    SelfTestFailed
-        Naming every fault.
-    """
+    """Raise SelfTestFailed, with every fault, if a check found one."""
     faults = [
         ": ".join(filter(None, (each.name, each.seen, each.advice)))
         for each in checks
@@ -48,13 +42,7 @@ def require_no_fault(checks: Iterable[Check]) -> None:
 
 
 class SelfTest:
-    """Collects the checks of a self-test, and publishes them if they changed.
-
-    Parameters
-    ----------
-    publish
-        Gets the event.
-    """
+    """Collects the checks of a self-test, and publishes them if they changed."""
 
     def __init__(self, publish: Callable[[SelfTestFinished], None]) -> None:
         self._publish = publish
@@ -79,13 +67,7 @@ class SelfTest:
 
 
 def disk_fault(folder: Path, floor_mb: int, sets_bytes: int = 0) -> str | None:
-    """Return why no set may be written to `folder`, or None if there is room for it.
-
-    Parameters
-    ----------
-    sets_bytes
-        Space that sets in progress, and the next one, will take.
-    """
+    """Return why no set may be written to `folder`; `sets_bytes` is space that sets will take."""
     try:
         free_bytes = shutil.disk_usage(folder).free
     except OSError as error:
@@ -102,13 +84,7 @@ def floor_fault(free_bytes: int, sets_bytes: int, floor_mb: int) -> str | None:
 
 
 def check_disk(folder: Path, floor_mb: int) -> Iterator[Check]:
-    """Check that a set can be written below `folder`, and that more than the floor is free.
-
-    Raises
-    ------
-    InputError
-        If nothing can be written.
-    """
+    """Check that a set can be written below `folder`, and that more than the floor is free."""
     make_folder(folder / PARTS)
     reason = disk_fault(folder / PARTS, floor_mb)
     if reason is not None:
@@ -158,13 +134,7 @@ def check_calibration_age(file: CalibrationFile | None, rule: CalibrationRule) -
 def check_rig(rig: Rig, sheet: CalibrationFile | None) -> list[Check]:
     """Check an open rig: dark with all LEDs off, light of each LED, and a white sheet.
 
-    A test with a fault is repeated: a short disturbance seldom affects two tests in a row.
-
-    Parameters
-    ----------
-    sheet
-        Calibration to compare with a white sheet below the camera; None without a sheet. A
-        simulated rig lays the sheet down, and puts its part back afterwards.
+    A test with a fault is repeated, because a short disturbance seldom affects two in a row.
     """
 
     def checks() -> Iterator[Check]:

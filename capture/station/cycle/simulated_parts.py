@@ -22,18 +22,10 @@ _MIDDLE_SHARE = 0.6
 
 @dataclass(frozen=True)
 class SimulatedPart:
-    """One part of the feed.
-
-    Attributes
-    ----------
-    placement
-        How it lies below the camera.
-    is_other
-        Whether its surface is an unexpected one.
-    """
+    """One part of the feed."""
 
     placement: Placement
-    is_other: bool
+    is_other: bool  # its surface is an unexpected one
 
     @property
     def is_good(self) -> bool:
@@ -42,17 +34,7 @@ class SimulatedPart:
 
 
 def simulated_part(parts: SimulatedParts, number: int, frame_px: int) -> SimulatedPart:
-    """Return the part with a number; the same one each time, also after a restart.
-
-    Parameters
-    ----------
-    parts
-        Surfaces and defects, and their shares.
-    number
-        Number of the part in the station.
-    frame_px
-        Shorter side of the frame, within which a defect lies.
-    """
+    """Return the part with a number: the same one each time, also after a restart."""
     draw = random.Random(f"{parts.seed} {number}")
     is_other = draw.random() < parts.share_other
     surface = draw.choice(parts.others if is_other else parts.surfaces)

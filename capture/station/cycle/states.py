@@ -46,13 +46,7 @@ TRANSITIONS: dict[tuple[State, Change], State] = {
 
 
 class StateMachine:
-    """The state of a station. Thread-safe.
-
-    Parameters
-    ----------
-    changed
-        Called with the new state and the reason after each change, in order.
-    """
+    """The state of a station, thread-safe; `changed` is called after each change, in order."""
 
     def __init__(self, changed: Callable[[State, str], None]) -> None:
         self._state = State.PREOPERATIONAL
@@ -65,15 +59,7 @@ class StateMachine:
         return self._state
 
     def change(self, change: Change, reason: str = "") -> State:
-        """Make a transition and return the new state.
-
-        `reason` is published instead of the text of `change`, for example a fault that was found.
-
-        Raises
-        ------
-        ValueError
-            If the table has no such transition; the state stays.
-        """
+        """Make a transition and return the new state; ValueError if the table does not have it."""
         with self._condition:
             new = TRANSITIONS.get((self._state, change))
             if new is None:

@@ -17,13 +17,7 @@ def _utc() -> datetime:
 
 
 class StationClock:
-    """UTC for records, compared with the monotonic clock, which measures durations.
-
-    Parameters
-    ----------
-    utc, monotonic_s
-        The two clocks.
-    """
+    """UTC for records, compared with the monotonic clock, which measures durations."""
 
     def __init__(
         self,

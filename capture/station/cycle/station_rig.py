@@ -41,9 +41,8 @@ class PartCamera(Protocol):
         """Check the open rig; compare it with a white sheet at the start, if configured."""
 
     def capture(self, number: int) -> tuple[CapturedSet, float]:
-        """Capture the part with this number; the time is the end of the last exposure.
-
-        The time is that of `time.monotonic`.
+        """Capture the part; return its set and the `time.monotonic` at the end of the last
+        exposure.
         """
 
     def close(self) -> None:
@@ -51,19 +50,7 @@ class PartCamera(Protocol):
 
 
 class StationRig:
-    """The rig of a station, with the settings of its recipe.
-
-    Parameters
-    ----------
-    config
-        The station.
-    rig_config
-        The rig.
-    recipe
-        Its exposure and gain replace those of the rig.
-    exposed
-        Called with the images of each part before their checks, as in `capture_set`.
-    """
+    """The rig of a station, with the settings of its recipe."""
 
     def __init__(
         self,
@@ -94,13 +81,7 @@ class StationRig:
         calibration: CalibrationFile | None,
         exposed: Callable[[CapturedSet], None],
     ) -> None:
-        """Take the settings of another recipe; an open rig with other settings is opened anew.
-
-        Raises
-        ------
-        HardwareError
-            If it cannot be opened.
-        """
+        """Take the settings of another recipe; an open rig with other settings is opened anew."""
         self.calibration, self._exposed = calibration, exposed
         before, self._rig_config = self._rig_config, self._with_light_of(recipe)
         if self._rig is not None and self._rig_config != before:
@@ -108,13 +89,7 @@ class StationRig:
             self.open()
 
     def open(self) -> None:
-        """Open the rig.
-
-        Raises
-        ------
-        HardwareError
-            If it cannot be opened.
-        """
+        """Open the rig."""
         self._rig = open_rig(self._rig_config)
         self._is_simulated = self._rig.is_simulated
 
@@ -124,15 +99,7 @@ class StationRig:
         return check_rig(self._opened(), self.calibration if has_sheet else None)
 
     def wait_for_part(self, number: int, is_over: Callable[[], bool]) -> bool:
-        """Wait until the sensor has seen a part and its first light is lit; False if `is_over`.
-
-        Raises
-        ------
-        InputError
-            If the rig is synchronised by software.
-        HardwareError
-            If controller or camera fail.
-        """
+        """Wait until the sensor has seen a part and its first light is lit; False if `is_over`."""
         rig = self._opened()
         if rig.simulation is not None:
             self._place(number)
@@ -146,13 +113,8 @@ class StationRig:
     def missed_parts(self) -> int:
         """Return the number of parts since the last call that passed the sensor without a wait.
 
-        The first call for a controller returns 0. Parts that pass while the rig is closed count;
-        parts before a restart of the controller are not counted.
-
-        Raises
-        ------
-        HardwareError
-            If the controller fails, or its firmware knows no part sensor.
+        Parts that pass while the rig is closed count; those before a restart of the controller do
+        not.
         """
         lights = self._opened().lights
         seen, controller = parts_seen(lights), lights.identity.serial_number
@@ -169,16 +131,9 @@ class StationRig:
 
     @beside_workers()
     def capture(self, number: int) -> tuple[CapturedSet, float]:
-        """Capture the part with this number, which a simulated rig puts below its camera first.
+        """Capture the part, and return it with the end of the last exposure.
 
-        The time is the end of the last exposure. On a virtual clock it is the time of the return.
-
-        Raises
-        ------
-        SetRejected, CalibrationError, HardwareError
-            As `capture_set`.
-        CameraError
-            If every pixel is that of an earlier part of this run.
+        On a virtual clock that is the time of the return.
         """
         rig = self._opened()
         part, self._part = self._part, None

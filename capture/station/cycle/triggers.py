@@ -16,21 +16,11 @@ from .recipe_request import Asker
 
 @dataclass(frozen=True)
 class Trigger:
-    """A part lies below the camera.
+    """A part lies below the camera."""
 
-    Attributes
-    ----------
-    source
-        ``timer``, ``enter``, ``sensor``, ``http`` or ``modbus``.
-    part_id
-        Identity of the part, unique in the station; None lets the station choose one.
-    recipe
-        Name of the recipe that must judge it; None for any.
-    """
-
-    source: str
-    part_id: str | None = None
-    recipe: str | None = None
+    source: str  # ``timer``, ``enter``, ``sensor``, ``http`` or ``modbus``
+    part_id: str | None = None  # unique in the station, which chooses one for None
+    recipe: str | None = None  # that must judge the part; None for any
 
 
 @dataclass(frozen=True)
@@ -107,10 +97,7 @@ _TIMER = Trigger("timer")
 class TimerTrigger:
     """A trigger in each period; a period of 0 triggers whenever the station is ready.
 
-    A trigger during the exposure of another part is refused and recorded, like any other trigger.
-    If a trigger is late by a period or more, such as after a slow answer, all triggers that are due
-    by then are refused, because their parts have moved on. One row counts them, after the next
-    trigger.
+    If it is late by a period or more, all triggers due by then are refused: one row counts them.
     """
 
     def __init__(self, period_s: float, now_s: Callable[[], float] = time.monotonic) -> None:
@@ -156,14 +143,8 @@ class SensorTrigger:
 
 
 class LineTrigger:
-    """A trigger for each line of text, such as the Enter key; the text is the part's id.
-
-    ``q`` alone, or the end of the text, ends the source.
-
-    Parameters
-    ----------
-    read_line
-        Returns the next line with its line end, and an empty text at the end.
+    """A trigger for each line of text, which is the part's id; ``q`` or the end of the text ends
+    it.
     """
 
     def __init__(self, read_line: Callable[[], str]) -> None:

@@ -92,17 +92,7 @@ def study_faults(
 ) -> Iterator[FaultFinding]:
     """Judge good parts of a recipe with faults; parts that do not pass without one are left out.
 
-    Parameters
-    ----------
-    parts
-        Most good parts of each texture.
-    great_only
-        Only faults of `GREAT` size.
-
-    Raises
-    ------
-    InputError
-        If a taught set cannot be read.
+    At most `parts` of each texture, with `great_only` only with faults of `GREAT` size.
     """
     taught = taught_for(inspector.recipe, files)
     draw = random.Random(1)
@@ -186,13 +176,7 @@ def great_faults(files: RecipeFolder, inspector: Inspector) -> FaultStudy:
 
 
 def require_great_faults_found(files: RecipeFolder, inspector: Inspector) -> None:
-    """Check that no fault of `GREAT` size passes that the recipe does not acknowledge.
-
-    Raises
-    ------
-    RecipeError
-        Naming those that pass.
-    """
+    """Check that no fault of `GREAT` size passes that the recipe does not acknowledge."""
     recipe = inspector.recipe
     passing = great_faults(files, inspector).passing(recipe)
     if passing:

@@ -65,13 +65,7 @@ class Share:
 class GaugeStudy:
     """The outcome of a study.
 
-    Presentations of one part are not independent trials: a difficult part is difficult each time.
-    The bounds therefore count parts, and a part that was wrong once counts as wrong.
-
-    Attributes
-    ----------
-    presentations
-        All presentations, with their verdicts.
+    Bounds count parts, not presentations: those of one part are not independent trials.
     """
 
     presentations: tuple[Presentation, ...]
@@ -151,13 +145,7 @@ class GaugeStudy:
 
 
 def read_known_parts(path: Path) -> dict[str, bool]:
-    """Read a CSV file of known parts: a line ``ID,good`` or ``ID,bad`` for each.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, or a line has another form.
-    """
+    """Read a CSV file of known parts: a line ``ID,good`` or ``ID,bad`` for each."""
     try:
         text = read_regular_file(path, _MAX_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -187,8 +175,7 @@ def presentations_of(
 ) -> Sequence[Presentation]:
     """Return the presentations of known parts among recorded verdicts.
 
-    Each presentation has its own part id: that of the known part, or that with a dash and a suffix,
-    such as ``K07-2``.
+    A presentation has the id of its part, or that with a dash and a suffix, such as ``K07-2``.
     """
     found = []
     for part_id, verdict in recorded:

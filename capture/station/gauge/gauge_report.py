@@ -37,37 +37,21 @@ class GaugeShare(Record):
 
 
 class GaugeReport(Record):
-    """What a gauge study found.
-
-    Attributes
-    ----------
-    utc, software_version
-        When the study ended, and the version of ps4rig.
-    recipe, recipe_sha256
-        The recipe that judged; the hash is None for results of an earlier run.
-    simulated
-        Whether the parts are those of a simulated rig.
-    presentations
-        Number of presentations.
-    effectiveness, misses, false_alarms, rating, wrong
-        As in `GaugeStudy`.
-    lines
-        Those of `GaugeStudy`, then those of `FaultStudy`.
-    """
+    """What a gauge study found."""
 
     format: Literal["ps4rig-gauge"] = "ps4rig-gauge"
     version: Literal[1] = 1
-    utc: str
+    utc: str  # end of the study
     software_version: str = Field(default_factory=lambda: version("ps4rig"))
     recipe: str
-    recipe_sha256: Sha256 | None
+    recipe_sha256: Sha256 | None  # None for results of an earlier run
     simulated: bool
     presentations: int
-    effectiveness: GaugeShare
+    effectiveness: GaugeShare  # this to `rating`, and `wrong`: as in `GaugeStudy`
     misses: GaugeShare
     false_alarms: GaugeShare
     rating: Rating
-    lines: tuple[str, ...]
+    lines: tuple[str, ...]  # of `GaugeStudy`, then of `FaultStudy`
     wrong: tuple[str, ...]
 
     @classmethod
@@ -97,25 +81,13 @@ class GaugeReport(Record):
 
 
 def write_gauge_report(path: Path, report: GaugeReport) -> None:
-    """Write the file, whole or not at all.
-
-    Raises
-    ------
-    InputError
-        If it cannot be written.
-    """
+    """Write the file, whole or not at all."""
     with durable_file(path) as temporary:
         temporary.write_text(report.model_dump_json(indent=1), encoding="utf-8")
 
 
 def read_gauge_report(path: Path) -> GaugeReport | None:
-    """Read the report of a recipe; None if no study was made.
-
-    Raises
-    ------
-    InputError
-        If the file is damaged.
-    """
+    """Read the report of a recipe; None if no study was made."""
     if not path.exists():
         return None
     try:

@@ -33,24 +33,14 @@ class Place:
 
 @dataclass(frozen=True)
 class MadeFault:
-    """A kind of fault with three strengths, and what makes it from images without ambient light.
-
-    Attributes
-    ----------
-    unit
-        Whether a strength is the size of the fault, or a factor of the whole part.
-    make
-        From images, tilts of their lights in degrees, strength and place; None where these lights
-        do not allow it.
-    needs_handedness
-        Whether it cannot be seen on a texture that looks like its mirror image.
-    """
+    """A kind of fault with three strengths, and what makes it from images without ambient light."""
 
     name: str
-    unit: Unit
+    unit: Unit  # of a strength: size of the fault, or factor of the whole part
     strengths: tuple[float, float, float]
+    # From images, tilts of lights in deg, strength, place; None where the lights forbid it.
     make: Callable[[Images, npt.NDArray[np.float64], float, Place], Images | None]
-    needs_handedness: bool = False
+    needs_handedness: bool = False  # cannot be seen on a texture that looks like its mirror image
 
     @property
     def is_local(self) -> bool:

@@ -53,13 +53,7 @@ def present(
     inspector: Inspector,
     seed: int,
 ) -> Iterator[Presentation]:
-    """Put each part below the camera of a simulated rig, `times` times, and judge it.
-
-    Raises
-    ------
-    ConfigError
-        If the rig is a real one: its known parts are presented by a person.
-    """
+    """Put each part below the camera of a simulated rig, `times` times, and judge it."""
     if not rig_config.is_simulated:
         raise ConfigError(
             "the rig is real; present known parts to ps4rig station run, and give their list"

@@ -56,35 +56,19 @@ _MOST_WINDOWS = 10
 
 @dataclass(frozen=True, eq=False)
 class Inspection:
-    """Verdict on one part, and the measures that it follows from.
-
-    Attributes
-    ----------
-    verdict
-        The verdict.
-    measures
-        The measures of the region.
-    defect_map
-        Scores of the region; None for a part whose nearest texture does not pass.
-    defects
-        Regions of the defect map above the recipe's limit, the largest score first, then boxes of
-        windows beyond the limits of `seam` and `window`, in px of the whole image.
-    led_levels
-        Mean signal of each light against that of the taught parts of its texture, or of all taught
-        parts if it matches none that passes; empty where the set was not measured.
-    timings_ms
-        Duration of each step by name.
-    """
+    """Verdict on one part, and the measures that it follows from."""
 
     verdict: Verdict
     measures: Measures = field(default_factory=Measures)
-    defect_map: DefectMap | None = None
+    defect_map: DefectMap | None = None  # None for a part whose nearest texture does not pass
+    # Of the map, largest score first, then boxes of windows, in px of the whole image.
     defects: tuple[DefectRecord, ...] = ()
+    # Mean signal of each light against the taught one; empty if not measured.
     led_levels: tuple[float, ...] = ()
     timings_ms: dict[str, float] = field(default_factory=dict)
 
     def result_fields(self) -> dict[str, Any]:
-        """Return the fields of a `PartResult` that follow from the inspection, by name.
+        """Return the fields of a `PartResult` that follow from the inspection.
 
         NaN and infinite values become None: not measured.
         """
@@ -117,24 +101,7 @@ class _Begun:
 
 
 class Inspector:
-    """Judges parts by one recipe, whose files are loaded and hashed once.
-
-    Parameters
-    ----------
-    recipe, taught, library, models
-        The recipe, and what teaching made for it; the models of each texture that passes.
-    calibration
-        Calibration of the rig with its file; None for a rig without one.
-
-    Attributes
-    ----------
-    recipe
-        The recipe.
-    calibration
-        As given.
-    fingerprint
-        Hashes of everything that its verdicts depend on.
-    """
+    """Judges parts by one recipe, whose files are loaded and hashed once."""
 
     def __init__(
         self,
@@ -159,15 +126,7 @@ class Inspector:
 
     @classmethod
     def load(cls, files: RecipeFolder, calibration: Path | None = None) -> Self:
-        """Load a recipe with all that teaching made for it, and the calibration of the rig.
-
-        Raises
-        ------
-        InputError
-            If something is missing or damaged.
-        RecipeError
-            If the recipe was not taught, or something was changed since.
-        """
+        """Load a recipe with all that teaching made for it, and the calibration of the rig."""
         return cls.of(read_recipe(files.file), files, calibration)
 
     @classmethod
@@ -191,16 +150,15 @@ class Inspector:
     def begin(self, unchecked: CapturedSet) -> None:
         """Start to judge images in another thread while they are checked; return at once.
 
-        `inspect` uses the inspection if it gets the same arrays. Otherwise the set was captured
-        again or belongs to another part, and the inspection is dropped.
+        `inspect` uses the inspection if it gets the same arrays, and drops it otherwise.
         """
         self._begun = _Begun(unchecked, beside(lambda: self._inspection(unchecked), is_long=True))
 
     def inspect(self, captured: CapturedSet) -> Inspection:
         """Judge one part.
 
-        A set that cannot be judged gets the verdict ERROR with its cause. Any other problem is
-        raised, and the caller turns it into the verdict ERROR.
+        A set that cannot be judged gets the verdict ERROR with its cause; the caller does so for
+        exceptions.
         """
         begun = self._begun
         if begun is not None and begun.is_of(captured):

@@ -32,29 +32,14 @@ class Finding:
 
 @dataclass(frozen=True)
 class Measures:
-    """What was measured in the region of a part; None for what was not measured.
-
-    Attributes
-    ----------
-    match
-        Its texture.
-    unmeasured_fraction, saturated_fraction
-        Share of the pixels without a slope, and of those that a light saturates.
-    led_levels
-        Level of each LED by its name against the brightest, as a share of the taught ratio.
-    sdq, shadow_fraction, albedo, scale, handedness, octaves, window, seam
-        As in `Limits`.
-    defect_score
-        Largest score of the defect map.
-    unjudged_px
-        Largest connected area without a score in the defect map, in px.
-    """
+    """What was measured in the region of a part; None for what was not measured."""
 
     match: Match | None = None
-    unmeasured_fraction: float | None = None
-    saturated_fraction: float | None = None
+    unmeasured_fraction: float | None = None  # share of the pixels without a slope
+    saturated_fraction: float | None = None  # share of the pixels that a light saturates
+    # Against the brightest LED, as a share of the taught ratio.
     led_levels: tuple[tuple[str, float], ...] = ()
-    sdq: float | None = None
+    sdq: float | None = None  # this to `seam`: as in `Limits`
     shadow_fraction: float | None = None
     albedo: float | None = None
     scale: float | None = None
@@ -62,24 +47,14 @@ class Measures:
     octaves: float | None = None
     window: float | None = None
     seam: float | None = None
-    defect_score: float | None = None
-    unjudged_px: int | None = None
+    defect_score: float | None = None  # largest score of the defect map
+    unjudged_px: int | None = None  # largest connected area without a score in the defect map
 
 
 def verdict_of(recipe: Recipe, measures: Measures, faults: Sequence[Finding] = ()) -> Verdict:
-    """Return the verdict on a part. Pure: the same values give the same verdict.
+    """Return the verdict on a part: first faults of the set, validity, texture, then limits.
 
-    Faults of the set come first, then its validity, its texture, and the limits of the texture. A
-    value that is NaN, or that the recipe needs and that is missing, gives the verdict ERROR.
-
-    Parameters
-    ----------
-    recipe
-        Textures that pass, and their limits.
-    measures
-        The measures of the part.
-    faults
-        Reasons why the set cannot be measured; each has a cause of ERROR.
+    Pure; a value that is NaN, or that the recipe needs and that is missing, gives ERROR.
     """
     findings = list(faults) or list(invalid(recipe, measures))
     findings = findings or list(_of_the_texture(recipe, measures))

@@ -20,25 +20,13 @@ _MASK_FILE = "region"
 
 @dataclass(frozen=True, eq=False)
 class MeasuredSurface:
-    """The region of a part, solved.
+    """The region of a part, solved."""
 
-    Attributes
-    ----------
-    surface
-        The surface in the region; it has no images if the region is not the whole frame.
-    inside
-        (H, W) bool of the region, false outside the mask of the set.
-    shadowed, saturated
-        (H, W) bool of the region: pixels that at least one light does not reach, or saturates.
-    light_signals
-        Mean signal of each light in the region, as a share of full scale.
-    """
-
-    surface: SurfaceEstimate
-    inside: npt.NDArray[np.bool_]
-    shadowed: npt.NDArray[np.bool_]
-    saturated: npt.NDArray[np.bool_]
-    light_signals: tuple[float, ...]
+    surface: SurfaceEstimate  # has no images if the region is not the whole frame
+    inside: npt.NDArray[np.bool_]  # (H, W) bool of the region, false outside the mask of the set
+    shadowed: npt.NDArray[np.bool_]  # (H, W) bool, pixels that at least one light does not reach
+    saturated: npt.NDArray[np.bool_]  # (H, W) bool, pixels that at least one light saturates
+    light_signals: tuple[float, ...]  # mean of each light in the region, as a share of full scale
 
     @classmethod
     def of(
@@ -50,8 +38,8 @@ class MeasuredSurface:
     ) -> Self:
         """Solve a set by `method`, by default that for its number of lights.
 
-        The whole frame is solved, because lights and calibration refer to it. Pixels outside the
-        region are masked.
+        The whole frame is solved, to which lights and calibration refer; pixels outside the region
+        are masked.
         """
         frame = captured.images.shape[1:]
         inside = np.ones(frame, np.bool_) if captured.mask is None else captured.mask

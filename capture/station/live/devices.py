@@ -29,31 +29,15 @@ _CHECKED = {
 
 @dataclass(frozen=True)
 class Device:
-    """The state of a device.
+    """The state of a device."""
 
-    Attributes
-    ----------
-    name
-        ``camera``, ``lights``, ``plc``, ``disk`` or ``database``.
-    status
-        ``ok``, ``warning``, ``fault``, ``off`` (not configured) or ``unknown`` (not tested yet).
-    text
-        What was found.
-    """
-
-    name: str
-    status: Status
-    text: str = ""
+    name: str  # ``camera``, ``lights``, ``plc``, ``disk`` or ``database``
+    status: Status  # ``off``: not configured; ``unknown``: not tested yet
+    text: str = ""  # what was found
 
 
 class DeviceStates:
-    """The last known state of each device.
-
-    Parameters
-    ----------
-    database
-        Beginning of messages about the database of results.
-    """
+    """The last known state of each device."""
 
     def __init__(self, database: str) -> None:
         self._database = database

@@ -53,57 +53,26 @@ class RejectedPart:
 
 @dataclass(frozen=True)
 class LiveSnapshot:
-    """What a station shows at one moment.
-
-    Attributes
-    ----------
-    station, run, event_id
-        Its name, a random name of this run, and the id of the last event in the snapshot.
-    state, reason
-        The state and its reason.
-    simulated
-        Whether the rig is simulated.
-    trigger
-        Where triggers come from.
-    recipe
-        The recipe by which parts are judged; None before it is loaded.
-    inspected
-        The latest part, until its result is announced.
-    last, latency_ms
-        The last announced result, and the time from its exposure to the announcement; None before
-        the first.
-    total_latency_ms
-        Sum over all parts of this run.
-    announced, refused
-        Parts of this run by verdict, and triggers that were not served.
-    parts_per_minute
-        Rate over the last minute.
-    devices
-        Camera, lights, PLC, disk and database.
-    rejected
-        The last parts that did not pass, the newest first.
-    subscribers
-        Number of browsers and programs that follow the events.
-    """
+    """What a station shows at one moment."""
 
     station: str
-    run: str
-    event_id: int
+    run: str  # a random name of this run
+    event_id: int  # of the last event in the snapshot
     state: State
     reason: str
     simulated: bool
     trigger: str
-    recipe: RecipeLoaded | None
-    inspected: str | None
+    recipe: RecipeLoaded | None  # None before it is loaded
+    inspected: str | None  # the latest part, until its result is announced
     last: PartResult | None
-    latency_ms: float | None
-    total_latency_ms: float
+    latency_ms: float | None  # from exposure to announcement; None before the first
+    total_latency_ms: float  # sum over all parts of this run
     announced: Mapping[Decision, int]
     refused: int
-    parts_per_minute: float
+    parts_per_minute: float  # over the last minute
     devices: tuple[Device, ...]
-    rejected: tuple[RejectedPart, ...]
-    subscribers: int
+    rejected: tuple[RejectedPart, ...]  # the last parts that did not pass, the newest first
+    subscribers: int  # browsers and programs that follow the events
 
     def fields(self) -> dict[str, Any]:
         """Return the snapshot as fields of JSON."""
@@ -121,23 +90,9 @@ class LiveSnapshot:
 
 
 class LiveStation:
-    """A running station as its interfaces see it. All methods may be called from any thread.
+    """A running station as its interfaces see it; any thread may call its methods.
 
-    `tell` subscribes to the station's events, and `attached` gets the station with the run's
-    triggers. Subscribers of this object never delay the station: each has a bounded queue.
-
-    Parameters
-    ----------
-    station
-        Its name.
-    simulated
-        Whether its rig is simulated.
-    trigger
-        Where triggers come from, as in ``station.toml``.
-    database
-        What messages call the database of results.
-    now_s
-        The monotonic clock.
+    Its subscribers never delay the station: each has a bounded queue.
     """
 
     def __init__(
@@ -242,13 +197,7 @@ class LiveStation:
             target.refuse(trigger, reason)
 
     def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
-        """Let the station load a recipe; return when it judges all parts triggered from then on.
-
-        Raises
-        ------
-        RecipeRefused
-            If that cannot be done: the present recipe holds.
-        """
+        """Let the station load a recipe; return when it judges all parts triggered from then on."""
         with self._lock:
             target = self._target
         if target is None:
@@ -318,10 +267,7 @@ class LiveStation:
     def subscribe(
         self, wake: Callable[[], None] | None = None, most: int | None = None
     ) -> Subscription | None:
-        """Return a bounded queue of the events from now on; see `Subscription`.
-
-        It is None if there are `most` subscriptions already.
-        """
+        """Return a bounded queue of the events from now on; None if there are `most` already."""
         with self._lock:
             if most is not None and len(self._subscriptions) >= most:
                 return None

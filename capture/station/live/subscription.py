@@ -14,21 +14,11 @@ MOST_WAITING = 200
 
 @dataclass(frozen=True)
 class LiveEvent:
-    """Something that happened, with its position in the run.
+    """Something that happened, with its position in the run."""
 
-    Attributes
-    ----------
-    id
-        Position, from 1, without gaps.
-    utc
-        When.
-    fields
-        What, for JSON; ``event`` names its kind.
-    """
-
-    id: int
+    id: int  # position, from 1, without gaps
     utc: str
-    fields: Mapping[str, Any]
+    fields: Mapping[str, Any]  # for JSON; ``event`` names its kind
 
     @cached_property
     def as_json(self) -> str:
@@ -37,15 +27,9 @@ class LiveEvent:
 
 
 class Subscription:
-    """The events that a subscriber has not taken yet.
+    """The events that a subscriber has not taken yet; all are lost when `MOST_WAITING` wait.
 
-    A subscriber that is `MOST_WAITING` events behind loses them all; `take` says how many.
-
-    Parameters
-    ----------
-    wake
-        Called, under a lock and from a thread of the station, when there is something to take. It
-        must not wait.
+    `wake` is called under a lock from a thread of the station, and must not wait.
     """
 
     def __init__(self, wake: Callable[[], None] | None = None) -> None:
@@ -81,9 +65,8 @@ class Subscription:
             self._tell()
 
     def take(self, timeout_s: float = 0.0) -> tuple[list[LiveEvent], int]:
-        """Return the waiting events, and the number of events lost before them.
-
-        Wait up to `timeout_s` for one.
+        """Wait up to `timeout_s` for an event; return the events, and how many were lost before
+        them.
         """
         with self._condition:
             self._condition.wait_for(lambda: self._waiting or self._is_closed, timeout_s)

@@ -18,13 +18,7 @@ def accounts_of(call: Call) -> Accounts:
 
 
 def role_of(call: Call) -> Role:
-    """Return the role of a form.
-
-    Raises
-    ------
-    InputError
-        If there is no such role.
-    """
+    """Return the role of a form."""
     text = call.text("role")
     if text not in tuple(Role):
         raise InputError(f"role = {text[:20]!r}: give operator, engineer or administrator")

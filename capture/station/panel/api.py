@@ -34,13 +34,7 @@ CHANGE_PATIENCE_S = 5.0
 
 
 def whole_number(call: Call, name: str, default: int, most: int) -> int:
-    """Return a whole number of a query, from 1 to `most`.
-
-    Raises
-    ------
-    InputError
-        If it is something else.
-    """
+    """Return a whole number of a query, from 1 to `most`."""
     text = call.query.get(name, str(default))
     if not (text.isascii() and text.isdecimal() and len(text) < 16 and 1 <= int(text) <= most):
         raise InputError(f"{name} = {text[:20]!r}: give a whole number from 1 to {most}")
@@ -48,13 +42,7 @@ def whole_number(call: Call, name: str, default: int, most: int) -> int:
 
 
 def entry_of(call: Call) -> HistoryEntry:
-    """Return the part that the path names.
-
-    Raises
-    ------
-    Denied
-        If there is no result of it.
-    """
+    """Return the part that the path names."""
     part_id = call.path["part_id"]
     entry = call.panel.results.store.part(part_id)
     if entry is None:
@@ -117,14 +105,8 @@ def _acknowledge(call: Call) -> Response:
 def newest_parts(
     call: Call, selection: Selection, most: int
 ) -> tuple[list[HistoryEntry], int | None]:
-    """Return selected parts below the number in the query, the newest first.
-
-    The returned number is the ``below`` of the next page; None on the last page.
-
-    Raises
-    ------
-    InputError
-        If `below` is not the number of a part.
+    """Return selected parts, the newest first, and the ``below`` of the next page, None on the
+    last.
     """
     if "below" in call.query:
         selection = replace(selection, below_number=whole_number(call, "below", 1, 2**53))
@@ -203,15 +185,7 @@ def _set_file(call: Call) -> Response:
 
 
 def override(call: Call) -> HistoryEntry:
-    """Override the verdict of the part in the path by a form or JSON; return the part.
-
-    Raises
-    ------
-    Denied
-        If there is no result of it.
-    InputError
-        If the verdict is neither PASS nor FAIL, or without a reason.
-    """
+    """Override the verdict of the part in the path by a form or JSON; return the part."""
     panel = call.panel
     with _changing(call):
         entry = entry_of(call)

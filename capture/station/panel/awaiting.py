@@ -17,8 +17,7 @@ _VERDICT = "part"
 class Awaiting:
     """Subscriptions of the coroutines of one event loop.
 
-    One call of the loop wakes all of them, because each call costs the station's thread a system
-    call.
+    One call of the loop wakes all of them: each call costs the station's thread a system call.
     """
 
     def __init__(self, live: LiveStation) -> None:
@@ -30,10 +29,7 @@ class Awaiting:
     def subscribed(
         self, most: int | None = None
     ) -> Iterator[tuple[Subscription | None, asyncio.Event]]:
-        """Yield a subscription, and the event that is set when it has something to take.
-
-        The subscription is None if there are `most` already.
-        """
+        """Yield a subscription, None beyond `most`, and the event set when it has something."""
         changed = asyncio.Event()
         wake = partial(self._wake, asyncio.get_running_loop())
         subscription = self._live.subscribe(wake, most)

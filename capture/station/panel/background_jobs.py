@@ -43,52 +43,26 @@ class JobRefused(Ps4rigError):  # noqa: N818 - the state of the station, no erro
 
 @dataclass(frozen=True)
 class Job:
-    """A job at one moment.
+    """A job at one moment."""
 
-    Attributes
-    ----------
-    id
-        A random name.
-    kind, recipe
-        ``teach`` or ``challenge``, and for which recipe.
-    title
-        What it does, for people.
-    by, started_utc
-        Who started it, and when.
-    status
-        ``running``, ``done`` or ``failed``.
-    step, taken, total
-        The present step, and how many of its items are done.
-    error
-        Why it failed.
-    result
-        Its outcome.
-    """
-
-    kind: str
+    kind: str  # ``teach`` or ``challenge``
     recipe: str
-    title: str
+    title: str  # what it does, for people
     by: str
     id: str = field(default_factory=lambda: secrets.token_hex(4))
     started_utc: str = field(default_factory=utc_text)
     status: Literal["running", "done", "failed"] = "running"
     step: str = "starting"
-    taken: int = 0
+    taken: int = 0  # items of the present step that are done
     total: int = 0
     error: str = ""
     result: dict[str, Any] = field(default_factory=dict)
 
 
 class BackgroundJobs:
-    """Runs one job at a time, and remembers the last one.
+    """Runs one job at a time, for at most `most_s`, and remembers the last one.
 
-    The process has one thread and, where the system knows that, the lowest priority. It ends with
-    this one.
-
-    Parameters
-    ----------
-    most_s
-        A job that takes longer is ended.
+    The process has one thread and, where the system knows that, the lowest priority.
     """
 
     def __init__(self, most_s: float = MOST_S) -> None:
@@ -106,26 +80,14 @@ class BackgroundJobs:
             return self._job
 
     def require_free(self) -> None:
-        """Check that a job could be started.
-
-        Raises
-        ------
-        JobRefused
-            If one is running, or the station ends.
-        """
+        """Check that a job could be started."""
         with self._lock:
             self._require_free()
 
     def start(
         self, job: Job, work: Work, arguments: tuple[Any, ...], ended: Callable[[Job], None]
     ) -> Job:
-        """Start a job; `ended` is called with it in another thread, before it counts as ended.
-
-        Raises
-        ------
-        JobRefused
-            As `require_free`.
-        """
+        """Start a job; `ended` is called with it in another thread, before it counts as ended."""
         with self._lock:
             self._require_free()
             self._job, self._ending = job, ""

@@ -13,17 +13,9 @@ from .routes import Call
 
 @dataclass(frozen=True)
 class FilterForm:
-    """Values and choices of the form.
+    """Values and choices of the form."""
 
-    Attributes
-    ----------
-    values
-        The filters of the query that are given. Those of a simulated rig's panel select simulated
-        parts where the query says nothing, because there are no others.
-    choices
-        Names that the form offers.
-    """
-
+    # Filters of the query; on a simulated rig simulated parts unless the query says otherwise.
     values: Mapping[str, str]
     choices: Choices
 

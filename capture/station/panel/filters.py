@@ -22,13 +22,7 @@ _SIMULATED = {"true": None, "false": False, "only": True}
 
 
 def selection_of(query: Mapping[str, str]) -> Selection:
-    """Return the selection that a query describes; an empty value selects all.
-
-    Raises
-    ------
-    InputError
-        For an invalid value.
-    """
+    """Return the selection that a query describes; an empty value selects all."""
     since, until, verdict = (query.get(name) or None for name in ("since", "until", "verdict"))
     simulated = query.get("simulated") or "false"
     if verdict is not None and verdict.upper() not in Decision.__members__:

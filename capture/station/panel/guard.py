@@ -36,15 +36,7 @@ def session_cookie(panel: Panel) -> str:
 
 
 def identity_of(panel: Panel, request: Request) -> Identity | None:
-    """Return who asks, or None.
-
-    Raises
-    ------
-    Denied
-        For an invalid token.
-    InputError
-        If the file of users or that of tokens is damaged.
-    """
+    """Return who asks, or None."""
     kind, _, token = request.headers.get("authorization", "").partition(" ")
     if kind:
         client = panel.tokens.find(token.strip()) if kind.lower() == "bearer" else None

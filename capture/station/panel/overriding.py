@@ -20,16 +20,9 @@ def override_part(
     by: str,
     reason: str,
 ) -> Decision:
-    """Give a part another verdict; the station's own stays beside it.
+    """Give a part another verdict beside the station's own.
 
     The same override again, as by a second click on a button, changes nothing.
-
-    Raises
-    ------
-    InputError
-        If the verdict is neither PASS nor FAIL, or name or reason is empty.
-    ResultsUnavailable
-        If the database does not answer.
     """
     part_id, given = entry.result.part_id, decision.upper()
     if given not in (Decision.PASS, Decision.FAIL):

@@ -21,39 +21,11 @@ from .triggering import KeyedTriggers
 
 @dataclass(frozen=True)
 class Panel:
-    """The objects that all pages and API calls work with.
-
-    Attributes
-    ----------
-    folder
-        The station on disk.
-    live
-        The running station.
-    settings
-        Section ``[panel]``, with what the command line changed.
-    results
-        Its results.
-    changes
-        The log of changes.
-    jobs
-        The long job that somebody started; there is at most one.
-    users, tokens, sessions, logins
-        Users, API clients and sessions, and the limit of failed logins.
-    triggers
-        Passes triggers of HTTP to the station.
-    awaiting
-        Subscriptions of open pages to the events of the station.
-    pictures
-        Makes pictures of stored parts.
-    changing
-        Held by an override or acknowledgement, so that a second click finds the first one done.
-    answers
-        Answers with pictures that are being made.
-    """
+    """The objects that all pages and API calls work with."""
 
     folder: StationFolder
     live: LiveStation
-    settings: PanelConfig
+    settings: PanelConfig  # section ``[panel]``, with what the command line changed
     results: ResultsAccess
     changes: ChangeLog
     users: Users
@@ -64,6 +36,7 @@ class Panel:
     pictures: PictureMaker
     jobs: BackgroundJobs = field(default_factory=BackgroundJobs)
     logins: LoginLimit = field(default_factory=LoginLimit)
+    # Held by an override or acknowledgement, so that a second click finds the first done.
     changing: threading.Lock = field(default_factory=threading.Lock)
     answers: SharedAnswers = field(default_factory=SharedAnswers)
 

@@ -14,15 +14,7 @@ _NOT_MEASURED = "not measured"
 
 @dataclass(frozen=True)
 class MeasuredNumber:
-    """A line of the table.
-
-    Attributes
-    ----------
-    name, value, limit
-        As texts; the limit is empty where the recipe has none.
-    is_beyond
-        Whether the value is beyond the limit.
-    """
+    """A line of the table."""
 
     name: str
     value: str

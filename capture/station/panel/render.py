@@ -40,12 +40,7 @@ class JsonAnswer(JSONResponse):
 
 
 def page(call: "Call", template: str, **values: Any) -> HTMLResponse:
-    """Return the page of a template.
-
-    Each template gets, beside `values`: ``who`` (an `Identity`, or None), ``station`` (its name),
-    ``live`` (a `LiveSnapshot`), ``path`` (of the page), ``menu`` (routes that
-    ``who`` may open) and ``version`` (of ps4rig).
-    """
+    """Return the page of a template, which gets the names in `about`, and `values`."""
     who = call.who
     menu = [
         each for each in call.request.app.state.menu

@@ -12,13 +12,7 @@ _PATIENCE_S = 5.0
 
 
 class ResultsAccess:
-    """Opens the results on first use; they may not exist yet.
-
-    Parameters
-    ----------
-    folder
-        The station.
-    """
+    """Opens the results on first use; they may not exist yet."""
 
     def __init__(self, folder: StationFolder) -> None:
         self._folder = folder
@@ -27,13 +21,7 @@ class ResultsAccess:
 
     @property
     def store(self) -> ResultStore:
-        """The results.
-
-        Raises
-        ------
-        ResultsUnavailable
-            If nothing was recorded yet, or the database does not answer or cannot be used.
-        """
+        """The results."""
         return self._opened(create=False)
 
     def made(self) -> ResultStore:

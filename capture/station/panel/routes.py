@@ -17,24 +17,12 @@ API = "/api/"
 
 @dataclass(frozen=True)
 class Call:
-    """A request that may be served.
-
-    Attributes
-    ----------
-    panel
-        The panel.
-    request
-        The request, for path, query and headers.
-    who
-        Who asks; None where no login is needed.
-    fields
-        The values of its form or of its JSON object.
-    """
+    """A request that may be served."""
 
     panel: Panel
     request: Request
-    who: Identity | None
-    fields: Mapping[str, Any] = field(default_factory=dict)
+    who: Identity | None  # None where no login is needed
+    fields: Mapping[str, Any] = field(default_factory=dict)  # of its form or of its JSON object
 
     @property
     def someone(self) -> Identity:
@@ -58,13 +46,7 @@ class Call:
         return self.request.query_params
 
     def text(self, name: str, default: str | None = None) -> str:
-        """Return a text of the form or JSON object.
-
-        Raises
-        ------
-        InputError
-            If it is missing and has no default, or is not a text.
-        """
+        """Return a text of the form or JSON object."""
         value = self.fields.get(name, default)
         if value is None:
             raise InputError(f"{name}: missing")
@@ -78,40 +60,20 @@ Handler = Callable[[Call], Response] | Callable[[Call], Awaitable[Response]]
 
 @dataclass(frozen=True)
 class PanelRoute:
-    """A page or an API call.
-
-    Attributes
-    ----------
-    method, path
-        As in HTTP; names in braces are values of the path.
-    role
-        The lowest role that may ask; None for everybody, without a login.
-    handler
-        Makes the answer. A plain function runs in a thread and may wait; a coroutine must not.
-    about
-        What it does, in one sentence.
-    query
-        Names of the query, each with its meaning.
-    fields
-        Names of the form or JSON object, each with its meaning.
-    types
-        Types of fields that are not texts: ``array`` or ``object``.
-    answer
-        Media type of the answer.
-    menu
-        Its name in the menu of all pages; empty for a page that is not in the menu.
-    """
+    """A page or an API call."""
 
     method: Literal["GET", "POST", "DELETE"]
-    path: str
-    role: Role | None
-    handler: Handler
+    path: str  # names in braces are values of the path
+    role: Role | None  # the lowest that may ask; None for everybody, without a login
+    handler: Handler  # a plain function runs in a thread and may wait; a coroutine must not
     about: str
-    query: Mapping[str, str] = field(default_factory=dict)
+    query: Mapping[str, str] = field(default_factory=dict)  # names with their meanings
+    # Of the form or JSON object, with their meanings.
     fields: Mapping[str, str] = field(default_factory=dict)
+    # Of fields that are not texts: ``array`` or ``object``.
     types: Mapping[str, str] = field(default_factory=dict)
     answer: str = "application/json"
-    menu: str = ""
+    menu: str = ""  # name in the menu of all pages; empty for a page that is not in the menu
 
     @property
     def is_api(self) -> bool:

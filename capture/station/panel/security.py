@@ -35,15 +35,7 @@ _HEADERS = {
 
 
 class Denied(Exception):  # noqa: N818 - an answer, not an error of the program
-    """A request that is not served.
-
-    Attributes
-    ----------
-    status
-        The status of the answer.
-    headers
-        What the answer says beyond its text.
-    """
+    """A request that is not served."""
 
     def __init__(self, status: int, message: str, headers: Mapping[str, str] | None = None) -> None:
         super().__init__(message)
@@ -53,19 +45,12 @@ class Denied(Exception):  # noqa: N818 - an answer, not an error of the program
 
 @dataclass(frozen=True)
 class HostRule:
-    """Host names and addresses by which the panel may be requested.
+    """Host names and addresses by which the panel may be requested, against DNS rebinding.
 
-    Another site can let its own name point to this machine (DNS rebinding); a browser then sends
-    that name. An IP address cannot be made to point elsewhere, but only the one that the
-    connection came to is accepted.
-
-    Attributes
-    ----------
-    names
-        Names from ``station.toml``, in lower case.
+    Of IP addresses, only the one that the connection came to is accepted.
     """
 
-    names: frozenset[str]
+    names: frozenset[str]  # from ``station.toml``, in lower case
 
     def accepts(self, host_header: str, server_address: str) -> bool:
         """Whether a request with this header, that came to this address, may be served."""
@@ -86,13 +71,7 @@ class HostRule:
 
 
 class SecureHeaders:
-    """Adds the headers of `_HEADERS` to every answer, and refuses hosts that `rule` does not know.
-
-    Parameters
-    ----------
-    is_https
-        Whether browsers reach the panel by HTTPS only.
-    """
+    """Adds `_HEADERS` to every answer, and refuses hosts that `rule` does not know."""
 
     def __init__(self, app: ASGIApp, rule: HostRule, *, is_https: bool) -> None:
         self._app, self._rule = app, rule
@@ -137,15 +116,7 @@ class SecureHeaders:
 
 
 def require_same_origin(request: Request) -> None:
-    """Check that a change was not sent by a page of another site.
-
-    Browsers say where a page comes from; other programs say nothing.
-
-    Raises
-    ------
-    Denied
-        If it was.
-    """
+    """Check that a change was not sent by a page of another site; only browsers name the site."""
     site = request.headers.get("sec-fetch-site", "same-origin")
     origin = request.headers.get("origin")
     host = request.headers.get("host", "")
@@ -155,13 +126,7 @@ def require_same_origin(request: Request) -> None:
 
 
 async def read_body(request: Request) -> bytes:
-    """Read the body of a request, of at most `MAX_BODY_BYTES` within `BODY_S`.
-
-    Raises
-    ------
-    Denied
-        If it is larger, slower, or cut off.
-    """
+    """Read the body of a request, of at most `MAX_BODY_BYTES` within `BODY_S`."""
     too_large = Denied(
         413, f"the body has more than {MAX_BODY_BYTES} bytes", {"Connection": "close"}
     )
@@ -185,13 +150,7 @@ async def read_body(request: Request) -> bytes:
 
 
 def fields_of(request: Request, body: bytes) -> dict[str, Any]:
-    """Return the values of a form or of a JSON object; an empty body has none.
-
-    Raises
-    ------
-    Denied
-        If the body is neither.
-    """
+    """Return the values of a form or of a JSON object; an empty body has none."""
     if not body:
         return {}
     kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()

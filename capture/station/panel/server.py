@@ -138,15 +138,7 @@ def _protocol(panel: Panel) -> Callable[..., asyncio.Protocol | SSLProtocol]:
 
 @contextmanager
 def serving_panel(panel: Panel) -> Iterator[str]:
-    """Serve a panel while the block runs; yield its address.
-
-    Raises
-    ------
-    InputError
-        If the settings are not safe, or the TLS files cannot be used.
-    CannotListen
-        If the port is taken, or this machine does not have the address.
-    """
+    """Serve a panel while the block runs; yield its address."""
     settings = panel.settings
     require_safe(panel)
     protocol = _protocol(panel)
@@ -193,13 +185,7 @@ def serving_panel(panel: Panel) -> Iterator[str]:
 
 
 def require_safe(panel: Panel) -> None:
-    """Check that a panel that other machines reach has users, and HTTPS.
-
-    Raises
-    ------
-    InputError
-        If it has not.
-    """
+    """Check that a panel that other machines reach has users, and HTTPS."""
     settings, folder = panel.settings, panel.folder.path
     if settings.is_for_this_machine:
         return

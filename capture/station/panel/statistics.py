@@ -36,44 +36,23 @@ _WAITING = threading.BoundedSemaphore(8)
 
 @dataclass(frozen=True)
 class Figure:
-    """A chart and its numbers.
-
-    Attributes
-    ----------
-    title, note
-        Its title, and how to read it.
-    columns, rows
-        The numbers.
-    drawing
-        The chart.
-    remarks
-        Points that stand out, one fact each.
-    """
+    """A chart and its numbers."""
 
     title: str
-    note: str
+    note: str  # how to read it
     columns: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
     drawing: Drawing
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()  # points that stand out, one fact each
 
 
 @dataclass(frozen=True)
 class StationStatistics:
-    """Statistics of selected parts, either of production or of a simulated rig.
-
-    Attributes
-    ----------
-    selection
-        Which parts.
-    tally
-        Their numbers.
-    figures
-        By a name for addresses and files; those without numbers are left out.
-    """
+    """Statistics of selected parts, either of production or of a simulated rig."""
 
     selection: Selection
     tally: Tally
+    # By a name for addresses and files; those without numbers are left out.
     figures: dict[str, Figure]
 
     @property
@@ -83,18 +62,7 @@ class StationStatistics:
 
 
 def statistics_of(panel: Panel, selection: Selection) -> StationStatistics:
-    """Return the statistics of the selected parts.
-
-    Raises
-    ------
-    InputError
-        If parts of production and of a simulated rig are selected together, or the file of the
-        gauge study is damaged.
-    ResultsUnavailable
-        If the database does not answer.
-    Denied
-        If others wait for statistics already.
-    """
+    """Return the statistics of the selected parts."""
     if selection.simulated is None:
         raise InputError(
             "simulated = 'true': give false or only; parts of a simulated rig are not production"

@@ -24,13 +24,7 @@ _FILTERS = {name: about for name, about in FILTERS.items() if name not in OF_ONE
 
 
 def statistics_selection(query: Mapping[str, str]) -> Selection:
-    """Return the parts that a query of statistics selects.
-
-    Raises
-    ------
-    InputError
-        For an invalid value, or a filter that statistics do not have.
-    """
+    """Return the parts that a query of statistics selects."""
     for name in OF_ONE_PART:
         if query.get(name):
             raise InputError(f"{name}: statistics have no such filter; leave it out")

@@ -22,13 +22,10 @@ MOST_WAITING = 8
 
 @dataclass(frozen=True)
 class Repeated:
-    """The trigger of this key was accepted before.
-
-    `number` is None while a part of an earlier run has no result.
-    """
+    """The trigger of this key was accepted before."""
 
     part_id: str
-    number: int | None
+    number: int | None  # None while a part of an earlier run has no result
 
 
 class OtherPart(Ps4rigError):  # noqa: N818 - what a client asked, no error of the program
@@ -36,10 +33,9 @@ class OtherPart(Ps4rigError):  # noqa: N818 - what a client asked, no error of t
 
 
 class KeyedTriggers:
-    """Passes triggers to the station, each key once.
+    """Passes triggers to the station, each key once, also after a restart.
 
-    A key without a part id determines the id of the part, so that the key is still known after a
-    restart. With a part id, the station itself refuses the id a second time.
+    A key without a part id determines the id of the part.
     """
 
     def __init__(self, live: LiveStation, results: ResultsAccess) -> None:
@@ -55,15 +51,6 @@ class KeyedTriggers:
         """Pass a trigger on; with a key that was accepted before, return its part.
 
         A new part is refused unless `recipe` is the loaded one; None requires none.
-
-        Raises
-        ------
-        InputError
-            If the key is empty or too long.
-        OtherPart
-            If the key was accepted with another part id or recipe.
-        ResultsUnavailable
-            If the database does not answer, or `MOST_WAITING` triggers wait for it already.
         """
         if not self._slots.acquire(blocking=False):
             raise ResultsUnavailable(f"{MOST_WAITING} triggers wait for the station")

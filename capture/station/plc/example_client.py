@@ -22,18 +22,9 @@ def run_ladder(
     judged: Callable[[Judged], None],
     recipe: int = 0,
 ) -> None:
-    """Trigger part after part and report their verdicts, until `next_part` returns None.
+    """Trigger the parts of `next_part` and report their verdicts, until it returns None.
 
-    A lost connection is opened again without limit; the station may be restarted meanwhile.
-
-    Parameters
-    ----------
-    next_part
-        Called when the place below the camera is free; returns the id of the next part.
-    judged
-        Called once for each part.
-    recipe
-        Position of the recipe that the parts need; 0 is whichever is loaded.
+    A lost connection is opened again without limit; recipe 0 is whichever is loaded.
     """
     ladder = Ladder()
     ladder.recipe = recipe

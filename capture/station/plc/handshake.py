@@ -62,49 +62,19 @@ _NUMBERS = 1 << 32  # a register holds the number of a part modulo this
 
 @dataclass(frozen=True)
 class TriggerRequest:
-    """A trigger of the PLC.
-
-    Attributes
-    ----------
-    trigger_id, part_id
-        As the PLC gave them; None lets the station make the id of the part.
-    recipe
-        Name of the recipe that the PLC requires; None if it requires none.
-    refusal
-        Reason for which the handshake refused it, to be recorded; None if the station must answer.
-    """
+    """A trigger of the PLC."""
 
     trigger_id: int
-    part_id: str | None
-    recipe: str | None = None
+    part_id: str | None  # None lets the station make the id of the part
+    recipe: str | None = None  # name of the recipe that the PLC requires; None if it requires none
+    # Reason for which the handshake refused it; None if the station must answer.
     refusal: str | None = None
 
 
 class Handshake:
-    """Registers that the station shows to a PLC, and reactions to what the PLC writes.
+    """Registers that the station shows to a PLC, and reactions to its writes; not thread-safe.
 
-    Not thread-safe.
-
-    Parameters
-    ----------
-    session
-        Number of this run, from 1 to `MAX_SESSION`, random.
-    is_trigger
-        Whether the PLC triggers: it then gets the results of its own parts. Otherwise it gets the
-        results of all parts, and its triggers are refused.
-    is_simulated
-        Whether the rig is simulated.
-    recipes
-        Names of recipes, in the order of their positions.
-
-    Attributes
-    ----------
-    heartbeat
-        The station's heartbeat register; the caller counts it up.
-    is_open
-        Whether triggers reach the station; until then they are refused.
-    selection
-        The recipe that the PLC wants to be loaded.
+    A PLC that triggers (`is_trigger`) gets the results of its own parts only.
     """
 
     def __init__(
@@ -127,8 +97,8 @@ class Handshake:
         self._waiting: deque[PartResult] = deque()
         self._overruns = 0
         self._is_wrong_ack = False
-        self.heartbeat = 0
-        self.is_open = True
+        self.heartbeat = 0  # the caller counts it up
+        self.is_open = True  # whether triggers reach the station; otherwise they are refused
         self.selection = Selection()
 
     # The PLC.
@@ -145,10 +115,7 @@ class Handshake:
     def write(self, address: int, words: Sequence[int]) -> TriggerRequest | None:
         """Take what the PLC writes in one request; return the trigger that it contains.
 
-        Raises
-        ------
-        ValueError
-            If it sets bits without a meaning, or registers that it must not; nothing is changed.
+        ValueError, and no change, for bits without a meaning or registers that it must not set.
         """
         first = address - PLC_ADDRESS
         if first < 0 or first + len(words) > PLC_WORDS:

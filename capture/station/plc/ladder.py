@@ -21,22 +21,12 @@ _IDS = 0xFFFF
 
 @dataclass(frozen=True)
 class Judged:
-    """The decision of the PLC on a part: only PASS, which is 1, goes on.
-
-    Attributes
-    ----------
-    part_id
-        The part.
-    verdict, cause
-        Codes, as in the registers.
-    number
-        Number that the station gave the part; None if the PLC did not learn it.
-    """
+    """The decision of the PLC on a part: only PASS, which is 1, goes on."""
 
     part_id: str
-    verdict: int
+    verdict: int  # code, as in the registers, like `cause`
     cause: int
-    number: int | None
+    number: int | None  # None if the PLC did not learn it
 
 
 class _Step(Enum):
@@ -54,12 +44,8 @@ _ANSWERS = Status.ACK | Status.REFUSED | Status.RECIPE_LOADED | Status.RECIPE_RE
 class Ladder:
     """The program of a PLC that triggers parts and sorts them by their verdicts.
 
-    Put the id of the part below the camera into `part_id`, which becomes None as soon as the part
-    may move, and take the parts from `judged`. A part is triggered once: if that fails it is an
-    ERROR.
-
-    Put the position of the recipe that the parts need into `recipe`, between two parts; 0 is
-    whichever is loaded. A part whose recipe the station does not load is an ERROR.
+    Set `recipe` (0: whichever is loaded) between parts, then `part_id`, None once the part may
+    move.
     """
 
     def __init__(self) -> None:
@@ -78,9 +64,8 @@ class Ladder:
         self._expected: dict[int, tuple[str, float]] = {}
 
     def scan(self, inputs: Mapping[str, Any], now_s: float) -> dict[str, Any]:
-        """Return what the PLC writes, by name, for what it has read from the station.
-
-        Both must be the whole page, read and written in one request each.
+        """Return what the PLC writes, by name, for the whole page that it has read from the
+        station.
         """
         if inputs["session"] != self._session:
             self._begin_session(inputs)

@@ -30,20 +30,8 @@ _MOST_UNRECORDED = 100
 class PlcLine:
     """A handshake that a bus reads and writes, and the thread that passes its triggers on.
 
-    Its methods may be called from any thread and never wait for the station. `tell` subscribes to
-    the station's events; triggers are served within a ``with`` block, which ends when the PLC has
-    acknowledged the last result, or `last_s` later.
-
-    Parameters
-    ----------
-    live
-        The running station.
-    handshake
-        The handshake; nothing else may use it.
-    now_s
-        The monotonic clock.
-    last_s
-        At the end of the block, how long the last results wait for the PLC.
+    Its methods may be called from any thread and never wait; its ``with`` block ends when the PLC
+    has acknowledged the last result, or `last_s` later.
     """
 
     def __init__(
@@ -101,13 +89,7 @@ class PlcLine:
             return self._handshake.plc_words()
 
     def write(self, address: int, words: Sequence[int]) -> None:
-        """Take what the PLC writes.
-
-        Raises
-        ------
-        ValueError
-            As `Handshake.write`.
-        """
+        """Take what the PLC writes."""
         with self._changed:
             self._handshake.is_open = self._live.is_attached
             before = self._handshake.commands["heartbeat"]

@@ -100,15 +100,7 @@ def _reset(transport: asyncio.WriteTransport) -> None:
 
 @contextmanager
 def serving_modbus(line: PlcLine, settings: ModbusConfig) -> Iterator[str]:
-    """Serve the registers of a line while the block runs; yield ``HOST:PORT``.
-
-    Raises
-    ------
-    CannotListen
-        If the port is taken, or this machine does not have the address.
-    InputError
-        If the server does not start.
-    """
+    """Serve the registers of a line while the block runs; yield ``HOST:PORT``."""
     listener = listening_socket(
         "modbus",
         settings.host,
@@ -165,7 +157,7 @@ def _log_failure(keeper: asyncio.Task[None]) -> None:
 class PlcConnection:
     """The connection of a program that plays the PLC; it reads and writes whole pages.
 
-    Its methods raise `ConnectionError` if the station cannot be reached or does not answer.
+    Raises `ConnectionError` if the station cannot be reached or does not answer.
     """
 
     def __init__(self, host: str, port: int, timeout_s: float = 3.0) -> None:

@@ -34,16 +34,8 @@ _RECONNECT_S = 1, 30
 class MqttPublisher:
     """Publishes what a station announces, from a thread of its own; `tell` never waits.
 
-    Messages are sent one after the other, each until the broker has confirmed it: one may come
-    twice. While more than `MOST_WAITING` wait, the oldest ones are dropped.
-
-    Parameters
-    ----------
-    settings
-        Broker and topic.
-    log
-        Called with a line when the connection changes or messages were dropped. It must not
-        raise.
+    Messages go out in order, each until the broker has confirmed it; beyond `MOST_WAITING` the
+    oldest are dropped.
     """
 
     def __init__(self, settings: MqttConfig, log: Callable[[str], None]) -> None:

@@ -162,26 +162,14 @@ CAUSES = {
 
 @dataclass(frozen=True)
 class Register:
-    """One value of the page.
+    """One value of the page."""
 
-    Attributes
-    ----------
-    address
-        Its first register, from 0.
-    name, type
-        ``u32`` has the high word first; ``text`` is ASCII, two characters in a register, the first
-        one in the high byte, filled up with zeros.
-    words
-        Number of registers.
-    meaning
-        For the README.
-    """
-
-    address: int
+    address: int  # first register, from 0
     name: str
+    # ``u32``: high word first; ``text``: ASCII, first character in the high byte, zero-filled.
     type: Type
-    words: int
-    meaning: str
+    words: int  # number of registers
+    meaning: str  # for the README
 
 
 def _page(first: int, *rows: tuple[str, Type, str]) -> tuple[Register, ...]:
@@ -234,10 +222,7 @@ PLC_WORDS = PLC[-1].address + PLC[-1].words - PLC_ADDRESS
 
 
 def encoded(registers: Sequence[Register], values: Values) -> list[int]:
-    """Return the words of a page.
-
-    Numbers are taken modulo their width, and text that does not fit is cut.
-    """
+    """Return the words of a page; numbers modulo their width, text cut to fit."""
     words: list[int] = []
     for each in registers:
         value = values[each.name]

@@ -21,22 +21,13 @@ class RecipeRequest:
 class Selection:
     """The state of the last rise of SelectRecipe.
 
-    A selection that is withdrawn goes on: its recipe is still loaded, and until then no other one
-    can be selected.
-
-    Attributes
-    ----------
-    position
-        Position that was selected last.
-    loading
-        The recipe that the station has to load, until it has answered.
-    is_loaded, error
-        The answer; both are taken back when SelectRecipe falls.
+    A selection that is withdrawn goes on: until its recipe is loaded no other one can be selected.
     """
 
     def __init__(self) -> None:
         self.position = 0
-        self.loading: RecipeRequest | None = None
+        self.loading: RecipeRequest | None = None  # until the station has answered
+        # The answer; it is taken back when SelectRecipe falls.
         self.is_loaded = False
         self.error = SelectError.NONE
         self._current: RecipeRequest | None = None  # None after SelectRecipe fell

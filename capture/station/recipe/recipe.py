@@ -22,70 +22,37 @@ Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
 class Orientation(Section):
-    """How a part must lie.
+    """How a part must lie."""
 
-    Attributes
-    ----------
-    tolerance_deg
-        Largest difference from `reference_deg`; None accepts every orientation.
-    reference_deg
-        Required orientation, anticlockwise, with the zero of the taught parts.
-    full_turn
-        Whether a part at `reference_deg` + 180 degrees is wrong. It needs a texture that looks
-        clearly different at that orientation.
-    """
-
+    # From `reference_deg`; None accepts every orientation.
     tolerance_deg: Annotated[float, Field(gt=0.0, le=180.0)] | None = None
+    # Anticlockwise, with the zero of the taught parts.
     reference_deg: Annotated[FiniteFloat, Field(ge=-360.0, le=360.0)] = 0.0
-    full_turn: bool = False
+    full_turn: bool = False  # whether a part at `reference_deg` + 180 degrees is wrong
 
 
 class Limits(Section):
-    """Limits of a part that passes; None sets no limit.
+    """Limits of a part that passes; None sets no limit."""
 
-    Attributes
-    ----------
-    distance
-        Largest distance to the texture, beside the limit of the library.
-    margin
-        Least margin to the next texture, beside that of the library, 0.15.
-    sdq
-        Least and largest Sdq, the root mean square slope of ISO 25178-2.
-    shadow_fraction
-        Largest share of pixels that a light does not reach.
-    unmeasured_fraction
-        Largest share of pixels without a slope: too dark, saturated, or lit by too few lights.
-    blur_px
-        Largest blur against the taught parts, the sigma of a Gaussian.
-    albedo
-        Least and largest mean albedo, as a share of full scale at the taught exposure.
-    scale
-        Least and largest size of the texture against the taught one.
-    handedness
-        Least handedness: 1 is that of the taught parts, -1 that of their mirror images.
-    octaves
-        Largest departure of the power in an octave; 1 is the limit that was taught.
-    window, seam
-        Largest score of a window, and of its directions alone; 1 is the limit that was taught.
-    defect
-        Largest score of the defect map; 1 is the threshold that was taught.
-    unjudged_px
-        Largest connected area, in px, without a score in the defect map.
-    """
-
-    distance: Positive | None = None
-    margin: Share | None = None
+    distance: Positive | None = None  # largest to the texture, beside the limit of the library
+    margin: Share | None = None  # least to the next texture, beside that of the library, 0.15
+    # Least and largest root mean square slope (ISO 25178-2).
     sdq: Range | None = Field(default=None, strict=False)
-    shadow_fraction: Share | None = None
-    unmeasured_fraction: Share | None = None
-    blur_px: Positive | None = None
+    shadow_fraction: Share | None = None  # largest share of pixels that a light does not reach
+    unmeasured_fraction: Share | None = None  # largest share of pixels without a slope
+    blur_px: Positive | None = None  # largest against the taught parts, sigma of a Gaussian
+    # Least and largest mean, as a share of full scale at the taught exposure.
     albedo: Range | None = Field(default=None, strict=False)
+    # Least and largest size of the texture against the taught one.
     scale: Range | None = Field(default=None, strict=False)
+    # Least; 1 is that of the taught parts, -1 that of their mirror images.
     handedness: Annotated[float, Field(ge=-10.0, le=10.0)] | None = None
+    # Largest departure of the power in an octave; 1 is the taught limit.
     octaves: Positive | None = None
-    window: Positive | None = None
-    seam: Positive | None = None
-    defect: Positive | None = None
+    window: Positive | None = None  # largest score of a window; 1 is the taught limit
+    seam: Positive | None = None  # largest score of a window's directions; 1 is the taught limit
+    defect: Positive | None = None  # largest score of the defect map; 1 is the taught threshold
+    # Largest connected area without a score in the defect map.
     unjudged_px: Annotated[int, Field(ge=0)] | None = None
 
     @model_validator(mode="after")
@@ -98,19 +65,15 @@ class Limits(Section):
 
 
 class GeneralLimits(Limits):
-    """Limits of all textures, with the default values of those that a recipe does not set.
+    """Limits of all textures, with the default values of those that a recipe does not set."""
 
-    A blur of 1 px removes the statistics of the finest scale (``classify/texture/blur.py``). A part
-    is not judged where its slope is unknown; teaching takes the limit from the good parts. Four
-    adjacent cells of the defect map without a score, 2 x 2 or 256 px, are a hole in the surface.
-    """
-
-    unmeasured_fraction: Share = 0.05
-    blur_px: Positive = 1.0
+    unmeasured_fraction: Share = 0.05  # teaching takes it from the good parts
+    blur_px: Positive = 1.0  # removes the finest scale (``classify/texture/blur.py``)
     octaves: Positive = 1.0
     window: Positive = 1.0
     seam: Positive = 1.0
     defect: Positive = 1.0
+    # Below four adjacent cells of the defect map, 2 x 2 or 256 px: a hole.
     unjudged_px: Annotated[int, Field(ge=0)] = 255
 
 
@@ -134,10 +97,9 @@ class Light(Section):
 
 
 class CalibrationRule(Section):
-    """Whether a calibration is required, and its greatest age.
+    """Whether a calibration is required, and the greatest age of its oldest part.
 
-    The age is that of the oldest part of the calibration. 365 days is the interval at which
-    instruments are usually calibrated again (ILAC-G24, OIML D 10).
+    365 days is the usual interval for instruments (ILAC-G24, OIML D 10).
     """
 
     required: bool = False
@@ -166,40 +128,29 @@ class Approval(Section):
 
 
 class Recipe(Section):
-    """Which textures pass, with which limits, on which region, under which light.
-
-    Attributes
-    ----------
-    version
-        Raised by each teaching, from 1.
-    passes, fails
-        Textures of parts that pass and of known bad parts; ``pass`` and ``fail`` in the file. A
-        texture of the library that is in neither fails too.
-    limits, limits_of
-        Limits of all textures that pass, and those that differ for one of them.
-    acknowledged
-        Faults of a fifth of the frame that pass, by their name in `made_faults.FAULTS`; whoever
-        approves the recipe knows of them.
-    taught
-        Hash of what teaching measured; None for a recipe that was never taught.
-    """
+    """Which textures pass, with which limits, on which region, under which light."""
 
     model_config = ConfigDict(populate_by_name=True)
 
     name: Name
-    version: int = Field(default=1, ge=1, le=2**31 - 1)
+    version: int = Field(default=1, ge=1, le=2**31 - 1)  # raised by each teaching, from 1
     note: Text | None = Field(default=None, max_length=1000)
+    # Textures of parts that pass.
     passes: tuple[Label, ...] = Field(alias="pass", max_length=_MAX_TEXTURES, strict=False)
+    # Textures of known bad parts; a texture of the library in neither list fails too.
     fails: tuple[Label, ...] = Field(
         default=(), alias="fail", max_length=_MAX_TEXTURES, strict=False
     )
     orientation: Orientation = Orientation()
     limits: GeneralLimits = GeneralLimits()
+    # Limits that differ for one texture.
     limits_of: Mapping[Label, Limits] = Field(default_factory=dict)
     region: Region | None = None
     light: Light = Light()
     calibration: CalibrationRule = CalibrationRule()
+    # Faults of a fifth of the frame that pass, by their name in `made_faults.FAULTS`.
     acknowledged: tuple[Text, ...] = Field(default=(), max_length=100, strict=False)
+    # Hash of what teaching measured; None for a recipe that was never taught.
     taught: Sha256 | None = None
     approval: Approval | None = None
 
@@ -236,13 +187,7 @@ class Recipe(Section):
 
 
 def require_approved(recipe: Recipe) -> None:
-    """Check that somebody approved exactly this recipe.
-
-    Raises
-    ------
-    NotApproved
-        If it was never approved, or was changed since.
-    """
+    """Check that somebody approved exactly this recipe."""
     if recipe.is_approved:
         return
     state = "was changed since it was approved" if recipe.approval else "is not approved"

@@ -64,14 +64,7 @@ SECTIONS = {
 
 
 def read_recipe(path: Path) -> Recipe:
-    """Read a recipe.
-
-    Raises
-    ------
-    RecipeError, ConfigError
-        If it is missing or not TOML, has an unknown key or a value out of range, or has another
-        name than its file; the message names file, key and value.
-    """
+    """Read a recipe."""
     recipe = read_toml_as(path, Recipe, _MISSING)
     if path.name != recipe.name + SUFFIX:
         raise RecipeError(f"{path}: name = {recipe.name!r}: must be the name of the file")
@@ -79,13 +72,7 @@ def read_recipe(path: Path) -> Recipe:
 
 
 def write_recipe(path: Path, recipe: Recipe) -> None:
-    """Write a recipe, whole or not at all; an existing file is replaced.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+    """Write a recipe, whole or not at all; an existing file is replaced."""
     with durable_file(path) as temporary:
         temporary.write_text(recipe_text(recipe), encoding="utf-8")
 

@@ -22,16 +22,9 @@ _VERSION = re.compile(r"version-([1-9][0-9]{0,9})")
 
 @dataclass(frozen=True)
 class RecipeFolder:
-    """``recipes/NAME.toml`` and ``recipes/NAME``, which teaching fills.
+    """``recipes/NAME.toml``, and ``recipes/NAME`` with a folder for each version.
 
-    Each version has its own folder; the recipe's file names the version in use.
-
-    Attributes
-    ----------
-    file
-        The recipe.
-    folder
-        The folder beside it.
+    The recipe's file names the version in use.
     """
 
     file: Path
@@ -79,13 +72,7 @@ class RecipeFolder:
 
     @contextmanager
     def changing(self) -> Iterator[None]:
-        """Lock the recipe against teaching, changes and approval by others during the block.
-
-        Raises
-        ------
-        InputError
-            If another program holds the lock, or the folder cannot be made or locked.
-        """
+        """Lock the recipe against teaching, changes and approval by others during the block."""
         make_folder(self.folder)
         with folder_lock(self.folder, _LOCK):
             yield
@@ -93,13 +80,7 @@ class RecipeFolder:
 
 @dataclass(frozen=True)
 class TaughtFiles:
-    """Files that teaching made for one version of a recipe.
-
-    Attributes
-    ----------
-    folder
-        ``recipes/NAME/version-N``.
-    """
+    """Files that teaching made for one version of a recipe."""
 
     folder: Path
 
@@ -137,13 +118,7 @@ class TaughtFiles:
 
 
 def file_sha256(path: Path) -> str:
-    """SHA-256 of a file.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read.
-    """
+    """SHA-256 of a file."""
     digest = hashlib.sha256()
     try:
         with open_regular_file(path, _MAX_BYTES) as file:

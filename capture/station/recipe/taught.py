@@ -25,61 +25,37 @@ _MAX_BYTES = 1 << 24
 
 
 class TaughtSet(Record):
-    """A taught captured set: its file in the folder ``sets``, the hash of its pixels.
-
-    `found`, `nearest` and `distance` are of the match with a library of all other sets; `found` is
-    None for an unknown texture.
-    """
+    """A taught captured set: its file in the folder ``sets``, the hash of its pixels."""
 
     file: Name
     pixels_sha256: Sha256
+    # Match with a library of all other sets; None for an unknown texture.
     found: Label | None = None
     nearest: Label | None = None
     distance: FiniteFloat | None = None
 
 
 class TaughtTexture(Record):
-    """Measurements on the taught parts of one texture.
+    """Measurements on the taught parts of one texture."""
 
-    Attributes
-    ----------
-    sets
-        The parts, in the order they were given.
-    light_signals
-        Mean signal of each light over all parts, as a share of full scale.
-    defects_file, defects_sha256, pieces_file, pieces_sha256
-        Defect model and piece model with their hashes; None for a texture that does not pass.
-    """
-
-    sets: tuple[TaughtSet, ...] = Field(min_length=1)
+    sets: tuple[TaughtSet, ...] = Field(min_length=1)  # in the order they were given
+    # Mean of each light over all parts, as a share of full scale.
     light_signals: tuple[Annotated[float, Field(gt=0.0, le=1.0)], ...]
-    defects_file: Name | None = None
+    defects_file: Name | None = None  # None, like the next three, for a texture that does not pass
     defects_sha256: Sha256 | None = None
     pieces_file: Name | None = None
     pieces_sha256: Sha256 | None = None
 
 
 class Taught(Record):
-    """The measurements of teaching on all parts of a recipe.
-
-    Attributes
-    ----------
-    setting
-        Setting of the rig; a set with another setting cannot be judged.
-    region
-        Region of the recipe, within which everything was measured.
-    has_calibration
-        Whether the parts were captured with a calibration.
-    library_sha256
-        Hash of the library's file.
-    """
+    """The measurements of teaching on all parts of a recipe."""
 
     format: Literal["ps4rig-taught"] = "ps4rig-taught"
     version: Literal[2] = 2
     utc: str = Field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
     software_version: str = Field(default_factory=lambda: version("ps4rig"))
-    setting: Setting
-    region: Region | None = None
+    setting: Setting  # of the rig; a set with another setting cannot be judged
+    region: Region | None = None  # of the recipe, within which everything was measured
     has_calibration: bool
     library_sha256: Sha256
     textures: Mapping[Label, TaughtTexture] = Field(min_length=1)
@@ -91,13 +67,7 @@ class Taught(Record):
 
 
 def read_taught(path: Path) -> Taught:
-    """Read the measurements of teaching.
-
-    Raises
-    ------
-    RecipeError
-        If the file is missing or damaged.
-    """
+    """Read the measurements of teaching."""
     try:
         return Taught.model_validate_json(read_regular_file(path, _MAX_BYTES))
     except InputError as error:
@@ -107,12 +77,6 @@ def read_taught(path: Path) -> Taught:
 
 
 def write_taught(path: Path, taught: Taught) -> None:
-    """Write the file, whole or not at all.
-
-    Raises
-    ------
-    InputError
-        If it cannot be written.
-    """
+    """Write the file, whole or not at all."""
     with durable_file(path) as temporary:
         temporary.write_text(taught.model_dump_json(indent=1), encoding="utf-8")

@@ -13,13 +13,7 @@ from .taught import Taught, read_taught
 
 
 def taught_for(recipe: Recipe, files: RecipeFolder) -> Taught:
-    """Read the measurements of teaching for a recipe, and check that they cover the recipe.
-
-    Raises
-    ------
-    RecipeError
-        If the recipe was not taught, or something was changed since.
-    """
+    """Read the measurements of teaching for a recipe, and check that they cover the recipe."""
     if recipe.taught is None:
         raise RecipeError(f"{files.file}: was never taught; run ps4rig station teach")
     path = files.version(recipe.version).taught
@@ -51,15 +45,7 @@ class TextureModels:
 
 
 def models_of(made: TaughtFiles, recipe: Recipe, taught: Taught, texture: str) -> TextureModels:
-    """Load the models of a texture that passes.
-
-    Raises
-    ------
-    RecipeError
-        If it was taught as a bad texture, or a file was changed since teaching.
-    DefectModelError, PieceModelError
-        If a file cannot be read.
-    """
+    """Load the models of a texture that passes."""
     (defects_file, defects_sha256), (pieces_file, pieces_sha256) = _models_of(
         recipe, taught, texture
     )
@@ -71,13 +57,7 @@ def models_of(made: TaughtFiles, recipe: Recipe, taught: Taught, texture: str) -
 
 
 def check_unchanged(recipe: Recipe, path: Path, found: str, taught: str) -> None:
-    """Check that a file has the hash that it had when the recipe was taught.
-
-    Raises
-    ------
-    RecipeError
-        If its hash differs.
-    """
+    """Check that a file has the hash that it had when the recipe was taught."""
     if found != taught:
         raise RecipeError(
             f"{path}: was changed since recipe {recipe.name} was taught; run ps4rig station teach"

@@ -14,24 +14,12 @@ from .store import ResultStore, has_request
 
 @dataclass(frozen=True)
 class ChangeRecord:
-    """A change at a station.
-
-    Attributes
-    ----------
-    utc
-        When.
-    by, role
-        Who, and in which role.
-    what
-        The changed thing, such as ``user kim``.
-    before, after
-        The value before and after; None where there was none.
-    """
+    """A change at a station."""
 
     utc: str
     by: str
     role: str
-    what: str
+    what: str  # the changed thing, such as ``user kim``
     before: str | None = None
     after: str | None = None
 
@@ -45,13 +33,7 @@ def record_change(
     by: str,
     role: str,
 ) -> None:
-    """Append a change to the log, with the present time; see `ChangeRecord`.
-
-    Raises
-    ------
-    ResultsUnavailable
-        If the database does not answer.
-    """
+    """Append a change to the log, with the present time; see `ChangeRecord`."""
     utc = utc_text(timespec="milliseconds")
     row = {
         "station": store.station,
@@ -75,13 +57,7 @@ def record_change(
 
 
 def newest_changes(store: ResultStore, count: int) -> list[ChangeRecord]:
-    """Return the last changes, the newest first.
-
-    Raises
-    ------
-    ResultsUnavailable
-        If the database does not answer.
-    """
+    """Return the last changes, the newest first."""
     columns = [changes.c[name] for name in ChangeRecord.__dataclass_fields__]
     statement = (
         select(*columns)

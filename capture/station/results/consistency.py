@@ -9,13 +9,7 @@ from .store import ResultStore
 
 
 def contradictions(store: ResultStore) -> Iterator[str]:
-    """Yield a line for each contradiction: missing numbers, a damaged SQLite file.
-
-    Raises
-    ------
-    ResultsUnavailable
-        If the database does not answer.
-    """
+    """Yield a line for each contradiction: missing numbers, a damaged SQLite file."""
     statement = select(func.count(), func.coalesce(func.max(begun_parts.c.number), 0)).where(
         begun_parts.c.station == store.station
     )

@@ -31,15 +31,9 @@ _LOCK_CLASS = 0x70733472
 
 
 class ResultsUnavailable(Ps4rigError):  # noqa: N818 - the state of a server, not a fault in a call
-    """The database does not answer, or cannot be written; the call may be repeated later.
+    """The database does not answer, or cannot be written.
 
-    Nothing of the call was written, or all of it; repeated, it is not done twice.
-
-    Attributes
-    ----------
-    may_pass
-        Whether a repeated call within seconds may succeed: a PostgreSQL server restarts, or its
-        old connections still hold locks. SQLite has waited for its locks itself.
+    All of the call was written, or nothing; a repeated call does not write twice.
     """
 
     exit_status = 3
@@ -50,18 +44,7 @@ class ResultsUnavailable(Ps4rigError):  # noqa: N818 - the state of a server, no
 
 
 def database_url(results: str) -> URL:
-    """Return the address of a database of results.
-
-    Parameters
-    ----------
-    results
-        ``postgresql://USER@HOST/DATABASE``, or the path of an SQLite file.
-
-    Raises
-    ------
-    InputError
-        If it is neither.
-    """
+    """Return the address of ``postgresql://USER@HOST/DATABASE`` or of an SQLite file."""
     if "://" not in results:
         return URL.create("sqlite", database=results)
     try:
@@ -82,13 +65,7 @@ def shown(url: URL) -> str:
 def sqlite_engine(url: URL, *, patience_s: float, is_writer: bool) -> Engine:
     """Return connections to an SQLite file whose commits are on disk when they return.
 
-    Parameters
-    ----------
-    patience_s
-        How long a statement waits for a lock of another program.
-    is_writer
-        Whether a transaction takes the lock for writing at its beginning. One that takes it later
-        fails at once if another program has written in between.
+    A writer locks at the beginning of a transaction: later it fails if another program has written.
     """
     engine = create_engine(
         url,
@@ -117,10 +94,7 @@ def sqlite_engine(url: URL, *, patience_s: float, is_writer: bool) -> Engine:
 
 
 def _use_write_ahead_log(connection: sqlite3.Connection, patience_s: float) -> None:
-    """Switch the file to the write-ahead log.
-
-    SQLite's own time-out does not cover another program that prepares the same new file.
-    """
+    """Switch to the write-ahead log; SQLite's time-out does not cover two that make the file."""
     given_up_s = time.monotonic() + patience_s
     while True:
         try:
@@ -136,18 +110,7 @@ def _use_write_ahead_log(connection: sqlite3.Connection, patience_s: float) -> N
 def postgresql_engine(url: URL, *, patience_s: float, writing_station: str | None) -> Engine:
     """Return connections to a PostgreSQL server whose commits wait for its disk.
 
-    Parameters
-    ----------
-    patience_s
-        How long a statement may take, with all locks it waits for.
-    writing_station
-        The station for whose writer this is. There is one connection, and it holds a lock in the
-        server: a second program that writes for the same station is refused.
-
-    Raises
-    ------
-    InputError
-        If the driver is not installed.
+    `writing_station` has one connection with a lock in the server, which refuses a second writer.
     """
     patience_ms = max(1, round(patience_s * 1000))  # 0 would be no limit
     settings = f"-c synchronous_commit=on -c statement_timeout={patience_ms}"
@@ -212,10 +175,7 @@ def _lock_for(cursor: Any, url: URL, station: str) -> None:
 
 @contextmanager
 def unavailable_if_failing(url: URL) -> Iterator[None]:
-    """Turn errors of the database into `ResultsUnavailable`, with the address and the cause.
-
-    A row that contradicts the tables, such as a second result of a part, stays an `IntegrityError`.
-    """
+    """Turn errors of the database into `ResultsUnavailable`; an `IntegrityError` stays."""
     try:
         yield
     except IntegrityError:

@@ -29,21 +29,11 @@ class Override:
 
 @dataclass(frozen=True)
 class HistoryEntry:
-    """A recorded part with its last override and the removal of its set file.
-
-    Attributes
-    ----------
-    result
-        What the station recorded.
-    override
-        The last override, None without one.
-    set_removed_utc
-        When the set file was removed, None if it was not.
-    """
+    """A recorded part with its last override and the removal of its set file."""
 
     result: PartResult
     override: Override | None
-    set_removed_utc: str | None
+    set_removed_utc: str | None  # None if it was not removed
 
     @property
     def decision(self) -> Decision:
@@ -53,34 +43,16 @@ class HistoryEntry:
 
 @dataclass(frozen=True)
 class Selection:
-    """A selection of the parts of a station; None selects all.
+    """A selection of the parts of a station; None selects all."""
 
-    Attributes
-    ----------
-    since_utc, until_utc
-        Bounds of the time of the trigger, both included.
-    decision
-        The verdict that holds.
-    label
-        The texture that was found.
-    recipe
-        Name of the recipe.
-    simulated
-        False selects production, True parts of a simulated rig.
-    part_id
-        Identity of the part.
-    below_number
-        Parts with a lower number.
-    """
-
-    since_utc: str | None = None
+    since_utc: str | None = None  # of the trigger, included, as `until_utc`
     until_utc: str | None = None
-    decision: Decision | None = None
+    decision: Decision | None = None  # the verdict in force
     label: str | None = None
     recipe: str | None = None
-    simulated: bool | None = None
+    simulated: bool | None = None  # False selects production, True parts of a simulated rig
     part_id: str | None = None
-    below_number: int | None = None
+    below_number: int | None = None  # parts with a lower number
 
     def without_simulated(self) -> Self:
         """Return the same selection of production alone."""
@@ -92,20 +64,10 @@ EVERY_PART = Selection()
 
 @dataclass(frozen=True)
 class Tally:
-    """Numbers of parts by verdict.
+    """Numbers of parts by verdict."""
 
-    Attributes
-    ----------
-    by_station
-        By the verdicts of the station.
-    in_force
-        By the verdicts in force, with overrides in place of the station's verdicts.
-    refused_triggers
-        Triggers that were not served.
-    """
-
-    by_station: Mapping[Decision, int]
-    in_force: Mapping[Decision, int]
+    by_station: Mapping[Decision, int]  # verdicts of the station
+    in_force: Mapping[Decision, int]  # with overrides in place of the station's verdicts
     refused_triggers: int
 
     @property
@@ -141,10 +103,9 @@ def entries(
     selection: Selection,
     newest: int | None,
 ) -> Iterator[HistoryEntry]:
-    """Yield parts by number, read in pages; see `ResultStore.parts`.
+    """Yield parts by number, each page in a transaction of its own.
 
-    Each page is a transaction of its own: a transaction that waits for a slow reader would keep
-    SQLite from emptying its log, and PostgreSQL from removing old rows.
+    A transaction that waits for a slow reader keeps the database from emptying its log.
     """
     if newest is not None:
         with reading() as connection:

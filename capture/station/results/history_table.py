@@ -22,8 +22,7 @@ COLUMNS = (*_FIRST, *(each.name for each in results.c if each.name not in (*_FIR
 def record_of(entry: HistoryEntry) -> dict[str, Any]:
     """Return the columns of a part's result, its override and its removed set.
 
-    ``verdict`` is the verdict that holds, and ``station_verdict`` that of the station. ``override``
-    is None, or has ``decision``, ``by``, ``reason`` and ``utc``.
+    ``verdict`` is the one in force, ``station_verdict`` that of the station.
     """
     row = row_of(entry.result)
     record = row | {

@@ -81,19 +81,7 @@ _STEPS: Mapping[int, Callable[[Connection], None]] = {
 def migrate(connection: Connection, name: str, *, create: bool) -> None:
     """Make missing tables, or bring those of an earlier version forward; in one transaction.
 
-    Parameters
-    ----------
-    connection
-        Inside a transaction that may write.
-    name
-        Name of the database in messages.
-    create
-        Whether an empty database gets its tables.
-
-    Raises
-    ------
-    InputError
-        If it holds no results and must not be made, or is of a later version.
+    An empty database gets its tables only with `create`.
     """
     if connection.dialect.name == "postgresql":
         # Stations that start at the same moment take turns.

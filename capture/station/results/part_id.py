@@ -21,13 +21,7 @@ def made_part_id(number: int) -> str:
 
 
 def require_given_part_id(part_id: str) -> str:
-    """Return an id that came with a trigger.
-
-    Raises
-    ------
-    InputError
-        If it cannot name a file, or could be one that the station makes.
-    """
+    """Return the id of a trigger; it must name a file, and not look like an id of the station."""
     if not _GIVEN.fullmatch(part_id):
         raise InputError(
             f"part id {part_id[:100]!r}: give 1 to 100 letters, digits, dots, dashes or "
@@ -43,13 +37,7 @@ def require_given_part_id(part_id: str) -> str:
 
 
 def require_new_part_id(connection: Connection, station: str, part_id: str) -> None:
-    """Check that a station has not had a part with this id, in upper or lower case.
-
-    Raises
-    ------
-    InputError
-        If it has.
-    """
+    """Check that a station has not had a part with this id, in upper or lower case."""
     known = connection.scalar(
         select(begun_parts.c.part_id)
         .where(begun_parts.c.station == station)

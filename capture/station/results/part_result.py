@@ -18,90 +18,27 @@ _MAX_INTEGER = 2**63 - 1  # of a column of both databases
 
 @dataclass(frozen=True)
 class DefectRecord:
-    """An outlined defect of a part; pixels of the light images, rows downwards.
+    """An outlined defect; box and area in px of the light images, rows downwards."""
 
-    Attributes
-    ----------
-    kind
-        ``relief``, ``albedo`` or ``texture`` of the defect map; ``seam`` or ``window``.
-    row, column, height, width
-        The smallest box around it, in px.
-    area_px
-        Its area.
-    score
-        The largest score in it, in units of the recipe's threshold: 1 is the threshold.
-    """
-
-    kind: str
+    kind: str  # ``relief``, ``albedo`` or ``texture`` of the defect map; ``seam`` or ``window``
     row: int
     column: int
     height: int
     width: int
     area_px: int
-    score: float
+    score: float  # largest score in it; 1 is the recipe's threshold
 
 
 @dataclass(frozen=True)
 class PartResult:
-    """The result of one part.
-
-    Attributes
-    ----------
-    station
-        Name of the station.
-    part_id
-        Identity of the part, unique in the station: from the trigger, or made from the number.
-    number
-        Position in the order of triggers, from 1, without gaps within a station.
-    trigger
-        Source of the trigger: ``timer``, ``enter``, ``sensor``, ``http`` or ``modbus``.
-    triggered_utc, exposed_utc, decided_utc
-        Trigger, end of the last exposure and verdict, as in ``2026-11-22T17:08:13.042Z``;
-        `exposed_utc` is None where no exposure was completed.
-    verdict
-        The verdict.
-    operator
-        Name of the operator, None if none was given.
-    simulated
-        Whether the set comes from a simulated rig.
-    software_version
-        Version of ps4rig.
-    recipe, recipe_version, recipe_sha256, library_sha256, calibration_sha256
-        Recipe, library and calibration that judged the part; None if not in use.
-    set_file, set_sha256
-        The captured set, relative to the station's folder, and the hash of its pixels; None where
-        no set was captured.
-    label, nearest, orientation_deg, distance, limit, margin, blur_px
-        As in `classify.Match`; None where it was not matched.
-    sdq, shadow_fraction
-        Measured slope (ISO 25178-2) and share of shadow in the region; None where not measured.
-    albedo, scale, handedness, octaves, window, seam
-        As in `Limits` of a recipe; None where not measured, or for a texture without handedness.
-    defect_score
-        Largest score of the defect map, in units of the threshold; None without a map.
-    defects
-        Outlined defects, the largest score first; those of windows last.
-    led_levels
-        Measured level of each light against the taught one, in the order of the lights.
-    timings_ms
-        Duration of each step that was made: ``capture``, ``checks``, ``solve``, ``match``,
-        ``defects``, ``inspect`` and ``save``.
-    notes
-        Remarks on the part, such as a clock that was set back.
-
-    Raises
-    ------
-    ValueError
-        For a value that no row can hold: NaN or infinity, an integer beyond 64 bits, a number below
-        1, or a time of another form.
-    """
+    """The result of one part; ValueError for a value that no row can hold, such as NaN."""
 
     station: str
     part_id: str
-    number: int
-    trigger: str
-    triggered_utc: str
-    exposed_utc: str | None
+    number: int  # in the order of triggers, from 1, without gaps within a station
+    trigger: str  # ``timer``, ``enter``, ``sensor``, ``http`` or ``modbus``
+    triggered_utc: str  # as in ``2026-11-22T17:08:13.042Z``
+    exposed_utc: str | None  # end of the last exposure; None where none was completed
     decided_utc: str
     verdict: Verdict
     operator: str | None
@@ -112,26 +49,26 @@ class PartResult:
     recipe_sha256: str | None = None
     library_sha256: str | None = None
     calibration_sha256: str | None = None
-    set_file: str | None = None
-    set_sha256: str | None = None
-    label: str | None = None
+    set_file: str | None = None  # relative to the station's folder
+    set_sha256: str | None = None  # of the pixels
+    label: str | None = None  # this to `blur_px`: as in `classify.Match`
     nearest: str | None = None
     orientation_deg: float | None = None
     distance: float | None = None
     limit: float | None = None
     margin: float | None = None
     blur_px: float | None = None
-    sdq: float | None = None
-    shadow_fraction: float | None = None
-    defect_score: float | None = None
-    albedo: float | None = None
+    sdq: float | None = None  # ISO 25178-2
+    shadow_fraction: float | None = None  # share of the region
+    defect_score: float | None = None  # largest score of the defect map; 1 is the threshold
+    albedo: float | None = None  # this to `seam`: as in `Limits` of a recipe
     scale: float | None = None
     handedness: float | None = None
     octaves: float | None = None
     window: float | None = None
     seam: float | None = None
-    defects: tuple[DefectRecord, ...] = ()
-    led_levels: tuple[float, ...] = ()
+    defects: tuple[DefectRecord, ...] = ()  # largest score first; those of windows last
+    led_levels: tuple[float, ...] = ()  # measured against taught, in the order of the lights
     timings_ms: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 

@@ -16,17 +16,7 @@ from .utc import require_utc
 def passed_sets(store: ResultStore, until_utc: str) -> Iterator[tuple[str, str]]:
     """Yield id and set file of parts that passed and keep their file, by number.
 
-    Parts with an override are left out, also if the override is PASS.
-
-    Parameters
-    ----------
-    until_utc
-        The latest time of the trigger.
-
-    Raises
-    ------
-    ResultsUnavailable
-        If the database does not answer.
+    `until_utc` is the latest time of the trigger; parts with an override are left out.
     """
     statement = (
         select(results.c.part_id, results.c.set_file)
@@ -48,19 +38,9 @@ def passed_sets(store: ResultStore, until_utc: str) -> Iterator[tuple[str, str]]
 
 
 def record_removals(store: ResultStore, set_files: Mapping[str, str], utc: str) -> None:
-    """Record that the set files of parts are going to be removed, in one transaction.
+    """Record that set files (by part id) are going to be removed, in one transaction.
 
     The caller holds the lock of the set files: one program at a time numbers transactions.
-
-    Parameters
-    ----------
-    set_files
-        Set file by part id, as in `PartResult`; at least one.
-
-    Raises
-    ------
-    ResultsUnavailable
-        If the database does not answer.
     """
     rows = [
         {"station": store.station, "part_id": part_id, "utc": require_utc(utc), "set_file": file}
@@ -84,13 +64,7 @@ def record_removals(store: ResultStore, set_files: Mapping[str, str], utc: str) 
 
 
 def last_removals(store: ResultStore) -> list[str]:
-    """Set files of the last transaction of `record_removals`.
-
-    Raises
-    ------
-    ResultsUnavailable
-        If the database does not answer.
-    """
+    """Set files of the last transaction of `record_removals`."""
     statement = select(removed_sets.c.set_file).where(
         removed_sets.c.station == store.station,
         removed_sets.c.batch == _last_batch(store.station).scalar_subquery(),

@@ -13,11 +13,7 @@ MAX_TEXT = 2000
 
 
 def storable(text: str) -> str:
-    """Return a text that every database can hold.
-
-    What UTF-8 or PostgreSQL cannot hold (lone surrogates of file names, NUL) becomes an escape
-    sequence, and a text beyond `MAX_TEXT` characters ends in an ellipsis.
-    """
+    """Return text that every database holds: surrogates and NUL escaped, at most `MAX_TEXT`."""
     escaped = text.encode("utf-8", "backslashreplace").decode("utf-8").replace("\0", "\\x00")
     return escaped if len(escaped) <= MAX_TEXT else f"{escaped[: MAX_TEXT - 1]}…"
 

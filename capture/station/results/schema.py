@@ -36,10 +36,7 @@ metadata = MetaData()
 
 
 class lower_ascii(GenericFunction[str]):  # noqa: N801 - a function of SQL
-    """A text with the letters A to Z in lower case, whatever the collation of the database.
-
-    ``lower('I')`` is another letter in a Turkish database of PostgreSQL. SQLite knows A to Z only.
-    """
+    """A text with A to Z in lower case; ``lower('I')`` differs in a Turkish PostgreSQL database."""
 
     type = Text()
     inherit_cache = True
@@ -221,11 +218,7 @@ def make_tables(connection: Connection) -> None:
 def append_only(dialect: str, table: str, keys: tuple[tuple[str, ...], ...]) -> Iterator[str]:
     """Statements after which the database refuses to change or to delete rows of a table.
 
-    Parameters
-    ----------
-    keys
-        Names of the columns of each unique key: SQLite's ``INSERT OR REPLACE`` deletes the old row
-        without calling the trigger of a deletion.
+    `keys` are the columns of each unique key: ``INSERT OR REPLACE`` deletes without a trigger.
     """
     if dialect == "postgresql":
         yield (

@@ -30,41 +30,16 @@ _DUMP_TIMEOUT_S = 3600.0
 
 @dataclass(frozen=True)
 class ResultsSnapshot:
-    """Contents of a copy of the results.
-
-    Attributes
-    ----------
-    parts
-        Number of the station's parts with a result.
-    set_files
-        Set files that they name and that were not removed, as in `PartResult`, by number of part.
-    """
+    """Contents of a copy of the results."""
 
     parts: int
-    set_files: tuple[str, ...]
+    set_files: tuple[str, ...]  # that were not removed, by number of part
 
 
 def copy_results(address: str, station: str, target: Path) -> ResultsSnapshot:
-    """Copy a database of results, as it is at one moment, without blocking writers.
+    """Copy a database of results, as it is at one moment, to an empty file.
 
-    SQLite's backup copies a file within one transaction. PostgreSQL's pg_dump writes all tables of
-    the database, with the rows of other stations, for pg_restore.
-
-    Parameters
-    ----------
-    address
-        `StationConfig.results_in`.
-    station
-        Name of the station.
-    target
-        An empty file.
-
-    Raises
-    ------
-    InputError
-        If the copy is damaged, or pg_dump is missing or fails.
-    ResultsUnavailable
-        If the database does not answer.
+    PostgreSQL's pg_dump writes all tables of the database, with the rows of other stations.
     """
     url = database_url(address)
     with unavailable_if_failing(url):

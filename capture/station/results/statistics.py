@@ -31,17 +31,9 @@ _MONTH = len("2026-11")
 
 @dataclass(frozen=True)
 class Period:
-    """Numbers of parts of an hour, a day or a month, by the verdict that holds.
+    """Numbers of parts of an hour, a day or a month, by the verdict that holds."""
 
-    Attributes
-    ----------
-    begin
-        Such as ``2026-11-22T17``, ``2026-11-22`` or ``2026-11``, UTC.
-    verdicts
-        Numbers of parts.
-    """
-
-    begin: str
+    begin: str  # such as ``2026-11-22T17``, ``2026-11-22`` or ``2026-11``, UTC
     verdicts: Mapping[Decision, int]
 
     @property
@@ -63,46 +55,23 @@ class ChartedPart:
 
 @dataclass(frozen=True)
 class CauseCount:
-    """How often a cause kept a part from passing.
-
-    Attributes
-    ----------
-    cause
-        The cause.
-    parts
-        Parts of which it is the gravest cause. Their sum over all causes is the number of parts
-        that the station did not pass.
-    also
-        Parts that have this cause beside a graver one.
-    """
+    """How often a cause kept a part from passing."""
 
     cause: Cause
-    parts: int
-    also: int
+    parts: int  # of which it is the gravest cause; their sum is the number that did not pass
+    also: int  # parts that have it beside a graver one
 
 
 @dataclass(frozen=True)
 class Choices:
-    """Values by which parts of a station can be selected.
-
-    Attributes
-    ----------
-    labels, recipes
-        Textures that were found, and recipes that judged, by name.
-    """
+    """Values by which parts of a station can be selected."""
 
     labels: tuple[str, ...]
     recipes: tuple[str, ...]
 
 
 def counted_periods(store: ResultStore, selection: Selection) -> list[Period]:
-    """Count the selected parts by period, the earliest first, without empty periods.
-
-    Raises
-    ------
-    ResultsUnavailable
-        If the database does not answer.
-    """
+    """Count the selected parts by period, the earliest first, without empty periods."""
     selected = tuple(conditions(store.station, selection))
     utc = results.c.triggered_utc
     span = select(func.min(utc), func.max(utc)).select_from(JOINED).where(*selected)
@@ -132,14 +101,9 @@ def _period_length(first_utc: str, last_utc: str) -> int:
 
 
 def counted_causes(store: ResultStore, selection: Selection) -> list[CauseCount]:
-    """Count the causes of parts that the station did not pass, most frequent first.
+    """Count the station's causes of parts that it did not pass, most frequent first.
 
-    The causes are those of the station, also of parts whose verdict a person changed.
-
-    Raises
-    ------
-    ResultsUnavailable
-        If the database does not answer.
+    They count also where a person changed the verdict.
     """
     # Combinations of causes are few: the database counts parts of each of them.
     causes = cast(results.c.causes, Text)
@@ -165,13 +129,7 @@ def counted_causes(store: ResultStore, selection: Selection) -> list[CauseCount]
 def newest_measured(
     store: ResultStore, selection: Selection, most: int = MOST_MEASURED
 ) -> list[ChartedPart]:
-    """Return the last selected parts that matched a texture, by number.
-
-    Raises
-    ------
-    ResultsUnavailable
-        If the database does not answer.
-    """
+    """Return the last selected parts that matched a texture, by number."""
     columns = (results.c[name] for name in ChartedPart.__dataclass_fields__)
     statement = (
         select(*columns)
@@ -187,13 +145,7 @@ def newest_measured(
 
 
 def choices(store: ResultStore) -> Choices:
-    """Return textures and recipes of all parts, at most `MOST_CHOICES` of each.
-
-    Raises
-    ------
-    ResultsUnavailable
-        If the database does not answer.
-    """
+    """Return textures and recipes of all parts, at most `MOST_CHOICES` of each."""
     return Choices(_names(store, results.c.label), _names(store, results.c.recipe))
 
 

@@ -51,13 +51,7 @@ from .writer import Writer
 
 @dataclass(frozen=True)
 class BegunPart:
-    """A part whose trigger was accepted; each gets exactly one result.
-
-    Attributes
-    ----------
-    part_id, number, trigger, triggered_utc, simulated
-        As in `PartResult`.
-    """
+    """A part whose trigger was accepted; each gets exactly one result."""
 
     part_id: str
     number: int
@@ -67,11 +61,10 @@ class BegunPart:
 
 
 class ResultStore:
-    """The results of one station; `open_store` makes it.
+    """The results of one station, for any thread; `open_store` makes it.
 
-    All methods may be called from any thread. Each writes in one transaction, which is on disk when
-    the method returns. A caller may repeat `add` after `ResultsUnavailable`: it does not write
-    twice. `begin`, `refuse` and `override` repeat their transactions themselves.
+    Each method writes in one transaction, which is on disk when it returns. `add` may be repeated
+    after `ResultsUnavailable`.
     """
 
     def __init__(self, url: URL, station: str, writer: Writer, reader: Engine) -> None:
@@ -112,20 +105,7 @@ class ResultStore:
     ) -> BegunPart:
         """Record an accepted trigger before the first exposure, and give the part its number.
 
-        Parameters
-        ----------
-        trigger, triggered_utc, simulated
-            As in `PartResult`.
-        part_id
-            Identity that came with the trigger; None lets the station make one.
-
-        Raises
-        ------
-        InputError
-            If `part_id` cannot be an identity, or belongs to a part of this station already, where
-            upper and lower case make no difference.
-        ResultsUnavailable
-            If the database does not answer. The part is not begun, or `unfinished` lists it.
+        After `ResultsUnavailable` the part is not begun, or `unfinished` lists it.
         """
         if part_id is not None:
             require_given_part_id(part_id)
@@ -150,15 +130,7 @@ class ResultStore:
         return self.write(work)
 
     def add(self, result: PartResult) -> None:
-        """Record the result of a begun part; the same result again changes nothing.
-
-        Raises
-        ------
-        InputError
-            If the part was not begun, or has another result.
-        ResultsUnavailable
-            If the database does not answer; repeat the call later.
-        """
+        """Record the result of a begun part; the same result again changes nothing."""
         row = row_of(result)
         if result.station != self.station:
             raise InputError(f"station {self.station} cannot hold a result of {result.station}")
@@ -178,13 +150,7 @@ class ResultStore:
     def refuse(
         self, *, trigger: str, utc: str, reason: str, simulated: bool, part_id: str | None = None
     ) -> None:
-        """Record a trigger that could not be served.
-
-        Raises
-        ------
-        ResultsUnavailable
-            If the database does not answer.
-        """
+        """Record a trigger that could not be served."""
         require_utc(utc)
         row = {
             "station": self.station,
@@ -205,16 +171,7 @@ class ResultStore:
         self.write(work)
 
     def override(self, part_id: str, *, decision: Decision, by: str, reason: str, utc: str) -> None:
-        """Record that a person gives a part another verdict; the result stays unchanged.
-
-        Raises
-        ------
-        InputError
-            If the part has no result, the verdict is neither PASS nor FAIL, or name or reason is
-            empty.
-        ResultsUnavailable
-            If the database does not answer.
-        """
+        """Record that a person gives a part another verdict; the result stays unchanged."""
         require_utc(utc)
         if decision not in (Decision.PASS, Decision.FAIL):
             raise InputError(f"verdict {decision}: a person decides PASS or FAIL")
@@ -242,24 +199,12 @@ class ResultStore:
         self.write(work)
 
     def last_number(self) -> int:
-        """Return the number of the latest part that this station has begun, 0 without any.
-
-        Raises
-        ------
-        ResultsUnavailable
-            If the database does not answer.
-        """
+        """Return the number of the latest part that this station has begun, 0 without any."""
         with self.reading() as connection:
             return self._last(connection, begun_parts.c.number)
 
     def unfinished(self) -> list[BegunPart]:
-        """Parts without a result, by number: after a kill or a loss of power.
-
-        Raises
-        ------
-        ResultsUnavailable
-            If the database does not answer.
-        """
+        """Parts without a result, by number: after a kill or a loss of power."""
         statement = (
             _BEGUN.outerjoin(results, same_part(results, begun_parts))
             .where(begun_parts.c.station == self.station, results.c.part_id.is_(None))
@@ -269,13 +214,7 @@ class ResultStore:
             return [_begun_part(row) for row in connection.execute(statement)]
 
     def known(self, part_ids: Iterable[str]) -> set[str]:
-        """Return which of these identities belong to parts that this station has begun.
-
-        Raises
-        ------
-        ResultsUnavailable
-            If the database does not answer.
-        """
+        """Return which of these identities belong to parts that this station has begun."""
         column, texts = begun_parts.c.part_id, [storable(part_id) for part_id in part_ids]
         statement = select(column).where(begun_parts.c.station == self.station, column.in_(texts))
         with self.reading() as connection:
@@ -286,20 +225,7 @@ class ResultStore:
     ) -> Iterator[HistoryEntry]:
         """Yield the selected parts by number, each with its last override and its removed set.
 
-        They are read in pages on demand, up to the number that is the last one when the reading
-        begins. Overrides and removals during the reading may be missing.
-
-        Parameters
-        ----------
-        selection
-            Which parts.
-        newest
-            Number of last parts to yield; None yields all.
-
-        Raises
-        ------
-        ResultsUnavailable
-            If the database does not answer.
+        They are read in pages, up to the number that is the last one at the beginning.
         """
         return entries(self.reading, self.station, selection, newest)
 
@@ -315,7 +241,7 @@ class ResultStore:
     def lock_station(self, connection: Connection, utc: str) -> None:
         """Lock the numbers of this station for one writer, until the end of a transaction.
 
-        On SQLite a writing transaction locks the whole file from its beginning.
+        On SQLite a writing transaction locks the whole file.
         """
         row = select(stations).where(stations.c.station == self.station)
         if connection.execute(row.with_for_update()).first() is None:
@@ -355,27 +281,7 @@ def open_store(
 ) -> ResultStore:  # fmt: skip
     """Open the results of a station, and bring tables of an earlier version forward.
 
-    Parameters
-    ----------
-    results
-        Path of an SQLite file, or URL of a PostgreSQL database; `StationConfig.results_in`.
-    station
-        Name of the station.
-    create
-        Whether to make the file and the tables if they are missing.
-    alone
-        Whether this program is the only one that begins parts of this station: a second one is
-        refused. False for commands beside a running station. For an SQLite file, which belongs to a
-        station's folder, the lock of the folder does this.
-    patience_s
-        How long to wait for a lock of another program or a server that restarts.
-
-    Raises
-    ------
-    InputError
-        If there is no such file, or it holds something else, or tables of a later version.
-    ResultsUnavailable
-        If the database does not answer, or another program writes for this station.
+    With `alone` a second program that begins parts of this station is refused.
     """
     url = database_url(results)
     if url.get_backend_name() == "sqlite":

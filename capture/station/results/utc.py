@@ -18,21 +18,9 @@ def require_utc(text: str) -> str:
 
 
 def utc_bound(option: str, text: str, *, is_end: bool = False) -> str:
-    """Return the time that a person gave as a bound, in the form of results.
+    """Return the time of a bound that a person gave in ISO 8601, UTC without an offset.
 
-    Parameters
-    ----------
-    option
-        Name of the option, for the message.
-    text
-        ISO 8601: a date, or a date with a time. Without an offset it is UTC.
-    is_end
-        Whether a date, or a time in minutes, stands for its last millisecond instead of its first.
-
-    Raises
-    ------
-    InputError
-        If `text` is neither a date nor a time.
+    `is_end` takes the last millisecond of a date, or of a time in minutes, instead of the first.
     """
     try:
         if len(text) == len("2026-11-22"):

@@ -13,13 +13,7 @@ T = TypeVar("T")
 
 
 class Writer:
-    """Writes to a database in transactions that are on its disk when they end.
-
-    Attributes
-    ----------
-    engine
-        The connections.
-    """
+    """Writes to a database in transactions that are on its disk when they end."""
 
     def __init__(self, url: URL, engine: Engine, patience_s: float) -> None:
         self.engine = engine
@@ -29,13 +23,7 @@ class Writer:
     def write(self, work: Callable[[Connection], T]) -> T:
         """Do `work` in a transaction; repeat it while a PostgreSQL server cannot be reached.
 
-        `work` must first look whether an earlier attempt was committed: a connection may be lost
-        between the commit and its answer.
-
-        Raises
-        ------
-        ResultsUnavailable
-            If the database does not answer in time, or cannot be written.
+        `work` must first look whether an earlier attempt was committed before its answer was lost.
         """
         last_attempt_s = time.monotonic() + self._patience_s
         while True:

@@ -32,15 +32,7 @@ DUMP = "results.pgdump"
 
 
 class Backup:
-    """A backup that is about to be written; `prepared_backup` makes it.
-
-    Attributes
-    ----------
-    sources
-        Files by their name in the backup.
-    remarks
-        Missing files that the backup will not contain.
-    """
+    """A backup that is about to be written; `prepared_backup` makes it."""
 
     def __init__(
         self,
@@ -70,14 +62,8 @@ class Backup:
         self.remarks = tuple(_remarks(folder, config, self._missing))
 
     def write(self, path: Path) -> Iterator[str]:
-        """Write the backup, and yield the name of each file in it.
-
-        The file `path` appears when it is complete and on disk.
-
-        Raises
-        ------
-        InputError
-            If it cannot be written, a file cannot be read, or a recipe was changed meanwhile.
+        """Write the backup, which appears when it is complete and on disk; yield the name of
+        each file.
         """
         stored = []
         with durable_file(path) as temporary:
@@ -109,18 +95,6 @@ def prepared_backup(folder: Path, path: Path) -> Iterator[Backup]:
     """Copy the results of a station, and list all files that belong to them.
 
     The station may run; no set file is removed during the block.
-
-    Parameters
-    ----------
-    path
-        Where the backup will be written.
-
-    Raises
-    ------
-    InputError
-        If `path` cannot be the place of the backup, or the results cannot be copied.
-    ResultsUnavailable
-        If the database does not answer.
     """
     config = StationFolder(folder).config
     _check_place(folder, path)

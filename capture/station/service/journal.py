@@ -38,15 +38,7 @@ def is_connected_to_journal(environment: Mapping[str, str], descriptor: int) -> 
 
 
 class Journal:
-    """Subscriber to a station's events that writes them into the journal. Never raises.
-
-    Parameters
-    ----------
-    station
-        Its name.
-    path
-        The socket of the journal.
-    """
+    """Subscriber to a station's events that writes them into the journal. Never raises."""
 
     def __init__(self, station: str, path: Path = SOCKET) -> None:
         self._station, self._path = station, path

@@ -35,32 +35,16 @@ class StoredFile(Record):
 
 
 class Manifest(Record):
-    """The contents of a backup.
-
-    Attributes
-    ----------
-    utc
-        When the results were copied.
-    station, software_version
-        Name of the station, and the program that made the backup.
-    database
-        Name of the results in it: a file of SQLite, or a dump of PostgreSQL; None before the
-        first run.
-    parts, sets
-        Number of the station's parts with a result, and of set files.
-    missing
-        Set files that the results name and that were missing.
-    files
-        All files.
-    """
+    """The contents of a backup."""
 
     format: Literal["ps4rig-backup"] = "ps4rig-backup"
     version: Literal[1] = 1
-    utc: str
+    utc: str  # when the results were copied
     station: str
     software_version: str
+    # SQLite file or PostgreSQL dump in the backup; None before the first run.
     database: InnerPath | None
-    parts: Count
-    sets: Count
-    missing: tuple[str, ...]
+    parts: Count  # with a result
+    sets: Count  # number of set files
+    missing: tuple[str, ...]  # set files that the results name
     files: Annotated[tuple[StoredFile, ...], Field(max_length=MOST_FILES)]

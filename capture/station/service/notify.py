@@ -21,18 +21,7 @@ _WORKERS = set(get_args(Worker))
 class Notifier:
     """Subscriber to a station's events, to which its workers report that they are alive.
 
-    systemd gets READY when the station is ready for the first time. The watchdog gets a ping as
-    soon as all workers have reported that they are alive: a worker that hangs ends the pings. No
-    thread of its own could go on without the workers. Never blocks, and never raises.
-
-    Parameters
-    ----------
-    address
-        The socket: a path, or ``@NAME`` for an abstract one; None sends nothing.
-    watchdog_s
-        Time without a ping after which systemd kills the station; None for no pings.
-    now_s
-        The monotonic clock.
+    The watchdog gets a ping only when all workers have reported; never blocks, never raises.
     """
 
     def __init__(
@@ -58,13 +47,7 @@ class Notifier:
 
     @classmethod
     def from_environment(cls, environment: Mapping[str, str]) -> Self:
-        """Return the notifier for the variables that systemd sets for a service.
-
-        Raises
-        ------
-        InputError
-            If one of them cannot be used.
-        """
+        """Return the notifier for the variables that systemd sets for a service."""
         address = environment.get("NOTIFY_SOCKET") or None
         usec, process = environment.get("WATCHDOG_USEC"), environment.get("WATCHDOG_PID")
         if usec is None or process not in (None, str(os.getpid())):

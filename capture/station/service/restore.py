@@ -25,13 +25,7 @@ _UNREADABLE = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, Ru
 
 
 class OpenBackup:
-    """A backup whose list of files was checked; `opened_backup` makes it.
-
-    Attributes
-    ----------
-    manifest
-        What it holds.
-    """
+    """A backup whose list of files was checked; `opened_backup` makes it."""
 
     def __init__(self, path: Path, archive: zipfile.ZipFile) -> None:
         self._path, self._archive = path, archive
@@ -41,14 +35,8 @@ class OpenBackup:
             raise InputError(f"{path}: damaged: its files are not those of its manifest")
 
     def restore(self, folder: Path) -> Iterator[str]:
-        """Write the station to `folder`, and yield the name of each file.
-
-        The folder appears when it is complete and on disk.
-
-        Raises
-        ------
-        InputError
-            If the folder is not empty or cannot be written, or a file of the backup is damaged.
+        """Write the station to `folder`, which appears complete and on disk; yield the name of
+        each file.
         """
         folder = folder.absolute()
         if folder.is_symlink() or (folder.exists() and not _is_empty_folder(folder)):
@@ -121,13 +109,7 @@ class OpenBackup:
 
 @contextmanager
 def opened_backup(path: Path) -> Iterator[OpenBackup]:
-    """Open a backup for restoring.
-
-    Raises
-    ------
-    InputError
-        If it is not a backup, damaged, or names files outside a folder.
-    """
+    """Open a backup for restoring."""
     with open_regular_file(path, _MOST_BYTES) as file:
         try:
             archive = zipfile.ZipFile(file)

@@ -62,19 +62,7 @@ def unit_name(config: StationConfig) -> str:
 
 
 def unit_text(station: StationFolder, user: str = USER) -> str:
-    """Return the unit that runs a station with this program.
-
-    Parameters
-    ----------
-    user
-        The user that the station runs as, and to whom its folder belongs.
-
-    Raises
-    ------
-    InputError
-        If the station cannot be a service: its triggers come from a keyboard, or a path or the user
-        cannot stand in a unit.
-    """
+    """Return the unit that runs a station with this program."""
     config, folder = station.config, station.path.resolve()
     if config.trigger == "enter":
         raise InputError(

@@ -44,13 +44,7 @@ def _check_unit(station: StationFolder) -> Iterator[Check]:
 
 
 def checks_of_unit(station: StationFolder, properties: Mapping[str, str]) -> Iterator[Check]:
-    """Check the unit of a station by the output of ``systemctl show``.
-
-    Raises
-    ------
-    InputError
-        If the unit cannot be read.
-    """
+    """Check the unit of a station by the output of ``systemctl show``."""
     name = unit_name(station.config)
     if not properties.get("FragmentPath"):
         seen, advice = f"{name} is not installed", _how_to_print(station)

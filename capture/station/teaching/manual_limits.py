@@ -28,11 +28,7 @@ def limits_measured_before(files: RecipeFolder, recipe: Recipe) -> LimitsOf | No
 def manual_limits(present: LimitsOf, measured: LimitsOf | None) -> LimitsOf:
     """Return the limits of each texture that differ from those that teaching measured.
 
-    Parameters
-    ----------
-    present, measured
-        Limits in the recipe, and those that teaching measured for it. Without the latter, all
-        limits that teaching can measure count as measured.
+    Without `measured`, all limits that teaching can measure count as measured.
     """
     found = {}
     for texture, limits in present.items():

@@ -24,29 +24,18 @@ from .taught_sets import KeptSet
 
 @dataclass(frozen=True, eq=False)
 class TaughtPart:
-    """A set with its measures; its surface is solved again when it is needed.
-
-    Attributes
-    ----------
-    row, test
-        Its observations for training and for matching.
-    scaled
-        Its observations with a texture that is smaller and larger by `SCALE_STEP`.
-    moments
-        Its `band_moments`.
-    lighting
-        Its lights, from its calibration if it has one.
-    """
+    """A set with its measures; its surface is solved again when it is needed."""
 
     kept: KeptSet
     setting: Setting
     has_calibration: bool
-    row: TrainingRow
-    test: Observation
+    row: TrainingRow  # observations for training
+    test: Observation  # observations for matching
+    # Observations with a texture that is smaller and larger by `SCALE_STEP`.
     scaled: tuple[Observation, ...]
-    moments: FloatMap
+    moments: FloatMap  # its `band_moments`
     segment_px: int
-    lighting: Lighting | None
+    lighting: Lighting | None  # from its calibration if it has one
     sdq: float
     shadow_fraction: float
     unmeasured_fraction: float
@@ -55,13 +44,7 @@ class TaughtPart:
 
 
 def solved(kept: KeptSet, region: Region | None) -> tuple[LoadedSet, MeasuredSurface]:
-    """Load and solve a kept set by the default solver for its lights.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read or solved, or the region exceeds its images; the message names it.
-    """
+    """Load and solve a kept set by the default solver for its lights."""
     loaded = LoadedSet.of(kept.path)
     if not fits(region, loaded.captured):
         rows, columns = loaded.captured.images.shape[1:]
@@ -104,13 +87,7 @@ def taught_part(kept: KeptSet, region: Region | None) -> TaughtPart:
 
 
 def check_alike(parts: Sequence[TaughtPart]) -> None:
-    """Check that all sets were captured at one setting, and all or none with a calibration.
-
-    Raises
-    ------
-    RecipeError
-        Naming the first set that differs, and how.
-    """
+    """Check that all sets were captured at one setting, and all or none with a calibration."""
     first = parts[0]
     for part in parts[1:]:
         differences = setting_differences(first.setting, part.setting)

@@ -28,13 +28,7 @@ class KeptSet:
 
 
 def known_sets(files: RecipeFolder, recipe: Recipe) -> Iterator[KeptSet]:
-    """Yield the sets that a recipe was taught, except those whose file was removed.
-
-    Raises
-    ------
-    RecipeError
-        If what teaching measured cannot be read.
-    """
+    """Yield the sets that a recipe was taught, except those whose file was removed."""
     if recipe.taught is None:
         return
     for texture, about in read_taught(files.version(recipe.version).taught).textures.items():
@@ -49,15 +43,7 @@ def keep_sets(
 ) -> list[KeptSet]:
     """Copy sets with their calibrations into a folder; an existing copy is not replaced.
 
-    Parameters
-    ----------
-    texture
-        Texture of all sets; None takes the label of each set, or `default` for one without a label.
-
-    Raises
-    ------
-    InputError
-        If a set cannot be read or copied, or its label names no texture.
+    Without `texture` each has its label, or `default`.
     """
     make_folder(folder)
     kept = []

@@ -53,31 +53,7 @@ def teach(
 ) -> Teaching:
     """Add sets to the taught ones, and make a new version of the recipe from all.
 
-    The page of what was found is written too. The recipe's file is written last: until then the
-    previous version is in use.
-
-    Parameters
-    ----------
-    files
-        Files of the recipe, which need not exist yet. Taught sets whose file was removed are left
-        out.
-    paths
-        Captured sets.
-    bad_texture
-        Texture of all these sets, if they are of bad parts; None for good parts.
-    good_texture
-        Texture of all these sets, if they are of good parts; None takes the label of each, or the
-        name of the recipe.
-    show
-        Shows the progress.
-
-    Raises
-    ------
-    RecipeError
-        If a texture is good and bad, has too few or too many good parts, or the sets have different
-        settings.
-    InputError
-        If a set cannot be used.
+    The recipe's file is written last: until then the previous version is in use.
     """
     with files.changing():
         before = read_recipe(files.file) if files.file.exists() else None

@@ -40,19 +40,7 @@ def limits_of_texture(
 ) -> Limits:
     """Return limits within which 99 % of good parts lie, with 95 % confidence.
 
-    They are tolerance limits of a normal distribution, of the logarithm for distances. Few parts
-    give wide limits: see `tolerance_factor`.
-
-    Parameters
-    ----------
-    distances
-        Distance of each good part to the texture, by a library without that part.
-    sdqs, shadow_fractions, unmeasured_fractions, albedos
-        Measures of three or more good parts.
-    scale_deviation
-        Standard deviation of the logarithm of their scale.
-    has_handedness
-        Whether the texture differs from its mirror image.
+    They are tolerance limits of a normal distribution, of the logarithm for distances and scale.
     """
     logs = [math.log(distance) for distance in distances if distance > 0.0]
     log_limit = max(_limit(logs, 0.0), *logs) if len(logs) > 1 else math.inf

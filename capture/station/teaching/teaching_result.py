@@ -43,32 +43,18 @@ class Overlap:
 
 @dataclass(frozen=True, eq=False)
 class Teaching:
-    """The outcome of teaching.
-
-    Attributes
-    ----------
-    recipe, taught, files
-        The new version of the recipe, its measurements, and its files.
-    parts, matches
-        The sets, and the match of each with a library of all others; None where that is empty.
-    inspections
-        Verdict of the new recipe on each set, in the same order. The recipe was taught these sets.
-    false_alarm_bounds
-        For each texture that passes, the largest share of good parts that the defect map rejects.
-    measured
-        The limits that were measured; the recipe has others where people set them.
-    limit_remarks
-        Remarks on limits that people set.
-    """
+    """The outcome of teaching."""
 
     recipe: Recipe
     taught: Taught
     files: TaughtFiles
     parts: tuple[TaughtPart, ...]
+    # Of each set with a library of all others; None where that is empty.
     matches: tuple[Match | None, ...]
-    inspections: tuple[Inspection, ...]
+    inspections: tuple[Inspection, ...]  # by the new recipe, which was taught these sets
+    # Largest share of good parts that the defect map rejects, by texture.
     false_alarm_bounds: Mapping[str, float]
-    measured: LimitsOf
+    measured: LimitsOf  # the limits that were measured; people may have set others in the recipe
     limit_remarks: tuple[str, ...]
 
     @property

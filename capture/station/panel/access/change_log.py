@@ -11,8 +11,7 @@ from .roles import Identity
 class ChangeLog:
     """Writes changes to the database of results, made if missing, and to ``station.log``.
 
-    A change is recorded before it is made: a change without a row would be worse than a row of a
-    change that failed.
+    A change is recorded before it is made, so that none is without a row.
     """
 
     def __init__(self, folder: StationFolder, results: ResultsAccess) -> None:
@@ -21,13 +20,7 @@ class ChangeLog:
     def record(
         self, who: Identity, what: str, before: str | None = None, after: str | None = None
     ) -> None:
-        """Record a change.
-
-        Raises
-        ------
-        ResultsUnavailable
-            If the database does not answer: the change must not be made.
-        """
+        """Record a change, which must not be made if this raises `ResultsUnavailable`."""
         try:
             record_change(self._results.made(), what, before, after, by=who.name, role=who.role)
         except ResultsUnavailable as error:

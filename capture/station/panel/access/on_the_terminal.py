@@ -23,18 +23,7 @@ _LONGEST_NAME = 200  # as in the approval of a recipe
 def changing_on_the_terminal(
     folder: StationFolder, by: str | None = None
 ) -> Iterator[tuple[ChangeLog, Identity]]:
-    """Yield the log of changes, and who changes the station.
-
-    Parameters
-    ----------
-    by
-        Given name. The log also has the user of the system, which nobody can invent.
-
-    Raises
-    ------
-    InputError
-        If the name is empty, too long or does not print.
-    """
+    """Yield the log of changes, and who changes the station: `by` and the user of the system."""
     if by is not None and not (by.strip() and by.isprintable() and len(by) <= _LONGEST_NAME):
         raise InputError(f"--by {by[:20]!r}: give 1 to {_LONGEST_NAME} printable characters")
     user = system_user()

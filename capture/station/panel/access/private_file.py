@@ -36,24 +36,12 @@ class PrivateFile(Generic[Model]):
 
     @contextmanager
     def changing(self) -> Iterator[None]:
-        """Keep other threads and programs from changing the file during the block.
-
-        Raises
-        ------
-        InputError
-            If another program changes it for longer than `PATIENCE_S`.
-        """
+        """Keep other threads and programs from changing the file during the block."""
         with self._changing, file_lock(self._path, PATIENCE_S):
             yield
 
     def read(self) -> Model:
-        """Return the contents of the file; a missing one is an empty object.
-
-        Raises
-        ------
-        InputError
-            If it cannot be read, or is damaged.
-        """
+        """Return the contents of the file; a missing one is an empty object."""
         with self._lock:
             stamp = self._present_stamp()
             if self._known is None or stamp != self._stamp:
@@ -62,13 +50,7 @@ class PrivateFile(Generic[Model]):
             return self._known
 
     def write(self, value: Model) -> None:
-        """Replace the file; only its owner may read it.
-
-        Raises
-        ------
-        InputError
-            If it cannot be written.
-        """
+        """Replace the file; only its owner may read it."""
         with durable_file(self._path) as temporary:
             temporary.chmod(_OWNER_ONLY)  # before there is anything in it
             temporary.write_text(value.model_dump_json(indent=1) + "\n", encoding="utf-8")

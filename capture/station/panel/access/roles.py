@@ -23,35 +23,17 @@ class Role(StrEnum):
 
 @dataclass(frozen=True)
 class Identity:
-    """Who asks.
-
-    Attributes
-    ----------
-    name
-        Name of the user or of the API client.
-    role
-        The role.
-    via
-        ``session`` (a browser that is logged in), ``token`` (an API client), or ``local`` (this
-        machine, while the station has no users).
-    csrf
-        Token that a change from this session must carry; empty for others.
-    """
+    """Who asks."""
 
     name: str
     role: Role
+    # ``session``, ``token``, or ``local`` (this machine, while the station has no users).
     via: Literal["session", "token", "local"]
-    csrf: str = ""
+    csrf: str = ""  # token that a change from this session must carry; empty for others
 
 
 def require_name(kind: str, name: str) -> None:
-    """Check the name of a user or client.
-
-    Raises
-    ------
-    InputError
-        If it is not a valid name.
-    """
+    """Check the name of a user or client."""
     try:
         file_name(name)
     except ValueError as error:

@@ -34,15 +34,7 @@ class _Session:
 
 
 class Sessions:
-    """Sessions by their secret cookie. Thread-safe; they end with the program.
-
-    Parameters
-    ----------
-    users
-        The users; a session has the present role of its user.
-    now_s
-        The monotonic clock.
-    """
+    """Sessions by their secret cookie, thread-safe; each has the present role of its user."""
 
     def __init__(self, users: Users, now_s: Callable[[], float] = time.monotonic) -> None:
         self._users, self._now_s = users, now_s
@@ -93,7 +85,7 @@ class LoginLimit:
         self._failures: dict[tuple[str, str], tuple[int, float]] = {}
 
     def begin(self, name: str, address: str) -> float:
-        """Count an attempt as a failure; return how long to wait, 0 if it is allowed.
+        """Count an attempt as a failure; return how long to wait in s, 0 if it is allowed.
 
         It is counted before the password is tried, so that simultaneous attempts all count.
         """

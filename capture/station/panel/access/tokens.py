@@ -22,13 +22,11 @@ _SECRET_BYTES = 32
 
 
 class Client(Section):
-    """A program that uses the API; `sha256` is the hash of its token.
-
-    A plain hash is enough: nobody can try 2**256 tokens.
-    """
+    """A program that uses the API."""
 
     name: Name
     role: Role = Field(strict=False)
+    # Of its token; a plain hash is enough, because nobody can try 2**256 tokens.
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
     created_utc: str = Field(max_length=40)
 
@@ -38,25 +36,13 @@ class _File(Section):
 
 
 class Tokens:
-    """API clients of a station. Thread-safe; sees changes by other programs at once.
-
-    Parameters
-    ----------
-    folder
-        Folder of the station.
-    """
+    """API clients of a station. Thread-safe; sees changes by other programs at once."""
 
     def __init__(self, folder: Path) -> None:
         self._file = PrivateFile(folder / FILE, _File)
 
     def all(self) -> tuple[Client, ...]:
-        """Return all clients, by name.
-
-        Raises
-        ------
-        InputError
-            If the file is damaged.
-        """
+        """Return all clients, by name."""
         return tuple(sorted(self._file.read().clients, key=lambda client: client.name))
 
     def find(self, token: str) -> Client | None:
@@ -67,13 +53,7 @@ class Tokens:
         return next(found, None)
 
     def add(self, name: str, role: Role) -> str:
-        """Add a client and return its token, which is not stored.
-
-        Raises
-        ------
-        InputError
-            If the name is invalid or taken, or there are too many clients.
-        """
+        """Add a client and return its token, which is not stored."""
         token = _PREFIX + secrets.token_urlsafe(_SECRET_BYTES)
         values = {
             "name": name, "role": role, "sha256": _sha256(token), "created_utc": utc_text()
@@ -88,13 +68,7 @@ class Tokens:
         return token
 
     def remove(self, name: str) -> Client:
-        """Remove a client and return it; its token is invalid at once.
-
-        Raises
-        ------
-        InputError
-            If there is no such client.
-        """
+        """Remove a client and return it; its token is invalid at once."""
         with self._file.changing():
             clients = self.all()
             found = [client for client in clients if client.name == name]
@@ -106,13 +80,7 @@ class Tokens:
 
 
 def require_new_client(name: str, clients: tuple[Client, ...]) -> None:
-    """Check the name of a new client.
-
-    Raises
-    ------
-    InputError
-        If it is invalid, or the name of one of `clients`.
-    """
+    """Check the name of a new client."""
     require_name("client", name)
     if any(each.name == name for each in clients):
         raise InputError(f"client {name}: there is one already; remove it first")

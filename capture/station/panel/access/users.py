@@ -44,13 +44,7 @@ class _File(Section):
 
 
 class Users:
-    """The users of a station. Thread-safe; a change by another program is seen at once.
-
-    Parameters
-    ----------
-    folder
-        Folder of the station.
-    """
+    """The users of a station. Thread-safe; a change by another program is seen at once."""
 
     def __init__(self, folder: Path) -> None:
         self._file = PrivateFile(folder / FILE, _File)
@@ -60,13 +54,7 @@ class Users:
         self._nobody = ""
 
     def all(self) -> tuple[User, ...]:
-        """Return all users, by name.
-
-        Raises
-        ------
-        InputError
-            If the file is damaged.
-        """
+        """Return all users, by name."""
         return tuple(sorted(self._file.read().users, key=lambda user: user.name))
 
     def get(self, name: str) -> User | None:
@@ -76,16 +64,7 @@ class Users:
     def put(self, name: str, role: Role, password: str, seen: User | None = None) -> User | None:
         """Add a user, or give one another role and password; return the previous user, if any.
 
-        Parameters
-        ----------
-        seen
-            The user as it was read before; None skips the comparison.
-
-        Raises
-        ------
-        InputError
-            If the name is invalid, the password is too short or too long, there are too many
-            users, the last administrator would lose the role, or the user differs from `seen`.
+        The user must still equal `seen`, unless that is None.
         """
         user = User(name=name, role=role, password=self._hash(require_account(name, password)))
         with self._file.changing():
@@ -99,13 +78,7 @@ class Users:
         return before
 
     def remove(self, name: str) -> User:
-        """Remove a user and end the user's sessions; return the user.
-
-        Raises
-        ------
-        InputError
-            If there is no such user, or it is the last administrator beside other users.
-        """
+        """Remove a user and end the user's sessions; return the user."""
         with self._file.changing():
             user, others = self._apart(name)
             if user is None:
@@ -148,13 +121,7 @@ def _require_administrator(users: tuple[User, ...], changed: User | None) -> Non
 
 
 def require_account(name: str, password: str) -> str:
-    """Check name and password of a new user; return the password in its normal form.
-
-    Raises
-    ------
-    InputError
-        If the name is invalid, or the password is too short, too long or not UTF-8.
-    """
+    """Check name and password of a new user; return the password in its normal form."""
     require_name("user", name)
     normal = unicodedata.normalize("NFKC", password)
     if not SHORTEST_PASSWORD <= len(normal) <= LONGEST_PASSWORD:

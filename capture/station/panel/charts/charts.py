@@ -136,10 +136,7 @@ def _percent_axis(across: Scale, height: int) -> Iterator[Element]:
 def control_chart(history: ChartHistory, about: str, *, is_share: bool) -> Drawing:
     """Draw a control chart: points, mean and limits of the baseline, broken rules.
 
-    Parameters
-    ----------
-    is_share
-        Whether its values are shares, which are shown in percent.
+    Shares are shown in percent.
     """
     factor, unit = (100.0, " %") if is_share else (1.0, "")
     return Drawing(about, tuple(_control(history, factor, unit)))

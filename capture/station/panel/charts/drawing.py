@@ -60,18 +60,10 @@ class Words:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A chart of `width` by `height` pixels.
+    """A chart of `width` by `height` pixels."""
 
-    Attributes
-    ----------
-    about
-        What it shows, in a sentence, for screen readers.
-    elements
-        Its elements; later ones cover earlier ones.
-    """
-
-    about: str
-    elements: tuple[Line | Box | Dot | Words, ...]
+    about: str  # what it shows, in a sentence, for screen readers
+    elements: tuple[Line | Box | Dot | Words, ...]  # later ones cover earlier ones
     width: int = WIDTH
     height: int = HEIGHT
 

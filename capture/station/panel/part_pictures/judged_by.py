@@ -19,31 +19,15 @@ from rig.config.toml_file import read_toml_as
 
 @dataclass(frozen=True, eq=False)
 class JudgedBy:
-    """Recipe, solver and defect model that judged a part.
+    """Recipe, solver and defect model that judged a part."""
 
-    Attributes
-    ----------
-    recipe
-        The recipe, as it was then.
-    method
-        Its solver; None for the default of the lights.
-    defect_model
-        The model of the texture of the part; None for a texture that does not pass.
-    """
-
-    recipe: Recipe
-    method: Method | None
-    defect_model: DefectModel | None
+    recipe: Recipe  # as it was then
+    method: Method | None  # None for the default of the lights
+    defect_model: DefectModel | None  # None for a texture that does not pass
 
 
 def recipe_of(folder: StationFolder, result: PartResult) -> Recipe:
-    """Return the recipe that judged a part, as it was then.
-
-    Raises
-    ------
-    InputError
-        If there was none, or it is not kept.
-    """
+    """Return the recipe that judged a part, as it was then."""
     if result.recipe is None or result.recipe_sha256 is None:
         raise RecipeError("the part was judged by no recipe")
     files = folder.recipe_files(result.recipe)
@@ -51,13 +35,7 @@ def recipe_of(folder: StationFolder, result: PartResult) -> Recipe:
 
 
 def judged_by(folder: StationFolder, result: PartResult) -> JudgedBy:
-    """Return recipe, solver and defect model that judged a part.
-
-    Raises
-    ------
-    InputError
-        If the recipe is not kept, or what teaching made for it is missing or was changed.
-    """
+    """Return recipe, solver and defect model that judged a part."""
     recipe = recipe_of(folder, result)
     files = folder.recipe_files(recipe.name)
     return _judged_by(files, recipe.version, recipe.sha256, result.label or result.nearest)

@@ -30,15 +30,7 @@ _LEVELS_12_BIT = 4095
 
 @dataclass(frozen=True)
 class PaintedPicture:
-    """A picture of a part.
-
-    Attributes
-    ----------
-    title, caption
-        For people.
-    media_type, content
-        Its file.
-    """
+    """A picture of a part."""
 
     title: str
     caption: str

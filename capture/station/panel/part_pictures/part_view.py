@@ -26,47 +26,26 @@ Outline = tuple[tuple[int, int], ...]
 
 @dataclass(frozen=True, eq=False)
 class PartView:
-    """The solved surface of a stored part.
+    """The solved surface of a stored part, in maps with the shape of the light images.
 
-    All maps have the shape of the light images. Outside the judged region they are 0, and `score`
-    is NaN.
-
-    Attributes
-    ----------
-    captured
-        The set.
-    region
-        The judged region; None for the whole frame.
-    normals, albedo, shadow_count, valid
-        As in `SurfaceEstimate`.
-    score
-        Score of the defect map, 1 the limit of the recipe, NaN where it has none; None without a
-        defect map.
-    outlines
-        Columns and rows of the corners of each defect of the result, in their order.
-    notes
-        Possible differences between the pictures and the inspection.
+    Outside the judged region the maps are 0, and `score` is NaN.
     """
 
     captured: CapturedSet
-    region: Region | None
+    region: Region | None  # None for the whole frame
     normals: FloatMap
     albedo: FloatMap
     shadow_count: npt.NDArray[np.uint8]
     valid: npt.NDArray[np.bool_]
+    # 1 is the limit of the recipe, NaN is no score; None without a defect map.
     score: FloatMap | None
+    # Columns and rows of the corners of each defect of the result, in order.
     outlines: tuple[Outline, ...]
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # possible differences between the pictures and the inspection
 
 
 def part_view(folder: StationFolder, result: PartResult, path: Path) -> PartView:
-    """Solve the stored set of a part as the station did.
-
-    Raises
-    ------
-    InputError
-        If the set is missing or damaged, or is not the one that was judged.
-    """
+    """Solve the stored set of a part as the station did, if it is the set that was judged."""
     notes: list[str] = []
     try:
         loaded = LoadedSet.of(path)
@@ -133,7 +112,7 @@ def _in_pixels(scores: DefectMap) -> FloatMap:
 def _outlines(
     scores: DefectMap | None, region: Region | None, defects: Sequence[DefectRecord]
 ) -> tuple[Outline, ...] | None:
-    """The outlines of recorded defects, or None if the map does not show the same ones.
+    """Outline recorded defects; None if the map does not show the same ones.
 
     Regions of windows have boxes; they come after those of the map.
     """

@@ -33,17 +33,7 @@ class PictureTask:
 
 @dataclass(frozen=True, eq=False)
 class PartPictures:
-    """All pictures of a part at one size.
-
-    Attributes
-    ----------
-    width_px, height_px
-        Size of its light images.
-    pictures
-        By name.
-    outlines, notes
-        As in `PartView`.
-    """
+    """All pictures of a part at one size."""
 
     width_px: int
     height_px: int
@@ -79,15 +69,7 @@ def _yielding_process() -> PictureWorker:
 class PictureMaker:
     """Has pictures of stored parts made in another process, which yields to the station.
 
-    On a machine whose processors are never idle that process gets nothing done. Pictures that
-    cannot wait are made in a thread of this process.
-
-    Parameters
-    ----------
-    folder
-        The station.
-    start
-        Starts the process, when pictures are asked for first.
+    Pictures that cannot wait are made in a thread of this process.
     """
 
     def __init__(
@@ -106,17 +88,8 @@ class PictureMaker:
     ) -> Future[PartPictures] | None:
         """Return a future of the pictures of a part; None if too many parts wait already.
 
-        The future raises `BrokenExecutor` if the process dies; it is started again for the next
-        part. It is cancelled if the pictures were made for somebody who could not wait.
-
-        Parameters
-        ----------
-        path
-            Its stored set.
-        size
-            A name of `SIZES`.
-        waits
-            False makes the pictures at once, in a thread of this process.
+        It raises `BrokenExecutor` if the process dies, and is cancelled if the
+        pictures were made for somebody who could not wait.
         """
         key = (result.part_id, result.set_sha256, size)
         with self._lock:

@@ -8,13 +8,7 @@ from capture.station.results.history import HistoryEntry
 
 
 def stored_set(folder: StationFolder, entry: HistoryEntry) -> Path:
-    """Return the set file of a part.
-
-    Raises
-    ------
-    Denied
-        If no set was captured, or the file is not there any more.
-    """
+    """Return the set file of a part."""
     result = entry.result
     if result.set_file is None:
         raise Denied(404, f"part {result.part_id}: no set was captured")

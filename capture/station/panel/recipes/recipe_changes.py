@@ -30,17 +30,10 @@ from capture.station.teaching.teaching_result import Teaching
 
 @dataclass(frozen=True)
 class LongChange:
-    """A change that takes a while; its beginning is recorded already.
+    """A change that takes a while; its beginning is recorded already."""
 
-    Attributes
-    ----------
-    title
-        What it does, for people.
-    ended
-        Records the end of the change and its outcome; for None, the recipe as it is then.
-    """
-
-    title: str
+    title: str  # what it does, for people
+    # Records the end of the change and its outcome; for None, the recipe as it is then.
     ended: Callable[[str | None], None]
 
     def failed(self, cause: str) -> None:
@@ -59,10 +52,7 @@ class LongChange:
 
 @dataclass(frozen=True)
 class RecipeChanges:
-    """A recipe, for changes by `who`.
-
-    Each raises `ResultsUnavailable`, and changes nothing, if it cannot be recorded.
-    """
+    """A recipe for changes by `who`; nothing changes if a change cannot be recorded."""
 
     folder: StationFolder
     log: ChangeLog
@@ -89,15 +79,7 @@ class RecipeChanges:
         remove_from_challenge(self.files.challenge, file, self._record_part)
 
     def save_settings(self, seen_sha256: str, values: Mapping[str, Any]) -> Recipe:
-        """Give the recipe other settings.
-
-        Raises
-        ------
-        SettingsRefused
-            If a value is wrong.
-        RecipeError
-            If the recipe was changed since it was seen.
-        """
+        """Give the recipe other settings."""
         before = read_recipe(self.files.file)
         require_seen(before, seen_sha256)
         after = with_settings(before, values)
@@ -110,11 +92,6 @@ class RecipeChanges:
         """Approve the recipe; the row has the settings that differ from the last approved state.
 
         Approving the same recipe again, as by a second click on a button, changes nothing.
-
-        Raises
-        ------
-        RecipeError
-            If it cannot judge parts, or was changed since it was seen.
         """
         present = read_recipe(self.files.file)
         if present.is_approved and present.approval is not None and present.approval.by == by:
@@ -131,13 +108,7 @@ class RecipeChanges:
         return approve(self.files, by, seen_sha256, record)
 
     def roll_back(self, sha256: str) -> Recipe:
-        """Go back to a state that was approved.
-
-        Raises
-        ------
-        RecipeError
-            If no approved state has this hash, or what was taught for it was changed since.
-        """
+        """Go back to a state that was approved."""
 
         def record(old: Recipe, new: Recipe) -> None:
             self._record("", with_approval(old), f"roll back to {with_approval(new)}")

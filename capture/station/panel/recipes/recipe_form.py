@@ -34,28 +34,14 @@ _BOUNDS = ("least", "largest")
 
 @dataclass(frozen=True)
 class FormField:
-    """A field of the form.
-
-    Attributes
-    ----------
-    name
-        Its name in the form.
-    label, hint
-        Its label, and its meaning.
-    kind
-        Kind of its values.
-    value
-        Its value as text.
-    message
-        What is wrong with the value; empty if nothing is.
-    """
+    """A field of the form."""
 
     name: str
     label: str
     hint: str
     kind: Literal["number", "yes", "text"]
     value: str
-    message: str
+    message: str  # what is wrong with the value; empty if nothing is
 
 
 @dataclass(frozen=True)
@@ -78,17 +64,7 @@ class TextureField:
 
 
 class RecipeForm:
-    """The form of a recipe.
-
-    Parameters
-    ----------
-    recipe
-        The recipe; names of fields depend on the order of its textures.
-    given
-        Values that somebody entered; None for the values of the recipe.
-    messages
-        Messages on wrong values, by place.
-    """
+    """The form of a recipe, with the values of the recipe or those that somebody entered."""
 
     def __init__(
         self,
@@ -208,10 +184,9 @@ class RecipeForm:
 
 
 def settings_of(recipe: Recipe, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the settings that a form of `recipe` gives, not checked yet.
+    """Return the unchecked settings that a form of `recipe` gives.
 
-    An empty field is left out: it is not set, or has its default. A texture is bad unless the form
-    says that it passes.
+    An empty field is left out; a texture is bad unless the form says that it passes.
     """
     names = _textures(recipe)
     uses = [str(given.get(_use(number), "")) for number in range(len(names))]

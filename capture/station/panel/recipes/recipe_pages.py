@@ -51,13 +51,7 @@ def _changes_of(call: Call, name: str) -> RecipeChanges:
 
 
 def known_changes_of(call: Call) -> RecipeChanges:
-    """Return the recipe of the path, for changes by the user.
-
-    Raises
-    ------
-    Denied
-        If there is none.
-    """
+    """Return the recipe of the path, for changes by the user."""
     changes = changes_of(call)
     if not changes.files.file.is_file():
         raise Denied(404, f"recipe {changes.files.name}: no such recipe")
@@ -65,15 +59,7 @@ def known_changes_of(call: Call) -> RecipeChanges:
 
 
 def load_recipe_of(call: Call) -> RecipeLoaded:
-    """Let the station judge by the recipe of the path; it records the change by itself.
-
-    Raises
-    ------
-    Denied
-        If there is none.
-    RecipeRefused
-        If the station cannot load it: the previous recipe stays.
-    """
+    """Let the station judge by the recipe of the path; the station records the change."""
     asker = Asker(call.name, call.someone.role, call.text("sha256", "") or None)
     return call.panel.live.load_recipe(known_changes_of(call).files.name, asker)
 

@@ -24,15 +24,7 @@ EXPECTED: tuple[Expected, ...] = ("PASS", "FAIL", "UNKNOWN")
 def start_teaching(
     panel: Panel, changes: RecipeChanges, part_ids: Sequence[str], texture: str, *, is_good: bool
 ) -> Job:
-    """Start to teach parts, or the known ones again if none is given.
-
-    Raises
-    ------
-    InputError
-        If a part has no set, or the texture cannot be one.
-    JobRefused
-        If a job is running.
-    """
+    """Start to teach parts, or the known ones again if none is given."""
     paths = _sets(panel, part_ids)
     if paths:
         texture = checked_label(texture)
@@ -55,13 +47,7 @@ def start_replay(panel: Panel, changes: RecipeChanges) -> Job:
 def add_parts_to_challenge(
     panel: Panel, changes: RecipeChanges, part_ids: Sequence[str], expected: str
 ) -> None:
-    """Add parts to the challenge set.
-
-    Raises
-    ------
-    InputError
-        If a part has no set, or the verdict is not PASS, FAIL or UNKNOWN.
-    """
+    """Add parts to the challenge set."""
     wanted = next((each for each in EXPECTED if each == expected), None)
     if wanted is None:
         raise InputError(f"expected = {expected[:20]!r}: give {', '.join(EXPECTED)}")
