@@ -1,6 +1,6 @@
 from .acquisition.attempts import capture_set
+from .base.errors import SetRejected
 from .calibration.ps4cal import CalibrationFile
-from .errors import SetRejected
 from .sets.captured_set import CapturedSet
 from .sets.image_import import import_images
 from .sets.metadata import SetMetadata

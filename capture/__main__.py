@@ -3,7 +3,7 @@
 import os
 import sys
 
-from .process.interrupts import INTERRUPTED_LINE, INTERRUPTED_STATUS, install_handlers
+from .base.interrupts import INTERRUPTED_LINE, INTERRUPTED_STATUS, install_handlers
 
 
 def main() -> None:
@@ -12,8 +12,8 @@ def main() -> None:
     install_handlers()
     if not os.environ.get("COLUMNS", "1").strip("0"):
         del os.environ["COLUMNS"]  # rich would print nothing at a width of 0
-    from .process.crash_log import log_threads, report_crash
-    from .process.streams import StandardStreams
+    from .base.crash_log import log_threads, report_crash
+    from .base.streams import StandardStreams
 
     streams = StandardStreams()
     log_threads()

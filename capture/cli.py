@@ -11,16 +11,16 @@ from typing import Annotated
 
 import typer
 
-from classify.errors import InputError, Ps4rigError
+from classify.base.errors import InputError, Ps4rigError
 
+from .base.console import complain
+from .base.interrupts import INTERRUPTED_STATUS
+from .base.process_settings import settle_process
 from .commands import compare, export, info, sets, solve, studies, textures, verify
 from .commands.calibrate import calibrate_app
 from .commands.rig import rig_app
 from .commands.session import session_app
 from .commands.station import station_app
-from .console import complain
-from .process.interrupts import INTERRUPTED_STATUS
-from .process_settings import settle_process
 
 app = typer.Typer(
     pretty_exceptions_enable=False,

@@ -1,8 +1,8 @@
+from .base.errors import InputError, LibraryError, Ps4rigError
 from .calibration.calibration import Calibration
 from .defects.defect_map import DefectMap, DefectRegion, regions_of
 from .defects.defect_model import DefectModel
 from .defects.learning import learn_defects
-from .errors import InputError, LibraryError, Ps4rigError
 from .images.noise import SensorNoise
 from .library.evaluation import Evaluation, Trial, evaluate
 from .library.match import Match

@@ -4,7 +4,7 @@ import math
 
 from scipy.special import betaincinv, nctdtrit, ndtri
 
-from .errors import InputError
+from .base.errors import InputError
 
 CONFIDENCE = 0.95
 """Confidence of one-sided bounds unless another is given, as usual in studies of gauges."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from .errors import InputError
+from .base.errors import InputError
 
 RING_TILTS_DEG = (0.0, 90.0, 180.0, 270.0)
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 _CFA, _LINEAR_RAW, _UNSIGNED = 32803, 34892, 1
 _CFA_LAYOUT, _RECTANGULAR = 50711, 1

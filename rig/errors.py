@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from classify.errors import InputError, Ps4rigError
+from classify.base.errors import InputError, Ps4rigError
 
 
 class ConfigError(InputError):

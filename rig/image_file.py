@@ -22,8 +22,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from classify.errors import InputError
-from classify.regular_file import read_regular_file
+from classify.base.errors import InputError
+from classify.base.regular_file import read_regular_file
 
 from .dng import linear_raw
 from .image_metadata import ImageMetadata, metadata_of_info, metadata_of_pages, power_response

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from PIL import ExifTags, Image
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 from classify.images.colour import linear_from_srgb
 
 # An attribute or an element of an XMP packet, and its value.

@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 import tifffile
 
-from classify.errors import InputError
-from classify.regular_file import open_regular_file
+from classify.base.errors import InputError
+from classify.base.regular_file import open_regular_file
 
 SCHEMA_VERSION = 6
 NAMESPACE = "ps4rig/captured-set"

@@ -63,7 +63,7 @@ def pytest_terminal_summary(terminalreporter: TerminalReporter) -> None:
 @pytest.fixture(autouse=True)
 def threads(request: pytest.FixtureRequest) -> None:
     """Run kernels on one thread, or in a slow test on all, wherever the system chooses."""
-    from classify.threads import bind_workers, set_thread_count
+    from classify.base.threads import bind_workers, set_thread_count
 
     slow = request.node.get_closest_marker("slow") is not None
     set_thread_count(None if slow else 1)

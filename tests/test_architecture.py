@@ -26,10 +26,8 @@ NEVER = {
 # Within a room: a folder, or a file beside the folders, imports only what stands on a storey below.
 STOREYS = {
     "classify": (
-        {"errors", "kernel_cache", "methods", "processors", "shadow_rule"},
-        {"compiling", "workers"},
-        {"confidence", "durable_file", "labels", "lighting", "regular_file", "threads"},
-        {"array_archive", "durable_folder"},
+        {"base"},
+        {"confidence", "lighting", "methods", "shadow_rule"},
         {"images"},
         {"lights"},
         {"calibration"},
@@ -55,8 +53,7 @@ STOREYS = {
         {"doctor"},
     ),
     "capture": (
-        {"errors", "outputs", "page", "process", "process_settings"},
-        {"console"},
+        {"base"},
         {"calibration"},
         {"sets"},
         {"procedures"},

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from capture.base.errors import SetRejected
+from capture.base.utc_time import utc_text
 from capture.calibration.lookup import check_setting, read_calibration
 from capture.calibration.ps4cal import CalibrationFile
 from capture.calibration.setting import Setting
-from capture.errors import SetRejected
-from capture.process.utc_time import utc_text
 from capture.sets.captured_set import CapturedSet
 from capture.sets.image_checks import LightImages
 from capture.sets.metadata import (
@@ -26,9 +26,9 @@ from capture.sets.metadata import (
     image_noise,
 )
 from capture.sets.pixel_hash import PixelHash
+from classify.base.errors import InputError, Ps4rigError
+from classify.base.labels import checked_label
 from classify.calibration.calibration import Calibration
-from classify.errors import InputError, Ps4rigError
-from classify.labels import checked_label
 from classify.lights.agreement import like_signed
 from rig import CameraInfo, HardwareError, Rig
 

@@ -3,7 +3,7 @@
 import math
 from collections import deque
 
-from capture.errors import SetRejected
+from capture.base.errors import SetRejected
 
 # Frames over which one time stamp bounds another: the buffers of a V4L2 camera. Over more frames,
 # the error of the period is larger than the pause between two exposures.

@@ -2,7 +2,7 @@
 
 from collections import Counter
 
-from capture.errors import SetRejected
+from capture.base.errors import SetRejected
 from rig import Frame, Rig, Switch
 from rig.fresh_frame import FrameKind, NoFreshFrameError, kind_of, next_fresh_frame
 

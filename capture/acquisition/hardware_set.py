@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from capture.errors import SetRejected
+from capture.base.errors import SetRejected
 from capture.sets.metadata import ImageRecord
 from rig import (
     Frame,

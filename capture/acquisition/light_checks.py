@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from capture.errors import SetRejected
+from capture.base.errors import SetRejected
 from capture.sets.image_checks import Images, LightImages
 from capture.sets.metadata import ChecksRecord
 from classify import Lighting

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 
-from capture.errors import SetRejected
-from classify.errors import InputError
+from capture.base.errors import SetRejected
+from classify.base.errors import InputError
 from rig import HardwareError, LightControllerError, Rig, RunningSequence, SequencePlan
 from rig.fresh_frame import begin_sequence
 

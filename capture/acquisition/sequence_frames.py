@@ -1,6 +1,6 @@
 """The frames of a sequence that the light controller runs."""
 
-from capture.errors import SetRejected
+from capture.base.errors import SetRejected
 from rig import CameraError, Frame, FrameFlag, Rig
 
 from .frame_checks import check_frame

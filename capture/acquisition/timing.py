@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
 
-from capture.errors import SetRejected
+from capture.base.errors import SetRejected
 from capture.sets.captured_set import CapturedSet
 from rig import RigConfig, open_rig
 from rig.lights.driver import measure_switch_latency

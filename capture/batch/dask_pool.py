@@ -7,7 +7,7 @@ from concurrent.futures import Executor, Future
 from importlib import metadata
 from typing import TypeVar
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .local_pool import call_in_one_thread
 

@@ -12,7 +12,7 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import NoReturn, TypeVar
 
-from capture.process.priority import yield_processors
+from capture.base.priority import yield_processors
 
 # Time for an interrupted worker to remove its temporary files, which takes milliseconds.
 _CLEANUP_S = 1
@@ -146,7 +146,7 @@ def call_in_one_thread(function: Callable[[Item], Result], item: Item) -> Result
     """Return ``function(item)``, computed in one thread: each core has its own worker."""
     import cv2
 
-    from classify.threads import set_thread_count
+    from classify.base.threads import set_thread_count
 
     with _one_at_a_time:  # the settings hold for the whole process: threads of Dask take turns
         set_thread_count(1)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from itertools import chain, islice
 from typing import Generic, Protocol, Self, TypeVar
 
-from classify.errors import InputError
-from classify.processors import usable_processors
+from classify.base.errors import InputError
+from classify.base.processors import usable_processors
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

@@ -14,20 +14,20 @@ from typing import Self
 
 import numpy as np
 
+from capture.base.console import complain
+from capture.base.errors import SetRejected
 from capture.calibration.lookup import FoundCalibration
-from capture.console import complain
-from capture.errors import SetRejected
 from capture.maps.files import write_maps
 from capture.maps.surface_maps import RELIT_LIGHT
 from capture.sets import ome_tiff
 from capture.sets.captured_set import CapturedSet, calibration_of
 from capture.sets.metadata import SetMetadata
 from classify import Lighting, Match, Method, SurfaceEstimate, TextureLibrary
+from classify.base.errors import InputError
+from classify.base.labels import checked_label
 from classify.calibration.calibration import Calibration
 from classify.classifiers import Observation
-from classify.errors import InputError
 from classify.images.stack import ImageStack
-from classify.labels import checked_label
 from classify.library.training import observe
 from classify.lights.fall_off import fall_off
 from classify.methods import DEFAULT_CLASSIFIER, default_method, suits

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from capture.console import progress
+from capture.base.console import progress
 from classify import Method, TextureLibrary
-from classify.errors import InputError, LibraryError
+from classify.base.errors import InputError, LibraryError
 from classify.library.training import TrainingRow, common_lighting
 from classify.methods import DEFAULT_CLASSIFIER
 

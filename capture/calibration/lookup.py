@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from capture.errors import CalibrationError
-from classify.durable_file import make_folder
+from capture.base.errors import CalibrationError
+from classify.base.durable_file import make_folder
 
 from .ps4cal import SUFFIX, CalibrationFile, utc_of
 from .setting import Setting

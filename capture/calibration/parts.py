@@ -8,8 +8,8 @@ import numpy.typing as npt
 from pydantic import TypeAdapter
 
 from classify import Lighting
+from classify.base.errors import InputError
 from classify.calibration.calibration import Calibration
-from classify.errors import InputError
 
 Array = npt.NDArray[Any]
 Values = dict[str, Any]

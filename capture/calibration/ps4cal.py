@@ -15,12 +15,12 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, FiniteFloat, JsonValue
 
-from capture.errors import CalibrationError
-from classify.array_archive import ArchiveKind, ArrayArchive, open_archive, write_archive
+from capture.base.errors import CalibrationError
+from classify.base.array_archive import ArchiveKind, ArrayArchive, open_archive, write_archive
+from classify.base.errors import InputError
+from classify.base.section import Record
 from classify.calibration.calibration import Calibration
 from classify.calibration.dark import measured_at
-from classify.errors import InputError
-from rig.config.section import Record
 from rig.set_file import fields_sha256
 
 from .parts import PART_NAMES, PartName, put_together, taken_apart

@@ -8,9 +8,9 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, FiniteFloat
 
+from classify.base.section import Record
 from classify.calibration.dark import SAME_EXPOSURE
 from rig import CameraInfo, Rig
-from rig.config.section import Record
 
 from .parts import PartName
 

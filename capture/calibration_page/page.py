@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 
+from capture.base.page import number_text, rendered
 from capture.calibration.ps4cal import CalibrationFile
 from capture.calibration.setting import Setting
 from capture.maps.pictures import ColourScale
 from capture.maps.views import SHOWN_LIGHTS, MapView
-from capture.page.skeleton import number_text, rendered
 from classify.lights.flat_field import FlatField
 
 from . import drawings

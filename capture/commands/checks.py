@@ -5,7 +5,7 @@ from dataclasses import asdict
 
 import typer
 
-from capture.console import new_table, out, print_json, print_table
+from capture.base.console import new_table, out, print_json, print_table
 from rig.doctor.check import Check
 
 _FAULT_STATUS = 1

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capture.console import out, print_json, reported
-from capture.outputs import check_output
-from classify.errors import InputError
+from capture.base.console import out, print_json, reported
+from capture.base.outputs import check_output
+from classify.base.errors import InputError
 
 from . import options
 
@@ -44,7 +44,7 @@ def compare(
     from capture.comparison.comparison import compare as compared
     from capture.comparison.page import comparison_page
     from capture.comparison.side import side_of
-    from classify.durable_file import durable_file
+    from classify.base.durable_file import durable_file
 
     options.check_calibration(calibration, raw)
     if (raw or calibration is not None) and first.is_dir() and second.is_dir():

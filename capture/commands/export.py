@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capture.console import out, print_json, reported
-from classify.errors import InputError
+from capture.base.console import out, print_json, reported
+from classify.base.errors import InputError
 
 from . import options
 
@@ -41,9 +41,9 @@ def export(
     json: options.Json = False,
 ) -> None:
     """Write a captured set, or its height, for other programs."""
+    from capture.base.outputs import check_output
     from capture.batch.tasks import LoadedSet, SolveTask, named, solve_set
     from capture.exchange.set_files import write_light_folder, write_numpy_file
-    from capture.outputs import check_output
     from capture.sets.captured_set import CapturedSet
 
     suffix = output.suffix.lower()

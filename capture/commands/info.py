@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capture.console import out, print_json, reported
-from classify.errors import InputError
+from capture.base.console import out, print_json, reported
+from classify.base.errors import InputError
 
 from . import options
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capture.console import complain
-from classify.errors import InputError
+from capture.base.console import complain
+from classify.base.errors import InputError
 
 if TYPE_CHECKING:
     from rig import RigConfig

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from capture.console import complain, out, print_json, progress, reported
-from capture.errors import ImportCause
-from capture.outputs import check_output
-from classify.errors import InputError
+from capture.base.console import complain, out, print_json, progress, reported
+from capture.base.errors import ImportCause
+from capture.base.outputs import check_output
+from classify.base.errors import InputError
 
 from . import options
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capture.console import ItemProgress, out, print_json, progress, reported
-from classify.errors import InputError
+from capture.base.console import ItemProgress, out, print_json, progress, reported
+from classify.base.errors import InputError
 from classify.methods import METHODS, Method
 
 from . import options

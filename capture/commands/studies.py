@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from capture.console import out, reported
-from classify.errors import InputError
+from capture.base.console import out, reported
+from classify.base.errors import InputError
 
 from . import options
 

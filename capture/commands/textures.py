@@ -12,8 +12,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capture.console import complain, new_table, out, print_json, print_table, progress, reported
-from capture.outputs import check_output, csv_line
+from capture.base.console import (
+    complain,
+    new_table,
+    out,
+    print_json,
+    print_table,
+    progress,
+    reported,
+)
+from capture.base.outputs import check_output, csv_line
 from classify.methods import (
     CLASSIFIER_NAMES,
     DEFAULT_CLASSIFIER,
@@ -320,7 +328,7 @@ def _warn_not_oriented(
 
 def _write_csv(path: Path, answers: dict[Path, ClassifiedSet], trained: TextureLibrary) -> None:
     """Write a line for each set (RFC 4180); an empty cell is an unknown value."""
-    from classify.durable_file import durable_file
+    from classify.base.durable_file import durable_file
     from classify.lighting import orientation_near
 
     rows = []

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capture.console import out, print_json, progress, reported
+from capture.base.console import out, print_json, progress, reported
 
 from . import options
 

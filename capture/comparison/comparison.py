@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from capture.process.field_differences import FieldDifference, field_differences
+from capture.base.field_differences import FieldDifference, field_differences
 from capture.session.measures import LEAST_SHARPNESS
-from classify.errors import InputError
+from classify.base.errors import InputError
 from classify.library.texture_pair import TexturePair, compare_textures
 
 from .differences import MapDifference, map_difference, normal_angles_deg

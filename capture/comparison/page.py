@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from capture.base.page import number_text, rendered
 from capture.maps import pictures
 from capture.maps.pictures import ColourScale
 from capture.maps.views import MapView
-from capture.page.skeleton import number_text, rendered
 
 from .comparison import Comparison
 

@@ -15,7 +15,7 @@ from capture.maps.map_tiff import read_description, read_map
 from capture.sets.captured_set import CapturedSet
 from capture.sets.ome_tiff import SUFFIX
 from classify import SurfaceEstimate, integrate_gradients
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 _Maps = dict[str, tuple[npt.NDArray[np.float32], str]]  # with the unit of each
 _MAPS = ("p", "q", "albedo", "height", "residual")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from classify.durable_file import durable_file
+from classify.base.durable_file import durable_file
 
 from .height_map import HeightMap
 

@@ -7,11 +7,11 @@ from datetime import datetime
 
 import numpy as np
 
+from capture.base.errors import SetRejected
 from capture.batch.tasks import LoadedSet
-from capture.errors import SetRejected
 from capture.sets.metadata import SetMetadata
 from classify import SurfaceEstimate, integrate_gradients
-from classify.errors import InputError
+from classify.base.errors import InputError
 from classify.surface.estimate import FloatMap
 
 

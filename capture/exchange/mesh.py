@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from classify.durable_file import durable_file
+from classify.base.durable_file import durable_file
 from classify.surface.estimate import FloatMap
 
 Array = npt.NDArray[Any]

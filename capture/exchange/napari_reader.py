@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from capture.maps.map_tiff import read_description, read_map
 from capture.sets import ome_tiff
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 # Values, arguments of the layer, and its kind, as napari asks for.
 Layer = tuple[npt.NDArray[Any], dict[str, Any], str]

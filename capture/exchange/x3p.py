@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from classify.durable_file import durable_file
+from classify.base.durable_file import durable_file
 
 from .height_map import HeightMap
 

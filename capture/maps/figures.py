@@ -5,7 +5,7 @@ import base64
 import cv2
 import numpy as np
 
-from capture.page.skeleton import image_html
+from capture.base.page import image_html
 
 from .pictures import Picture, jpeg_bytes
 

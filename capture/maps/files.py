@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from capture.base.outputs import is_input
 from capture.calibration.lookup import FoundCalibration
-from capture.outputs import is_input
 from capture.sets.captured_set import CapturedSet
 from classify import Lighting, SurfaceEstimate
-from classify.durable_folder import durable_folder
-from classify.errors import InputError
+from classify.base.durable_folder import durable_folder
+from classify.base.errors import InputError
 from classify.shadow_rule import NO_DROPPED_LIGHT
 from classify.surface.estimate import FloatMap
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import tifffile
 
 from capture.sets.ome_tiff import resolution
-from classify.errors import InputError
+from classify.base.errors import InputError
 from rig.set_file import opened_tiff
 
 Description = dict[str, Any]

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
+from capture.base.page import rendered
 from capture.calibration.lookup import FoundCalibration
-from capture.page.skeleton import rendered
 from capture.sets.captured_set import CapturedSet
 from classify import SurfaceEstimate
 from classify.lights.flat_field import FlatField

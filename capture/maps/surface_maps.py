@@ -16,7 +16,7 @@ from classify import (
     surface_curvature,
     surface_roughness,
 )
-from classify.errors import InputError
+from classify.base.errors import InputError
 from classify.surface.estimate import FloatMap
 
 # From the upper left, as viewers expect, and between two lights of the ring.

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from classify.errors import Ps4rigError
+from classify.base.errors import Ps4rigError
 from rig import Frame, HardwareError, Rig, RigConfig, open_rig
 from rig.acceptance import MAX_SATURATED_SHARE
 from rig.fresh_frame import fresh_frame

@@ -11,7 +11,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .loop import Preview
 

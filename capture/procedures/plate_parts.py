@@ -8,10 +8,10 @@ import numpy.typing as npt
 from capture.calibration.ps4cal import MeasuredPart, stated_error
 from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
+from classify.base.errors import InputError
 from classify.calibration.calibration import Calibration
 from classify.calibration.lights import CalibratedLights
 from classify.calibration.plate import MeasuredPlate, measure_plate
-from classify.errors import InputError
 from classify.images.stack import ImageStack
 
 # Figure of a flat field by which a later light image of a sheet shows another exposure.

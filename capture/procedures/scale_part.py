@@ -8,8 +8,8 @@ import numpy.typing as npt
 from capture.calibration.ps4cal import MeasuredPart, stated_error
 from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
+from classify.base.errors import CalibrationRejected
 from classify.calibration.checkerboard import SEEN_TILT_DEG, find_corners, scale_of_boards
-from classify.errors import CalibrationRejected
 
 # Relative errors of a length that the record calls good and fair.
 _GOOD, _FAIR = 0.002, 0.01

@@ -11,6 +11,7 @@ from capture.calibration.ps4cal import CalibrationFile, MeasuredPart, stated_err
 from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
 from capture.sets.photographs import Photographs, read_mask
+from classify.base.errors import InputError
 from classify.calibration.calibration import Calibration
 from classify.calibration.scale import Scale
 from classify.calibration.spheres import (
@@ -20,7 +21,6 @@ from classify.calibration.spheres import (
     lights_from_spheres,
     scale_of_spheres,
 )
-from classify.errors import InputError
 from classify.images.stack import ImageStack
 
 # Errors of directions in words: the aim is 0.5 degrees with a mirror sphere and 2 with a matt one;

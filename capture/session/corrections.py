@@ -8,7 +8,7 @@ from capture.batch.tasks import LoadedSet
 from capture.sets.archive import JOURNAL
 from capture.sets.metadata import SetMetadata
 from capture.sets.ome_tiff import read_header
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .folder import SETS, SessionFolder, session_folder
 from .journal import Description, SetEntry

@@ -2,7 +2,7 @@
 
 import math
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 from rig import RigConfig, list_cameras, open_rig
 from rig.doctor.cameras import exposure_range_ms
 from rig.doctor.light_images import capture_light_images, rate_exposure

@@ -8,17 +8,17 @@ from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
 
+from capture.base.folder_lock import LOCK_FILE_SUFFIX, folder_lock
+from capture.base.log_file import append_line
+from capture.base.utc_time import utc_text
 from capture.calibration.lookup import FOLDER as CALIBRATION
-from capture.process.folder_lock import LOCK_FILE_SUFFIX, folder_lock
-from capture.process.log_file import append_line
-from capture.process.utc_time import utc_text
 from capture.sets.archive import JOURNAL, REPLACED
 from capture.sets.captured_set import CapturedSet
 from capture.sets.description import as_captured
 from capture.sets.metadata import SetMetadata
 from capture.sets.ome_tiff import SUFFIX, read_header
-from classify.durable_file import durable_file, make_folder
-from classify.errors import InputError
+from classify.base.durable_file import durable_file, make_folder
+from classify.base.errors import InputError
 
 from .journal import Journal, SetEntry, read_journal
 from .plan import PlannedSet, SessionPlan, read_plan

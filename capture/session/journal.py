@@ -10,10 +10,10 @@ from pydantic import AfterValidator, Field, FiniteFloat, ValidationError
 
 from capture.sets.description import FIELDS
 from capture.sets.metadata import Property, SetMetadata
-from classify.durable_file import durable_file
-from classify.errors import InputError
-from classify.regular_file import read_regular_file
-from rig.config.section import Record
+from classify.base.durable_file import durable_file
+from classify.base.errors import InputError
+from classify.base.regular_file import read_regular_file
+from classify.base.section import Record
 from rig.config.validation_message import first_fault
 
 from .plan import PlannedSet

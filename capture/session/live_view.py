@@ -6,7 +6,7 @@ from functools import partial
 from threading import Event, Thread
 
 from capture.preview.loop import Preview, show_lights
-from classify.errors import InputError, Ps4rigError
+from classify.base.errors import InputError, Ps4rigError
 from rig import HardwareError, Rig
 
 from .events import PlaceSpecimen

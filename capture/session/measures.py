@@ -8,7 +8,7 @@ import numpy as np
 from capture.batch.tasks import LoadedSet
 from capture.sets.captured_set import CapturedSet
 from classify import SurfaceEstimate, TextureLibrary
-from classify.errors import InputError
+from classify.base.errors import InputError
 from classify.lighting import orientation_near
 from rig.acceptance import MAX_SATURATED_SHARE
 

@@ -11,7 +11,7 @@ import numpy as np
 from capture.batch.tasks import LoadedSet
 from capture.preview.outline import Outline, outline_of
 from classify import Lighting, photometric_stereo
-from classify.errors import InputError
+from classify.base.errors import InputError
 from rig import Frame
 
 from .measures import SpecimenReference

@@ -22,9 +22,9 @@ from capture.acquisition.attempts import MAX_AVERAGE
 from capture.sets.description import checked_properties, checked_text
 from capture.sets.metadata import Property
 from capture.sets.ome_tiff import SUFFIX
-from classify.errors import InputError
-from classify.labels import checked_label
-from rig.config.section import Degrees, Section
+from classify.base.errors import InputError
+from classify.base.labels import checked_label
+from classify.base.section import Degrees, Section
 from rig.config.toml_file import read_toml_as
 
 # A year of captures at one a minute.

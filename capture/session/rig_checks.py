@@ -5,8 +5,8 @@ from pathlib import Path
 from capture.calibration.lookup import read_calibration
 from capture.calibration.ps4cal import CalibrationFile
 from capture.sets.ome_tiff import read_header
+from classify.base.errors import InputError
 from classify.calibration.dark import Dark, measured_at
-from classify.errors import InputError
 from rig import RigConfig
 from rig.simulation.scenes import require_surface
 

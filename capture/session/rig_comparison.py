@@ -2,7 +2,7 @@
 
 from capture.calibration.ps4cal import CalibrationFile
 from capture.procedures.rig_check import checks_of_drift, drift_of_rig, lays_sheet_down
-from classify.errors import CalibrationRejected
+from classify.base.errors import CalibrationRejected
 from rig import Rig
 from rig.doctor.check import Check
 

@@ -9,13 +9,13 @@ from itertools import groupby
 from pathlib import Path
 
 from capture.acquisition.attempts import capture_set
+from capture.base.errors import SetRejected
+from capture.base.utc_time import utc_text
 from capture.batch.tasks import LoadedSet
 from capture.calibration.lookup import FoundCalibration, keep_beside, read_calibration
-from capture.errors import SetRejected
-from capture.process.utc_time import utc_text
 from capture.sets.captured_set import CapturedSet, calibration_of
 from capture.sets.description import described
-from classify.errors import InputError, Ps4rigError
+from classify.base.errors import InputError, Ps4rigError
 from rig import HardwareError, Placement, Rig, RigConfig, open_rig
 
 from .corrections import enter_corrections

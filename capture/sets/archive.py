@@ -4,7 +4,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .ome_tiff import SUFFIX
 

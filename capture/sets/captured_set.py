@@ -19,8 +19,8 @@ from capture.calibration.lookup import (
 from capture.calibration.ps4cal import CalibrationFile
 from capture.calibration.setting import Setting
 from classify import Lighting, Method, SensorNoise, SurfaceEstimate, photometric_stereo
+from classify.base.errors import InputError
 from classify.calibration.calibration import Calibration
-from classify.errors import InputError
 from classify.images.stack import ImageStack
 
 from . import ome_tiff

@@ -9,9 +9,9 @@ from datetime import date, datetime, time
 from types import MappingProxyType
 from typing import Any, Literal, get_args
 
-from capture.process.utc_time import utc_text
-from classify.errors import InputError
-from classify.labels import checked_label
+from capture.base.utc_time import utc_text
+from classify.base.errors import InputError
+from classify.base.labels import checked_label
 
 from .captured_set import CapturedSet
 from .metadata import PROPERTY_PREFIX, CorrectionRecord, Property, SetMetadata

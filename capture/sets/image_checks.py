@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from classify import Lighting
+from classify.base.errors import InputError
 from classify.calibration.calibration import Calibration
-from classify.errors import InputError
 from classify.images.noise import SensorNoise
 from classify.images.stack import ImageStack
 from classify.lights.agreement import LightAgreement, light_agreement

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from capture.errors import SetRejected
-from capture.process.utc_time import utc_text
+from capture.base.errors import SetRejected
+from capture.base.utc_time import utc_text
 from classify import Lighting
+from classify.base.errors import InputError
+from classify.base.labels import checked_label
 from classify.calibration.calibration import Calibration
-from classify.errors import InputError
-from classify.labels import checked_label
 from classify.lights.algebra import require_solvable
 from rig.set_file import pixels_sha256
 

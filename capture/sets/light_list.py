@@ -18,10 +18,10 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from classify import Lighting
-from classify.durable_file import durable_file
-from classify.errors import InputError
+from classify.base.durable_file import durable_file
+from classify.base.errors import InputError
+from classify.base.regular_file import read_regular_file
 from classify.lighting import light_fault
-from classify.regular_file import read_regular_file
 
 _MAX_BYTES = 2**22  # 16 KiB a light
 _MAX_LIGHTS = 255  # a captured set has up to 256 images, one of them ambient

@@ -8,9 +8,9 @@ import numpy as np
 from pydantic import AfterValidator, Field, FiniteFloat, StrictBool, StrictInt
 
 from classify import Lighting
+from classify.base.section import Record
 from classify.images.noise import ROUNDING_VARIANCE, SensorNoise
 from rig import Placement
-from rig.config.section import Record
 
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 # Wider than the range of any camera; squares and quotients stay finite in float32.

@@ -13,8 +13,8 @@ import numpy.typing as npt
 import tifffile
 from pydantic import ValidationError
 
-from classify.durable_file import durable_file
-from classify.errors import InputError
+from classify.base.durable_file import durable_file
+from classify.base.errors import InputError
 from rig.set_file import (
     NAMESPACE,
     Planes,

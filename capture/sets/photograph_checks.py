@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from capture.errors import ImportCause
+from capture.base.errors import ImportCause
+from classify.base.errors import InputError
 from classify.calibration.calibration import Calibration
-from classify.errors import InputError
 from classify.lights.agreement import LightAgreement
 from classify.lights.algebra import drop_one_constants
 from classify.lights.shading import ShadingOrder, explained_detail, shading_of, shading_order

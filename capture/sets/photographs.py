@@ -8,7 +8,7 @@ from typing import Any, Literal, cast, get_args
 import numpy as np
 import numpy.typing as npt
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 from classify.images.colour import linear_from_srgb, luminance
 from rig.image_file import read_image, read_image_file
 from rig.image_metadata import ImageMetadata

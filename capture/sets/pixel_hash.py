@@ -5,7 +5,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 
-from classify.threads import beside
+from classify.base.threads import beside
 from rig.set_file import Planes, hash_page
 
 

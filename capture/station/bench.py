@@ -12,23 +12,23 @@ import numpy as np
 
 from capture.acquisition.attempts import capture_set
 from capture.acquisition.set_checks import check_set
+from capture.base.memory import resident_bytes
+from capture.base.process_settings import settle_station
 from capture.batch.tasks import PLANAR
-from capture.process.memory import resident_bytes
-from capture.process_settings import settle_station
 from capture.sets.captured_set import CapturedSet
 from capture.sets.image_checks import LightImages
 from capture.sets.pixel_hash import PixelHash
 from classify import TextureLibrary
+from classify.base.durable_file import make_folder
+from classify.base.threads import beside_workers
 from classify.calibration.calibration import Calibration
 from classify.classifiers.joint import ring_levels
 from classify.defects.learning import LEAST_PARTS, learn_defects
-from classify.durable_file import make_folder
 from classify.library.training import TrainingRow, observe
 from classify.methods import default_method
 from classify.pieces.learning import GoodPart, learn_pieces
 from classify.pieces.moments import band_moments
 from classify.texture.spectra import segment_for
-from classify.threads import beside_workers
 from rig import Placement, Rig, RigConfig, open_rig
 from rig.doctor.check import Check
 from rig.set_file import pages

@@ -7,8 +7,8 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, FiniteFloat, model_validator
 
 from capture.session.plan import Name, Text
+from classify.base.section import Degrees, Section
 from rig.config.defect import DefectKind
-from rig.config.section import Degrees, Section
 from rig.config.toml_file import read_toml_as
 
 from .interface_config import ModbusConfig, MqttConfig, PanelConfig

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
+from capture.base.utc_time import readable_utc
 from capture.calibration.lookup import read_calibration
-from capture.process.utc_time import readable_utc
 from rig.doctor.check import Check, collected
 from rig.doctor.diagnosis import diagnose
 

@@ -1,6 +1,6 @@
 """The verdict ERROR on a part from an exception."""
 
-from capture.errors import CalibrationError, SetRejected
+from capture.base.errors import CalibrationError, SetRejected
 from rig import HardwareError
 
 from .errors import error_text

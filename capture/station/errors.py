@@ -1,6 +1,6 @@
 """Errors of the inspection station, and the text of any error as one line."""
 
-from classify.errors import InputError, Ps4rigError
+from classify.base.errors import InputError, Ps4rigError
 
 # Characters that are kept of an exception's text, which may be a whole document.
 _MAX_CHARACTERS = 500

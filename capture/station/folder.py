@@ -4,13 +4,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from capture.process.folder_lock import folder_lock
-from capture.process.log_file import append_line
-from capture.process.utc_time import utc_text
+from capture.base.folder_lock import folder_lock
+from capture.base.log_file import append_line
+from capture.base.utc_time import utc_text
 from capture.session.plan import file_name
 from capture.sets.ome_tiff import SUFFIX
-from classify.durable_file import durable_file, make_folder
-from classify.errors import InputError
+from classify.base.durable_file import durable_file, make_folder
+from classify.base.errors import InputError
 from rig.config.rig import RigConfig, config_of
 
 from .config import CONFIG, StationConfig, example_config, read_config

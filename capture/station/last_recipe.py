@@ -5,10 +5,10 @@ from typing import Literal
 from pydantic import ValidationError
 
 from capture.session.plan import Name
-from classify.durable_file import durable_file
-from classify.errors import InputError
-from classify.regular_file import read_regular_file
-from rig.config.section import Record
+from classify.base.durable_file import durable_file
+from classify.base.errors import InputError
+from classify.base.regular_file import read_regular_file
+from classify.base.section import Record
 from rig.config.validation_message import first_fault
 
 from .folder import StationFolder

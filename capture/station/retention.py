@@ -9,10 +9,10 @@ from datetime import datetime, timedelta
 from itertools import islice
 from pathlib import Path, PurePosixPath
 
-from capture.process.folder_lock import folder_lock
-from capture.process.utc_time import utc_text
-from classify.durable_file import make_folder, sync
-from classify.errors import InputError
+from capture.base.folder_lock import folder_lock
+from capture.base.utc_time import utc_text
+from classify.base.durable_file import make_folder, sync
+from classify.base.errors import InputError
 
 from .config import Retention
 from .folder import PARTS

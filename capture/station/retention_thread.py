@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
-from classify.errors import Ps4rigError
+from classify.base.errors import Ps4rigError
 
 from .config import Retention
 from .results.store import ResultStore

@@ -6,8 +6,8 @@ from typing import Any
 
 from capture.calibration.lookup import FoundCalibration, keep_beside, read_calibration
 from capture.sets.captured_set import CapturedSet
-from classify.durable_file import make_folder
-from classify.errors import InputError, Ps4rigError
+from classify.base.durable_file import make_folder
+from classify.base.errors import InputError, Ps4rigError
 from rig.doctor.check import Check
 
 from .approval.approval import require_seen

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from capture.session.verification import FileFinding
 from capture.sets.ome_tiff import SUFFIX, read_header
-from classify.errors import InputError, Ps4rigError
+from classify.base.errors import InputError, Ps4rigError
 
 from .config import CONFIG
 from .folder import PARTS, StationFolder

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 FloatArray = npt.NDArray[np.float64]
 Frames = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]

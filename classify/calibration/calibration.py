@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 from classify.images.noise import SensorNoise
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import optimize
 
-from classify.errors import CalibrationRejected, InputError
+from classify.base.errors import CalibrationRejected, InputError
 
 from .scale import Scale, nominal_camera_matrix
 

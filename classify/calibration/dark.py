@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 SAME_EXPOSURE = 0.02
 """Largest relative difference of equal exposures, which cameras round when they read them back."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from classify.errors import CalibrationRejected, InputError
+from classify.base.errors import CalibrationRejected, InputError
 from classify.images.noise import ROUNDING_VARIANCE
 
 from .block_levels import BLOCKS, Frames, in_blocks, temporal_variances

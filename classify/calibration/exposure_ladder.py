@@ -15,7 +15,7 @@ import numpy.typing as npt
 from scipy.interpolate import BSpline
 from scipy.optimize import lsq_linear
 
-from classify.errors import CalibrationRejected, InputError
+from classify.base.errors import CalibrationRejected, InputError
 
 from .response import STEPS, Response
 

@@ -6,7 +6,7 @@ from typing import Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 from classify.lighting import Lighting
 
 Source = Literal["plate", "mirror sphere", "matte sphere", "list"]

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import optimize
 
-from classify.errors import CalibrationRejected
+from classify.base.errors import CalibrationRejected
 from classify.images.noise import SIGMA_PER_MAD
 
 from .sphere import FloatArray, Sphere

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 from classify.images.noise import SensorNoise
 
 

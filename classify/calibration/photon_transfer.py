@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from classify.errors import CalibrationRejected
+from classify.base.errors import CalibrationRejected
 from classify.images.noise import ROUNDING_VARIANCE, SensorNoise
 
 from .block_levels import BlockLevels

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 from classify.lights.flat_field import TERMS, FlatField, powers
 
 from .plate_blocks import PlateBlocks

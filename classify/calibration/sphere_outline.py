@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from classify.errors import CalibrationRejected
+from classify.base.errors import CalibrationRejected
 
 from .circle import Circle, centre_error, circles_through, fitted_circle
 from .circle_votes import voted_circles

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from classify.errors import CalibrationRejected, InputError
+from classify.base.errors import CalibrationRejected, InputError
 from classify.lighting import Lighting
 
 from .lights import CalibratedLights

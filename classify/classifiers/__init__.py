@@ -6,7 +6,7 @@ comparison.
 
 from typing import Any
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .classifier import Bounds, Classifier, Comparison, Observation, Parameters
 from .joint import JOINT

@@ -12,7 +12,8 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from classify.compiling import Array, kernel
+from classify.base.compiling import Array, kernel
+from classify.base.threads import run_on_rows
 from classify.surface.estimate import FloatMap
 from classify.texture.blur import (
     EXTRAPOLATION,
@@ -21,7 +22,6 @@ from classify.texture.blur import (
     least_on_path,
     path_products,
 )
-from classify.threads import run_on_rows
 
 from .classifier import Bounds, Parameters
 from .joint_features import SERIES

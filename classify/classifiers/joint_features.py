@@ -11,6 +11,7 @@ from functools import lru_cache, partial
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.threads import beside
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 from classify.texture.angular_harmonics import Complex, harmonics
 from classify.texture.blur import KNOTS_PX2, blur_gains, blurred_fields
@@ -25,7 +26,6 @@ from classify.texture.statistics import (
     local_statistics,
     statistics_vector,
 )
-from classify.threads import beside
 
 from .classifier import Observation, Parameters
 

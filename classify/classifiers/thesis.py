@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 from classify.texture.orientation import STEP_DEG, best_shift, roll_angles, squared_errors_by_shift
 from classify.texture.spectra import ANGLES, image_spectrum, polar_radii_px, surface_spectra

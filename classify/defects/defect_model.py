@@ -8,8 +8,8 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.errors import DefectModelError
 from classify.confidence import share_at_most
-from classify.errors import DefectModelError
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 
 from . import ps4def

@@ -6,8 +6,8 @@ from itertools import chain
 
 import numpy as np
 
+from classify.base.threads import map_in_threads
 from classify.surface.estimate import FloatMap
-from classify.threads import map_in_threads
 
 from .evidence import Evidence
 from .fields import PartFields

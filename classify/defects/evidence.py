@@ -5,7 +5,7 @@ from typing import Self
 
 import numpy as np
 
-from classify.compiling import Array, kernel
+from classify.base.compiling import Array, kernel
 from classify.surface.estimate import FloatMap
 
 # Negative logarithms of the probabilities of the quantiles. 1.8 % of the cells are beyond the last:

@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
-from classify.compiling import Array, kernel
+from classify.base.compiling import Array, kernel
+from classify.base.threads import run_on_rows
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 from classify.texture.fields import texture_fields
-from classify.threads import run_on_rows
 
 from .defect_map import CELL_PX
 

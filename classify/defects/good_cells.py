@@ -8,9 +8,9 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from classify.compiling import Array, kernel
+from classify.base.compiling import Array, kernel
+from classify.base.threads import run_on_rows
 from classify.surface.estimate import FloatMap
-from classify.threads import run_on_rows
 
 CENTRES = 200
 """Number of good cells that are kept."""

@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 
 from .defect_model import CHANNEL_SHARES, DefectModel, channels_of

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 from classify.surface.estimate import FloatMap
 
 from .defect_map import CELL_PX

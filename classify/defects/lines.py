@@ -5,9 +5,9 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from classify.compiling import Array, kernel
+from classify.base.compiling import Array, kernel
+from classify.base.threads import run_on_rows
 from classify.surface.estimate import FloatMap
-from classify.threads import run_on_rows
 
 DIRECTIONS = 12
 """Directions of lines over 180 degrees, in the frame of the texture."""

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import scipy.fft
 
-from classify.compiling import Array, kernel
+from classify.base.compiling import Array, kernel
+from classify.base.threads import map_in_threads, run_on_rows
 from classify.surface.estimate import FloatMap
-from classify.threads import map_in_threads, run_on_rows
 
 from .fields import COARSEST, HALF_CELL, gaussian_mean, resized
 from .whitening import HalfSpectrum

@@ -15,10 +15,10 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
-from classify.compiling import Array, kernel
-from classify.errors import InputError
+from classify.base.compiling import Array, kernel
+from classify.base.errors import InputError
+from classify.base.threads import map_in_threads, run_on_rows
 from classify.surface.estimate import FloatMap
-from classify.threads import map_in_threads, run_on_rows
 
 from .fields import PartFields
 

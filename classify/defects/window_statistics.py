@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from classify.compiling import Array
+from classify.base.compiling import Array
 from classify.surface.estimate import FloatMap
 
 from .fields import gaussian_mean

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
 

@@ -8,8 +8,8 @@ import numpy.typing as npt
 from scipy.cluster import hierarchy
 from scipy.spatial.distance import squareform
 
+from classify.base.errors import InputError
 from classify.classifiers import classifier_named
-from classify.errors import InputError
 
 from .texture_library import TextureLibrary
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 from classify.lighting import orientation_near
 
 from .match import Match

@@ -18,9 +18,9 @@ from pydantic import (
     PlainValidator,
 )
 
-from classify.array_archive import ArchiveKind, ArrayArchive, open_archive, write_archive
-from classify.durable_file import require_folder
-from classify.errors import InputError, LibraryError
+from classify.base.array_archive import ArchiveKind, ArrayArchive, open_archive, write_archive
+from classify.base.durable_file import require_folder
+from classify.base.errors import InputError, LibraryError
 from classify.lighting import Lighting
 from classify.methods import CLASSIFIER_NAMES, Method
 from classify.texture.spectra import MAX_SEGMENT_PX, MIN_SEGMENT_PX

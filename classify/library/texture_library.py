@@ -10,8 +10,8 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.errors import InputError, LibraryError
 from classify.classifiers import Comparison, Parameters, classifier_named
-from classify.errors import InputError, LibraryError
 from classify.lighting import Lighting
 from classify.methods import DEFAULT_CLASSIFIER, METHODS, Method
 from classify.surface.estimate import FloatMap, SurfaceEstimate

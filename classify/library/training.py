@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.errors import LibraryError
+from classify.base.labels import checked_label
 from classify.classifiers import Classifier, Observation, Parameters, classifier_named
-from classify.errors import LibraryError
-from classify.labels import checked_label
 from classify.lighting import Lighting
 from classify.methods import DEFAULT_CLASSIFIER
 from classify.surface.estimate import FloatMap, SurfaceEstimate

@@ -10,14 +10,14 @@ from functools import lru_cache, partial
 import numpy as np
 import numpy.typing as npt
 
-from classify.compiling import kernel
-from classify.errors import InputError
+from classify.base.compiling import kernel
+from classify.base.errors import InputError
+from classify.base.threads import map_in_threads
 from classify.images.noise import ROUNDING_VARIANCE, SIGMA_PER_MAD, SensorNoise, noise_of_images
 from classify.images.sampling import IndexArray, symmetric_samples
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
-from classify.threads import map_in_threads
 
 from .algebra import drop_one_constants
 from .led_levels import MATT, fit_levels

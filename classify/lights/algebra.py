@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 from classify.lighting import Lighting
 
 Array32 = npt.NDArray[np.float32]

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from classify.compiling import kernel
+from classify.base.compiling import kernel
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
 from classify.lights.flat_field import FlatField, coordinates, exponential, exponents, powers

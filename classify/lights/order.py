@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from classify.compiling import kernel
-from classify.errors import InputError
+from classify.base.compiling import kernel
+from classify.base.errors import InputError
 from classify.images.stack import Images, checked_ambient, checked_stack
 from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW

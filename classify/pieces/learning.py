@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from classify.base.errors import InputError
 from classify.confidence import tolerance_factor
-from classify.errors import InputError
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 from classify.texture.fields import texture_fields
 

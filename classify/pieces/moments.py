@@ -5,11 +5,11 @@ from functools import partial
 import cv2
 import numpy as np
 
-from classify.compiling import Array, kernel
-from classify.errors import InputError
+from classify.base.compiling import Array, kernel
+from classify.base.errors import InputError
+from classify.base.threads import run_on_rows
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 from classify.texture.fields import texture_fields
-from classify.threads import run_on_rows
 
 CELL_PX = 16
 """Pixels on a side of a cell; that of the coarsest octave is one pixel of its level."""

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict
 
-from classify.array_archive import ArchiveKind, open_archive, write_archive
-from classify.durable_file import require_folder
-from classify.errors import PieceModelError
+from classify.base.array_archive import ArchiveKind, open_archive, write_archive
+from classify.base.durable_file import require_folder
+from classify.base.errors import PieceModelError
 
 SUFFIX = ".ps4piece"
 _KIND = ArchiveKind(

@@ -4,9 +4,9 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
-from classify.errors import InputError
+from classify.base.errors import InputError
+from classify.base.threads import thread_count
 from classify.surface.estimate import FloatMap
-from classify.threads import thread_count
 
 # With this the Gaussian of ISO 16610 passes one half at the cut-off wavelength.
 _ALPHA = np.sqrt(np.log(2.0) / np.pi)

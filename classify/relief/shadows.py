@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from classify.compiling import kernel
-from classify.errors import InputError
-from classify.threads import run_on_rows
+from classify.base.compiling import kernel
+from classify.base.errors import InputError
+from classify.base.threads import run_on_rows
 
 Array = npt.NDArray[Any]
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from classify.compiling import kernel
+from classify.base.compiling import kernel
 from classify.images.noise import BEYOND_NOISE, chi_squared
 from classify.images.stack import ImageStack
 from classify.lights.algebra import least_squares_weights

@@ -8,9 +8,9 @@ surface, and that the gradient field is one of a surface: dp/dy = dq/dx.
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.threads import run_on_rows
 from classify.images.sampling import sample_pixels
 from classify.lighting import Lighting
-from classify.threads import run_on_rows
 
 from .problem import Maps, Problem
 from .relaxation import grow, neighbour_weights, relax

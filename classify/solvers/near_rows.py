@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from classify.compiling import kernel
+from classify.base.compiling import kernel
 from classify.images.stack import ImageStack
 from classify.lights.near_light import Shear
 from classify.shadow_rule import MIN_NORMAL_Z

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from classify.compiling import kernel
+from classify.base.compiling import kernel
 from classify.images.stack import ImageStack
 from classify.lights.algebra import drop_one_constants
 from classify.shadow_rule import MIN_NORMAL_Z, MIN_SCALED_Z, SHADOW_FLOOR, SHADOW_FRACTION

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from classify.compiling import kernel
+from classify.base.compiling import kernel
 
 from .unsolved import (
     FIRST_WEIGHTS,

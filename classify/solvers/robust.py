@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from classify.compiling import kernel
+from classify.base.compiling import kernel
+from classify.base.threads import STRIP_PX
 from classify.images.stack import ImageStack
 from classify.lights.algebra import drop_one_constants
 from classify.lights.led_levels import LitSamples, level_corrections, residual_spread
 from classify.shadow_rule import MIN_NORMAL_Z, MIN_SCALED_Z, NO_DROPPED_LIGHT, SHADOW_FRACTION
-from classify.threads import STRIP_PX
 
 from .in_fill import in_fill
 from .problem import Maps, Problem, slope_noise

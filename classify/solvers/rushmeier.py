@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from classify.compiling import kernel
+from classify.base.compiling import kernel
 from classify.images.stack import ImageStack
 from classify.lights.algebra import drop_two_inverses, least_squares_weights
 from classify.shadow_rule import NO_DROPPED_LIGHT

@@ -2,9 +2,9 @@
 
 from collections.abc import Callable
 
+from classify.base.threads import STRIP_PX, run_on_rows
 from classify.images.stack import ImageStack
 from classify.lights.flat_field import DividedStack
-from classify.threads import STRIP_PX, run_on_rows
 
 from .dark import judge_dark_pixels
 from .near_rows import NearRows

@@ -7,8 +7,8 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from classify.compiling import kernel
-from classify.threads import run_on_rows
+from classify.base.compiling import kernel
+from classify.base.threads import run_on_rows
 
 Array = npt.NDArray[Any]
 

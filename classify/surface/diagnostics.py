@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from classify.compiling import kernel
+from classify.base.compiling import kernel
 from classify.images.noise import SIGMA_PER_MAD
 from classify.shadow_rule import SHADOW_FLOOR, SHADOW_FRACTION
 

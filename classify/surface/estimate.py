@@ -7,13 +7,13 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from classify.errors import InputError
+from classify.base.errors import InputError
+from classify.base.threads import run_on_rows
 from classify.images.sampling import sample_pixels
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
 from classify.lights.flat_field import DividedStack, FlatField
 from classify.lights.near_light import Shear, middle_px
-from classify.threads import run_on_rows
 
 from .diagnostics import compare_with_prediction, find_darkest, fit_residual, highlight_limits
 

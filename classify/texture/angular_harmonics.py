@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
-from classify.compiling import Array, kernel
+from classify.base.compiling import Array, kernel
+from classify.base.threads import run_on_rows
 from classify.surface.estimate import FloatMap
-from classify.threads import run_on_rows
 
 from .orientation import refined_minima
 

@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from classify.compiling import Array, kernel
+from classify.base.compiling import Array, kernel
+from classify.base.threads import run_on_rows
 from classify.surface.estimate import FloatMap, SurfaceEstimate
-from classify.threads import run_on_rows
 
 from .fields import TextureFields, texture_fields
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 from classify.surface.estimate import FloatMap
 
 FILTER_PX = 49

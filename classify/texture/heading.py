@@ -9,7 +9,7 @@ as likely one way as the other has no heading.
 import numpy as np
 import numpy.typing as npt
 
-from classify.compiling import Array, kernel
+from classify.base.compiling import Array, kernel
 from classify.surface.estimate import FloatMap
 
 LEAST_SCORE = 4.0

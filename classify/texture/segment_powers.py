@@ -6,10 +6,10 @@ from functools import lru_cache, partial
 import cv2
 import numpy as np
 
-from classify.compiling import Array, kernel
-from classify.errors import InputError
+from classify.base.compiling import Array, kernel
+from classify.base.errors import InputError
+from classify.base.threads import map_in_threads
 from classify.surface.estimate import FloatMap
-from classify.threads import map_in_threads
 
 from .fields import TextureFields
 

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
-from classify.compiling import Array, kernel
-from classify.errors import InputError
+from classify.base.compiling import Array, kernel
+from classify.base.errors import InputError
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 
 from .fields import TextureFields, texture_fields

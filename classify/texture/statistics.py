@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from classify.compiling import Array, kernel
-from classify.threads import run_on_rows
+from classify.base.compiling import Array, kernel
+from classify.base.threads import run_on_rows
 
 from .fields import TextureFields
 from .heading import HEADING_SUMS, add_row, heading_moments

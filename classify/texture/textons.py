@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.cluster.vq import kmeans2
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 from classify.surface.estimate import FloatMap
 
 from .filter_bank import RESPONSES

@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from .section import Section
+from classify.base.section import Section
 
 # Pixel formats by name with their true depth. `rig.v4l2.pixel_formats` decodes them; it is not
 # imported here, so that a configuration is read without loading OpenCV.

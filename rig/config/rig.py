@@ -9,7 +9,8 @@ from typing import Any, Self
 
 from pydantic import Field, model_validator
 
-from classify.durable_file import durable_file
+from classify.base.durable_file import durable_file
+from classify.base.section import Section
 from rig.errors import ConfigError
 
 from .camera import (
@@ -21,7 +22,6 @@ from .camera import (
     without_idle_keys,
 )
 from .lights import SIMULATED, LightsConfig
-from .section import Section
 from .sequence_plan import SequencePlan, plan_sequence
 from .simulation import SimulationConfig
 from .toml_file import read_toml, validated

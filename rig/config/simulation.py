@@ -4,9 +4,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field, FiniteFloat
 
+from classify.base.section import Degrees, Section
+
 from .defect import Defect
 from .fault_plan import FaultPlan
-from .section import Degrees, Section
 
 PassTime = Annotated[FiniteFloat, Field(ge=1.0, le=1e6)]
 Shift = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-from classify.errors import Ps4rigError
+from classify.base.errors import Ps4rigError
 
 Status = Literal["ok", "warning", "fault", "unknown"]
 

@@ -5,8 +5,8 @@ from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
 
-from classify.compiling import kernel_cache_folder
-from classify.errors import Ps4rigError
+from classify.base.compiling import kernel_cache_folder
+from classify.base.errors import Ps4rigError
 from rig.camera import Camera, CameraInfo
 from rig.config.rig import RigConfig, config_of
 from rig.errors import ConfigError, ControlError, HardwareError

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import firmware_sim
-from classify.errors import InputError
+from classify.base.errors import InputError
 from firmware_sim.firmware import FIRMWARE_VERSION
 from rig.errors import LightControllerError
 

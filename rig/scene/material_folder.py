@@ -19,9 +19,9 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, PositiveFloat, ValidationError
 
-from classify.errors import InputError
+from classify.base.errors import InputError
+from classify.base.regular_file import read_regular_file
 from classify.images.colour import linear_from_srgb, luminance
-from classify.regular_file import read_regular_file
 
 from .surfaces import MAX_SIDE_PX, FloatImage, PeriodicSurface, rms_slope, spectral_gradients
 

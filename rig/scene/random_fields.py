@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
-from classify.threads import thread_count
+from classify.base.threads import thread_count
 
 from .power_spectra import PowerSpectrum
 from .surfaces import round_band_limit

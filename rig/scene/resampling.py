@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
-from classify.compiling import kernel
-from classify.threads import run_on_rows, thread_count
+from classify.base.compiling import kernel
+from classify.base.threads import run_on_rows, thread_count
 
 FloatArray = npt.NDArray[np.float32]
 

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
-from classify.errors import InputError
-from classify.threads import thread_count
+from classify.base.errors import InputError
+from classify.base.threads import thread_count
 
 from .resampling import sample_rotated, spline_coefficients
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .power_spectra import fractal, mulvaney, ogilvy, ring, ripples, rotated, summed
 from .random_fields import (

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from classify import Lighting
-from classify.errors import InputError
+from classify.base.errors import InputError
 from rig.scene.surfaces import FloatImage
 from rig.set_file import Planes, read_set_file
 

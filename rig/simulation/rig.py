@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 from firmware_sim import (
     Clock,
     RealClock,

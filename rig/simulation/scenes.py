@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 from rig.config.rig import RigConfig
 from rig.config.simulation import Placement
 from rig.scene.material_folder import bundled_materials, load_material

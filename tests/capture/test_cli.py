@@ -52,7 +52,7 @@ def test_help_is_readable_on_a_narrow_terminal(
 
 
 _TABLE = """
-from capture.console import new_table, print_table
+from capture.base.console import new_table, print_table
 table = new_table("set", "distance", "reason", prose="reason")
 table.title = "Title"
 table.add_row("[sets]/rock-001.ome.tif\\n(simulated)", "0.1234", REASON)
@@ -81,4 +81,4 @@ def test_a_table_is_alike_on_every_terminal_and_in_a_pipe(run_python: Command, p
 
 def test_a_long_line_is_not_broken(run_python: Command) -> None:
     line = "word " * 60 + "end"
-    assert run_python(f"from capture.console import out; out.print({line!r})") == line + "\n"
+    assert run_python(f"from capture.base.console import out; out.print({line!r})") == line + "\n"

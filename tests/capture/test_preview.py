@@ -24,7 +24,7 @@ from capture.preview.loop import Preview, run_preview
 from capture.preview.outline import Outline
 from capture.preview.preview_image import preview_image
 from capture.preview.server import MAX_REQUESTS, serving
-from classify.errors import InputError
+from classify.base.errors import InputError
 from firmware_sim import RealClock, SimulatedBoard, SimulatedController, serve_pty
 from rig import Frame, RigConfig, open_rig
 from rig.fresh_frame import fresh_frame

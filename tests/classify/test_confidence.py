@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from classify.base.errors import InputError
 from classify.confidence import share_at_least, share_at_most, tolerance_factor, trials_to_show
-from classify.errors import InputError
 
 
 def tail(events: int, trials: int, share: float) -> float:

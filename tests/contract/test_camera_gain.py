@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from capture import CapturedSet, capture_set
+from capture.base.errors import CalibrationError
 from capture.calibration.lookup import check_setting
 from capture.calibration.ps4cal import CalibrationFile, PartRecord
 from capture.calibration.setting import Setting
-from capture.errors import CalibrationError
 from classify.calibration.dark import Dark
 from rig import Rig, RigConfig, open_rig
 from rig.simulation.rig import Simulation

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from capture.studies.reproduction.plan import Texture, material_textures
 from classify import SurfaceEstimate, TextureLibrary, learn_defects
-from classify.errors import InputError
+from classify.base.errors import InputError
 from tests.evidence.defects.detectors import DETECTORS, OURS
 from tests.evidence.defects.parts import part_of, place_on_material
 from tests.evidence.defects.plan import DefectCase, defect_plan

@@ -14,7 +14,7 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from capture.console import progress
+from capture.base.console import progress
 from capture.sets.captured_set import CapturedSet
 from capture.station.inspection.inspector import Inspector
 from capture.station.recipe.recipe_folder import RecipeFolder

@@ -22,7 +22,7 @@ ROOT = HERE.parents[1]
 RUN = """
 import contextlib, io, json, os, sys
 from capture.cli import run
-from capture.process.interrupts import install_handlers
+from capture.base.interrupts import install_handlers
 install_handlers()
 for line in sys.stdin:
     folder, *arguments = json.loads(line)
@@ -187,7 +187,7 @@ def test_the_program_ends_as_elsewhere(tmp_path: Path) -> None:
 
 INTERRUPTED = """
 import signal, time
-from capture.process.interrupts import install_handlers, interruptible
+from capture.base.interrupts import install_handlers, interruptible
 from rig.signals import signals_held_back
 
 class Interrupts:

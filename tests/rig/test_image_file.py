@@ -12,7 +12,7 @@ import numpy.typing as npt
 import pytest
 import tifffile
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 from rig.image_file import read_image
 
 Pixels = npt.NDArray[Any]

@@ -15,7 +15,7 @@ import tifffile
 from PIL import Image
 from scipy.ndimage import convolve
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 from rig.image_file import read_image
 from tests.image_files import (
     LINEAR_RAW,

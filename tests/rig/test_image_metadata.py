@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image, ImageCms
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 from rig.image_file import read_exposure_ms, read_image_file
 from rig.image_metadata import ImageMetadata, metadata_of_info
 from tests.image_files import (

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serve_pty, serve_tcp
 from rig import (
     ConfigError,

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from capture.console import complain, out, print_json
-from capture.outputs import check_output
-from classify.errors import InputError
+from capture.base.console import complain, out, print_json
+from capture.base.outputs import check_output
+from classify.base.errors import InputError
 
 if TYPE_CHECKING:
     from capture.calibration.parts import PartName

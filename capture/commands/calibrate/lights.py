@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from capture.base.console import out, reported
 from capture.commands import options
-from capture.console import out, reported
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .flow import (
     PhotographGamma,
@@ -110,8 +110,8 @@ def lights(
     The sphere is found in the images, or given by --mask. One image per light gives directions;
     several placements of the sphere give the positions of near lights.
     """
+    from capture.base.outputs import check_output
     from capture.calibration.setting import Setting
-    from capture.outputs import check_output
     from capture.procedures.sphere_parts import images_of_sets, sphere_parts
     from capture.sets.light_list import require_light_list_name, write_light_list
     from rig import open_rig

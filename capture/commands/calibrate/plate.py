@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from capture.base.console import complain, reported
 from capture.commands import options
-from capture.console import complain, reported
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .flow import (
     CalibrationPath,

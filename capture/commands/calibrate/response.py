@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from capture.base.console import progress, reported
 from capture.commands import options
-from capture.console import progress, reported
-from classify.errors import CalibrationRejected, InputError
+from classify.base.errors import CalibrationRejected, InputError
 
 from .flow import (
     CalibrationPath,

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from capture.base.console import new_table, out, print_json, print_table, reported
+from capture.base.outputs import check_output
 from capture.commands import options
-from capture.console import new_table, out, print_json, print_table, reported
-from capture.outputs import check_output
 
 if TYPE_CHECKING:
     from capture.calibration.ps4cal import CalibrationFile
@@ -37,7 +37,7 @@ def show(
     from capture.calibration.ps4cal import CalibrationFile
     from capture.calibration_page.page import calibration_page
     from capture.calibration_page.summary import benefit_of, summary_json
-    from classify.durable_file import durable_file
+    from classify.base.durable_file import durable_file
 
     page = output if output is not None or json else path.with_suffix(_PAGE_SUFFIX)
     if page is not None:

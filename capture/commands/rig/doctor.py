@@ -5,9 +5,9 @@ from typing import Annotated
 
 import typer
 
+from capture.base.console import reported
 from capture.commands import options
 from capture.commands.checks import print_checks
-from capture.console import reported
 
 
 @reported

@@ -5,9 +5,9 @@ from typing import Annotated
 
 import typer
 
+from capture.base.console import complain, out, reported
+from capture.base.outputs import check_output
 from capture.commands import options
-from capture.console import complain, out, reported
-from capture.outputs import check_output
 
 
 @reported
@@ -24,7 +24,7 @@ def init(
     Without --port, each serial port of a known board is asked for a light controller. Keys whose
     device is not found are comments that tell how to fill them in.
     """
-    from classify.durable_file import durable_file
+    from classify.base.durable_file import durable_file
     from rig import LightControllerError, list_cameras
     from rig.initial_config import answering_controllers, initial_config
     from rig.lights.discovery import SerialPort, identify, list_serial_ports

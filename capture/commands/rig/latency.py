@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from capture.base.console import new_table, out, print_json, print_table, progress, reported
 from capture.commands import options
-from capture.console import new_table, out, print_json, print_table, progress, reported
 
 if TYPE_CHECKING:
     from rig.latency.camera import CameraLatency

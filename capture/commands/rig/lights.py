@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
+from capture.base.console import out, reported
 from capture.commands import options
-from capture.console import out, reported
 
 if TYPE_CHECKING:
     from rig import LightController

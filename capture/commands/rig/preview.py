@@ -5,9 +5,9 @@ from typing import Annotated
 
 import typer
 
+from capture.base.console import out, reported
 from capture.commands import options
-from capture.console import out, reported
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 
 @reported

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from capture.base.console import out, reported
 from capture.commands import options
-from capture.console import out, reported
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 if TYPE_CHECKING:
     from rig.simulation.devices import DeviceSimulation

@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
+from capture.base.console import new_table, out, print_json, print_table, progress, reported
 from capture.commands import options
-from capture.console import new_table, out, print_json, print_table, progress, reported
 
 
 @reported

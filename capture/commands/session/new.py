@@ -5,9 +5,9 @@ from typing import Annotated
 
 import typer
 
+from capture.base.console import out, reported
+from capture.base.outputs import check_output
 from capture.commands import options
-from capture.console import out, reported
-from capture.outputs import check_output
 
 
 @reported
@@ -17,7 +17,7 @@ def new(
 ) -> None:
     """Write a commented example of a plan."""
     from capture.session.plan import example_plan, read_plan
-    from classify.durable_file import durable_file
+    from classify.base.durable_file import durable_file
 
     check_output(plan, suffix=".toml", force=force)
     with durable_file(plan) as temporary:

@@ -5,9 +5,9 @@ from typing import Annotated
 
 import typer
 
+from capture.base.console import ItemProgress, out, print_json, progress, reported
 from capture.commands import options
-from capture.console import ItemProgress, out, print_json, progress, reported
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 
 @reported
@@ -22,7 +22,7 @@ def report(
     from capture.session.folder import REPORT, read_session, session_folder
     from capture.session.report.analysis import analyse
     from capture.session.report.page import report_page
-    from classify.durable_file import durable_file
+    from classify.base.durable_file import durable_file
 
     session = read_session(folder)
     path = folder / REPORT

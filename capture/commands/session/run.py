@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from capture.base.console import complain, out, print_json, reported
 from capture.commands import options
-from capture.console import complain, out, print_json, reported
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 if TYPE_CHECKING:
     from capture.preview.loop import Preview

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from capture.base.console import new_table, out, print_json, print_table, progress, reported
+from capture.base.utc_time import readable_utc
 from capture.commands import options
-from capture.console import new_table, out, print_json, print_table, progress, reported
-from capture.process.utc_time import readable_utc
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 if TYPE_CHECKING:
     from capture.session.plan import PlannedSet

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Self
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from capture.console import complain, out
+from capture.base.console import complain, out
 from capture.session.events import (
     Answer,
     DecideFailure,

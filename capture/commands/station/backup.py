@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from capture.console import complain, out, progress, reported
-from capture.process.utc_time import readable_utc
+from capture.base.console import complain, out, progress, reported
+from capture.base.utc_time import readable_utc
 
 from .teach import Station
 

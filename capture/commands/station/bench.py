@@ -4,8 +4,8 @@ from typing import Annotated
 
 import typer
 
+from capture.base.console import out, print_json, reported
 from capture.commands import options
-from capture.console import out, print_json, reported
 
 
 @reported

@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 
 import typer
 
+from capture.base.console import new_table, out, print_json, print_table, reported
 from capture.commands import options
-from capture.console import new_table, out, print_json, print_table, reported
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .teach import By, Station
 

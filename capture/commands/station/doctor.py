@@ -1,8 +1,8 @@
 """``ps4rig station doctor``."""
 
+from capture.base.console import reported
 from capture.commands import options
 from capture.commands.checks import print_checks
-from capture.console import reported
 
 from .teach import Station
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
+from capture.base.console import out, print_json, progress, reported
 from capture.commands import options
-from capture.console import out, print_json, progress, reported
 
 from .teach import Station
 
@@ -57,7 +57,7 @@ def gauge(
     from capture.station.gauge.gauge_report import GaugeReport, write_gauge_report
     from capture.station.inspection.inspector import Inspector
     from capture.station.last_recipe import first_recipe
-    from classify.durable_file import make_folder
+    from classify.base.durable_file import make_folder
 
     station = StationFolder(folder)
     files = station.recipe_files(first_recipe(station))
@@ -121,7 +121,7 @@ def _recorded(
     from capture.station.gauge.gauge import presentations_of, read_known_parts
     from capture.station.results.history import Selection
     from capture.station.results.store import open_store
-    from classify.errors import InputError
+    from classify.base.errors import InputError
 
     truths = read_known_parts(known)
     config = station.config

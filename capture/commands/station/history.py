@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from capture.base.console import new_table, out, print_table, reported
 from capture.commands import options
-from capture.console import new_table, out, print_table, reported
 from capture.station.verdict import Decision
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 if TYPE_CHECKING:
     from capture.station.results.history import Counters, HistoryEntry, Tally

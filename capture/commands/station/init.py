@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from capture.console import out, reported
+from capture.base.console import out, reported
 
 
 @reported

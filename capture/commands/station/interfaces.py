@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING
 
-from capture.console import complain
-from classify.errors import InputError
+from capture.base.console import complain
+from classify.base.errors import InputError
 
 if TYPE_CHECKING:
     from capture.station.config import StationConfig

@@ -5,8 +5,8 @@ from typing import Annotated, Literal
 
 import typer
 
+from capture.base.console import reported
 from capture.commands import options
-from capture.console import reported
 
 
 @reported
@@ -68,7 +68,7 @@ def run(
     from contextlib import ExitStack
     from functools import partial
 
-    from capture.process_settings import settle_station
+    from capture.base.process_settings import settle_station
     from capture.station.control_charts.control_chart import ControlChart
     from capture.station.cycle.event_lines import log_to
     from capture.station.cycle.events import Publisher
@@ -84,7 +84,7 @@ def run(
     from capture.station.results.database import shown as shown_url
     from capture.station.run import RunOptions, run_station
     from capture.station.service.notify import Notifier
-    from classify.errors import InputError
+    from classify.base.errors import InputError
     from rig.config.rig import config_of
 
     from .interfaces import modbus_of, mqtt_of, panel_of, panel_settings, plc_line

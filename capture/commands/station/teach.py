@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
+from capture.base.console import complain, new_table, out, print_json, print_table, reported
+from capture.base.utc_time import readable_utc
 from capture.commands import options
-from capture.console import complain, new_table, out, print_json, print_table, reported
-from capture.process.utc_time import readable_utc
 
 _DIGITS = 8  # of a hash that is shown
 

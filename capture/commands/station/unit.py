@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from capture.console import reported
+from capture.base.console import reported
 
 from .teach import Station
 

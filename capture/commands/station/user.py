@@ -8,9 +8,9 @@ from typing import Annotated, Literal
 
 import typer
 
+from capture.base.console import new_table, out, print_table, reported
+from capture.base.utc_time import readable_utc
 from capture.commands.group import command_group
-from capture.console import new_table, out, print_table, reported
-from capture.process.utc_time import readable_utc
 
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the station.")]
 UserName = Annotated[str, typer.Argument(metavar="NAME", help="Name of the user.")]

@@ -15,7 +15,7 @@ from capture.batch.tasks import LoadedSet
 from capture.session.folder import SessionFolder
 from capture.session.journal import SetEntry
 from classify import Spectra, SurfaceEstimate, TextureLibrary, surface_spectra
-from classify.errors import InputError
+from classify.base.errors import InputError
 from classify.library.dissimilarity import (
     Dendrogram,
     class_dissimilarities,

@@ -5,16 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from html import escape
 
+from capture.base.page import image_html, number_text, page_html, simulated_notice, table_html
+from capture.base.utc_time import readable_utc
 from capture.maps import pictures
 from capture.maps.figures import tile_html
-from capture.page.skeleton import (
-    image_html,
-    number_text,
-    page_html,
-    simulated_notice,
-    table_html,
-)
-from capture.process.utc_time import readable_utc
 from capture.session.folder import SessionFolder
 
 from . import figures

@@ -2,14 +2,14 @@
 
 from collections.abc import Callable
 
-from capture.process.utc_time import utc_text
+from capture.base.utc_time import utc_text
 from capture.station.errors import RecipeError
 from capture.station.gauge.fault_study import require_great_faults_found
 from capture.station.inspection.inspector import Inspector
 from capture.station.recipe.recipe import Approval, Recipe
 from capture.station.recipe.recipe_file import read_recipe, write_recipe
 from capture.station.recipe.recipe_folder import RecipeFolder
-from classify.errors import InputError
+from classify.base.errors import InputError
 from rig.config.toml_file import read_toml_as, validated
 
 Record = Callable[[Recipe, Recipe], None]

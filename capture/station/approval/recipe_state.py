@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from capture.base.utc_time import readable_utc
 from capture.calibration.lookup import read_calibration
-from capture.process.utc_time import readable_utc
 from capture.station.challenge.challenge import Replay, last_replay, valid_replay
 from capture.station.challenge.challenge_set import read_challenge
 from capture.station.inspection.fingerprint import Fingerprint
@@ -12,7 +12,7 @@ from capture.station.recipe.recipe import Recipe
 from capture.station.recipe.recipe_file import read_recipe
 from capture.station.recipe.recipe_folder import RecipeFolder
 from capture.station.recipe.taught_files import taught_for
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from typing import Literal
 
 from pydantic import ValidationError
 
-from capture.console import ShowProgress, progress
-from capture.process.utc_time import utc_text
+from capture.base.console import ShowProgress, progress
+from capture.base.utc_time import utc_text
 from capture.sets.captured_set import CapturedSet
 from capture.station.error_verdict import error_verdict
 from capture.station.errors import ChallengeFailed
@@ -17,10 +17,10 @@ from capture.station.inspection.fingerprint import Fingerprint
 from capture.station.inspection.inspector import Inspector
 from capture.station.recipe.recipe_folder import RecipeFolder, file_sha256
 from capture.station.verdict import Decision, Verdict
-from classify.durable_file import durable_file
-from classify.errors import InputError
-from classify.regular_file import read_regular_file
-from rig.config.section import Record
+from classify.base.durable_file import durable_file
+from classify.base.errors import InputError
+from classify.base.regular_file import read_regular_file
+from classify.base.section import Record
 
 from .challenge_set import MOST_SETS, Expected, read_challenge
 

@@ -8,14 +8,14 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from capture.base.folder_lock import folder_lock
 from capture.batch.tasks import LoadedSet
-from capture.process.folder_lock import folder_lock
 from capture.session.plan import Name
 from capture.station.errors import RecipeError
 from capture.station.verdict import Decision
-from classify.durable_file import durable_file, make_folder
-from classify.errors import InputError
-from rig.config.section import Section
+from classify.base.durable_file import durable_file, make_folder
+from classify.base.errors import InputError
+from classify.base.section import Section
 from rig.config.toml_file import read_toml_as, validated
 
 FILE = "challenge.toml"

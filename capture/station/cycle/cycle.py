@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 
-from capture.errors import CalibrationError, SetRejected
+from capture.base.errors import CalibrationError, SetRejected
 from capture.station.config import StationConfig
 from capture.station.errors import error_text
 from capture.station.results.database import ResultsUnavailable

@@ -13,7 +13,7 @@ from capture.station.results.part_result import PartResult
 from capture.station.results.rows import row_of
 from capture.station.results.store import BegunPart
 from capture.station.verdict import Cause, Decision, Verdict
-from classify.threads import beside_workers
+from classify.base.threads import beside_workers
 
 from .station_clock import StationClock
 

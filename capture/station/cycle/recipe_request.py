@@ -3,7 +3,7 @@
 from enum import Enum, auto
 from typing import NamedTuple
 
-from classify.errors import Ps4rigError
+from classify.base.errors import Ps4rigError
 
 
 class Asker(NamedTuple):

@@ -10,7 +10,7 @@ from capture.sets.ome_tiff import SUFFIX
 from capture.station.folder import PARTS, set_file_of
 from capture.station.results.part_result import PartResult
 from capture.station.results.store import BegunPart, ResultStore
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .outcome import interrupted_result
 

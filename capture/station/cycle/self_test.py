@@ -7,13 +7,13 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from capture.acquisition.attempts import MAX_ATTEMPTS
+from capture.base.utc_time import readable_utc
 from capture.calibration.ps4cal import CalibrationFile
 from capture.procedures.rig_check import checks_of_drift, drift_of_rig
-from capture.process.utc_time import readable_utc
 from capture.station.folder import PARTS
 from capture.station.recipe.recipe import CalibrationRule
 from capture.station.results.store import ResultStore
-from classify.durable_file import durable_file, make_folder
+from classify.base.durable_file import durable_file, make_folder
 from rig import HardwareError, Rig
 from rig.doctor.check import Check, collected
 from rig.doctor.light_images import capture_light_images, check_leds

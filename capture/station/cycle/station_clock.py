@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 
-from capture.process.utc_time import utc_text
+from capture.base.utc_time import utc_text
 
 # Smaller differences get no note: time servers correct a clock, at most by the rate of adjtime(3).
 _STEP_S = 2.0

@@ -13,7 +13,7 @@ from capture.calibration.ps4cal import CalibrationFile
 from capture.sets.captured_set import CapturedSet
 from capture.station.config import StationConfig
 from capture.station.recipe.recipe import Recipe
-from classify.threads import beside_workers
+from classify.base.threads import beside_workers
 from rig import CameraError, HardwareError, Rig, RigConfig, open_rig
 from rig.doctor.check import Check
 from rig.lights.sequence import parts_seen

@@ -8,7 +8,7 @@ from enum import Enum, auto
 from typing import Protocol
 
 from capture.station.results.database import ResultsUnavailable
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .events import RecipeLoaded
 from .recipe_request import Asker

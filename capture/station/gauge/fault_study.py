@@ -15,10 +15,10 @@ from capture.station.recipe.recipe import Recipe
 from capture.station.recipe.recipe_folder import RecipeFolder
 from capture.station.recipe.taught_files import taught_for
 from capture.station.verdict import Decision
-from classify.durable_file import durable_file
-from classify.errors import InputError
-from classify.regular_file import read_regular_file
-from rig.config.section import Record
+from classify.base.durable_file import durable_file
+from classify.base.errors import InputError
+from classify.base.regular_file import read_regular_file
+from classify.base.section import Record
 
 from .made_faults import FAULTS, MadeFault, Place, with_fault
 

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Literal
 
 from capture.station.verdict import Decision, Verdict
+from classify.base.errors import InputError
+from classify.base.regular_file import read_regular_file
 from classify.confidence import CONFIDENCE, share_at_least, share_at_most, trials_to_show
-from classify.errors import InputError
-from classify.regular_file import read_regular_file
 
 Rating = Literal["acceptable", "marginal", "unacceptable"]
 # Least effectiveness, most misses and most false alarms (AIAG, Measurement Systems Analysis, 4th

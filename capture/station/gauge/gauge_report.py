@@ -7,12 +7,12 @@ from typing import Literal, Self
 
 from pydantic import Field, FiniteFloat, ValidationError
 
-from capture.process.utc_time import utc_text
+from capture.base.utc_time import utc_text
 from capture.station.recipe.recipe import Sha256
-from classify.durable_file import durable_file
-from classify.errors import InputError
-from classify.regular_file import read_regular_file
-from rig.config.section import Record
+from classify.base.durable_file import durable_file
+from classify.base.errors import InputError
+from classify.base.regular_file import read_regular_file
+from classify.base.section import Record
 from rig.config.validation_message import first_fault
 
 from .gauge import GaugeStudy, Rating, Share

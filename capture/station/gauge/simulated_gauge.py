@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from capture.acquisition.attempts import capture_set
+from capture.base.errors import CalibrationError, SetRejected
 from capture.calibration.ps4cal import CalibrationFile
-from capture.errors import CalibrationError, SetRejected
 from capture.station.config import SimulatedParts
 from capture.station.cycle.simulated_parts import simulated_part
 from capture.station.error_verdict import error_verdict

@@ -6,7 +6,7 @@ from typing import Self
 from capture.calibration.ps4cal import CalibrationFile
 from capture.station.recipe.recipe import Recipe
 from capture.station.recipe.taught import Taught
-from rig.config.section import Record
+from classify.base.section import Record
 
 from .software import software_sha256
 

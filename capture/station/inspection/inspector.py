@@ -32,12 +32,12 @@ from capture.station.recipe.taught_files import (
 from capture.station.results.part_result import DefectRecord
 from capture.station.verdict import Cause, Verdict
 from classify import TextureLibrary
+from classify.base.threads import beside
 from classify.classifiers.joint import ring_levels
 from classify.defects.defect_map import KINDS, DefectMap, regions_of
 from classify.defects.fields import part_fields
 from classify.pieces.moments import CELL_PX, band_moments
 from classify.pieces.piece_model import PieceMeasures
-from classify.threads import beside
 
 from .fingerprint import Fingerprint
 from .judge import Finding, Measures, invalid, verdict_of

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from capture.process.utc_time import utc_text
+from capture.base.utc_time import utc_text
 from capture.station.cycle.event_lines import json_fields
 from capture.station.cycle.events import (
     Event,

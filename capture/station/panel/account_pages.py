@@ -4,7 +4,7 @@ from starlette.responses import RedirectResponse, Response
 
 from capture.station.results.change_log import newest_changes
 from capture.station.results.database import ResultsUnavailable
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .access.roles import Role
 from .accounts_api import accounts_of, role_of

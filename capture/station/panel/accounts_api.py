@@ -2,7 +2,7 @@
 
 from starlette.responses import Response
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .access.accounts import Accounts
 from .access.roles import Role

@@ -14,7 +14,7 @@ from capture.station.results.change_log import newest_changes
 from capture.station.results.database import ResultsUnavailable
 from capture.station.results.history import ROWS_AT_A_TIME, HistoryEntry, Selection
 from capture.station.results.history_table import counts_of, csv_pieces, record_of
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .access.roles import Role
 from .filters import FILTERS, selection_of

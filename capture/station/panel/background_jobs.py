@@ -12,16 +12,16 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import Any, Literal, TypeVar
 
+from capture.base.console import ShowProgress
+from capture.base.utc_time import utc_text
 from capture.batch.local_pool import (
     at_work,
     begin_worker,
     call_in_one_thread,
     terminal_signals_blocked,
 )
-from capture.console import ShowProgress
-from capture.process.utc_time import utc_text
 from capture.station.errors import error_text
-from classify.errors import Ps4rigError
+from classify.base.errors import Ps4rigError
 
 _log = logging.getLogger(__name__)
 # Teaching takes a second of processor time for each part of 1024 x 1024 px: 300 parts, if a busy

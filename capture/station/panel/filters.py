@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from capture.station.results.history import Selection
 from capture.station.results.utc import utc_bound
 from capture.station.verdict import Decision
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 FILTERS = {
     "since": "parts triggered then or later: 2026-11-22 or 2026-11-22T14:30, UTC",

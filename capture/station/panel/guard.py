@@ -12,7 +12,7 @@ from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 
 from capture.station.results.database import ResultsUnavailable
-from classify.errors import InputError, Ps4rigError
+from classify.base.errors import InputError, Ps4rigError
 
 from .access.roles import Identity, Role
 from .panel import Panel

@@ -6,7 +6,7 @@ from starlette.responses import Response
 
 from capture.station.results.statistics import choices
 from capture.station.verdict import Decision
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .access.roles import Role
 from .api import PARTS, newest_parts

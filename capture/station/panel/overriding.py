@@ -1,10 +1,10 @@
 """Give a part another verdict: one way for pages, API clients and commands."""
 
-from capture.process.utc_time import utc_text
+from capture.base.utc_time import utc_text
 from capture.station.results.history import HistoryEntry
 from capture.station.results.store import ResultStore
 from capture.station.verdict import Decision
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .access.change_log import ChangeLog
 from .access.roles import Identity

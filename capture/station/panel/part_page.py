@@ -7,7 +7,7 @@ from starlette.responses import RedirectResponse, Response
 from capture.station.recipe.recipe import Recipe
 from capture.station.results.history import HistoryEntry, Selection
 from capture.station.results.part_result import PartResult
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .access.roles import Role
 from .api import entry_of, override

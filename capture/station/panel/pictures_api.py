@@ -11,7 +11,7 @@ from starlette.responses import Response
 
 from capture.station.results.history import HistoryEntry
 from capture.station.results.part_result import DefectRecord
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .access.roles import Role
 from .api import V1, entry_of

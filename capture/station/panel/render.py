@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from starlette.responses import HTMLResponse, JSONResponse
 
-from capture.process.utc_time import readable_utc
+from capture.base.utc_time import readable_utc
 
 if TYPE_CHECKING:
     from .routes import Call

@@ -5,7 +5,7 @@ import threading
 from capture.station.folder import StationFolder
 from capture.station.results.database import ResultsUnavailable
 from capture.station.results.store import ResultStore, open_store
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 # A page that waits longer for a locked database says so.
 _PATIENCE_S = 5.0

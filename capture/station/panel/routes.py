@@ -7,7 +7,7 @@ from typing import Any, Literal
 from starlette.requests import Request
 from starlette.responses import Response
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .access.roles import Identity, Role
 from .panel import Panel

@@ -16,7 +16,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from capture.station.interface_config import PanelConfig
 from capture.station.listening import listening_socket
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .app import panel_app
 from .panel import Panel

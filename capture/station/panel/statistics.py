@@ -20,7 +20,7 @@ from capture.station.results.statistics import (
     newest_measured,
 )
 from capture.station.verdict import Decision
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .charts.charts import MOST_SHARES, causes_chart, control_chart, gauge_chart, yield_chart
 from .charts.drawing import Drawing

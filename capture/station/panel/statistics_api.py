@@ -4,10 +4,10 @@ from collections.abc import Mapping
 
 from starlette.responses import Response
 
-from capture.outputs import csv_line
+from capture.base.outputs import csv_line
 from capture.station.results.history import Selection
 from capture.station.results.history_table import tally_record
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .access.roles import Role
 from .api import V1

@@ -4,7 +4,7 @@ from starlette.responses import Response
 
 from capture.station.results.statistics import choices
 from capture.station.verdict import Decision
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .access.roles import Role
 from .filter_form import FilterForm

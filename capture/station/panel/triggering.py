@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from capture.station.cycle.triggers import Accepted, Refused, Trigger
 from capture.station.live.live_station import LiveStation
 from capture.station.results.database import ResultsUnavailable
-from classify.errors import InputError, Ps4rigError
+from classify.base.errors import InputError, Ps4rigError
 
 from .results_access import ResultsAccess
 

@@ -22,7 +22,7 @@ from capture.station.cycle.states import State
 from capture.station.cycle.triggers import Accepted, Answer, Refusal, Refused
 from capture.station.results.part_id import require_given_part_id
 from capture.station.results.part_result import PartResult
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .registers import (
     CAUSES,

@@ -19,7 +19,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from capture.station.errors import error_text
 from capture.station.interface_config import ModbusConfig
 from capture.station.listening import listening_socket
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .line import TICK_S, PlcLine
 from .registers import PLC, PLC_ADDRESS, PLC_WORDS, STATION, STATION_WORDS, decoded, encoded

@@ -7,7 +7,7 @@ from pydantic import ConfigDict, Field, FiniteFloat, model_validator
 
 from capture.session.plan import Label, Name, Text
 from capture.station.errors import NotApproved
-from rig.config.section import Section
+from classify.base.section import Section
 from rig.set_file import fields_sha256
 
 _DIGITS = 8  # of a hash that is shown

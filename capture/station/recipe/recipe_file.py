@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from capture.station.errors import RecipeError
-from classify.durable_file import durable_file
-from rig.config.section import Section
+from classify.base.durable_file import durable_file
+from classify.base.section import Section
 from rig.config.toml_file import read_toml_as
 
 from .recipe import Recipe

@@ -7,10 +7,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from capture.process.folder_lock import folder_lock
-from classify.durable_file import make_folder
-from classify.errors import InputError
-from classify.regular_file import open_regular_file
+from capture.base.folder_lock import folder_lock
+from classify.base.durable_file import make_folder
+from classify.base.errors import InputError
+from classify.base.regular_file import open_regular_file
 
 # A library of 100,000 references has 2 GB (`classify/library/ps4lib.py`).
 _MAX_BYTES = 1 << 34

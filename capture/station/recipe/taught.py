@@ -11,10 +11,10 @@ from pydantic import Field, FiniteFloat, ValidationError
 from capture.calibration.setting import Setting
 from capture.session.plan import Label, Name
 from capture.station.errors import RecipeError
-from classify.durable_file import durable_file
-from classify.errors import InputError
-from classify.regular_file import read_regular_file
-from rig.config.section import Record
+from classify.base.durable_file import durable_file
+from classify.base.errors import InputError
+from classify.base.regular_file import read_regular_file
+from classify.base.section import Record
 from rig.config.validation_message import first_fault
 from rig.set_file import fields_sha256
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from sqlalchemy import Connection, func, insert, select
 
-from capture.process.utc_time import utc_text
+from capture.base.utc_time import utc_text
 
 from .rows import storable
 from .schema import changes

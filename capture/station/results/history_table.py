@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from typing import Any, TextIO
 
-from capture.outputs import csv_line
+from capture.base.outputs import csv_line
 
 from .history import Counters, HistoryEntry, Tally
 from .rows import row_of

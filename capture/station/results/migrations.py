@@ -5,8 +5,8 @@ from importlib.metadata import version
 
 from sqlalchemy import Connection, Double, func, insert, inspect, select
 
-from capture.process.utc_time import utc_text
-from classify.errors import InputError
+from capture.base.utc_time import utc_text
+from classify.base.errors import InputError
 
 from .schema import VERSION, append_only, make_tables, schema_versions
 

@@ -4,7 +4,7 @@ import re
 
 from sqlalchemy import Connection, select
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .schema import begun_parts, lower_ascii
 

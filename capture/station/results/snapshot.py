@@ -11,7 +11,7 @@ from pathlib import Path
 
 from sqlalchemy import URL, ColumnElement, Connection, FromClause, inspect, select, true
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .database import (
     PATIENCE_S,

@@ -3,8 +3,8 @@
 import re
 from datetime import UTC, date, datetime, timedelta
 
-from capture.process.utc_time import utc_text
-from classify.errors import InputError
+from capture.base.utc_time import utc_text
+from classify.base.errors import InputError
 
 _FORM = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z")
 _MINUTE = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d")

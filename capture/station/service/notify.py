@@ -11,7 +11,7 @@ from typing import Self, get_args
 from capture.station.cycle.equipment import Worker
 from capture.station.cycle.events import Event, PartAnnounced, StateChanged, StationStopped
 from capture.station.cycle.states import State
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 # Workers report several times a second; systemd does not need each report.
 _PING_S = 1.0

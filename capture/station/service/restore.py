@@ -11,9 +11,9 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from capture.station.folder import StationFolder
-from classify.durable_file import locked_temporary, sync
-from classify.errors import InputError
-from classify.regular_file import open_regular_file
+from classify.base.durable_file import locked_temporary, sync
+from classify.base.errors import InputError
+from classify.base.regular_file import open_regular_file
 
 from .manifest import MANIFEST, Manifest, StoredFile
 

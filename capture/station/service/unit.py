@@ -9,7 +9,7 @@ from pathlib import Path
 
 from capture.station.config import StationConfig
 from capture.station.folder import StationFolder
-from classify.errors import InputError
+from classify.base.errors import InputError
 from rig import RigConfig
 from rig.config.camera import DeviceCameraConfig
 from rig.config.lights import AUTO

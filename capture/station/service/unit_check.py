@@ -5,8 +5,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from capture.station.folder import StationFolder
-from classify.errors import InputError
-from classify.regular_file import read_regular_file
+from classify.base.errors import InputError
+from classify.base.regular_file import read_regular_file
 from rig.doctor.check import Check, collected
 
 from .unit import USER, unit_name, unit_text

@@ -10,8 +10,8 @@ from capture.station.inspection.inspector import setting_differences
 from capture.station.inspection.measured_surface import MeasuredSurface, fits
 from capture.station.recipe.recipe import Region
 from classify import Lighting
+from classify.base.errors import InputError
 from classify.classifiers import Observation, classifier_named
-from classify.errors import InputError
 from classify.library.training import TrainingRow, observe
 from classify.methods import DEFAULT_CLASSIFIER
 from classify.pieces.learning import SCALE_STEP, scaled_surface

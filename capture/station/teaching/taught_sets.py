@@ -11,9 +11,9 @@ from capture.sets.ome_tiff import SUFFIX
 from capture.station.recipe.recipe import Recipe
 from capture.station.recipe.recipe_folder import RecipeFolder
 from capture.station.recipe.taught import read_taught
-from classify.durable_file import durable_file, make_folder
-from classify.errors import InputError
-from classify.labels import checked_label
+from classify.base.durable_file import durable_file, make_folder
+from classify.base.errors import InputError
+from classify.base.labels import checked_label
 
 _DIGITS = 16  # of the hash of the pixels in a file name
 

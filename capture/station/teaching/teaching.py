@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from capture.base.console import ShowProgress, progress
 from capture.batch.tasks import PLANAR, LoadedSet
-from capture.console import ShowProgress, progress
 from capture.station.errors import RecipeError
 from capture.station.inspection.inspector import Inspection, Inspector
 from capture.station.recipe.recipe import Limits, Recipe
@@ -17,11 +17,11 @@ from capture.station.recipe.recipe_folder import RecipeFolder, TaughtFiles, file
 from capture.station.recipe.taught import Taught, TaughtSet, TaughtTexture, write_taught
 from capture.station.recipe.taught_files import TextureModels
 from classify import Match, SurfaceEstimate, TextureLibrary
+from classify.base.durable_file import make_folder
 from classify.classifiers import Observation, classifier_named
 from classify.classifiers.joint import ring_levels
 from classify.defects.defect_model import DefectModel
 from classify.defects.learning import LEAST_PARTS, MOST_PARTS, learn_defects
-from classify.durable_file import make_folder
 from classify.library.leave_one_out import leave_one_out
 from classify.library.training import common_lighting
 from classify.methods import default_method

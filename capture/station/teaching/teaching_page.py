@@ -3,11 +3,11 @@
 from collections.abc import Iterable, Iterator
 from html import escape
 
+from capture.base.page import page_html, simulated_notice, table_html
 from capture.maps import pictures
 from capture.maps.figures import tile_html
-from capture.page.skeleton import page_html, simulated_notice, table_html
 from capture.station.recipe.recipe import RANGES, Recipe
-from classify.durable_file import durable_file
+from classify.base.durable_file import durable_file
 
 from .taught_part import solved
 from .taught_sets import KeptSet

@@ -6,12 +6,12 @@ from pathlib import Path
 
 from markupsafe import Markup
 
+from capture.base.page import rendered
 from capture.maps import pictures
 from capture.maps.figures import TILE_PX, tile_uri
-from capture.page.skeleton import rendered
 from capture.sets.captured_set import CapturedSet
 from classify import Evaluation, Spectra, SurfaceEstimate, Trial
-from classify.durable_file import durable_file
+from classify.base.durable_file import durable_file
 from classify.surface.estimate import FloatMap
 from rig import ControllerIdentity, RigConfig
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from capture.acquisition.attempts import capture_set
-from capture.console import new_table, out, print_table, progress
-from capture.outputs import check_output
+from capture.base.console import new_table, out, print_table, progress
+from capture.base.outputs import check_output
 from capture.sets.captured_set import CapturedSet
 from capture.sets.ome_tiff import SUFFIX
 from classify import Spectra, TextureLibrary, Trial, evaluate, surface_spectra
-from classify.durable_file import make_folder
+from classify.base.durable_file import make_folder
 from rig import Placement, Rig, RigConfig, open_rig, surface_names
 
 from .report import ANGLE_NOTE, COLUMNS, ReportEntry, cells_of, write_report

@@ -12,9 +12,9 @@ from string import Template
 
 from markupsafe import Markup
 
-from capture.console import progress
-from capture.page.skeleton import rendered
-from classify.durable_file import durable_file
+from capture.base.console import progress
+from capture.base.page import rendered
+from classify.base.durable_file import durable_file
 
 from . import plots
 from .exhibit import Exhibit, as_text

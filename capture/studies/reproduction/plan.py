@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
+from classify.base.errors import InputError
 from classify.classifiers import classifier_named
-from classify.errors import InputError
 from classify.methods import CLASSIFIER_NAMES, Method
 from classify.texture.spectra import segment_for
 from rig import EQUAL_SPECTRUM_TWINS, SYNTHETIC_30, SYNTHETIC_TEXTURES

@@ -10,9 +10,9 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
+from capture.base.console import progress
 from capture.batch.runner import Batch
-from capture.console import progress
-from classify.durable_file import make_folder
+from classify.base.durable_file import make_folder
 from rig import SYNTHETIC_TEXTURES
 
 from .chapter_accuracy import accuracy_exhibits

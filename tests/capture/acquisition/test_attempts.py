@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from capture import CapturedSet, SetRejected, capture_set
-from classify.errors import InputError
+from classify.base.errors import InputError
 from rig import (
     CameraError,
     Frame,

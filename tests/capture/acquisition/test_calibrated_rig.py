@@ -9,8 +9,8 @@ import pytest
 
 from capture import CapturedSet, SetRejected, capture_set
 from capture.acquisition.set_checks import check_set
+from capture.base.errors import CalibrationError
 from capture.calibration.ps4cal import CalibrationFile
-from capture.errors import CalibrationError
 from capture.sets.image_checks import LightImages
 from rig import Placement, Rig, RigConfig, open_rig
 

@@ -17,8 +17,8 @@ from capture.acquisition.frame_series import (
 )
 from capture.calibration.setting import Setting
 from capture.procedures.camera_parts import Rung, levels_of, response_parts
+from classify.base.errors import CalibrationRejected
 from classify.calibration.calibration import Calibration
-from classify.errors import CalibrationRejected
 from rig import CameraError, ConfigError, Frame, Rig, RigConfig, open_rig
 from rig.simulation.sensor import SensorModel
 from tests.changed_frames import with_frames

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from capture import capture_set
 from capture.acquisition.part_sensor import wait_for_part
-from capture.errors import SetRejected
-from classify.errors import InputError
+from capture.base.errors import SetRejected
+from classify.base.errors import InputError
 from rig import CameraError, LightControllerError, Rig, open_rig
 from tests.capture.acquisition.test_hardware_set import WRONG_LIGHT, config, wrong_light
 

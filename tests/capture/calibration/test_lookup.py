@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture import CapturedSet, capture_set
+from capture.base.errors import CalibrationError
 from capture.calibration.lookup import check_setting, keep_beside
 from capture.calibration.parts import PART_NAMES
 from capture.calibration.ps4cal import CalibrationFile, PartRecord
 from capture.calibration.setting import Setting
-from capture.errors import CalibrationError
 from capture.sets.captured_set import calibration_of
 from classify import Lighting
 from classify.calibration.dark import Dark

@@ -13,10 +13,10 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
+from capture.base.errors import CalibrationError
 from capture.calibration.parts import PART_NAMES, put_together, taken_apart
 from capture.calibration.ps4cal import VERSION, CalibrationFile, PartRecord
 from capture.calibration.setting import Setting
-from capture.errors import CalibrationError
 from classify import InputError, Lighting, SensorNoise
 from classify.calibration.calibration import Calibration
 from classify.calibration.dark import Dark

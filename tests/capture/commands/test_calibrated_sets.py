@@ -13,11 +13,11 @@ import pytest
 import tifffile
 
 from capture import CapturedSet, capture_set
+from capture.base.errors import CalibrationError
 from capture.calibration.ps4cal import CalibrationFile
-from capture.errors import CalibrationError
 from capture.maps.map_tiff import read_map
+from classify.base.errors import InputError
 from classify.calibration.calibration import Calibration
-from classify.errors import InputError
 from rig import open_rig
 
 RIG = """

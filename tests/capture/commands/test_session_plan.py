@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from capture.errors import SetRejected
+from capture.base.errors import SetRejected
 from capture.session import runner
 from capture.session.folder import SessionFolder, session_folder
 from capture.session.journal import SetEntry

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from capture.base.field_differences import FieldDifference, field_differences
 from capture.comparison.differences import map_difference, normal_angles_deg
-from capture.process.field_differences import FieldDifference, field_differences
 
 ALL = np.ones((4, 5), np.bool_)
 values = st.recursive(

@@ -24,7 +24,7 @@ from classify import (
     surface_curvature,
     surface_roughness,
 )
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 FLOAT_MAPS = {
     "p", "q", "albedo", "normals", "height", "raised", "mean_curvature", "gaussian_curvature",

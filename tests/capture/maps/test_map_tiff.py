@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as st_numpy
 
 from capture.maps.map_tiff import read_description, read_map, write_channels, write_values
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 ABOUT = st.fixed_dictionaries({"pixels_sha256": st.text(), "label": st.none() | st.text()})
 SCALES = st.none() | st.floats(1e-6, 1e3)

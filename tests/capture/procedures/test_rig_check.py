@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from capture import capture_set
+from capture.base.errors import CalibrationError
 from capture.calibration.ps4cal import CalibrationFile
-from capture.errors import CalibrationError
 from capture.procedures.plate_parts import SHEET_BRIGHTNESS
 from capture.procedures.rig_check import check_calibration, drift_of_rig, drift_of_set
 from rig import Rig, RigConfig, open_rig

@@ -14,8 +14,8 @@ from capture.session.folder import TABLE, SessionFolder, session_folder
 from capture.session.runner import run_session
 from capture.sets import ome_tiff
 from capture.sets.archive import JOURNAL
-from classify import durable_file as durable
-from classify.errors import InputError
+from classify.base import durable_file as durable
+from classify.base.errors import InputError
 from rig import RigConfig
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from capture import capture_set
 from capture.session.exposure import find_exposure_ms
-from classify.errors import InputError
+from classify.base.errors import InputError
 from rig import RigConfig, open_rig
 
 

@@ -15,7 +15,7 @@ from capture.session.journal import Journal, SetEntry, SetMeasures, read_journal
 from capture.session.plan import read_plan
 from capture.session.plan_change import plan_changes, use_plan
 from capture.sets.archive import JOURNAL
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .conftest import PLAN
 

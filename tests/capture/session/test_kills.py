@@ -20,7 +20,7 @@ from capture import CapturedSet
 from capture.session.events import without_questions
 from capture.session.folder import SessionFolder, make_session, session_folder
 from capture.session.runner import run_session
-from classify.threads import set_thread_count
+from classify.base.threads import set_thread_count
 from rig import load_config
 
 from .test_session_figures import ORIENTATIONS, TEXTURES, plan_of

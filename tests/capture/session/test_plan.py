@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from capture.session.plan import SessionPlan, Specimen, example_plan, read_plan
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 _SPECIMEN = '\n[[specimen]]\nid = "a"\n'
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from capture import CapturedSet
+from capture.base.errors import SetRejected
 from capture.calibration.ps4cal import CalibrationFile
-from capture.errors import SetRejected
 from capture.session import runner
 from capture.session.events import (
     Answer,
@@ -33,7 +33,7 @@ from capture.session.plan_change import use_plan
 from capture.session.rig_comparison import compare_rig
 from capture.session.runner import run_session
 from capture.session.verification import files_below, verify_file
-from classify.errors import CalibrationRejected, InputError
+from classify.base.errors import CalibrationRejected, InputError
 from rig import CameraError, HardwareError, Rig, RigConfig, open_rig
 
 from .conftest import PLAN, Run, Script

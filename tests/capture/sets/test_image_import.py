@@ -16,7 +16,7 @@ import tifffile
 
 from capture import CapturedSet, SetRejected, import_images
 from classify import Lighting
-from classify.errors import InputError
+from classify.base.errors import InputError
 from tests.image_files import (
     LINEAR_RAW,
     chunk,

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from capture.sets.light_list import LightList, load_light_list
 from classify import Lighting
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 Form = Literal["NFC", "NFD"]
 RING = Lighting.ring(30.0)

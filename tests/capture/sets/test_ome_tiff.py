@@ -17,7 +17,7 @@ from hypothesis.extra import numpy as hnp
 from capture import CapturedSet, capture_set
 from capture.sets.metadata import ImageRecord
 from classify import Lighting
-from classify.errors import InputError
+from classify.base.errors import InputError
 from rig import Rig
 from rig.set_file import fields_sha256
 

@@ -13,7 +13,7 @@ import pytest
 from capture import CapturedSet, SetRejected, import_images
 from capture.sets.light_list import load_light_list
 from classify import Lighting
-from classify.errors import InputError
+from classify.base.errors import InputError
 from classify.lights.algebra import require_solvable
 
 DATA = Path(__file__).parents[2] / "data" / "butterfly_crop"

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 import pytest
 
-from capture.errors import ImportCause
+from capture.base.errors import ImportCause
 from capture.sets.image_checks import LightImages
 from capture.sets.photograph_checks import check_photographs
 from classify import Lighting

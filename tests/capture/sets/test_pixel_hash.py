@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture.sets.pixel_hash import PixelHash
-from classify.threads import set_thread_count
+from classify.base.threads import set_thread_count
 from rig.set_file import pixels_sha256
 
 PLANES = np.random.default_rng(1).integers(0, 65536, (6, 5, 7), dtype=np.uint16)

@@ -26,8 +26,8 @@ from unittest.mock import patch
 # The kernels run in one thread, so that other tests have the other cores.
 os.environ |= {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
-from capture.process.utc_time import utc_text
-from capture.process_settings import settle_process, settle_station
+from capture.base.process_settings import settle_process, settle_station
+from capture.base.utc_time import utc_text
 from capture.sets.ome_tiff import SUFFIX
 from capture.station.config import SimulatedParts
 from capture.station.control_charts.control_chart import ControlChart

@@ -25,7 +25,7 @@ from capture.station.cycle.events import Event, PartAnnounced
 from capture.station.cycle.simulated_parts import simulated_part
 from capture.station.folder import StationFolder
 from capture.station.verdict import Decision
-from classify.errors import Ps4rigError
+from classify.base.errors import Ps4rigError
 from tests.capture.acquisition.test_fault_matrix import FAMILIES
 from tests.capture.station.production import SMALL_RIG, in_memory, run_parts, taught_station
 from tests.capture.station.teaching_sets import SIDE_PX

@@ -10,7 +10,7 @@ from capture import CapturedSet
 from capture.station.inspection.inspector import Inspection, Inspector
 from capture.station.inspection.measured_surface import MeasuredSurface
 from capture.station.recipe.recipe_folder import RecipeFolder
-from classify.errors import InputError
+from classify.base.errors import InputError
 from tests.capture.station.teaching_sets import patch
 
 

@@ -22,7 +22,7 @@ from capture.station.cycle.states import State
 from capture.station.cycle.triggers import Accepted, Refusal, Refused, Trigger, TriggerTarget
 from capture.station.folder import StationFolder
 from capture.station.last_recipe import FILE, first_recipe, keep_recipe
-from classify.errors import InputError
+from classify.base.errors import InputError
 from rig import HardwareError
 from tests.capture.station.plc.lines import until_so
 from tests.capture.station.stations import (

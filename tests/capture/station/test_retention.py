@@ -5,13 +5,13 @@ from pathlib import Path
 import pytest
 from sqlalchemy import Engine, event
 
-from capture.process.utc_time import utc_text
+from capture.base.utc_time import utc_text
 from capture.station.config import Retention
 from capture.station.results.removals import passed_sets, record_removals
 from capture.station.results.store import ResultStore, open_store
 from capture.station.retention import is_sample, remove_old_sets
 from capture.station.verdict import Decision
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .days_with_parts import make_days
 from .results.parts import UTC as UTC_TEXT

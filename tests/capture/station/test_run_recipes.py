@@ -19,7 +19,7 @@ from capture.station.recipe.recipe_folder import RecipeFolder
 from capture.station.results.change_log import newest_changes
 from capture.station.results.store import ResultStore, open_store
 from capture.station.run_recipes import RecipeLoader, RunRecipes
-from classify.errors import InputError
+from classify.base.errors import InputError
 from tests.capture.station.production import SMALL_RIG, configure
 
 KIM = Asker("kim", "engineer")

@@ -11,7 +11,7 @@ from capture.station.folder import StationFolder
 from capture.station.results.removals import record_removals
 from capture.station.results.store import ResultStore, open_store
 from capture.station.verification import verify_station
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .results.parts import UTC, begin, inspect
 

@@ -7,7 +7,7 @@ from typing import Any, cast
 import pytest
 
 from capture import CapturedSet, capture_set
-from capture.errors import SetRejected
+from capture.base.errors import SetRejected
 from capture.station.approval.approval import approve
 from capture.station.config import CONFIG
 from capture.station.cycle.events import Event, PartAnnounced
@@ -21,7 +21,7 @@ from capture.station.recipe.recipe_file import read_recipe, write_recipe
 from capture.station.recipe.recipe_folder import RecipeFolder
 from capture.station.verdict import Cause, Decision
 from classify import Match
-from classify.errors import InputError
+from classify.base.errors import InputError
 from classify.library.texture_library import TextureLibrary
 from rig import CameraError, Placement, Rig, Switch, open_rig
 from rig.fresh_frame import switch_to

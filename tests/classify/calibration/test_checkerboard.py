@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from classify.base.errors import CalibrationRejected, InputError
 from classify.calibration.checkerboard import find_corners, scale_of_boards
-from classify.errors import CalibrationRejected, InputError
 
 FRAME, CORNERS = (480, 640), (9, 6)
 FOCAL_PX, SQUARE_PX, SQUARE_MM = 1500.0, 40.0, 5.0

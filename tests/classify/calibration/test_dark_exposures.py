@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from classify.base.errors import InputError
 from classify.calibration.calibration import Calibration
 from classify.calibration.dark import Dark
-from classify.errors import InputError
 from classify.images.stack import ImageStack
 
 FULL = 4095.0

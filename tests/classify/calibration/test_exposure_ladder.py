@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from classify import Lighting
+from classify.base.errors import CalibrationRejected, InputError
 from classify.calibration.exposure_ladder import response_of
-from classify.errors import CalibrationRejected, InputError
 
 from .simulated_ladder import EXPOSURES_MS, FULL, Curve, gamma, ladder, srgb
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from classify import Lighting
+from classify.base.errors import CalibrationRejected, InputError
 from classify.calibration.plate import MeasuredPlate, measure_plate
-from classify.errors import CalibrationRejected, InputError
 from classify.images.stack import ImageStack
 from tests.plates import Plate, ring_positions
 

@@ -6,8 +6,8 @@
 import numpy as np
 import pytest
 
+from classify.base.errors import CalibrationRejected
 from classify.calibration.spheres import SphereImages, SphereKind, lights_from_spheres
-from classify.errors import CalibrationRejected
 from tests.sphere_pictures import Background, Picture, scattered_lights
 
 SPHERES, LIGHTS = 8, 6

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from classify.base.errors import CalibrationRejected, InputError
 from classify.calibration.circle import Circle
 from classify.calibration.sphere import Sphere
 from classify.calibration.sphere_outline import Outline, find_outline, outline_of_mask
@@ -17,7 +18,6 @@ from classify.calibration.spheres import (
     positions_of_rays,
     scale_of_spheres,
 )
-from classify.errors import CalibrationRejected, InputError
 from classify.lighting import light_vectors
 from tests.sphere_pictures import Picture, scattered_lights
 

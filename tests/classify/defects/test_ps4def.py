@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from classify import DefectModel, InputError, learn_defects
-from classify.errors import DefectModelError
+from classify.base.errors import DefectModelError
 
 ARRAYS = ("gains", "scales", "octaves_centres", "windows_whitening", "quantiles", "good_scores")
 

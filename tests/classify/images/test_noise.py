@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from classify import Lighting
-from classify.errors import InputError
+from classify.base.errors import InputError
 from classify.images.noise import SensorNoise, noise_of_images
 from classify.images.stack import ImageStack
 from rig.scene.material_folder import bundled_materials, load_material

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.distance import cdist, pdist
 
 from classify import Lighting, TextureLibrary, photometric_stereo
-from classify.errors import InputError
+from classify.base.errors import InputError
 from classify.library.dissimilarity import class_dissimilarities, dendrogram, embedding
 
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from classify import Lighting, SensorNoise, SurfaceEstimate, photometric_stereo
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 SIDE = 96
 RING = Lighting.ring(45.0)

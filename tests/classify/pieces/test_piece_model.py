@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from classify import InputError, SurfaceEstimate, TextureLibrary
+from classify.base.errors import PieceModelError
 from classify.classifiers.joint import ring_levels
-from classify.errors import PieceModelError
 from classify.pieces.learning import SCALE_STEP, GoodPart, learn_pieces, scaled_surface
 from classify.pieces.moments import band_moments
 from classify.pieces.piece_model import PieceMeasures, PieceModel

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import binary_dilation, binary_erosion, map_coordinates
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 from classify.lighting import light_vectors
 from classify.relief.shadows import cast_shadow
 from rig.scene.synthetic import synthetic_surface

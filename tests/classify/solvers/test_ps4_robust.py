@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from classify import Lighting, SensorNoise, SurfaceEstimate, photometric_stereo
+from classify.base.threads import set_thread_count
 from classify.images.stack import ImageStack
 from classify.solvers.problem import Problem
 from classify.solvers.robust import solve_ps4_robust
-from classify.threads import set_thread_count
 from rig.scene.material_folder import bundled_materials, load_material
 from rig.scene.render import Gloss, render_frame
 

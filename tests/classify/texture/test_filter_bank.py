@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.signal import fftconvolve
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 from classify.texture.filter_bank import FILTER_PX, mr8_filters, mr8_responses
 
 EDGES, BARS = slice(0, 18), slice(18, 36)

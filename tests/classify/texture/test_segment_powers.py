@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from classify.base.threads import set_thread_count
 from classify.texture.fields import TextureFields
 from classify.texture.segment_powers import _circular_hann, _starts, segment_powers
 from classify.texture.spectra import MIN_SEGMENT_PX
-from classify.threads import set_thread_count
 
 
 def noise_fields(shape: tuple[int, int]) -> TextureFields:

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 from classify.texture.filter_bank import mr8_responses
 from classify.texture.textons import TEXTONS_PER_CLASS, chi_squared, learn_textons, texton_histogram
 

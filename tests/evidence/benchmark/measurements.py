@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from capture.console import new_table, out, print_table
+from capture.base.console import new_table, out, print_table
 
 
 @dataclass(frozen=True)

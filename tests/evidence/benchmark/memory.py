@@ -9,8 +9,8 @@ from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
-from capture.console import progress
-from capture.process.memory import peak_bytes, resident_bytes
+from capture.base.console import progress
+from capture.base.memory import peak_bytes, resident_bytes
 from classify import Method, TextureLibrary
 from classify.surface.estimate import FloatMap
 from rig.simulation.simulated_set import SimulatedSet

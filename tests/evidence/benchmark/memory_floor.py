@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from classify.compiling import kernel
-from classify.threads import run_on_rows
+from classify.base.compiling import kernel
+from classify.base.threads import run_on_rows
 
 
 def read_four_write_three(images: npt.NDArray[Any], maps: npt.NDArray[np.float32]) -> None:

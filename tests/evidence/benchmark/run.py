@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from capture.console import out, print_json
-from capture.process.memory import available_bytes
+from capture.base.console import out, print_json
+from capture.base.memory import available_bytes
+from classify.base.threads import thread_count
 from classify.defects.whitening import MIN_SIDE_PX
-from classify.threads import thread_count
 
 from . import memory
 from .defects import defects_section

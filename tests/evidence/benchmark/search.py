@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from capture.console import progress
+from capture.base.console import progress
 from capture.studies.stopwatch import time_ms
 from classify import TextureLibrary
 from classify.classifiers import classifier_named

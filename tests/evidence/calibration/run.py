@@ -4,10 +4,10 @@ import tempfile
 from pathlib import Path
 from typing import get_args
 
-from capture.console import progress
+from capture.base.console import progress
 from capture.studies.reproduction.output import About, write_page
+from classify.base.durable_file import make_folder
 from classify.calibration.spheres import SphereKind
-from classify.durable_file import make_folder
 
 from .exhibits import calibration_exhibits
 from .lights import light_errors, sphere_errors

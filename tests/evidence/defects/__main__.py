@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from capture.studies.reproduction.plan import material_textures
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .plan import defect_plan
 from .run import reproduce_defects

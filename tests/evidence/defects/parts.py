@@ -14,7 +14,7 @@ import numpy.typing as npt
 from capture.studies.reproduction.patches import expose, load_surface, solve
 from capture.studies.reproduction.plan import BEST_SOLVER, Conditions, Texture
 from classify import Lighting, SurfaceEstimate
-from classify.errors import InputError
+from classify.base.errors import InputError
 from rig import Defect
 from rig.scene.render import render_frame
 from rig.scene.surfaces import PeriodicSurface

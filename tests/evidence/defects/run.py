@@ -7,10 +7,10 @@ import platform
 import time
 from pathlib import Path
 
+from capture.base.console import progress
 from capture.batch.runner import Batch
-from capture.console import progress
 from capture.studies.reproduction.output import About, write_page
-from classify.durable_file import make_folder
+from classify.base.durable_file import make_folder
 
 from .exhibits import defect_exhibits
 from .measure import measure

@@ -2,7 +2,7 @@
 
 import pytest
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 from rig.errors import LightControllerError
 from rig.lights import flash
 from rig.lights.discovery import SerialPort

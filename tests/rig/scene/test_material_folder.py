@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 from rig.scene.material_folder import bundled_materials, load_material
 from rig.scene.surfaces import PeriodicSurface, rms_slope
 from rig.scene.synthetic import synthetic_surface

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 from classify.lighting import Lighting
 from rig.scene.render import Gloss, Lens, led_distance_for, render_frame, render_scene
 from rig.scene.surfaces import PeriodicSurface, SurfacePatch

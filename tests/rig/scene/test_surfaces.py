@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 from rig.scene.resampling import sample_rotated, spline_coefficients
 from rig.scene.surfaces import PeriodicSurface, periodic_height, rms_slope, spectral_gradients
 from rig.scene.synthetic import synthetic_surface, tile_side_px

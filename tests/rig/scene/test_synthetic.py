@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from classify import Lighting
-from classify.errors import InputError
+from classify.base.errors import InputError
 from rig import Placement, RigConfig, open_rig, surface_names
 from rig.scene.material_folder import bundled_materials
 from rig.scene.power_spectra import ripples, rotated, summed

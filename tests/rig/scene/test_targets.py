@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 from classify.lighting import Lighting
 from rig.scene.render import render_frame
 from rig.scene.targets import CHECKERBOARD_CORNERS, Plate, Sphere, target_named

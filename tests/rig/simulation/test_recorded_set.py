@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from capture import CapturedSet, capture_set
-from classify.errors import InputError
+from classify.base.errors import InputError
 from rig import Placement, RigConfig, load_config, open_rig
 
 CAMERA = {"width_px": 40, "height_px": 24}

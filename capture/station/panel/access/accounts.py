@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from capture.station.folder import StationFolder
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .change_log import ChangeLog
 from .on_the_terminal import changing_on_the_terminal

@@ -6,7 +6,7 @@ from contextlib import closing, contextmanager
 
 from capture.station.folder import StationFolder
 from capture.station.panel.results_access import ResultsAccess
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .change_log import ChangeLog
 from .roles import Identity, Role

@@ -9,10 +9,10 @@ from typing import Any, Generic, TypeVar
 
 from pydantic import BaseModel
 
-from capture.process.folder_lock import file_lock
-from classify.durable_file import durable_file
-from classify.errors import InputError
-from classify.regular_file import read_regular_file
+from capture.base.folder_lock import file_lock
+from classify.base.durable_file import durable_file
+from classify.base.errors import InputError
+from classify.base.regular_file import read_regular_file
 from rig.config.toml_file import validated
 
 # A thousand users or clients have 200 kB.

@@ -5,7 +5,7 @@ from enum import StrEnum
 from typing import Literal
 
 from capture.session.plan import file_name
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 
 class Role(StrEnum):

@@ -6,10 +6,10 @@ from pathlib import Path
 
 from pydantic import Field
 
-from capture.process.utc_time import utc_text
+from capture.base.utc_time import utc_text
 from capture.session.plan import Name
-from classify.errors import InputError
-from rig.config.section import Section
+from classify.base.errors import InputError
+from classify.base.section import Section
 from rig.config.toml_file import validated
 
 from .private_file import PrivateFile

@@ -10,8 +10,8 @@ from argon2.exceptions import Argon2Error, InvalidHashError
 from pydantic import Field, field_validator
 
 from capture.session.plan import Name
-from classify.errors import InputError
-from rig.config.section import Section
+from classify.base.errors import InputError
+from classify.base.section import Section
 
 from .private_file import PrivateFile
 from .roles import Role, require_name

@@ -12,8 +12,8 @@ from capture.station.recipe.taught import read_taught
 from capture.station.recipe.taught_files import models_of
 from capture.station.results.part_result import PartResult
 from classify import Method, TextureLibrary
+from classify.base.errors import InputError
 from classify.defects.defect_model import DefectModel
-from classify.errors import InputError
 from rig.config.toml_file import read_toml_as
 
 

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from capture.base.errors import CalibrationError
 from capture.batch.tasks import LoadedSet
-from capture.errors import CalibrationError
 from capture.sets.captured_set import CapturedSet
 from capture.station.folder import StationFolder
 from capture.station.inspection.measured_surface import MeasuredSurface, fits
 from capture.station.recipe.recipe import Region
 from capture.station.results.part_result import DefectRecord, PartResult
+from classify.base.errors import InputError
 from classify.defects.defect_map import KINDS, DefectMap, regions_of
-from classify.errors import InputError
 from classify.surface.estimate import FloatMap
 
 from .judged_by import JudgedBy, judged_by

@@ -16,7 +16,7 @@ from capture.station.recipe.recipe import (
     Region,
 )
 from capture.station.recipe.recipe_file import COMMENTS, SECTIONS
-from rig.config.section import Section
+from classify.base.section import Section
 
 _MODELS: dict[str, type[Section]] = {
     "orientation": Orientation,

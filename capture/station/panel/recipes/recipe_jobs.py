@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from capture.console import ShowProgress
+from capture.base.console import ShowProgress
 from capture.station.challenge.challenge import run_challenge
 from capture.station.inspection.inspector import Inspector
 from capture.station.recipe.recipe_folder import RecipeFolder

@@ -22,8 +22,8 @@ from capture.station.recipe.taught import read_taught
 from capture.station.results.database import ResultsUnavailable
 from capture.station.results.history import HistoryEntry, Selection
 from capture.station.verdict import Decision
-from classify.errors import InputError, Ps4rigError
-from classify.regular_file import read_regular_file
+from classify.base.errors import InputError, Ps4rigError
+from classify.base.regular_file import read_regular_file
 
 from .recipe_changes import RecipeChanges
 from .recipe_form import RecipeForm, settings_of

@@ -10,8 +10,8 @@ from capture.station.panel.panel import Panel
 from capture.station.panel.part_pictures.stored_set import stored_set
 from capture.station.panel.security import Denied
 from capture.station.verdict import Decision
-from classify.errors import InputError
-from classify.labels import checked_label
+from classify.base.errors import InputError
+from classify.base.labels import checked_label
 
 from .recipe_changes import LongChange, RecipeChanges
 from .recipe_jobs import replay_parts, teach_parts

@@ -17,7 +17,7 @@ from capture.station.panel.routes import Call, PanelRoute
 from capture.station.panel.security import Denied
 from capture.station.recipe.recipe import Recipe
 from capture.station.recipe.recipe_file import read_recipe
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .recipe_changes import RecipeChanges
 from .recipe_pages import changes_of, known_changes_of, load_recipe_of, recipe_names

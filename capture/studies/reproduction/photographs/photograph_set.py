@@ -15,7 +15,7 @@ from pydantic import AliasChoices, BaseModel, ConfigDict, Field, FiniteFloat, Va
 from capture.sets.light_list import light_list_text, listed_files
 from capture.sets.photographs import read_mask, read_photographs
 from classify import Lighting
-from classify.errors import InputError
+from classify.base.errors import InputError
 from classify.lighting import light_fault, light_vectors
 
 LIGHTS_FILE = "lights.json"

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 from math import comb
 
-from capture.console import progress
+from capture.base.console import progress
 from classify import Match, SurfaceEstimate, TextureLibrary, Trial
 from classify.library.training import TrainingRow, observe
 from classify.texture.spectra import segment_for

@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from capture.console import complain, progress
+from capture.base.console import complain, progress
 from capture.studies.reproduction.output import About, write_page
-from classify.durable_file import make_folder
-from classify.errors import InputError
+from classify.base.durable_file import make_folder
+from classify.base.errors import InputError
 
 from .exhibits import photograph_exhibits
 from .photograph_set import PhotographSet, load_photographs, photograph_folders

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from capture.base.errors import CalibrationError
 from capture.calibration.ps4cal import CalibrationFile, MeasuredPart
 from capture.calibration.setting import Setting
 from capture.commands.calibrate.flow import (
@@ -17,7 +18,6 @@ from capture.commands.calibrate.flow import (
     place_target,
     target_sets,
 )
-from capture.errors import CalibrationError
 from classify import InputError
 from classify.calibration.dark import Dark
 from classify.calibration.scale import Scale

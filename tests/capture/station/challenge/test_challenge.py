@@ -20,7 +20,7 @@ from capture.station.inspection import software
 from capture.station.inspection.inspector import Inspection, Inspector
 from capture.station.recipe.recipe_file import read_recipe, write_recipe
 from capture.station.recipe.recipe_folder import RecipeFolder
-from classify.errors import InputError
+from classify.base.errors import InputError
 from tests.capture.station.teaching_sets import saved
 
 

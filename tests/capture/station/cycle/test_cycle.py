@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 
 import pytest
 
-from capture.errors import CalibrationError, SetRejected
+from capture.base.errors import CalibrationError, SetRejected
 from capture.sets.captured_set import CapturedSet
 from capture.station.cycle.cycle import Station
 from capture.station.cycle.events import (
@@ -35,8 +35,8 @@ from capture.station.cycle.triggers import (
 )
 from capture.station.results.database import ResultsUnavailable
 from capture.station.verdict import Cause, Decision, Verdict
-from classify.durable_file import durable_file
-from classify.errors import InputError
+from classify.base.durable_file import durable_file
+from classify.base.errors import InputError
 from rig import CameraError, HardwareError
 from rig.doctor.check import Check
 from tests.capture.station.stations import (

@@ -16,7 +16,7 @@ from capture.station.gauge.gauge import (
 )
 from capture.station.gauge.simulated_gauge import known_parts
 from capture.station.verdict import Cause, Decision, Verdict
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 PASS, FAIL, UNKNOWN = Decision.PASS, Decision.FAIL, Decision.UNKNOWN
 

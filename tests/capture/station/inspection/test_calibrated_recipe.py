@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from capture import CapturedSet, capture_set
+from capture.base.utc_time import utc_text
 from capture.calibration.lookup import read_calibration
 from capture.calibration.ps4cal import CalibrationFile, PartRecord
 from capture.calibration.setting import Setting
-from capture.process.utc_time import utc_text
 from capture.station.challenge.challenge import require_challenge
 from capture.station.challenge.challenge_set import add_to_challenge
 from capture.station.cycle.self_test import check_calibration_age

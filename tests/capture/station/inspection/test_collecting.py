@@ -13,7 +13,7 @@ from capture.station.recipe.recipe import Recipe
 from capture.station.recipe.recipe_file import write_recipe
 from capture.station.run import RunOptions, run_station
 from capture.station.verdict import Decision
-from classify.errors import InputError
+from classify.base.errors import InputError
 from rig import RigConfig
 from tests.capture.station.production import SMALL_RIG
 

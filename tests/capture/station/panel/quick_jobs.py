@@ -4,8 +4,8 @@ import os
 import time
 from typing import Any, NoReturn
 
-from capture.console import ShowProgress
-from classify.errors import InputError
+from capture.base.console import ShowProgress
+from classify.base.errors import InputError
 
 
 def count(show: ShowProgress, most: int) -> dict[str, Any]:

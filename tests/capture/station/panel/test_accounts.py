@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from capture.process.folder_lock import file_lock
+from capture.base.folder_lock import file_lock
 from capture.station.folder import make_station
 from capture.station.panel.access import users as users_module
 from capture.station.panel.access.roles import Role
@@ -20,7 +20,7 @@ from capture.station.panel.access.tokens import Tokens
 from capture.station.panel.access.users import LONGEST_PASSWORD, Users
 from capture.station.results.change_log import newest_changes, record_change
 from capture.station.results.store import open_store
-from classify.errors import InputError
+from classify.base.errors import InputError
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel
 
 SHIPPED = users_module.HASHER  # before the fixture that replaces it

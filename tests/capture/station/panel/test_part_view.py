@@ -19,8 +19,8 @@ from capture.station.panel.part_pictures.part_view import part_view
 from capture.station.recipe.recipe import Region
 from capture.station.recipe.recipe_file import write_recipe
 from capture.station.results.part_result import PartResult
+from classify.base.errors import InputError
 from classify.defects.defect_map import KINDS
-from classify.errors import InputError
 from rig.config.defect import Defect
 from rig.set_file import pixels_sha256
 from tests.capture.station.teaching_sets import patch

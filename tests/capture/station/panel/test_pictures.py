@@ -26,7 +26,7 @@ from capture.station.panel.part_pictures.picture_maker import (
 )
 from capture.station.results.history import Selection
 from capture.station.results.removals import record_removals
-from classify.errors import InputError
+from classify.base.errors import InputError
 from rig.set_file import pixels_sha256
 from tests.capture.station.panel.panels import PictureThread, RunningPanel
 

@@ -27,7 +27,7 @@ from capture.station.panel.access.users import Users
 from capture.station.panel.app import ROUTES
 from capture.station.panel.security import MAX_BODY_BYTES, HostRule
 from capture.station.panel.server import MAX_CONNECTIONS
-from classify.errors import InputError
+from classify.base.errors import InputError
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel, running_panel
 from tests.memory_growth import growth_bytes
 

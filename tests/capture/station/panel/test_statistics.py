@@ -19,7 +19,7 @@ from capture.station.gauge.gauge_report import GaugeReport, write_gauge_report
 from capture.station.panel.statistics import gauge_of
 from capture.station.results.history import Selection
 from capture.station.verdict import Decision
-from classify.errors import InputError
+from classify.base.errors import InputError
 from tests.capture.station.panel.panels import RunningPanel, running_panel
 from tests.capture.station.results.many import fill, many
 

@@ -12,7 +12,7 @@ import time
 from dataclasses import asdict
 from pathlib import Path
 
-from capture.process_settings import settle_process
+from capture.base.process_settings import settle_process
 
 
 def main(folder: Path, parts: int, frame_px: int, classes: int) -> None:

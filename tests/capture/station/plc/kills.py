@@ -27,7 +27,7 @@ os.environ |= {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_T
 
 import cv2
 
-from capture.process.utc_time import utc_text
+from capture.base.utc_time import utc_text
 from capture.station.cycle.events import Publisher
 from capture.station.folder import StationFolder, station_folder
 from capture.station.interface_config import ModbusConfig

@@ -35,7 +35,7 @@ from capture.station.plc.registers import (
     Status,
 )
 from capture.station.verdict import Cause, Decision
-from classify.errors import InputError
+from classify.base.errors import InputError
 from tests.capture.station.plc.lines import (
     NOTHING,
     SESSION,

@@ -18,7 +18,7 @@ from capture.station.live.live_station import LiveStation
 from capture.station.plc.example_client import run_ladder
 from capture.station.plc.ladder import Judged
 from capture.station.recipe.recipe_folder import RecipeFolder
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 PARTS = 3
 

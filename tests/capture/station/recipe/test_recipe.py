@@ -17,7 +17,7 @@ from capture.station.recipe.recipe import (
     require_approved,
 )
 from capture.station.recipe.recipe_file import read_recipe, recipe_text, write_recipe
-from classify.errors import InputError
+from classify.base.errors import InputError
 from rig.errors import ConfigError
 
 # No lower-case "unknown" and no surrogates; the rule for labels is tested elsewhere.

@@ -5,7 +5,7 @@ from datetime import datetime, timedelta
 
 from sqlalchemy import insert
 
-from capture.process.utc_time import utc_text
+from capture.base.utc_time import utc_text
 from capture.station.results.part_result import PartResult
 from capture.station.results.rows import row_of
 from capture.station.results.schema import begun_parts, results

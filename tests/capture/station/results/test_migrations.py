@@ -11,7 +11,7 @@ from capture.station.results.removals import record_removals
 from capture.station.results.schema import VERSION
 from capture.station.results.store import open_store
 from capture.station.verdict import Decision
-from classify.errors import InputError
+from classify.base.errors import InputError
 from tests.postgresql_server import PostgresqlServer
 
 from .parts import UTC

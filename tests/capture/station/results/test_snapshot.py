@@ -11,7 +11,7 @@ import pytest
 from capture.station.results.removals import record_removals
 from capture.station.results.snapshot import copy_results
 from capture.station.results.store import ResultStore, open_store
-from classify.errors import InputError
+from classify.base.errors import InputError
 from tests.capture.station.results.parts import UTC, inspect
 from tests.postgresql_server import PostgresqlServer
 

@@ -18,7 +18,7 @@ from capture.station.results.database import (
 from capture.station.results.removals import record_removals
 from capture.station.results.store import ResultStore, open_store
 from capture.station.verdict import Decision
-from classify.errors import InputError
+from classify.base.errors import InputError
 from tests.postgresql_server import PostgresqlServer
 
 from .conftest import OpenStore

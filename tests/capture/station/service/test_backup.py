@@ -26,7 +26,7 @@ from capture.station.service.backup import prepared_backup
 from capture.station.service.manifest import MANIFEST
 from capture.station.service.restore import opened_backup
 from capture.station.verification import verify_station
-from classify.errors import InputError
+from classify.base.errors import InputError
 from tests.capture.station.days_with_parts import make_days
 from tests.capture.station.production import ForkedRun, contradictions, taught_station
 from tests.capture.station.results.parts import inspect

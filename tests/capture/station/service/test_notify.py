@@ -13,7 +13,7 @@ from capture.station.cycle.events import PartAnnounced, StateChanged
 from capture.station.cycle.states import State
 from capture.station.cycle.triggers import Trigger, TriggerTarget
 from capture.station.service.notify import Notifier
-from classify.errors import InputError
+from classify.base.errors import InputError
 from rig import HardwareError
 from tests.capture.station.stations import PASSED, Bench, Manual, Said, bench, small_set
 

@@ -10,7 +10,7 @@ import pytest
 from capture.station.folder import StationFolder, make_station
 from capture.station.service.unit import unit_name, unit_text
 from capture.station.service.unit_check import checks_of_unit
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 # systemd 252 gives 2.0; a service without options has 9.6.
 MOST_EXPOSURE = 2.2

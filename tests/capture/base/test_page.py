@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from jinja2 import UndefinedError
 
-from capture.page.skeleton import image_html, page_html, rendered, simulated_notice, table_html
+from capture.base.page import image_html, page_html, rendered, simulated_notice, table_html
 from tests.html_page import Page
 
 # A parser of HTML reads line ends alike, and no surrogate or NUL.
@@ -68,7 +68,7 @@ def test_every_template_of_a_page_can_be_read() -> None:
     templates = [
         path.relative_to(ROOM).as_posix()
         for path in ROOM.rglob("*.html")
-        if '{% extends "page/' in path.read_text(encoding="utf-8")
+        if '{% extends "base/' in path.read_text(encoding="utf-8")
     ]
     assert len(templates) >= 6
     for template in templates:

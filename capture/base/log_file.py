@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 
 def append_line(path: Path, line: str) -> None:

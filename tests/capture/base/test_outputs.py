@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from capture.outputs import check_output, csv_line
+from capture.base.outputs import check_output, csv_line
 from classify import InputError
 
 

@@ -33,7 +33,7 @@ for _ in range(10):
 faults = resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
 print(json.dumps([faults, [os.environ.get(name) for name in {variables}]]))
 """
-SETTLE = "from capture.process_settings import settle_process; settle_process()"
+SETTLE = "from capture.base.process_settings import settle_process; settle_process()"
 
 
 @pytest.fixture
@@ -86,7 +86,8 @@ def test_threads_do_not_wait_long_for_one_another(
 @pytest.mark.parametrize("count", ["99999", "9" * 5000])
 def test_too_many_threads_are_one_line(run_python: Callable[..., str], count: str) -> None:
     program = (
-        "import classify.threads as t\ntry: t.thread_count()\nexcept t.InputError as e: print(e)"
+        "import classify.base.threads as t\n"
+        "try: t.thread_count()\nexcept t.InputError as e: print(e)"
     )
     said = run_python(program, NUMBA_NUM_THREADS=count)
     assert said == "NUMBA_NUM_THREADS is over 1024; give that or fewer\n"

@@ -9,10 +9,16 @@ from functools import partial
 
 import pytest
 
-from classify.errors import InputError
-from classify.processors import bound_to
-from classify.threads import beside, map_in_threads, run_on_rows, set_thread_count, thread_count
-from classify.workers import Task
+from classify.base.errors import InputError
+from classify.base.processors import bound_to
+from classify.base.threads import (
+    beside,
+    map_in_threads,
+    run_on_rows,
+    set_thread_count,
+    thread_count,
+)
+from classify.base.workers import Task
 
 
 @pytest.fixture(autouse=True)
@@ -139,7 +145,7 @@ def test_an_interrupt_reaches_both_threads() -> None:
 
 def test_a_process_ends_while_a_kept_thread_computes() -> None:
     code = """
-from classify.threads import beside, set_thread_count
+from classify.base.threads import beside, set_thread_count
 import time
 set_thread_count(2)
 beside(lambda: (time.sleep(0.2), print("done", flush=True)))
@@ -162,8 +168,8 @@ def test_a_processor_that_is_not_there_binds_nothing() -> None:
 def test_bound_threads_have_processors_of_their_own() -> None:
     code = """
 import os, threading
-from classify.processors import usable_processors
-from classify.threads import beside_workers, bind_workers, map_in_threads, thread_count
+from classify.base.processors import usable_processors
+from classify.base.threads import beside_workers, bind_workers, map_in_threads, thread_count
 everywhere = os.sched_getaffinity(0)
 with beside_workers():
     assert os.sched_getaffinity(0) == everywhere

@@ -2,7 +2,7 @@
 
 from enum import StrEnum
 
-from classify.errors import InputError, Ps4rigError
+from classify.base.errors import InputError, Ps4rigError
 
 
 class SetRejected(Ps4rigError):  # noqa: N818 - a verdict on a set, not an error of the program

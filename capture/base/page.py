@@ -1,4 +1,4 @@
-"""Self-contained HTML pages from Jinja2 templates, which extend ``page/skeleton.html``."""
+"""Self-contained HTML pages from Jinja2 templates, which extend ``base/skeleton.html``."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def page_html(
 ) -> str:
     """Return a page of sections, HTML by heading; notices are HTML too."""
     parts = {"sections": sections, "facts": facts, "notices": notices, "note": note}
-    return rendered("page/sections.html", title=title, kind=kind, **parts)
+    return rendered("base/sections.html", title=title, kind=kind, **parts)
 
 
 def simulated_notice(thing: str) -> str:

@@ -10,7 +10,7 @@ HOLD = """
 import sys
 from pathlib import Path
 {block}
-from capture.process.folder_lock import folder_lock
+from capture.base.folder_lock import folder_lock
 with folder_lock(Path(sys.argv[1]), "owner.lock"):
     print("held", flush=True)
     sys.stdin.readline()

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from capture.process.crash_log import report_crash
+from capture.base.crash_log import report_crash
 
 Spawn = Callable[..., Any]
 

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from classify.kernel_cache import _CodeFiles
+from classify.base.kernel_cache import _CodeFiles
 
 # `scaled` is compiled for arrays that are contiguous, and for others.
 PROGRAM = """
 import resource, sys
 import numpy as np
-from classify.compiling import kernel
+from classify.base.compiling import kernel
 
 @kernel
 def scaled(values):

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from classify import durable_folder as module
-from classify.durable_folder import durable_folder
-from classify.errors import InputError
+from classify.base import durable_folder as module
+from classify.base.durable_folder import durable_folder
+from classify.base.errors import InputError
 
 NAMES = ("index", "a", "b")
 

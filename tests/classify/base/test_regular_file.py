@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from classify.errors import InputError
-from classify.regular_file import read_regular_file
+from classify.base.errors import InputError
+from classify.base.regular_file import read_regular_file
 
 
 def test_a_file_and_a_link_to_it_are_read_up_to_the_limit(tmp_path: Path) -> None:

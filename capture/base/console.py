@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, ParamSpec, Protocol, TypeVar
 import typer
 from rich.console import Console
 
-from classify.errors import InputError, Ps4rigError
+from classify.base.errors import InputError, Ps4rigError
 
-from .process.interrupts import INTERRUPTED_STATUS, interruptible
+from .interrupts import INTERRUPTED_STATUS, interruptible
 
 if TYPE_CHECKING:
     from rich.table import Table

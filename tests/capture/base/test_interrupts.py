@@ -27,7 +27,7 @@ clock = "real"
 """
 PROGRAM = """
 import signal, sys, time
-from capture.process.interrupts import install_handlers, interruptible
+from capture.base.interrupts import install_handlers, interruptible
 
 class Interrupts:
     def __del__(self):
@@ -152,7 +152,7 @@ def test_a_command_is_interrupted_once(run_python: Run, block: str, stdout: str)
 
 LATE = """
 import signal, sys
-from capture.process.interrupts import install_handlers, interruptible
+from capture.base.interrupts import install_handlers, interruptible
 
 class Late:
     def __del__(self, raise_signal=signal.raise_signal, number=signal.{number}):

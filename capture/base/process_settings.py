@@ -5,7 +5,7 @@ import gc
 import os
 import sys
 
-from classify.threads import bind_workers, thread_count
+from classify.base.threads import bind_workers, thread_count
 
 # Names and numbers of mallopt(3).
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8

@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from classify.durable_file import require_folder
-from classify.errors import InputError
+from classify.base.durable_file import require_folder
+from classify.base.errors import InputError
 
 _BEGIN_FORMULAS = ("=", "+", "-", "@", "\t", "\r", "\n")
 

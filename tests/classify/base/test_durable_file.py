@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-import classify.durable_file as module
+import classify.base.durable_file as module
 from classify import InputError
-from classify.durable_file import durable_file
+from classify.base.durable_file import durable_file
 
 
 def names(folder: Path) -> list[str]:
@@ -170,7 +170,7 @@ def test_the_file_of_a_killed_writer_is_removed_by_the_next(tmp_path: Path) -> N
     program = (
         "import os, signal, sys\n"
         "from pathlib import Path\n"
-        "from classify.durable_file import durable_file\n"
+        "from classify.base.durable_file import durable_file\n"
         "with durable_file(Path(sys.argv[1])) as temporary:\n"
         "    temporary.write_text('half')\n"
         "    os.kill(os.getpid(), signal.SIGKILL)\n"

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from classify.errors import InputError
+from classify.base.errors import InputError
 
 from .utc_time import utc_text
 

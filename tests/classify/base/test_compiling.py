@@ -14,7 +14,7 @@ import classify
 PROGRAM = """
 import numpy as np
 from classify import Lighting, photometric_stereo
-from classify.compiling import kernel_cache_folder
+from classify.base.compiling import kernel_cache_folder
 
 lighting = Lighting.ring(45.0)
 images = np.full((4, 8, 8), 100, np.uint8)
@@ -54,7 +54,7 @@ def test_constants_of_kernels_come_from_files_whose_change_compiles_anew() -> No
     """A constant of another file would stay as it was in the cached machine code."""
     package = Path(classify.__file__).parent
     digested = {path for path in package.rglob("*.py") if "@kernel" in path.read_text()}
-    digested |= {package / "shadow_rule.py", package / "compiling.py"}
+    digested |= {package / "shadow_rule.py", package / "base" / "compiling.py"}
     for path in digested:
         body = ast.parse(path.read_text()).body
         sources = {

@@ -1,0 +1,1 @@
+"""What every storey stands on: console, signals, streams, locks, times, pages, outputs."""

@@ -1,1 +1,0 @@
-"""The skeleton of self-contained HTML pages: maps, calibration, session, studies."""

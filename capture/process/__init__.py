@@ -1,1 +1,0 @@
-"""Process of the command line: signals, streams, crash logs, folder locks, UTC."""
