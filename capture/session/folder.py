@@ -28,7 +28,7 @@ PLAN, TABLE = "plan.toml", "sets.csv"
 LOG, REPORT = "session.log", "report.html"
 SETS, _LOCK, _RESERVE = "sets", "session.lock", "session.reserve"
 _LOCKS = (_LOCK, _LOCK + LOCK_FILE_SUFFIX)
-# Of a set in journal and table: 1.2 kB on four lights without warnings (test_disk_full.py).
+# Size of a set in journal and table: 1.2 kB on four lights without warnings (test_disk_full.py).
 _ENTRY_BYTES = 2_000
 # The log, and blocks of the file system that are not filled.
 _SPARE_BYTES = 64_000

@@ -25,8 +25,8 @@ from classify.library.dissimilarity import (
 )
 
 Matrix = npt.NDArray[np.float64]
-# Distances of patches of one texture are log-normal with this deviation (joint_limits.py). Of the
-# largest of a session's distances, one in a hundred sessions has one beyond the limit by chance.
+# Distances of patches of one texture are log-normal with this deviation (joint_limits.py). In
+# one of a hundred sessions the largest distance is beyond the limit by chance.
 _SPREAD = 0.43
 _CHANCE = 0.01
 

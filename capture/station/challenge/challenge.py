@@ -107,11 +107,10 @@ def keep_replay(
 def require_challenge(
     files: RecipeFolder, inspector: Inspector, go_on: Callable[[], None] = lambda: None
 ) -> Replay:
-    """Raise ChallengeFailed unless this inspector meets the challenge set; a recorded replay
-    counts.
+    """Raise ChallengeFailed unless this inspector meets the challenge set, now or on record.
 
     The parts up to the first good one are judged in any case: another processor may judge
-    otherwise, and kernels are loaded.
+    otherwise, and the first part of the line need not wait for kernels.
     """
     _known_sha256.cache_clear()  # what runs now does not depend on times of files
     replay, outcomes = (

@@ -45,7 +45,7 @@ _PAUSE_S = 0.02
 _RETRY_S = 0.5
 # Time that a result waits for the database after a stop; then the next start makes it an ERROR.
 _LAST_WAIT_S = 5.0
-# The rig is as it was: the set alone failed.
+# These errors concern one set; the rig needs no recovery.
 _OF_THE_SET = (SetRejected, CalibrationError)
 
 
@@ -110,8 +110,8 @@ class Station:
         return Accepted(begun.part_id, begun.number)
 
     def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
-        """Load a recipe beside the parts; return when it judges all later parts, else
-        RecipeRefused.
+        """Load a recipe beside the parts, or raise RecipeRefused; it judges all later
+        parts when this returns.
         """
         with self._changeover.loading(name, by) as wanted:
             with self._lock:
@@ -269,7 +269,7 @@ class Station:
             if error is None or isinstance(error, _OF_THE_SET):
                 self._become_free()
             else:
-                # Nothing is known of the rig now.
+                # The state of the rig is unknown.
                 self._fail(error_text(error))
         if not isinstance(error, Exception | None):
             self.stop(error)

@@ -127,7 +127,7 @@ def _parts(call: Call) -> Response:
 
 
 def _counts(call: Call) -> Response:
-    # Both kinds of rigs, because each is counted apart.
+    # Both kinds of rigs: real and simulated parts are counted apart.
     selection = selection_of({"simulated": "true"} | dict(call.query))
     counters = call.panel.results.store.counters(selection)
     return JsonAnswer({"station": call.panel.folder.config.name, **counts_of(counters)})
@@ -135,7 +135,8 @@ def _counts(call: Call) -> Response:
 
 def _parts_csv(call: Call) -> Response:
     entries = call.panel.results.store.parts(selection_of(call.query))
-    # The first one before the answer begins: a database that does not answer is an error 503.
+    # The first piece is read before the answer begins, so that a database that does not answer is
+    # an error 503.
     first = list(islice(entries, 1))
     lines = csv_pieces(chain(first, entries))
     # Each piece goes through a thread: one for each line would cost more than the lines.

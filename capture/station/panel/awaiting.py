@@ -8,8 +8,8 @@ from functools import partial
 from capture.station.live.live_station import LiveStation
 from capture.station.live.subscription import Subscription
 
-# The end of an exposure, readiness, and the next trigger come within it: one message instead of
-# four for each client. A verdict may be 200 ms late.
+# Events within this time are one message: the end of an exposure, readiness, the next trigger.
+# A verdict may be 200 ms late.
 GATHER_MS = 10
 _VERDICT = "part"
 

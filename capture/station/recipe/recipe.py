@@ -24,7 +24,7 @@ Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 class Orientation(Section):
     """How a part must lie."""
 
-    # From `reference_deg`; None accepts every orientation.
+    # Largest difference from `reference_deg`; None accepts every orientation.
     tolerance_deg: Annotated[float, Field(gt=0.0, le=180.0)] | None = None
     # Anticlockwise, with the zero of the taught parts.
     reference_deg: Annotated[FiniteFloat, Field(ge=-360.0, le=360.0)] = 0.0
@@ -68,12 +68,12 @@ class GeneralLimits(Limits):
     """Limits of all textures, with the default values of those that a recipe does not set."""
 
     unmeasured_fraction: Share = 0.05  # teaching takes it from the good parts
-    blur_px: Positive = 1.0  # removes the finest scale (``classify/texture/blur.py``)
+    blur_px: Positive = 1.0  # it removes the finest scale (``classify/texture/blur.py``)
     octaves: Positive = 1.0
     window: Positive = 1.0
     seam: Positive = 1.0
     defect: Positive = 1.0
-    # Below four adjacent cells of the defect map, 2 x 2 or 256 px: a hole.
+    # Four adjacent cells of the defect map (256 px) without a score are a hole in the surface.
     unjudged_px: Annotated[int, Field(ge=0)] = 255
 
 

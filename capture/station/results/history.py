@@ -191,7 +191,7 @@ def conditions(station: str, selection: Selection) -> Iterator[ColumnElement[boo
         (results.c.part_id, selection.part_id),
     ):
         if value is not None:
-            # As it was stored: what no database can hold selects nothing, and is no error.
+            # An id with invalid characters matches no row.
             yield column == (storable(value) if isinstance(value, str) else value)
     if selection.below_number is not None:
         yield results.c.number < selection.below_number

@@ -101,7 +101,7 @@ def prepared_backup(folder: Path, path: Path) -> Iterator[Backup]:
     results = config.results_in(folder)
     with (
         sets_stay(folder),
-        # Beside the backup, whose disk needs the space in any case.
+        # The copy lies beside the backup, whose disk needs the space in any case.
         locked_temporary(path.absolute().parent, path) as copy,
     ):
         found, database = ResultsSnapshot(0, ()), None
