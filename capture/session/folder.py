@@ -60,8 +60,7 @@ class SessionFolder:
     def missing(
         self, plan: SessionPlan | None = None, *, left_out: bool = False
     ) -> list[PlannedSet]:
-        """Planned sets (of `plan` in place of the session's) that were not captured, or lost their
-        file.
+        """Planned sets, of the session or of `plan`, that were not captured or lost their file.
 
         Sets that were left out are missing only with `left_out`.
         """

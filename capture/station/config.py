@@ -78,7 +78,7 @@ class StationConfig(Section):
     results: Annotated[str, Field(min_length=1, max_length=4096), AfterValidator(_results)] = (
         "results.sqlite"
     )
-    operator: Text | None = None  # responsible for the results
+    operator: Text | None = None  # person responsible for the results
     trigger: Literal["timer", "enter", "sensor", "http", "modbus"] = "enter"
     # Period of the timer; 0 triggers as soon as the station is ready. With a simulated part sensor
     # it is the time from a ready station to the next part.
@@ -89,7 +89,7 @@ class StationConfig(Section):
     buffers: int = Field(default=2, ge=1, le=64)
     # Free space below which triggers are refused.
     disk_floor_mb: int = Field(default=500, ge=1, le=10_000_000)
-    plate_check: bool = False  # compare the rig at the start with its calibration by a white sheet
+    plate_check: bool = False  # compares the rig with its calibration, by a white sheet
     # Time between two attempts to open a rig that was lost.
     reconnect_s: float = Field(default=5.0, ge=0.01, le=3600.0)
     retention: Retention = Retention()

@@ -173,7 +173,6 @@ class RunRecipes:
         return list(check_calibration_age(file, recipe.recipe.calibration))
 
     def _record(self, wanted: UsableRecipe, by: Asker) -> None:
-        """Write the change into the log of changes."""
         before, after = _named(self.present.recipe), _named(wanted.recipe)
         record_change(self._store, "loaded recipe", before, after, by=by.name, role=by.role)
 

@@ -185,7 +185,7 @@ def strangers(separation: Separation) -> Iterator[tuple[str, str]]:
     """Sets that look like another class, or like none.
 
     A set is far if it is beyond the limit of its specimen, and by more than sets of the session
-    are.
+    are: of a single material all distances are large, because its own quarters are the unit.
     """
     names, entries = separation.specimens, separation.entries
     own = np.array([names.index(entry.piece) for entry in entries])

@@ -112,7 +112,7 @@ def require_challenge(
     The parts up to the first good one are judged in any case: another processor may judge
     otherwise, and the first part of the line need not wait for kernels.
     """
-    _known_sha256.cache_clear()  # what runs now does not depend on times of files
+    _known_sha256.cache_clear()  # the files that run now are hashed, whatever their times
     replay, outcomes = (
         valid_replay(files, inspector.fingerprint, go_on),
         replay_challenge(files, inspector, go_on),

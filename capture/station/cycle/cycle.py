@@ -110,9 +110,7 @@ class Station:
         return Accepted(begun.part_id, begun.number)
 
     def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
-        """Load a recipe beside the parts, or raise RecipeRefused; it judges all later
-        parts when this returns.
-        """
+        """Load a recipe, which judges all later parts when this returns; or raise RecipeRefused."""
         with self._changeover.loading(name, by) as wanted:
             with self._lock:
                 if self._machine.state not in (State.READY, State.EXECUTING):
@@ -131,9 +129,7 @@ class Station:
     # The run.
 
     def run(self, source: TriggerSource) -> StationStopped:
-        """Serve triggers until the source ends, the parts are done, or Ctrl-C, which is raised at
-        the end.
-        """
+        """Serve triggers until the source ends, the parts are done, or Ctrl-C, which is raised."""
         threads = [
             GuardedThread(work, self.stop, f"station {name}")
             for name, work in (("capture", self._capture_parts), ("verdict", self._judge_parts))

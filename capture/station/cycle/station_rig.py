@@ -41,9 +41,7 @@ class PartCamera(Protocol):
         """Check the open rig; compare it with a white sheet at the start, if configured."""
 
     def capture(self, number: int) -> tuple[CapturedSet, float]:
-        """Capture the part; return its set and the `time.monotonic` at the end of the last
-        exposure.
-        """
+        """Capture the part; return its set and the `time.monotonic` of its last exposure's end."""
 
     def close(self) -> None:
         """Put the LEDs out and release the rig; a closed one stays closed. Never raises."""

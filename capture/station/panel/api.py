@@ -105,9 +105,7 @@ def _acknowledge(call: Call) -> Response:
 def newest_parts(
     call: Call, selection: Selection, most: int
 ) -> tuple[list[HistoryEntry], int | None]:
-    """Return selected parts, the newest first, and the ``below`` of the next page, None on the
-    last.
-    """
+    """Return selected parts, the newest first, and ``below`` of the next page, None on the last."""
     if "below" in call.query:
         selection = replace(selection, below_number=whole_number(call, "below", 1, 2**53))
     entries = list(call.panel.results.store.parts(selection, newest=most + 1))[::-1]

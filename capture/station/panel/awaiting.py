@@ -49,7 +49,7 @@ class Awaiting:
             loop.call_soon_threadsafe(self._set_all)
 
     def _set_all(self) -> None:
-        self._is_due = False  # first: what comes from now on wakes again
+        self._is_due = False  # reset first, so that later events wake again
         for each in self._all:
             each.set()
 

@@ -295,7 +295,6 @@ class Handshake:
         return self._recipes.index(self._recipe.name) + 1
 
     def _name_at(self, position: int) -> str | None:
-        """Return the name of the recipe at a position, or None if there is none."""
         return self._recipes[position - 1] if 1 <= position <= len(self._recipes) else None
 
     # Results.

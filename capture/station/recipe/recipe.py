@@ -34,13 +34,13 @@ class Orientation(Section):
 class Limits(Section):
     """Limits of a part that passes; None sets no limit."""
 
-    distance: Positive | None = None  # largest to the texture, beside the limit of the library
-    margin: Share | None = None  # least to the next texture, beside that of the library, 0.15
+    distance: Positive | None = None  # largest distance, beside the limit of the library
+    margin: Share | None = None  # least margin, beside that of the library, 0.15
     # Least and largest root mean square slope (ISO 25178-2).
     sdq: Range | None = Field(default=None, strict=False)
     shadow_fraction: Share | None = None  # largest share of pixels that a light does not reach
     unmeasured_fraction: Share | None = None  # largest share of pixels without a slope
-    blur_px: Positive | None = None  # largest against the taught parts, sigma of a Gaussian
+    blur_px: Positive | None = None  # largest blur against the taught parts, sigma of a Gaussian
     # Least and largest mean, as a share of full scale at the taught exposure.
     albedo: Range | None = Field(default=None, strict=False)
     # Least and largest size of the texture against the taught one.
