@@ -50,7 +50,7 @@ class RecipeLoader:
         self._operator, self._clock = operator, clock
 
     def first(self) -> UsableRecipe:
-        """Load the recipe with which a run begins; raises as `load`."""
+        """Load the recipe with which a run begins."""
         name, configured = first_recipe(self._folder), self._folder.config.recipe
         try:
             return self.load(self._folder.recipe_files(name))

@@ -88,7 +88,7 @@ def replay_challenge(
 def run_challenge(
     files: RecipeFolder, inspector: Inspector, show: ShowProgress = progress
 ) -> Replay:
-    """Judge every part of the challenge, and keep the outcome; raises as `replay_challenge`."""
+    """Judge every part of the challenge, and keep the outcome."""
     total = len(read_challenge(files.challenge).sets)
     parts = tuple(show(replay_challenge(files, inspector), total, "replay"))
     return keep_replay(files, inspector, parts)

@@ -131,7 +131,7 @@ class Inspector:
 
     @classmethod
     def of(cls, recipe: Recipe, files: RecipeFolder, calibration: Path | None = None) -> Self:
-        """Load what teaching made for a recipe that was read; raises as `load`."""
+        """Load what teaching made for a recipe that was read."""
         made = files.version(recipe.version)
         taught = taught_for(recipe, files)
         models = {name: models_of(made, recipe, taught, name) for name in recipe.passes}

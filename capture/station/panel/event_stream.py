@@ -71,7 +71,7 @@ async def _messages(
         while not is_closed:
             with suppress(TimeoutError):
                 await asyncio.wait_for(changed.wait(), max(due_s - loop.time(), 0.0))
-            if loop.time() >= due_s:  # a line whose events never pause is checked, too
+            if loop.time() >= due_s:  # sent also where events never pause
                 yield ": still here\n\n"
                 due_s = loop.time() + KEEP_ALIVE_S
                 if check is None:
