@@ -115,7 +115,7 @@ class PlaceSpecimen:
     """Put the specimen below the camera; REPEAT captures the previous placement once more."""
 
     planned: PlannedSet
-    # Opens the rig for live images if necessary, until the answer.
+    # Returns the rig for live images until the answer, and opens it if necessary.
     live_rig: Callable[[], Rig] | None = field(default=None, compare=False)
 
 

@@ -28,7 +28,7 @@ PLAN, TABLE = "plan.toml", "sets.csv"
 LOG, REPORT = "session.log", "report.html"
 SETS, _LOCK, _RESERVE = "sets", "session.lock", "session.reserve"
 _LOCKS = (_LOCK, _LOCK + LOCK_FILE_SUFFIX)
-# Of a set in journal and table: 1.2 kB on four lights without warnings (test_disk_full.py).
+# Size of a set in journal and table: 1.2 kB on four lights without warnings (test_disk_full.py).
 _ENTRY_BYTES = 2_000
 # The log, and blocks of the file system that are not filled.
 _SPARE_BYTES = 64_000
@@ -60,8 +60,7 @@ class SessionFolder:
     def missing(
         self, plan: SessionPlan | None = None, *, left_out: bool = False
     ) -> list[PlannedSet]:
-        """Planned sets (of `plan` in place of the session's) that were not captured, or lost their
-        file.
+        """Planned sets, of the session or of `plan`, that were not captured or lost their file.
 
         Sets that were left out are missing only with `left_out`.
         """

@@ -72,10 +72,9 @@ class SpecimenReference:
     def orientation_deg(
         self, surface: SurfaceEstimate, entered_deg: float | None = None
     ) -> float | None:
-        """Orientation of a surface of the same specimen, nearest to `entered_deg` modulo 180; or
-        None.
+        """Orientation of a surface of the same specimen, nearest to `entered_deg` modulo 180.
 
-        Relative to the first set if that has no orientation.
+        It is relative to the first set if that has no orientation.
         """
         profile = None
         if self._library is not None:

@@ -30,9 +30,7 @@ class PlacementGuide:
 
     @classmethod
     def of(cls, first: Path, asked_deg: float | None = None) -> Self:
-        """Make the guide from the first set of a specimen, for its orientation without
-        `asked_deg`.
-        """
+        """Make the guide from the first set of a specimen, by default for its orientation."""
         changed_ns = first.stat().st_mtime_ns if first.is_file() else 0
         outline, reference, first_deg = _known(first, changed_ns)
         asked_deg = first_deg if asked_deg is None else asked_deg

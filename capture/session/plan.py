@@ -128,12 +128,12 @@ class SessionPlan(Section):
     orientations_deg: tuple[Degrees, ...] = Field(min_length=1, max_length=3600, strict=False)
     repeats: int = Field(default=1, ge=1, le=999)  # sets of each placement
     average: int = Field(default=1, ge=1, le=MAX_AVERAGE)  # frames that each image averages
-    # ``search``: for each specimen at its first placement; None: that of the rig.
+    # ``search`` finds one for each specimen at its first placement; None takes that of the rig.
     exposure_ms: Annotated[Exposure, BeforeValidator(_exposure)] = None
     # Without ``.ome.tif``; ``{specimen}``, ``{angle}`` and ``{repeat}`` stand for the set.
     file_name: str = Field(default="{specimen}-{angle}-{repeat}", max_length=100)
     calibration_required: bool = False  # refuse sets without a calibration that fits the rig
-    # Command without a shell before each placement; ``{angle}`` stands for the degrees.
+    # Command, run without a shell before each placement; ``{angle}`` stands for the degrees.
     turntable: str | None = None
     turntable_timeout_s: float = Field(default=60.0, gt=0.0, le=3600.0)
     # In the order of their capture.
@@ -180,7 +180,7 @@ class SessionPlan(Section):
             raise ValueError(f"the plan has {len(self)} sets; up to {_MAX_SETS} are handled")
         files: dict[str, PlannedSet] = {}
         for planned in self.sets():
-            # Not even on a file system that ignores case.
+            # Some file systems ignore case.
             other = files.setdefault(planned.file_name.casefold(), planned)
             if other is not planned:
                 raise ValueError(

@@ -20,7 +20,7 @@ from .folder import PLAN, SETS, SessionFolder
 from .journal import Journal, SetEntry
 from .plan import SessionPlan, read_plan
 
-# What they change is counted by itself: sets that are missing, and those no longer planned.
+# These fields add and remove planned sets, which are counted by themselves.
 _OF_NO_SET = ("orientations_deg", "repeats", "file_name", "turntable", "turntable_timeout_s")
 
 

@@ -78,7 +78,7 @@ def run_session(
         software_version=version("ps4rig"),
     )
     check_rig(folder, config)
-    # Before the journal: a calibration that cannot be read begins no run.
+    # Read before the journal is written: an unreadable calibration begins no run.
     new_runner = _Runner(folder, config, ask, publish, left_out)
     folder.reserve()
     if changes := rig_changes(folder.journal, config):

@@ -155,7 +155,6 @@ class _StoredSets:
 
 
 def _check_as_captured(captured: CapturedSet) -> None:
-    """Check a set as `capture_set` does."""
     assert captured.ambient is not None
     lighting, full_scale = captured.lighting, captured.metadata.full_scale
     names = [f"LED {light}" for light in range(len(lighting))]
@@ -222,7 +221,6 @@ def run_bench(
 
 
 def _steps_ms(announced: Sequence[PartAnnounced]) -> dict[str, tuple[float, ...]]:
-    """Durations of the steps of all parts that have them."""
     times = [event.result.timings_ms for event in announced]
     names = ("checks", "solve", "match", "defects", "inspect", "save")
     steps = {name: tuple(each[name] for each in times if name in each) for name in names}

@@ -33,9 +33,10 @@ def _results(text: str) -> str:
 class Retention(Section):
     """Which set files of parts stay on disk; rows of results always stay."""
 
-    # One in so many passed parts keeps its set file; 1 keeps all.
+    # One in `pass_every` of the parts that passed keeps its set file; 1 keeps all.
     pass_every: int = Field(default=20, ge=1, le=1_000_000)
-    # Age at which the others go; at least 1: today's folder may still receive files.
+    # Age at which the other set files are removed; at least 1, because today's folder may still
+    # receive files.
     pass_days: float = Field(default=7.0, ge=1.0, le=36_500.0)
 
 
@@ -77,18 +78,19 @@ class StationConfig(Section):
     results: Annotated[str, Field(min_length=1, max_length=4096), AfterValidator(_results)] = (
         "results.sqlite"
     )
-    operator: Text | None = None  # responsible for the results
+    operator: Text | None = None  # person responsible for the results
     trigger: Literal["timer", "enter", "sensor", "http", "modbus"] = "enter"
-    # 0 triggers as soon as ready; with a simulated sensor: from ready to the next part.
+    # Period of the timer; 0 triggers as soon as the station is ready. With a simulated part sensor
+    # it is the time from a ready station to the next part.
     timer_s: float = Field(default=2.0, ge=0.0, le=86_400.0)
-    # From the edge of the part sensor to the first light.
+    # Time from the edge of the part sensor to the first light.
     sensor_delay_ms: float = Field(default=0.0, ge=0.0, le=60_000.0)
-    # Exposed parts that may wait for their verdict; a trigger beyond is refused.
+    # Number of exposed parts that may wait for their verdict; further triggers are refused.
     buffers: int = Field(default=2, ge=1, le=64)
     # Free space below which triggers are refused.
     disk_floor_mb: int = Field(default=500, ge=1, le=10_000_000)
-    plate_check: bool = False  # compare the rig at the start with its calibration by a white sheet
-    # Between two attempts to open a rig that was lost.
+    plate_check: bool = False  # compares the rig with its calibration, by a white sheet
+    # Time between two attempts to open a rig that was lost.
     reconnect_s: float = Field(default=5.0, ge=0.01, le=3600.0)
     retention: Retention = Retention()
     simulated_parts: SimulatedParts = SimulatedParts()

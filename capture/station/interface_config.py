@@ -96,7 +96,7 @@ class ModbusConfig(Section):
     @field_validator("recipes")
     @classmethod
     def _recipes_differ(cls, names: tuple[str, ...]) -> tuple[str, ...]:
-        # The registers show one position of a recipe: a PLC would select the other one forever.
+        # The registers show one position of a recipe: a PLC that selects the other waits forever.
         if len(set(names)) < len(names):
             raise ValueError("a recipe is named twice; give each once")
         return names

@@ -25,7 +25,7 @@ _LOCK = "sets.lock"
 _PATIENCE_S, _RETRY_S = 60.0, 0.1
 # Files in one transaction; an interrupted removal repeats at most this many.
 _BATCH = 200
-# Days with parts that stay at least: that of a clock that was set ahead, and the one before.
+# Least number of days with parts that stay: that of a clock set ahead, and the one before.
 _LEAST_DAYS = 2
 
 

@@ -50,7 +50,7 @@ class RecipeLoader:
         self._operator, self._clock = operator, clock
 
     def first(self) -> UsableRecipe:
-        """Load the recipe with which a run begins; raises as `load`."""
+        """Load the recipe with which a run begins."""
         name, configured = first_recipe(self._folder), self._folder.config.recipe
         try:
             return self.load(self._folder.recipe_files(name))
@@ -173,7 +173,6 @@ class RunRecipes:
         return list(check_calibration_age(file, recipe.recipe.calibration))
 
     def _record(self, wanted: UsableRecipe, by: Asker) -> None:
-        """Write the change into the log of changes."""
         before, after = _named(self.present.recipe), _named(wanted.recipe)
         record_change(self._store, "loaded recipe", before, after, by=by.name, role=by.role)
 

@@ -172,7 +172,6 @@ class SessionTerminal:
 
 
 def _line_of(entry: SetEntry) -> str:
-    """One line for a captured set."""
     measures = entry.measures
     if measures is None:
         return f"{entry.file}: captured"

@@ -25,8 +25,8 @@ from classify.library.dissimilarity import (
 )
 
 Matrix = npt.NDArray[np.float64]
-# Distances of patches of one texture are log-normal with this deviation (joint_limits.py). Of the
-# largest of a session's distances, one in a hundred sessions has one beyond the limit by chance.
+# Distances of patches of one texture are log-normal with this deviation (joint_limits.py). In
+# one of a hundred sessions the largest distance is beyond the limit by chance.
 _SPREAD = 0.43
 _CHANCE = 0.01
 
@@ -185,7 +185,7 @@ def strangers(separation: Separation) -> Iterator[tuple[str, str]]:
     """Sets that look like another class, or like none.
 
     A set is far if it is beyond the limit of its specimen, and by more than sets of the session
-    are.
+    are: of a single material all distances are large, because its own quarters are the unit.
     """
     names, entries = separation.specimens, separation.entries
     own = np.array([names.index(entry.piece) for entry in entries])

@@ -88,7 +88,7 @@ def replay_challenge(
 def run_challenge(
     files: RecipeFolder, inspector: Inspector, show: ShowProgress = progress
 ) -> Replay:
-    """Judge every part of the challenge, and keep the outcome; raises as `replay_challenge`."""
+    """Judge every part of the challenge, and keep the outcome."""
     total = len(read_challenge(files.challenge).sets)
     parts = tuple(show(replay_challenge(files, inspector), total, "replay"))
     return keep_replay(files, inspector, parts)
@@ -107,13 +107,12 @@ def keep_replay(
 def require_challenge(
     files: RecipeFolder, inspector: Inspector, go_on: Callable[[], None] = lambda: None
 ) -> Replay:
-    """Raise ChallengeFailed unless this inspector meets the challenge set; a recorded replay
-    counts.
+    """Raise ChallengeFailed unless this inspector meets the challenge set, now or on record.
 
     The parts up to the first good one are judged in any case: another processor may judge
-    otherwise, and kernels are loaded.
+    otherwise, and the first part of the line need not wait for kernels.
     """
-    _known_sha256.cache_clear()  # what runs now does not depend on times of files
+    _known_sha256.cache_clear()  # the files that run now are hashed, whatever their times
     replay, outcomes = (
         valid_replay(files, inspector.fingerprint, go_on),
         replay_challenge(files, inspector, go_on),

@@ -148,7 +148,7 @@ class Changeover:
             with self_test.collecting() as require:
                 require(recipes.use(recipe))
                 require(camera.test(is_start=False))
-            # Before the announcement: a kill now leaves a recipe that could be taken.
+            # Recorded before the announcement: a kill in between leaves a recipe that is usable.
             recipes.keep(recipe, wanted.by)
         except BaseException as error:
             try:

@@ -45,7 +45,7 @@ _PAUSE_S = 0.02
 _RETRY_S = 0.5
 # Time that a result waits for the database after a stop; then the next start makes it an ERROR.
 _LAST_WAIT_S = 5.0
-# The rig is as it was: the set alone failed.
+# These errors concern one set; the rig needs no recovery.
 _OF_THE_SET = (SetRejected, CalibrationError)
 
 
@@ -110,9 +110,7 @@ class Station:
         return Accepted(begun.part_id, begun.number)
 
     def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
-        """Load a recipe beside the parts; return when it judges all later parts, else
-        RecipeRefused.
-        """
+        """Load a recipe, which judges all later parts when this returns; or raise RecipeRefused."""
         with self._changeover.loading(name, by) as wanted:
             with self._lock:
                 if self._machine.state not in (State.READY, State.EXECUTING):
@@ -131,9 +129,7 @@ class Station:
     # The run.
 
     def run(self, source: TriggerSource) -> StationStopped:
-        """Serve triggers until the source ends, the parts are done, or Ctrl-C, which is raised at
-        the end.
-        """
+        """Serve triggers until the source ends, the parts are done, or Ctrl-C, which is raised."""
         threads = [
             GuardedThread(work, self.stop, f"station {name}")
             for name, work in (("capture", self._capture_parts), ("verdict", self._judge_parts))
@@ -269,7 +265,7 @@ class Station:
             if error is None or isinstance(error, _OF_THE_SET):
                 self._become_free()
             else:
-                # Nothing is known of the rig now.
+                # The state of the rig is unknown.
                 self._fail(error_text(error))
         if not isinstance(error, Exception | None):
             self.stop(error)

@@ -27,7 +27,7 @@ class Equipment:
     """The objects that a station works with."""
 
     camera: PartCamera
-    judge: PartJudge  # until another recipe is loaded
+    judge: PartJudge  # used until another recipe is loaded
     store: ResultStore
     # Makes all checks except those of the rig, while no part is in progress.
     prepare: Callable[[], list[Check]]

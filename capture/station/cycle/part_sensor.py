@@ -22,12 +22,11 @@ class PartSensor:
     def await_part(self, station: TriggerTarget, is_over: Callable[[], bool]) -> None:
         """Wait for a part and submit its trigger, unless `is_over`.
 
-        Parts that came since the last wait are refused: a row each, one for all beyond
-        `MOST_RECORDED`.
+        Parts that came since the last wait are refused, with a row each up to `MOST_RECORDED`.
         """
         missed = self._rig.missed_parts()
         for _ in range(min(missed, MOST_RECORDED)):
-            if is_over():  # a locked database takes its patience for each row
+            if is_over():  # each row may wait for a locked database
                 break
             station.refuse(Trigger(_SOURCE), f"the part {_MISSED}")
             missed -= 1

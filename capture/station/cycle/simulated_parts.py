@@ -25,7 +25,7 @@ class SimulatedPart:
     """One part of the feed."""
 
     placement: Placement
-    is_other: bool  # its surface is an unexpected one
+    is_other: bool  # whether its surface is an unexpected one
 
     @property
     def is_good(self) -> bool:

@@ -23,7 +23,7 @@ from .simulated_parts import simulated_part
 
 # Least time from the beginning of the wait to a simulated part: the controller is armed by then.
 _SIMULATED_ARRIVAL_S = 0.1
-# Parts whose pixels are not accepted for another part; their hashes take 2 MB.
+# Number of earlier parts that a new part is compared with; their hashes take 2 MB.
 MOST_KNOWN = 10_000
 
 
@@ -41,9 +41,7 @@ class PartCamera(Protocol):
         """Check the open rig; compare it with a white sheet at the start, if configured."""
 
     def capture(self, number: int) -> tuple[CapturedSet, float]:
-        """Capture the part; return its set and the `time.monotonic` at the end of the last
-        exposure.
-        """
+        """Capture the part; return its set and the `time.monotonic` of its last exposure's end."""
 
     def close(self) -> None:
         """Put the LEDs out and release the rig; a closed one stays closed. Never raises."""
@@ -64,7 +62,7 @@ class StationRig:
         self._rig: Rig | None = None
         self._is_simulated = rig_config.is_simulated
         self._part: ArrivedPart | None = None
-        # Parts that the sensor saw and that are accounted for, and the controller that counts them.
+        # Number of parts of the sensor that are accounted for, and the controller that counts them.
         self._counted, self._controller = 0, ""
         self._parts: dict[str, int] = {}  # numbers of the last parts by the hash of their pixels
         path = rig_config.calibration
@@ -150,7 +148,7 @@ class StationRig:
         """Put the LEDs out and release the rig; a closed one stays closed."""
         rig, self._rig = self._rig, None
         if rig is not None:
-            # Nothing is known of a rig that failed; its watchdog puts the LEDs out.
+            # A rig that failed may not answer; its watchdog puts the LEDs out.
             with suppress(Exception):
                 rig.close()
 

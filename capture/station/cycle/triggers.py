@@ -143,9 +143,7 @@ class SensorTrigger:
 
 
 class LineTrigger:
-    """A trigger for each line of text, which is the part's id; ``q`` or the end of the text ends
-    it.
-    """
+    """A trigger for each line of text, the part's id; ``q`` or the end of the text ends it."""
 
     def __init__(self, read_line: Callable[[], str]) -> None:
         self._read_line = read_line

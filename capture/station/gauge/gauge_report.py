@@ -47,7 +47,7 @@ class GaugeReport(Record):
     recipe_sha256: Sha256 | None  # None for results of an earlier run
     simulated: bool
     presentations: int
-    effectiveness: GaugeShare  # this to `rating`, and `wrong`: as in `GaugeStudy`
+    effectiveness: GaugeShare  # `effectiveness` to `rating`: as in `GaugeStudy`
     misses: GaugeShare
     false_alarms: GaugeShare
     rating: Rating

@@ -131,12 +131,12 @@ class Inspector:
 
     @classmethod
     def of(cls, recipe: Recipe, files: RecipeFolder, calibration: Path | None = None) -> Self:
-        """Load what teaching made for a recipe that was read; raises as `load`."""
+        """Load what teaching made for a recipe that was read."""
         made = files.version(recipe.version)
         taught = taught_for(recipe, files)
         models = {name: models_of(made, recipe, taught, name) for name in recipe.passes}
         library = TextureLibrary.load(made.library)
-        # After loading, so that a file that is exchanged meanwhile is found.
+        # Hashed after loading, so that a file that is exchanged meanwhile is detected.
         check_unchanged(recipe, made.library, file_sha256(made.library), taught.library_sha256)
         found = None
         if calibration is not None:
@@ -157,8 +157,8 @@ class Inspector:
     def inspect(self, captured: CapturedSet) -> Inspection:
         """Judge one part.
 
-        A set that cannot be judged gets the verdict ERROR with its cause; the caller does so for
-        exceptions.
+        A set that cannot be judged gets the verdict ERROR with its cause; the caller turns
+        exceptions into that verdict.
         """
         begun = self._begun
         if begun is not None and begun.is_of(captured):

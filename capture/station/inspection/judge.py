@@ -39,7 +39,7 @@ class Measures:
     saturated_fraction: float | None = None  # share of the pixels that a light saturates
     # Against the brightest LED, as a share of the taught ratio.
     led_levels: tuple[tuple[str, float], ...] = ()
-    sdq: float | None = None  # this to `seam`: as in `Limits`
+    sdq: float | None = None  # `sdq` to `seam`: as in `Limits`
     shadow_fraction: float | None = None
     albedo: float | None = None
     scale: float | None = None
@@ -115,7 +115,6 @@ def _of_the_texture(recipe: Recipe, measures: Measures) -> Iterator[Finding]:
 
 
 def _unknown(match: Match, limits: Limits) -> Iterator[Finding]:
-    """Why the texture is unknown."""
     bounds = [bound for bound in (match.limit, limits.distance) if bound is not None]
     name = f"distance to {match.nearest}"
     if not bounds:

@@ -33,7 +33,7 @@ class Device:
 
     name: str  # ``camera``, ``lights``, ``plc``, ``disk`` or ``database``
     status: Status  # ``off``: not configured; ``unknown``: not tested yet
-    text: str = ""  # what was found
+    text: str = ""
 
 
 class DeviceStates:
@@ -45,7 +45,7 @@ class DeviceStates:
         self._tested["plc"] = Device("plc", "off", "no PLC is configured")
         # Failures since the last self-test that passed.
         self._failed: dict[str, Device] = {}
-        self._has_weak_led = False  # by the last part whose levels were measured
+        self._has_weak_led = False  # of the last part with measured levels
 
     def all(self) -> tuple[Device, ...]:
         """Return all devices."""

@@ -204,7 +204,7 @@ class LiveStation:
             raise RecipeRefused("not ready: the station is starting", RecipeRefusal.NOT_READY)
         loaded = target.load_recipe(name, by)
         with self._lock:
-            # A snapshot must show it, unless somebody has loaded another one since.
+            # A snapshot must show the recipe, unless somebody has loaded another one since.
             self._lock.wait_for(lambda: self._recipe == loaded, _TOLD_S)
         return loaded
 
@@ -291,7 +291,7 @@ class LiveStation:
             after = [each for each in self._events if each.id > event_id]
             return after if len(after) == self._event_id - event_id else None
 
-    # Under the lock.
+    # These methods are called under the lock.
 
     def _append(self, fields: Mapping[str, Any]) -> None:
         self._event_id += 1

@@ -65,9 +65,7 @@ class Subscription:
             self._tell()
 
     def take(self, timeout_s: float = 0.0) -> tuple[list[LiveEvent], int]:
-        """Wait up to `timeout_s` for an event; return the events, and how many were lost before
-        them.
-        """
+        """Wait up to `timeout_s` for an event; return all, and how many were lost before them."""
         with self._condition:
             self._condition.wait_for(lambda: self._waiting or self._is_closed, timeout_s)
             events, missed = list(self._waiting), self._missed

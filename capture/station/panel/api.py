@@ -105,9 +105,7 @@ def _acknowledge(call: Call) -> Response:
 def newest_parts(
     call: Call, selection: Selection, most: int
 ) -> tuple[list[HistoryEntry], int | None]:
-    """Return selected parts, the newest first, and the ``below`` of the next page, None on the
-    last.
-    """
+    """Return selected parts, the newest first, and ``below`` of the next page, None on the last."""
     if "below" in call.query:
         selection = replace(selection, below_number=whole_number(call, "below", 1, 2**53))
     entries = list(call.panel.results.store.parts(selection, newest=most + 1))[::-1]
@@ -127,7 +125,7 @@ def _parts(call: Call) -> Response:
 
 
 def _counts(call: Call) -> Response:
-    # Both kinds of rigs, because each is counted apart.
+    # Both kinds of rigs: real and simulated parts are counted apart.
     selection = selection_of({"simulated": "true"} | dict(call.query))
     counters = call.panel.results.store.counters(selection)
     return JsonAnswer({"station": call.panel.folder.config.name, **counts_of(counters)})
@@ -135,7 +133,8 @@ def _counts(call: Call) -> Response:
 
 def _parts_csv(call: Call) -> Response:
     entries = call.panel.results.store.parts(selection_of(call.query))
-    # The first one before the answer begins: a database that does not answer is an error 503.
+    # The first piece is read before the answer begins, so that a database that does not answer is
+    # an error 503.
     first = list(islice(entries, 1))
     lines = csv_pieces(chain(first, entries))
     # Each piece goes through a thread: one for each line would cost more than the lines.

@@ -8,8 +8,8 @@ from functools import partial
 from capture.station.live.live_station import LiveStation
 from capture.station.live.subscription import Subscription
 
-# The end of an exposure, readiness, and the next trigger come within it: one message instead of
-# four for each client. A verdict may be 200 ms late.
+# Events within this time are one message: the end of an exposure, readiness, the next trigger.
+# A verdict may be 200 ms late.
 GATHER_MS = 10
 _VERDICT = "part"
 
@@ -49,7 +49,7 @@ class Awaiting:
             loop.call_soon_threadsafe(self._set_all)
 
     def _set_all(self) -> None:
-        self._is_due = False  # first: what comes from now on wakes again
+        self._is_due = False  # reset first, so that later events wake again
         for each in self._all:
             each.set()
 

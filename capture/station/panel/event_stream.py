@@ -23,7 +23,7 @@ KEEP_ALIVE_S = 15.0
 _RETRY_MS = 1000
 _MOST_GATHER_MS = 1000
 _MEDIA_TYPE = "text/event-stream"
-# Beside other requests, of the 256 connections that the server takes.
+# The server takes 256 connections: some stay free for other requests.
 MOST_STREAMS = 128
 
 
@@ -46,7 +46,7 @@ async def events(call: Call) -> Response:
 
     gather_s = 1e-3 * whole_number(call, "gather_ms", GATHER_MS, _MOST_GATHER_MS)
     stream = _messages(live, call.panel.awaiting, last, gather_s, may_go_on)
-    # Without buffering by a proxy.
+    # A proxy must not buffer the events.
     headers = {"X-Accel-Buffering": "no"}
     return StreamingResponse(stream, media_type=_MEDIA_TYPE, headers=headers)
 
@@ -58,7 +58,7 @@ async def _messages(
     gather_s: float,
     may_go_on: Callable[[], Awaitable[bool]],
 ) -> AsyncIterator[str]:
-    # Not before the stream begins: one that never does would keep its subscription.
+    # Subscribe when the stream begins: one that never begins would keep its subscription.
     with awaiting.subscribed(MOST_STREAMS) as (subscription, changed):
         if subscription is None:
             return
@@ -71,7 +71,7 @@ async def _messages(
         while not is_closed:
             with suppress(TimeoutError):
                 await asyncio.wait_for(changed.wait(), max(due_s - loop.time(), 0.0))
-            if loop.time() >= due_s:  # also where events never pause
+            if loop.time() >= due_s:  # sent also where events never pause
                 yield ": still here\n\n"
                 due_s = loop.time() + KEEP_ALIVE_S
                 if check is None:

@@ -86,7 +86,7 @@ async def _answer(panel: Panel, route: PanelRoute, request: Request) -> Response
             return RedirectResponse(f"/login?next={quote(request.url.path, safe='')}", 303)
         if not who.role.includes(route.role):
             raise Denied(403, f"{who.name} is {who.role}; this needs the role {route.role}")
-    # Read after the decision: nobody without a role makes this program wait for a body.
+    # The body is read after the check of the role: others cannot make this program wait for it.
     fields = fields_of(request, await read_body(request)) if is_change else {}
     if is_change and who is not None and who.via == "session" and route.role is not None:
         given = request.headers.get(CSRF_HEADER, fields.get(CSRF_FIELD))

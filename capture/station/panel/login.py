@@ -11,7 +11,7 @@ from .render import page
 from .routes import Call, PanelRoute
 from .security import Denied
 
-# A place on this station: one slash, then no second one, which would begin the name of a host.
+# A path on this station: it begins with one slash; two would begin the name of a host.
 _PLACE = re.compile(r"/(?![/\\])[A-Za-z0-9/._-]*")
 
 

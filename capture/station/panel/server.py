@@ -99,7 +99,7 @@ class _Handshake(SSLProtocol):
     """
 
     def __init__(self, context: ssl.SSLContext, connections: set[Any], above: _Protocol) -> None:
-        # Nothing waits for the handshake: the error of one that fails needs nobody to take it.
+        # Nobody awaits the handshake: a future would hold an error that nobody retrieves.
         waiter: Any = None
         super().__init__(
             asyncio.get_running_loop(),

@@ -25,4 +25,4 @@ class SharedAnswers:
     def _forget(self, key: Hashable, done: asyncio.Task[bytes]) -> None:
         del self._made[key]
         if not done.cancelled():
-            done.exception()  # nobody may be left to hear of it
+            done.exception()  # retrieved here, because all clients may have left

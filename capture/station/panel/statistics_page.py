@@ -13,7 +13,7 @@ from .routes import Call, PanelRoute
 from .statistics import statistics_of
 from .statistics_api import statistics_selection
 
-# Remarks below a figure, the last ones; its CSV has all.
+# Number of last remarks below a figure; its CSV has all.
 _MOST_REMARKS = 10
 
 

@@ -43,7 +43,7 @@ from .registers import (
 )
 from .selection import SOURCE, Selection
 
-# Number of unacknowledged results beyond which the PLC does not run its program.
+# With more unacknowledged results than this, the PLC does not run its program.
 MOST_WAITING = 16
 _CODES = {
     Refusal.NOT_READY: ErrorCode.NOT_READY,
@@ -261,7 +261,7 @@ class Handshake:
         if reason is not None:
             self._error, text = reason
             return TriggerRequest(trigger_id, part_id, refusal=text)
-        # The station may just have loaded another recipe by somebody else's wish.
+        # The station may have loaded another recipe for somebody else meanwhile.
         recipe = self._name_at(given["recipe"])
         self._current = self._unanswered = TriggerRequest(trigger_id, part_id, recipe)
         return self._current
@@ -295,7 +295,6 @@ class Handshake:
         return self._recipes.index(self._recipe.name) + 1
 
     def _name_at(self, position: int) -> str | None:
-        """Return the name of the recipe at a position, or None if there is none."""
         return self._recipes[position - 1] if 1 <= position <= len(self._recipes) else None
 
     # Results.

@@ -44,8 +44,8 @@ _ANSWERS = Status.ACK | Status.REFUSED | Status.RECIPE_LOADED | Status.RECIPE_RE
 class Ladder:
     """The program of a PLC that triggers parts and sorts them by their verdicts.
 
-    Set `recipe` (0: whichever is loaded) between parts, then `part_id`, None once the part may
-    move.
+    Set `recipe` (0 is whichever is loaded) between parts, then `part_id`, which becomes None as
+    soon as the part may move.
     """
 
     def __init__(self) -> None:
@@ -64,9 +64,7 @@ class Ladder:
         self._expected: dict[int, tuple[str, float]] = {}
 
     def scan(self, inputs: Mapping[str, Any], now_s: float) -> dict[str, Any]:
-        """Return what the PLC writes, by name, for the whole page that it has read from the
-        station.
-        """
+        """Return what the PLC writes, by name, for the whole page that it has read."""
         if inputs["session"] != self._session:
             self._begin_session(inputs)
         status = Status(inputs["status"])

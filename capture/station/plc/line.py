@@ -17,7 +17,7 @@ from .handshake import Handshake, TriggerRequest
 from .selection import ASKER, SOURCE, RecipeRequest
 
 _log = logging.getLogger(__name__)
-# At the end of a run: many scans of a PLC's program.
+# Time that the last results wait for the PLC: many scans of its program.
 _LAST_S = 3.0
 # The station's heartbeat counts up twice a second.
 TICK_S = 0.5
@@ -65,7 +65,7 @@ class PlcLine:
             loader = self._loader
         self._thread.join()
         if loader is not None:
-            # The stop refused a recipe that waits; one that is being loaded is refused after that.
+            # The end of the station refuses a recipe that waits, or that is still being loaded.
             loader.join()
 
     # The bus.
@@ -79,7 +79,7 @@ class PlcLine:
     def station_words(self) -> list[int]:
         """Return the registers that the station shows, of one moment."""
         with self._changed:
-            # The state can be ready a moment before.
+            # The state may be ready a moment before triggers are taken.
             self._handshake.is_open = self._live.is_attached
             return self._handshake.station_words()
 
@@ -120,7 +120,7 @@ class PlcLine:
     def _run(self) -> None:
         while True:
             with self._changed:
-                # The station tells nobody when it is attached.
+                # Attaching the station is no event, so this waits for at most `TICK_S`.
                 self._changed.wait_for(self._has_work, TICK_S)
                 is_closed = self._is_closed
                 request, self._request = self._request, None

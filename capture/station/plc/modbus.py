@@ -30,12 +30,12 @@ _READS, _WRITES = (3, 4, 23), (6, 16, 22, 23)
 MAX_CONNECTIONS = 16
 # A hundred answers: a client with more unread answers does not read.
 _MOST_UNREAD_BYTES = 16 * 1024
-# What a client has not acknowledged for this long, it does not read, or it is gone. The bound above
-# does not see that: Linux can drop what arrives at a full client, with the acknowledgements of the
+# A client that acknowledges nothing for this long does not read, or is gone. The bound above does
+# not detect this: Linux can drop what arrives at a full client, with the acknowledgements of the
 # client's own requests, so that neither side sends anything more.
 _MOST_UNACKNOWLEDGED_MS = 10_000
 _START_S = 60.0
-# Errors in what a client sends are its own: they would fill the terminal.
+# Not logged: errors in the requests of a client would fill the terminal.
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
 
 

@@ -24,7 +24,7 @@ Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 class Orientation(Section):
     """How a part must lie."""
 
-    # From `reference_deg`; None accepts every orientation.
+    # Largest difference from `reference_deg`; None accepts every orientation.
     tolerance_deg: Annotated[float, Field(gt=0.0, le=180.0)] | None = None
     # Anticlockwise, with the zero of the taught parts.
     reference_deg: Annotated[FiniteFloat, Field(ge=-360.0, le=360.0)] = 0.0
@@ -34,13 +34,13 @@ class Orientation(Section):
 class Limits(Section):
     """Limits of a part that passes; None sets no limit."""
 
-    distance: Positive | None = None  # largest to the texture, beside the limit of the library
-    margin: Share | None = None  # least to the next texture, beside that of the library, 0.15
+    distance: Positive | None = None  # largest distance, beside the limit of the library
+    margin: Share | None = None  # least margin, beside that of the library, 0.15
     # Least and largest root mean square slope (ISO 25178-2).
     sdq: Range | None = Field(default=None, strict=False)
     shadow_fraction: Share | None = None  # largest share of pixels that a light does not reach
     unmeasured_fraction: Share | None = None  # largest share of pixels without a slope
-    blur_px: Positive | None = None  # largest against the taught parts, sigma of a Gaussian
+    blur_px: Positive | None = None  # largest blur against the taught parts, sigma of a Gaussian
     # Least and largest mean, as a share of full scale at the taught exposure.
     albedo: Range | None = Field(default=None, strict=False)
     # Least and largest size of the texture against the taught one.
@@ -68,12 +68,12 @@ class GeneralLimits(Limits):
     """Limits of all textures, with the default values of those that a recipe does not set."""
 
     unmeasured_fraction: Share = 0.05  # teaching takes it from the good parts
-    blur_px: Positive = 1.0  # removes the finest scale (``classify/texture/blur.py``)
+    blur_px: Positive = 1.0  # it removes the finest scale (``classify/texture/blur.py``)
     octaves: Positive = 1.0
     window: Positive = 1.0
     seam: Positive = 1.0
     defect: Positive = 1.0
-    # Below four adjacent cells of the defect map, 2 x 2 or 256 px: a hole.
+    # Four adjacent cells of the defect map (256 px) without a score are a hole in the surface.
     unjudged_px: Annotated[int, Field(ge=0)] = 255
 
 

@@ -14,7 +14,7 @@ from .part_result import PartResult
 from .rows import result_of, storable
 from .schema import overrides, refused_triggers, removed_sets, results, same_part
 
-ROWS_AT_A_TIME = 500  # in memory
+ROWS_AT_A_TIME = 500  # held in memory
 
 
 @dataclass(frozen=True)
@@ -45,14 +45,14 @@ class HistoryEntry:
 class Selection:
     """A selection of the parts of a station; None selects all."""
 
-    since_utc: str | None = None  # of the trigger, included, as `until_utc`
+    since_utc: str | None = None  # both bounds are of the trigger, and included
     until_utc: str | None = None
     decision: Decision | None = None  # the verdict in force
     label: str | None = None
     recipe: str | None = None
     simulated: bool | None = None  # False selects production, True parts of a simulated rig
     part_id: str | None = None
-    below_number: int | None = None  # parts with a lower number
+    below_number: int | None = None
 
     def without_simulated(self) -> Self:
         """Return the same selection of production alone."""
@@ -191,7 +191,7 @@ def conditions(station: str, selection: Selection) -> Iterator[ColumnElement[boo
         (results.c.part_id, selection.part_id),
     ):
         if value is not None:
-            # As it was stored: what no database can hold selects nothing, and is no error.
+            # An id with invalid characters matches no row.
             yield column == (storable(value) if isinstance(value, str) else value)
     if selection.below_number is not None:
         yield results.c.number < selection.below_number

@@ -51,7 +51,7 @@ class PartResult:
     calibration_sha256: str | None = None
     set_file: str | None = None  # relative to the station's folder
     set_sha256: str | None = None  # of the pixels
-    label: str | None = None  # this to `blur_px`: as in `classify.Match`
+    label: str | None = None  # `label` to `blur_px`: as in `classify.Match`
     nearest: str | None = None
     orientation_deg: float | None = None
     distance: float | None = None
@@ -61,14 +61,14 @@ class PartResult:
     sdq: float | None = None  # ISO 25178-2
     shadow_fraction: float | None = None  # share of the region
     defect_score: float | None = None  # largest score of the defect map; 1 is the threshold
-    albedo: float | None = None  # this to `seam`: as in `Limits` of a recipe
+    albedo: float | None = None  # `albedo` to `seam`: as in `Limits` of a recipe
     scale: float | None = None
     handedness: float | None = None
     octaves: float | None = None
     window: float | None = None
     seam: float | None = None
     defects: tuple[DefectRecord, ...] = ()  # largest score first; those of windows last
-    led_levels: tuple[float, ...] = ()  # measured against taught, in the order of the lights
+    led_levels: tuple[float, ...] = ()  # against the taught ones, in the order of the lights
     timings_ms: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 

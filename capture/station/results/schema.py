@@ -218,7 +218,8 @@ def make_tables(connection: Connection) -> None:
 def append_only(dialect: str, table: str, keys: tuple[tuple[str, ...], ...]) -> Iterator[str]:
     """Statements after which the database refuses to change or to delete rows of a table.
 
-    `keys` are the columns of each unique key: ``INSERT OR REPLACE`` deletes without a trigger.
+    `keys` are the columns of each unique key: SQLite's ``INSERT OR REPLACE`` deletes the old
+    row without calling the trigger of a deletion.
     """
     if dialect == "postgresql":
         yield (

@@ -230,11 +230,11 @@ class ResultStore:
         return entries(self.reading, self.station, selection, newest)
 
     def part(self, part_id: str) -> HistoryEntry | None:
-        """Return one part; None if there is no result of it. Raises as `parts`."""
+        """Return one part; None if there is no result of it."""
         return next(self.parts(Selection(part_id=part_id)), None)
 
     def counters(self, selection: Selection = EVERY_PART) -> Counters:
-        """Count the selected parts, those of a simulated rig apart; raises as `parts`."""
+        """Count the selected parts, those of a simulated rig apart."""
         with self.reading() as connection:
             return counters(connection, self.station, selection)
 

@@ -62,9 +62,7 @@ class Backup:
         self.remarks = tuple(_remarks(folder, config, self._missing))
 
     def write(self, path: Path) -> Iterator[str]:
-        """Write the backup, which appears when it is complete and on disk; yield the name of
-        each file.
-        """
+        """Write the backup, which appears when it is on disk; yield the name of each file."""
         stored = []
         with durable_file(path) as temporary:
             temporary.chmod(0o600)  # it holds hashes of passwords
@@ -101,7 +99,7 @@ def prepared_backup(folder: Path, path: Path) -> Iterator[Backup]:
     results = config.results_in(folder)
     with (
         sets_stay(folder),
-        # Beside the backup, whose disk needs the space in any case.
+        # The copy lies beside the backup, whose disk needs the space in any case.
         locked_temporary(path.absolute().parent, path) as copy,
     ):
         found, database = ResultsSnapshot(0, ()), None

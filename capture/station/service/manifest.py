@@ -44,7 +44,7 @@ class Manifest(Record):
     software_version: str
     # SQLite file or PostgreSQL dump in the backup; None before the first run.
     database: InnerPath | None
-    parts: Count  # with a result
-    sets: Count  # number of set files
+    parts: Count  # those with a result
+    sets: Count
     missing: tuple[str, ...]  # set files that the results name
     files: Annotated[tuple[StoredFile, ...], Field(max_length=MOST_FILES)]

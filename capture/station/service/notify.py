@@ -85,7 +85,7 @@ class Notifier:
             if self._ping_s is None or not self._is_ready or self._alive != _WORKERS:
                 return
             if self._now_s() >= self._pinged_s + self._ping_s:
-                # The whole state again: a datagram before may have been lost.
+                # Send the whole state: an earlier datagram may have been lost.
                 self._send("WATCHDOG=1", *self._lines())
                 self._alive.clear()
                 self._pinged_s = self._now_s()

@@ -35,9 +35,7 @@ class OpenBackup:
             raise InputError(f"{path}: damaged: its files are not those of its manifest")
 
     def restore(self, folder: Path) -> Iterator[str]:
-        """Write the station to `folder`, which appears complete and on disk; yield the name of
-        each file.
-        """
+        """Write the station to `folder`, which appears complete; yield the name of each file."""
         folder = folder.absolute()
         if folder.is_symlink() or (folder.exists() and not _is_empty_folder(folder)):
             raise InputError(f"{folder}: exists and is not empty; give another folder")
@@ -59,7 +57,7 @@ class OpenBackup:
                     sync(made)
             sync(temporary)
             if folder.exists():
-                folder.rmdir()  # Windows renames nothing onto it
+                folder.rmdir()  # Windows cannot rename onto a folder
             temporary.rename(folder)
             sync(folder.parent)
 

@@ -53,7 +53,7 @@ def solved(kept: KeptSet, region: Region | None) -> tuple[LoadedSet, MeasuredSur
 
 
 def taught_part(kept: KeptSet, region: Region | None) -> TaughtPart:
-    """Measure a kept set; raises as `solved`, or if its region shows no texture."""
+    """Measure a kept set, whose region must show a texture."""
     loaded, measured = solved(kept, region)
     surface, about = measured.surface, loaded.captured.metadata
     try:

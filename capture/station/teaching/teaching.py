@@ -304,7 +304,6 @@ def _measured_limits(
     matches: Sequence[Match | None],
     models: Mapping[str, TextureModels],
 ) -> dict[str, Limits]:
-    """Limits of each texture that passes, from its good parts."""
     limits_of: dict[str, Limits] = {}
     for texture in recipe.passes:
         own = [n for n, part in enumerate(parts) if part.kept.texture == texture]

@@ -19,7 +19,7 @@ MOST_SESSIONS = 1000
 FAILURES_OF_A_NAME, FAILURES_OF_AN_ADDRESS = 5, 20
 PAUSE_S = 60.0
 _MOST_COUNTED = 10_000
-# The name of a user has up to 100 letters, and a request has room for 64,000: 2 MB instead of 1 GB.
+# Names of users have up to 100 letters. Without the cut, names of requests could take 1 GB.
 _COUNTED_LETTERS = 101
 
 

@@ -21,7 +21,7 @@ from rig.config.toml_file import read_toml_as
 class JudgedBy:
     """Recipe, solver and defect model that judged a part."""
 
-    recipe: Recipe  # as it was then
+    recipe: Recipe  # as it was when it judged the part
     method: Method | None  # None for the default of the lights
     defect_model: DefectModel | None  # None for a texture that does not pass
 

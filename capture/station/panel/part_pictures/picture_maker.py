@@ -17,7 +17,7 @@ from .part_view import Outline, part_view
 
 # The pictures of some fifty parts at the small size, or of twelve at the large one.
 KEPT_BYTES = 64 << 20
-# Parts that are asked for and not made yet: the twelve of the strip, of two browsers.
+# Number of parts whose pictures may wait: the twelve of the strip in two browsers.
 MOST_WAITING = 24
 
 
@@ -123,7 +123,7 @@ class PictureMaker:
         try:
             return self._worker.submit(made_pictures, task)
         except BrokenExecutor:
-            # Its end waits until all who wait for it were told, which needs the lock.
+            # `abort` waits until all futures are done; their callbacks need the lock held here.
             self._thread.submit(self._worker.abort)
             self._worker = self._start()
             return self._worker.submit(made_pictures, task)

@@ -71,7 +71,7 @@ class RecipeChanges:
         return state_of(self.files, self.calibration)
 
     def add_to_challenge(self, paths: Sequence[Path], expected: Expected) -> None:
-        """Add sets to the challenge set; raises as `challenge_set.add_to_challenge`."""
+        """Add sets to the challenge set."""
         add_to_challenge(self.files.challenge, paths, expected, self._record_part)
 
     def remove_from_challenge(self, file: str) -> None:
@@ -132,7 +132,7 @@ class RecipeChanges:
         return self._begin(title, title)
 
     def teach(self, paths: Sequence[Path], bad_texture: str | None) -> Teaching:
-        """Teach sets; raises as `teaching.teach`."""
+        """Teach sets."""
         names = [path.name for path in paths]
         change = self.begin_teaching(names, bad_texture, is_good=bad_texture is None)
         with change.recording_failure():
