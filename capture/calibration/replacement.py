@@ -193,7 +193,7 @@ def _flat_field(known: _Known, measured: _Known) -> Iterator[Difference]:
     before: FlatField = known.part
     now: FlatField = measured.part
     changes = now.logarithms(x, y) - before.logarithms(x, y)
-    changes -= changes.mean()  # the exposure
+    changes -= np.median(changes)  # the exposure, not the one light that changed
     errors = [each.figure("error_percent") / 100.0 for each in (known, measured)]
     for light, change in enumerate(np.abs(changes).max(axis=(1, 2)).tolist()):
         limit = _limit(_FLOOR_FLAT_FIELD, *errors)

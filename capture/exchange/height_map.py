@@ -19,7 +19,9 @@ def solved_height(loaded: LoadedSet) -> tuple[SurfaceEstimate, FloatMap]:
     """Solve a set and integrate its slopes: height in px, NaN where no slope is known."""
     surface = loaded.solve()
     if not surface.valid.any():
-        raise SetRejected("no pixel can be solved; check exposure and lights")
+        raise SetRejected(
+            f"{loaded.captured.path}: no pixel can be solved; check exposure and lights"
+        )
     height = integrate_gradients(surface.p, surface.q)
     height[~surface.valid] = np.nan
     return surface, height

@@ -4,6 +4,8 @@ import csv
 import io
 from collections.abc import Collection, Mapping, Sequence
 
+from capture.sets.description import plain
+
 from .journal import SetEntry
 from .plan import SessionPlan
 
@@ -36,7 +38,7 @@ def sets_table(
             state = "left out"
         elif key in present:
             state = "captured" if error is None else "damaged"
-        row = _row(entry) | {"planned": _cell(key in planned), "state": state, "error": error}
+        row = _row(entry) | {"planned": plain(key in planned), "state": state, "error": error}
         if entry.description is None:
             row["label"] = labels.get(entry.specimen)
         rows.append(row)
@@ -53,7 +55,7 @@ def sets_table(
 def _row(entry: SetEntry) -> dict[str, Cell]:
     row: dict[str, Cell] = {
         "specimen": entry.piece,
-        "orientation_deg": _cell(entry.entered_deg),
+        "orientation_deg": plain(entry.entered_deg),
         "repeat": entry.repeat,
         "file": entry.file,
         "captured_utc": entry.captured_utc,
@@ -64,13 +66,13 @@ def _row(entry: SetEntry) -> dict[str, Cell]:
     if said is not None:
         row |= {
             "label": said.label,
-            "exposure_ms": _cell(said.exposure_ms),
+            "exposure_ms": plain(said.exposure_ms),
             "operator": said.operator,
             "note": said.note,
             "calibration": " ".join(said.calibration_ids),
             "corrected": " ".join(said.corrected),
         }
-        row |= {_column(name): _cell(value) for name, value in said.properties.items()}
+        row |= {_column(name): plain(value) for name, value in said.properties.items()}
     if measures is not None:
         row |= {
             "estimated_deg": _rounded(measures.estimated_deg, 2),
@@ -89,15 +91,9 @@ def _level(light: int) -> str:
 
 def _column(name: str) -> str:
     """Column of a property: its name, unless a column of every table is called so."""
-    taken = name.casefold() in COLUMNS or name.casefold().startswith("level_led_")
+    small = name.casefold()
+    taken = small in COLUMNS or small.startswith(("level_led_", "property_"))
     return f"property_{name}" if taken else name
-
-
-def _cell(value: bool | float | str | None) -> Cell:
-    """Return a value exactly: whole numbers without a fraction, truth values in small letters."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    return repr(value).removesuffix(".0") if isinstance(value, float) else value
 
 
 def _rounded(value: float | None, digits: int) -> float | None:

@@ -88,6 +88,13 @@ def as_captured(metadata: SetMetadata, field: str) -> Property | None:
     return next(before, value_of(metadata, field))
 
 
+def plain(value: Property | None) -> str | int | None:
+    """Return a value exactly: whole numbers without a fraction, truth values in small letters."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return repr(value).removesuffix(".0") if isinstance(value, float) else value
+
+
 def checked_properties(values: Mapping[str, object]) -> dict[str, Property]:
     """Return properties of a specimen that can stand in the metadata of a set, dates as text."""
     if len(values) > _MAX_PROPERTIES:
@@ -137,8 +144,9 @@ def _value(name: str, text: str, before: Property | None) -> Property | None:
 
 def _toml_value(text: str) -> object:
     """Read a number, a truth value or a date as a plan does; anything else is a text."""
+    small = text.lower() if text.lower() in ("true", "false") else text
     try:
-        value: object = tomllib.loads(f"value = {text}")["value"]
+        value: object = tomllib.loads(f"value = {small}")["value"]
     except ValueError:
         return text
     return value if isinstance(value, bool | int | float | date | time) else text

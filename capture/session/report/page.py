@@ -10,6 +10,7 @@ from capture.base.utc_time import readable_utc
 from capture.maps import pictures
 from capture.maps.figures import tile_html
 from capture.session.folder import SessionFolder
+from capture.sets.description import plain
 
 from . import figures
 from .analysis import SessionAnalysis, SpecimenResult
@@ -97,7 +98,7 @@ def _specimen(name: str, result: SpecimenResult, found: SessionAnalysis) -> str:
         images.append(image_html(figures.spectrum_figure(result.spectra), "polar spectra", caption))
     count = sum(entry.piece == name for entry in found.entries)
     label, note = captured.label or "-", captured.metadata.note
-    properties = [f"{key} = {value}" for key, value in captured.metadata.properties.items()]
+    properties = [f"{key} = {plain(value)}" for key, value in captured.metadata.properties.items()]
     said = ", ".join([f"class {label}", *([note] if note else []), *properties, f"{count} sets"])
     return f'<h3>{escape(name)}</h3><p>{escape(said)}</p><div class="tiles">{"".join(images)}</div>'
 

@@ -57,8 +57,11 @@ def noise(gain: float = 2.5, read: float = 2.0, error: float = 0.001) -> Any:
     return measured("noise", Noise(SensorNoise(gain, read, 0.0), 0.01), gain_error_share=error)
 
 
-def flat_field(slope: float = 0.1, percent: float = 0.1, placements: int = 2) -> Any:
+def flat_field(
+    slope: float = 0.1, percent: float = 0.1, placements: int = 2, dimmer: float = 0.0
+) -> Any:
     coefficients = np.zeros((4, 2, 2))
+    coefficients[1, 0, 0] = -dimmer
     coefficients[:, 0, 1] = [slope, 0.1, 0.1, 0.1]
     part = FlatField(coefficients, np.tile([-1.0, 1.0], (4, 1)))
     return measured("flat_field", part, error_percent=percent, placements=placements)
@@ -101,6 +104,7 @@ def file_with(*parts: MeasuredPart) -> CalibrationFile:
         (lights(60.0, px=None), "light 0 in another direction"),
         (lights(px=230.0, distance=0.01), "light 0 at 230 px instead of 200"),
         (flat_field(0.3), "light 0 of another strength"),
+        (flat_field(dimmer=0.3), r"light 1 of another strength \(35 % apart"),
         (response(2.2), "another curve"),
         (noise(3.0), "3 electrons per pixel value instead of 2.5"),
         (noise(2.5, 4.0), "a read noise of 4 instead of 2"),

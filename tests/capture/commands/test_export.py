@@ -126,7 +126,9 @@ def test_a_mesh_is_that_of_the_valid_pixels(
     else:
         assert np.frombuffer(data, "<u4", 1, offset=80)[0] == 12
     made_set(np.zeros((4, 8, 9), np.uint16)).save("black.ome.tif")
-    assert "no pixel can be solved" in refused("export", "black.ome.tif", f"b{name}", status=1)
+    assert "black.ome.tif: no pixel can be solved" in refused(
+        "export", "black.ome.tif", f"b{name}", status=1
+    )
 
 
 @pytest.mark.parametrize(("name", "element"), [("a.ply", 64 * 64 * 15), ("a.stl", 63 * 63 * 100)])

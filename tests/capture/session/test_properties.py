@@ -31,6 +31,7 @@ made = 2026-05-17
 at = 2026-05-17T08:30:00Z
 "thickness (\u00b5m)" = 80
 label = "a < b"
+property_label = "c"
 
 [[specimen]]
 id = "sand-1"
@@ -39,7 +40,7 @@ surface = "sand"
 PROPERTIES = {
     "mass_g": 12.5, "count": 3, "whole": 5.0, "polished": True, "batch": "007",
     "made": "2026-05-17", "at": "2026-05-17T08:30:00+00:00", "thickness (\u00b5m)": 80,
-    "label": "a < b",
+    "label": "a < b", "property_label": "c",
 }  # fmt: skip
 
 
@@ -64,15 +65,17 @@ def test_properties_go_from_the_plan_to_everything(ps4rig: Command, plan: Path) 
     rock, sand = rows()
     shown = {"mass_g": "12.5", "count": "3", "whole": "5", "polished": "true", "batch": "007",
              "made": "2026-05-17", "at": "2026-05-17T08:30:00+00:00", "thickness (\u00b5m)": "80",
-             "property_label": "a < b", "label": "rock-1"}  # fmt: skip
+             "property_label": "a < b", "property_property_label": "c",
+             "label": "rock-1"}  # fmt: skip
     assert {name: rock[name] for name in shown} == shown
     assert {sand[name] for name in shown} - {"", "sand-1"} == set()
     (answer,) = json.loads(ps4rig("info", path, "--json").stdout)
     assert answer["properties"] == PROPERTIES
-    assert "  property       mass_g = 12.5" in ps4rig("info", path).stdout.splitlines()
+    lines = ps4rig("info", path).stdout.splitlines()
+    assert {f"  property       {each}" for each in ("mass_g = 12.5", "polished = true")} < {*lines}
     assert ps4rig("session", "report", "stones").exit_code == 0
     page = Path("stones/report.html").read_text()
-    assert "mass_g = 12.5, count = 3" in page
+    assert "mass_g = 12.5, count = 3, whole = 5, polished = true" in page
     assert "a &lt; b" in page
 
 
@@ -82,6 +85,7 @@ def test_properties_go_from_the_plan_to_everything(ps4rig: Command, plan: Path) 
         ("mass_g=13", 13, "13"),
         ("batch=8", "8", "8"),
         ("polished=false", False, "false"),
+        ("polished=False", False, "false"),
         ("owner=J. Wu", "J. Wu", "J. Wu"),
         ("cut=2026-01-31", "2026-01-31", "2026-01-31"),
         ("mass_g=", None, None),
