@@ -1,6 +1,8 @@
 """An HTML page, read as a browser reads it."""
 
+import re
 from html.parser import HTMLParser
+from pathlib import Path
 
 VOID = {"meta", "img", "br"}
 
@@ -30,3 +32,17 @@ class Page(HTMLParser):
 
     def all(self, tag: str) -> list[dict[str, str | None]]:
         return [attributes for name, attributes in self.elements if name == tag]
+
+
+_LINK = re.compile(r"""\b(?:src|href|action|data|poster|srcset)\s*=\s*["']?([^"'>\s]*)""")
+
+
+def self_contained(path: Path) -> str:
+    """HTML of a page, its embedded images cut to ``data:TYPE``; it must load nothing else."""
+    html = re.sub(r"(data:[\w/+-]*)[^\"']*", r"\1", path.read_text(encoding="utf-8"))
+    targets = _LINK.findall(html)
+    assert [target for target in targets if not target.startswith(("#", "data:"))] == []
+    anchors = {target[1:] for target in targets if target.startswith("#")}
+    assert anchors <= set(re.findall(r'\bid="([^"]*)"', html))
+    assert not re.search(r"@import|url\(\s*['\"]?(?!#|data:)", html)
+    return html

@@ -6,7 +6,6 @@ from typing import Annotated
 import typer
 
 from capture.base.console import out, reported
-from classify.base.errors import InputError
 
 from . import options
 
@@ -19,7 +18,7 @@ def demo(
     force: options.Force = False,
 ) -> None:
     """Capture, train and classify on the simulated rig, and write a report."""
-    from capture.studies.demo.run import run_demo
+    from capture.demo.run import run_demo
 
     run_demo(output, force=force)
 
@@ -41,28 +40,12 @@ def reproduce(
             metavar="DIR",
         ),
     ] = None,
-    photographs: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder of folders of photographs with lights.json: measure solvers and "
-            "recognition on these instead of the chapter.",
-            metavar="DIR",
-        ),
-    ] = None,
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,
 ) -> None:
     """Measure every figure and table of the thesis's chapter 9 on simulated surfaces."""
-    if photographs is not None:
-        if quick or materials is not None:
-            raise InputError("--photographs measures no materials; leave out --materials, --quick")
-        from capture.studies.reproduction.photographs.run import reproduce_photographs
-
-        page = reproduce_photographs(photographs, output)
-        out.print(f"{page}: solvers on real photographs", soft_wrap=True)
-        return
-    from capture.studies.reproduction.plan import material_textures, plan_of
-    from capture.studies.reproduction.run import reproduce as run
+    from capture.chapter.plan import material_textures, plan_of
+    from capture.chapter.run import reproduce as run
 
     page = run(plan_of(quick, material_textures(materials)), output, workers, scheduler)
     out.print(f"{page}: every figure and table (simulated)", soft_wrap=True)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture.studies.reproduction.plan import Texture, material_textures
+from capture.chapter.plan import Texture, material_textures
 from classify import SurfaceEstimate, TextureLibrary, learn_defects
 from classify.base.errors import InputError
 from tests.evidence.defects.detectors import DETECTORS, OURS

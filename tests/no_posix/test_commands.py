@@ -245,9 +245,6 @@ def test_work_goes_to_other_processes_which_end_with_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_demo_and_the_figures_are_made(ran: Ran, tmp_path: Path) -> None:
-    data = ROOT / "tests" / "data"
+def test_the_demo_is_made(ran: Ran, tmp_path: Path) -> None:
     ran("demo --out report")
-    ran(f"reproduce --out figures --photographs {data}")
     assert (tmp_path / "report" / "report.html").is_file()
-    assert (tmp_path / "figures" / "photographs.html").is_file()

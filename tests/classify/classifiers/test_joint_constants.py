@@ -13,8 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from capture.studies.reproduction.patches import CachedPatch
-from capture.studies.reproduction.plan import Conditions, PatchPosition, Texture, material_textures
+from capture.chapter.patches import CachedPatch
+from capture.chapter.plan import Conditions, PatchPosition, Texture, material_textures
 from classify.classifiers import CLASSIFIERS, joint, joint_features, joint_learning, joint_limits
 from rig import SYNTHETIC_30
 

@@ -10,7 +10,7 @@ or foreign texture that are found, and the mean logarithm of the scores of all d
 import numpy as np
 import pytest
 
-from capture.studies.reproduction.plan import Texture, material_textures
+from capture.chapter.plan import Texture, material_textures
 from classify import TextureLibrary, learn_defects
 from classify.defects import (
     fields,

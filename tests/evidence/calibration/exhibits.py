@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from functools import partial
 
-from capture.studies.reproduction.exhibit import Exhibit, Row
-from capture.studies.reproduction.plots import Scale, draw_maps
+from capture.chapter.exhibit import Exhibit, Row
+from capture.chapter.plots import Scale, draw_maps
 
 from .lights import LightErrors
 from .normal_errors import IDEAL, METHODS, STEPS, SURFACES, StepErrors

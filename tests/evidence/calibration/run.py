@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import get_args
 
 from capture.base.console import progress
-from capture.studies.reproduction.output import About, write_page
+from capture.chapter.output import About, write_page
 from classify.base.durable_file import make_folder
 from classify.calibration.spheres import SphereKind
 

@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from capture.studies.reproduction.plan import material_textures
+from capture.chapter.plan import material_textures
 from classify.base.errors import InputError
 
 from .plan import defect_plan

@@ -8,8 +8,8 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from capture.studies.reproduction.exhibit import Exhibit, Row
-from capture.studies.reproduction.plots import Line, draw_lines
+from capture.chapter.exhibit import Exhibit, Row
+from capture.chapter.plots import Line, draw_lines
 from classify.confidence import share_at_most
 from rig.config.defect import RELIEF_KINDS, DefectKind
 

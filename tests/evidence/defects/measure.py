@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from capture.studies.reproduction.plan import Texture
+from capture.chapter.plan import Texture
 from classify import TextureLibrary
 from rig.config.defect import DefectKind
 from rig.scene.surfaces import rms_slope

@@ -11,8 +11,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from capture.studies.reproduction.patches import expose, load_surface, solve
-from capture.studies.reproduction.plan import BEST_SOLVER, Conditions, Texture
+from capture.chapter.patches import expose, load_surface, solve
+from capture.chapter.plan import BEST_SOLVER, Conditions, Texture
 from classify import Lighting, SurfaceEstimate
 from classify.base.errors import InputError
 from rig import Defect

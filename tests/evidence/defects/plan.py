@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from capture.studies.reproduction.plan import Texture
+from capture.chapter.plan import Texture
 from rig import Defect
 from rig.config.defect import RELIEF_KINDS, DefectKind
 from rig.scene.synthetic import SYNTHETIC_NAMES

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from capture.base.console import progress
 from capture.batch.runner import Batch
-from capture.studies.reproduction.output import About, write_page
+from capture.chapter.output import About, write_page
 from classify.base.durable_file import make_folder
 
 from .exhibits import defect_exhibits

@@ -5,7 +5,6 @@
          -> sand           shadow counts, spectra and maps of sand
          -> chapter_*, comparison, days, rejection    exhibits: text, numbers, drawing
          -> output         CSV, PNG, JSON, one HTML page
-    photographs/             the solvers on real photographs, a page of its own
 
 Scene and sensor are those of the simulated rig, without the timing of LEDs and frames.
 """

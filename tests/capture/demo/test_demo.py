@@ -10,11 +10,12 @@ import pytest
 from capture import CapturedSet
 from classify import TextureLibrary
 from rig import surface_names
+from tests.html_page import self_contained
 
 
 @pytest.mark.slow
 def test_the_demo_captures_trains_classifies_and_reports(
-    ps4rig: Callable[..., Any], self_contained: Callable[[Path], str], tmp_path: Path
+    ps4rig: Callable[..., Any], tmp_path: Path
 ) -> None:
     output = tmp_path / "demo"
     result = ps4rig("demo", "--out", output)

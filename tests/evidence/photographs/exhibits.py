@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from capture.chapter.exhibit import Exhibit, Row
 from capture.maps import pictures
 from capture.maps.pictures import Picture
-from capture.studies.reproduction.exhibit import Exhibit, Row
 from classify import Method
 
 from .photograph_set import PhotographSet

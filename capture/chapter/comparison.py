@@ -11,7 +11,13 @@ from classify.library.evaluation import unknown_share
 from . import plots
 from .exhibit import Cell, Exhibit, Row
 from .plan import BEST_SOLVER, OURS, SOLVERS, THESIS, TestRun
-from .results import CLASSIFIER_TITLES, DIRECTIONAL_SHARPNESS, SOLVER_TITLES, Results, percent
+from .results import (
+    CLASSIFIER_TITLES,
+    DIRECTIONAL_SHARPNESS,
+    SOLVER_TITLES,
+    Results,
+    percent,
+)
 from .runs import System
 
 _ORDER = {title: place for place, title in enumerate(CLASSIFIER_TITLES.values())}

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from capture.studies.stopwatch import Work, shortest_ms
 from classify import TextureLibrary
 
 from .patches import CachedPatch, solve, solves_as_planar
 from .plan import BEST_SOLVER, OURS, TEXTONS, THESIS, Plan
 from .runs import library_path
+from .stopwatch import Work, shortest_ms
 
 # Even on a busy machine, one of this many calls is undisturbed.
 _ROUNDS = 9

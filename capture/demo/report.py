@@ -43,7 +43,7 @@ def write_report(
 ) -> None:
     """Write the report as a whole or not at all."""
     page = rendered(
-        "studies/demo/report.html",
+        "demo/report.html",
         title="ps4rig demo",
         controller=controller,
         config=config,

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capture.studies.reproduction import output
-from capture.studies.reproduction.exhibit import Exhibit
-from capture.studies.reproduction.faults import NO_FAULTS, Faults
-from capture.studies.reproduction.output import About, page
-from capture.studies.reproduction.patches import CachedPatch, render_patch, solve
-from capture.studies.reproduction.plan import (
+from capture.chapter import output
+from capture.chapter.exhibit import Exhibit
+from capture.chapter.faults import NO_FAULTS, Faults
+from capture.chapter.output import About, page
+from capture.chapter.patches import CachedPatch, render_patch, solve
+from capture.chapter.plan import (
     Conditions,
     Experiment,
     PatchPosition,
@@ -24,15 +24,16 @@ from capture.studies.reproduction.plan import (
     plan_of,
     thirty_textures,
 )
-from capture.studies.reproduction.rejection import accepted_pct, rejection_curve
-from capture.studies.reproduction.results import Results, answers_pct
-from capture.studies.reproduction.run import reproduce
-from capture.studies.reproduction.runs import Outcome, System, without_class
-from capture.studies.reproduction.sand import SHADOW_TILTS_DEG, SandMaps, shadow_shares
+from capture.chapter.rejection import accepted_pct, rejection_curve
+from capture.chapter.results import Results, answers_pct
+from capture.chapter.run import reproduce
+from capture.chapter.runs import Outcome, System, without_class
+from capture.chapter.sand import SHADOW_TILTS_DEG, SandMaps, shadow_shares
 from classify import Match, TextureLibrary, Trial
 from rig import EQUAL_SPECTRUM_TWINS, SYNTHETIC_30, SYNTHETIC_TEXTURES
 from rig.scene.material_folder import bundled_materials
 from rig.scene.surfaces import PeriodicSurface
+from tests.html_page import self_contained
 
 Rows = list[dict[str, str]]
 
@@ -339,9 +340,7 @@ def test_every_figure_and_table_is_written(reproduction: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_page_is_self_contained(
-    reproduction: Path, self_contained: Callable[[Path], str]
-) -> None:
+def test_the_page_is_self_contained(reproduction: Path) -> None:
     html = self_contained(reproduction / "reproduction.html")
     assert "<b>Simulated.</b>" in html
     assert "Quick version" in html

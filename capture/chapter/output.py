@@ -95,7 +95,7 @@ def page(exhibits: Sequence[tuple[Exhibit, bytes]], facts: Mapping[str, str], ab
         sections.setdefault(exhibit.text.section, []).append(shown)
     introduction = Template(about.introduction.read_text(encoding="utf-8"))
     return rendered(
-        "studies/reproduction/page.html",
+        "chapter/page.html",
         introduction=Markup(introduction.substitute(quick=_QUICK if about.quick else "")),
         facts=facts.items(),
         sections=sections,

@@ -10,7 +10,14 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import AliasChoices, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import (
+    AliasChoices,
+    BaseModel,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    ValidationError,
+)
 
 from capture.sets.light_list import light_list_text, listed_files
 from capture.sets.photographs import read_mask, read_photographs

@@ -1,10 +1,9 @@
-"""`ps4rig reproduce --photographs`: folders of photographs, picks of lights, errors, files."""
+"""`python -m tests.evidence.photographs`: folders, picks of lights, errors, files."""
 
 import csv
 import json
 import shutil
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -15,17 +14,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture.studies.reproduction.photographs.exhibits import photograph_exhibits
-from capture.studies.reproduction.photographs.photograph_set import (
-    PhotographSet,
-    load_photographs,
-)
-from capture.studies.reproduction.photographs.recognition import PATCH_PX, recognitions
-from capture.studies.reproduction.photographs.run import reproduce_photographs
-from capture.studies.reproduction.photographs.scores import scores_of, solve_pick
 from classify import Lighting
+from classify.base.errors import InputError
 from rig.scene.render import render_frame
 from rig.scene.synthetic import synthetic_surface
+from tests.evidence.photographs.exhibits import photograph_exhibits
+from tests.evidence.photographs.photograph_set import PhotographSet, load_photographs
+from tests.evidence.photographs.recognition import PATCH_PX, recognitions
+from tests.evidence.photographs.run import reproduce_photographs
+from tests.evidence.photographs.scores import scores_of, solve_pick
+from tests.html_page import self_contained
 
 SIDE_PX = 64
 EIGHT = Lighting.ring(40.0, tuple(np.arange(0.0, 360.0, 45.0)))
@@ -182,9 +180,7 @@ def test_intensities_of_the_folder_are_given_to_the_solver(folder: Path) -> None
     np.testing.assert_array_equal(lighting.intensities, 0.5)
 
 
-def test_the_page_has_tables_and_pictures(
-    folder: Path, tmp_path: Path, self_contained: Callable[[Path], str]
-) -> None:
+def test_the_page_has_tables_and_pictures(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     page = reproduce_photographs(folder.parent, out)
     html = self_contained(page)
@@ -242,11 +238,15 @@ def test_a_bad_folder_is_left_out_with_a_warning_and_on_the_page(
     assert {row[0] for row in picks} == {"malv"}
 
 
-def test_a_folder_without_a_ring_or_an_object_is_one_line(
-    refused: Callable[..., str], folder: Path, tmp_path: Path
-) -> None:
+def refusal(photographs: Path, out: Path) -> str:
+    with pytest.raises(InputError) as raised:
+        reproduce_photographs(photographs, out)
+    return str(raised.value)
+
+
+def test_a_folder_without_a_ring_or_an_object_is_refused(folder: Path, tmp_path: Path) -> None:
     def line() -> str:
-        return refused("reproduce", "--out", tmp_path / "out", "--photographs", folder.parent)
+        return refusal(folder.parent, tmp_path / "out")
 
     notes = json.loads((folder / "lights.json").read_text())
     crowded = Lighting.ring(40.0, tuple(range(0, 80, 10))).directions
@@ -260,15 +260,12 @@ def test_a_folder_without_a_ring_or_an_object_is_one_line(
     assert not (tmp_path / "out").exists()
 
 
-def test_bad_input_is_one_line(refused: Callable[..., str], folder: Path, tmp_path: Path) -> None:
-    def line(photographs: Path, *options: object) -> str:
-        return refused(
-            "reproduce", "--out", tmp_path / "out", "--photographs", photographs, *options
-        )
+def test_bad_input_is_refused(folder: Path, tmp_path: Path) -> None:
+    def line(photographs: Path) -> str:
+        return refusal(photographs, tmp_path / "out")
 
     assert "no such folder" in line(tmp_path / "no")
     assert "lights.json" in line(folder)
-    assert "leave out" in line(folder.parent, "--quick")
     np.save(folder / "reference_height_mm.npy", np.zeros((3, 3)))
     assert "has shape (3, 3)" in line(folder.parent)
     cv2.imwrite(str(folder / "mask.png"), np.zeros((104, 104), np.uint8))
