@@ -312,11 +312,11 @@ def test_an_error_in_json_shows_the_right_form(tmp_path: Path, content: Any) -> 
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("lights.json", '{"images": [], "images": []}', 'the key "images" twice'),
+        ("lights.json", '{"images": [], "images": []}', 'gives the key "images" twice'),
         (
             "lights.json",
             '[{"file": "a.png", "direction": [0, 0, 1], "direction": [1, 0, 1]}]',
-            'the key "direction" twice in one entry; remove one',
+            'gives the key "direction" twice in one entry; remove one',
         ),
         ("lights.json", "[x", r"not JSON \(.*line 1 column 2"),
         ("lights.json", [], "lists 0 lights"),
