@@ -20,8 +20,8 @@ from classify.images.colour import linear_from_srgb
 
 # An attribute or an element of an XMP packet, and its value.
 _XMP_NUMBER = re.compile(
-    rb"(?<![\w/:-])(?:[\w-]+:)?(Orientation|ColorSpace)(?![\w:.-])"
-    rb"(?:\s*=\s*[\"']|[^<>]*>(?:\s*<rdf:value>)?)\s*([^\"'<]*)"
+    rb"[<\s](?:[\w-]+:)?(Orientation|ColorSpace)"
+    rb"(?:\s*=\s*[\"']|(?:\s[^<>]*)?>(?:\s*<rdf:value>)?)\s*([^\"'<]*)"
 )
 # EXIF data and XMP in the image resources of Photoshop, without a name, and their length.
 _PHOTOSHOP_RESOURCE = re.compile(rb"8BIM\x04[\x22\x24]\0\0(.{4})", re.DOTALL)

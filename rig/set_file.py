@@ -127,7 +127,8 @@ def _fields(tiff: tifffile.TiffFile, path: Path) -> dict[str, Any]:
         value = None
     if not value:
         raise InputError(
-            f"{path}: a TIFF, but not a captured set; ps4rig import makes one of plain images"
+            f"{path}: a TIFF, but not a captured set, or cut short; ps4rig import makes one of "
+            "plain images"
         )
     try:
         fields = json.loads(value)

@@ -52,7 +52,7 @@ def images_of_photographs(
         SphereImages(
             planes[lights * k : lights * (k + 1)],
             read.full_scale,
-            mask=read_mask(masks[k], read.frame, None) if masks else None,
+            mask=read_mask(masks[k], read.frame, None, read.orientation) if masks else None,
         )
         for k in range(count)
     ]

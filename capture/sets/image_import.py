@@ -80,7 +80,9 @@ def import_images(
     require_solvable(lighting)
     files = [*paths, *(() if ambient is None else (ambient,))]
     photographs = read_photographs(files, gamma=gamma, bits=bits, crop=crop)
-    part = None if mask is None else read_mask(mask, photographs.frame, crop)
+    part = (
+        None if mask is None else read_mask(mask, photographs.frame, crop, photographs.orientation)
+    )
     images = np.stack(photographs.planes[: len(lighting)])
     ambient_image = None if ambient is None else photographs.planes[-1]
     # Bytes of a file name that are not UTF-8 are escaped.

@@ -122,7 +122,10 @@ class LightList:
             if _composed(PureWindowsPath(name).name) == _composed(image.name)
         }
         if not shared:
-            raise InputError(f"{self.source}: lists no light for {image.name}")
+            name = image.name.casefold()
+            alike = [each for each in self.names if PureWindowsPath(each).name.casefold() == name]
+            hint = f", but for {alike[0]}; rename one of them" if alike else ""
+            raise InputError(f"{self.source}: lists no light for {image.name}{hint}")
         rows = [row for row, parts in shared.items() if parts == max(shared.values())]
         if len(rows) > 1:
             places = " or ".join(self.places[row] for row in rows)
@@ -211,6 +214,8 @@ def _parsed_lp(path: Path, text: str) -> LightList:
         if longer[0].lower().strip(_QUOTES).endswith(PHOTOGRAPH_SUFFIXES):
             name, *fields = longer
         try:
+            if "_" in "".join(fields):  # between digits, which float accepts
+                raise ValueError
             x, y, z, *more = map(float, fields)
         except ValueError:
             raise InputError(
@@ -230,7 +235,9 @@ def _parsed_lp(path: Path, text: str) -> LightList:
 
 def _parsed_json(path: Path, text: str, unknown_keys: bool) -> LightList:
     try:
-        raw = json.loads(text)
+        raw = json.loads(text, object_pairs_hook=_object)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
     except json.JSONDecodeError as error:
         raise InputError(f"{path}: not JSON ({error})") from error
     except (ValueError, RecursionError):  # a number of thousands of digits, nested too deep
@@ -260,6 +267,14 @@ def _parsed_json(path: Path, text: str, unknown_keys: bool) -> LightList:
     if any_given and None in given:
         warnings.append(f"{path.name}: lights without an intensity count as of intensity 1")
     return LightList(path, names, places, vectors, intensities, warnings)
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        twice = next(key for key, count in Counter(key for key, _ in pairs).items() if count > 1)
+        raise InputError(f'gives the key "{twice}" twice in one entry; remove one of them')
+    return content
 
 
 def _first_fault(error: ValidationError) -> str:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from classify.base.errors import InputError
 from classify.images.colour import linear_from_srgb, luminance
-from rig.image_file import read_image, read_image_file
+from rig.image_file import read_image_file
 from rig.image_metadata import ImageMetadata
 
 Gamma = Literal["linear", "srgb"]
@@ -34,6 +34,7 @@ class Photographs:
     gamma: Gamma
     gamma_source: GammaSource
     frame: tuple[int, int]  # rows and columns before the crop
+    orientation: int  # that was turned upright
     taken: str | None
     warnings: tuple[str, ...]  # about the response
 
@@ -60,8 +61,9 @@ def read_photographs(
     rows, columns = frames[0].shape[:2]
     taken = next(filter(None, (each.taken for each in metadata)), None)
     return Photographs(
-        planes, bit_depth, top, largest, response, source, (rows, columns), taken, warnings
-    )
+        planes, bit_depth, top, largest, response, source, (rows, columns),
+        metadata[0].orientation, taken, warnings,
+    )  # fmt: skip
 
 
 def _response(
@@ -100,9 +102,19 @@ def _response(
     return "linear", "assumed", (f"{text}--gamma srgb or --gamma linear states it",)
 
 
-def read_mask(path: Path, frame: tuple[int, int], crop: Crop | None) -> BoolArray:
-    """Read a mask of the size `frame`, (rows, columns): true above mid-grey."""
-    image = read_image(path)
+def read_mask(
+    path: Path, frame: tuple[int, int], crop: Crop | None, orientation: int | None = None
+) -> BoolArray:
+    """Read a mask of the size `frame`, (rows, columns): true above mid-grey.
+
+    `orientation` is that of the photographs, if known.
+    """
+    image, metadata = read_image_file(path)
+    if orientation is not None and metadata.orientation not in (1, orientation):
+        raise InputError(
+            f"{path}: EXIF orientation {metadata.orientation}, but the photographs have "
+            f"{orientation}; save the mask without EXIF data"
+        )
     if image.shape[:2] != frame:
         raise InputError(
             f"{path}: {_size(image)} px, but the photographs have {frame[1]} x {frame[0]} px; "

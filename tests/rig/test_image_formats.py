@@ -322,6 +322,9 @@ def oriented() -> Iterator[Row]:
         with_segments(jpeg, b"Exif\0\0" + nested + bytes(4) + exif(3)[8:]),
         "orientation 1 and 3",
     )
+    words = photoshop(0x0404, b"Orientation of the camera -> 3") + photoshop(0x0424, b"")
+    segment = b"Photoshop 3.0\0" + words
+    yield "words.jpg", with_segments(jpeg, segment, marker=0xED), decoded
     yield "private.jpg", with_segments(jpeg, b"Exif\0\0" + private), upright(decoded, 3)
     yield "reference.jpg", with_segments(jpeg, head + xmp(3, "reference")), "'&#51;', which is no"
     word = exif(3)[:10] + struct.pack("<HHI4s", 274, 2, 4, b"abc\0") + bytes(4)

@@ -370,6 +370,18 @@ def test_photographs_are_turned_upright_and_must_agree(four: Photographs, tmp_pa
     np.testing.assert_array_equal(stored(paths).images[0], upright)
     mask = written(tmp_path / "mask.png", np.full(upright.shape, 255, np.uint8))
     assert stored(paths, mask=mask).mask is not None
+    mask = tmp_path / "mask.tif"
+    light = (image > 128).astype(np.uint8) * 255
+    for orientation, message in (
+        (6, ""),
+        (8, r"mask\.tif: EXIF orientation 8, but the .* have 6;"),
+    ):
+        tag = (274, 3, 1, orientation, True)
+        tifffile.imwrite(mask, light, photometric="minisblack", extratags=[tag])
+        if message:
+            refuse(paths, message, mask=mask)
+        else:
+            np.testing.assert_array_equal(stored(paths, mask=mask).mask, upright > 128)
     written(paths[2], image)
     refuse(paths, r"image2\.tif: EXIF orientation 1, but .*image0\.tif has 6; the camera must not")
 

@@ -88,6 +88,7 @@ def test_names_may_contain_blanks_and_folders_of_another_computer(
         ("0\n", "lists 0 lights; 1 to 255"),
         ("1\na.png 0 0\n", "line 2 is not 'name x y z'"),
         ("2\na.png 0 0 1\n\nb.png 0 0 up\n", "line 4 is not 'name x y z'"),
+        ("1\na.png 0_5 0 1\n", "line 2 is not .* decimal points: 'a.png 0_5 0 1'"),
         ("1\na.png 0,5 0,5 0,7\n", "line 2 is not .* decimal points: 'a.png 0,5 0,5 0,7'"),
         (b"2\na.png 0 0 1\n\xff.png 0 0 1\n", "line 3 is not UTF-8 text; save it as UTF-8"),
         ("1\na\0b.png 0 0\n", "line 2 is not"),
@@ -246,6 +247,8 @@ def test_an_image_that_is_not_listed_is_named(tmp_path: Path) -> None:
     lights = load_light_list(written(tmp_path, "\n".join(["4", *rows()])))
     with pytest.raises(InputError, match=r"lights\.lp: lists no light for e\.png"):
         lights.lighting_for([*PATHS[:3], Path("e.png")])
+    with pytest.raises(InputError, match=rf"for .*\.PNG, but for {PATHS[3].name}; rename one"):
+        lights.lighting_for([*PATHS[:3], PATHS[3].with_suffix(".PNG")])
 
 
 # json
@@ -309,6 +312,12 @@ def test_an_error_in_json_shows_the_right_form(tmp_path: Path, content: Any) -> 
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
+        ("lights.json", '{"images": [], "images": []}', 'gives the key "images" twice'),
+        (
+            "lights.json",
+            '[{"file": "a.png", "direction": [0, 0, 1], "direction": [1, 0, 1]}]',
+            'gives the key "direction" twice in one entry; remove one',
+        ),
         ("lights.json", "[x", r"not JSON \(.*line 1 column 2"),
         ("lights.json", [], "lists 0 lights"),
         ("lights.csv", "0,0,1", r"light directions come as \.lp or \.json"),

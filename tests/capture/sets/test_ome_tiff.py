@@ -341,7 +341,7 @@ def test_other_files_are_named(tmp_path: Path) -> None:
     text.write_text("no image at all")
     empty.touch()
     for path, message in (
-        (plain, "a TIFF, but not a captured set; ps4rig import makes one"),
+        (plain, "a TIFF, but not a captured set, or cut short; ps4rig import makes one"),
         (text, "not a readable TIFF"),
         (empty, "not a readable TIFF"),
         (tmp_path, "cannot be read: Is a directory"),

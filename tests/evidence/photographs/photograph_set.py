@@ -192,7 +192,7 @@ def load_photographs(folder: Path) -> PhotographSet:
     images = np.stack(read.planes[: len(lighting)])
     ambient = read.planes[-1] if notes.ambient else None
     if (folder / MASK_FILE).is_file():
-        mask = read_mask(folder / MASK_FILE, read.frame, None)
+        mask = read_mask(folder / MASK_FILE, read.frame, None, read.orientation)
     else:
         mask = np.median(images, axis=0) > _DARK * np.quantile(images, 0.99)
     if not mask.any():
