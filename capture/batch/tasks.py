@@ -5,36 +5,30 @@ absolute, because a worker of a cluster has another working folder.
 """
 
 import warnings
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 
 from capture.base.console import complain
 from capture.base.errors import SetRejected
-from capture.calibration.lookup import FoundCalibration
 from capture.maps.files import write_maps
 from capture.maps.surface_maps import RELIT_LIGHT
 from capture.sets import ome_tiff
-from capture.sets.captured_set import CapturedSet, calibration_of
+from capture.sets.captured_set import calibration_of
+from capture.sets.loaded_set import PLANAR, LoadedSet, named
 from capture.sets.metadata import SetMetadata
-from classify import Lighting, Match, Method, SurfaceEstimate, TextureLibrary
+from classify import Lighting, Match, Method, TextureLibrary
 from classify.base.errors import InputError
 from classify.base.labels import checked_label
-from classify.calibration.calibration import Calibration
 from classify.classifiers import Observation
 from classify.images.stack import ImageStack
 from classify.library.training import observe
 from classify.lights.fall_off import fall_off
 from classify.methods import DEFAULT_CLASSIFIER, default_method, suits
 from classify.texture.spectra import segment_for
-
-# Training sets are solved as planar parts: near lights fall off, textures have no tilt or bow.
-PLANAR = True
 
 
 @dataclass(frozen=True)
@@ -85,44 +79,6 @@ def warn_of_sets(warnings: Iterable[tuple[Path, tuple[str, ...]]]) -> None:
     for text, (first, *others) in paths.items():
         more = f" and {len(others)} more" if others else ""
         complain(f"warning: {first}{more}: {text}")
-
-
-@dataclass(frozen=True, eq=False)
-class LoadedSet:
-    """A captured set with its calibration, if it has one."""
-
-    captured: CapturedSet
-    found: FoundCalibration | None
-
-    @classmethod
-    def of(cls, path: Path, calibration: Path | None = None, *, raw: bool = False) -> Self:
-        """Load a set with `calibration`, or the one that it names, or if `raw` with none."""
-        captured = CapturedSet.load(path)
-        metadata, shape = captured.metadata, captured.images.shape[1:]
-        return cls(captured, None if raw else calibration_of(path, metadata, shape, calibration))
-
-    @property
-    def calibration(self) -> Calibration | None:
-        """The calibration of the rig; None without one."""
-        return None if self.found is None else self.found.file.calibration
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Warnings about the calibration."""
-        return () if self.found is None else self.found.warnings
-
-    def solve_texture(self, method: Method | None, *, planar: bool) -> SurfaceEstimate:
-        """Solve a part with a texture.
-
-        With a flat field in the calibration, no fall-off is fitted to the part.
-        """
-        known = self.calibration
-        return self.solve(method, planar=planar and (known is None or known.flat_field is None))
-
-    def solve(self, method: Method | None = None, *, planar: bool = False) -> SurfaceEstimate:
-        """Solve with the calibration, or without one if there is none."""
-        known = self.calibration
-        return self.captured.solve(method, planar=planar, calibration=known, raw=known is None)
 
 
 def observe_set(
@@ -316,12 +272,3 @@ def _read_library(path: Path) -> TextureLibrary:
 def _loaded(path: Path, _mtime_ns: int, _size: int) -> TextureLibrary:
     """Load a library file; the time and the size are in the key of the cache."""
     return TextureLibrary.load(path)
-
-
-@contextmanager
-def named(path: Path) -> Iterator[None]:
-    """Put the name of the file in front of the message of an `InputError`."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error

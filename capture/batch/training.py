@@ -6,13 +6,14 @@ from functools import partial
 from pathlib import Path
 
 from capture.base.console import progress
+from capture.sets.loaded_set import PLANAR
 from classify import Method, TextureLibrary
 from classify.base.errors import InputError, LibraryError
 from classify.library.training import TrainingRow, common_lighting
 from classify.methods import DEFAULT_CLASSIFIER
 
 from .runner import Batch
-from .tasks import PLANAR, SetHeader, observe_set, read_header, warn_of_sets
+from .tasks import SetHeader, observe_set, read_header, warn_of_sets
 
 
 def train_library(

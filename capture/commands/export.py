@@ -13,7 +13,7 @@ from classify.base.errors import InputError
 from . import options
 
 if TYPE_CHECKING:
-    from capture.batch.tasks import LoadedSet
+    from capture.sets.loaded_set import LoadedSet
 
 _ARRAYS, _PLY, _STL, _X3P, _SUR = ".npz", ".ply", ".stl", ".x3p", ".sur"
 _HEIGHTS = (_PLY, _STL, _X3P, _SUR)
@@ -42,9 +42,10 @@ def export(
 ) -> None:
     """Write a captured set, or its height, for other programs."""
     from capture.base.outputs import check_output
-    from capture.batch.tasks import LoadedSet, SolveTask, named, solve_set
+    from capture.batch.tasks import SolveTask, solve_set
     from capture.exchange.set_files import write_light_folder, write_numpy_file
     from capture.sets.captured_set import CapturedSet
+    from capture.sets.loaded_set import LoadedSet, named
 
     suffix = output.suffix.lower()
     if suffix and (maps or suffix not in _SUFFIXES):

@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
-from capture.batch.tasks import LoadedSet
 from capture.sets.archive import JOURNAL
+from capture.sets.loaded_set import LoadedSet
 from capture.sets.metadata import SetMetadata
 from capture.sets.ome_tiff import read_header
 from classify.base.errors import InputError

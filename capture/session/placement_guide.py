@@ -8,8 +8,8 @@ from typing import Self
 
 import numpy as np
 
-from capture.batch.tasks import LoadedSet
 from capture.preview.outline import Outline, outline_of
+from capture.sets.loaded_set import LoadedSet
 from classify import Lighting, photometric_stereo
 from classify.base.errors import InputError
 from rig import Frame

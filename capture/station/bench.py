@@ -14,9 +14,9 @@ from capture.acquisition.attempts import capture_set
 from capture.acquisition.set_checks import check_set
 from capture.base.memory import resident_bytes
 from capture.base.process_settings import settle_station
-from capture.batch.tasks import PLANAR
 from capture.sets.captured_set import CapturedSet
 from capture.sets.image_checks import LightImages
+from capture.sets.loaded_set import PLANAR
 from capture.sets.pixel_hash import PixelHash
 from classify import TextureLibrary
 from classify.base.durable_file import make_folder

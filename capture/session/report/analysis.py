@@ -11,9 +11,9 @@ from statistics import NormalDist
 import numpy as np
 import numpy.typing as npt
 
-from capture.batch.tasks import LoadedSet
 from capture.session.folder import SessionFolder
 from capture.session.journal import SetEntry
+from capture.sets.loaded_set import LoadedSet
 from classify import Spectra, SurfaceEstimate, TextureLibrary, surface_spectra
 from classify.base.errors import InputError
 from classify.library.dissimilarity import (

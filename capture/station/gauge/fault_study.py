@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import ValidationError
 
-from capture.batch.tasks import LoadedSet
+from capture.sets.loaded_set import LoadedSet
 from capture.station.errors import RecipeError
 from capture.station.inspection.fingerprint import Fingerprint
 from capture.station.inspection.inspector import Inspector

@@ -7,10 +7,10 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from capture.batch.tasks import PLANAR, LoadedSet
 from capture.calibration.lookup import FoundCalibration
 from capture.session.measures import light_signals
 from capture.sets.captured_set import CapturedSet
+from capture.sets.loaded_set import PLANAR, LoadedSet
 from capture.station.recipe.recipe import Region
 from classify import Method, SurfaceEstimate
 from classify.relief.roughness import root_mean_square_slope

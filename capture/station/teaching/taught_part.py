@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from capture.batch.tasks import LoadedSet
 from capture.calibration.setting import Setting
+from capture.sets.loaded_set import LoadedSet
 from capture.station.errors import RecipeError
 from capture.station.inspection.inspector import setting_differences
 from capture.station.inspection.measured_surface import MeasuredSurface, fits

@@ -5,8 +5,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from capture.batch.tasks import LoadedSet
 from capture.calibration.lookup import keep_beside
+from capture.sets.loaded_set import LoadedSet
 from capture.sets.ome_tiff import SUFFIX
 from capture.station.recipe.recipe import Recipe
 from capture.station.recipe.recipe_folder import RecipeFolder

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from capture.base.console import ShowProgress, progress
-from capture.batch.tasks import PLANAR, LoadedSet
+from capture.sets.loaded_set import PLANAR, LoadedSet
 from capture.station.errors import RecipeError
 from capture.station.inspection.inspector import Inspection, Inspector
 from capture.station.recipe.recipe import Limits, Recipe

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from capture import CapturedSet
-from capture.batch.tasks import LoadedSet
 from capture.session.measures import LEAST_SHARPNESS, SpecimenReference
+from capture.sets.loaded_set import LoadedSet
 from classify import Lighting, TextureLibrary
 from rig.scene.material_folder import bundled_materials, load_material
 from rig.scene.render import Lens, render_frame

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from capture.base.errors import CalibrationError
-from capture.batch.tasks import LoadedSet
 from capture.sets.captured_set import CapturedSet
+from capture.sets.loaded_set import LoadedSet
 from capture.station.folder import StationFolder
 from capture.station.inspection.measured_surface import MeasuredSurface, fits
 from capture.station.recipe.recipe import Region
