@@ -14,7 +14,7 @@ from classify.base.errors import InputError
 from . import options
 
 if TYPE_CHECKING:
-    from capture.comparison.comparison import Comparison
+    from capture.maps.comparison import Comparison
 
 _PAGE_SUFFIX = ".html"
 
@@ -41,9 +41,9 @@ def compare(
     Differences pixel by pixel are given where both have one size. With --json no page is written
     without --out.
     """
-    from capture.comparison.comparison import compare as compared
-    from capture.comparison.page import comparison_page
-    from capture.comparison.side import side_of
+    from capture.maps.compared_side import side_of
+    from capture.maps.comparison import compare as compared
+    from capture.maps.comparison_page import comparison_page
     from classify.base.durable_file import durable_file
 
     options.check_calibration(calibration, raw)

@@ -43,7 +43,7 @@ def export(
     """Write a captured set, or its height, for other programs."""
     from capture.base.outputs import check_output
     from capture.batch.tasks import SolveTask, solve_set
-    from capture.exchange.set_files import write_light_folder, write_numpy_file
+    from capture.maps.set_files import write_light_folder, write_numpy_file
     from capture.sets.captured_set import CapturedSet
     from capture.sets.loaded_set import LoadedSet, named
 
@@ -82,10 +82,10 @@ def export(
 
 def _write_height(loaded: LoadedSet, output: Path) -> str:
     """Write the height of a set as a measured surface or a mesh; return the unit of its lengths."""
-    from capture.exchange.digital_surf import write_sur
-    from capture.exchange.height_map import HeightMap, solved_height
-    from capture.exchange.mesh import write_ply, write_stl
-    from capture.exchange.x3p import write_x3p
+    from capture.maps.digital_surf import write_sur
+    from capture.maps.height_map import HeightMap, solved_height
+    from capture.maps.mesh import write_ply, write_stl
+    from capture.maps.x3p import write_x3p
 
     suffix = output.suffix.lower()
     if suffix == _X3P:

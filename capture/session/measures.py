@@ -10,6 +10,7 @@ from capture.sets.loaded_set import LoadedSet
 from classify import SurfaceEstimate, TextureLibrary
 from classify.base.errors import InputError
 from classify.lighting import orientation_near
+from classify.texture.orientation_profile import LEAST_SHARPNESS
 from rig.acceptance import MAX_SATURATED_SHARE
 
 from .journal import SetMeasures
@@ -17,10 +18,8 @@ from .journal import SetMeasures
 # A hand places a part within 2 degrees by the overlay of the preview and within 5 by eye; a wrong
 # digit is 10 degrees or more.
 _MAX_PLACEMENT_DEG = 8.0
-# Agreement with the first set below which a texture determines no orientation, and by how much the
-# entered orientation must agree less than the best: a weave agrees as well after a quarter turn.
-# tests/capture/session/test_orientation_flags.py has the rates of both on 52 textures.
-LEAST_SHARPNESS = 0.45
+# An entered orientation that agrees this much less than the best is doubted: a weave agrees as well
+# after a quarter turn (tests/capture/session/test_orientation_flags.py).
 _LEAST_DROP = 0.03
 # Blur that costs the statistics of the finest scale (classify/texture/blur.py).
 _MAX_BLUR_PX = 1.0

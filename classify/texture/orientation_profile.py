@@ -7,6 +7,10 @@ import numpy.typing as npt
 
 from .orientation import refined_minima
 
+# Agreement below which a texture determines no orientation; its rates on 52 textures are in
+# tests/capture/session/test_orientation_flags.py.
+LEAST_SHARPNESS = 0.45
+
 
 @dataclass(frozen=True, eq=False)
 class OrientationProfile:

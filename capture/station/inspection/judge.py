@@ -4,12 +4,12 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from capture.session.measures import LEAST_SHARPNESS
 from capture.station.digits import told_apart
 from capture.station.recipe.recipe import Limits, Orientation, Recipe
 from capture.station.verdict import Cause, Decision, Verdict
 from classify import Match
 from classify.library.match import LEAST_MARGIN
+from classify.texture.orientation_profile import LEAST_SHARPNESS
 from rig.acceptance import MAX_SATURATED_SHARE
 
 STOP_LED_LEVEL = 0.85

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from capture import CapturedSet
-from capture.exchange.mesh import write_ply, write_stl
+from capture.maps.mesh import write_ply, write_stl
 
 Command = Callable[..., Any]
 Refused = Callable[..., str]

@@ -17,8 +17,8 @@ from npe2.io_utils import read
 from typer.testing import CliRunner
 
 from capture import CapturedSet
-from capture.exchange.napari_reader import get_reader
 from capture.maps.files import write_maps
+from capture.maps.napari_reader import get_reader
 from rig.set_file import pixels_sha256
 
 ROOT = Path(__file__).parents[3]
@@ -128,7 +128,7 @@ def test_other_files_are_left_to_other_readers(tmp_path: Path) -> None:
 
 def test_reading_a_set_loads_neither_compiler_nor_solver() -> None:
     script = (
-        "import sys; from capture.exchange.napari_reader import get_reader; "
+        "import sys; from capture.maps.napari_reader import get_reader; "
         f"get_reader({str(SET)!r})({str(SET)!r}); "
         "print(*{'numba', 'scipy', 'cv2', 'napari', 'npe2'} & set(sys.modules))"
     )

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from capture import CapturedSet, capture_set
-from capture.comparison.comparison import Comparison, compare
-from capture.comparison.side import side_of
+from capture.maps.compared_side import side_of
+from capture.maps.comparison import Comparison, compare
 from capture.maps.map_tiff import read_map, write_values
 from rig import RigConfig, open_rig
 from rig.set_file import pixels_sha256

@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from capture.maps.map_tiff import read_description, read_map
 from capture.sets.captured_set import CapturedSet
 from capture.sets.loaded_set import LoadedSet, named
 from capture.sets.ome_tiff import SUFFIX
 from classify import SurfaceEstimate, integrate_gradients
 from classify.base.errors import InputError
+
+from .map_tiff import read_description, read_map
 
 _Maps = dict[str, tuple[npt.NDArray[np.float32], str]]  # with the unit of each
 _MAPS = ("p", "q", "albedo", "height", "residual")

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from capture.base.page import number_text, rendered
-from capture.maps import pictures
-from capture.maps.pictures import ColourScale
-from capture.maps.views import MapView
 
+from . import pictures
 from .comparison import Comparison
+from .pictures import ColourScale
+from .views import MapView
 
 _SIGNED = ("p", "q", "height")
 
@@ -22,7 +22,7 @@ def comparison_page(comparison: Comparison) -> str:
     """Return the page as HTML."""
     first, second = comparison.first, comparison.second
     return rendered(
-        "comparison/page.html",
+        "maps/comparison.html",
         title=f"{first.path.name} and {second.path.name}",
         comparison=comparison,
         simulated_side=first.simulated or second.simulated,

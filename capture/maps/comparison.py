@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from capture.base.field_differences import FieldDifference, field_differences
-from capture.session.measures import LEAST_SHARPNESS
 from classify.base.errors import InputError
 from classify.library.texture_pair import TexturePair, compare_textures
+from classify.texture.orientation_profile import LEAST_SHARPNESS
 
+from .compared_side import Side
 from .differences import MapDifference, map_difference, normal_angles_deg
-from .side import Side
 
 # Slopes of a part that did not move correlate by 0.9 and more in noise; a shift of 3 px across the
 # relief leaves less than 0.6 on the four textures of the thesis (tests/capture/comparison).

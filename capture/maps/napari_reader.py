@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy.typing as npt
 
-from capture.maps.map_tiff import read_description, read_map
 from capture.sets import ome_tiff
 from classify.base.errors import InputError
+
+from .map_tiff import read_description, read_map
 
 # Values, arguments of the layer, and its kind, as napari asks for.
 Layer = tuple[npt.NDArray[Any], dict[str, Any], str]

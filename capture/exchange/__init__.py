@@ -1,1 +1,0 @@
-"""Write captured sets and heights in file formats of other programs, and read them in napari."""
