@@ -96,11 +96,16 @@ def _specimen(name: str, result: SpecimenResult, found: SessionAnalysis) -> str:
     if result.spectra is not None:
         caption = "polar spectra of gradient (blue) and albedo (red)"
         images.append(image_html(figures.spectrum_figure(result.spectra), "polar spectra", caption))
-    count = sum(entry.piece == name for entry in found.entries)
+    entries = [entry for entry in found.entries if entry.piece == name]
     label, note = captured.label or "-", captured.metadata.note
-    properties = [f"{key} = {plain(value)}" for key, value in captured.metadata.properties.items()]
-    said = ", ".join([f"class {label}", *([note] if note else []), *properties, f"{count} sets"])
-    return f'<h3>{escape(name)}</h3><p>{escape(said)}</p><div class="tiles">{"".join(images)}</div>'
+    values: dict[str, dict[str, None]] = {}  # in order, each once
+    for said in (entry.description for entry in entries if entry.description is not None):
+        for key, value in said.properties.items():
+            values.setdefault(key, {})[str(plain(value))] = None
+    properties = [f"{key} = {' or '.join(each)}" for key, each in values.items()]
+    about = [f"class {label}", *([note] if note else []), *properties, f"{len(entries)} sets"]
+    shown = f'<p>{escape(", ".join(about))}</p><div class="tiles">{"".join(images)}</div>'
+    return f"<h3>{escape(name)}</h3>{shown}"
 
 
 def _sets(found: SessionAnalysis) -> str:

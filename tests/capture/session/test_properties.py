@@ -108,6 +108,15 @@ def test_a_property_is_corrected(
     assert rows()[0]["corrected"] == f"properties.{name}"
 
 
+def test_the_report_shows_each_value_of_a_property(ps4rig: Command, plan: Path) -> None:
+    plan.write_text(plan.read_text().replace("orientations_deg = [0]", "orientations_deg = [0, 9]"))
+    assert ps4rig("session", "run", plan, "--yes").exit_code == 0
+    path = "stones/sets/rock-1-9-1.ome.tif"
+    assert ps4rig("info", path, "--set", "properties.count=4").exit_code == 0
+    assert ps4rig("session", "report", "stones").exit_code == 0
+    assert "mass_g = 12.5, count = 3 or 4, whole = 5" in Path("stones/report.html").read_text()
+
+
 @pytest.mark.parametrize(
     ("line", "message"),
     [
