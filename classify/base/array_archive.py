@@ -5,6 +5,7 @@ checked before it is used. A stored array can be mapped into memory:
 a library of 100,000 references opens at once, and only the signatures that a match needs are read.
 """
 
+import hashlib
 import json
 import math
 import struct
@@ -129,6 +130,19 @@ class ArrayArchive:
         start = self._start(info) + header_bytes
         return np.memmap(self._file, found, mode="r", offset=start, shape=shape)
 
+    def finite_arrays(self, shapes: Mapping[str, tuple[int | None, ...]]) -> dict[str, Array]:
+        """Arrays of finite float32 or float64 numbers; None in a shape stands for any length."""
+        arrays = {name: self.array(f"{name}.npy", ("<f4", "<f8")) for name in shapes}
+        for name, shape in shapes.items():
+            found = arrays[name].shape
+            if len(found) != len(shape) or any(
+                side not in (None, length) for side, length in zip(shape, found, strict=True)
+            ):
+                raise self.damaged(f"{name} has the shape {found} instead of {shape}")
+            if not np.isfinite(arrays[name]).all():
+                raise self.damaged(f"{name} contains NaN or infinity")
+        return arrays
+
     def _member(self, name: str) -> zipfile.ZipInfo:
         try:
             info = self._archive.getinfo(name)
@@ -176,3 +190,13 @@ def write_archive(path: Path, kind: ArchiveKind, header: str, arrays: Mapping[st
                 # `ascontiguousarray` would turn a single number into an array of one dimension.
                 plain = np.asarray(array, order="C")
                 np.lib.format.write_array(member, plain, allow_pickle=False)
+
+
+def arrays_sha256(header: str, arrays: Mapping[str, Array]) -> str:
+    """SHA-256 over a text, and over arrays with their names, types and shapes."""
+    hashed = hashlib.sha256(header.encode())
+    for name in sorted(arrays):
+        plain = np.ascontiguousarray(arrays[name])
+        hashed.update(f" {name} {plain.dtype.str} {plain.shape} ".encode())
+        hashed.update(plain.tobytes())
+    return hashed.hexdigest()

@@ -1,15 +1,13 @@
 """The ``.ps4def`` file: the arrays of a defect model as an `array_archive`."""
 
-import hashlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final, Literal
 
-import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
-from classify.base.array_archive import ArchiveKind, open_archive, write_archive
+from classify.base.array_archive import ArchiveKind, arrays_sha256, open_archive, write_archive
 from classify.base.durable_file import require_folder
 from classify.base.errors import DefectModelError
 
@@ -26,7 +24,6 @@ _KIND = ArchiveKind(
     max_bytes=2**22,
     max_header_bytes=2**16,
 )
-_DTYPES = ("<f4", "<f8")
 
 Array = npt.NDArray[Any]
 
@@ -72,26 +69,12 @@ def read(
     """
     with open_archive(path, _KIND) as archive:
         header = archive.header(_Header)
-        arrays = {name: archive.array(f"{name}.npy", _DTYPES) for name in shapes}
-        for name, shape in shapes.items():
-            found = arrays[name].shape
-            fits = len(found) == len(shape) and all(
-                side in (None, length) for side, length in zip(shape, found, strict=True)
-            )
-            if not fits:
-                raise archive.damaged(f"{name} has the shape {found} instead of {shape}")
-            if not np.isfinite(arrays[name]).all():
-                raise archive.damaged(f"{name} contains NaN or infinity")
+        arrays = archive.finite_arrays(shapes)
         if digest(header.false_alarm_rate, arrays) != header.sha256:
             raise archive.error("its arrays do not match their SHA-256: the file was changed")
     return header.false_alarm_rate, arrays
 
 
 def digest(false_alarm_rate: float, arrays: Mapping[str, Array]) -> str:
-    """SHA-256 over version, rate, and arrays with their names, types and shapes."""
-    hashed = hashlib.sha256(f"{VERSION} {false_alarm_rate!r}".encode())
-    for name in sorted(arrays):
-        plain = np.ascontiguousarray(arrays[name])
-        hashed.update(f" {name} {plain.dtype.str} {plain.shape} ".encode())
-        hashed.update(plain.tobytes())
-    return hashed.hexdigest()
+    """SHA-256 over version, rate and arrays."""
+    return arrays_sha256(f"{VERSION} {false_alarm_rate!r}", arrays)

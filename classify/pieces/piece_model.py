@@ -8,6 +8,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.array_archive import arrays_sha256
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 
 from . import ps4piece
@@ -147,7 +148,7 @@ class PieceModel:
     @cached_property
     def sha256(self) -> str:
         """Hash of this model, as in its file."""
-        return ps4piece.digest(self._arrays)
+        return arrays_sha256("", self._arrays)
 
     def save(self, path: str | Path) -> None:
         """Write a ``.ps4piece`` file, whole or not at all; raises as `ps4piece.write`."""

@@ -1,15 +1,13 @@
 """The ``.ps4piece`` file: the arrays of a piece model as an `array_archive`."""
 
-import hashlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict
 
-from classify.base.array_archive import ArchiveKind, open_archive, write_archive
+from classify.base.array_archive import ArchiveKind, arrays_sha256, open_archive, write_archive
 from classify.base.durable_file import require_folder
 from classify.base.errors import PieceModelError
 
@@ -25,7 +23,6 @@ _KIND = ArchiveKind(
     max_bytes=2**22,
     max_header_bytes=2**16,
 )
-_DTYPES = ("<f4", "<f8")
 
 Array = npt.NDArray[Any]
 
@@ -40,7 +37,9 @@ class _Header(BaseModel):
 def write(path: Path, arrays: Mapping[str, Array]) -> None:
     """Write a model to `path`, whole or not at all; InputError if that cannot be done."""
     require_folder(path)
-    write_archive(path, _KIND, _Header(sha256=digest(arrays)).model_dump_json(indent=1), arrays)
+    write_archive(
+        path, _KIND, _Header(sha256=arrays_sha256("", arrays)).model_dump_json(indent=1), arrays
+    )
 
 
 def read(path: Path, shapes: Mapping[str, tuple[int | None, ...]]) -> dict[str, Array]:
@@ -53,25 +52,7 @@ def read(path: Path, shapes: Mapping[str, tuple[int | None, ...]]) -> dict[str, 
     """
     with open_archive(path, _KIND) as archive:
         header = archive.header(_Header)
-        arrays = {name: archive.array(f"{name}.npy", _DTYPES) for name in shapes}
-        for name, shape in shapes.items():
-            found = arrays[name].shape
-            if len(found) != len(shape) or any(
-                side not in (None, length) for side, length in zip(shape, found, strict=True)
-            ):
-                raise archive.damaged(f"{name} has the shape {found} instead of {shape}")
-            if not np.isfinite(arrays[name]).all():
-                raise archive.damaged(f"{name} contains NaN or infinity")
-        if digest(arrays) != header.sha256:
+        arrays = archive.finite_arrays(shapes)
+        if arrays_sha256("", arrays) != header.sha256:
             raise archive.error("its arrays do not match their SHA-256: the file was changed")
     return arrays
-
-
-def digest(arrays: Mapping[str, Array]) -> str:
-    """SHA-256 over arrays with their names, types and shapes."""
-    hashed = hashlib.sha256()
-    for name in sorted(arrays):
-        plain = np.ascontiguousarray(arrays[name])
-        hashed.update(f" {name} {plain.dtype.str} {plain.shape} ".encode())
-        hashed.update(plain.tobytes())
-    return hashed.hexdigest()
