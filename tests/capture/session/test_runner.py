@@ -577,12 +577,12 @@ def test_a_damaged_copy_of_the_calibration_is_written_again(
 ) -> None:
     run(rig=calibrated_config)
     (copy,) = (folder().path / "calibration").iterdir()
-    whole = copy.read_bytes()
-    copy.write_bytes(whole[:-200])
+    whole = CalibrationFile.read(copy).hash
+    copy.write_bytes(copy.read_bytes()[:-200])
     (folder().path / "sets" / f"{FILES[-1]}.ome.tif").unlink()
     run(rig=calibrated_config)
     assert folder().missing() == []
-    assert copy.read_bytes() == whole
+    assert CalibrationFile.read(copy).hash == whole
 
 
 @pytest.fixture
