@@ -508,19 +508,20 @@ def test_the_turntable_turns_before_each_placement(
 
 
 @pytest.mark.parametrize(
-    ("code", "message"),
+    ("timeout_s", "code", "message"),
     [
-        ("import sys; sys.exit('stuck')", r"turntable .*: ended with status 1: stuck"),
-        ("import time; time.sleep(60)", r"turntable .*: did not end within 0.2 s"),
+        (30, "import sys; sys.exit('stuck')", r"turntable .*: ended with status 1: stuck"),
+        (0.2, "import time; time.sleep(60)", r"turntable .*: did not end within 0.2 s"),
     ],
 )
 def test_a_turntable_that_fails_stops_the_session(
-    plan_file: Path, tmp_path: Path, config: RigConfig, code: str, message: str
+    plan_file: Path, tmp_path: Path, config: RigConfig, timeout_s: float, code: str, message: str
 ) -> None:
     program = tmp_path / "turn.py"
     program.write_text(code)
     plan_file.write_text(
-        f"turntable = '{sys.executable} {program} {{angle}}'\nturntable_timeout_s = 0.2\n" + PLAN
+        f"turntable = '{sys.executable} {program} {{angle}}'\n"
+        f"turntable_timeout_s = {timeout_s}\n{PLAN}"
     )
     with (
         session_folder(make_session(plan_file)) as folder,
