@@ -33,7 +33,7 @@ from capture.station.run import RunOptions, run_station
 from capture.station.teaching.teaching import teach
 from capture.station.verification import verify_station
 from rig import RigConfig
-from tests.capture.station.teaching_sets import SIDE_PX, saved
+from tests.capture.station.teaching_sets import SIDE_PX, acknowledge_faults, saved
 
 SMALL_RIG = RigConfig().with_changes(camera={"width_px": SIDE_PX, "height_px": SIDE_PX})
 # A kill comes after up to so many announced parts, and so much later: longer than a part takes.
@@ -51,6 +51,7 @@ def taught_station(folder: Path, side_px: int = SIDE_PX, **config: object) -> Pa
     sand = saved(folder / "shown", "sand", range(3), side_px)
     teach(files, rock[:6])
     teach(files, sand[:2], "loose sand")
+    acknowledge_faults(files)
     add_to_challenge(files.challenge, rock[6:], "PASS")
     add_to_challenge(files.challenge, sand[2:], "FAIL")
     approve(files, "Ada")

@@ -7,7 +7,7 @@ from capture.station.challenge.challenge_set import add_to_challenge
 from capture.station.config import CONFIG
 from capture.station.folder import StationFolder
 from capture.station.teaching.teaching import teach
-from tests.capture.station.teaching_sets import saved
+from tests.capture.station.teaching_sets import acknowledge_faults, saved
 
 ROCK, SAND = "example", "sand"
 
@@ -21,6 +21,7 @@ def add_second_recipe(folder: Path, sets: Path) -> None:
     files = station.recipe_files(SAND)
     sand, rock = saved(sets, "sand", range(5)), saved(sets, "rock", range(3, 4))
     teach(files, sand[:4])
+    acknowledge_faults(files)
     add_to_challenge(files.challenge, sand[4:], "PASS")
     add_to_challenge(files.challenge, rock, "UNKNOWN")
     for name in (ROCK, SAND):
