@@ -18,7 +18,7 @@ from capture.station.recipe.recipe_file import read_recipe, write_recipe
 from capture.station.recipe.recipe_folder import RecipeFolder
 from capture.station.verdict import Decision
 from tests.capture.station.panel.panels import JOB_S, PASSWORD, Client, RunningPanel, running_panel
-from tests.capture.station.teaching_sets import patch
+from tests.capture.station.teaching_sets import acknowledge_faults, patch
 from tests.chromium import Chromium, Page, chromium
 
 # The first parts of a line: enough of each texture to be taught and for the challenge set.
@@ -94,6 +94,7 @@ def test_two_textures_are_taught_challenged_and_approved_by_the_keyboard_alone(
     said = until_the_job_ends(page)
     assert "Version 2 was taught." in said
     assert "sand: 0 of 3 good parts were rejected" in said
+    acknowledge_faults(line.panel.folder.recipe_files())
     page.go(f"{line.url}recipes/example/parts")
     use([ids("rock")[3], ids("sand")[3]], "challenge")
     page.until_at("/recipes/example")
