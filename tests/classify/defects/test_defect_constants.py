@@ -39,7 +39,7 @@ CONSTANTS = {
     whitening: {"_FLOOR": (1e-4, 1e-2, 1e9), "_SEGMENTS": ((128, 128), (32, 32))},
     fields: {"_FADE": (9, 25)},
     octave_statistics: {"_STATISTICS_CELLS": (0.75, 3.0)},
-    window_statistics: {"_WINDOWS": ((1,), (3,), (1, 5)), "_SMOOTHING_CELLS": (0.5, 2.0)},
+    window_statistics: {"_SMOOTHING_CELLS": (0.5, 2.0)},
     good_cells: {"_RIDGE": (0.005, 0.02), "_MOST_CELLS": (5_000, 80_000)},
     limits: {
         "_PRIOR_SPREAD": (0.125, 0.5),
