@@ -59,6 +59,10 @@ FAULTS = (
 )
 
 
+LOCAL = ("missing", "stain", "dent", "strip", "seam")
+"""Kinds of faults in one place of a part."""
+
+
 @dataclass(frozen=True, eq=False)
 class _ChangedSurface:
     """A surface with a change that no defect of the simulated rig makes."""

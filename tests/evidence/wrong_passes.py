@@ -1,6 +1,7 @@
 """Parts with faults that a person sees at once, judged by a commissioned station.
 
     python -m tests.evidence.wrong_passes MATERIALS [--quick] [--good N] [--faulty N] [--seed N]
+        [--only even|odd] [--local] [--causes]
 
 MATERIALS is a folder with one folder for each material. On the first 12 in alphabetical order a
 recipe is taught from 25 good parts of 512 px; other parts, captured with shadows and noise, are
@@ -21,7 +22,7 @@ from capture.station.domain.verdict import Decision
 from capture.station.judge.inspector import Inspector
 from capture.station.judge.teaching.teaching import teach
 
-from .faulty_parts import FAULTS, GOOD, Fault, kept_parts
+from .faulty_parts import FAULTS, GOOD, LOCAL, Fault, kept_parts
 
 TEXTURES = 12
 _TAUGHT = 25
@@ -64,6 +65,7 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--faulty", type=int, default=12, help="parts of each texture and fault")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", choices=("even", "odd"))
+    parser.add_argument("--local", action="store_true", help="no changes of the whole part")
     parser.add_argument("--causes", action="store_true", help="print the causes of each row")
     given = parser.parse_args(arguments)
     found = sorted(each for each in given.materials.iterdir() if each.is_dir())[:TEXTURES]
@@ -74,13 +76,16 @@ def main(arguments: Sequence[str]) -> int:
     if given.quick:
         numbered, good, faulty, learned = numbered[2:4], 5, 2, 10
     kept = Path(tempfile.gettempdir()) / "ps4rig-wrong-passes"
-    rows: dict[str, list[tuple[int, int, int]]] = {each.name: [] for each in (GOOD, *FAULTS)}
+    faults = (GOOD, *(each for each in FAULTS if each.kind in LOCAL or not given.local))
+    rows: dict[str, list[tuple[int, int, int]]] = {each.name: [] for each in faults}
     for number, material in numbered:
         with tempfile.TemporaryDirectory() as folder:
             inspector = taught(material, kept, Path(folder), given.seed, learned)
             handed = inspector.recipe.limits_for(material.name).handedness is not None
-            for fault in (GOOD, *FAULTS):
+            for fault in faults:
                 if fault.kind == "mirrored" and not handed:
+                    continue
+                if fault.kind == "seam" and not inspector.has_direction(material.name):
                     continue
                 if fault is GOOD:
                     paths = kept_parts(kept, material, GOOD, learned + good, given.seed)[learned:]
@@ -94,7 +99,7 @@ def main(arguments: Sequence[str]) -> int:
                     + (f"{_counted(causes)}" if given.causes else ""),
                     flush=True,
                 )
-    met = [_row(fault, rows[fault.name]) for fault in (GOOD, *FAULTS)]
+    met = [_row(fault, rows[fault.name]) for fault in faults]
     return int(not all(met))
 
 
