@@ -1,7 +1,7 @@
 """Learn a `PieceModel` from good parts, each scored by the windows of the others."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -35,8 +35,8 @@ SCALE_STEP = 0.05
 # those of `python -m tests.evidence.wrong_passes`.
 _COVERAGES = {"window": 0.999, "spot": 0.99, "seam": 0.9999}
 _OCTAVE_COVERAGE = 0.999
-# Least share of good parts that exceed the limit of a seam at 90 degrees, of a texture with a
-# direction.
+# Least share of good parts with a window that is farther from good ones at 90 degrees than any
+# window that was left out, of a texture with a direction.
 _LEAST_TURNED = 0.9
 # Prior of the standard deviation of the logarithm of the highest scores of good parts, and the
 # number of parts that it counts as: it was 0.05 to 0.25 on the textures of that command.
@@ -97,9 +97,15 @@ def learn_pieces(parts: Sequence[GoodPart], scale_direction: Floats) -> PieceMod
         for angle in (0.0, 90.0)
     }
     views = {}
+    turned = np.zeros(len(parts), np.bool_)
     for name, size, columns in VIEWS:
         found, scores = LookAlikes.of(features[size, 0.0], columns)
-        limit = _limit(np.sqrt([each.max() for each in scores]), name.partition("_")[0])
+        kind = name.partition("_")[0]
+        highest = np.array([each.max() for each in scores])
+        if kind == "seam":
+            others = (found.scores(each).max() for each in features[size, 90.0])
+            turned |= [other > highest.max() for other in others]
+        limit = _limit(np.sqrt(highest), kind)
         views[name] = replace(found, spreads=found.spreads * np.float32(limit**2))
     factor = tolerance_factor(len(parts), _OCTAVE_COVERAGE)
     levels = np.array([octave_levels(each) for each in coarses])
@@ -114,21 +120,9 @@ def learn_pieces(parts: Sequence[GoodPart], scale_direction: Floats) -> PieceMod
         np.maximum(factor * levels.std(axis=0, ddof=1), _LEAST_OCTAVE),
         scale,
         handedness if least > 0.0 else None,
-        _has_direction(views, features),
+        bool(turned.mean() >= _LEAST_TURNED),
         float(scales.std(ddof=1)),
     )
-
-
-def _has_direction(
-    views: Mapping[str, LookAlikes], features: Mapping[tuple[int, float], list[FloatMap]]
-) -> bool:
-    """Whether good parts exceed the limit of a seam when they are turned by 90 degrees."""
-    exceeding = [
-        [views[name].scores(each).max() > 1.0 for each in features[size, 90.0]]
-        for name, size, _ in VIEWS
-        if name.startswith("seam")
-    ]
-    return bool(np.any(exceeding, axis=0).mean() >= _LEAST_TURNED)
 
 
 def _spot_model(parts: Sequence[GoodPart], floors: FloatMap) -> SpotModel:

@@ -86,7 +86,7 @@ class PieceModel:
     handedness
         Measure of handedness; None for a texture without one.
     has_direction
-        Whether a seam of two pieces at 90 degrees can be found.
+        Whether windows at 90 degrees look unlike all good ones.
     scale_deviation
         Standard deviation of the logarithm of the scale of good parts that are left out.
     """
