@@ -39,7 +39,7 @@ COMMENTS = {
     "scale": "least and largest size of the texture against the taught one",
     "handedness": "least handedness: 1 as taught, -1 in a mirror",
     "octaves": "largest departure of the power in an octave; 1 is the taught limit",
-    "window": "largest score of a window of 32 to 128 px; 1 is the taught limit",
+    "window": "largest score of a spot or a window; 1 is the taught limit",
     "seam": "largest score of the directions in a window; 1 is the taught limit",
     "defect": "largest score of the defect map; 1 is the taught threshold",
     "unjudged_px": "largest area without a score in the defect map, in px",
