@@ -4,9 +4,8 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from capture.station.domain.digits import told_apart
 from capture.station.domain.recipe import Limits, Orientation, Recipe
-from capture.station.domain.verdict import Cause, Decision, Verdict
+from capture.station.domain.verdict import Cause, Decision, Verdict, told_apart
 from classify import Match
 from classify.library.match import LEAST_MARGIN
 from classify.texture.orientation_profile import LEAST_SHARPNESS
@@ -14,12 +13,6 @@ from rig.acceptance import MAX_SATURATED_SHARE
 
 STOP_LED_LEVEL = 0.85
 """Least level of an LED, as a share of the taught one: stop below 85 %, warn below 90 %."""
-
-_ORDER = {cause: number for number, cause in enumerate(Cause)}
-_UNKNOWN = (Cause.NO_TEXTURE, Cause.UNDECIDED, Cause.BLUR)
-_ERROR = (
-    Cause.CAPTURE, Cause.RIG, Cause.CALIBRATION, Cause.INTERRUPTED, Cause.STORAGE, Cause.UNFORESEEN,
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -61,10 +54,10 @@ def verdict_of(recipe: Recipe, measures: Measures, faults: Sequence[Finding] = (
     match = measures.match
     if findings or match is None or match.label not in recipe.passes:
         findings = findings or [Finding(Cause.UNFORESEEN, "the part was not matched")]
-        findings.sort(key=lambda finding: _ORDER[finding.cause])
+        findings.sort(key=lambda finding: finding.cause.gravity)
         causes = tuple(dict.fromkeys(finding.cause for finding in findings))
         text = "; ".join(dict.fromkeys(finding.text for finding in findings))
-        return Verdict(_decision(causes[0]), text, causes)
+        return Verdict(causes[0].decision, text, causes)
     return Verdict(Decision.PASS, f"{match.label}, {_within(recipe, measures, match)}")
 
 
@@ -80,12 +73,6 @@ def invalid(recipe: Recipe, measures: Measures) -> Iterator[Finding]:
             yield Finding(Cause.RIG, text)
     if not measures.led_levels:
         yield Finding(Cause.UNFORESEEN, "the levels of the LEDs were not measured")
-
-
-def _decision(gravest: Cause) -> Decision:
-    if gravest in _ERROR:
-        return Decision.ERROR
-    return Decision.UNKNOWN if gravest in _UNKNOWN else Decision.FAIL
 
 
 def _unmeasured(limits: Limits, measures: Measures) -> Iterator[Finding]:

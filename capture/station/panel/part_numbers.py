@@ -3,9 +3,8 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from capture.station.domain.digits import told_apart
 from capture.station.domain.recipe import Limits, Recipe
-from capture.station.domain.verdict import Cause
+from capture.station.domain.verdict import Cause, told_apart
 from capture.station.results.part_result import PartResult
 from classify.library.match import LEAST_MARGIN
 

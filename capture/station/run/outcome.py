@@ -7,7 +7,7 @@ from importlib.metadata import version
 from typing import Any, Protocol, TypeVar
 
 from capture.sets.captured_set import CapturedSet
-from capture.station.domain.error_verdict import error_verdict
+from capture.station.domain.errors import error_verdict
 from capture.station.domain.folder import set_file_of
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.results.part_result import PartResult
