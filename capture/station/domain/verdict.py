@@ -75,6 +75,11 @@ class Cause(StrEnum):
             raise ValueError(f"{name}: {decision} is graver than {graver[-1]}, in the row above")
         return cause
 
+    @classmethod
+    def named(cls, name: str) -> Self:
+        """Return the cause of a name."""
+        return cls(name)  # type: ignore[call-arg]  # a look-up, not a row
+
 
 @dataclass(frozen=True)
 class Verdict:

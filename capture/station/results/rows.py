@@ -43,7 +43,7 @@ def result_of(row: Mapping[str, Any]) -> PartResult:
     verdict = Verdict(
         Decision(values.pop("decision")),
         values.pop("reason"),
-        tuple(Cause(name) for name in values.pop("causes")),
+        tuple(map(Cause.named, values.pop("causes"))),
     )
     values["defects"] = tuple(DefectRecord(**defect) for defect in values["defects"])
     values |= {name: tuple(values[name]) for name in ("led_levels", "notes")}

@@ -26,7 +26,7 @@ from capture.station.line.registers import registers_page
 from capture.station.results.part_result import PartResult
 from capture.station.results.rows import result_of, row_of
 
-cause = module.Cause("weight")
+cause = module.Cause.named("weight")
 finding = Finding(cause, "9 g, at least 12 g")
 found = verdict_of(Recipe(name="a", passes=("b",)), Measures(), [finding])
 utc = "2026-11-22T17:08:13.042Z"
