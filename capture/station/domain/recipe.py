@@ -15,14 +15,11 @@ from capture.station.domain.errors import NotApproved
 from classify.base.section import Section
 from rig.set_file import fields_sha256
 
+from .limits import GeneralLimits, Limits
+
 _DIGITS = 8  # of a hash that is shown
 _MAX_TEXTURES = 1000  # bounds the file; `station bench` measures a recipe with 30 textures
 
-Positive = Annotated[float, Field(gt=0.0, le=1e6)]
-Share = Annotated[float, Field(ge=0.0, le=1.0)]
-Range = tuple[Annotated[float, Field(ge=0.0)], Positive]
-RANGES = ("sdq", "albedo", "scale")
-"""Limits that have a least and a largest value."""
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
@@ -34,52 +31,6 @@ class Orientation(Section):
     # Anticlockwise, with the zero of the taught parts.
     reference_deg: Annotated[FiniteFloat, Field(ge=-360.0, le=360.0)] = 0.0
     full_turn: bool = False  # whether a part at `reference_deg` + 180 degrees is wrong
-
-
-class Limits(Section):
-    """Limits of a part that passes; None sets no limit."""
-
-    distance: Positive | None = None  # largest distance, beside the limit of the library
-    margin: Share | None = None  # least margin, beside that of the library, 0.15
-    # Least and largest root mean square slope (ISO 25178-2).
-    sdq: Range | None = Field(default=None, strict=False)
-    shadow_fraction: Share | None = None  # largest share of pixels that a light does not reach
-    unmeasured_fraction: Share | None = None  # largest share of pixels without a slope
-    blur_px: Positive | None = None  # largest blur against the taught parts, sigma of a Gaussian
-    # Least and largest mean, as a share of full scale at the taught exposure.
-    albedo: Range | None = Field(default=None, strict=False)
-    # Least and largest size of the texture against the taught one.
-    scale: Range | None = Field(default=None, strict=False)
-    # Least; 1 is that of the taught parts, -1 that of their mirror images.
-    handedness: Annotated[float, Field(ge=-10.0, le=10.0)] | None = None
-    # Largest departure of the power in an octave; 1 is the taught limit.
-    octaves: Positive | None = None
-    window: Positive | None = None  # largest score of a window; 1 is the taught limit
-    seam: Positive | None = None  # largest score of a window's directions; 1 is the taught limit
-    defect: Positive | None = None  # largest score of the defect map; 1 is the taught threshold
-    # Largest connected area without a score in the defect map.
-    unjudged_px: Annotated[int, Field(ge=0)] | None = None
-
-    @model_validator(mode="after")
-    def _ranges_rise(self) -> Self:
-        for name in RANGES:
-            found = getattr(self, name)
-            if found is not None and not found[0] < found[1]:
-                raise ValueError(f"{name} = {list(found)}: give the least and the largest value")
-        return self
-
-
-class GeneralLimits(Limits):
-    """Limits of all textures, with the default values of those that a recipe does not set."""
-
-    unmeasured_fraction: Share = 0.05  # teaching takes it from the good parts
-    blur_px: Positive = 1.0  # it removes the finest scale (``classify/texture/blur.py``)
-    octaves: Positive = 1.0
-    window: Positive = 1.0
-    seam: Positive = 1.0
-    defect: Positive = 1.0
-    # Four adjacent cells of the defect map (256 px) without a score are a hole in the surface.
-    unjudged_px: Annotated[int, Field(ge=0)] = 255
 
 
 class Region(Section):

@@ -9,6 +9,7 @@ from classify.base.durable_file import durable_file
 from classify.base.section import Section
 from rig.config.toml_file import read_toml_as
 
+from .limits import ROWS
 from .recipe import Recipe
 
 SUFFIX = ".toml"
@@ -29,20 +30,7 @@ COMMENTS = {
     "tolerance_deg": "largest departure from reference_deg",
     "reference_deg": "anticlockwise, with the zero of the taught parts",
     "full_turn": "whether a part at reference_deg + 180 is wrong",
-    "distance": "largest distance to the texture, beside the library's limit",
-    "margin": "least margin to the next texture, beside the library's 0.15",
-    "sdq": "least and largest root mean square slope (ISO 25178-2)",
-    "shadow_fraction": "largest share of pixels that a light does not reach",
-    "unmeasured_fraction": "largest share of pixels without a slope",
-    "blur_px": "largest blur against the taught parts",
-    "albedo": "least and largest mean albedo, a share of full scale at the taught exposure",
-    "scale": "least and largest size of the texture against the taught one",
-    "handedness": "least handedness: 1 as taught, -1 in a mirror",
-    "octaves": "largest departure of the power in an octave; 1 is the taught limit",
-    "window": "largest score of a window of 32 to 128 px; 1 is the taught limit",
-    "seam": "largest score of the directions in a window; 1 is the taught limit",
-    "defect": "largest score of the defect map; 1 is the taught threshold",
-    "unjudged_px": "largest area without a score in the defect map, in px",
+    **{key: row.comment for key, row in ROWS.items()},
     "exposure_ms": "instead of that in rig.toml",
     "required": "whether a part without a calibration is an error",
     "max_age_days": "greatest age of the calibration",

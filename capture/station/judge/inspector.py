@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from functools import partial
 from itertools import chain
@@ -19,7 +19,8 @@ from capture.calibration.lookup import FoundCalibration, read_calibration
 from capture.calibration.parts import PartName
 from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
-from capture.station.domain.recipe import Limits, Recipe
+from capture.station.domain.limits import LimitedMeasures, Limits
+from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_file import read_recipe
 from capture.station.domain.recipe_folder import RecipeFolder, file_sha256
 from capture.station.domain.taught import Taught
@@ -51,8 +52,8 @@ from .measured_surface import MeasuredSurface, fits
 # Parts of a calibration whose settings cover everything: pixel values and exposure; the lights.
 _WHOLE_SETTING: tuple[PartName, ...] = ("dark", "flat_field")
 _OF_MATCH = ("label", "nearest", "orientation_deg", "distance", "limit", "margin", "blur_px")
-_OF_PIECES = ("scale", "handedness", "octaves", "window", "seam")
-_OF_MEASURES = ("sdq", "shadow_fraction", "defect_score", "albedo", *_OF_PIECES)
+_LIMITED = tuple(measure.name for measure in fields(LimitedMeasures))
+_OF_PIECES = tuple(measure.name for measure in fields(PieceMeasures) if measure.name in _LIMITED)
 # Number of defects that a result lists; a part of another texture may have hundreds.
 _MOST_DEFECTS = 50
 # Number of regions of windows of a kind; there are few, because windows overlap.
@@ -80,7 +81,7 @@ class Inspection:
         fields: dict[str, Any] = {}
         for source, names in (
             (self, ("verdict", "defects", "led_levels", "timings_ms")),
-            (self.measures, _OF_MEASURES),
+            (self.measures, _LIMITED),
             (self.measures.match, _OF_MATCH),
         ):
             if source is not None:

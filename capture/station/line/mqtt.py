@@ -13,7 +13,7 @@ from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
 from capture.station.domain.interface_config import MqttConfig
-from capture.station.results.rows import row_of
+from capture.station.results.part_result import row_of
 from capture.station.run.events import (
     Event,
     PartAnnounced,

@@ -7,7 +7,7 @@ from sqlalchemy import Connection, func, insert, select
 
 from capture.base.utc_time import utc_text
 
-from .rows import storable
+from .part_result import storable
 from .schema import changes
 from .store import ResultStore, has_request
 

@@ -8,7 +8,7 @@ from typing import Any, TextIO
 from capture.base.outputs import csv_line
 
 from .history import Counters, HistoryEntry, Tally
-from .rows import row_of
+from .part_result import row_of
 from .schema import results
 
 _FIRST = (

@@ -10,8 +10,7 @@ from typing import Any
 
 from capture.base.utc_time import utc_text
 from capture.station.domain.verdict import Decision
-from capture.station.results.part_result import PartResult
-from capture.station.results.rows import row_of
+from capture.station.results.part_result import PartResult, row_of
 from capture.station.run.event_lines import json_fields
 from capture.station.run.events import (
     Event,

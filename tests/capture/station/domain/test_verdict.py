@@ -24,7 +24,7 @@ from capture.station.domain.recipe import Recipe
 from capture.station.judge.judge import Finding, Measures, verdict_of
 from capture.station.line.registers import registers_page
 from capture.station.results.part_result import PartResult
-from capture.station.results.rows import result_of, row_of
+from capture.station.results.part_result import result_of, row_of
 
 cause = module.Cause.named("weight")
 finding = Finding(cause, "9 g, at least 12 g")

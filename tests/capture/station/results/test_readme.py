@@ -1,14 +1,12 @@
 import re
 import runpy
-import shutil
 from pathlib import Path
 
 import pytest
 
-from capture.station.results.store import open_store
+from .parts import record_three_days
 
 README = Path(__file__).parents[4] / "capture" / "station" / "README.md"
-OLD = Path(__file__).parents[3] / "data" / "results" / "version-1.sqlite"
 
 
 def test_the_example_counts_verdicts_per_day(
@@ -18,8 +16,7 @@ def test_the_example_counts_verdicts_per_day(
     results = section.partition("\n## ")[0]
     [example] = re.findall(r"```python\n(.*?)```", results, re.DOTALL)
     (tmp_path / "line-3").mkdir()
-    shutil.copy(OLD, tmp_path / "line-3" / "results.sqlite")
-    open_store(str(tmp_path / "line-3" / "results.sqlite"), "line-1").close()
+    record_three_days(tmp_path / "line-3" / "results.sqlite")
     (tmp_path / "example.py").write_text(example)
     monkeypatch.chdir(tmp_path)
     runpy.run_path("example.py")

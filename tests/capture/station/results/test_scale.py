@@ -18,7 +18,7 @@ from sqlalchemy import insert
 from capture.station.domain.verdict import Decision
 from capture.station.results.history import HistoryEntry, Selection
 from capture.station.results.history_table import json_pieces, write_csv
-from capture.station.results.rows import row_of
+from capture.station.results.part_result import row_of
 from capture.station.results.schema import begun_parts, results, stations
 from capture.station.results.store import BegunPart, ResultStore, open_store
 from tests.memory_growth import resident_mb
