@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, astuple, dataclass, field, fields
+from functools import cached_property
 from typing import Any
 
 from capture.station.domain.limits import LimitedMeasures
@@ -80,6 +81,26 @@ class PartResult(LimitedMeasures):
             if value is not None and not math.isfinite(value):
                 raise ValueError(f"{name} of part {self.part_id} is {value}")
 
+    @cached_property
+    def row(self) -> Mapping[str, Any]:
+        """The columns of the table ``results``, which CSV, JSON and MQTT show, too."""
+        row = {column.name: getattr(self, column.name) for column in fields(self)}
+        del row["verdict"]
+        row |= {name: None if row[name] is None else float(row[name]) for name in MEASURES}
+        row |= {
+            "decision": self.verdict.decision.value,
+            "reason": self.verdict.reason,
+            "causes": [cause.value for cause in self.verdict.causes],
+            "defects": [asdict(defect) for defect in self.defects],
+            "led_levels": [float(level) for level in self.led_levels],
+            "timings_ms": {name: float(ms) for name, ms in self.timings_ms.items()},
+            "notes": [storable(note) for note in self.notes],
+        }
+        return {
+            name: storable(value) if isinstance(value, str) else value
+            for name, value in row.items()
+        }
+
     def _measured(self) -> Iterator[tuple[str, float | None]]:
         yield from ((name, getattr(self, name)) for name in MEASURES)
         for defect in self.defects:
@@ -92,25 +113,6 @@ def storable(text: str) -> str:
     """Return text that every database holds: surrogates and NUL escaped, at most `MAX_TEXT`."""
     escaped = text.encode("utf-8", "backslashreplace").decode("utf-8").replace("\0", "\\x00")
     return escaped if len(escaped) <= MAX_TEXT else f"{escaped[: MAX_TEXT - 1]}…"
-
-
-def row_of(result: PartResult) -> dict[str, Any]:
-    """Return the values of the columns for a result."""
-    row = dict(vars(result))
-    del row["verdict"]
-    row |= {name: None if row[name] is None else float(row[name]) for name in MEASURES}
-    row |= {
-        "decision": result.verdict.decision.value,
-        "reason": result.verdict.reason,
-        "causes": [cause.value for cause in result.verdict.causes],
-        "defects": [asdict(defect) for defect in result.defects],
-        "led_levels": [float(level) for level in result.led_levels],
-        "timings_ms": {name: float(ms) for name, ms in result.timings_ms.items()},
-        "notes": [storable(note) for note in result.notes],
-    }
-    return {
-        name: storable(value) if isinstance(value, str) else value for name, value in row.items()
-    }
 
 
 def result_of(row: Mapping[str, Any]) -> PartResult:

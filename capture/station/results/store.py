@@ -33,7 +33,7 @@ from .database import (
 )
 from .history import EVERY_PART, Counters, HistoryEntry, Selection, counters, entries
 from .part_id import made_part_id, require_given_part_id, require_new_part_id
-from .part_result import PartResult, row_of, storable
+from .part_result import PartResult, storable
 from .schema import (
     MADE_BY,
     begun_parts,
@@ -122,7 +122,7 @@ class ResultStore:
 
     def add(self, result: PartResult) -> None:
         """Record the result of a begun part; the same result again changes nothing."""
-        row = row_of(result)
+        row = result.row
         if result.station != self.station:
             raise InputError(f"station {self.station} cannot hold a result of {result.station}")
 
@@ -130,7 +130,7 @@ class ResultStore:
             written = self._find(connection, results, result.part_id)
             if written is None:
                 connection.execute(insert(results).values(row))
-            elif dict(written._mapping) != row:
+            elif written._mapping != row:
                 raise InputError(f"part {result.part_id}: has another result already")
 
         try:

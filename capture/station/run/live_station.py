@@ -10,7 +10,7 @@ from typing import Any
 
 from capture.base.utc_time import utc_text
 from capture.station.domain.verdict import Decision
-from capture.station.results.part_result import PartResult, row_of
+from capture.station.results.part_result import PartResult
 from capture.station.run.event_lines import json_fields
 from capture.station.run.events import (
     Event,
@@ -81,14 +81,14 @@ class LiveSnapshot:
 
     def fields(self) -> dict[str, Any]:
         """Return the snapshot as fields of JSON."""
-        last = None if self.last is None else row_of(self.last) | {"latency_ms": self.latency_ms}
+        last = None if self.last is None else {**self.last.row, "latency_ms": self.latency_ms}
         return dict(vars(self)) | {
             "recipe": None if self.recipe is None else vars(self.recipe),
             "last": last,
             "announced": {each.value: self.announced.get(each, 0) for each in Decision},
             "devices": [vars(each) for each in self.devices],
             "rejected": [
-                row_of(each.result) | {"acknowledged_by": each.acknowledged_by}
+                {**each.result.row, "acknowledged_by": each.acknowledged_by}
                 for each in self.rejected
             ],
         }
@@ -326,7 +326,7 @@ def _fields(event: Event) -> dict[str, Any]:
     fields = json_fields(event)
     match event:
         case PartAnnounced(result, _) | PartRecovered(result):
-            return row_of(result) | fields
+            return {**result.row, **fields}
         case StationStopped():
             return fields | {"parts": {each.value: n for each, n in event.announced.items()}}
         case _:

@@ -32,7 +32,7 @@ from capture.station.judge.judge import Measures, verdict_of
 from capture.station.panel.part_numbers import measured_numbers
 from capture.station.panel.recipes.recipe_form import RecipeForm
 from capture.station.results.history_table import COLUMNS
-from capture.station.results.part_result import PartResult, result_of, row_of
+from capture.station.results.part_result import PartResult, result_of
 from capture.station.results.schema import results
 from classify import Match
 
@@ -51,7 +51,7 @@ assert "gloss 0.40 of 0.50" in good, good
 utc = "2026-11-22T17:08:13.042Z"
 result = PartResult("line", "part-1", 1, "timer", utc, None, utc, verdict, None, False, "1",
                     label="b", gloss=0.7)
-assert result_of(row_of(result)) == result
+assert result_of(result.row) == result
 assert "gloss" in results.c and "gloss" in COLUMNS
 [number] = [number for number in measured_numbers(result, recipe) if number.name == "gloss"]
 print(number.value, number.limit, number.is_beyond)

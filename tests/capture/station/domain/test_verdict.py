@@ -24,14 +24,14 @@ from capture.station.domain.recipe import Recipe
 from capture.station.judge.judge import Finding, Measures, verdict_of
 from capture.station.line.registers import registers_page
 from capture.station.results.part_result import PartResult
-from capture.station.results.part_result import result_of, row_of
+from capture.station.results.part_result import result_of
 
 cause = module.Cause.named("weight")
 finding = Finding(cause, "9 g, at least 12 g")
 found = verdict_of(Recipe(name="a", passes=("b",)), Measures(), [finding])
 utc = "2026-11-22T17:08:13.042Z"
 result = PartResult("line", "part-1", 1, "timer", utc, None, utc, found, None, False, "1")
-assert result_of(row_of(result)).verdict == found
+assert result_of(result.row).verdict == found
 assert "| 52 | FAIL | weight | too light |" in registers_page()
 print(found.decision, found.causes[0].plc_code, found.reason)
 """

@@ -13,7 +13,6 @@ from capture.station.results.part_result import (
     DefectRecord,
     PartResult,
     result_of,
-    row_of,
     storable,
 )
 from capture.station.results.store import ResultStore, open_store
@@ -75,7 +74,7 @@ def minimal(**more: object) -> PartResult:
 
 @given(results)
 def test_a_result_comes_back_from_its_row(result: PartResult) -> None:
-    assert result_of(row_of(result)) == result
+    assert result_of(result.row) == result
 
 
 def comes_back(store: ResultStore, result: PartResult) -> None:
