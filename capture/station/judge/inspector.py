@@ -53,7 +53,6 @@ from .measured_surface import MeasuredSurface, fits
 _WHOLE_SETTING: tuple[PartName, ...] = ("dark", "flat_field")
 _OF_MATCH = ("label", "nearest", "orientation_deg", "distance", "limit", "margin", "blur_px")
 _LIMITED = tuple(measure.name for measure in fields(LimitedMeasures))
-_OF_PIECES = tuple(measure.name for measure in fields(PieceMeasures) if measure.name in _LIMITED)
 # Number of defects that a result lists; a part of another texture may have hundreds.
 _MOST_DEFECTS = 50
 # Number of regions of windows of a kind; there are few, because windows overlap.
@@ -216,8 +215,8 @@ class Inspector:
                 pieces = begun()
                 found = self._defects(defect_map, limits.defect)
                 defects = (*found, *self._windows(pieces, limits))
-                of_pieces = {name: getattr(pieces, name) for name in _OF_PIECES}
-                measures = replace(measures, **of_pieces)
+                of_pieces = (name for name in _LIMITED if hasattr(pieces, name))
+                measures = replace(measures, **{name: getattr(pieces, name) for name in of_pieces})
         taught = self._signals.get(texture, np.mean([*self._signals.values()], axis=0))
         levels = np.array(measured.light_signals) / taught
         verdict = verdict_of(self.recipe, measures)
