@@ -30,7 +30,7 @@ from capture.station.domain.taught_files import (
     models_of,
     taught_for,
 )
-from capture.station.domain.verdict import Cause, Verdict
+from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.results.part_result import DefectRecord
 from classify import TextureLibrary
 from classify.base.threads import beside
@@ -57,6 +57,7 @@ _LIMITED = tuple(measure.name for measure in fields(LimitedMeasures))
 _MOST_DEFECTS = 50
 # Number of regions of windows of a kind; there are few, because windows overlap.
 _MOST_WINDOWS = 10
+COLLECTS = "this run collects parts for teaching and judges none"
 
 
 @dataclass(frozen=True, eq=False)
@@ -352,3 +353,14 @@ def _timed(timings_ms: dict[str, float], step: str) -> Iterator[None]:
     started_s = time.perf_counter()
     yield
     timings_ms[step] = 1000.0 * (time.perf_counter() - started_s)
+
+
+class Collector:
+    """Gives every part the verdict UNKNOWN: no part of such a run may pass."""
+
+    def begin(self, unchecked: CapturedSet) -> None:
+        """Do nothing: no part is judged."""
+
+    def inspect(self, captured: CapturedSet) -> Inspection:  # noqa: ARG002 - as an inspector
+        """Judge nothing."""
+        return Inspection(Verdict(Decision.UNKNOWN, COLLECTS, (Cause.NO_TEXTURE,)))

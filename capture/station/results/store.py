@@ -25,6 +25,7 @@ from classify.base.errors import InputError
 
 from .database import (
     PATIENCE_S,
+    Writer,
     database_url,
     postgresql_engine,
     shown,
@@ -46,7 +47,6 @@ from .schema import (
     stations,
 )
 from .utc import require_utc
-from .writer import Writer
 
 
 @dataclass(frozen=True)

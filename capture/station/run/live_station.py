@@ -23,19 +23,21 @@ from capture.station.run.events import (
     StationStopped,
     TriggerRefused,
 )
-from capture.station.run.recipe_request import Asker, RecipeRefusal, RecipeRefused
 from capture.station.run.states import Change, State
 from capture.station.run.triggers import (
     Answer,
+    Asker,
+    RecipeRefusal,
+    RecipeRefused,
     Refused,
     Trigger,
     TriggerSource,
     TriggerTarget,
 )
 
-from .attached_source import AttachedSource
 from .devices import Device, DeviceStates
 from .subscription import LiveEvent, Subscription
+from .triggers import AttachedSource
 
 # A part has four events: a browser that was disconnected for a hundred parts misses none.
 _KEPT_EVENTS = 400

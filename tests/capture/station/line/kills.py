@@ -37,7 +37,7 @@ from capture.station.line.ladder import Judged
 from capture.station.line.line import PlcLine
 from capture.station.line.modbus import PlcConnection, serving_modbus
 from capture.station.line.registers import VERDICTS, Status
-from capture.station.results.change_log import newest_changes
+from capture.station.results.audit import newest_changes
 from capture.station.results.part_result import PartResult
 from capture.station.results.store import open_store
 from capture.station.run.events import Publisher

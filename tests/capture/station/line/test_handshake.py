@@ -39,9 +39,8 @@ from capture.station.run.events import (
     RecipeLoaded,
     StateChanged,
 )
-from capture.station.run.recipe_request import RecipeRefusal
 from capture.station.run.states import State
-from capture.station.run.triggers import Accepted, Refusal, Refused
+from capture.station.run.triggers import Accepted, RecipeRefusal, Refusal, Refused
 from tests.capture.station.line.lines import NOTHING
 
 UTC = "2026-01-02T03:04:05.678Z"
