@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from rig import list_cameras
-from rig.config.camera import V4l2CameraConfig
-from rig.v4l2.camera_list import device_path
+from rig.cameras.config import V4l2CameraConfig
+from rig.cameras.v4l2.camera_list import device_path
 
 
 @pytest.mark.parametrize(

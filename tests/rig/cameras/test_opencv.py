@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from rig import CameraError
-from rig.config.camera import OpencvCameraConfig
-from rig.opencv_camera import OpencvCamera
+from rig.cameras.config import OpencvCameraConfig
+from rig.cameras.opencv import OpencvCamera
 
 ROWS, COLUMNS, COUNT = 48, 64, 40
 BUFFERS = 10

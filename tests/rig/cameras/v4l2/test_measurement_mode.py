@@ -10,18 +10,18 @@ from typing import Any
 import pytest
 
 from rig import CameraError
-from rig.config.camera import V4l2CameraConfig
-from rig.doctor.cameras import check_controls
-from rig.errors import ControlError
-from rig.v4l2 import abi
-from rig.v4l2.controls import list_controls
-from rig.v4l2.device import V4l2Device
-from rig.v4l2.measurement_mode import (
+from rig.cameras.config import V4l2CameraConfig
+from rig.cameras.v4l2 import abi
+from rig.cameras.v4l2.controls import list_controls
+from rig.cameras.v4l2.device import V4l2Device
+from rig.cameras.v4l2.measurement_mode import (
     check_measurement_mode,
     exposure_range_ms,
     set_exposure,
     set_measurement_mode,
 )
+from rig.doctor.cameras import check_controls
+from rig.errors import ControlError
 
 AUTO, TIME = abi.CID_EXPOSURE_AUTO, abi.CID_EXPOSURE_ABSOLUTE
 PRIORITY = abi.CID_EXPOSURE_AUTO_PRIORITY

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rig import CameraError
-from rig.v4l2.camera import V4l2Camera, WrittenFrames
-from rig.v4l2.device import Capture
+from rig.cameras.v4l2.camera import V4l2Camera, WrittenFrames
+from rig.cameras.v4l2.device import Capture
 
 OPENED_S = 1000.0
 

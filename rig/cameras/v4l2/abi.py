@@ -7,7 +7,15 @@ the prefix ``V4L2_``.
 from __future__ import annotations
 
 import ctypes
-from ctypes import Array, c_char, c_int32, c_int64, c_uint8, c_uint32, c_uint64
+from ctypes import (
+    Array,
+    c_char,
+    c_int32,
+    c_int64,
+    c_uint8,
+    c_uint32,
+    c_uint64,
+)
 
 BUF_TYPE_VIDEO_CAPTURE = 1
 BUF_TYPE_VIDEO_OUTPUT = 2

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rig.camera import Pixels
+from rig.cameras.camera import Pixels
 
 # Luma of the limited range, BT.601: black is 16, white 235.
 _BLACK, _WHITE = 16, 235

@@ -10,9 +10,10 @@ from typing import Any
 import cv2
 import numpy as np
 
+from rig.errors import CameraError, ControlError, ControlFault
+
 from .camera import CameraInfo, Frame, Pixels
-from .config.camera import OpencvCameraConfig
-from .errors import CameraError, ControlError, ControlFault
+from .config import OpencvCameraConfig
 from .frame_time import require_exposure
 from .v4l2.camera_list import device_path
 from .v4l2.device import RATE_TOLERANCE

@@ -6,15 +6,20 @@ from typing import Any
 
 import numpy as np
 
-from rig.camera import CameraInfo, Frame, FrameFlag, Pixels
-from rig.config.camera import V4l2CameraConfig
-from rig.errors import CameraError
-from rig.frame_time import (
+from rig.cameras.camera import (
+    CameraInfo,
+    Frame,
+    FrameFlag,
+    Pixels,
+)
+from rig.cameras.config import V4l2CameraConfig
+from rig.cameras.frame_time import (
     exposure_start_s,
     require_exposure,
     require_measured_mode,
     start_known_to_s,
 )
+from rig.errors import CameraError
 
 from .camera_list import device_path
 from .controls import list_controls, read_control

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rig import CameraError
-from rig.v4l2.pixel_formats import PIXEL_FORMATS, PixelFormat, decode
+from rig.cameras.v4l2.pixel_formats import PIXEL_FORMATS, PixelFormat, decode
 
 UNCOMPRESSED = [entry for entry in PIXEL_FORMATS.values() if not entry.is_compressed]
 WORDS = [entry for entry in UNCOMPRESSED if entry.bit_depth > 8]

@@ -1,7 +1,8 @@
 """Exposure of a frame: its start from the driver's time stamp, and its limits."""
 
-from .config.camera import StampedCameraConfig
-from .errors import CameraError, ConfigError
+from rig.errors import CameraError, ConfigError
+
+from .config import StampedCameraConfig
 
 
 def exposure_start_s(

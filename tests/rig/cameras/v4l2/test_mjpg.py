@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from rig import CameraError, FrameFlag
-from rig.config.camera import V4l2CameraConfig
-from rig.v4l2 import camera
-from rig.v4l2.camera import V4l2Camera
-from rig.v4l2.device import Capture, VideoFormat
-from rig.v4l2.pixel_formats import PIXEL_FORMATS, CorruptFrameError, decode
-from tests.rig.v4l2.test_measurement_mode import FakeCamera, usual_knobs
+from rig.cameras.config import V4l2CameraConfig
+from rig.cameras.v4l2 import camera
+from rig.cameras.v4l2.camera import V4l2Camera
+from rig.cameras.v4l2.device import Capture, VideoFormat
+from rig.cameras.v4l2.pixel_formats import PIXEL_FORMATS, CorruptFrameError, decode
+from tests.rig.cameras.v4l2.test_measurement_mode import FakeCamera, usual_knobs
 
 WIDTH, HEIGHT = 320, 240
 MJPG = PIXEL_FORMATS["MJPG"]

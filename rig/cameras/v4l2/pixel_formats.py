@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from rig.camera import Pixels
+from rig.cameras.camera import Pixels
 from rig.errors import CameraError
 
 _Bytes = npt.NDArray[np.uint8]

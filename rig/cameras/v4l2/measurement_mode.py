@@ -5,11 +5,17 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from rig.config.camera import V4l2CameraConfig
+from rig.cameras.config import V4l2CameraConfig
 from rig.errors import CameraError, ControlError, ControlFault
 
 from . import abi
-from .controls import Control, check_control, find_control, read_control, write_control
+from .controls import (
+    Control,
+    check_control,
+    find_control,
+    read_control,
+    write_control,
+)
 from .device import V4l2Device
 
 EXPOSURE_UNITS_PER_MS = 10

@@ -5,7 +5,7 @@ import struct
 
 import pytest
 
-from rig.v4l2 import abi
+from rig.cameras.v4l2 import abi
 
 
 @pytest.mark.parametrize(

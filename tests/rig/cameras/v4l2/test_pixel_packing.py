@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.v4l2.pixel_formats import PIXEL_FORMATS, decode
-from rig.v4l2.pixel_packing import PACKINGS
+from rig.cameras.v4l2.pixel_formats import PIXEL_FORMATS, decode
+from rig.cameras.v4l2.pixel_packing import PACKINGS
 
 
 @pytest.mark.parametrize("name", ["GREY", "Y10", "Y12", "Y16"])

@@ -1,12 +1,17 @@
 """The section ``[camera]`` of ``rig.toml``: one class per kind of camera."""
 
-from typing import Annotated, Any, Literal, Self
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    Self,
+)
 
 from pydantic import Field, field_validator, model_validator
 
 from classify.base.section import Section
 
-# Pixel formats by name with their true depth. `rig.v4l2.pixel_formats` decodes them; it is not
+# Pixel formats by name with their true depth. `v4l2.pixel_formats` decodes them; it is not
 # imported here, so that a configuration is read without loading OpenCV.
 PIXEL_FORMAT_BITS = {
     "GREY": 8,
@@ -113,7 +118,7 @@ class ReplayCameraConfig(StampedCameraConfig):
 
 
 class OpencvCameraConfig(DeviceCameraConfig):
-    """A camera through OpenCV; `rig.opencv_camera.OpencvCamera` lists its limitations."""
+    """A camera through OpenCV; `rig.cameras.opencv.OpencvCamera` lists its limitations."""
 
     kind: Literal["opencv"] = "opencv"
     bits: Literal[8] = 8

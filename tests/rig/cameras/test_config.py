@@ -4,11 +4,18 @@ from pathlib import Path
 
 import pytest
 
-from rig import CameraError, ConfigError, LightControllerError, RigConfig, load_config, open_rig
-from rig.config.camera import PIXEL_FORMAT_BITS, V4l2CameraConfig
-from rig.frame_time import exposure_start_s
-from rig.v4l2.camera import V4l2Camera
-from rig.v4l2.pixel_formats import PIXEL_FORMATS
+from rig import (
+    CameraError,
+    ConfigError,
+    LightControllerError,
+    RigConfig,
+    load_config,
+    open_rig,
+)
+from rig.cameras.config import PIXEL_FORMAT_BITS, V4l2CameraConfig
+from rig.cameras.frame_time import exposure_start_s
+from rig.cameras.v4l2.camera import V4l2Camera
+from rig.cameras.v4l2.pixel_formats import PIXEL_FORMATS
 
 REAL = '[lights]\nport = "/dev/ttyACM0"\n[camera]\n'
 CAMERA = REAL + 'kind = "v4l2"\ndevice = "/dev/v4l/by-id/cam"\n'
