@@ -1,7 +1,7 @@
 """The page of the station: states and registers."""
 
-from capture.station.cycle.states import transitions_table
-from capture.station.plc.registers import registers_page
+from capture.station.line.registers import registers_page
+from capture.station.run.states import transitions_table
 
 
 def station_page() -> str:
