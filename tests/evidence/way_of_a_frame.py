@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from types import CodeType, FrameType
 
-from capture.station.cycle.events import Event, PartAnnounced, PartBegun
+from capture.station.run.events import Event, PartAnnounced, PartBegun
 from tests.capture.station.production import run_parts, taught_station
 
 ROOT = Path(__file__).parents[2]
