@@ -43,9 +43,11 @@ def _sections(name: str, kinds: Sequence[type], listed: set[type]) -> Iterator[s
             first = meanings.setdefault(key.meaning, key.name)
             yield _line(key if first == key.name else key._replace(meaning=f"as `{first}`"))
     for key in keys:
-        models = [each for each in key.models if each not in listed]
+        models = [
+            each for each in key.models if not any(issubclass(known, each) for known in listed)
+        ]
         listed.update(models)
-        if models:
+        if key.models:
             path = f"{name.strip('[]')}.{key.name}".strip(".")
             section = f"[[{path}]]" if key.is_many else f"[{path}]"
             yield from ("", f"## `{section}`", "")
@@ -91,7 +93,8 @@ def _model_keys(model: type[BaseModel]) -> Iterator[Key]:
         meaning = next(filter(None, described), None) or _attributes(model).get(name, "")
         meaning = meaning[:1].lower() + meaning[1:] if meaning[1:2].islower() else meaning
         default = REQUIRED if field.is_required() else _shown(field.get_default())
-        yield _key(name, field.annotation, default, _range(field.metadata), meaning)
+        alias = field.alias or name
+        yield _key(alias, field.annotation, default, _range(field.metadata), meaning)
 
 
 def _dataclass_keys(model: type) -> Iterator[Key]:
