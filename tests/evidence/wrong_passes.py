@@ -6,8 +6,9 @@
 MATERIALS is a folder with one folder for each material. On the first 12 in alphabetical order a
 recipe is taught from 25 good parts of 512 px; other parts, captured with shadows and noise, are
 then judged by the inspector. Constants were chosen on materials 1, 3, 5 ... (even, from 0);
-targets hold for the others, and for stains and dents where they can be seen: where d' of the best
-linear detector is 3 or more. Captured sets are kept in the folder of temporary files.
+targets hold for the others, and where a fault can be seen: for stains and dents where d' of the
+best linear detector is 3 or more, for seams where the texture has a direction. Captured sets are
+kept in the folder of temporary files.
 """
 
 import argparse
@@ -98,8 +99,6 @@ def main(arguments: Sequence[str]) -> int:
             for fault in faults:
                 if fault.kind == "mirrored" and not handed:
                     continue
-                if fault.kind == "seam" and not inspector.has_direction(material.name):
-                    continue
                 if fault is GOOD:
                     paths = kept_parts(kept, material, GOOD, learned + good, given.seed)[learned:]
                 else:
@@ -109,7 +108,10 @@ def main(arguments: Sequence[str]) -> int:
                 d = math.inf
                 if fault.kind in ("stain", "dent"):
                     d = detectability(material, fault)
-                rows[fault.name].append(_Judged(number, count, len(paths), d >= LEAST_SEEN))
+                seen = d >= LEAST_SEEN
+                if fault.kind == "seam":
+                    seen = inspector.has_direction(material.name)
+                rows[fault.name].append(_Judged(number, count, len(paths), seen))
                 print(
                     f"{material.name:24} {fault.name:24} {count:4} of {len(paths):4} pass  "
                     + f"d' {d:.1f}  " * math.isfinite(d)

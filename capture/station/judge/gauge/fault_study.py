@@ -114,22 +114,23 @@ def study_faults(
         for fault in FAULTS:
             if fault.needs_handedness and limits.handedness is None:
                 continue
-            if fault.needs_direction and not inspector.has_direction(texture):
-                continue
             for strength in fault.strengths:
                 if great_only and not (fault.is_local and strength == GREAT):
                     continue
                 verdicts = [_passes(own, loaded, fault, strength, draw) for loaded, own in good]
                 judged = [each for each in verdicts if each is not None]
-                if judged:
-                    yield FaultFinding(
-                        texture=texture,
-                        fault=fault.name,
-                        unit=fault.unit,
-                        strength=strength,
-                        found=judged.count(False),
-                        parts=len(judged),
-                    )
+                finding = FaultFinding(
+                    texture=texture,
+                    fault=fault.name,
+                    unit=fault.unit,
+                    strength=strength,
+                    found=judged.count(False),
+                    parts=len(judged),
+                )
+                # Without a direction, a rotated piece shows at its edge alone, if at all.
+                excused = fault.needs_direction and not inspector.has_direction(texture)
+                if judged and (finding.is_found or not excused):
+                    yield finding
 
 
 def _passes(

@@ -41,7 +41,7 @@ class MadeFault:
     # From images, tilts of lights in deg, strength, place; None where the lights forbid it.
     make: Callable[[Images, npt.NDArray[np.float64], float, Place], Images | None]
     needs_handedness: bool = False  # cannot be seen on a texture that looks like its mirror image
-    needs_direction: bool = False  # cannot be seen on a texture that looks alike at 90 degrees
+    needs_direction: bool = False  # need not be seen on a texture that looks alike at 90 degrees
 
     @property
     def is_local(self) -> bool:

@@ -200,7 +200,7 @@ def _taught(
             if each.pieces.handedness is None
         ),
         *(
-            f"{name} looks alike at 90 degrees: a piece that lies otherwise is not found"
+            f"{name} looks alike at 90 degrees: a piece that lies otherwise may not be found"
             for name, each in models.items()
             if not each.pieces.has_direction
         ),

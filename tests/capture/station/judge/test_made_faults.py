@@ -16,6 +16,7 @@ from capture.station.judge.gauge.fault_study import (
     great_faults,
     keep_study,
     kept_study,
+    study_faults,
 )
 from capture.station.judge.gauge.made_faults import FAULTS, Place, with_fault
 from capture.station.judge.inspector import Inspector
@@ -135,9 +136,12 @@ def test_the_taught_station_finds_holes_worn_strips_and_stains(files: RecipeFold
 
 
 @pytest.mark.parametrize("has_direction", [False, True])
-def test_a_rotated_piece_is_judged_where_the_texture_has_a_direction(
+def test_a_rotated_piece_may_pass_where_the_texture_has_no_direction(
     files: RecipeFolder, monkeypatch: pytest.MonkeyPatch, has_direction: bool
 ) -> None:
     monkeypatch.setattr(Inspector, "has_direction", lambda *_: has_direction)
-    study: FaultStudy = great_faults(files, Inspector.load(files))
-    assert ("rotated piece" in {each.fault for each in study.findings}) == has_direction
+    monkeypatch.setattr("capture.station.judge.gauge.fault_study._passes", lambda *_: True)
+    findings = study_faults(files, Inspector.load(files), 1, great_only=True)
+    names = {each.fault for each in findings}
+    assert "hole" in names
+    assert ("rotated piece" in names) == has_direction
