@@ -12,7 +12,7 @@ from capture.cli import app
 # An option with one text in this many commands is explained once.
 _SHARED = 2
 _INTRODUCTION = """\
-# Commands
+# Commands of ps4rig
 
 In brackets the default; `...` may be repeated. `ps4rig COMMAND --help` says more of each.
 
@@ -22,7 +22,7 @@ In brackets the default; `...` may be repeated. `ps4rig COMMAND --help` says mor
 
 def commands_page() -> str:
     """Return the page as Markdown."""
-    commands = dict(_commands(typer.main.get_command(app), "ps4rig"))
+    commands = dict(_commands(typer.main.get_command(app), ""))
     options = {name: list(_options(command)) for name, command in commands.items()}
     uses = Counter(option for own in options.values() for option in own)
     shared = [option for option, count in uses.items() if count >= _SHARED]
@@ -30,10 +30,10 @@ def commands_page() -> str:
     for name, command in commands.items():
         usage = [_argument(each) for each in command.params if each.param_type_name == "argument"]
         also = " ".join(option[0].split()[0] for option in options[name] if option in shared)
-        lines += ["", f"## {' '.join([name, *usage])}", "", _summary(command.help)]
+        lines += ["", f"## {' '.join([name, *usage])}", f"{_first_clause(command.help)}."]
         lines[-1] += f" Also `{also}`." if also else ""
         own = [_line(option) for option in options[name] if option not in shared]
-        lines += ["", *own] if own else []
+        lines += own
     return "\n".join(lines)
 
 
@@ -42,7 +42,7 @@ def _commands(command: Any, name: str) -> Iterator[tuple[str, Any]]:
         yield name, command
         return
     for word, each in command.commands.items():
-        yield from _commands(each, f"{name} {word}")
+        yield from _commands(each, f"{name} {word}".strip())
 
 
 def _options(command: Any) -> Iterator[tuple[str, str]]:
@@ -83,15 +83,13 @@ def _meaning(option: Any) -> str:
     text = shown if isinstance(shown, str) else None
     if option.required:
         text = "required"
-    elif text is None and default not in (None, False):
+    elif text is None and default is not None and default is not False:
         text = str(default)
-    # The first sentence.
-    meaning = re.split(r"\.(?: |$)", option.help or "")[0]
-    return meaning + (f" [{text}]" if text else "")
+    return _first_clause(option.help or "") + (f" [{text}]" if text else "")
 
 
-def _summary(text: str) -> str:
-    return " ".join(text.partition("\n\n")[0].split())
+def _first_clause(text: str) -> str:
+    return " ".join(re.split(r"[.:;](?:\s|$)", text)[0].split())
 
 
 def _line(option: tuple[str, str]) -> str:
