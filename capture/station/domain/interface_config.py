@@ -2,6 +2,7 @@
 
 import ipaddress
 import re
+import socket
 from pathlib import Path
 from typing import Annotated, Self
 from urllib.parse import urlsplit
@@ -16,8 +17,11 @@ from pydantic import (
 from capture.session.plan import Name
 from classify.base.section import Section
 
+from .errors import CannotListen
+
 _HOST_NAME = re.compile(r"[a-z0-9]([a-z0-9.-]{0,251}[a-z0-9])?")
 LOCALHOST = "localhost"
+PathText = Annotated[str, Field(min_length=1, max_length=4096)]
 
 
 def _address(text: str) -> str:
@@ -38,7 +42,6 @@ def _host_name(text: str) -> str:
 
 
 Address = Annotated[str, Field(max_length=100), AfterValidator(_address)]
-PathText = Annotated[str, Field(min_length=1, max_length=4096)]
 
 
 class PanelConfig(Section):
@@ -137,3 +140,35 @@ class MqttConfig(Section):
     topic: Annotated[str, Field(pattern=r"^[^\s/#+$][^\s#+]{0,200}$")] = Field(
         description="beginning of all topics"
     )
+
+
+def listening_socket(
+    section: str,
+    host: str,
+    port: int,
+    *,
+    advice: str,
+    most_unacknowledged_ms: int,
+    send_buffer_bytes: int | None = None,
+) -> socket.socket:
+    """Listen on a port that no other program has; 0 chooses a free one.
+
+    All options are set before it listens, because a connection inherits those of the listener.
+    """
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        if hasattr(socket, "SO_EXCLUSIVEADDRUSE"):  # Windows
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_EXCLUSIVEADDRUSE, 1)
+        else:
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if hasattr(socket, "TCP_USER_TIMEOUT"):  # not on Windows
+            listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, most_unacknowledged_ms)
+        if send_buffer_bytes is not None:
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, send_buffer_bytes)
+        listener.bind((host, port))
+        listener.listen()
+    except OSError as error:
+        listener.close()
+        raise CannotListen(f"[{section}] {host}:{port}: {error.strerror}; {advice}") from error
+    return listener

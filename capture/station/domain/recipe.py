@@ -15,14 +15,11 @@ from capture.station.domain.errors import NotApproved
 from classify.base.section import Section
 from rig.set_file import fields_sha256
 
+from .limits import GeneralLimits, Limits
+
 _DIGITS = 8  # of a hash that is shown
 _MAX_TEXTURES = 1000  # bounds the file; `station bench` measures a recipe with 30 textures
 
-Positive = Annotated[float, Field(gt=0.0, le=1e6)]
-Share = Annotated[float, Field(ge=0.0, le=1.0)]
-Range = tuple[Annotated[float, Field(ge=0.0)], Positive]
-RANGES = ("sdq", "albedo", "scale")
-"""Limits that have a least and a largest value."""
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
@@ -38,80 +35,6 @@ class Orientation(Section):
     full_turn: bool = Field(
         default=False, description="whether a part at reference_deg + 180 is wrong"
     )
-
-
-class Limits(Section):
-    """Limits of a part that passes; None sets no limit."""
-
-    distance: Positive | None = Field(
-        default=None, description="largest distance to the texture, beside the library's limit"
-    )
-    margin: Share | None = Field(
-        default=None, description="least margin to the next texture, beside the library's 0.15"
-    )
-    sdq: Range | None = Field(
-        default=None,
-        strict=False,
-        description="least and largest root mean square slope (ISO 25178-2)",
-    )
-    shadow_fraction: Share | None = Field(
-        default=None, description="largest share of pixels that a light does not reach"
-    )
-    unmeasured_fraction: Share | None = Field(
-        default=None, description="largest share of pixels without a slope"
-    )
-    blur_px: Positive | None = Field(
-        default=None, description="largest blur against the taught parts"
-    )
-    albedo: Range | None = Field(
-        default=None,
-        strict=False,
-        description="least and largest mean albedo, a share of full scale at the taught exposure",
-    )
-    scale: Range | None = Field(
-        default=None,
-        strict=False,
-        description="least and largest size of the texture against the taught one",
-    )
-    handedness: Annotated[float, Field(ge=-10.0, le=10.0)] | None = Field(
-        default=None, description="least handedness: 1 as taught, -1 in a mirror"
-    )
-    octaves: Positive | None = Field(
-        default=None, description="largest departure of the power in an octave; 1 is as taught"
-    )
-    window: Positive | None = Field(
-        default=None, description="largest score of a window; 1 is as taught"
-    )
-    seam: Positive | None = Field(
-        default=None, description="largest score of the directions in a window; 1 is as taught"
-    )
-    defect: Positive | None = Field(
-        default=None, description="largest score of the defect map; 1 is as taught"
-    )
-    unjudged_px: Annotated[int, Field(ge=0)] | None = Field(
-        default=None, description="largest area without a score in the defect map, in px"
-    )
-
-    @model_validator(mode="after")
-    def _ranges_rise(self) -> Self:
-        for name in RANGES:
-            found = getattr(self, name)
-            if found is not None and not found[0] < found[1]:
-                raise ValueError(f"{name} = {list(found)}: give the least and the largest value")
-        return self
-
-
-class GeneralLimits(Limits):
-    """Limits of all textures, with the default values of those that a recipe does not set."""
-
-    unmeasured_fraction: Share = 0.05  # teaching takes it from the good parts
-    blur_px: Positive = 1.0  # it removes the finest scale (``classify/texture/blur.py``)
-    octaves: Positive = 1.0
-    window: Positive = 1.0
-    seam: Positive = 1.0
-    defect: Positive = 1.0
-    # Four adjacent cells of the defect map (256 px) without a score are a hole in the surface.
-    unjudged_px: Annotated[int, Field(ge=0)] = 255
 
 
 class Region(Section):

@@ -33,9 +33,8 @@ from capture.station.judge.recipe_settings import save_settings, setting_changes
 from capture.station.judge.recipe_state import RecipeState, state_of
 from capture.station.judge.teaching.teaching import teach
 from capture.station.judge.teaching.teaching_result import Teaching
-from capture.station.results.audit import ChangeLog
+from capture.station.results.audit import ChangeLog, changing_on_the_terminal
 from capture.station.results.database import ResultsUnavailable
-from capture.station.results.on_the_terminal import changing_on_the_terminal
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ from capture.station.domain.verdict import Cause, Decision
 from capture.station.run.states import State
 
 from .registers import (
-    CAUSES,
     STATES,
     VERDICTS,
     Command,
@@ -92,7 +91,7 @@ class Ladder:
     def _begin_session(self, inputs: Mapping[str, Any]) -> None:
         """Reset after a restart of the station or of this program: open requests get no answer."""
         for number, (part_id, _) in self._expected.items():
-            self._judge(part_id, _ERROR, CAUSES[Cause.INTERRUPTED], number)
+            self._judge(part_id, _ERROR, Cause.INTERRUPTED.plc_code, number)
         self._expected.clear()
         if self._step is _Step.ANSWER:
             self._reject()

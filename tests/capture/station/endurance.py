@@ -117,7 +117,7 @@ def produce(folder: Path, parts: int, announced: Path) -> list[Reading]:
             suppress(KeyboardInterrupt),
             patch("capture.station.run.station_rig.simulated_part", known_part),
             patch("capture.station.run.retention.removed_until", some_time_ago),
-            patch("capture.station.run.retention_thread.PERIOD_S", REMOVED_EACH_S),
+            patch("capture.station.run.retention.PERIOD_S", REMOVED_EACH_S),
         ):
             run_parts(folder, parts, listen)
     return readings
