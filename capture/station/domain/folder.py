@@ -19,12 +19,7 @@ from classify.base.section import Record
 from rig.config.rig import RigConfig, config_of
 from rig.config.validation_message import first_fault
 
-from .config import (
-    CONFIG,
-    StationConfig,
-    example_config,
-    read_config,
-)
+from .config import CONFIG, StationConfig, example_config, read_config
 from .errors import RecipeError
 from .recipe_folder import RecipeFolder
 

@@ -3,12 +3,7 @@
 from collections.abc import Mapping
 from typing import Annotated, Self
 
-from pydantic import (
-    ConfigDict,
-    Field,
-    FiniteFloat,
-    model_validator,
-)
+from pydantic import ConfigDict, Field, FiniteFloat, model_validator
 
 from capture.session.plan import Label, Name, Text
 from capture.station.domain.errors import NotApproved

@@ -41,12 +41,7 @@ from classify.pieces.moments import CELL_PX, band_moments
 from classify.pieces.piece_model import PieceMeasures
 
 from .fingerprint import Fingerprint
-from .judge import (
-    Finding,
-    Measures,
-    invalid,
-    verdict_of,
-)
+from .judge import Finding, Measures, invalid, verdict_of
 from .measured_surface import MeasuredSurface, fits
 
 # Parts of a calibration whose settings cover everything: pixel values and exposure; the lights.

@@ -4,13 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from capture.station.domain.limits import (
-    MEASURES_OF,
-    ROWS,
-    LimitedMeasures,
-    Limits,
-    beyond,
-)
+from capture.station.domain.limits import MEASURES_OF, ROWS, LimitedMeasures, Limits, beyond
 from capture.station.domain.recipe import Orientation, Recipe
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from classify import Match

@@ -21,12 +21,7 @@ from capture.station.run.events import (
     StateChanged,
 )
 from capture.station.run.states import State
-from capture.station.run.triggers import (
-    Accepted,
-    Answer,
-    Refusal,
-    Refused,
-)
+from capture.station.run.triggers import Accepted, Answer, Refusal, Refused
 from classify.base.errors import InputError
 
 from .registers import (

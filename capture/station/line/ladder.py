@@ -8,12 +8,7 @@ from typing import Any
 from capture.station.domain.verdict import Cause, Decision
 from capture.station.run.states import State
 
-from .registers import (
-    STATES,
-    VERDICTS,
-    Command,
-    Status,
-)
+from .registers import STATES, VERDICTS, Command, Status
 
 # Longer than a database that restarts, and than a set that is captured three times.
 ANSWER_S = 30.0

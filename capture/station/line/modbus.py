@@ -21,15 +21,7 @@ from capture.station.domain.interface_config import ModbusConfig, listening_sock
 from classify.base.errors import InputError
 
 from .line import TICK_S, PlcLine
-from .registers import (
-    PLC,
-    PLC_ADDRESS,
-    PLC_WORDS,
-    STATION,
-    STATION_WORDS,
-    decoded,
-    encoded,
-)
+from .registers import PLC, PLC_ADDRESS, PLC_WORDS, STATION, STATION_WORDS, decoded, encoded
 
 _log = logging.getLogger(__name__)
 _READS, _WRITES = (3, 4, 23), (6, 16, 22, 23)

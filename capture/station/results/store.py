@@ -7,17 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from sqlalchemy import (
-    URL,
-    Connection,
-    Engine,
-    Row,
-    Select,
-    Table,
-    func,
-    insert,
-    select,
-)
+from sqlalchemy import URL, Connection, Engine, Row, Select, Table, func, insert, select
 from sqlalchemy.exc import IntegrityError
 
 from capture.station.domain.verdict import Decision

@@ -12,12 +12,7 @@ from rig.doctor.check import Check
 
 from .cycle import Station
 from .equipment import Equipment, ReportAlive
-from .events import (
-    PartRecovered,
-    Publisher,
-    StationStopped,
-    Warned,
-)
+from .events import PartRecovered, Publisher, StationStopped, Warned
 from .recovery import damaged_sets, finish_interrupted, unknown_files
 from .retention import retention_in_background
 from .run_recipes import RecipeLoader, RunRecipes
