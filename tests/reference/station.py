@@ -35,7 +35,7 @@ def station_page() -> str:
             "",
             "## Calls of the HTTP API",
             "",
-            "Below `/api/v1`: the lowest role; in brackets query or fields, which `/api` explains.",
+            "Below `/api/v1`; in brackets query or fields, which `/api` explains.",
             "",
             *call_lines(),
             "",
