@@ -9,7 +9,7 @@ from classify.base.durable_file import durable_file
 from classify.base.section import Section
 from rig.config.toml_file import read_toml_as
 
-from .limits import ROWS
+from .limits import Limits
 from .recipe import Approval, CalibrationRule, Light, Orientation, Recipe, Region
 
 SUFFIX = ".toml"
@@ -24,15 +24,12 @@ _HEAD = """\
 # ps4rig station approve DIR --recipe {name} --by WHO
 """
 _MODELS: tuple[type[Section], ...] = (
-    Approval, CalibrationRule, Light, Region, Orientation, Recipe,
+    Approval, CalibrationRule, Light, Region, Limits, Orientation, Recipe,
 )  # fmt: skip
 COMMENTS = {
-    **{
-        field.alias or name: field.description or ""
-        for model in _MODELS
-        for name, field in model.model_fields.items()
-    },
-    **{key: row.comment for key, row in ROWS.items()},
+    field.alias or name: field.description or ""
+    for model in _MODELS
+    for name, field in model.model_fields.items()
 }
 """What the keys of a recipe mean."""
 _TABLES = ("orientation", "limits", "limits_of", "region", "light", "calibration", "approval")
