@@ -86,7 +86,7 @@ def keys_of(model: type) -> list[Key]:
 def _model_keys(model: type[BaseModel]) -> Iterator[Key]:
     for name, field in model.model_fields.items():
         described = [
-            each.model_fields[name].description or _comment(each.model_fields[name].metadata)
+            each.model_fields[name].description
             for each in model.__mro__
             if issubclass(each, BaseModel) and name in each.model_fields
         ]
@@ -95,11 +95,6 @@ def _model_keys(model: type[BaseModel]) -> Iterator[Key]:
         default = REQUIRED if field.is_required() else _shown(field.get_default())
         alias = field.alias or name
         yield _key(alias, field.annotation, default, _range(field.metadata), meaning)
-
-
-def _comment(metadata: Sequence[Any]) -> str:
-    """The comment of a row that stands beside a field, as of a limit."""
-    return next((each.comment for each in metadata if hasattr(each, "comment")), "")
 
 
 def _dataclass_keys(model: type) -> Iterator[Key]:
