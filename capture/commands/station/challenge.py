@@ -70,8 +70,7 @@ def challenge(
                 changes.remove_from_challenge(file)
             out.print(f"{where}: {len(remove)} parts taken out")
             return
-    # The log of changes is left alone: a new version of ps4rig replays the challenge set beside the
-    # old one that runs, whose results it must not bring forward.
+    # Nothing is recorded: a new version of ps4rig replays the set beside the old one that runs.
     inspector = Inspector.load(changes.files, changes.calibration)
     replay = run_challenge(changes.files, inspector)
     faults = great_faults(changes.files, inspector)

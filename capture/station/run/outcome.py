@@ -115,8 +115,8 @@ class PartJudge:
         began_s = self._clock.monotonic_s()
         set_file = set_file_of(part.begun.part_id, part.begun.triggered_utc)
         self._save(captured, set_file)
-        about = {"set_file": set_file, "set_sha256": captured.metadata.pixels_sha256}
-        return about | self._timing("save", began_s)
+        fields = {"set_file": set_file, "set_sha256": captured.metadata.pixels_sha256}
+        return fields | self._timing("save", began_s)
 
     def _timing(self, step: str, began_s: float) -> dict[str, Any]:
         return {"timings_ms": {step: 1e3 * (self._clock.monotonic_s() - began_s)}}
@@ -164,4 +164,4 @@ def _joined(*several: dict[str, Any] | None) -> dict[str, Any]:
     given = [fields for fields in several if fields is not None]
     joined = {name: value for fields in given for name, value in fields.items()}
     timings = [fields.get("timings_ms", {}) for fields in given]
-    return joined | {"timings_ms": {step: ms for each in timings for step, ms in each.items()}}
+    return joined | {"timings_ms": {step: ms for steps in timings for step, ms in steps.items()}}
