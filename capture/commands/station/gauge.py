@@ -22,25 +22,31 @@ if TYPE_CHECKING:
 _FAULTY_PARTS = 10
 
 
+Known = Annotated[
+    Path | None,
+    typer.Option(
+        help="CSV with lines ID,good and ID,bad: the known parts among the results of the "
+        "station, presented as ID, ID-1, ID-2 and so on.",
+        show_default="parts of the simulated rig",
+        metavar="FILE.csv",
+    ),
+]
+Parts = Annotated[
+    int, typer.Option(min=2, max=10_000, help="Known parts of the simulated rig.", metavar="N")
+]
+Times = Annotated[
+    int, typer.Option(min=1, max=1000, help="Presentations of each of them.", metavar="N")
+]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of their placements.")]
+
+
 @reported
 def gauge(
     folder: Station,
-    known: Annotated[
-        Path | None,
-        typer.Option(
-            help="CSV with lines ID,good and ID,bad: the known parts among the results of the "
-            "station, presented as ID, ID-1, ID-2 and so on.",
-            show_default="parts of the simulated rig",
-            metavar="FILE.csv",
-        ),
-    ] = None,
-    parts: Annotated[
-        int, typer.Option(min=2, max=10_000, help="Known parts of the simulated rig.", metavar="N")
-    ] = 20,
-    times: Annotated[
-        int, typer.Option(min=1, max=1000, help="Presentations of each of them.", metavar="N")
-    ] = 3,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of their placements.")] = 1,
+    known: Known = None,
+    parts: Parts = 20,
+    times: Times = 3,
+    seed: Seed = 1,
     json: options.Json = False,
 ) -> None:
     """Study the station as a gauge: known parts, each presented several times.

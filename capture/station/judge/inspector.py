@@ -31,7 +31,7 @@ from capture.station.domain.taught_files import (
     taught_for,
 )
 from capture.station.domain.verdict import Cause, Decision, Verdict
-from capture.station.results.part_result import DefectRecord
+from capture.station.results.part_result import DefectRecord, PartResult
 from classify import TextureLibrary
 from classify.base.threads import beside
 from classify.classifiers.joint import ring_levels
@@ -68,20 +68,19 @@ class Inspection:
     led_levels: tuple[float, ...] = ()
     timings_ms: dict[str, float] = field(default_factory=dict)
 
-    def result_fields(self) -> dict[str, Any]:
-        """Return the fields of a `PartResult` that follow from the inspection.
-
-        NaN and infinite values become None: not measured.
-        """
-        fields: dict[str, Any] = {}
-        for source, names in (
-            (self, ("verdict", "defects", "led_levels", "timings_ms")),
-            (self.measures, _LIMITED),
-            (self.measures.match, _OF_MATCH),
-        ):
-            if source is not None:
-                fields |= {name: _known(getattr(source, name)) for name in names}
-        return fields
+    def recorded(self, part: PartResult) -> PartResult:
+        """Return the result of a part with the inspection; NaN and infinity become None."""
+        numbers = {name: _known(getattr(self.measures, name)) for name in _LIMITED}
+        if (match := self.measures.match) is not None:
+            numbers |= {name: _known(getattr(match, name)) for name in _OF_MATCH}
+        return replace(
+            part,
+            verdict=self.verdict,
+            defects=self.defects,
+            led_levels=tuple(map(_known, self.led_levels)),
+            timings_ms=self.timings_ms,
+            **numbers,
+        )
 
 
 @dataclass(frozen=True, eq=False)
