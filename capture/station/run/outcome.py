@@ -115,9 +115,7 @@ class PartJudge:
             judged = tried(lambda: self._judged(captured, unjudged))
             if saving is not None:
                 saved = tried(saving.result, Cause.STORAGE)
-        result = None
-        if not failures and judged is not None and saved is not None:
-            result = tried(lambda: self._whole(part, saved.recorded(judged)))
+        result = None if failures else tried(lambda: self._whole(part, judged, saved))
         if result is not None:
             return result, None
         error, cause = failures[0]
@@ -150,8 +148,13 @@ class PartJudge:
         timings_ms = result.timings_ms | {"inspect": inspect_ms}
         return replace(result, timings_ms=timings_ms)
 
-    def _whole(self, part: ExposedPart, result: PartResult) -> PartResult:
+    def _whole(
+        self, part: ExposedPart, judged: PartResult | None, saved: SavedSet | None
+    ) -> PartResult:
         """Return a result with all its timings; raises for values that no row can hold."""
+        if judged is None or saved is None:
+            raise ValueError("the part was not judged, or its set was not saved")
+        result = saved.recorded(judged)
         timings_ms = part.timings_ms | result.timings_ms
         result = replace(result, decided_utc=self._clock.now(), timings_ms=timings_ms)
         result.row  # noqa: B018

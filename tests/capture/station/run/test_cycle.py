@@ -407,10 +407,16 @@ def test_an_error_names_its_cause(
     assert station.of(PartAnnounced)[1].result.verdict.causes == (cause,)
 
 
+class Silent(Said):
+    def recorded(self, part: PartResult) -> PartResult:  # noqa: ARG002
+        return None  # type: ignore[return-value]
+
+
 @pytest.mark.parametrize(
     "said",
     [
         None,
+        Silent(PASSED),
         Said(None),  # type: ignore[arg-type]
         Said("PASS"),  # type: ignore[arg-type]
         object(),
