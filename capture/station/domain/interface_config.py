@@ -42,14 +42,20 @@ Address = Annotated[str, Field(max_length=100), AfterValidator(_address)]
 class PanelConfig(Section):
     """The panel and the HTTP API."""
 
-    host: Address = "127.0.0.1"
-    port: int = Field(default=8100, ge=0, le=65535)
-    tls_cert: PathText | None = None  # PEM file for HTTPS, relative to the station's folder
-    tls_key: PathText | None = None
-    behind_proxy: bool = False  # a proxy on this machine terminates HTTPS
-    # Host names by which browsers reach the panel; IP addresses need no entry.
+    host: Address = Field(default="127.0.0.1", description="address of this machine to listen on")
+    port: int = Field(default=8100, ge=0, le=65535, description="to listen on")
+    tls_cert: PathText | None = Field(
+        default=None, description="PEM file for HTTPS, relative to the station's folder"
+    )
+    tls_key: PathText | None = Field(default=None, description="its key")
+    behind_proxy: bool = Field(
+        default=False, description="a proxy on this machine terminates HTTPS"
+    )
     names: tuple[Annotated[str, AfterValidator(_host_name)], ...] = Field(
-        default=(), max_length=100, strict=False
+        default=(),
+        max_length=100,
+        strict=False,
+        description="host names by which browsers reach it; IP addresses need no entry",
     )
 
     @model_validator(mode="after")
@@ -91,10 +97,14 @@ class PanelConfig(Section):
 class ModbusConfig(Section):
     """The registers for a PLC; Modbus has no passwords: whoever reaches the port can trigger."""
 
-    host: Address = "127.0.0.1"
-    port: int = Field(default=1502, ge=0, le=65535)
-    # Names, each once; the PLC knows them by their positions, from 1.
-    recipes: tuple[Name, ...] = Field(default=(), max_length=1000, strict=False)
+    host: Address = Field(default="127.0.0.1", description="address of this machine to listen on")
+    port: int = Field(default=1502, ge=0, le=65535, description="to listen on")
+    recipes: tuple[Name, ...] = Field(
+        default=(),
+        max_length=1000,
+        strict=False,
+        description="the PLC knows them by their positions, from 1",
+    )
 
     @field_validator("recipes")
     @classmethod
@@ -119,10 +129,12 @@ def _broker(text: str) -> str:
 class MqttConfig(Section):
     """Where results are published."""
 
-    # ``mqtt://HOST:1883``, or ``mqtts://USER:PASSWORD@HOST:8883`` with TLS.
-    url: Annotated[str, Field(max_length=4096), AfterValidator(_broker)]
-    # Beginning of all topics.
-    topic: Annotated[str, Field(pattern=r"^[^\s/#+$][^\s#+]{0,200}$")]
+    url: Annotated[str, Field(max_length=4096), AfterValidator(_broker)] = Field(
+        description="mqtt://HOST:1883, or mqtts://USER:PASSWORD@HOST:8883 with TLS"
+    )
+    topic: Annotated[str, Field(pattern=r"^[^\s/#+$][^\s#+]{0,200}$")] = Field(
+        description="beginning of all topics"
+    )
 
 
 def listening_socket(

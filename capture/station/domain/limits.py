@@ -45,7 +45,6 @@ class LimitRow:
     side: Literal["least", "largest", "range"]
     cause: Cause  # of a value beyond the limit
     form: str  # format of measure and limit
-    comment: str  # in the file and the form of a recipe
     of_teaching: bool = False  # whether teaching measures the limit
     in_reason: bool = False  # whether the reason of a PASS names the measure
     measure: str = ""  # the field that it bounds, by default that of its own name
@@ -79,79 +78,88 @@ class Limits(Section):
 
     distance: Annotated[
         Positive | None,
-        LimitRow("distance", "largest", Cause.NO_TEXTURE, ".2f",
-                 "largest distance to the texture, beside the library's limit", of_teaching=True),
-    ] = None  # fmt: skip
+        LimitRow("distance", "largest", Cause.NO_TEXTURE, ".2f", of_teaching=True),
+    ] = Field(
+        default=None, description="largest distance to the texture, beside the library's limit"
+    )
     margin: Annotated[
         Share | None,
-        LimitRow("margin", "least", Cause.UNDECIDED, ".2f",
-                 "least margin to the next texture, beside the library's 0.15"),
-    ] = None  # fmt: skip
+        LimitRow("margin", "least", Cause.UNDECIDED, ".2f"),
+    ] = Field(
+        default=None, description="least margin to the next texture, beside the library's 0.15"
+    )
     sdq: Annotated[
         Range | None,
-        LimitRow("Sdq", "range", Cause.ROUGHNESS, ".3f",
-                 "least and largest root mean square slope (ISO 25178-2)",
-                 of_teaching=True, in_reason=True),
-    ] = Field(default=None, strict=False)  # fmt: skip
+        LimitRow("Sdq", "range", Cause.ROUGHNESS, ".3f", of_teaching=True, in_reason=True),
+    ] = Field(
+        default=None,
+        strict=False,
+        description="least and largest root mean square slope (ISO 25178-2)",
+    )
     shadow_fraction: Annotated[
         Share | None,
-        LimitRow("shadow", "largest", Cause.SHADOW, ".1%",
-                 "largest share of pixels that a light does not reach", of_teaching=True),
-    ] = None  # fmt: skip
+        LimitRow("shadow", "largest", Cause.SHADOW, ".1%", of_teaching=True),
+    ] = Field(default=None, description="largest share of pixels that a light does not reach")
     unmeasured_fraction: Annotated[
         Share | None,
-        LimitRow("pixels without a slope", "largest", Cause.CAPTURE, ".1%",
-                 "largest share of pixels without a slope", of_teaching=True),
-    ] = None  # fmt: skip
+        LimitRow("pixels without a slope", "largest", Cause.CAPTURE, ".1%", of_teaching=True),
+    ] = Field(default=None, description="largest share of pixels without a slope")
     blur_px: Annotated[
         Positive | None,
-        LimitRow("blur in px", "largest", Cause.BLUR, ".2f",
-                 "largest blur against the taught parts"),  # sigma of a Gaussian
-    ] = None  # fmt: skip
+        LimitRow("blur in px", "largest", Cause.BLUR, ".2f"),
+    ] = Field(default=None, description="largest blur against the taught parts")
     albedo: Annotated[
         Range | None,
-        LimitRow("albedo", "range", Cause.ALBEDO, ".3f",
-                 "least and largest mean albedo, a share of full scale at the taught exposure",
-                 of_teaching=True),
-    ] = Field(default=None, strict=False)  # fmt: skip
+        LimitRow("albedo", "range", Cause.ALBEDO, ".3f", of_teaching=True),
+    ] = Field(
+        default=None,
+        strict=False,
+        description="least and largest mean albedo, a share of full scale at the taught exposure",
+    )
     scale: Annotated[
         Range | None,
-        LimitRow("scale", "range", Cause.SCALE, ".3f",
-                 "least and largest size of the texture against the taught one", of_teaching=True),
-    ] = Field(default=None, strict=False)  # fmt: skip
+        LimitRow("scale", "range", Cause.SCALE, ".3f", of_teaching=True),
+    ] = Field(
+        default=None,
+        strict=False,
+        description="least and largest size of the texture against the taught one",
+    )
     handedness: Annotated[
         Annotated[float, Field(ge=-10.0, le=10.0)] | None,
-        LimitRow("handedness", "least", Cause.HANDEDNESS, ".2f",
-                 "least handedness: 1 as taught, -1 in a mirror", of_teaching=True),
-    ] = None  # fmt: skip
+        LimitRow("handedness", "least", Cause.HANDEDNESS, ".2f", of_teaching=True),
+    ] = Field(default=None, description="least handedness: 1 as taught, -1 in a mirror")
     octaves: Annotated[
         Positive | None,
-        LimitRow("power in octaves", "largest", Cause.OCTAVES, ".2f",
-                 "largest departure of the power in an octave; 1 is the taught limit"),
-    ] = None  # fmt: skip
+        LimitRow("power in octaves", "largest", Cause.OCTAVES, ".2f"),
+    ] = Field(
+        default=None,
+        description="largest departure of the power in an octave; 1 is the taught limit",
+    )
     window: Annotated[
         Positive | None,
-        LimitRow("window score", "largest", Cause.WINDOW, ".2f",
-                 "largest score of a window of 32 to 128 px; 1 is the taught limit",
-                 in_reason=True),
-    ] = None  # fmt: skip
+        LimitRow("window score", "largest", Cause.WINDOW, ".2f", in_reason=True),
+    ] = Field(
+        default=None, description="largest score of a window of 32 to 128 px; 1 is the taught limit"
+    )
     seam: Annotated[
         Positive | None,
-        LimitRow("seam score", "largest", Cause.SEAM, ".2f",
-                 "largest score of the directions in a window; 1 is the taught limit",
-                 in_reason=True),
-    ] = None  # fmt: skip
+        LimitRow("seam score", "largest", Cause.SEAM, ".2f", in_reason=True),
+    ] = Field(
+        default=None,
+        description="largest score of the directions in a window; 1 is the taught limit",
+    )
     defect: Annotated[
         Positive | None,
-        LimitRow("defect score", "largest", Cause.DEFECT, ".2f",
-                 "largest score of the defect map; 1 is the taught threshold",
-                 in_reason=True, measure="defect_score"),
-    ] = None  # fmt: skip
+        LimitRow(
+            "defect score", "largest", Cause.DEFECT, ".2f", in_reason=True, measure="defect_score"
+        ),
+    ] = Field(
+        default=None, description="largest score of the defect map; 1 is the taught threshold"
+    )
     unjudged_px: Annotated[
         Pixels | None,
-        LimitRow("px without a defect score", "largest", Cause.DEFECT, ".0f",
-                 "largest area without a score in the defect map, in px", of_teaching=True),
-    ] = None  # fmt: skip
+        LimitRow("px without a defect score", "largest", Cause.DEFECT, ".0f", of_teaching=True),
+    ] = Field(default=None, description="largest area without a score in the defect map, in px")
 
     @model_validator(mode="after")
     def _ranges_rise(self) -> Self:

@@ -9,8 +9,8 @@ from classify.base.durable_file import durable_file
 from classify.base.section import Section
 from rig.config.toml_file import read_toml_as
 
-from .limits import ROWS
-from .recipe import Recipe
+from .limits import Limits
+from .recipe import Approval, CalibrationRule, Light, Orientation, Recipe, Region
 
 SUFFIX = ".toml"
 
@@ -23,31 +23,17 @@ _HEAD = """\
 # After a change run ps4rig station challenge DIR, and
 # ps4rig station approve DIR --recipe {name} --by WHO
 """
+_MODELS: tuple[type[Section], ...] = (
+    Approval, CalibrationRule, Light, Region, Limits, Orientation, Recipe,
+)  # fmt: skip
 COMMENTS = {
-    "version": "raised by each teaching",
-    "pass": "textures of good parts",
-    "fail": "textures of known bad parts; those in neither list fail too",
-    "tolerance_deg": "largest departure from reference_deg",
-    "reference_deg": "anticlockwise, with the zero of the taught parts",
-    "full_turn": "whether a part at reference_deg + 180 is wrong",
-    **{key: row.comment for key, row in ROWS.items()},
-    "exposure_ms": "instead of that in rig.toml",
-    "required": "whether a part without a calibration is an error",
-    "max_age_days": "greatest age of the calibration",
-    "acknowledged": "faults of a fifth of the frame that pass, known to whoever approves",
-    "taught": "hash of what teaching measured",
-    "sha256": "hash of the recipe that was approved",
+    field.alias or name: field.description or ""
+    for model in _MODELS
+    for name, field in model.model_fields.items()
 }
 """What the keys of a recipe mean."""
-SECTIONS = {
-    "orientation": "How a part must lie. Without tolerance_deg every orientation passes.",
-    "limits": "Limits of all textures.",
-    "limits_of": "Limits of one texture, in place of those above.",
-    "region": "Part of the image that is judged: column and row of its corner, and its size, in px",
-    "light": "Settings of the camera for this recipe.",
-    "calibration": "",
-    "approval": "Written by ps4rig station approve.",
-}
+_TABLES = ("orientation", "limits", "limits_of", "region", "light", "calibration", "approval")
+SECTIONS = {name: f"{COMMENTS[name][0].upper()}{COMMENTS[name][1:]}." for name in _TABLES}
 """What the sections of a recipe mean."""
 
 
@@ -85,7 +71,7 @@ def _lines(recipe: Recipe) -> Iterator[str]:
             tables = {} if value is None else {section: value}
         for number, (header, table) in enumerate(tables.items()):
             yield ""
-            if comment and number == 0:
+            if number == 0:
                 yield f"# {comment}"
             yield from _table(header, table)
 
@@ -99,8 +85,7 @@ def _table(header: str, table: Section) -> Iterator[str]:
 def _entry(key: str, value: object) -> Iterator[str]:
     if value is not None:
         text = _toml(value)
-        comment = COMMENTS.get(key)
-        yield f"{key} = {text}" + (f"  # {comment}" if comment else "")
+        yield f"{key} = {text}  # {COMMENTS[key]}"
 
 
 def _toml(value: object) -> str:

@@ -1,4 +1,4 @@
-"""The one table of Modbus registers, from which codecs and the README's page are made."""
+"""The one table of Modbus registers, from which codecs and the reference are made."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -145,7 +145,7 @@ class Register:
     # ``u32``: high word first; ``text``: ASCII, first character in the high byte, zero-filled.
     type: Type
     words: int  # number of registers
-    meaning: str  # for the README
+    meaning: str  # for the reference
 
 
 def _page(first: int, *rows: tuple[str, Type, str]) -> tuple[Register, ...]:
@@ -229,7 +229,7 @@ def decoded(registers: Sequence[Register], words: Sequence[int]) -> dict[str, An
 
 
 def registers_page() -> str:
-    """Return the page of registers as Markdown, for the README."""
+    """Return the page of registers as Markdown, for the reference."""
     lines = ["| register | name | type | | meaning |", "|---|---|---|---|---|"]
     for direction, registers in (("station to PLC", STATION), ("PLC to station", PLC)):
         lines += [

@@ -13,8 +13,8 @@ ROW = "    @model_validator"
 NEW_ROW = """\
     gloss: Annotated[
         Share | None,
-        LimitRow("gloss", "largest", Cause.ALBEDO, ".2f", "largest gloss", in_reason=True),
-    ] = None
+        LimitRow("gloss", "largest", Cause.ALBEDO, ".2f", in_reason=True),
+    ] = Field(default=None, description="largest gloss")
 
 """
 # The verdict, the recipe's file and form, the row and the column of the results, the part's page.
