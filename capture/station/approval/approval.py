@@ -10,7 +10,7 @@ from capture.station.recipe.recipe import Approval, Recipe
 from capture.station.recipe.recipe_file import read_recipe, write_recipe
 from capture.station.recipe.recipe_folder import RecipeFolder
 from classify.base.errors import InputError
-from rig.config.toml_file import read_toml_as, validated
+from classify.base.toml_file import read_toml_as, validated
 
 Record = Callable[[Recipe, Recipe], None]
 """Called with the old and the new recipe before a change is written; an exception prevents it."""

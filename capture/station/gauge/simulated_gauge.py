@@ -12,8 +12,8 @@ from capture.station.cycle.simulated_parts import simulated_part
 from capture.station.error_verdict import error_verdict
 from capture.station.inspection.inspector import Inspector
 from capture.station.verdict import Verdict
+from classify.base.errors import ConfigError
 from rig import Placement, Rig, RigConfig, open_rig
-from rig.errors import ConfigError
 
 from .gauge import Presentation
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from capture.station.recipe.recipe import Limits, Recipe
 from capture.station.recipe.recipe_folder import RecipeFolder
 from classify.base.errors import InputError
-from rig.config.toml_file import read_toml_as
+from classify.base.toml_file import read_toml_as
 
 # What teaching measures; it sets no other limit.
 _MEASURED = frozenset({

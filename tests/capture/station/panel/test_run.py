@@ -15,7 +15,7 @@ from capture.station.folder import StationFolder, make_station
 from capture.station.interface_config import PanelConfig
 from capture.station.live.live_station import LiveStation
 from capture.station.recipe.recipe_folder import RecipeFolder
-from rig.errors import ConfigError
+from classify.base.errors import ConfigError
 from tests.capture.station.panel.panels import Client
 
 
