@@ -127,7 +127,7 @@ def capture(
             if not json:
                 note = " (simulated)" if captured.metadata.simulated else ""
                 lights = f"{len(captured.images)} lights in {_duration(captured)}"
-                out.print(f"{path}: {lights}{note}", soft_wrap=True)
+                out.print(f"{path}: {lights}{note}")
     if json:
         print_json(answer)
 
@@ -299,7 +299,7 @@ def import_(
         print_json({"set": str(output), **counts, **fields})
     else:
         response = f"response {metadata.gamma} ({metadata.gamma_source})"
-        out.print(f"{output}: {len(images)} lights, {response}", soft_wrap=True)
+        out.print(f"{output}: {len(images)} lights, {response}")
 
 
 def _crop(text: str) -> Crop:

@@ -46,4 +46,4 @@ def bench(
         )
         return
     for line in found.lines():
-        out.print(line, soft_wrap=True)
+        out.print(line)
