@@ -14,7 +14,9 @@ from rig import CameraInfo, Rig
 
 from .parts import PartName
 
-# What a part depends on, beside the camera and its frame. README.md gives the reasons.
+# What a part depends on, beside the camera and its frame: response and noise are functions of the
+# pixel value, dark current and hot pixels grow with the exposure, flat field and lights are ratios
+# of images under the lights as they were.
 _DEPENDS_ON_PIXEL_VALUES: tuple[PartName, ...] = ("dark", "response", "noise")
 _DEPENDS_ON_EXPOSURE: tuple[PartName, ...] = ("dark",)
 _DEPENDS_ON_LIGHTS: tuple[PartName, ...] = ("flat_field", "lights")
@@ -26,20 +28,26 @@ Side = Annotated[int, Field(ge=1, le=32768)]
 class Setting(Record):
     """Camera, frame and lights of one set or one measurement; None for what is not known."""
 
-    simulated: bool
-    rig_name: str | None
-    camera: str | None
-    width_px: Side
-    height_px: Side
-    crop: tuple[int, int, int, int] | None = None
-    bit_depth: int = Field(ge=1, le=16)
-    exposure_ms: FiniteFloat | None
-    gain: FiniteFloat | None = None
-    gamma: FiniteFloat | None = None
-    pixel_value_controls: dict[str, FiniteFloat] = Field(default_factory=dict)
-    photograph_gamma: str = "linear"
-    light_directions: tuple[Vector, ...] = Field(max_length=255)
-    led_levels_percent: tuple[int | None, ...] = Field(default=(), max_length=255)
+    simulated: bool = Field(description="whether the rig is simulated")
+    rig_name: str | None = Field(description="name in rig.toml")
+    camera: str | None = Field(description="kind and name")
+    width_px: Side = Field(description="of the frame")
+    height_px: Side = Field(description="of the frame")
+    crop: tuple[int, int, int, int] | None = Field(
+        default=None, description="column, row, width, height that were kept of photographs"
+    )
+    bit_depth: int = Field(ge=1, le=16, description="of the camera")
+    exposure_ms: FiniteFloat | None = Field(description="of a frame")
+    gain: FiniteFloat | None = Field(default=None, description="as the camera reports it")
+    gamma: FiniteFloat | None = Field(default=None, description="as the camera reports it")
+    pixel_value_controls: dict[str, FiniteFloat] = Field(
+        default_factory=dict, description="other controls that change pixel values"
+    )
+    photograph_gamma: str = Field(default="linear", description="response of photographs")
+    light_directions: tuple[Vector, ...] = Field(max_length=255, description="as configured")
+    led_levels_percent: tuple[int | None, ...] = Field(
+        default=(), max_length=255, description="of each LED"
+    )
 
     @classmethod
     def of_photographs(cls, shape: tuple[int, ...], bit_depth: int, gamma: str) -> Self:

@@ -1,4 +1,4 @@
-"""The one table of Modbus registers, from which codecs and the README's page are made."""
+"""The one table of Modbus registers, from which codecs and the reference are made."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -134,30 +134,6 @@ STATES = {
     State.EXECUTING: 3,
     State.ERROR: 4,
 }
-# Codes are never reused: programs of PLCs know them.
-CAUSES = {
-    Cause.CAPTURE: 1,
-    Cause.RIG: 2,
-    Cause.CALIBRATION: 3,
-    Cause.INTERRUPTED: 4,
-    Cause.STORAGE: 5,
-    Cause.UNFORESEEN: 6,
-    Cause.NO_TEXTURE: 20,
-    Cause.UNDECIDED: 21,
-    Cause.BLUR: 22,
-    Cause.BAD_TEXTURE: 40,
-    Cause.WRONG_TEXTURE: 41,
-    Cause.ORIENTATION: 42,
-    Cause.ROUGHNESS: 43,
-    Cause.SHADOW: 44,
-    Cause.DEFECT: 45,
-    Cause.ALBEDO: 46,
-    Cause.SCALE: 47,
-    Cause.HANDEDNESS: 48,
-    Cause.OCTAVES: 49,
-    Cause.SEAM: 50,
-    Cause.WINDOW: 51,
-}
 
 
 @dataclass(frozen=True)
@@ -169,7 +145,7 @@ class Register:
     # ``u32``: high word first; ``text``: ASCII, first character in the high byte, zero-filled.
     type: Type
     words: int  # number of registers
-    meaning: str  # for the README
+    meaning: str  # for the reference
 
 
 def _page(first: int, *rows: tuple[str, Type, str]) -> tuple[Register, ...]:
@@ -251,7 +227,7 @@ def decoded(registers: Sequence[Register], words: Sequence[int]) -> dict[str, An
 
 
 def registers_page() -> str:
-    """Return the page of registers as Markdown, for the README."""
+    """Return the page of registers as Markdown, for the reference."""
     lines = ["| register | name | type | | meaning |", "|---|---|---|---|---|"]
     for direction, registers in (("station to PLC", STATION), ("PLC to station", PLC)):
         lines += [
@@ -267,9 +243,11 @@ def registers_page() -> str:
     lines += ["", "| `select_error` | the recipe was not loaded because |", "|---|---|"]
     lines += [f"| {code:d} | {meaning} |" for code, meaning in SELECT_ERROR_MEANINGS.items()]
     lines += ["", "| code of | values |", "|---|---|"]
-    for name, codes in (("verdict", VERDICTS), ("state", STATES), ("cause", CAUSES)):
+    for name, codes in (("verdict", VERDICTS), ("state", STATES)):
         values = ", ".join(f"{code} {word}" for word, code in codes.items())
         lines.append(f"| `{name}` | {values} |")
+    lines += ["", "| `cause` | verdict | | the part did not pass because |", "|---|---|---|---|"]
+    lines += [f"| {row.plc_code} | {row.decision} | {row} | {row.meaning} |" for row in Cause]
     return "\n".join(lines)
 
 

@@ -1,0 +1,51 @@
+"""The page of the station: keys of its files, states, events, calls and registers."""
+
+from capture.station.domain.config import StationConfig
+from capture.station.domain.recipe import Recipe
+from capture.station.line.registers import registers_page
+from capture.station.run.states import TRANSITIONS, State
+
+from .calls import call_lines, event_lines
+from .keys import sections
+
+
+def station_page() -> str:
+    """Return the page as Markdown."""
+    return "\n".join(
+        [
+            "# Station",
+            "",
+            "## `station.toml`",
+            "",
+            *sections(StationConfig),
+            "",
+            "## `recipes/NAME.toml`",
+            "",
+            *sections(Recipe),
+            "",
+            "## States",
+            "",
+            *map(_changes, State),
+            "",
+            "## Events",
+            "",
+            "One line of JSON each, as `event`, with the fields in brackets.",
+            "",
+            *event_lines(),
+            "",
+            "## Calls of the HTTP API",
+            "",
+            "Below `/api/v1`: the lowest role; in brackets query or fields, which `/api` explains.",
+            "",
+            *call_lines(),
+            "",
+            "## Registers of the PLC",
+            "",
+            registers_page(),
+        ]
+    )
+
+
+def _changes(state: State) -> str:
+    changes = [f"{change}: {new}" for (old, change), new in TRANSITIONS.items() if old is state]
+    return f"- `{state}` {'; '.join(changes)}"
