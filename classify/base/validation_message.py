@@ -27,7 +27,8 @@ def validation_message(error: ValidationError, root: type[BaseModel], section: s
             return ": ".join(filter(None, (field, cause.removeprefix("Value error, "))))
         case "missing":
             model = _fields_at(location[:-1], root).get(str(location[-1]))
-            return f"{field} is missing; give {(model and model.description) or 'it'}"
+            described = f": {model.description}" if model and model.description else ""
+            return f"{field} is missing; give it{described}"
         case "extra_forbidden" | "unexpected_keyword_argument":
             return f"{field} = {toml_text(value)}: {_unknown_key(location, root)}"
         case "too_short" | "too_long":

@@ -18,7 +18,9 @@ class ReplayCameraConfig(StampedCameraConfig):
     """A simulated camera that replays a captured set, in the set's size and depth."""
 
     kind: Literal["replay"] = "replay"
-    set_file: str = Field(min_length=1, max_length=4096, description="the set to replay")
+    set_file: str = Field(
+        min_length=1, max_length=4096, description="the set to replay, relative to rig.toml"
+    )
 
     @property
     def recording(self) -> Path:

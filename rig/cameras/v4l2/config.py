@@ -15,10 +15,16 @@ from .pixel_formats import PIXEL_FORMATS
 class VideoCameraConfig(DeviceCameraConfig):
     """A camera at a video device, whose gain and gamma are integers in the driver's units."""
 
-    allow_compressed: bool = False
-    fixed_exposure: bool = False
-    gain: int | None = Field(default=None, ge=0, le=2**31 - 1)
-    gamma: int | None = Field(default=None, ge=0, le=2**31 - 1)
+    allow_compressed: bool = Field(default=False, description="MJPG may be used")
+    fixed_exposure: bool = Field(
+        default=False, description="the camera always exposes for exposure_ms and has no control"
+    )
+    gain: int | None = Field(
+        default=None, ge=0, le=2**31 - 1, description="in the camera's units; else left as it is"
+    )
+    gamma: int | None = Field(
+        default=None, ge=0, le=2**31 - 1, description="in the camera's units; else left as it is"
+    )
 
     def matches(self, camera: ListedCamera) -> bool:
         """Whether a listed camera is this one, by whatever name."""
@@ -35,7 +41,7 @@ class V4l2CameraConfig(VideoCameraConfig, StampedCameraConfig):
     """A V4L2 camera; `pixel_format` is a key of `PIXEL_FORMATS` and determines `bits`."""
 
     kind: Literal["v4l2"] = "v4l2"
-    pixel_format: str = "GREY"
+    pixel_format: str = Field(default="GREY", description="such as GREY, Y12, SRGGB10 or YUYV")
 
     @property
     def _pixels(self) -> str:

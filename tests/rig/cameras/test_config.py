@@ -52,7 +52,7 @@ def test_all_keys_of_a_camera_are_read(tmp_path: Path) -> None:
             REAL + 'kind = "opencv"\ndevice = 0\ntimestamp_offset_ms = 3\n',
             r"timestamp_offset_ms = 3: not a key of kind = 'opencv'; .*set kind = 'simulated'",
         ),
-        (REAL + 'kind = "replay"\n', r"set_file is missing; give the set to replay"),
+        (REAL + 'kind = "replay"\n', r"set_file is missing; give it: the set to replay"),
         (CAMERA + "readout_ms = 40\n", r"readout_ms = 40 does not fit into a frame at 30 Hz"),
         (CAMERA + 'pixel_format = "NV12"\n', r"camera\.pixel_format.*'NV12' is unknown.*GREY, Y10"),
         (CAMERA + "pixel_format = 8\n", r"camera\.pixel_format"),
