@@ -199,6 +199,11 @@ def _taught(
             for name, each in models.items()
             if each.pieces.handedness is None
         ),
+        *(
+            f"{name} looks alike at 90 degrees: a piece that lies otherwise is not found"
+            for name, each in models.items()
+            if not each.pieces.has_direction
+        ),
     ]
     if known_limits is None:
         remarks += replaced_remarks(before, limits_of)
