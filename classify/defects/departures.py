@@ -30,24 +30,12 @@ RELIEF, TEXTURE = slice(0, ALBEDO), slice(ALBEDO + 1, DEPARTURES)
 
 @dataclass(frozen=True, eq=False)
 class Departures:
-    """Spectra, scales of responses, and statistics of the good parts of one texture.
+    """Spectra, scales of responses, and statistics of the good parts of one texture."""
 
-    Attributes
-    ----------
-    gains
-        (2, n, n) float32 whitening gains of relief and albedo in the frame of the texture.
-    scales
-        (sum(SIZES),) float32 mean highest response in a tile of a good part, for each filter.
-    cells
-        Good cells for each of `STATISTICS`.
-    low
-        Distributions of the log deviations of slopes and albedo, with their signs changed.
-    """
-
-    gains: FloatMap
-    scales: FloatMap
-    cells: tuple[GoodCells, ...]
-    low: Evidence
+    gains: FloatMap  # (2, n, n), whitening relief and albedo in the frame of the texture
+    scales: FloatMap  # (sum(SIZES),), mean highest responses in a tile of a good part
+    cells: tuple[GoodCells, ...]  # for each of STATISTICS
+    low: Evidence  # of the log deviations of slopes and albedo, with their signs changed
 
     def of(self, fields: PartFields, orientation_deg: float) -> FloatMap:
         """(DEPARTURES, h, w) float32 departures."""

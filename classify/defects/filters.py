@@ -50,15 +50,7 @@ Response = Callable[[FloatMap], FloatMap]
 def filter_responses(
     spectra: tuple[HalfSpectrum, HalfSpectrum], orientation_deg: float
 ) -> Iterator[Response]:
-    """The `Response` of each filter.
-
-    Parameters
-    ----------
-    spectra
-        Half spectra of relief and albedo at half resolution, divided by the power of the texture.
-    orientation_deg
-        Orientation of the texture.
-    """
+    """The `Response` of each filter to relief and albedo, divided by the power of their texture."""
     for each in FILTERS:
         spectrum = spectra[int(each.departure == ALBEDO)]
         shape = (spectrum.shape[0], 2 * (spectrum.shape[1] - 1))

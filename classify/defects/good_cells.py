@@ -1,4 +1,4 @@
-"""`GoodCells`: statistics of good cells, and the distance from the nearest of them."""
+"""`GoodCells`: statistics of good cells, the distance from the nearest, and halves of parts."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -77,3 +77,19 @@ def power_sums(samples: FloatMap) -> PowerSums:
     """(d + 1, d + 1) sums of the products of (1, sample), of (n, d) samples."""
     extended = np.pad(samples.astype(np.float64), ((0, 0), (1, 0)), constant_values=1.0)
     return extended.T @ extended
+
+
+def unlike_halves(sums: Sequence[PowerSums]) -> tuple[list[int], list[int]]:
+    """Split two or more parts into halves that differ as much as possible, by their `power_sums`.
+
+    Parts of one place or batch are alike. If each part were left out alone, the others of its place
+    would stay, and it would depart less than a part of another place. The parts are therefore split
+    along the first principal component of the means of their statistics.
+    """
+    total = np.sum(sums, axis=0)
+    total = total / total[0, 0]
+    deviations = np.sqrt(np.maximum(np.diag(total)[1:] - total[0, 1:] ** 2, 1e-12))
+    means = np.array([each[0, 1:] / each[0, 0] for each in sums]) / deviations
+    _, _, components = np.linalg.svd(means - means.mean(axis=0), full_matrices=False)
+    lower, upper = np.array_split(np.argsort(means @ components[0], kind="stable"), 2)
+    return lower.tolist(), upper.tolist()

@@ -16,8 +16,7 @@ from .departures import LOW_STATISTICS, STATISTICS, Departures, observed
 from .evidence import Evidence
 from .fields import PartFields, part_fields
 from .filters import SIZES
-from .good_cells import GoodCells, power_sums
-from .halves import unlike_halves
+from .good_cells import GoodCells, power_sums, unlike_halves
 from .limits import common_limit, tile_maxima
 from .whitening import MIN_SIDE_PX, Spectrum, mean_spectrum
 from .window_statistics import window_statistics
@@ -102,10 +101,7 @@ def _checked(surface: SurfaceEstimate) -> SurfaceEstimate:
 
 @dataclass(frozen=True, eq=False)
 class _Observation:
-    """Observations of one part: means of the maxima of its tiles, and statistics of its cells.
-
-    Responses and octaves are whitened by the spectra of the other half of the parts.
-    """
+    """Mean maxima of a part's tiles, and its cells, whitened by spectra of the other half."""
 
     spectrum: Spectrum
     scales: npt.NDArray[np.float64]

@@ -41,20 +41,10 @@ def tile_maxima(response: FloatMap, valid: npt.NDArray[np.bool_]) -> Maxima:
 
 
 def limits_of(maxima: Maxima, false_alarm_rate: float) -> Maxima:
-    """(m,) values that a share `false_alarm_rate` of good parts exceeds anywhere.
+    """(m,) values that a share of good parts exceeds anywhere, from (parts, m, tiles) maxima.
 
     A generalised Pareto distribution, fitted by probability-weighted moments (Hosking and Wallis
     1987) to the highest tile maxima of all parts, is extrapolated to the tiles of one part.
-
-    Parameters
-    ----------
-    maxima
-        (parts, m, tiles) `tile_maxima`; tiles without a valid cell are alike for all responses.
-
-    Raises
-    ------
-    InputError
-        If fewer than two tiles have a valid cell.
     """
     parts, count, _ = maxima.shape
     ordered = np.sort(np.moveaxis(maxima, 1, 0).reshape(count, -1))

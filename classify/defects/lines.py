@@ -21,21 +21,10 @@ _STRIP = 64
 def line_response(
     field: FloatMap, cell: int, orientation_deg: float, weights: FloatMap
 ) -> FloatMap:
-    """(h, w) float32 largest weighted absolute sum along a line in every cell.
+    """(h, w) largest of the absolute sums along lines in every cell, times (DIRECTIONS * LENGTHS,).
 
-    The sum's own weights fall towards the ends of a line: 1 2 1, 1 2 3 2 1 and 1 2 3 3 3 2 1 for
-    threes of pixels.
-
-    Parameters
-    ----------
-    field
-        (h cell, w cell) float32; it counts as zero beyond its borders.
-    cell
-        Pixels on a side of a cell.
-    orientation_deg
-        Orientation of the texture, from which the directions count.
-    weights
-        (DIRECTIONS * LENGTHS,) float32; directions with weights of zero alone are left out.
+    The field is (h cell, w cell), and 0 beyond its borders. Sums of threes of pixels have the
+    weights 1 2 1, 1 2 3 2 1 and 1 2 3 3 3 2 1. Directions whose weights are 0 take no time.
     """
     rows, columns = (side // cell for side in field.shape)
     highest = np.empty((rows, columns), np.float32)
