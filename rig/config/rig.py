@@ -11,9 +11,7 @@ from pydantic import Field, model_validator
 
 from classify.base.durable_file import durable_file
 from classify.base.section import Section
-from rig.errors import ConfigError
-
-from .camera import (
+from rig.cameras.config import (
     CAMERA_KINDS,
     AnyCameraConfig,
     DeviceCameraConfig,
@@ -21,6 +19,8 @@ from .camera import (
     SimulatedCameraConfig,
     without_idle_keys,
 )
+from rig.errors import ConfigError
+
 from .lights import SIMULATED, LightsConfig
 from .sequence_plan import SequencePlan, plan_sequence
 from .simulation import SimulationConfig
@@ -37,10 +37,10 @@ class RigConfig(Section):
     Attributes
     ----------
     calibration
-        Calibration file that captures use; in ``rig.toml`` relative to that file.
+        Calibration file for captures; in ``rig.toml`` relative to that file.
     """
 
-    name: str = Field(default="rig", min_length=1, max_length=200)
+    name: str = Field(default="rig", min_length=1, max_length=200, description="of the rig")
     calibration: str | None = Field(default=None, min_length=1)
     lights: LightsConfig = LightsConfig()
     camera: AnyCameraConfig = SimulatedCameraConfig()

@@ -11,20 +11,14 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 
+from capture.station.domain.roles import Identity, Role
 from capture.station.results.database import ResultsUnavailable
 from classify.base.errors import InputError, Ps4rigError
 
-from .access.roles import Identity, Role
 from .panel import Panel
 from .render import JsonAnswer, page
 from .routes import API, Call, PanelRoute
-from .security import (
-    SAFE_METHODS,
-    Denied,
-    fields_of,
-    read_body,
-    require_same_origin,
-)
+from .security import SAFE_METHODS, Denied, fields_of, read_body, require_same_origin
 
 _log = logging.getLogger(__name__)
 CSRF_FIELD, CSRF_HEADER = "csrf", "x-csrf-token"

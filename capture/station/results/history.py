@@ -8,10 +8,9 @@ from typing import Any, Self
 
 from sqlalchemy import ColumnElement, Connection, Select, func, select
 
-from capture.station.verdict import Decision
+from capture.station.domain.verdict import Decision
 
-from .part_result import PartResult
-from .rows import result_of, storable
+from .part_result import PartResult, result_of, storable
 from .schema import overrides, refused_triggers, removed_sets, results, same_part
 
 ROWS_AT_A_TIME = 500  # held in memory

@@ -11,7 +11,7 @@ from datetime import datetime
 
 from sqlalchemy import ColumnElement, Text, cast, func, select
 
-from capture.station.verdict import Cause, Decision
+from capture.station.domain.verdict import Cause, Decision
 
 from .history import IN_FORCE, JOINED, Selection, conditions
 from .schema import results
@@ -118,7 +118,7 @@ def counted_causes(store: ResultStore, selection: Selection) -> list[CauseCount]
     also: Counter[Cause] = Counter()
     with store.reading() as connection:
         for row in connection.execute(statement):
-            gravest, *others = map(Cause, json.loads(row.causes))
+            gravest, *others = map(Cause.named, json.loads(row.causes))
             first[gravest] += row.parts
             for cause in others:
                 also[cause] += row.parts

@@ -14,19 +14,15 @@ from urllib.parse import urlsplit
 import pytest
 
 from capture.sets.captured_set import CapturedSet
-from capture.station.folder import make_station
-from capture.station.interface_config import PanelConfig
+from capture.station.domain.folder import make_station
+from capture.station.domain.interface_config import PanelConfig
+from capture.station.domain.roles import Role
+from capture.station.domain.users import Users
 from capture.station.panel import security, server
-from capture.station.panel.access.roles import Role
-from capture.station.panel.access.sessions import (
-    FAILURES_OF_A_NAME,
-    FAILURES_OF_AN_ADDRESS,
-    LoginLimit,
-)
-from capture.station.panel.access.users import Users
 from capture.station.panel.app import ROUTES
 from capture.station.panel.security import MAX_BODY_BYTES, HostRule
 from capture.station.panel.server import MAX_CONNECTIONS
+from capture.station.panel.sessions import FAILURES_OF_A_NAME, FAILURES_OF_AN_ADDRESS, LoginLimit
 from classify.base.errors import InputError
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel, running_panel
 from tests.memory_growth import growth_bytes
@@ -532,37 +528,6 @@ def test_a_panel_with_tls_is_reached_by_https_alone(tmp_path: Path, captured: Ca
         with pytest.raises((OSError, http.client.HTTPException)):
             plain.getresponse()
         plain.close()
-
-
-@pytest.mark.slow
-def test_a_handshake_has_a_deadline(
-    tmp_path: Path, captured: CapturedSet, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It would be a minute. By the deadline of heads, `by_https` has ended its own."""
-    monkeypatch.setattr(server, "HEAD_S", 2.0)
-    with panel_with_tls(tmp_path / "a", captured) as panel, connected(panel) as raw:
-        with suppress(ConnectionError):
-            assert raw.recv(1) == b""
-        monkeypatch.setattr(server, "HEAD_S", LONG_S)
-        assert by_https(panel).status == 200
-
-
-def test_handshakes_count_as_connections(tmp_path: Path, captured: CapturedSet) -> None:
-    with panel_with_tls(tmp_path / "a", captured) as panel:
-        idle = [connected(panel) for _ in range(MAX_CONNECTIONS)]
-        try:
-            with pytest.raises((OSError, http.client.HTTPException)):
-                by_https(panel)
-        finally:
-            for each in idle:
-                each.close()
-        given_up_s = time.monotonic() + LONG_S
-        while True:
-            try:
-                assert by_https(panel).status == 200
-                break
-            except OSError:
-                assert time.monotonic() < given_up_s
 
 
 @pytest.mark.parametrize("text", ["", "no PEM", None])

@@ -1,0 +1,85 @@
+"""`Equipment`: the objects that the cycle of a station works with."""
+
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Literal
+
+from capture.station.results.store import ResultStore
+from rig.doctor.check import Check
+
+from .changeover import Recipes
+from .events import Publisher, TriggerRefused
+from .outcome import PartJudge
+from .station_clock import StationClock
+from .station_rig import PartCamera
+from .triggers import PartSensor, Trigger
+
+Worker = Literal["capture", "verdict"]
+"""A thread of the cycle."""
+ReportAlive = Callable[[Worker], None]
+"""Called by each worker several times a second, also while it waits for a part."""
+
+
+class GuardedThread(threading.Thread):
+    """A thread that calls `stop` at its end, with the error that ended it or None."""
+
+    def __init__(
+        self,
+        work: Callable[[], None],
+        stop: Callable[[BaseException | None], None],
+        name: str,
+        *,
+        daemon: bool = False,
+    ) -> None:
+        super().__init__(name=name, daemon=daemon)
+        self._work, self._stop_run = work, stop
+
+    def run(self) -> None:
+        """Do the work."""
+        error: BaseException | None = None
+        try:
+            self._work()
+        except BaseException as raised:
+            error = raised
+        self._stop_run(error)
+
+    def join_through_interrupts(self) -> None:
+        """Wait for the end of the thread, if it was started."""
+        while self.is_alive():
+            try:
+                self.join()
+            except KeyboardInterrupt as interrupt:
+                self._stop_run(interrupt)
+
+
+@dataclass(frozen=True, eq=False)
+class Equipment:
+    """The objects that a station works with."""
+
+    camera: PartCamera
+    judge: PartJudge  # used until another recipe is loaded
+    store: ResultStore
+    # Makes all checks except those of the rig, while no part is in progress.
+    prepare: Callable[[], list[Check]]
+    clock: StationClock
+    publisher: Publisher
+    sensor: PartSensor | None = None
+    # Called by each worker several times a second, unless the worker hangs.
+    report_alive: ReportAlive = lambda _: None
+    recipes: Recipes | None = None  # None if no parts are judged
+
+    def refused(self, trigger: Trigger, reason: str) -> TriggerRefused:
+        """Record a refused trigger; return the event to publish. Never raises."""
+        is_recorded = False
+        with suppress(BaseException):
+            self.store.refuse(
+                trigger=trigger.source,
+                utc=self.clock.now(),
+                reason=reason,
+                simulated=self.camera.is_simulated,
+                part_id=trigger.part_id,
+            )
+            is_recorded = True
+        return TriggerRefused(trigger.source, trigger.part_id, reason, is_recorded)

@@ -1,0 +1,237 @@
+"""Triggers, which tell the station that a part lies below the camera."""
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum, auto
+from typing import NamedTuple, Protocol
+
+from capture.station.results.database import ResultsUnavailable
+from capture.station.results.store import ResultStore
+from classify.base.errors import InputError, Ps4rigError
+
+from .events import RecipeLoaded
+from .station_rig import StationRig
+
+# Interval at which a waiting source checks whether the station stops.
+_POLL_S = 0.2
+_SENSOR = "sensor"
+_MISSED = "passed the sensor while the station was busy or not ready"
+# Each row takes a transaction of some 4 ms; more parts at once are a sensor out of order.
+MOST_RECORDED = 100
+
+
+class Asker(NamedTuple):
+    """Who asks for a recipe: a name, and a role such as ``engineer``."""
+
+    name: str
+    role: str
+    seen_sha256: str | None = None  # hash of the recipe that the asker saw; None if none was shown
+
+
+class RecipeRefusal(Enum):
+    """Kinds of reasons why a recipe is not loaded, for programs."""
+
+    NOT_READY = auto()  # the station starts, stops, is in error, or judges no parts
+    BUSY = auto()  # another one is being loaded
+    UNKNOWN = auto()
+    NOT_APPROVED = auto()
+    CHALLENGE = auto()
+    UNUSABLE = auto()  # not taught, damaged, not the one seen, without challenge set or calibration
+    RIG = auto()  # the self-test with its light found a fault
+    DATABASE = auto()  # the change cannot be recorded
+    UNFORESEEN = auto()
+
+
+class RecipeRefused(Ps4rigError):  # noqa: N818 - an answer, no error of the program
+    """A recipe is not loaded; the station goes on with the present one."""
+
+    def __init__(self, reason: str, kind: RecipeRefusal) -> None:
+        super().__init__(reason)
+        self.kind = kind
+
+
+@dataclass(frozen=True)
+class Trigger:
+    """A part lies below the camera."""
+
+    source: str  # ``timer``, ``enter``, ``sensor``, ``http`` or ``modbus``
+    part_id: str | None = None  # unique in the station, which chooses one for None
+    recipe: str | None = None  # that must judge the part; None for any
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """The part has its row in the results, and its exposure begins."""
+
+    part_id: str
+    number: int
+
+
+class Refusal(Enum):
+    """Why a trigger was refused, as a code for programs."""
+
+    NOT_READY = auto()
+    BUSY = auto()  # another part is exposed, or no buffer is free
+    STOPPING = auto()
+    DISK = auto()
+    DATABASE = auto()
+    PART_ID = auto()  # invalid, or used before
+    RECIPE = auto()  # another one is loaded than the trigger requires
+    UNFORESEEN = auto()
+
+
+def refusal_by(error: BaseException) -> Refusal:
+    """Return the code of a refusal because of an error while the part was begun."""
+    if isinstance(error, InputError):
+        return Refusal.PART_ID
+    return Refusal.DATABASE if isinstance(error, ResultsUnavailable) else Refusal.UNFORESEEN
+
+
+@dataclass(frozen=True)
+class Refused:
+    """The trigger is not served, because of `reason`; nothing is exposed."""
+
+    reason: str
+    kind: Refusal = Refusal.NOT_READY
+
+
+Answer = Accepted | Refused
+
+
+class TriggerTarget(Protocol):
+    """The side of a station that triggers see. Its methods may be called from any thread."""
+
+    def submit(self, trigger: Trigger) -> Answer:
+        """Accept or refuse a trigger; the answer comes before the exposure. Never raises."""
+
+    def refuse(self, trigger: Trigger, reason: str) -> Refused:
+        """Record a trigger that cannot be served. Never raises."""
+
+    def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
+        """Load another recipe; if it raises RecipeRefused, the present one stays."""
+
+    def wait_until_ready(self, timeout_s: float) -> bool:
+        """Wait until a trigger would be accepted; False after the time-out or a stop."""
+
+    @property
+    def is_stopping(self) -> bool:
+        """Whether no further trigger will be accepted."""
+
+
+class TriggerSource(Protocol):
+    """Submits triggers until the station stops."""
+
+    def run(self, station: TriggerTarget) -> None:
+        """Submit triggers; return when `station` is stopping or no more triggers come."""
+
+
+_TIMER = Trigger("timer")
+
+
+class TimerTrigger:
+    """A trigger in each period; a period of 0 triggers whenever the station is ready.
+
+    If it is late by a period or more, all triggers due by then are refused: one row counts them.
+    """
+
+    def __init__(self, period_s: float, now_s: Callable[[], float] = time.monotonic) -> None:
+        self._period_s = period_s
+        self._now_s = now_s
+        self._pause = threading.Event()  # never set: waiting on it can be interrupted
+
+    def run(self, station: TriggerTarget) -> None:
+        """Submit triggers until the station stops."""
+        station_was_ready, passed = False, 0
+        next_s = self._now_s()
+        while not station.is_stopping:
+            # The first trigger waits for the self-test; with a period of 0 each one waits.
+            if self._period_s == 0.0 or not station_was_ready:
+                station_was_ready = station.wait_until_ready(_POLL_S)
+                next_s = self._now_s()
+                if not station_was_ready:
+                    continue
+            late_s = self._now_s() - next_s
+            if late_s < 0.0:
+                self._pause.wait(min(-late_s, _POLL_S))
+                continue
+            if 0.0 < self._period_s <= late_s:
+                periods = int(late_s / self._period_s) + 1
+                passed += periods
+                next_s += periods * self._period_s
+                continue
+            station.submit(_TIMER)
+            next_s += self._period_s
+            if passed > 0:  # after a trigger: a slow row must not make every trigger late
+                station.refuse(_TIMER, f"late: {passed} periods of the timer have passed")
+                passed = 0
+
+
+class SensorTrigger:
+    """The part sensor at the light controller; the cycle itself waits for it."""
+
+    def run(self, station: TriggerTarget) -> None:
+        """Wait until the station stops."""
+        pause = threading.Event()
+        while not station.is_stopping:
+            pause.wait(_POLL_S)
+
+
+class LineTrigger:
+    """A trigger for each line of text, the part's id; ``q`` or the end of the text ends it."""
+
+    def __init__(self, read_line: Callable[[], str]) -> None:
+        self._read_line = read_line
+
+    def run(self, station: TriggerTarget) -> None:
+        """Submit a trigger for each line."""
+        while not station.is_stopping:
+            line = self._read_line()
+            text = line.strip()
+            if not line or text == "q":
+                return
+            station.submit(Trigger("enter", text or None))
+
+
+class AttachedSource:
+    """Passes the station to `attach`, then runs a source; without one it waits for the stop."""
+
+    def __init__(
+        self, attach: Callable[[TriggerTarget], None], source: TriggerSource | None
+    ) -> None:
+        self._attach, self._source = attach, source
+        self._pause = threading.Event()  # never set: waiting on it can be interrupted
+
+    def run(self, station: TriggerTarget) -> None:
+        """Submit triggers until the station stops."""
+        self._attach(station)
+        if self._source is not None:
+            self._source.run(station)
+            return
+        while not station.is_stopping:
+            self._pause.wait(_POLL_S)
+
+
+class PartSensor:
+    """The sensor at the light controller of a rig; each part that it sees is a trigger."""
+
+    def __init__(self, rig: StationRig, store: ResultStore) -> None:
+        self._rig, self._store = rig, store
+
+    def await_part(self, station: TriggerTarget, is_over: Callable[[], bool]) -> None:
+        """Wait for a part and submit its trigger, unless `is_over`.
+
+        Parts that came since the last wait are refused, with a row each up to `MOST_RECORDED`.
+        """
+        missed = self._rig.missed_parts()
+        for _ in range(min(missed, MOST_RECORDED)):
+            if is_over():  # each row may wait for a locked database
+                break
+            station.refuse(Trigger(_SENSOR), f"the part {_MISSED}")
+            missed -= 1
+        if missed > 0:
+            station.refuse(Trigger(_SENSOR), f"parts that {_MISSED}: {missed}")
+        has_come = self._rig.wait_for_part(self._store.last_number() + 1, is_over)
+        if has_come and isinstance(station.submit(Trigger(_SENSOR)), Refused):
+            self._rig.forget_part()
