@@ -1,4 +1,10 @@
-from .camera import Camera, CameraInfo, Frame, FrameFlag
+from .cameras.camera import (
+    Camera,
+    CameraInfo,
+    Frame,
+    FrameFlag,
+)
+from .cameras.v4l2.camera_list import ListedCamera, list_cameras
 from .config.defect import Defect
 from .config.fault_plan import FaultPlan
 from .config.rig import RigConfig, load_config
@@ -17,7 +23,6 @@ from .scene.synthetic import (
 )
 from .simulation.rig import Simulation
 from .simulation.scenes import surface_names
-from .v4l2.camera_list import ListedCamera, list_cameras
 
 __all__ = [
     "EQUAL_SPECTRUM_TWINS",

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from enum import Enum
 
-from .camera import Frame, FrameFlag
+from .cameras.camera import Frame, FrameFlag
 from .config.sequence_plan import SequencePlan
 from .errors import CameraError, LightControllerError
 from .lights.driver import Switch

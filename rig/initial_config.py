@@ -4,13 +4,13 @@ import json
 import re
 from collections.abc import Callable, Sequence
 
-from .config.camera import PIXEL_FORMAT_BITS
+from .cameras.config import PIXEL_FORMAT_BITS
+from .cameras.v4l2.camera_list import ListedCamera
+from .cameras.v4l2.pixel_formats import PIXEL_FORMATS
 from .config.lights import AUTO
 from .errors import LightControllerError
 from .lights.discovery import SerialPort, identify
 from .lights.link import ControllerIdentity
-from .v4l2.camera_list import ListedCamera
-from .v4l2.pixel_formats import PIXEL_FORMATS
 
 Controllers = Sequence[tuple[SerialPort, ControllerIdentity]]
 

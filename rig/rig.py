@@ -8,8 +8,8 @@ from typing import Self
 from classify import Lighting
 from firmware_sim import Clock, RealClock
 
-from .camera import Camera
-from .config.camera import OpencvCameraConfig, V4l2CameraConfig
+from .cameras.camera import Camera
+from .cameras.config import OpencvCameraConfig, V4l2CameraConfig
 from .config.lights import AUTO
 from .config.rig import RigConfig, config_of
 from .errors import ConfigError
@@ -172,11 +172,11 @@ def open_camera(config: RigConfig, simulation: Simulation | None) -> Camera:
     """Open the camera of a rig."""
     if isinstance(config.camera, V4l2CameraConfig):
         # Imported here, so that a simulated rig opens without it.
-        from .v4l2.camera import V4l2Camera
+        from .cameras.v4l2.camera import V4l2Camera
 
         return V4l2Camera(config.camera)
     if isinstance(config.camera, OpencvCameraConfig):
-        from .opencv_camera import OpencvCamera
+        from .cameras.opencv import OpencvCamera
 
         return OpencvCamera(config.camera)
     if simulation is None:

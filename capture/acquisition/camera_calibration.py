@@ -8,7 +8,7 @@ from capture.procedures.camera_parts import Rung, levels_of
 from classify.calibration.calibration import Calibration
 from classify.calibration.dark_frames import DarkFrames, dark_of
 from rig import Rig
-from rig.camera import Pixels
+from rig.cameras.camera import Pixels
 
 from .frame_series import (
     brightest_light,

@@ -8,7 +8,8 @@ from capture.base.errors import SetRejected
 # Frames over which one time stamp bounds another: the buffers of a V4L2 camera. Over more frames,
 # the error of the period is larger than the pause between two exposures.
 _MAX_FRAMES = 4
-# Relative error of the frame period that a camera reports: `RATE_TOLERANCE` of rig/v4l2/device.py.
+# Relative error of the frame period that a camera reports: `RATE_TOLERANCE` of
+# rig/cameras/v4l2/device.py.
 _PERIOD_ERROR = 0.01
 
 

@@ -17,8 +17,8 @@ from rig import (
     SequencePlan,
     SequenceReport,
 )
-from rig.config.camera import StampedCameraConfig
-from rig.frame_time import start_known_to_s
+from rig.cameras.config import StampedCameraConfig
+from rig.cameras.frame_time import start_known_to_s
 from rig.fresh_frame import begin_sequence
 
 from .frame_mean import FrameMean, SetImage

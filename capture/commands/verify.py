@@ -31,13 +31,13 @@ def verify(
     without a hash.
     """
     from capture.session.verification import files_below, verify_file
-    from capture.station.config import CONFIG
+    from capture.station.domain.config import CONFIG
 
     paths = [path for folder in folders for path in files_below(folder, CONFIG)]
     findings: list[FileFinding] = []
     for path in progress(paths, len(paths), "verify"):
         if path.name == CONFIG:
-            from capture.station.verification import verify_station
+            from capture.station.results.verification import verify_station
 
             findings += verify_station(path.parent)
         else:

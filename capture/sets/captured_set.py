@@ -214,7 +214,7 @@ def calibration_of(
     metadata: SetMetadata,
     shape: tuple[int, ...],
     given: Path | None = None,
-    way_out: str = "give --calibration CAL, or solve --raw without one",
+    way_out: str = "give --calibration CAL (solve, compare and export can leave it out with --raw)",
 ) -> FoundCalibration | None:
     """Find the calibration of the set at `path` with images of `shape`; see `find_calibration`."""
     ids, setting = metadata.calibration_ids, setting_of(metadata, shape)

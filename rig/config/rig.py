@@ -11,9 +11,7 @@ from pydantic import Field, model_validator
 
 from classify.base.durable_file import durable_file
 from classify.base.section import Section
-from rig.errors import ConfigError
-
-from .camera import (
+from rig.cameras.config import (
     CAMERA_KINDS,
     AnyCameraConfig,
     DeviceCameraConfig,
@@ -21,6 +19,8 @@ from .camera import (
     SimulatedCameraConfig,
     without_idle_keys,
 )
+from rig.errors import ConfigError
+
 from .lights import SIMULATED, LightsConfig
 from .sequence_plan import SequencePlan, plan_sequence
 from .simulation import SimulationConfig

@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from .camera import CAMERA_KINDS
+from rig.cameras.config import CAMERA_KINDS
 
 _MISSING = {
     "device": "give the camera's path, best its name in /dev/v4l/by-id",

@@ -3,12 +3,12 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from rig.camera import Camera, Frame, FrameFlag
-from rig.config.camera import CameraConfig, DeviceCameraConfig
+from rig.cameras.camera import Camera, Frame, FrameFlag
+from rig.cameras.config import CameraConfig, DeviceCameraConfig
+from rig.cameras.v4l2.abi import CID_EXPOSURE_ABSOLUTE
+from rig.cameras.v4l2.camera_list import ListedCamera, device_path
+from rig.cameras.v4l2.measurement_mode import EXPOSURE_UNITS_PER_MS
 from rig.errors import CameraError, ControlError
-from rig.v4l2.abi import CID_EXPOSURE_ABSOLUTE
-from rig.v4l2.camera_list import ListedCamera, device_path
-from rig.v4l2.measurement_mode import EXPOSURE_UNITS_PER_MS
 
 from .check import Check
 from .serial_ports import check_access

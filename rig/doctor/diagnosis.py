@@ -7,7 +7,8 @@ from pathlib import Path
 
 from classify.base.compiling import kernel_cache_folder
 from classify.base.errors import Ps4rigError
-from rig.camera import Camera, CameraInfo
+from rig.cameras.camera import Camera, CameraInfo
+from rig.cameras.v4l2.camera_list import ListedCamera, list_cameras
 from rig.config.rig import RigConfig, config_of
 from rig.errors import ConfigError, ControlError, HardwareError
 from rig.lights.discovery import list_serial_ports
@@ -16,7 +17,6 @@ from rig.lights.link import DEFAULT_TIMEOUTS, LinkTimeouts
 from rig.lights.sequence import require_one_line
 from rig.rig import Rig, clock_of, open_camera, open_lights, port_of
 from rig.simulation.rig import Simulation
-from rig.v4l2.camera_list import ListedCamera, list_cameras
 
 from .cameras import check_cameras, check_controls, check_frames, exposure_range_ms
 from .check import Check, collected

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from rig.config.camera import CameraConfig, OpencvCameraConfig
+from rig.cameras.config import CameraConfig, OpencvCameraConfig
 from rig.config.rig import RigConfig
 from rig.errors import CameraError, ConfigError
 from rig.rig import Rig

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rig.acceptance import MAX_SATURATED_SHARE
-from rig.camera import Frame, FrameFlag
+from rig.cameras.camera import Frame, FrameFlag
 from rig.errors import CameraError
 from rig.fresh_frame import frames_until_fresh, next_fresh_frame, switch_to
 from rig.rig import Rig

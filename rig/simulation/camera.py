@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from firmware_sim import Clock, SimulatedBoard
-from rig.camera import CameraInfo, Frame
+from rig.cameras.camera import CameraInfo, Frame
+from rig.cameras.frame_time import require_exposure
 from rig.errors import CameraError
-from rig.frame_time import require_exposure
 
 from .exposures import TRANSFER_S, Exposures
 from .sensor import RecordedPixels, Sensor

@@ -6,11 +6,16 @@ Any program can open the other end of the line and the loopback device as a rig.
 from collections.abc import Callable
 
 from firmware_sim import Server, SimulatedController, serve_local, serve_tty
-from rig.config.camera import PIXEL_FORMAT_BITS, CameraConfig, ReplayCameraConfig, V4l2CameraConfig
+from rig.cameras.config import (
+    PIXEL_FORMAT_BITS,
+    CameraConfig,
+    ReplayCameraConfig,
+    V4l2CameraConfig,
+)
+from rig.cameras.v4l2.output import V4l2Output
+from rig.cameras.v4l2.pixel_packing import PACKINGS
 from rig.config.rig import RigConfig
 from rig.errors import ConfigError, LightControllerError
-from rig.v4l2.output import V4l2Output
-from rig.v4l2.pixel_packing import PACKINGS
 
 from .rig import Simulation
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from firmware_sim import Clock
-from rig.camera import Camera, CameraInfo, Frame
+from rig.cameras.camera import Camera, CameraInfo, Frame
 from rig.config.fault_plan import MAX_FRAMES_BACK, FrameFault
 from rig.errors import CameraError
 

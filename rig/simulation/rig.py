@@ -15,8 +15,8 @@ from firmware_sim import (
 )
 from firmware_sim.faults import FaultyLine, faulty_leds
 from firmware_sim.led import Led
-from rig.camera import Camera
-from rig.config.camera import ReplayCameraConfig, SimulatedCameraConfig
+from rig.cameras.camera import Camera
+from rig.cameras.config import ReplayCameraConfig, SimulatedCameraConfig
 from rig.config.fault_plan import FaultPlan
 from rig.config.rig import RigConfig
 from rig.config.simulation import Placement

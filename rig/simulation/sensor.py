@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from rig.camera import Pixels
+from rig.cameras.camera import Pixels
 
 
 def digital(values: npt.NDArray[np.floating[Any]], bit_depth: int) -> Pixels:

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rig.config.camera import ReplayCameraConfig, SimulatedCameraConfig
+from rig.cameras.config import ReplayCameraConfig, SimulatedCameraConfig
+from rig.cameras.frame_time import exposure_start_s, require_measured_mode, start_known_to_s
 from rig.config.simulation import SimulationConfig
-from rig.frame_time import exposure_start_s, require_measured_mode, start_known_to_s
 
 # Separates the random numbers of time stamps from those of pixels.
 _JITTER_STREAM = 1

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rig import CameraError, FrameFlag, Rig
-from rig.camera import EXPOSURE_LAG_FRAMES
+from rig.cameras.camera import EXPOSURE_LAG_FRAMES
 
 PATIENCE_S = 20.0
 

@@ -16,11 +16,11 @@ from capture.calibration.ps4cal import CalibrationFile, PartRecord
 from capture.calibration.setting import Setting
 from classify.calibration.dark import Dark
 from rig import Rig, RigConfig, open_rig
+from rig.cameras.v4l2 import abi
+from rig.cameras.v4l2.device import VideoFormat
 from rig.simulation.rig import Simulation
-from rig.v4l2 import abi
-from rig.v4l2.device import VideoFormat
-from tests.rig.test_opencv_camera import V4l2Video
-from tests.rig.v4l2.test_measurement_mode import FakeCamera, Knob, usual_knobs
+from tests.rig.cameras.test_opencv import V4l2Video
+from tests.rig.cameras.v4l2.test_measurement_mode import FakeCamera, Knob, usual_knobs
 
 CAMERA = {"width_px": 64, "height_px": 48, "exposure_ms": 5.0, "frame_rate_hz": 100.0}
 Opener = Callable[[float], AbstractContextManager[Rig]]
@@ -88,7 +88,7 @@ def opener(
         return open_rig(RigConfig().with_changes(camera=replayed))
 
     monkeypatch.setattr(cv2, "VideoCapture", V4l2Video)
-    monkeypatch.setattr("rig.v4l2.camera.V4l2Device", StreamingCamera)
+    monkeypatch.setattr("rig.cameras.v4l2.camera.V4l2Device", StreamingCamera)
     openers: dict[str, Opener] = {"simulated": simulated_rig, "replay": replay_rig}
     return openers.get(request.param, lambda gain: device_rig(request.param, gain))
 

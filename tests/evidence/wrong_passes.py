@@ -16,10 +16,10 @@ from pathlib import Path
 
 from capture.base.console import progress
 from capture.sets.captured_set import CapturedSet
-from capture.station.inspection.inspector import Inspector
-from capture.station.recipe.recipe_folder import RecipeFolder
-from capture.station.teaching.teaching import teach
-from capture.station.verdict import Decision
+from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.verdict import Decision
+from capture.station.judge.inspector import Inspector
+from capture.station.judge.teaching.teaching import teach
 
 from .faulty_parts import FAULTS, GOOD, Fault, kept_parts
 

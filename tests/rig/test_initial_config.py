@@ -6,10 +6,10 @@ from typing import Any
 import pytest
 
 from rig import ConfigError, ListedCamera, load_config
-from rig.config.camera import V4l2CameraConfig
+from rig.cameras.config import V4l2CameraConfig
+from rig.cameras.v4l2.device import OfferedFormat
 from rig.initial_config import answering_controllers, initial_config
 from rig.lights.discovery import SerialPort, find_controller
-from rig.v4l2.device import OfferedFormat
 
 CAMERA = ListedCamera(
     Path("/dev/video0"),

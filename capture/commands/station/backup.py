@@ -39,8 +39,8 @@ def restore(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder to make.")],
 ) -> None:
     """Restore a station from a backup into a new folder; every file is compared with its hash."""
-    from capture.station.config import CONFIG
-    from capture.station.folder import StationFolder
+    from capture.station.domain.config import CONFIG
+    from capture.station.domain.folder import StationFolder
     from capture.station.service.backup import DUMP
     from capture.station.service.restore import opened_backup
 

@@ -23,7 +23,7 @@ def bench(
     from pathlib import Path
     from tempfile import TemporaryDirectory
 
-    from capture.station.bench import run_bench
+    from capture.station.run.bench import run_bench
 
     def say(what: str) -> None:
         if not json:

@@ -48,12 +48,12 @@ def challenge(
     stain, are judged too. The exit status is 1 if a part gets another verdict, or such a fault
     passes that the recipe does not acknowledge.
     """
-    from capture.station.challenge.challenge import run_challenge
-    from capture.station.folder import StationFolder
-    from capture.station.gauge.fault_study import great_faults
-    from capture.station.inspection.inspector import Inspector
-    from capture.station.last_recipe import first_recipe
-    from capture.station.panel.recipes.recipe_changes import recipe_on_the_terminal
+    from capture.station.domain.folder import StationFolder
+    from capture.station.domain.last_recipe import first_recipe
+    from capture.station.judge.challenge import run_challenge
+    from capture.station.judge.gauge.fault_study import great_faults
+    from capture.station.judge.inspector import Inspector
+    from capture.station.judge.recipe_changes import recipe_on_the_terminal
 
     if (add is None) != (expect is None):
         raise InputError("give --add SET and --expect PASS, FAIL or UNKNOWN together")

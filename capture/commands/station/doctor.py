@@ -14,7 +14,7 @@ def doctor(folder: Station, as_json: options.Json = False) -> None:
     It checks recipe, challenge set, calibration, results, disk and rig; where systemd runs, also
     the unit of the station. The exit status is 1 if there is a fault.
     """
-    from capture.station.diagnosis import diagnose_station
+    from capture.station.run.diagnosis import diagnose_station
     from capture.station.service.unit_check import diagnose_unit
 
     print_checks([*diagnose_station(folder), *diagnose_unit(folder)], as_json=as_json)

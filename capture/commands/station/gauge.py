@@ -14,9 +14,9 @@ from capture.commands import options
 from .teach import Station
 
 if TYPE_CHECKING:
-    from capture.station.folder import StationFolder
-    from capture.station.gauge.gauge import Presentation
-    from capture.station.recipe.recipe_folder import RecipeFolder
+    from capture.station.domain.folder import StationFolder
+    from capture.station.domain.recipe_folder import RecipeFolder
+    from capture.station.judge.gauge.gauge import Presentation
 
 # Taught parts of each texture that get every fault in turn.
 _FAULTY_PARTS = 10
@@ -51,12 +51,12 @@ def gauge(
     found. The report is kept beside the recipe, for the panel. The exit status is 1 if the rating
     is not acceptable.
     """
-    from capture.station.folder import StationFolder
-    from capture.station.gauge.fault_study import keep_study, study_faults
-    from capture.station.gauge.gauge import GaugeStudy
-    from capture.station.gauge.gauge_report import GaugeReport, write_gauge_report
-    from capture.station.inspection.inspector import Inspector
-    from capture.station.last_recipe import first_recipe
+    from capture.station.domain.folder import StationFolder
+    from capture.station.domain.last_recipe import first_recipe
+    from capture.station.judge.gauge.fault_study import keep_study, study_faults
+    from capture.station.judge.gauge.gauge import GaugeStudy
+    from capture.station.judge.gauge.gauge_report import GaugeReport, write_gauge_report
+    from capture.station.judge.inspector import Inspector
     from classify.base.durable_file import make_folder
 
     station = StationFolder(folder)
@@ -99,8 +99,8 @@ class _Judged(NamedTuple):
 def _presented(
     station: StationFolder, files: RecipeFolder, count: int, times: int, seed: int
 ) -> tuple[Sequence[Presentation], _Judged]:
-    from capture.station.gauge.simulated_gauge import known_parts, present
-    from capture.station.inspection.inspector import Inspector
+    from capture.station.judge.gauge.simulated_gauge import known_parts, present
+    from capture.station.judge.inspector import Inspector
 
     rig_config = station.rig_config()
     calibration = rig_config.calibration
@@ -118,7 +118,7 @@ def _recorded(
     station: StationFolder, recipe: str, known: Path
 ) -> tuple[Sequence[Presentation], _Judged]:
     """Return the presentations that a recipe judged: of production, or else of a simulated rig."""
-    from capture.station.gauge.gauge import presentations_of, read_known_parts
+    from capture.station.judge.gauge.gauge import presentations_of, read_known_parts
     from capture.station.results.history import Selection
     from capture.station.results.store import open_store
     from classify.base.errors import InputError

@@ -11,7 +11,7 @@ import typer
 
 from capture.base.console import new_table, out, print_table, reported
 from capture.commands import options
-from capture.station.verdict import Decision
+from capture.station.domain.verdict import Decision
 from classify.base.errors import InputError
 
 if TYPE_CHECKING:
@@ -95,9 +95,9 @@ def override(
     reason: Annotated[str, typer.Option(metavar="TEXT", help="Why.")],
 ) -> None:
     """Give a part another verdict; the station's own stays in the results beside it."""
-    from capture.station.folder import StationFolder
-    from capture.station.panel.access.on_the_terminal import changing_on_the_terminal
-    from capture.station.panel.overriding import override_part
+    from capture.station.domain.folder import StationFolder
+    from capture.station.results.on_the_terminal import changing_on_the_terminal
+    from capture.station.results.overriding import override_part
 
     with (
         changing_on_the_terminal(StationFolder(folder), by) as (log, who),
@@ -111,7 +111,7 @@ def override(
 
 
 def _results_of(folder: Path) -> ResultStore:
-    from capture.station.folder import StationFolder
+    from capture.station.domain.folder import StationFolder
     from capture.station.results.store import open_store
 
     config = StationFolder(folder).config

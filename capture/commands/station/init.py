@@ -13,7 +13,7 @@ def init(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder to make.")],
 ) -> None:
     """Make the folder of a station with a commented configuration."""
-    from capture.station.folder import make_station
+    from capture.station.domain.folder import make_station
 
     make_station(folder)
     out.print(

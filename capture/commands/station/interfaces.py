@@ -11,12 +11,12 @@ from capture.base.console import complain
 from classify.base.errors import InputError
 
 if TYPE_CHECKING:
-    from capture.station.config import StationConfig
-    from capture.station.folder import StationFolder
-    from capture.station.interface_config import ModbusConfig, MqttConfig, PanelConfig
-    from capture.station.live.live_station import LiveStation
-    from capture.station.plc.line import PlcLine
-    from capture.station.plc.mqtt import MqttPublisher
+    from capture.station.domain.config import StationConfig
+    from capture.station.domain.folder import StationFolder
+    from capture.station.domain.interface_config import ModbusConfig, MqttConfig, PanelConfig
+    from capture.station.line.line import PlcLine
+    from capture.station.line.mqtt import MqttPublisher
+    from capture.station.run.live_station import LiveStation
 
 
 @contextmanager
@@ -27,7 +27,7 @@ def panel_of(
 
     If its port is taken and the panel was not asked for, the station runs without it.
     """
-    from capture.station.errors import CannotListen
+    from capture.station.domain.errors import CannotListen
     from capture.station.panel.panel import Panel
     from capture.station.panel.server import serving_panel
 
@@ -45,7 +45,7 @@ def panel_of(
 
 def panel_settings(configured: PanelConfig, host: str | None, port: int | None) -> PanelConfig:
     """Return the settings with what the command line changed."""
-    from capture.station.interface_config import PanelConfig
+    from capture.station.domain.interface_config import PanelConfig
     from rig.config.toml_file import validated
 
     given = {key: value for key, value in (("host", host), ("port", port)) if value is not None}
@@ -54,9 +54,9 @@ def panel_settings(configured: PanelConfig, host: str | None, port: int | None) 
 
 def plc_line(config: StationConfig, live: LiveStation, trigger: str) -> PlcLine | None:
     """Return the handshake with a PLC, or None if neither section nor trigger asks for one."""
-    from capture.station.plc.handshake import MAX_SESSION, Handshake
-    from capture.station.plc.line import PlcLine
-    from capture.station.plc.selection import SOURCE
+    from capture.station.line.handshake import MAX_SESSION, Handshake
+    from capture.station.line.line import PlcLine
+    from capture.station.line.selection import SOURCE
 
     if config.modbus is None and trigger != SOURCE:
         return None
@@ -72,10 +72,10 @@ def plc_line(config: StationConfig, live: LiveStation, trigger: str) -> PlcLine 
 @contextmanager
 def modbus_of(line: PlcLine, configured: ModbusConfig | None) -> Iterator[None]:
     """Serve the registers of a line while the block runs, and print their address."""
-    from capture.station.interface_config import ModbusConfig
+    from capture.station.domain.interface_config import ModbusConfig
 
     try:
-        from capture.station.plc.modbus import serving_modbus
+        from capture.station.line.modbus import serving_modbus
     except ImportError as error:
         raise InputError(f"[modbus] needs {error.name}: pip install 'ps4rig[modbus]'") from error
 
@@ -87,7 +87,7 @@ def modbus_of(line: PlcLine, configured: ModbusConfig | None) -> Iterator[None]:
 def mqtt_of(settings: MqttConfig, folder: StationFolder) -> MqttPublisher:
     """Return the publisher of results by MQTT; its lines go to the log of the station."""
     try:
-        from capture.station.plc.mqtt import MqttPublisher
+        from capture.station.line.mqtt import MqttPublisher
     except ImportError as error:
         raise InputError(f"[mqtt] needs {error.name}: pip install 'ps4rig[mqtt]'") from error
 

@@ -69,20 +69,20 @@ def run(
     from functools import partial
 
     from capture.base.process_settings import settle_station
-    from capture.station.control_charts.control_chart import ControlChart
-    from capture.station.cycle.event_lines import log_to
-    from capture.station.cycle.events import Publisher
-    from capture.station.cycle.triggers import (
+    from capture.station.domain.folder import station_folder
+    from capture.station.results.database import database_url
+    from capture.station.results.database import shown as shown_url
+    from capture.station.run.control_chart import ControlChart
+    from capture.station.run.event_lines import log_to
+    from capture.station.run.events import Publisher
+    from capture.station.run.live_station import LiveStation
+    from capture.station.run.run import RunOptions, run_station
+    from capture.station.run.triggers import (
         LineTrigger,
         SensorTrigger,
         TimerTrigger,
         TriggerSource,
     )
-    from capture.station.folder import station_folder
-    from capture.station.live.live_station import LiveStation
-    from capture.station.results.database import database_url
-    from capture.station.results.database import shown as shown_url
-    from capture.station.run import RunOptions, run_station
     from capture.station.service.notify import Notifier
     from classify.base.errors import InputError
     from rig.config.rig import config_of

@@ -52,7 +52,7 @@ def teach(
     The texture of good parts is the label of their set, or the name of the recipe.
     """
     from capture.sets.archive import find_sets
-    from capture.station.panel.recipes.recipe_changes import recipe_on_the_terminal
+    from capture.station.judge.recipe_changes import recipe_on_the_terminal
 
     with recipe_on_the_terminal(folder, recipe, by) as changes:
         teaching = changes.teach(find_sets(sets) if sets else [], bad)
@@ -79,7 +79,7 @@ def approve(
     recipe: RecipeName = None,
 ) -> None:
     """Approve a recipe as it is now; any later change of it needs a new approval."""
-    from capture.station.panel.recipes.recipe_changes import recipe_on_the_terminal
+    from capture.station.judge.recipe_changes import recipe_on_the_terminal
 
     with recipe_on_the_terminal(folder, recipe, by) as changes:
         approved = changes.approve(by)
@@ -103,9 +103,9 @@ def roll_back(
 
     What was taught later stays on disk. The challenge set must be met again before the recipe runs.
     """
-    from capture.station.approval.approval import approved_states
-    from capture.station.panel.recipes.recipe_changes import recipe_on_the_terminal, with_approval
-    from capture.station.recipe.recipe_file import read_recipe
+    from capture.station.domain.recipe_file import read_recipe
+    from capture.station.judge.approval import approved_states
+    from capture.station.judge.recipe_changes import recipe_on_the_terminal, with_approval
 
     with recipe_on_the_terminal(folder, recipe, by) as changes:
         present, states = read_recipe(changes.files.file), approved_states(changes.files)

@@ -5,8 +5,8 @@ import os
 import sys
 
 from capture.base.console import complain, out
-from capture.station.cycle.event_lines import json_fields, text_lines
-from capture.station.cycle.events import Event, Subscriber, Warned
+from capture.station.run.event_lines import json_fields, text_lines
+from capture.station.run.events import Event, Subscriber, Warned
 from capture.station.service.journal import Journal, is_connected_to_journal
 
 _STDOUT = 1

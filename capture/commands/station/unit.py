@@ -17,7 +17,7 @@ def unit(
     ] = "ps4rig",
 ) -> None:
     """Print the systemd unit of a station, with the commands that install it as comments."""
-    from capture.station.folder import StationFolder
+    from capture.station.domain.folder import StationFolder
     from capture.station.service.unit import unit_text
 
     print(unit_text(StationFolder(folder), user), end="")

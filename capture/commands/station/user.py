@@ -34,9 +34,9 @@ def add_user(folder: Folder, name: UserName, role: RoleName) -> None:
 
     The password is asked for, or is the first line of the standard input.
     """
-    from capture.station.folder import StationFolder
-    from capture.station.panel.access.accounts import accounts_on_the_terminal
-    from capture.station.panel.access.roles import Role
+    from capture.station.domain.folder import StationFolder
+    from capture.station.domain.roles import Role
+    from capture.station.results.accounts import accounts_on_the_terminal
 
     with accounts_on_the_terminal(StationFolder(folder)) as accounts:
         accounts.put_user(name, Role(role), _password(name))
@@ -47,8 +47,8 @@ def add_user(folder: Folder, name: UserName, role: RoleName) -> None:
 @reported
 def remove_user(folder: Folder, name: UserName) -> None:
     """Remove a user; the sessions of this user end at once."""
-    from capture.station.folder import StationFolder
-    from capture.station.panel.access.accounts import accounts_on_the_terminal
+    from capture.station.domain.folder import StationFolder
+    from capture.station.results.accounts import accounts_on_the_terminal
 
     with accounts_on_the_terminal(StationFolder(folder)) as accounts:
         accounts.remove_user(name)
@@ -59,8 +59,8 @@ def remove_user(folder: Folder, name: UserName) -> None:
 @reported
 def list_users(folder: Folder) -> None:
     """List the users."""
-    from capture.station.folder import StationFolder
-    from capture.station.panel.access.users import Users
+    from capture.station.domain.folder import StationFolder
+    from capture.station.domain.users import Users
 
     table = new_table("user", "role")
     for user in Users(StationFolder(folder).path).all():
@@ -72,9 +72,9 @@ def list_users(folder: Folder) -> None:
 @reported
 def add_token(folder: Folder, name: ClientName, role: RoleName) -> None:
     """Add an API client and print its token, which is not stored."""
-    from capture.station.folder import StationFolder
-    from capture.station.panel.access.accounts import accounts_on_the_terminal
-    from capture.station.panel.access.roles import Role
+    from capture.station.domain.folder import StationFolder
+    from capture.station.domain.roles import Role
+    from capture.station.results.accounts import accounts_on_the_terminal
 
     with accounts_on_the_terminal(StationFolder(folder)) as accounts:
         out.print(accounts.add_client(name, Role(role)), soft_wrap=True)
@@ -84,8 +84,8 @@ def add_token(folder: Folder, name: ClientName, role: RoleName) -> None:
 @reported
 def remove_token(folder: Folder, name: ClientName) -> None:
     """Remove an API client; its token is invalid at once."""
-    from capture.station.folder import StationFolder
-    from capture.station.panel.access.accounts import accounts_on_the_terminal
+    from capture.station.domain.folder import StationFolder
+    from capture.station.results.accounts import accounts_on_the_terminal
 
     with accounts_on_the_terminal(StationFolder(folder)) as accounts:
         accounts.remove_client(name)
@@ -96,8 +96,8 @@ def remove_token(folder: Folder, name: ClientName) -> None:
 @reported
 def list_tokens(folder: Folder) -> None:
     """List the API clients."""
-    from capture.station.folder import StationFolder
-    from capture.station.panel.access.tokens import Tokens
+    from capture.station.domain.folder import StationFolder
+    from capture.station.domain.tokens import Tokens
 
     table = new_table("client", "role", "since")
     for client in Tokens(StationFolder(folder).path).all():

@@ -2,11 +2,11 @@
 
 from starlette.responses import RedirectResponse, Response
 
+from capture.station.domain.roles import Role
 from capture.station.results.change_log import newest_changes
 from capture.station.results.database import ResultsUnavailable
 from classify.base.errors import InputError
 
-from .access.roles import Role
 from .accounts_api import accounts_of, role_of
 from .render import page
 from .routes import Call, PanelRoute

@@ -2,10 +2,10 @@
 
 from starlette.responses import Response
 
+from capture.station.domain.roles import Role
+from capture.station.results.accounts import Accounts
 from classify.base.errors import InputError
 
-from .access.accounts import Accounts
-from .access.roles import Role
 from .api import V1
 from .render import JsonAnswer
 from .routes import Call, PanelRoute

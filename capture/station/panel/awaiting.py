@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 
-from capture.station.live.live_station import LiveStation
-from capture.station.live.subscription import Subscription
+from capture.station.run.live_station import LiveStation
+from capture.station.run.subscription import Subscription
 
 # Events within this time are one message: the end of an exposure, readiness, the next trigger.
 # A verdict may be 200 ms late.

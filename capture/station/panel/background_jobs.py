@@ -20,7 +20,7 @@ from capture.batch.local_pool import (
     call_in_one_thread,
     terminal_signals_blocked,
 )
-from capture.station.errors import error_text
+from capture.station.domain.errors import error_text
 from classify.base.errors import Ps4rigError
 
 _log = logging.getLogger(__name__)

@@ -8,10 +8,10 @@ from contextlib import suppress
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response, StreamingResponse
 
-from capture.station.live.live_station import LiveSnapshot, LiveStation
-from capture.station.live.subscription import LiveEvent
+from capture.station.domain.roles import Role
+from capture.station.run.live_station import LiveSnapshot, LiveStation
+from capture.station.run.subscription import LiveEvent
 
-from .access.roles import Role
 from .api import whole_number
 from .awaiting import GATHER_MS, Awaiting, gather
 from .guard import identity_of

@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping
 
+from capture.station.domain.verdict import Decision
 from capture.station.results.history import Selection
 from capture.station.results.utc import utc_bound
-from capture.station.verdict import Decision
 from classify.base.errors import InputError
 
 FILTERS = {

@@ -11,10 +11,10 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 
+from capture.station.domain.roles import Identity, Role
 from capture.station.results.database import ResultsUnavailable
 from classify.base.errors import InputError, Ps4rigError
 
-from .access.roles import Identity, Role
 from .panel import Panel
 from .render import JsonAnswer, page
 from .routes import API, Call, PanelRoute

@@ -4,11 +4,11 @@ from urllib.parse import urlencode
 
 from starlette.responses import Response
 
+from capture.station.domain.roles import Role
+from capture.station.domain.verdict import Decision
 from capture.station.results.statistics import choices
-from capture.station.verdict import Decision
 from classify.base.errors import InputError
 
-from .access.roles import Role
 from .api import PARTS, newest_parts
 from .filter_form import FilterForm
 from .filters import selection_of

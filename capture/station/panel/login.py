@@ -5,7 +5,8 @@ import re
 
 from starlette.responses import RedirectResponse, Response
 
-from .access.roles import Role
+from capture.station.domain.roles import Role
+
 from .guard import session_cookie
 from .render import page
 from .routes import Call, PanelRoute

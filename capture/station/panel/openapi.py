@@ -7,7 +7,8 @@ from typing import Any
 
 from starlette.responses import Response
 
-from .access.roles import Role
+from capture.station.domain.roles import Role
+
 from .api import V1
 from .render import JsonAnswer, page
 from .routes import Call, PanelRoute

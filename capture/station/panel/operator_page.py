@@ -2,7 +2,8 @@
 
 from starlette.responses import Response
 
-from .access.roles import Role
+from capture.station.domain.roles import Role
+
 from .render import page
 from .routes import Call, PanelRoute
 

@@ -3,18 +3,18 @@
 import threading
 from dataclasses import dataclass, field
 
-from capture.station.folder import StationFolder
-from capture.station.interface_config import PanelConfig
-from capture.station.live.live_station import LiveStation
+from capture.station.domain.folder import StationFolder
+from capture.station.domain.interface_config import PanelConfig
+from capture.station.domain.tokens import Tokens
+from capture.station.domain.users import Users
+from capture.station.results.audit import ChangeLog
+from capture.station.results.results_access import ResultsAccess
+from capture.station.run.live_station import LiveStation
 
-from .access.change_log import ChangeLog
-from .access.sessions import LoginLimit, Sessions
-from .access.tokens import Tokens
-from .access.users import Users
 from .awaiting import Awaiting
 from .background_jobs import BackgroundJobs
 from .part_pictures.picture_maker import PictureMaker
-from .results_access import ResultsAccess
+from .sessions import LoginLimit, Sessions
 from .shared_answers import SharedAnswers
 from .triggering import KeyedTriggers
 

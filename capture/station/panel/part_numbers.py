@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from capture.station.digits import told_apart
-from capture.station.recipe.recipe import Limits, Recipe
+from capture.station.domain.digits import told_apart
+from capture.station.domain.recipe import Limits, Recipe
+from capture.station.domain.verdict import Cause
 from capture.station.results.part_result import PartResult
-from capture.station.verdict import Cause
 from classify.library.match import LEAST_MARGIN
 
 _NOT_MEASURED = "not measured"

@@ -4,12 +4,12 @@ from collections.abc import Iterator
 
 from starlette.responses import RedirectResponse, Response
 
-from capture.station.recipe.recipe import Recipe
+from capture.station.domain.recipe import Recipe
+from capture.station.domain.roles import Role
 from capture.station.results.history import HistoryEntry, Selection
 from capture.station.results.part_result import PartResult
 from classify.base.errors import InputError
 
-from .access.roles import Role
 from .api import entry_of, override
 from .part_numbers import measured_numbers
 from .part_pictures.judged_by import recipe_of

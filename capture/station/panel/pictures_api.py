@@ -9,11 +9,11 @@ from dataclasses import asdict
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
+from capture.station.domain.roles import Role
 from capture.station.results.history import HistoryEntry
 from capture.station.results.part_result import DefectRecord
 from classify.base.errors import InputError
 
-from .access.roles import Role
 from .api import V1, entry_of
 from .part_pictures.painting import SIZES, PaintedPicture
 from .part_pictures.picture_maker import PartPictures

@@ -7,9 +7,9 @@ from typing import Any, Literal
 from starlette.requests import Request
 from starlette.responses import Response
 
+from capture.station.domain.roles import Identity, Role
 from classify.base.errors import InputError
 
-from .access.roles import Identity, Role
 from .panel import Panel
 
 API = "/api/"

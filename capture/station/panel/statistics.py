@@ -5,11 +5,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from capture.station.control_charts.control_history import ChartHistory, chart_histories
-from capture.station.folder import StationFolder
-from capture.station.gauge.gauge import ACCEPTABLE
-from capture.station.gauge.gauge_report import GaugeReport, read_gauge_report
-from capture.station.last_recipe import first_recipe
+from capture.station.domain.folder import StationFolder
+from capture.station.domain.last_recipe import first_recipe
+from capture.station.domain.verdict import Decision
+from capture.station.judge.gauge.gauge import ACCEPTABLE
+from capture.station.judge.gauge.gauge_report import GaugeReport, read_gauge_report
 from capture.station.results.history import Selection, Tally
 from capture.station.results.statistics import (
     MOST_MEASURED,
@@ -19,7 +19,7 @@ from capture.station.results.statistics import (
     counted_periods,
     newest_measured,
 )
-from capture.station.verdict import Decision
+from capture.station.run.control_history import ChartHistory, chart_histories
 from classify.base.errors import InputError
 
 from .charts.charts import MOST_SHARES, causes_chart, control_chart, gauge_chart, yield_chart

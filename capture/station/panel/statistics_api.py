@@ -5,11 +5,11 @@ from collections.abc import Mapping
 from starlette.responses import Response
 
 from capture.base.outputs import csv_line
+from capture.station.domain.roles import Role
 from capture.station.results.history import Selection
 from capture.station.results.history_table import tally_record
 from classify.base.errors import InputError
 
-from .access.roles import Role
 from .api import V1
 from .charts.chart_png import drawing_png
 from .filters import FILTERS, OF_ONE_PART, selection_of

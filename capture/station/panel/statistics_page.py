@@ -2,11 +2,11 @@
 
 from starlette.responses import Response
 
+from capture.station.domain.roles import Role
+from capture.station.domain.verdict import Decision
 from capture.station.results.statistics import choices
-from capture.station.verdict import Decision
 from classify.base.errors import InputError
 
-from .access.roles import Role
 from .filter_form import FilterForm
 from .render import page
 from .routes import Call, PanelRoute

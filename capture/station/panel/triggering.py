@@ -5,12 +5,11 @@ import threading
 from collections import OrderedDict
 from dataclasses import dataclass
 
-from capture.station.cycle.triggers import Accepted, Refused, Trigger
-from capture.station.live.live_station import LiveStation
 from capture.station.results.database import ResultsUnavailable
+from capture.station.results.results_access import ResultsAccess
+from capture.station.run.live_station import LiveStation
+from capture.station.run.triggers import Accepted, Refused, Trigger
 from classify.base.errors import InputError, Ps4rigError
-
-from .results_access import ResultsAccess
 
 LONGEST_KEY = 200
 # A client repeats a request within seconds; a line makes a thousand parts in a quarter of an hour.

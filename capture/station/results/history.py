@@ -8,7 +8,7 @@ from typing import Any, Self
 
 from sqlalchemy import ColumnElement, Connection, Select, func, select
 
-from capture.station.verdict import Decision
+from capture.station.domain.verdict import Decision
 
 from .part_result import PartResult
 from .rows import result_of, storable

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import astuple, dataclass, field
 
-from capture.station.verdict import Verdict
+from capture.station.domain.verdict import Verdict
 
 from .utc import require_utc
 

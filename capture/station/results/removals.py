@@ -5,7 +5,7 @@ from typing import Any
 
 from sqlalchemy import Connection, Select, func, insert, select
 
-from capture.station.verdict import Decision
+from capture.station.domain.verdict import Decision
 
 from .history import ROWS_AT_A_TIME
 from .schema import overrides, removed_sets, results, same_part

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from capture.station.verdict import Cause, Decision, Verdict
+from capture.station.domain.verdict import Cause, Decision, Verdict
 
 from .part_result import MEASURES, DefectRecord, PartResult
 

@@ -11,7 +11,7 @@ from datetime import datetime
 
 from sqlalchemy import ColumnElement, Text, cast, func, select
 
-from capture.station.verdict import Cause, Decision
+from capture.station.domain.verdict import Cause, Decision
 
 from .history import IN_FORCE, JOINED, Selection, conditions
 from .schema import results

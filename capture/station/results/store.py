@@ -20,7 +20,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.exc import IntegrityError
 
-from capture.station.verdict import Decision
+from capture.station.domain.verdict import Decision
 from classify.base.errors import InputError
 
 from .database import (

@@ -13,10 +13,10 @@ from pathlib import Path
 from capture.base.folder_lock import LOCK_FILE_SUFFIX
 from capture.base.utc_time import utc_text
 from capture.sets.ome_tiff import SUFFIX as SET_SUFFIX
-from capture.station.config import CONFIG, SIM, StationConfig
-from capture.station.folder import PARTS, RECIPES, StationFolder
+from capture.station.domain.config import CONFIG, SIM, StationConfig
+from capture.station.domain.folder import PARTS, RECIPES, StationFolder
 from capture.station.results.snapshot import ResultsSnapshot, copy_results
-from capture.station.retention import inside_parts, sets_stay
+from capture.station.run.retention import inside_parts, sets_stay
 from classify.base.durable_file import durable_file, locked_temporary, require_folder
 from classify.base.errors import InputError
 from classify.base.regular_file import open_regular_file

@@ -10,8 +10,9 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 
-from capture.station.cycle.event_lines import json_fields, text_lines
-from capture.station.cycle.events import (
+from capture.station.domain.verdict import Decision
+from capture.station.run.event_lines import json_fields, text_lines
+from capture.station.run.events import (
     Event,
     PartAnnounced,
     PartRecovered,
@@ -20,8 +21,7 @@ from capture.station.cycle.events import (
     TriggerRefused,
     Warned,
 )
-from capture.station.cycle.states import State
-from capture.station.verdict import Decision
+from capture.station.run.states import State
 
 SOCKET = Path("/run/systemd/journal/socket")
 # Time to wait for the journal to take an entry; after that only station.log has the entry.

@@ -8,9 +8,14 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Self, get_args
 
-from capture.station.cycle.equipment import Worker
-from capture.station.cycle.events import Event, PartAnnounced, StateChanged, StationStopped
-from capture.station.cycle.states import State
+from capture.station.run.equipment import Worker
+from capture.station.run.events import (
+    Event,
+    PartAnnounced,
+    StateChanged,
+    StationStopped,
+)
+from capture.station.run.states import State
 from classify.base.errors import InputError
 
 # Workers report several times a second; systemd does not need each report.

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from capture.station.folder import StationFolder
+from capture.station.domain.folder import StationFolder
 from classify.base.durable_file import locked_temporary, sync
 from classify.base.errors import InputError
 from classify.base.regular_file import open_regular_file

@@ -7,11 +7,11 @@ import sys
 from importlib.metadata import version
 from pathlib import Path
 
-from capture.station.config import StationConfig
-from capture.station.folder import StationFolder
+from capture.station.domain.config import StationConfig
+from capture.station.domain.folder import StationFolder
 from classify.base.errors import InputError
 from rig import RigConfig
-from rig.config.camera import DeviceCameraConfig
+from rig.cameras.config import DeviceCameraConfig
 from rig.config.lights import AUTO
 
 USER = "ps4rig"

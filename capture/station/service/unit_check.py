@@ -4,7 +4,7 @@ import subprocess
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from capture.station.folder import StationFolder
+from capture.station.domain.folder import StationFolder
 from classify.base.errors import InputError
 from classify.base.regular_file import read_regular_file
 from rig.doctor.check import Check, collected

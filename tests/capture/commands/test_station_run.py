@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from capture.station.config import (
+from capture.station.domain.config import (
     CONFIG,
     EXAMPLE,
     Retention,
@@ -18,7 +18,7 @@ from capture.station.config import (
     StationConfig,
     read_config,
 )
-from capture.station.interface_config import ModbusConfig, MqttConfig, PanelConfig
+from capture.station.domain.interface_config import ModbusConfig, MqttConfig, PanelConfig
 from tests.capture.station.production import contradictions, taught_station
 from tests.capture.station.teaching_sets import SIDE_PX
 

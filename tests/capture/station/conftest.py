@@ -5,15 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from capture.station.challenge.challenge_set import add_to_challenge
-from capture.station.folder import StationFolder, make_station
-from capture.station.gauge.fault_study import great_faults
-from capture.station.inspection.inspector import Inspector
-from capture.station.recipe.recipe import Recipe
-from capture.station.recipe.recipe_file import write_recipe
-from capture.station.recipe.recipe_folder import RecipeFolder
-from capture.station.teaching.teaching import teach
-from capture.station.teaching.teaching_result import Teaching
+from capture.station.domain.folder import StationFolder, make_station
+from capture.station.domain.recipe import Recipe
+from capture.station.domain.recipe_file import write_recipe
+from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.judge.challenge_set import add_to_challenge
+from capture.station.judge.gauge.fault_study import great_faults
+from capture.station.judge.inspector import Inspector
+from capture.station.judge.teaching.teaching import teach
+from capture.station.judge.teaching.teaching_result import Teaching
 from tests.capture.station.teaching_sets import SIDE_PX, saved
 
 

@@ -29,14 +29,14 @@ os.environ |= {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_T
 from capture.base.process_settings import settle_process, settle_station
 from capture.base.utc_time import utc_text
 from capture.sets.ome_tiff import SUFFIX
-from capture.station.config import SimulatedParts
-from capture.station.control_charts.control_chart import ControlChart
-from capture.station.cycle.event_lines import json_fields
-from capture.station.cycle.events import Event, PartAnnounced
-from capture.station.cycle.simulated_parts import SimulatedPart, simulated_part
-from capture.station.folder import StationFolder
-from capture.station.live.live_station import LiveStation
+from capture.station.domain.config import SimulatedParts
+from capture.station.domain.folder import StationFolder
+from capture.station.domain.simulated_parts import SimulatedPart, simulated_part
 from capture.station.results.store import open_store
+from capture.station.run.control_chart import ControlChart
+from capture.station.run.event_lines import json_fields
+from capture.station.run.events import Event, PartAnnounced
+from capture.station.run.live_station import LiveStation
 from tests.capture.station.production import (
     contradictions,
     in_memory,
@@ -114,9 +114,9 @@ def produce(folder: Path, parts: int, announced: Path) -> list[Reading]:
 
         with (
             suppress(KeyboardInterrupt),
-            patch("capture.station.cycle.station_rig.simulated_part", known_part),
-            patch("capture.station.retention.removed_until", some_time_ago),
-            patch("capture.station.retention_thread.PERIOD_S", REMOVED_EACH_S),
+            patch("capture.station.run.station_rig.simulated_part", known_part),
+            patch("capture.station.run.retention.removed_until", some_time_ago),
+            patch("capture.station.run.retention_thread.PERIOD_S", REMOVED_EACH_S),
         ):
             run_parts(folder, parts, listen)
     return readings

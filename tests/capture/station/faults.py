@@ -20,11 +20,11 @@ os.environ |= {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_T
 
 import cv2
 
-from capture.station.config import CONFIG
-from capture.station.cycle.events import Event, PartAnnounced
-from capture.station.cycle.simulated_parts import simulated_part
-from capture.station.folder import StationFolder
-from capture.station.verdict import Decision
+from capture.station.domain.config import CONFIG
+from capture.station.domain.folder import StationFolder
+from capture.station.domain.simulated_parts import simulated_part
+from capture.station.domain.verdict import Decision
+from capture.station.run.events import Event, PartAnnounced
 from classify.base.errors import Ps4rigError
 from tests.capture.acquisition.test_fault_matrix import FAMILIES
 from tests.capture.station.production import SMALL_RIG, in_memory, run_parts, taught_station

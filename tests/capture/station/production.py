@@ -20,18 +20,18 @@ from typing import Any
 
 from capture.session.verification import verify_file
 from capture.sets.ome_tiff import SUFFIX
-from capture.station.approval.approval import approve
-from capture.station.challenge.challenge_set import add_to_challenge
-from capture.station.config import CONFIG
-from capture.station.cycle.event_lines import json_fields
-from capture.station.cycle.events import Event, Publisher
-from capture.station.cycle.triggers import TimerTrigger
-from capture.station.folder import StationFolder, make_station, station_folder
-from capture.station.inspection.inspector import Inspector
+from capture.station.domain.config import CONFIG
+from capture.station.domain.folder import StationFolder, make_station, station_folder
+from capture.station.judge.approval import approve
+from capture.station.judge.challenge_set import add_to_challenge
+from capture.station.judge.inspector import Inspector
+from capture.station.judge.teaching.teaching import teach
 from capture.station.results.store import open_store
-from capture.station.run import RunOptions, run_station
-from capture.station.teaching.teaching import teach
-from capture.station.verification import verify_station
+from capture.station.results.verification import verify_station
+from capture.station.run.event_lines import json_fields
+from capture.station.run.events import Event, Publisher
+from capture.station.run.run import RunOptions, run_station
+from capture.station.run.triggers import TimerTrigger
 from rig import RigConfig
 from tests.capture.station.teaching_sets import SIDE_PX, acknowledge_faults, saved
 

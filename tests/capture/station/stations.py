@@ -9,20 +9,25 @@ from typing import Any
 
 from capture.acquisition.attempts import capture_set
 from capture.sets.captured_set import CapturedSet
-from capture.station.config import StationConfig
-from capture.station.cycle.changeover import UsableRecipe
-from capture.station.cycle.cycle import Station
-from capture.station.cycle.equipment import Equipment, ReportAlive
-from capture.station.cycle.events import Event, PartAnnounced, PartRecovered, Publisher
-from capture.station.cycle.outcome import PartJudge
-from capture.station.cycle.recipe_request import Asker
-from capture.station.cycle.recovery import finish_interrupted
-from capture.station.cycle.station_clock import StationClock
-from capture.station.cycle.triggers import Answer, Trigger, TriggerTarget
-from capture.station.folder import StationFolder, make_station
-from capture.station.recipe.recipe import Recipe
+from capture.station.domain.config import StationConfig
+from capture.station.domain.folder import StationFolder, make_station
+from capture.station.domain.recipe import Recipe
+from capture.station.domain.verdict import Decision, Verdict
 from capture.station.results.store import ResultStore, open_store
-from capture.station.verdict import Decision, Verdict
+from capture.station.run.changeover import UsableRecipe
+from capture.station.run.cycle import Station
+from capture.station.run.equipment import Equipment, ReportAlive
+from capture.station.run.events import (
+    Event,
+    PartAnnounced,
+    PartRecovered,
+    Publisher,
+)
+from capture.station.run.outcome import PartJudge
+from capture.station.run.recipe_request import Asker
+from capture.station.run.recovery import finish_interrupted
+from capture.station.run.station_clock import StationClock
+from capture.station.run.triggers import Answer, Trigger, TriggerTarget
 from rig import RigConfig, open_rig
 from rig.doctor.check import Check
 

@@ -8,18 +8,18 @@ import pytest
 
 from capture import CapturedSet, capture_set
 from capture.base.errors import SetRejected
-from capture.station.approval.approval import approve
-from capture.station.config import CONFIG
-from capture.station.cycle.events import Event, PartAnnounced
-from capture.station.cycle.station_rig import StationRig
-from capture.station.errors import RecipeError
-from capture.station.folder import StationFolder, station_folder
-from capture.station.gauge.made_faults import FAULTS, Place, with_fault
-from capture.station.inspection.inspector import Inspector
-from capture.station.inspection.judge import verdict_of
-from capture.station.recipe.recipe_file import read_recipe, write_recipe
-from capture.station.recipe.recipe_folder import RecipeFolder
-from capture.station.verdict import Cause, Decision
+from capture.station.domain.config import CONFIG
+from capture.station.domain.errors import RecipeError
+from capture.station.domain.folder import StationFolder, station_folder
+from capture.station.domain.recipe_file import read_recipe, write_recipe
+from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.verdict import Cause, Decision
+from capture.station.judge.approval import approve
+from capture.station.judge.gauge.made_faults import FAULTS, Place, with_fault
+from capture.station.judge.inspector import Inspector
+from capture.station.judge.judge import verdict_of
+from capture.station.run.events import Event, PartAnnounced
+from capture.station.run.station_rig import StationRig
 from classify import Match
 from classify.base.errors import InputError
 from classify.library.texture_library import TextureLibrary
@@ -61,7 +61,7 @@ def test_a_camera_that_delivers_the_set_of_an_earlier_part_passes_nothing(
         kept.append(capture_set(*args, **options))
         return kept[0]
 
-    monkeypatch.setattr("capture.station.cycle.station_rig.capture_set", frozen)
+    monkeypatch.setattr("capture.station.run.station_rig.capture_set", frozen)
     first, *others = results_of(line, 3)
     assert first.verdict.decision is Decision.PASS
     for result in others:
@@ -70,7 +70,7 @@ def test_a_camera_that_delivers_the_set_of_an_earlier_part_passes_nothing(
 
 
 def test_hashes_of_pixels_are_bounded(line: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("capture.station.cycle.station_rig.MOST_KNOWN", 2)
+    monkeypatch.setattr("capture.station.run.station_rig.MOST_KNOWN", 2)
     folder = StationFolder(line)
     rig = StationRig(folder.config, SMALL_RIG, read_recipe(folder.recipe_files().file))
     sets = iter([1, 2, 3, 1, 3])
@@ -80,7 +80,7 @@ def test_hashes_of_pixels_are_bounded(line: Path, monkeypatch: pytest.MonkeyPatc
         about = captured.metadata.model_copy(update={"pixels_sha256": f"{next(sets):064}"})
         return replace(captured, metadata=about)
 
-    monkeypatch.setattr("capture.station.cycle.station_rig.capture_set", numbered)
+    monkeypatch.setattr("capture.station.run.station_rig.capture_set", numbered)
     rig.open()
     for number in range(1, 5):
         rig.capture(number)

@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from capture.station.approval.approval import approve
-from capture.station.challenge.challenge_set import add_to_challenge
-from capture.station.config import CONFIG
-from capture.station.folder import StationFolder
-from capture.station.teaching.teaching import teach
+from capture.station.domain.config import CONFIG
+from capture.station.domain.folder import StationFolder
+from capture.station.judge.approval import approve
+from capture.station.judge.challenge_set import add_to_challenge
+from capture.station.judge.teaching.teaching import teach
 from tests.capture.station.teaching_sets import acknowledge_faults, saved
 
 ROCK, SAND = "example", "sand"

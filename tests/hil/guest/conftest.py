@@ -7,10 +7,10 @@ import pytest
 
 from firmware_sim import RealClock, SimulatedBoard, SimulatedController, serve_pty
 from rig import Rig, RigConfig, open_rig
-from rig.config.camera import CameraConfig
-from rig.v4l2.camera import V4l2Camera
-from rig.v4l2.controls import write_control
-from rig.v4l2.device import V4l2Device
+from rig.cameras.config import CameraConfig
+from rig.cameras.v4l2.camera import V4l2Camera
+from rig.cameras.v4l2.controls import write_control
+from rig.cameras.v4l2.device import V4l2Device
 from tests.hil.guest.vivid_bench import (
     SETTLE_MS,
     VIDEO,

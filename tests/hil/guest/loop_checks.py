@@ -16,11 +16,11 @@ import pytest
 
 from firmware_sim import RealClock, SimulatedBoard, SimulatedController, serve_tty
 from rig import CameraError, load_config
+from rig.cameras.v4l2.camera import V4l2Camera
+from rig.cameras.v4l2.output import V4l2Output
+from rig.cameras.v4l2.pixel_formats import PIXEL_FORMATS
+from rig.cameras.v4l2.pixel_packing import PACKINGS
 from rig.lights.driver import LightController
-from rig.v4l2.camera import V4l2Camera
-from rig.v4l2.output import V4l2Output
-from rig.v4l2.pixel_formats import PIXEL_FORMATS
-from rig.v4l2.pixel_packing import PACKINGS
 from tests.hil.guest.loop_bench import (
     HOT_PIXELS,
     PERIOD_S,

@@ -10,10 +10,15 @@ import pytest
 
 from firmware_sim import SimulatedBoard
 from rig import CameraError, Frame, Rig
-from rig.config.camera import OpencvCameraConfig, V4l2CameraConfig
-from rig.v4l2.camera import V4l2Camera
-from rig.v4l2.controls import Control, list_controls, read_control, write_control
-from rig.v4l2.device import V4l2Device
+from rig.cameras.config import OpencvCameraConfig, V4l2CameraConfig
+from rig.cameras.v4l2.camera import V4l2Camera
+from rig.cameras.v4l2.controls import (
+    Control,
+    list_controls,
+    read_control,
+    write_control,
+)
+from rig.cameras.v4l2.device import V4l2Device
 
 VIDEO = "/dev/video0"
 DISCONNECTED = "/dev/video1"

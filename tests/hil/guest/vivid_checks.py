@@ -13,12 +13,12 @@ import pytest
 
 from capture import CapturedSet, capture_set
 from rig import CameraError, FrameFlag, list_cameras
+from rig.cameras.opencv import OpencvCamera
+from rig.cameras.v4l2.camera import V4l2Camera
+from rig.cameras.v4l2.controls import find_control, read_control, write_control
+from rig.cameras.v4l2.device import V4l2Device
+from rig.cameras.v4l2.pixel_formats import PIXEL_FORMATS
 from rig.doctor.diagnosis import diagnose
-from rig.opencv_camera import OpencvCamera
-from rig.v4l2.camera import V4l2Camera
-from rig.v4l2.controls import find_control, read_control, write_control
-from rig.v4l2.device import V4l2Device
-from rig.v4l2.pixel_formats import PIXEL_FORMATS
 
 # The contract of every camera, but for the test that needs LEDs that the camera sees.
 from tests.contract.test_camera_contract import (  # noqa: F401

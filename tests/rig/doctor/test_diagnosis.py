@@ -11,7 +11,10 @@ import pytest
 from classify import Lighting
 from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serve_pty
 from rig import LightControllerError, ListedCamera, RigConfig, open_rig
-from rig.config.camera import V4l2CameraConfig
+from rig.cameras.config import V4l2CameraConfig
+from rig.cameras.v4l2.abi import CID_EXPOSURE_ABSOLUTE
+from rig.cameras.v4l2.controls import Control
+from rig.cameras.v4l2.device import OfferedFormat
 from rig.doctor import diagnosis as doctor_module
 from rig.doctor.cameras import check_cameras, check_frames, exposure_range_ms
 from rig.doctor.check import Check
@@ -28,9 +31,6 @@ from rig.doctor.serial_ports import (
 from rig.lights.discovery import _VENDORS, SerialPort
 from rig.lights.driver import LightController, measure_switch_latency
 from rig.lights.link import DEFAULT_TIMEOUTS, LinkTimeouts
-from rig.v4l2.abi import CID_EXPOSURE_ABSOLUTE
-from rig.v4l2.controls import Control
-from rig.v4l2.device import OfferedFormat
 
 SMALL = "[camera]\nwidth_px = 160\nheight_px = 160\n[lights]\nport = 'simulated'\n"
 

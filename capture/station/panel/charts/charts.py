@@ -2,11 +2,11 @@
 
 from collections.abc import Iterator, Sequence
 
-from capture.station.control_charts.control_history import ChartHistory
-from capture.station.gauge.gauge import ACCEPTABLE
-from capture.station.gauge.gauge_report import GaugeReport
+from capture.station.domain.verdict import Decision
+from capture.station.judge.gauge.gauge import ACCEPTABLE
+from capture.station.judge.gauge.gauge_report import GaugeReport
 from capture.station.results.statistics import CauseCount, Period
-from capture.station.verdict import Decision
+from capture.station.run.control_history import ChartHistory
 
 from .drawing import (
     BOTTOM,

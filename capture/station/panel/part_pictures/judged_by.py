@@ -4,12 +4,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from capture.station.errors import RecipeError
-from capture.station.folder import StationFolder
-from capture.station.recipe.recipe import Recipe
-from capture.station.recipe.recipe_folder import RecipeFolder
-from capture.station.recipe.taught import read_taught
-from capture.station.recipe.taught_files import models_of
+from capture.station.domain.errors import RecipeError
+from capture.station.domain.folder import StationFolder
+from capture.station.domain.recipe import Recipe
+from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.taught import read_taught
+from capture.station.domain.taught_files import models_of
 from capture.station.results.part_result import PartResult
 from classify import Method, TextureLibrary
 from classify.base.errors import InputError

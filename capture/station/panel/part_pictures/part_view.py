@@ -11,9 +11,9 @@ import numpy.typing as npt
 from capture.base.errors import CalibrationError
 from capture.sets.captured_set import CapturedSet
 from capture.sets.loaded_set import LoadedSet
-from capture.station.folder import StationFolder
-from capture.station.inspection.measured_surface import MeasuredSurface, fits
-from capture.station.recipe.recipe import Region
+from capture.station.domain.folder import StationFolder
+from capture.station.domain.recipe import Region
+from capture.station.judge.measured_surface import MeasuredSurface, fits
 from capture.station.results.part_result import DefectRecord, PartResult
 from classify.base.errors import InputError
 from classify.defects.defect_map import KINDS, DefectMap, regions_of

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Protocol
 
 from capture.batch.local_pool import LocalPool
-from capture.station.folder import StationFolder
+from capture.station.domain.folder import StationFolder
 from capture.station.results.part_result import PartResult
 
 from .painting import PaintedPicture, painted

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from capture.station.folder import StationFolder
+from capture.station.domain.folder import StationFolder
 from capture.station.panel.security import Denied
 from capture.station.results.history import HistoryEntry
 

@@ -4,8 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from capture.station.approval.recipe_settings import Place, dotted
-from capture.station.recipe.recipe import (
+from capture.station.domain.recipe import (
     RANGES,
     CalibrationRule,
     GeneralLimits,
@@ -15,7 +14,8 @@ from capture.station.recipe.recipe import (
     Recipe,
     Region,
 )
-from capture.station.recipe.recipe_file import COMMENTS, SECTIONS
+from capture.station.domain.recipe_file import COMMENTS, SECTIONS
+from capture.station.judge.recipe_settings import Place, dotted
 from classify.base.section import Section
 
 _MODELS: dict[str, type[Section]] = {

@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from capture.base.console import ShowProgress
-from capture.station.challenge.challenge import run_challenge
-from capture.station.inspection.inspector import Inspector
-from capture.station.recipe.recipe_folder import RecipeFolder
-from capture.station.teaching.teaching import teach
+from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.judge.challenge import run_challenge
+from capture.station.judge.inspector import Inspector
+from capture.station.judge.teaching.teaching import teach
 
 
 def teach_parts(

@@ -5,27 +5,27 @@ from typing import Any
 
 from starlette.responses import RedirectResponse, Response
 
-from capture.station.approval.approval import approved_states
-from capture.station.approval.recipe_settings import SettingsRefused
-from capture.station.approval.recipe_state import RecipeState
-from capture.station.challenge.challenge_set import challenge_sets
-from capture.station.cycle.events import RecipeLoaded
-from capture.station.cycle.recipe_request import Asker
-from capture.station.panel.access.roles import Role
+from capture.station.domain.recipe_file import SUFFIX, read_recipe
+from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.roles import Role
+from capture.station.domain.taught import read_taught
+from capture.station.domain.verdict import Decision
+from capture.station.judge.approval import approved_states
+from capture.station.judge.challenge_set import challenge_sets
+from capture.station.judge.recipe_changes import RecipeChanges
+from capture.station.judge.recipe_settings import SettingsRefused
+from capture.station.judge.recipe_state import RecipeState
 from capture.station.panel.api import whole_number
 from capture.station.panel.render import page
 from capture.station.panel.routes import Call, PanelRoute
 from capture.station.panel.security import Denied
-from capture.station.recipe.recipe_file import SUFFIX, read_recipe
-from capture.station.recipe.recipe_folder import RecipeFolder
-from capture.station.recipe.taught import read_taught
 from capture.station.results.database import ResultsUnavailable
 from capture.station.results.history import HistoryEntry, Selection
-from capture.station.verdict import Decision
+from capture.station.run.events import RecipeLoaded
+from capture.station.run.recipe_request import Asker
 from classify.base.errors import InputError, Ps4rigError
 from classify.base.regular_file import read_regular_file
 
-from .recipe_changes import RecipeChanges
 from .recipe_form import RecipeForm, settings_of
 from .recipe_work import EXPECTED, add_parts_to_challenge, start_replay, start_teaching
 

@@ -4,16 +4,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from capture.station.challenge.challenge_set import Expected
+from capture.station.domain.verdict import Decision
+from capture.station.judge.challenge_set import Expected
+from capture.station.judge.recipe_changes import LongChange, RecipeChanges
 from capture.station.panel.background_jobs import Job, Work
 from capture.station.panel.panel import Panel
 from capture.station.panel.part_pictures.stored_set import stored_set
 from capture.station.panel.security import Denied
-from capture.station.verdict import Decision
 from classify.base.errors import InputError
 from classify.base.labels import checked_label
 
-from .recipe_changes import LongChange, RecipeChanges
 from .recipe_jobs import replay_parts, teach_parts
 
 # A job can teach this many in its time; see `background_jobs`.

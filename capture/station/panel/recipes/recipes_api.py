@@ -5,21 +5,21 @@ from typing import Any
 
 from starlette.responses import Response
 
-from capture.station.approval.approval import approved_states
-from capture.station.approval.recipe_settings import SettingsRefused, dotted
-from capture.station.challenge.challenge_set import challenge_sets
-from capture.station.cycle.recipe_request import RecipeRefused
-from capture.station.panel.access.roles import Role
+from capture.station.domain.recipe import Recipe
+from capture.station.domain.recipe_file import read_recipe
+from capture.station.domain.roles import Role
+from capture.station.judge.approval import approved_states
+from capture.station.judge.challenge_set import challenge_sets
+from capture.station.judge.recipe_changes import RecipeChanges
+from capture.station.judge.recipe_settings import SettingsRefused, dotted
 from capture.station.panel.api import V1
 from capture.station.panel.background_jobs import Job
 from capture.station.panel.render import JsonAnswer
 from capture.station.panel.routes import Call, PanelRoute
 from capture.station.panel.security import Denied
-from capture.station.recipe.recipe import Recipe
-from capture.station.recipe.recipe_file import read_recipe
+from capture.station.run.recipe_request import RecipeRefused
 from classify.base.errors import InputError
 
-from .recipe_changes import RecipeChanges
 from .recipe_pages import changes_of, known_changes_of, load_recipe_of, recipe_names
 from .recipe_work import add_parts_to_challenge, start_replay, start_teaching
 

@@ -7,7 +7,7 @@ import pytest
 from argon2 import PasswordHasher
 
 from capture.sets.captured_set import CapturedSet
-from capture.station.panel.access.roles import Role
+from capture.station.domain.roles import Role
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel, running_panel
 from tests.capture.station.stations import small_set
 
@@ -18,7 +18,7 @@ QUICK = PasswordHasher(time_cost=1, memory_cost=8, parallelism=1)
 def quick_hashes() -> Iterator[None]:
     """Hash passwords in a millisecond; `test_accounts.py` tests the hashes of the program."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("capture.station.panel.access.users.HASHER", QUICK)
+        patch.setattr("capture.station.domain.users.HASHER", QUICK)
         yield
 
 

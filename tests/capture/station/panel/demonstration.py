@@ -4,11 +4,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from capture.station.config import CONFIG
-from capture.station.gauge.gauge import GaugeStudy, Presentation
-from capture.station.gauge.gauge_report import GaugeReport, write_gauge_report
-from capture.station.panel.access.roles import Role
-from capture.station.verdict import Cause, Decision
+from capture.station.domain.config import CONFIG
+from capture.station.domain.roles import Role
+from capture.station.domain.verdict import Cause, Decision
+from capture.station.judge.gauge.gauge import GaugeStudy, Presentation
+from capture.station.judge.gauge.gauge_report import GaugeReport, write_gauge_report
 from rig import RigConfig
 from tests.capture.station.panel.panels import PASSWORD, ServedPanel, real_panel
 from tests.capture.station.production import taught_station

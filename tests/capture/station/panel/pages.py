@@ -2,10 +2,10 @@
 
 import re
 
-from capture.station.panel.access.roles import Role
+from capture.station.domain.recipe_file import read_recipe
+from capture.station.domain.roles import Role
 from capture.station.panel.app import ROUTES
 from capture.station.panel.routes import PanelRoute
-from capture.station.recipe.recipe_file import read_recipe
 from tests.capture.station.panel.demonstration import failed
 from tests.capture.station.panel.panels import PASSWORD, ServedPanel
 from tests.chromium import Chromium, Page

@@ -13,12 +13,9 @@ from typing import Any
 from urllib.parse import urlencode, urlsplit
 
 from capture.sets.captured_set import CapturedSet
-from capture.station.cycle.events import Publisher
-from capture.station.cycle.triggers import TriggerSource
-from capture.station.folder import station_folder
-from capture.station.interface_config import PanelConfig
-from capture.station.live.live_station import LiveStation
-from capture.station.panel.access.roles import Role
+from capture.station.domain.folder import station_folder
+from capture.station.domain.interface_config import PanelConfig
+from capture.station.domain.roles import Role
 from capture.station.panel.guard import CSRF_FIELD
 from capture.station.panel.panel import Panel
 from capture.station.panel.part_pictures.picture_maker import (
@@ -27,7 +24,10 @@ from capture.station.panel.part_pictures.picture_maker import (
     PictureTask,
 )
 from capture.station.panel.server import serving_panel
-from capture.station.run import run_station
+from capture.station.run.events import Publisher
+from capture.station.run.live_station import LiveStation
+from capture.station.run.run import run_station
+from capture.station.run.triggers import TriggerSource
 from rig import RigConfig
 from tests.capture.station.stations import Bench, FakeRecipes, bench
 

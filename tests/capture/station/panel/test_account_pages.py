@@ -4,8 +4,8 @@ import re
 
 import pytest
 
-from capture.station.panel.access.roles import Identity, Role
-from capture.station.panel.access.users import User
+from capture.station.domain.roles import Identity, Role
+from capture.station.domain.users import User
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel
 
 

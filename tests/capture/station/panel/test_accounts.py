@@ -12,12 +12,17 @@ from typing import Any
 import pytest
 
 from capture.base.folder_lock import file_lock
-from capture.station.folder import make_station
-from capture.station.panel.access import users as users_module
-from capture.station.panel.access.roles import Role
-from capture.station.panel.access.sessions import IDLE_S, LONGEST_S, MOST_SESSIONS, Sessions
-from capture.station.panel.access.tokens import Tokens
-from capture.station.panel.access.users import LONGEST_PASSWORD, Users
+from capture.station.domain import users as users_module
+from capture.station.domain.folder import make_station
+from capture.station.domain.roles import Role
+from capture.station.domain.tokens import Tokens
+from capture.station.domain.users import LONGEST_PASSWORD, Users
+from capture.station.panel.sessions import (
+    IDLE_S,
+    LONGEST_S,
+    MOST_SESSIONS,
+    Sessions,
+)
 from capture.station.results.change_log import newest_changes, record_change
 from capture.station.results.store import open_store
 from classify.base.errors import InputError
@@ -125,9 +130,9 @@ def test_users_that_are_added_at_the_same_moment_are_all_kept(folder: Path) -> N
 ADD_TOKENS = """
 import sys
 from pathlib import Path
-from capture.station.panel.access import private_file
-from capture.station.panel.access.roles import Role
-from capture.station.panel.access.tokens import Tokens
+from capture.station.domain import private_file
+from capture.station.domain.roles import Role
+from capture.station.domain.tokens import Tokens
 
 private_file.PATIENCE_S = 600.0
 tokens = Tokens(Path(sys.argv[1]))
@@ -142,7 +147,7 @@ for number in range(10):
 def test_accounts_that_several_programs_add_at_once_are_all_kept(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("capture.station.panel.access.private_file.PATIENCE_S", 600.0)
+    monkeypatch.setattr("capture.station.domain.private_file.PATIENCE_S", 600.0)
     programs = [
         subprocess.Popen(
             [sys.executable, "-c", ADD_TOKENS, str(folder), name],
@@ -171,7 +176,7 @@ def test_accounts_that_several_programs_add_at_once_are_all_kept(
 def test_a_file_that_another_program_holds_is_left_as_it_is(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("capture.station.panel.access.private_file.PATIENCE_S", 0.1)
+    monkeypatch.setattr("capture.station.domain.private_file.PATIENCE_S", 0.1)
     with (
         file_lock(folder / "users.json", 0.0),
         pytest.raises(InputError, match=r"users\.json: another program changes it; try again"),

@@ -19,17 +19,17 @@ import pytest
 from sqlalchemy import select
 
 from capture.sets.captured_set import CapturedSet
-from capture.station.cycle.recovery import finish_interrupted
-from capture.station.cycle.triggers import Accepted, Refused, Trigger
-from capture.station.panel.access.roles import Role
+from capture.station.domain.recipe import Recipe
+from capture.station.domain.recipe_file import write_recipe
+from capture.station.domain.roles import Role
+from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.panel.filters import selection_of
 from capture.station.panel.triggering import MOST_WAITING, KeyedTriggers
-from capture.station.recipe.recipe import Recipe
-from capture.station.recipe.recipe_file import write_recipe
 from capture.station.results.history import HistoryEntry
 from capture.station.results.schema import overrides
 from capture.station.results.store import ResultStore
-from capture.station.verdict import Cause, Decision, Verdict
+from capture.station.run.recovery import finish_interrupted
+from capture.station.run.triggers import Accepted, Refused, Trigger
 from tests.capture.station.panel.panels import Client, RunningPanel, running_panel
 from tests.capture.station.results.many import fill, many
 from tests.capture.station.stations import PASSED, Said

@@ -6,11 +6,11 @@ import time
 
 import pytest
 
-from capture.station.live.live_station import LiveStation
-from capture.station.live.subscription import MOST_WAITING, LiveEvent
 from capture.station.panel.awaiting import GATHER_MS, Awaiting, gather
 from capture.station.panel.security import Denied
 from capture.station.panel.shared_answers import SharedAnswers
+from capture.station.run.live_station import LiveStation
+from capture.station.run.subscription import MOST_WAITING, LiveEvent
 
 READERS = 5
 EVENTS = MOST_WAITING - 1  # none is lost, however late a reader is

@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 
-from capture.station.panel.access.roles import Role
+from capture.station.domain.roles import Role
 from capture.station.panel.routes import PanelRoute
 from tests.accessibility import grave_findings, missed_by_tab
 from tests.capture.station.panel.demonstration import demonstration, failed

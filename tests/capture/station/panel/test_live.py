@@ -15,23 +15,23 @@ from unittest.mock import AsyncMock
 import pytest
 
 from capture.sets.captured_set import CapturedSet
-from capture.station.cycle.events import (
+from capture.station.domain.roles import Identity, Role
+from capture.station.domain.verdict import Cause, Decision, Verdict
+from capture.station.panel import event_stream
+from capture.station.panel.awaiting import GATHER_MS, Awaiting
+from capture.station.results.part_result import PartResult
+from capture.station.run.devices import Device
+from capture.station.run.events import (
     PartAnnounced,
     PartBegun,
     SelfTestFinished,
     StateChanged,
     TriggerRefused,
 )
-from capture.station.cycle.states import Change, State
-from capture.station.cycle.triggers import Refused, Trigger
-from capture.station.live.devices import Device
-from capture.station.live.live_station import LiveStation
-from capture.station.live.subscription import MOST_WAITING
-from capture.station.panel import event_stream
-from capture.station.panel.access.roles import Identity, Role
-from capture.station.panel.awaiting import GATHER_MS, Awaiting
-from capture.station.results.part_result import PartResult
-from capture.station.verdict import Cause, Decision, Verdict
+from capture.station.run.live_station import LiveStation
+from capture.station.run.states import Change, State
+from capture.station.run.subscription import MOST_WAITING
+from capture.station.run.triggers import Refused, Trigger
 from rig.doctor.check import Check
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel, running_panel
 from tests.capture.station.stations import PASSED, Said

@@ -6,12 +6,12 @@ from pathlib import Path
 import pytest
 
 from capture.sets.captured_set import CapturedSet
-from capture.station.approval.approval import approve
-from capture.station.cycle.events import RecipeLoaded
-from capture.station.cycle.recipe_request import Asker, RecipeRefusal, RecipeRefused
-from capture.station.panel.access.roles import Role
-from capture.station.recipe.recipe_file import read_recipe
-from capture.station.recipe.recipe_folder import RecipeFolder
+from capture.station.domain.recipe_file import read_recipe
+from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.roles import Role
+from capture.station.judge.approval import approve
+from capture.station.run.events import RecipeLoaded
+from capture.station.run.recipe_request import Asker, RecipeRefusal, RecipeRefused
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel, running_panel
 from tests.capture.station.stations import FIRST, FakeRecipes
 from tests.chromium import chromium

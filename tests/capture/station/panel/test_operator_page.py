@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from capture.sets.captured_set import CapturedSet
+from capture.station.domain.roles import Role
+from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.panel import event_stream
-from capture.station.panel.access.roles import Role
 from capture.station.panel.part_pictures import picture_maker
 from capture.station.panel.part_pictures.picture_maker import PartPictures, PictureTask
-from capture.station.verdict import Cause, Decision, Verdict
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel, running_panel
 from tests.capture.station.stations import PASSED, Said
 from tests.chromium import WAIT_S, Chromium, chromium

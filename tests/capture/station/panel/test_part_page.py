@@ -9,13 +9,13 @@ from typing import Any
 
 import pytest
 
-from capture.station.panel.access.roles import Role
+from capture.station.domain.roles import Role
+from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.panel.part_pictures import picture_maker
 from capture.station.panel.part_pictures.painting import PaintedPicture, painted
 from capture.station.panel.part_pictures.part_view import PartView
 from capture.station.results.part_result import DefectRecord
 from capture.station.results.removals import record_removals
-from capture.station.verdict import Cause, Decision, Verdict
 from tests.accessibility import grave_findings
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel
 from tests.chromium import Chromium, Page, chromium

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from capture.station.panel.access.roles import Role
+from capture.station.domain.roles import Role
 from tests.capture.station.panel.panels import RunningPanel
 
 README = Path(__file__).parents[4] / "capture" / "station" / "README.md"

@@ -2,8 +2,8 @@
 
 import pytest
 
+from capture.station.domain.recipe import Recipe
 from capture.station.panel.recipes.recipe_form import RecipeForm, settings_of
-from capture.station.recipe.recipe import Recipe
 
 RECIPE = Recipe(name="sheet", passes=("steel",), fails=("rust",))
 

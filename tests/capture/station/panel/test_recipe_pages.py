@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 
 from capture.sets.captured_set import CapturedSet
-from capture.station.cycle.events import RecipeLoaded
-from capture.station.panel.access.roles import Role
+from capture.station.domain.recipe import Recipe
+from capture.station.domain.recipe_file import read_recipe
+from capture.station.domain.roles import Role
 from capture.station.panel.background_jobs import Job
-from capture.station.recipe.recipe import Recipe
-from capture.station.recipe.recipe_file import read_recipe
+from capture.station.run.events import RecipeLoaded
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel, running_panel
 from tests.capture.station.panel.quick_jobs import wait
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from capture.station.panel.access.roles import Role
+from capture.station.domain.roles import Role
 from capture.station.panel.app import ROUTES
 from capture.station.panel.routes import PanelRoute
 from tests.capture.station.panel.panels import Client, RunningPanel

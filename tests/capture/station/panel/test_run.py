@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 from capture.commands.station.interfaces import panel_of, panel_settings
-from capture.station.approval.approval import approve
-from capture.station.errors import CannotListen
-from capture.station.folder import StationFolder, make_station
-from capture.station.interface_config import PanelConfig
-from capture.station.live.live_station import LiveStation
-from capture.station.recipe.recipe_folder import RecipeFolder
+from capture.station.domain.errors import CannotListen
+from capture.station.domain.folder import StationFolder, make_station
+from capture.station.domain.interface_config import PanelConfig
+from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.judge.approval import approve
+from capture.station.run.live_station import LiveStation
 from rig.errors import ConfigError
 from tests.capture.station.panel.panels import Client
 

@@ -14,19 +14,15 @@ from urllib.parse import urlsplit
 import pytest
 
 from capture.sets.captured_set import CapturedSet
-from capture.station.folder import make_station
-from capture.station.interface_config import PanelConfig
+from capture.station.domain.folder import make_station
+from capture.station.domain.interface_config import PanelConfig
+from capture.station.domain.roles import Role
+from capture.station.domain.users import Users
 from capture.station.panel import security, server
-from capture.station.panel.access.roles import Role
-from capture.station.panel.access.sessions import (
-    FAILURES_OF_A_NAME,
-    FAILURES_OF_AN_ADDRESS,
-    LoginLimit,
-)
-from capture.station.panel.access.users import Users
 from capture.station.panel.app import ROUTES
 from capture.station.panel.security import MAX_BODY_BYTES, HostRule
 from capture.station.panel.server import MAX_CONNECTIONS
+from capture.station.panel.sessions import FAILURES_OF_A_NAME, FAILURES_OF_AN_ADDRESS, LoginLimit
 from classify.base.errors import InputError
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel, running_panel
 from tests.memory_growth import growth_bytes

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 from capture.sets.captured_set import CapturedSet
-from capture.station.gauge.gauge import GaugeStudy, Presentation
-from capture.station.gauge.gauge_report import GaugeReport, write_gauge_report
+from capture.station.domain.verdict import Decision
+from capture.station.judge.gauge.gauge import GaugeStudy, Presentation
+from capture.station.judge.gauge.gauge_report import GaugeReport, write_gauge_report
 from capture.station.panel.statistics import gauge_of
 from capture.station.results.history import Selection
-from capture.station.verdict import Decision
 from classify.base.errors import InputError
 from tests.capture.station.panel.panels import RunningPanel, running_panel
 from tests.capture.station.results.many import fill, many

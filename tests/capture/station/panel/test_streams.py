@@ -10,13 +10,18 @@ from pathlib import Path
 
 import pytest
 
-from capture.station.cycle.events import ExposureComplete, PartAnnounced, PartBegun, StateChanged
-from capture.station.cycle.states import Change, State
-from capture.station.folder import StationFolder, make_station
-from capture.station.interface_config import PanelConfig
-from capture.station.live.live_station import LiveStation
+from capture.station.domain.folder import StationFolder, make_station
+from capture.station.domain.interface_config import PanelConfig
 from capture.station.panel.panel import Panel
 from capture.station.panel.server import serving_panel
+from capture.station.run.events import (
+    ExposureComplete,
+    PartAnnounced,
+    PartBegun,
+    StateChanged,
+)
+from capture.station.run.live_station import LiveStation
+from capture.station.run.states import Change, State
 from tests.capture.station.panel.panels import Client
 from tests.capture.station.panel.test_live import result
 from tests.memory_growth import resident_mb

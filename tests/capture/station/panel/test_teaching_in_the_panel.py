@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capture.station.inspection.inspector import Inspector
-from capture.station.panel.access.roles import Role
-from capture.station.recipe.recipe_file import read_recipe, write_recipe
-from capture.station.recipe.recipe_folder import RecipeFolder
-from capture.station.verdict import Decision
+from capture.station.domain.recipe_file import read_recipe, write_recipe
+from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.roles import Role
+from capture.station.domain.verdict import Decision
+from capture.station.judge.inspector import Inspector
 from tests.capture.station.panel.panels import JOB_S, PASSWORD, Client, RunningPanel, running_panel
 from tests.capture.station.teaching_sets import acknowledge_faults, patch
 from tests.chromium import Chromium, Page, chromium

@@ -19,12 +19,12 @@ def main(folder: Path, parts: int, frame_px: int, classes: int) -> None:
     """Run the bench; see the module."""
     settle_process()  # before numpy is imported
 
-    from capture.station.bench import run_bench
-    from capture.station.cycle.events import Event, PartAnnounced
-    from capture.station.folder import StationFolder, make_station
-    from capture.station.live.live_station import LiveStation
+    from capture.station.domain.folder import StationFolder, make_station
     from capture.station.panel.panel import Panel
     from capture.station.panel.server import serving_panel
+    from capture.station.run.bench import run_bench
+    from capture.station.run.events import Event, PartAnnounced
+    from capture.station.run.live_station import LiveStation
     from tests.capture.station.panel.panels import ANY_PORT
 
     make_station(folder)

@@ -6,11 +6,11 @@ from datetime import datetime, timedelta
 from sqlalchemy import insert
 
 from capture.base.utc_time import utc_text
+from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.results.part_result import PartResult
 from capture.station.results.rows import row_of
 from capture.station.results.schema import begun_parts, results
 from capture.station.results.store import BegunPart, ResultStore
-from capture.station.verdict import Cause, Decision, Verdict
 
 from .parts import UTC, result_of
 

@@ -1,8 +1,8 @@
 """Parts and results for tests of the results."""
 
+from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.results.part_result import PartResult
 from capture.station.results.store import BegunPart, ResultStore
-from capture.station.verdict import Cause, Decision, Verdict
 
 UTC = "2026-11-22T17:08:13.042Z"
 CAUSES = {

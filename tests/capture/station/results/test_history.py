@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 from sqlalchemy import text
 
+from capture.station.domain.verdict import Decision
 from capture.station.results.history import ROWS_AT_A_TIME, Selection
 from capture.station.results.store import ResultStore, open_store
-from capture.station.verdict import Decision
 
 from .many import fill, many
 from .parts import inspect

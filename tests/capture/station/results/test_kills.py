@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
+from capture.station.domain.verdict import Decision
 from capture.station.results.consistency import contradictions
 from capture.station.results.store import open_store
-from capture.station.verdict import Decision
 from tests.postgresql_server import PostgresqlServer
 
 ROOT = Path(__file__).parents[4]

@@ -6,11 +6,11 @@ from uuid import uuid4
 import pytest
 from sqlalchemy import create_engine, inspect, text
 
+from capture.station.domain.verdict import Decision
 from capture.station.results.database import database_url
 from capture.station.results.removals import record_removals
 from capture.station.results.schema import VERSION
 from capture.station.results.store import open_store
-from capture.station.verdict import Decision
 from classify.base.errors import InputError
 from tests.postgresql_server import PostgresqlServer
 

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.results.part_result import MEASURES, DefectRecord, PartResult
 from capture.station.results.rows import MAX_TEXT, result_of, row_of, storable
 from capture.station.results.store import ResultStore, open_store
-from capture.station.verdict import Cause, Decision, Verdict
 from tests.postgresql_server import PostgresqlServer
 
 from .parts import UTC, begin

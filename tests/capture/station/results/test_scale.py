@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 from sqlalchemy import insert
 
+from capture.station.domain.verdict import Decision
 from capture.station.results.history import HistoryEntry, Selection
 from capture.station.results.history_table import json_pieces, write_csv
 from capture.station.results.rows import row_of
 from capture.station.results.schema import begun_parts, results, stations
 from capture.station.results.store import BegunPart, ResultStore, open_store
-from capture.station.verdict import Decision
 from tests.memory_growth import resident_mb
 
 from .parts import UTC, begin, result_of

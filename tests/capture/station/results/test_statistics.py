@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from capture.station.control_charts.control_history import chart_histories
+from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.results.history import Selection
 from capture.station.results.statistics import (
     MOST_PERIODS,
@@ -21,7 +21,7 @@ from capture.station.results.statistics import (
     newest_measured,
 )
 from capture.station.results.store import ResultStore, open_store
-from capture.station.verdict import Cause, Decision, Verdict
+from capture.station.run.control_history import chart_histories
 
 from .many import fill, many
 from .parts import inspect

@@ -9,6 +9,7 @@ import pytest
 from sqlalchemy import create_engine, text
 from sqlalchemy.exc import DBAPIError
 
+from capture.station.domain.verdict import Decision
 from capture.station.results.database import (
     ResultsUnavailable,
     database_url,
@@ -17,7 +18,6 @@ from capture.station.results.database import (
 )
 from capture.station.results.removals import record_removals
 from capture.station.results.store import ResultStore, open_store
-from capture.station.verdict import Decision
 from classify.base.errors import InputError
 from tests.postgresql_server import PostgresqlServer
 

@@ -7,9 +7,9 @@ appended to the file ANNOUNCED.
 import sys
 from pathlib import Path
 
+from capture.station.domain.verdict import Decision
 from capture.station.results.part_result import PartResult
 from capture.station.results.store import open_store
-from capture.station.verdict import Decision
 
 from .parts import inspect, result_of
 

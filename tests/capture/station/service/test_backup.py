@@ -15,17 +15,17 @@ from typing import Any
 
 import pytest
 
-from capture.station.config import Retention
-from capture.station.cycle.triggers import TriggerTarget
-from capture.station.folder import StationFolder, make_station
-from capture.station.panel.access.roles import Role
-from capture.station.panel.access.tokens import Tokens
+from capture.station.domain.config import Retention
+from capture.station.domain.folder import StationFolder, make_station
+from capture.station.domain.roles import Role
+from capture.station.domain.tokens import Tokens
 from capture.station.results.store import open_store
-from capture.station.retention import remove_old_sets, sets_stay
+from capture.station.results.verification import verify_station
+from capture.station.run.retention import remove_old_sets, sets_stay
+from capture.station.run.triggers import TriggerTarget
 from capture.station.service.backup import prepared_backup
 from capture.station.service.manifest import MANIFEST
 from capture.station.service.restore import opened_backup
-from capture.station.verification import verify_station
 from classify.base.errors import InputError
 from tests.capture.station.days_with_parts import make_days
 from tests.capture.station.production import ForkedRun, contradictions, taught_station

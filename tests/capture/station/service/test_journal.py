@@ -8,7 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from capture.station.cycle.events import (
+from capture.station.domain.verdict import Decision
+from capture.station.results.part_result import PartResult
+from capture.station.results.store import BegunPart
+from capture.station.run.events import (
     ExposureComplete,
     PartAnnounced,
     SelfTestFinished,
@@ -16,11 +19,8 @@ from capture.station.cycle.events import (
     TriggerRefused,
     Warned,
 )
-from capture.station.cycle.states import State
-from capture.station.results.part_result import PartResult
-from capture.station.results.store import BegunPart
+from capture.station.run.states import State
 from capture.station.service.journal import Journal, is_connected_to_journal
-from capture.station.verdict import Decision
 from rig.doctor.check import Check
 from tests.capture.station.results.parts import UTC, result_of
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from capture.station.cycle.events import PartAnnounced, StateChanged
-from capture.station.cycle.states import State
-from capture.station.cycle.triggers import Trigger, TriggerTarget
+from capture.station.run.events import PartAnnounced, StateChanged
+from capture.station.run.states import State
+from capture.station.run.triggers import Trigger, TriggerTarget
 from capture.station.service.notify import Notifier
 from classify.base.errors import InputError
 from rig import HardwareError

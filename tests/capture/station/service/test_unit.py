@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from capture.station.folder import StationFolder, make_station
+from capture.station.domain.folder import StationFolder, make_station
 from capture.station.service.unit import unit_name, unit_text
 from capture.station.service.unit_check import checks_of_unit
 from classify.base.errors import InputError

@@ -1,1 +1,0 @@
-"""Settings of a recipe, approval, roll back, and the reasons why a recipe cannot run."""

@@ -1,1 +1,0 @@
-"""Captured sets that must get their verdict before a changed recipe runs."""

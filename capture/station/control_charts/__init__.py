@@ -1,1 +1,0 @@
-"""Control charts of LED levels and distances."""

@@ -1,0 +1,176 @@
+"""`StationConfig`: the file ``station.toml`` of a station."""
+
+import re
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import (
+    AfterValidator,
+    Field,
+    FiniteFloat,
+    model_validator,
+)
+
+from capture.session.plan import Name, Text
+from classify.base.section import Degrees, Section
+from rig.config.defect import DefectKind
+from rig.config.toml_file import read_toml_as
+
+from .interface_config import ModbusConfig, MqttConfig, PanelConfig
+
+CONFIG = "station.toml"
+SIM = "sim"
+Share = Annotated[FiniteFloat, Field(ge=0.0, le=1.0)]
+Surface = Annotated[str, Field(min_length=1, max_length=4096)]
+
+_URL = re.compile(r"postgresql(\+psycopg)?://.*", re.DOTALL)
+
+
+def _results(text: str) -> str:
+    if "://" in text and not _URL.fullmatch(text):
+        raise ValueError(
+            f"results = {text.partition('://')[0]!r}://...: give a file such as "
+            "'results.sqlite', or postgresql://USER:PASSWORD@HOST/DATABASE"
+        )
+    return text
+
+
+class Retention(Section):
+    """Which set files of parts stay on disk; rows of results always stay."""
+
+    # One in `pass_every` of the parts that passed keeps its set file; 1 keeps all.
+    pass_every: int = Field(default=20, ge=1, le=1_000_000)
+    # Age at which the other set files are removed; at least 1, because today's folder may still
+    # receive files.
+    pass_days: float = Field(default=7.0, ge=1.0, le=36_500.0)
+
+
+class SimulatedParts(Section):
+    """The parts below a simulated rig, drawn at random from a seed and the part's number."""
+
+    seed: int = Field(default=100, ge=0, lt=2**31)
+    # As in ``[simulation.placement]`` of ``rig.toml``.
+    surfaces: tuple[Surface, ...] = Field(default=("rock",), min_length=1, strict=False)
+    others: tuple[Surface, ...] = Field(default=("sand",), strict=False)  # unexpected surfaces
+    share_other: Share = 0.02  # of the parts, from 0 to 1
+    # Empty draws from all angles.
+    orientations_deg: tuple[Degrees, ...] = Field(default=(), max_length=3600, strict=False)
+    share_defective: Share = 0.05  # of the parts with an expected surface; each has one defect
+    defects: tuple[DefectKind, ...] = Field(
+        default=("scratch", "dent", "bump", "stain"), strict=False
+    )
+
+    @model_validator(mode="after")
+    def _shares_have_something_to_draw(self) -> Self:
+        for key, share, kinds in (
+            ("share_other", self.share_other, self.others),
+            ("share_defective", self.share_defective, self.defects),
+        ):
+            if share > 0.0 and not kinds:
+                other = "others" if key == "share_other" else "defects"
+                raise ValueError(f"{key} = {share:g}, but {other} is empty; give one, or share 0")
+        return self
+
+
+class StationConfig(Section):
+    """The configuration of a station."""
+
+    name: Name  # unique in the database of results
+    # ``sim``, or a ``rig.toml``, relative to the station's folder.
+    rig: str = Field(default=SIM, min_length=1, max_length=4096)
+    recipe: Name  # name in ``recipes/NAME.toml``
+    # SQLite file, relative to the station's folder, or URL of a PostgreSQL database.
+    results: Annotated[str, Field(min_length=1, max_length=4096), AfterValidator(_results)] = (
+        "results.sqlite"
+    )
+    operator: Text | None = None  # person responsible for the results
+    trigger: Literal["timer", "enter", "sensor", "http", "modbus"] = "enter"
+    # Period of the timer; 0 triggers as soon as the station is ready. With a simulated part sensor
+    # it is the time from a ready station to the next part.
+    timer_s: float = Field(default=2.0, ge=0.0, le=86_400.0)
+    # Time from the edge of the part sensor to the first light.
+    sensor_delay_ms: float = Field(default=0.0, ge=0.0, le=60_000.0)
+    # Number of exposed parts that may wait for their verdict; further triggers are refused.
+    buffers: int = Field(default=2, ge=1, le=64)
+    # Free space below which triggers are refused.
+    disk_floor_mb: int = Field(default=500, ge=1, le=10_000_000)
+    plate_check: bool = False  # compares the rig with its calibration, by a white sheet
+    # Time between two attempts to open a rig that was lost.
+    reconnect_s: float = Field(default=5.0, ge=0.01, le=3600.0)
+    retention: Retention = Retention()
+    simulated_parts: SimulatedParts = SimulatedParts()
+    panel: PanelConfig = PanelConfig()
+    modbus: ModbusConfig | None = None  # None without a PLC
+    mqtt: MqttConfig | None = None  # None without a broker
+
+    def rig_in(self, folder: Path) -> str:
+        """Return the rig to open for a station in `folder`: ``sim`` or a path."""
+        return self.rig if self.rig == SIM else str(folder / self.rig)
+
+    def results_in(self, folder: Path) -> str:
+        """Return the database of results for a station in `folder`: a URL, or a path."""
+        return self.results if "://" in self.results else str(folder / self.results)
+
+
+def read_config(path: Path) -> StationConfig:
+    """Read a ``station.toml``."""
+    missing = f"no such station; make one with ps4rig station init {path.parent}"
+    return read_toml_as(path, StationConfig, missing)
+
+
+EXAMPLE = """\
+# Configuration of an inspection station. A line that begins with # is a comment.
+
+name = "NAME"                # unique among the stations that share a database
+rig = "sim"                  # the simulated rig, or a rig.toml relative to this folder
+recipe = "example"           # recipes/example.toml, made by ps4rig station teach
+results = "results.sqlite"   # or postgresql://USER:PASSWORD@HOST/DATABASE
+# operator = "Your name"
+trigger = "enter"            # the Enter key, "timer", "sensor", "http" or "modbus"
+timer_s = 2.0                # period of the timer; 0 is as fast as possible
+sensor_delay_ms = 0          # from the sensor's edge to the first light
+buffers = 2                  # parts that may wait for their verdict
+disk_floor_mb = 500          # with less free space triggers are refused
+plate_check = false          # true: a white sheet is below the camera when the station starts
+reconnect_s = 5.0            # between attempts to open a rig that was lost
+
+# The set files of FAIL, UNKNOWN and ERROR are kept for ever.
+[retention]
+pass_every = 20              # one in this many passed parts keeps its file, too
+pass_days = 7                # the files of the others are removed after this many days
+
+# The panel, and the HTTP API. For access from other machines they need users (ps4rig station user
+# add), and tls_cert and tls_key, or behind_proxy = true.
+[panel]
+host = "127.0.0.1"
+port = 8100
+# tls_cert = "panel.crt"     # PEM, relative to this folder
+# tls_key = "panel.key"
+# names = ["line-3.example"] # host names by which browsers reach it
+
+# The registers for a PLC. Without this section there are none.
+# [modbus]
+# host = "127.0.0.1"         # or the address of this machine in the network of the PLC
+# port = 1502
+# recipes = ["example"]      # the PLC knows them as 1, 2, ...
+
+# Results for an MQTT broker.
+# [mqtt]
+# url = "mqtt://broker.example:1883"
+# topic = "plant/line-3"
+
+# Parts below the camera of a simulated rig; a real rig ignores them.
+[simulated_parts]
+seed = 100                   # should differ from the seed of the taught sets
+surfaces = ["rock"]
+others = ["sand"]            # unexpected surfaces
+share_other = 0.02           # their share of the parts
+orientations_deg = []        # one of these; any orientation if empty
+share_defective = 0.05
+defects = ["scratch", "dent", "bump", "stain"]
+"""
+
+
+def example_config(name: str) -> str:
+    """Return a commented configuration of a station called `name`."""
+    return EXAMPLE.replace("NAME", name, 1)

@@ -1,0 +1,94 @@
+"""The folder of a station: configuration, recipes, parts and log."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from capture.base.folder_lock import folder_lock
+from capture.base.log_file import append_line
+from capture.base.utc_time import utc_text
+from capture.session.plan import file_name
+from capture.sets.ome_tiff import SUFFIX
+from classify.base.durable_file import durable_file, make_folder
+from classify.base.errors import InputError
+from rig.config.rig import RigConfig, config_of
+
+from .config import (
+    CONFIG,
+    StationConfig,
+    example_config,
+    read_config,
+)
+from .errors import RecipeError
+from .recipe_folder import RecipeFolder
+
+RECIPES, PARTS, LOG = "recipes", "parts", "station.log"
+_LOCK = "station.lock"
+# A larger log is renamed to station.log.1: after about 80,000 parts with a line of 100 bytes each.
+_MAX_LOG_BYTES = 8 << 20
+
+
+class StationFolder:
+    """A station on disk, for reading; `station_folder` opens one for writing."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.config: StationConfig = read_config(path / CONFIG)
+
+    @property
+    def parts(self) -> Path:
+        """Folder of the captured sets of all parts, with one folder for each day."""
+        return self.path / PARTS
+
+    def rig_config(self) -> RigConfig:
+        """Read the configuration of its rig; raises InputError if there is none, or it is wrong."""
+        return config_of(self.config.rig_in(self.path))
+
+    def recipe_files(self, recipe: str | None = None) -> RecipeFolder:
+        """Return the files of a recipe, by default those of the configured one."""
+        try:
+            name = file_name(recipe or self.config.recipe)
+        except ValueError as error:
+            raise RecipeError(f"recipe {error}") from error
+        return RecipeFolder(self.path / RECIPES / f"{name}.toml", self.path / RECIPES / name)
+
+    def has_sets(self) -> bool:
+        """Whether sets of parts exist, which a new database would overwrite: it counts from 1."""
+        return any(self.parts.glob(f"*/*{SUFFIX}"))
+
+    def log(self, line: str) -> None:
+        """Append a line with the time to ``station.log``; a full log becomes ``station.log.1``."""
+        path = self.path / LOG
+        try:
+            if path.exists() and path.stat().st_size > _MAX_LOG_BYTES:
+                path.replace(path.with_name(f"{LOG}.1"))
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written: {error.strerror}") from error
+        append_line(path, f"{utc_text(timespec='milliseconds')} {line}")
+
+
+def set_file_of(part_id: str, triggered_utc: str) -> str:
+    """Return the set file of a part, relative to the station: one folder for each UTC day."""
+    return f"{PARTS}/{triggered_utc[:10]}/{part_id}{SUFFIX}"
+
+
+@contextmanager
+def station_folder(path: Path) -> Iterator[StationFolder]:
+    """Open a station for writing, for this program alone."""
+    StationFolder(path)  # raises before a lock file is made in a folder that is not a station
+    with folder_lock(path, _LOCK):
+        yield StationFolder(path)
+
+
+def make_station(path: Path) -> None:
+    """Make the folder of a station with a commented configuration."""
+    if (path / CONFIG).exists():
+        raise InputError(f"{path}: is a station already; edit {path / CONFIG}")
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise InputError(f"{path}: exists and is not empty; give another folder")
+    for folder in (path / RECIPES, path / PARTS):
+        make_folder(folder)
+    # Written last: a folder with a configuration is whole.
+    with durable_file(path / CONFIG) as temporary:
+        temporary.write_text(example_config(path.absolute().name), encoding="utf-8")
+        read_config(temporary)  # a folder whose name cannot name a station is refused

@@ -1,0 +1,89 @@
+"""Approve a recipe by its hash, list the approved states, and roll back to one of them."""
+
+from collections.abc import Callable
+
+from capture.base.utc_time import utc_text
+from capture.station.domain.errors import RecipeError
+from capture.station.domain.recipe import Approval, Recipe
+from capture.station.domain.recipe_file import read_recipe, write_recipe
+from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.judge.gauge.fault_study import require_great_faults_found
+from capture.station.judge.inspector import Inspector
+from classify.base.errors import InputError
+from rig.config.toml_file import read_toml_as, validated
+
+Record = Callable[[Recipe, Recipe], None]
+"""Called with the old and the new recipe before a change is written; an exception prevents it."""
+
+
+def approve(
+    files: RecipeFolder,
+    by: str,
+    seen_sha256: str | None = None,
+    record: Record = lambda *_: None,
+) -> Recipe:
+    """Approve a recipe as it is, and keep a copy of it beside what was taught.
+
+    It must still have the hash `seen_sha256`, unless that is None; an exception of `record`
+    prevents it.
+    """
+    with files.changing():
+        inspector = Inspector.load(files)
+        recipe = inspector.recipe
+        require_seen(recipe, seen_sha256)
+        require_great_faults_found(files, inspector)
+        # In milliseconds, so that two approvals within a second keep their order.
+        utc = utc_text(timespec="milliseconds")
+        values = {"by": by, "utc": utc, "sha256": recipe.sha256}
+        approval = validated(values, Approval, "approval")
+        approved = recipe.model_copy(update={"approval": approval})
+        record(recipe, approved)
+        write_recipe(files.version(recipe.version).approved(recipe.sha256), approved)
+        write_recipe(files.file, approved)
+        return approved
+
+
+def require_seen(recipe: Recipe, seen_sha256: str | None) -> None:
+    """Check that a recipe has the hash that somebody has seen; None skips the check."""
+    if seen_sha256 is not None and recipe.sha256 != seen_sha256:
+        raise RecipeError(
+            f"recipe {recipe.name}: was changed by somebody else since you saw it; look at it again"
+        )
+
+
+def approved_states(files: RecipeFolder) -> list[Recipe]:
+    """Return every approved state of a recipe, the last approval first.
+
+    A copy that is damaged or was changed since is left out: it cannot be rolled back to.
+    """
+    found = []
+    for version in files.taught_versions():
+        for copy in files.version(version).folder.glob("approved-*.toml"):
+            try:
+                recipe = read_toml_as(copy, Recipe, "there is none")
+            except InputError:
+                continue
+            if recipe.is_approved and (recipe.name, recipe.version) == (files.name, version):
+                found.append(recipe)
+    return sorted(found, key=_approved_at, reverse=True)
+
+
+def _approved_at(recipe: Recipe) -> tuple[str, int, str]:
+    """Key of the order of approvals; those of earlier programs have times in seconds."""
+    utc = "" if recipe.approval is None else recipe.approval.utc
+    return utc.removesuffix("Z"), recipe.version, recipe.sha256
+
+
+def roll_back(files: RecipeFolder, sha256: str, record: Record = lambda *_: None) -> Recipe:
+    """Replace the recipe by an earlier approved state, with its approval.
+
+    The challenge set must be met again before the recipe runs.
+    """
+    with files.changing():
+        state = next((each for each in approved_states(files) if each.sha256 == sha256), None)
+        if state is None:
+            raise RecipeError(f"recipe {files.name}: no approved state has hash {sha256[:64]!r}")
+        Inspector.of(state, files)  # raises if it could not run
+        record(read_recipe(files.file), state)
+        write_recipe(files.file, state)
+        return state

@@ -1,0 +1,201 @@
+"""Replay the challenge set of a recipe, and require that before the recipe runs."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Literal
+
+from pydantic import ValidationError
+
+from capture.base.console import ShowProgress, progress
+from capture.base.utc_time import utc_text
+from capture.sets.captured_set import CapturedSet
+from capture.station.domain.error_verdict import error_verdict
+from capture.station.domain.errors import ChallengeFailed
+from capture.station.domain.recipe_folder import RecipeFolder, file_sha256
+from capture.station.domain.verdict import Decision, Verdict
+from capture.station.judge.fingerprint import Fingerprint
+from capture.station.judge.inspector import Inspector
+from classify.base.durable_file import durable_file
+from classify.base.errors import InputError
+from classify.base.regular_file import read_regular_file
+from classify.base.section import Record
+
+from .challenge_set import MOST_SETS, Expected, read_challenge
+
+# 10,000 parts of 600 bytes.
+_MAX_BYTES = 1 << 23
+
+
+class PartOutcome(Record):
+    """The verdict on a part of a challenge, and the one that it must get."""
+
+    file: str
+    # None for a file that could not be read, and in a replay of an older program
+    file_sha256: str | None = None
+    pixels_sha256: str | None
+    expected: Expected
+    found: Decision
+    reason: str
+
+    @property
+    def is_regression(self) -> bool:
+        """Whether the verdict differs from the expected one."""
+        return self.found != self.expected
+
+    def __str__(self) -> str:
+        return f"{self.file} must be {self.expected} and is {self.found}: {self.reason}"
+
+
+class Replay(Record):
+    """The outcome of a replay, with hashes of all that the verdicts depend on."""
+
+    format: Literal["ps4rig-challenge"] = "ps4rig-challenge"
+    version: Literal[1] = 1
+    utc: str
+    fingerprint: Fingerprint
+    parts: tuple[PartOutcome, ...]
+
+    @property
+    def regressions(self) -> tuple[PartOutcome, ...]:
+        """Parts whose verdict differs from the expected one."""
+        return tuple(part for part in self.parts if part.is_regression)
+
+
+def replay_challenge(
+    files: RecipeFolder, inspector: Inspector, go_on: Callable[[], None] = lambda: None
+) -> Iterator[PartOutcome]:
+    """Judge every part of the challenge as if captured with the present calibration.
+
+    `go_on` is called before each part; an exception of it ends the replay.
+    """
+    for file, expected in read_challenge(files.challenge).sets.items():
+        go_on()
+        path = files.challenge / file
+        sha256 = _sha256(path)  # before the set is read: one that is exchanged now is replayed anew
+        verdict, pixels_sha256 = _replayed(path, inspector)
+        yield PartOutcome(
+            file=file,
+            file_sha256=sha256,
+            pixels_sha256=pixels_sha256,
+            expected=expected,
+            found=verdict.decision,
+            reason=verdict.reason,
+        )
+
+
+def run_challenge(
+    files: RecipeFolder, inspector: Inspector, show: ShowProgress = progress
+) -> Replay:
+    """Judge every part of the challenge, and keep the outcome."""
+    total = len(read_challenge(files.challenge).sets)
+    parts = tuple(show(replay_challenge(files, inspector), total, "replay"))
+    return keep_replay(files, inspector, parts)
+
+
+def keep_replay(
+    files: RecipeFolder, inspector: Inspector, parts: tuple[PartOutcome, ...]
+) -> Replay:
+    """Write the outcome of a replay; raises InputError if that cannot be done."""
+    replay = Replay(utc=utc_text(), fingerprint=inspector.fingerprint, parts=parts)
+    with durable_file(files.replay) as temporary:
+        temporary.write_text(replay.model_dump_json(indent=1), encoding="utf-8")
+    return replay
+
+
+def require_challenge(
+    files: RecipeFolder, inspector: Inspector, go_on: Callable[[], None] = lambda: None
+) -> Replay:
+    """Raise ChallengeFailed unless this inspector meets the challenge set, now or on record.
+
+    The parts up to the first good one are judged in any case: another processor may judge
+    otherwise, and the first part of the line need not wait for kernels.
+    """
+    _known_sha256.cache_clear()  # the files that run now are hashed, whatever their times
+    replay, outcomes = (
+        valid_replay(files, inspector.fingerprint, go_on),
+        replay_challenge(files, inspector, go_on),
+    )
+    judged = _up_to_a_good_part(outcomes)
+    if replay is None or any(outcome.is_regression for outcome in judged):
+        replay = keep_replay(files, inspector, (*judged, *outcomes))
+    if replay.regressions:
+        named = "; ".join(map(str, replay.regressions))
+        raise ChallengeFailed(
+            f"recipe {inspector.recipe.name} does not run: {len(replay.regressions)} of "
+            f"{len(replay.parts)} parts of its challenge set get another verdict: {named}; "
+            "correct the recipe or the expected verdicts, then run ps4rig station challenge"
+        )
+    return replay
+
+
+def _up_to_a_good_part(outcomes: Iterator[PartOutcome]) -> list[PartOutcome]:
+    judged = []
+    for outcome in outcomes:
+        judged.append(outcome)
+        if outcome.expected == Decision.PASS:
+            break
+    return judged
+
+
+def has_met_challenge(files: RecipeFolder, inspector: Inspector) -> bool:
+    """Whether a replay by this inspector is on record, and every part got its verdict."""
+    replay = valid_replay(files, inspector.fingerprint)
+    return replay is not None and not replay.regressions
+
+
+def _replayed(path: Path, inspector: Inspector) -> tuple[Verdict, str | None]:
+    pixels_sha256 = None
+    try:
+        captured = CapturedSet.load(path)
+        pixels_sha256 = captured.metadata.pixels_sha256
+        changes: dict[str, object] = {"created_utc": utc_text(), "calibration_ids": ()}
+        captured = replace(captured, metadata=captured.metadata.model_copy(update=changes))
+        if inspector.calibration is not None:
+            captured = captured.with_calibration(inspector.calibration.file)
+        return inspector.inspect(captured).verdict, pixels_sha256
+    except Exception as error:  # as in the cycle of the station: no exception may end in PASS
+        return error_verdict(error), pixels_sha256
+
+
+def valid_replay(
+    files: RecipeFolder, fingerprint: Fingerprint, go_on: Callable[[], None] = lambda: None
+) -> Replay | None:
+    """Return the recorded replay if it has this challenge set and fingerprint."""
+    replay = last_replay(files)
+    if replay is None or replay.fingerprint != fingerprint:
+        return None
+    expected = {part.file: part.expected for part in replay.parts}
+    if expected != dict(read_challenge(files.challenge).sets):
+        return None
+    for part in replay.parts:
+        go_on()
+        if part.file_sha256 is None or part.file_sha256 != _sha256(files.challenge / part.file):
+            return None
+    return replay
+
+
+def _sha256(path: Path) -> str | None:
+    """Hash of a file; None if it cannot be read."""
+    try:
+        found = path.stat()
+        return _known_sha256(
+            path, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
+        )
+    except (InputError, OSError):
+        return None
+
+
+# Without a cache, a page with the state of a recipe would read 10 MB for each set of 1024 px.
+@lru_cache(MOST_SETS)
+def _known_sha256(path: Path, *stat: int) -> str:  # noqa: ARG001 - the key under which it is known
+    return file_sha256(path)
+
+
+def last_replay(files: RecipeFolder) -> Replay | None:
+    """Return the last recorded replay, of any state; None if there is none or it is damaged."""
+    try:
+        return Replay.model_validate_json(read_regular_file(files.replay, _MAX_BYTES))
+    except (InputError, ValidationError):
+        return None

@@ -1,0 +1,119 @@
+"""The challenge set of a recipe: captured sets with the verdict that each must get."""
+
+import json
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from capture.base.folder_lock import folder_lock
+from capture.session.plan import Name
+from capture.sets.loaded_set import LoadedSet
+from capture.station.domain.errors import RecipeError
+from capture.station.domain.verdict import Decision
+from classify.base.durable_file import durable_file, make_folder
+from classify.base.errors import InputError
+from classify.base.section import Section
+from rig.config.toml_file import read_toml_as, validated
+
+FILE = "challenge.toml"
+_LOCK = "challenge.lock"
+Expected = Literal["PASS", "FAIL", "UNKNOWN"]
+Record = Callable[[str, Expected | None, Expected | None], None]
+"""Called with a file and its old and new verdict, before anything is written."""
+MOST_SETS = 10_000
+
+_HEAD = """\
+# Captured sets in this folder, and the verdict that each must get before a changed recipe runs.
+# ps4rig station challenge DIR --add SET --expect PASS|FAIL|UNKNOWN adds one.
+
+[sets]
+"""
+
+
+class ChallengeSet(Section):
+    """The files of a challenge and the verdict that each must get."""
+
+    sets: Annotated[Mapping[Name, Expected], Field(max_length=MOST_SETS)]
+
+
+def read_challenge(folder: Path) -> ChallengeSet:
+    """Read a challenge set."""
+    missing = (
+        "there is no challenge set; add parts with ps4rig station challenge DIR --add SET "
+        "--expect PASS|FAIL|UNKNOWN"
+    )
+    found = read_toml_as(folder / FILE, ChallengeSet, missing)
+    passing = sum(expected == Decision.PASS for expected in found.sets.values())
+    if not 0 < passing < len(found.sets):
+        raise RecipeError(
+            f"{folder / FILE}: {passing} parts that must pass and {len(found.sets) - passing} that "
+            "must not: add one of each, because a station that passes or rejects everything would "
+            "meet the challenge"
+        )
+    return found
+
+
+def challenge_sets(folder: Path) -> dict[str, Expected]:
+    """Return files and verdicts of a challenge; empty if there is no challenge set."""
+    if not (folder / FILE).exists():
+        return {}
+    return dict(read_toml_as(folder / FILE, ChallengeSet, "").sets)
+
+
+def add_to_challenge(
+    folder: Path,
+    paths: Sequence[Path],
+    expected: Expected,
+    record: Record = lambda *_: None,
+) -> None:
+    """Copy sets into a challenge; a set that is in it already gets the new verdict.
+
+    `record` records each change, and prevents all by an exception.
+    """
+    make_folder(folder)
+    with folder_lock(folder, _LOCK):
+        before = challenge_sets(folder)
+        sets = before | {path.name: expected for path in paths}
+        checked = validated({"sets": sets}, ChallengeSet, str(folder / FILE))
+        missing = [path for path in paths if not _is_there(folder / path.name, path)]
+        for name in sets:
+            if before.get(name) != sets[name]:
+                record(name, before.get(name), sets[name])
+        for path in missing:
+            if not _is_there(folder / path.name, path):  # two of them may have one name
+                with durable_file(folder / path.name) as temporary:
+                    shutil.copyfile(path, temporary)
+        _write(folder, checked)
+
+
+def _is_there(copy: Path, path: Path) -> bool:
+    """Whether a set is in the challenge already; another set of the same name is refused."""
+    pixels_sha256 = LoadedSet.of(path).captured.metadata.pixels_sha256
+    if not copy.exists():
+        return False
+    if LoadedSet.of(copy).captured.metadata.pixels_sha256 != pixels_sha256:
+        raise RecipeError(f"{copy}: is another set; rename {path} to add it")
+    return True
+
+
+def remove_from_challenge(folder: Path, file: str, record: Record = lambda *_: None) -> None:
+    """Take a set out of a challenge; its file stays. `record` is that of `add_to_challenge`."""
+    missing = InputError(f"{file[:100]!r} is not in the challenge set")
+    if not folder.is_dir():  # the lock needs it
+        raise missing
+    with folder_lock(folder, _LOCK):
+        sets = challenge_sets(folder)
+        before = sets.pop(file, None)
+        if before is None:
+            raise missing
+        record(file, before, None)
+        _write(folder, ChallengeSet(sets=sets))
+
+
+def _write(folder: Path, challenge: ChallengeSet) -> None:
+    lines = "".join(f'{json.dumps(name)} = "{each}"\n' for name, each in challenge.sets.items())
+    with durable_file(folder / FILE) as temporary:
+        temporary.write_text(_HEAD + lines, encoding="utf-8")

@@ -1,0 +1,192 @@
+"""Which faults that nobody configured a recipe finds, and from which strength on."""
+
+import random
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Literal
+
+from pydantic import ValidationError
+
+from capture.sets.loaded_set import LoadedSet
+from capture.station.domain.errors import RecipeError
+from capture.station.domain.recipe import Recipe
+from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.taught_files import taught_for
+from capture.station.domain.verdict import Decision
+from capture.station.judge.fingerprint import Fingerprint
+from capture.station.judge.inspector import Inspector
+from classify.base.durable_file import durable_file
+from classify.base.errors import InputError
+from classify.base.regular_file import read_regular_file
+from classify.base.section import Record
+
+from .made_faults import (
+    FAULTS,
+    MadeFault,
+    Place,
+    with_fault,
+)
+
+LEAST_FOUND = 0.9
+"""Share of the parts with a fault that must not pass for it to count as found."""
+GREAT = 0.2
+"""Size of a fault, as a share of the frame, that a recipe must find to be approved."""
+
+# Good parts of a texture, for an approval.
+_PARTS = 3
+_MIDDLE_SHARE = 0.25  # of the frame, within which the middle of a fault lies
+_MAX_BYTES = 1 << 20
+
+
+class FaultFinding(Record):
+    """How many parts of a texture with a fault of one strength did not pass."""
+
+    texture: str
+    fault: str
+    unit: str
+    strength: float
+    found: int
+    parts: int
+
+    @property
+    def is_found(self) -> bool:
+        """Whether at least `LEAST_FOUND` of the parts did not pass."""
+        return self.found >= LEAST_FOUND * self.parts
+
+    def __str__(self) -> str:
+        return f"{self.fault}, {self.strength:g} {self.unit}, on {self.texture}"
+
+
+class FaultStudy(Record):
+    """The findings of one recipe, with hashes of all that they depend on."""
+
+    format: Literal["ps4rig-faults"] = "ps4rig-faults"
+    version: Literal[1] = 1
+    fingerprint: Fingerprint
+    findings: tuple[FaultFinding, ...]
+
+    def passing(self, recipe: Recipe) -> tuple[FaultFinding, ...]:
+        """Faults of `GREAT` size that pass and that a recipe does not acknowledge."""
+        return tuple(
+            each
+            for each in self.findings
+            if each.unit == "of the frame"
+            and each.strength == GREAT
+            and not each.is_found
+            and each.fault not in recipe.acknowledged
+        )
+
+    def lines(self) -> list[str]:
+        """From which strength on each fault is found, one line for each texture and fault."""
+        lines = []
+        for texture, fault in dict.fromkeys((each.texture, each.fault) for each in self.findings):
+            rows = [f for f in self.findings if (f.texture, f.fault) == (texture, fault)]
+            least = next(
+                (n for n in range(len(rows)) if all(each.is_found for each in rows[n:])), None
+            )
+            said = "is not found with 90 %"
+            if least is not None:
+                said = f"is found with 90 % from {rows[least].strength:g} {rows[least].unit} on"
+            counts = ", ".join(f"{f.strength:g}: {f.found} of {f.parts}" for f in rows)
+            lines.append(f"{texture}: {fault} {said} ({counts})")
+        return lines
+
+
+def study_faults(
+    files: RecipeFolder, inspector: Inspector, parts: int, *, great_only: bool = False
+) -> Iterator[FaultFinding]:
+    """Judge good parts of a recipe with faults; parts that do not pass without one are left out.
+
+    At most `parts` of each texture, with `great_only` only with faults of `GREAT` size.
+    """
+    taught = taught_for(inspector.recipe, files)
+    draw = random.Random(1)
+    for texture in inspector.recipe.passes:
+        good: list[tuple[LoadedSet, Inspector]] = []
+        for each in taught.textures[texture].sets:
+            path = files.sets / each.file
+            if len(good) < parts and path.is_file():
+                loaded = LoadedSet.of(path)
+                own = inspector.with_calibration(loaded.found)
+                if own.inspect(loaded.captured).verdict.decision is Decision.PASS:
+                    good.append((loaded, own))
+        limits = inspector.recipe.limits_for(texture)
+        for fault in FAULTS:
+            if fault.needs_handedness and limits.handedness is None:
+                continue
+            for strength in fault.strengths:
+                if great_only and not (fault.is_local and strength == GREAT):
+                    continue
+                verdicts = [_passes(own, loaded, fault, strength, draw) for loaded, own in good]
+                judged = [each for each in verdicts if each is not None]
+                if judged:
+                    yield FaultFinding(
+                        texture=texture,
+                        fault=fault.name,
+                        unit=fault.unit,
+                        strength=strength,
+                        found=judged.count(False),
+                        parts=len(judged),
+                    )
+
+
+def _passes(
+    inspector: Inspector, loaded: LoadedSet, fault: MadeFault, strength: float, draw: random.Random
+) -> bool | None:
+    rows, columns = loaded.captured.images.shape[1:]
+    place = Place(
+        draw.uniform(-_MIDDLE_SHARE, _MIDDLE_SHARE) * columns,
+        draw.uniform(-_MIDDLE_SHARE, _MIDDLE_SHARE) * rows,
+        draw.uniform(0.0, 180.0),
+    )
+    captured = with_fault(loaded.captured, fault, strength, place)
+    if captured is None:
+        return None
+    return inspector.inspect(captured).verdict.decision is Decision.PASS
+
+
+def _fingerprint(inspector: Inspector) -> Fingerprint:
+    """Hashes without a calibration: each set is judged with its own."""
+    return inspector.with_calibration(None).fingerprint
+
+
+def kept_study(files: RecipeFolder, inspector: Inspector) -> FaultStudy | None:
+    """The last study of exactly this recipe; None without one."""
+    try:
+        text = read_regular_file(files.faults, _MAX_BYTES)
+        study = FaultStudy.model_validate_json(text)
+    except (InputError, ValidationError):
+        return None
+    return study if study.fingerprint == _fingerprint(inspector) else None
+
+
+def keep_study(
+    files: RecipeFolder, inspector: Inspector, findings: Sequence[FaultFinding]
+) -> FaultStudy:
+    """Write a study beside the recipe; InputError if that cannot be done."""
+    study = FaultStudy(fingerprint=_fingerprint(inspector), findings=tuple(findings))
+    path: Path = files.faults
+    with durable_file(path) as temporary:
+        temporary.write_text(study.model_dump_json(indent=1), encoding="utf-8")
+    return study
+
+
+def great_faults(files: RecipeFolder, inspector: Inspector) -> FaultStudy:
+    """Study faults of `GREAT` size, unless a study of this recipe is kept."""
+    study = kept_study(files, inspector)
+    if study is None:
+        findings = list(study_faults(files, inspector, _PARTS, great_only=True))
+        study = keep_study(files, inspector, findings)
+    return study
+
+
+def require_great_faults_found(files: RecipeFolder, inspector: Inspector) -> None:
+    """Check that no fault of `GREAT` size passes that the recipe does not acknowledge."""
+    recipe = inspector.recipe
+    passing = great_faults(files, inspector).passing(recipe)
+    if passing:
+        names = ", ".join(dict.fromkeys(f'"{each.fault}"' for each in passing))
+        raise RecipeError(
+            f"recipe {recipe.name}: passes parts with {'; '.join(map(str, passing))}; narrow its "
+            f"limits, teach more parts, or set acknowledged = [{names}] in its file"
+        )

@@ -1,0 +1,190 @@
+"""Attribute gauge study: verdicts on known parts, each presented several times."""
+
+import csv
+import io
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from capture.station.domain.verdict import Decision, Verdict
+from classify.base.errors import InputError
+from classify.base.regular_file import read_regular_file
+from classify.confidence import (
+    CONFIDENCE,
+    share_at_least,
+    share_at_most,
+    trials_to_show,
+)
+
+Rating = Literal["acceptable", "marginal", "unacceptable"]
+# Least effectiveness, most misses and most false alarms (AIAG, Measurement Systems Analysis, 4th
+# edition, chapter III C): acceptable, and marginal.
+ACCEPTABLE = (0.90, 0.02, 0.05)
+MARGINAL = (0.80, 0.05, 0.10)
+_RATINGS: tuple[tuple[Rating, tuple[float, float, float]], ...] = (
+    ("acceptable", ACCEPTABLE),
+    ("marginal", MARGINAL),
+)
+_MAX_BYTES = 1 << 22
+_TRUTHS = {"good": True, "bad": False}
+
+
+@dataclass(frozen=True)
+class Presentation:
+    """One presentation of a known part, and the verdict on it with its reason."""
+
+    part: str
+    is_good: bool
+    decision: Decision
+    reason: str
+
+    @property
+    def is_right(self) -> bool:
+        """Whether a good part passed, or a bad one did not."""
+        return self.is_good == (self.decision is Decision.PASS)
+
+
+@dataclass(frozen=True)
+class Share:
+    """A share of trials with its exact upper or lower bound at 95 % confidence."""
+
+    events: int
+    trials: int
+    bound: float
+    bound_is_upper: bool = True
+
+    @property
+    def value(self) -> float | None:
+        """The share; None without trials."""
+        return self.events / self.trials if self.trials else None
+
+    def __str__(self) -> str:
+        if self.value is None:
+            return "no trials"
+        side = "at most" if self.bound_is_upper else "at least"
+        return f"{self.events} of {self.trials}, {self.value:.1%}; {side} {self.bound:.1%}"
+
+
+@dataclass(frozen=True)
+class GaugeStudy:
+    """The outcome of a study.
+
+    Bounds count parts, not presentations: those of one part are not independent trials.
+    """
+
+    presentations: tuple[Presentation, ...]
+
+    @property
+    def effectiveness(self) -> Share:
+        """Share of the parts with the right verdict every time."""
+        wrong, parts = len(self._wrong_parts()), len(self._parts())
+        return Share(parts - wrong, parts, share_at_least(parts - wrong, parts), False)
+
+    @property
+    def misses(self) -> Share:
+        """Share of the presentations of bad parts that passed."""
+        return self._wrong_of(is_good=False)
+
+    @property
+    def false_alarms(self) -> Share:
+        """Share of the presentations of good parts that did not pass."""
+        return self._wrong_of(is_good=True)
+
+    @property
+    def rating(self) -> Rating:
+        """The rating by AIAG; unacceptable without good parts or without bad parts."""
+        found = (self.effectiveness.value, self.misses.value, self.false_alarms.value)
+        if any(value is None for value in found):
+            return "unacceptable"
+        effective, missed, alarmed = (value or 0.0 for value in found)
+        for rating, (least, misses, alarms) in _RATINGS:
+            if effective >= least and missed <= misses and alarmed <= alarms:
+                return rating
+        return "unacceptable"
+
+    def lines(self) -> list[str]:
+        """Return the report, one finding per line."""
+        parts = self._parts()
+        bad = sum(not is_good for is_good in parts.values())
+        effective, missed, alarmed = ACCEPTABLE
+        lines = [
+            f"{len(parts)} known parts, {bad} of them bad, {len(self.presentations)} presentations",
+            f"effectiveness: {self.effectiveness}; acceptable is {effective:.0%} or more",
+            f"misses: {self.misses}; acceptable is {missed:.0%} or less",
+            f"false alarms: {self.false_alarms}; acceptable is {alarmed:.0%} or less",
+            f"this gauge is {self.rating}; bounds are of parts, with {CONFIDENCE:.0%} confidence",
+        ]
+        needed = trials_to_show(missed)
+        if self.misses.events == 0 and bad < needed:
+            lines.append(
+                f"{bad} bad parts without a miss do not show {missed:.0%}: that takes {needed}"
+            )
+        return lines
+
+    def wrong(self) -> list[str]:
+        """Return a line for each part with a wrong verdict: how often, and the first reason."""
+        lines = []
+        for part, is_good in self._wrong_parts().items():
+            of_part = [each for each in self.presentations if each.part == part]
+            wrong = [each for each in of_part if not each.is_right]
+            kind, first = "good" if is_good else "bad", wrong[0]
+            lines.append(
+                f"{part}, {kind}, {len(wrong)} of {len(of_part)} times wrong: {first.decision}, "
+                f"{first.reason}"
+            )
+        return lines
+
+    def _parts(self) -> dict[str, bool]:
+        return {each.part: each.is_good for each in self.presentations}
+
+    def _wrong_parts(self) -> dict[str, bool]:
+        return {each.part: each.is_good for each in self.presentations if not each.is_right}
+
+    def _wrong_of(self, *, is_good: bool) -> Share:
+        shown = [each for each in self.presentations if each.is_good == is_good]
+        parts = sum(each == is_good for each in self._parts().values())
+        wrong = sum(each == is_good for each in self._wrong_parts().values())
+        events = sum(not each.is_right for each in shown)
+        return Share(events, len(shown), share_at_most(wrong, parts))
+
+
+def read_known_parts(path: Path) -> dict[str, bool]:
+    """Read a CSV file of known parts: a line ``ID,good`` or ``ID,bad`` for each."""
+    try:
+        text = read_regular_file(path, _MAX_BYTES).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not UTF-8 text; save it as CSV in UTF-8") from error
+    known: dict[str, bool] = {}
+    try:
+        rows = list(csv.reader(io.StringIO(text)))
+    except csv.Error as error:
+        raise InputError(f"{path}: not CSV ({error})") from error
+    for number, row in enumerate(rows, 1):
+        cells = [cell.strip() for cell in row]
+        if not any(cells):
+            continue
+        truth = _TRUTHS.get(cells[-1].casefold())
+        if len(cells) != 2 or truth is None or not cells[0]:
+            line = ",".join(row)
+            raise InputError(f"{path}: line {number}: give ID,good or ID,bad, not {line!r}")
+        if known.setdefault(cells[0], truth) != truth:
+            raise InputError(f"{path}: line {number}: {cells[0]} is good and bad")
+    if not known:
+        raise InputError(f"{path}: names no part; give lines such as K07,good")
+    return known
+
+
+def presentations_of(
+    known: dict[str, bool], recorded: Iterable[tuple[str, Verdict]]
+) -> Sequence[Presentation]:
+    """Return the presentations of known parts among recorded verdicts.
+
+    A presentation has the id of its part, or that with a dash and a suffix, such as ``K07-2``.
+    """
+    found = []
+    for part_id, verdict in recorded:
+        name = part_id if part_id in known else part_id.rpartition("-")[0]
+        if name in known:
+            found.append(Presentation(name, known[name], verdict.decision, verdict.reason))
+    return found

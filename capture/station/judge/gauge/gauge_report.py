@@ -1,0 +1,96 @@
+"""`GaugeReport`: last gauge study of a recipe, as a JSON file in its folder."""
+
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Literal, Self
+
+from pydantic import Field, FiniteFloat, ValidationError
+
+from capture.base.utc_time import utc_text
+from capture.station.domain.recipe import Sha256
+from classify.base.durable_file import durable_file
+from classify.base.errors import InputError
+from classify.base.regular_file import read_regular_file
+from classify.base.section import Record
+from rig.config.validation_message import first_fault
+
+from .gauge import GaugeStudy, Rating, Share
+
+_MAX_BYTES = 1 << 22  # the reasons of 200 parts, 2,000 characters each, have 0.4 MB
+# Number of parts with a wrong verdict that a report names.
+_MOST_WRONG = 200
+
+
+class GaugeShare(Record):
+    """A `Share` of a study; `share` is None without trials."""
+
+    events: int
+    trials: int
+    share: FiniteFloat | None
+    bound: FiniteFloat
+
+    @classmethod
+    def of(cls, found: Share) -> Self:
+        """Return the share as a record."""
+        return cls(events=found.events, trials=found.trials, share=found.value, bound=found.bound)
+
+
+class GaugeReport(Record):
+    """What a gauge study found."""
+
+    format: Literal["ps4rig-gauge"] = "ps4rig-gauge"
+    version: Literal[1] = 1
+    utc: str  # end of the study
+    software_version: str = Field(default_factory=lambda: version("ps4rig"))
+    recipe: str
+    recipe_sha256: Sha256 | None  # None for results of an earlier run
+    simulated: bool
+    presentations: int
+    effectiveness: GaugeShare  # `effectiveness` to `rating`: as in `GaugeStudy`
+    misses: GaugeShare
+    false_alarms: GaugeShare
+    rating: Rating
+    lines: tuple[str, ...]  # of `GaugeStudy`, then of `FaultStudy`
+    wrong: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls,
+        study: GaugeStudy,
+        recipe: str,
+        recipe_sha256: str | None,
+        *,
+        simulated: bool,
+        faults: Sequence[str] = (),
+    ) -> Self:
+        """Return the report of a study that has just ended; `faults` are lines of a FaultStudy."""
+        return cls(
+            utc=utc_text(timespec="seconds"),
+            recipe=recipe,
+            recipe_sha256=recipe_sha256,
+            simulated=simulated,
+            presentations=len(study.presentations),
+            effectiveness=GaugeShare.of(study.effectiveness),
+            misses=GaugeShare.of(study.misses),
+            false_alarms=GaugeShare.of(study.false_alarms),
+            rating=study.rating,
+            lines=(*study.lines(), *faults),
+            wrong=tuple(study.wrong()[:_MOST_WRONG]),
+        )
+
+
+def write_gauge_report(path: Path, report: GaugeReport) -> None:
+    """Write the file, whole or not at all."""
+    with durable_file(path) as temporary:
+        temporary.write_text(report.model_dump_json(indent=1), encoding="utf-8")
+
+
+def read_gauge_report(path: Path) -> GaugeReport | None:
+    """Read the report of a recipe; None if no study was made."""
+    if not path.exists():
+        return None
+    try:
+        return GaugeReport.model_validate_json(read_regular_file(path, _MAX_BYTES))
+    except ValidationError as error:
+        raise InputError(f"{path}: {first_fault(error)}; run ps4rig station gauge") from error

@@ -1,0 +1,96 @@
+"""Known parts of a simulated rig, good and bad ones, each presented several times."""
+
+import random
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from capture.acquisition.attempts import capture_set
+from capture.base.errors import CalibrationError, SetRejected
+from capture.calibration.ps4cal import CalibrationFile
+from capture.station.domain.config import SimulatedParts
+from capture.station.domain.error_verdict import error_verdict
+from capture.station.domain.simulated_parts import simulated_part
+from capture.station.domain.verdict import Verdict
+from capture.station.judge.inspector import Inspector
+from rig import (
+    Placement,
+    Rig,
+    RigConfig,
+    open_rig,
+)
+from rig.errors import ConfigError
+
+from .gauge import Presentation
+
+# Errors of putting a part back by hand: the angle as in `capture/session/measures.py`.
+_PLACEMENT_DEG, _PLACEMENT_PX = 2.0, 5.0
+# A third to a half of the parts of a study should be bad (AIAG).
+_SHARE_DEFECTIVE, _SHARE_OTHER = 0.4, 0.1
+
+
+@dataclass(frozen=True)
+class KnownPart:
+    """A part of a study: its name, how it lies, and whether it is good."""
+
+    name: str
+    placement: Placement
+    is_good: bool
+
+
+def known_parts(feed: SimulatedParts, count: int, frame_px: int) -> list[KnownPart]:
+    """Return parts of the feed of a station, of which about half are bad."""
+    shares = {
+        "share_defective": _SHARE_DEFECTIVE if feed.defects else 0.0,
+        "share_other": _SHARE_OTHER if feed.others else 0.0,
+    }
+    mixed = SimulatedParts.model_validate(feed.model_dump() | shares)
+    parts = (simulated_part(mixed, number, frame_px) for number in range(1, count + 1))
+    return [
+        KnownPart(f"part {number}", part.placement, part.is_good)
+        for number, part in enumerate(parts, 1)
+    ]
+
+
+def present(
+    parts: list[KnownPart],
+    times: int,
+    rig_config: RigConfig,
+    inspector: Inspector,
+    seed: int,
+) -> Iterator[Presentation]:
+    """Put each part below the camera of a simulated rig, `times` times, and judge it."""
+    if not rig_config.is_simulated:
+        raise ConfigError(
+            "the rig is real; present known parts to ps4rig station run, and give their list"
+        )
+    draw = random.Random(seed)
+    wanted = inspector.recipe.light.model_dump(exclude_none=True)
+    config = rig_config.with_changes(camera=wanted) if wanted else rig_config
+    calibration = None if inspector.calibration is None else inspector.calibration.file
+    with open_rig(config) as rig:
+        for _ in range(times):
+            for part in draw.sample(parts, len(parts)):
+                assert rig.simulation is not None
+                rig.simulation.place(_put_back(part.placement, draw))
+                verdict = _verdict(rig, calibration, inspector)
+                yield Presentation(part.name, part.is_good, verdict.decision, verdict.reason)
+
+
+def _put_back(placement: Placement, draw: random.Random) -> Placement:
+    x_px, y_px = placement.shift_px
+    return placement.model_copy(
+        update={
+            "rotate_deg": placement.rotate_deg + draw.uniform(-_PLACEMENT_DEG, _PLACEMENT_DEG),
+            "shift_px": (
+                x_px + draw.uniform(-_PLACEMENT_PX, _PLACEMENT_PX),
+                y_px + draw.uniform(-_PLACEMENT_PX, _PLACEMENT_PX),
+            ),
+        }
+    )
+
+
+def _verdict(rig: Rig, calibration: CalibrationFile | None, inspector: Inspector) -> Verdict:
+    try:
+        return inspector.inspect(capture_set(rig, calibration=calibration)).verdict
+    except (SetRejected, CalibrationError) as error:
+        return error_verdict(error)

@@ -1,0 +1,354 @@
+"""`Inspector`: from the captured set of a part to its verdict, without files."""
+
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from functools import partial
+from itertools import chain
+from pathlib import Path
+from typing import Any, Self
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from capture.calibration.lookup import FoundCalibration, read_calibration
+from capture.calibration.parts import PartName
+from capture.calibration.setting import Setting
+from capture.sets.captured_set import CapturedSet
+from capture.station.domain.recipe import Limits, Recipe
+from capture.station.domain.recipe_file import read_recipe
+from capture.station.domain.recipe_folder import RecipeFolder, file_sha256
+from capture.station.domain.taught import Taught
+from capture.station.domain.taught_files import (
+    TextureModels,
+    check_unchanged,
+    models_of,
+    taught_for,
+)
+from capture.station.domain.verdict import Cause, Verdict
+from capture.station.results.part_result import DefectRecord
+from classify import TextureLibrary
+from classify.base.threads import beside
+from classify.classifiers.joint import ring_levels
+from classify.defects.defect_map import KINDS, DefectMap, regions_of
+from classify.defects.fields import part_fields
+from classify.pieces.moments import CELL_PX, band_moments
+from classify.pieces.piece_model import PieceMeasures
+
+from .fingerprint import Fingerprint
+from .judge import (
+    Finding,
+    Measures,
+    invalid,
+    verdict_of,
+)
+from .measured_surface import MeasuredSurface, fits
+
+# Parts of a calibration whose settings cover everything: pixel values and exposure; the lights.
+_WHOLE_SETTING: tuple[PartName, ...] = ("dark", "flat_field")
+_OF_MATCH = ("label", "nearest", "orientation_deg", "distance", "limit", "margin", "blur_px")
+_OF_PIECES = ("scale", "handedness", "octaves", "window", "seam")
+_OF_MEASURES = ("sdq", "shadow_fraction", "defect_score", "albedo", *_OF_PIECES)
+# Number of defects that a result lists; a part of another texture may have hundreds.
+_MOST_DEFECTS = 50
+# Number of regions of windows of a kind; there are few, because windows overlap.
+_MOST_WINDOWS = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """Verdict on one part, and the measures that it follows from."""
+
+    verdict: Verdict
+    measures: Measures = field(default_factory=Measures)
+    defect_map: DefectMap | None = None  # None for a part whose nearest texture does not pass
+    # Of the map, largest score first, then boxes of windows, in px of the whole image.
+    defects: tuple[DefectRecord, ...] = ()
+    # Mean signal of each light against the taught one; empty if not measured.
+    led_levels: tuple[float, ...] = ()
+    timings_ms: dict[str, float] = field(default_factory=dict)
+
+    def result_fields(self) -> dict[str, Any]:
+        """Return the fields of a `PartResult` that follow from the inspection.
+
+        NaN and infinite values become None: not measured.
+        """
+        fields: dict[str, Any] = {}
+        for source, names in (
+            (self, ("verdict", "defects", "led_levels", "timings_ms")),
+            (self.measures, _OF_MEASURES),
+            (self.measures.match, _OF_MATCH),
+        ):
+            if source is not None:
+                fields |= {name: _known(getattr(source, name)) for name in names}
+        return fields
+
+
+@dataclass(frozen=True, eq=False)
+class _Begun:
+    """Images that are judged while they are checked, and the future result."""
+
+    unchecked: CapturedSet
+    inspection: Callable[[], Inspection]
+
+    def is_of(self, captured: CapturedSet) -> bool:
+        """Whether a set that has passed its checks has these images."""
+        unchecked = self.unchecked
+        return (
+            captured.images is unchecked.images
+            and captured.ambient is unchecked.ambient
+            and captured.mask is unchecked.mask
+        )
+
+
+class Inspector:
+    """Judges parts by one recipe, whose files are loaded and hashed once."""
+
+    def __init__(
+        self,
+        recipe: Recipe,
+        taught: Taught,
+        library: TextureLibrary,
+        models: Mapping[str, TextureModels],
+        calibration: FoundCalibration | None = None,
+    ) -> None:
+        self.recipe = recipe
+        self._taught = taught
+        self._library = library
+        self._models = models
+        self.calibration = calibration
+        self._begun: _Begun | None = None
+        self._signals = {
+            texture: np.array(taught.textures[texture].light_signals) for texture in recipe.passes
+        }
+        self.fingerprint = Fingerprint.of(
+            recipe, taught, None if calibration is None else calibration.file
+        )
+
+    @classmethod
+    def load(cls, files: RecipeFolder, calibration: Path | None = None) -> Self:
+        """Load a recipe with all that teaching made for it, and the calibration of the rig."""
+        return cls.of(read_recipe(files.file), files, calibration)
+
+    @classmethod
+    def of(cls, recipe: Recipe, files: RecipeFolder, calibration: Path | None = None) -> Self:
+        """Load what teaching made for a recipe that was read."""
+        made = files.version(recipe.version)
+        taught = taught_for(recipe, files)
+        models = {name: models_of(made, recipe, taught, name) for name in recipe.passes}
+        library = TextureLibrary.load(made.library)
+        # Hashed after loading, so that a file that is exchanged meanwhile is detected.
+        check_unchanged(recipe, made.library, file_sha256(made.library), taught.library_sha256)
+        found = None
+        if calibration is not None:
+            found = FoundCalibration(calibration, read_calibration(calibration), ())
+        return cls(recipe, taught, library, models, found)
+
+    def with_calibration(self, calibration: FoundCalibration | None) -> "Inspector":
+        """Return an inspector of the same recipe for sets of another calibration."""
+        return Inspector(self.recipe, self._taught, self._library, self._models, calibration)
+
+    def begin(self, unchecked: CapturedSet) -> None:
+        """Start to judge images in another thread while they are checked; return at once.
+
+        `inspect` uses the inspection if it gets the same arrays, and drops it otherwise.
+        """
+        self._begun = _Begun(unchecked, beside(lambda: self._inspection(unchecked), is_long=True))
+
+    def inspect(self, captured: CapturedSet) -> Inspection:
+        """Judge one part.
+
+        A set that cannot be judged gets the verdict ERROR with its cause; the caller turns
+        exceptions into that verdict.
+        """
+        begun = self._begun
+        if begun is not None and begun.is_of(captured):
+            return begun.inspection()
+        return self._inspection(captured)
+
+    def _inspection(self, captured: CapturedSet) -> Inspection:
+        faults = list(self._faults(captured))
+        if faults:
+            return Inspection(verdict_of(self.recipe, Measures(), faults))
+        timings_ms: dict[str, float] = {}
+        with _timed(timings_ms, "solve"):
+            measured = MeasuredSurface.of(
+                captured, self.recipe.region, self.calibration, self._library.method
+            )
+            measures = Measures(
+                unmeasured_fraction=measured.unmeasured_fraction,
+                saturated_fraction=measured.share(measured.saturated),
+                led_levels=self._relative_levels(captured, measured.light_signals),
+                sdq=measured.sdq,
+                shadow_fraction=measured.share(measured.shadowed),
+                albedo=measured.albedo,
+            )
+        if not any(invalid(self.recipe, measures)):
+            with _timed(timings_ms, "match"):
+                fields = beside(partial(part_fields, measured.surface))
+                moments = beside(partial(band_moments, measured.surface))
+                signature = self._library.observe(measured.surface)
+                # No warning of the solver: a calibration may have a flat field where that of
+                # teaching had none.
+                measures = replace(
+                    measures, match=self._library.match_surface(measured.surface, signature)
+                )
+        # A part with a large defect may be unknown: its defects are recorded against the nearest
+        # texture.
+        match = measures.match
+        texture = "" if match is None else match.label or match.nearest
+        defect_map: DefectMap | None = None
+        defects: tuple[DefectRecord, ...] = ()
+        if match is not None and texture in self._models:
+            models = self._models[texture]
+            with _timed(timings_ms, "defects"):
+                measure = partial(models.pieces.measure_moments, moments(), match.orientation_deg)
+                begun = beside(partial(measure, ring_levels(signature)))
+                defect_map = models.defects.map_of_fields(fields(), match.orientation_deg)
+                gap_px = _largest_gap_px(defect_map, measured.inside)
+                measures = replace(measures, defect_score=defect_map.worst, unjudged_px=gap_px)
+                limits = self.recipe.limits_for(texture)
+                pieces = begun()
+                found = self._defects(defect_map, limits.defect)
+                defects = (*found, *self._windows(pieces, limits))
+                of_pieces = {name: getattr(pieces, name) for name in _OF_PIECES}
+                measures = replace(measures, **of_pieces)
+        taught = self._signals.get(texture, np.mean([*self._signals.values()], axis=0))
+        levels = np.array(measured.light_signals) / taught
+        verdict = verdict_of(self.recipe, measures)
+        return Inspection(
+            verdict, measures, defect_map, defects, tuple(levels.tolist()), timings_ms
+        )
+
+    def _defects(self, defect_map: DefectMap, limit: float | None) -> tuple[DefectRecord, ...]:
+        """Outline the defects above a limit; their scores are in units of it."""
+        unit = 1.0 if limit is None else limit
+        scaled = {name: getattr(defect_map, name) / unit for name in (*KINDS, "score")}
+        left, top = self._corner
+        records = []
+        for region in regions_of(replace(defect_map, **scaled))[:_MOST_DEFECTS]:
+            x, y, width, height = region.box
+            records.append(
+                DefectRecord(
+                    region.kind, top + y, left + x, height, width, region.area_px, region.score
+                )
+            )
+        return tuple(records)
+
+    def _windows(self, pieces: PieceMeasures, limits: Limits) -> Iterator[DefectRecord]:
+        """Boxes of connected cells whose windows exceed a limit, in units of it."""
+        left, top = self._corner
+        for kind, scores, limit in (
+            ("seam", pieces.seam_map, limits.seam),
+            ("window", pieces.window_map, limits.window),
+        ):
+            scores = scores / np.float32(1.0 if limit is None else limit)
+            above = (scores > 1.0).astype(np.uint8)
+            count, labels, boxes, _ = cv2.connectedComponentsWithStats(above, connectivity=8)
+            for label in range(1, min(count, _MOST_WINDOWS + 1)):
+                x, y, width, height, cells = (int(each) for each in boxes[label])
+                yield DefectRecord(
+                    kind,
+                    top + y * CELL_PX,
+                    left + x * CELL_PX,
+                    height * CELL_PX,
+                    width * CELL_PX,
+                    cells * CELL_PX**2,
+                    float(scores[labels == label].max()),
+                )
+
+    @property
+    def _corner(self) -> tuple[int, int]:
+        """Column and row of the upper left pixel of the region."""
+        region = self.recipe.region
+        return (0, 0) if region is None else (region.x, region.y)
+
+    def _faults(self, captured: CapturedSet) -> Iterator[Finding]:
+        """Why the set cannot be judged, whatever part it shows."""
+        for difference in setting_differences(self._taught.setting, captured.setting):
+            yield Finding(Cause.CALIBRATION, f"not the setting that was taught: {difference}")
+        if not fits(self.recipe.region, captured):
+            yield Finding(Cause.CALIBRATION, f"the region {self.recipe.region} exceeds the image")
+        yield from self._calibration_faults(captured)
+
+    def _calibration_faults(self, captured: CapturedSet) -> Iterator[Finding]:
+        named, rule = captured.metadata.calibration_ids, self.recipe.calibration
+        if self.calibration is None:
+            if named:
+                yield Finding(
+                    Cause.CALIBRATION, "the set names a calibration, the station has none"
+                )
+            if rule.required or self._taught.has_calibration:
+                yield Finding(Cause.CALIBRATION, "the recipe needs a calibration; give the rig one")
+            return
+        file = self.calibration.file
+        if file.hash not in named:
+            yield Finding(Cause.CALIBRATION, "the set does not name the calibration of the station")
+        if not self._taught.has_calibration:
+            yield Finding(Cause.CALIBRATION, "the recipe was taught without a calibration")
+        try:
+            at = datetime.fromisoformat(captured.metadata.created_utc)
+        except ValueError:
+            yield Finding(Cause.CALIBRATION, "the set has no date")
+            return
+        at = at if at.tzinfo is not None else at.replace(tzinfo=UTC)
+        for name, record in file.records.items():
+            fault = rule.age_fault(record.age_days(at))
+            if fault is not None:
+                yield Finding(Cause.CALIBRATION, f"{name.replace('_', ' ')} {fault}")
+
+    def _relative_levels(
+        self, captured: CapturedSet, signals: tuple[float, ...]
+    ) -> tuple[tuple[str, float], ...]:
+        """Level of each LED against the brightest, as a share of the taught ratio.
+
+        The albedo of the part cancels: an LED is not called weak because a part is dark.
+        """
+        taught = np.mean([each / each.mean() for each in self._signals.values()], axis=0)
+        ratios = np.array(signals) / taught
+        brightest = ratios.max()
+        levels = ratios / brightest if brightest > 0.0 else np.zeros_like(ratios)
+        tilts_deg = captured.lighting.tilts_deg
+        return tuple(
+            (f"LED {tilt_deg:.0f}", level)
+            for tilt_deg, level in zip(tilts_deg.tolist(), levels.tolist(), strict=True)
+        )
+
+
+def _known(value: Any) -> Any:
+    """A value, or None for NaN and infinity, which results do not hold."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def setting_differences(taught: Setting, other: Setting) -> list[str]:
+    """Return how another setting differs from the taught one, in words."""
+    each = (taught.differences(other, part) for part in _WHOLE_SETTING)
+    return list(dict.fromkeys(chain.from_iterable(each)))
+
+
+def _largest_gap_px(defect_map: DefectMap, inside: npt.NDArray[np.bool_]) -> int:
+    """Largest connected area of unscored cells that are at least half inside, in px."""
+    rows, columns = defect_map.score.shape
+    cell = defect_map.cell_px
+    share = cv2.resize(
+        np.pad(
+            inside.astype(np.float32),
+            [(0, rows * cell - inside.shape[0]), (0, columns * cell - inside.shape[1])],
+        ),
+        (columns, rows),
+        interpolation=cv2.INTER_AREA,
+    )
+    gaps = (np.isnan(defect_map.score) & (share >= 0.5)).astype(np.uint8)
+    _, _, about, _ = cv2.connectedComponentsWithStats(gaps, connectivity=8)
+    return cell * cell * int(about[1:, cv2.CC_STAT_AREA].max(initial=0))
+
+
+@contextmanager
+def _timed(timings_ms: dict[str, float], step: str) -> Iterator[None]:
+    started_s = time.perf_counter()
+    yield
+    timings_ms[step] = 1000.0 * (time.perf_counter() - started_s)

@@ -1,0 +1,217 @@
+"""`verdict_of`: the verdict on a part from its measures. Validity comes before texture."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from capture.station.domain.digits import told_apart
+from capture.station.domain.recipe import Limits, Orientation, Recipe
+from capture.station.domain.verdict import Cause, Decision, Verdict
+from classify import Match
+from classify.library.match import LEAST_MARGIN
+from classify.texture.orientation_profile import LEAST_SHARPNESS
+from rig.acceptance import MAX_SATURATED_SHARE
+
+STOP_LED_LEVEL = 0.85
+"""Least level of an LED, as a share of the taught one: stop below 85 %, warn below 90 %."""
+
+_ORDER = {cause: number for number, cause in enumerate(Cause)}
+_UNKNOWN = (Cause.NO_TEXTURE, Cause.UNDECIDED, Cause.BLUR)
+_ERROR = (
+    Cause.CAPTURE, Cause.RIG, Cause.CALIBRATION, Cause.INTERRUPTED, Cause.STORAGE, Cause.UNFORESEEN,
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One reason why a part does not pass, with its values and limits as text."""
+
+    cause: Cause
+    text: str
+
+
+@dataclass(frozen=True)
+class Measures:
+    """What was measured in the region of a part; None for what was not measured."""
+
+    match: Match | None = None
+    unmeasured_fraction: float | None = None  # share of the pixels without a slope
+    saturated_fraction: float | None = None  # share of the pixels that a light saturates
+    # Against the brightest LED, as a share of the taught ratio.
+    led_levels: tuple[tuple[str, float], ...] = ()
+    sdq: float | None = None  # `sdq` to `seam`: as in `Limits`
+    shadow_fraction: float | None = None
+    albedo: float | None = None
+    scale: float | None = None
+    handedness: float | None = None
+    octaves: float | None = None
+    window: float | None = None
+    seam: float | None = None
+    defect_score: float | None = None  # largest score of the defect map
+    unjudged_px: int | None = None  # largest connected area without a score in the defect map
+
+
+def verdict_of(recipe: Recipe, measures: Measures, faults: Sequence[Finding] = ()) -> Verdict:
+    """Return the verdict on a part: first faults of the set, validity, texture, then limits.
+
+    Pure; a value that is NaN, or that the recipe needs and that is missing, gives ERROR.
+    """
+    findings = list(faults) or list(invalid(recipe, measures))
+    findings = findings or list(_of_the_texture(recipe, measures))
+    match = measures.match
+    if findings or match is None or match.label not in recipe.passes:
+        findings = findings or [Finding(Cause.UNFORESEEN, "the part was not matched")]
+        findings.sort(key=lambda finding: _ORDER[finding.cause])
+        causes = tuple(dict.fromkeys(finding.cause for finding in findings))
+        text = "; ".join(dict.fromkeys(finding.text for finding in findings))
+        return Verdict(_decision(causes[0]), text, causes)
+    return Verdict(Decision.PASS, f"{match.label}, {_within(recipe, measures, match)}")
+
+
+def invalid(recipe: Recipe, measures: Measures) -> Iterator[Finding]:
+    """Yield why the measurement is unusable, whatever the texture is."""
+    yield from _unmeasured(recipe.limits, measures)
+    yield from _at_most(
+        "saturated pixels", measures.saturated_fraction, MAX_SATURATED_SHARE, Cause.CAPTURE, ".1%"
+    )
+    for name, level in measures.led_levels:
+        if not level >= STOP_LED_LEVEL:
+            text = f"{name} at {level:.0%} of its taught level, least {STOP_LED_LEVEL:.0%}"
+            yield Finding(Cause.RIG, text)
+    if not measures.led_levels:
+        yield Finding(Cause.UNFORESEEN, "the levels of the LEDs were not measured")
+
+
+def _decision(gravest: Cause) -> Decision:
+    if gravest in _ERROR:
+        return Decision.ERROR
+    return Decision.UNKNOWN if gravest in _UNKNOWN else Decision.FAIL
+
+
+def _unmeasured(limits: Limits, measures: Measures) -> Iterator[Finding]:
+    share, bound = measures.unmeasured_fraction, limits.unmeasured_fraction
+    if bound is not None:
+        yield from _at_most("pixels without a slope", share, bound, Cause.CAPTURE, ".1%")
+
+
+def _of_the_texture(recipe: Recipe, measures: Measures) -> Iterator[Finding]:
+    match = measures.match
+    if match is None:
+        yield Finding(Cause.UNFORESEEN, "the texture was not matched")
+        return
+    limits = recipe.limits_for(match.label or "")
+    unknown = list(_unknown(match, limits))
+    yield from unknown
+    if match.label is None:
+        if not unknown:
+            yield Finding(Cause.UNDECIDED, match.reason or "the texture is unknown")
+    elif match.label in recipe.fails:
+        yield Finding(Cause.BAD_TEXTURE, f"{match.label} is a bad texture, {match.reason}")
+    elif match.label not in recipe.passes:
+        yield Finding(Cause.WRONG_TEXTURE, f"{match.label} is not in the recipe, {match.reason}")
+    else:
+        yield from _misoriented(recipe.orientation, match)
+        yield from _beyond_limits(limits, measures)
+
+
+def _unknown(match: Match, limits: Limits) -> Iterator[Finding]:
+    bounds = [bound for bound in (match.limit, limits.distance) if bound is not None]
+    name = f"distance to {match.nearest}"
+    if not bounds:
+        yield Finding(Cause.UNFORESEEN, f"neither library nor recipe limits the {name}")
+    for bound in bounds:
+        yield from _at_most(name, match.distance, bound, Cause.NO_TEXTURE, ".2f")
+    if match.runner_up is not None:
+        least = max(LEAST_MARGIN, limits.margin or 0.0)
+        name = f"margin to {match.runner_up}"
+        yield from _at_least(name, match.margin, least, Cause.UNDECIDED)
+    if limits.blur_px is not None:
+        yield from _at_most("blur in px", match.blur_px, limits.blur_px, Cause.BLUR, ".2f")
+
+
+def _misoriented(rule: Orientation, match: Match) -> Iterator[Finding]:
+    if rule.tolerance_deg is None:
+        return
+    period_deg = 360.0 if rule.full_turn else 180.0
+    found_deg = _found_deg(rule, match)
+    if found_deg is None:
+        yield Finding(Cause.UNDECIDED, f"the orientation of {match.label} is not clear")
+        return
+    name = f"sharpness of the orientation of {match.label}"
+    yield from _at_least(name, match.sharpness, LEAST_SHARPNESS, Cause.UNDECIDED)
+    half_deg = 0.5 * period_deg
+    off_deg = (found_deg - rule.reference_deg + half_deg) % period_deg - half_deg
+    name = f"degrees off {rule.reference_deg:g}"
+    yield from _at_most(name, abs(off_deg), rule.tolerance_deg, Cause.ORIENTATION, ".1f")
+
+
+def _found_deg(rule: Orientation, match: Match) -> float | None:
+    """Orientation that the rule compares: over 360 degrees for a full turn, else over 180."""
+    return match.heading_deg if rule.full_turn else match.orientation_deg
+
+
+def _beyond_limits(limits: Limits, measures: Measures) -> Iterator[Finding]:
+    """Which limits of its texture the part exceeds."""
+    yield from _unmeasured(limits, measures)
+    for name, value, bounds, cause in (
+        ("Sdq", measures.sdq, limits.sdq, Cause.ROUGHNESS),
+        ("albedo", measures.albedo, limits.albedo, Cause.ALBEDO),
+        ("scale", measures.scale, limits.scale, Cause.SCALE),
+    ):
+        if bounds is not None:
+            yield from _at_least(name, value, bounds[0], cause, ".3f")
+            yield from _at_most(name, value, bounds[1], cause, ".3f")
+    if limits.handedness is not None:
+        yield from _at_least("handedness", measures.handedness, limits.handedness, Cause.HANDEDNESS)
+    for name, value, bound, cause, form in (
+        ("shadow", measures.shadow_fraction, limits.shadow_fraction, Cause.SHADOW, ".1%"),
+        ("power in octaves", measures.octaves, limits.octaves, Cause.OCTAVES, ".2f"),
+        ("seam score", measures.seam, limits.seam, Cause.SEAM, ".2f"),
+        ("window score", measures.window, limits.window, Cause.WINDOW, ".2f"),
+        ("defect score", measures.defect_score, limits.defect, Cause.DEFECT, ".2f"),
+        ("px without a defect score", measures.unjudged_px, limits.unjudged_px, Cause.DEFECT,
+         ".0f"),
+    ):  # fmt: skip
+        if bound is not None:
+            yield from _at_most(name, value, bound, cause, form)
+
+
+def _at_most(
+    name: str, value: float | None, bound: float, cause: Cause, form: str
+) -> Iterator[Finding]:
+    if value is None or not math.isfinite(value):
+        yield Finding(Cause.UNFORESEEN, f"{name}: {'not measured' if value is None else value}")
+    elif not value <= bound:
+        found, limit = told_apart(value, bound, form)
+        yield Finding(cause, f"{name} {found}, at most {limit}")
+
+
+def _at_least(
+    name: str, value: float | None, bound: float, cause: Cause, form: str = ".2f"
+) -> Iterator[Finding]:
+    if value is None or not math.isfinite(value):
+        yield Finding(Cause.UNFORESEEN, f"{name}: {'not measured' if value is None else value}")
+    elif not value >= bound:
+        found, limit = told_apart(value, bound, form)
+        yield Finding(cause, f"{name} {found}, at least {limit}")
+
+
+def _within(recipe: Recipe, measures: Measures, match: Match) -> str:
+    """Measures of a part that passes, with their limits, as text."""
+    limits = recipe.limits_for(match.label or "")
+    bounds = [bound for bound in (match.limit, limits.distance) if bound is not None]
+    parts = [f"distance {match.distance:.2f} of {min(bounds):.2f}"]
+    if recipe.orientation.tolerance_deg is not None:
+        parts.append(f"at {_found_deg(recipe.orientation, match):.0f} degrees")
+    if limits.sdq is not None:
+        low, high = limits.sdq
+        parts.append(f"Sdq {measures.sdq:.3f} within {low:.3f} to {high:.3f}")
+    for name, value, bound in (
+        ("window", measures.window, limits.window),
+        ("seam", measures.seam, limits.seam),
+    ):
+        if bound is not None:
+            parts.append(f"{name} score {value:.2f} of {bound:.2f}")
+    if limits.defect is not None:
+        parts.append(f"defect score {measures.defect_score:.2f} of {limits.defect:.2f}")
+    return ", ".join(parts)

@@ -1,0 +1,201 @@
+"""`RecipeChanges`: changes of a recipe, each recorded."""
+
+from collections.abc import (
+    Callable,
+    Iterator,
+    Mapping,
+    Sequence,
+)
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from capture.station.domain.errors import error_text
+from capture.station.domain.folder import StationFolder
+from capture.station.domain.recipe import Recipe
+from capture.station.domain.recipe_file import read_recipe
+from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.roles import Identity
+from capture.station.judge.approval import (
+    approve,
+    approved_states,
+    require_seen,
+    roll_back,
+)
+from capture.station.judge.challenge_set import (
+    Expected,
+    add_to_challenge,
+    challenge_sets,
+    remove_from_challenge,
+)
+from capture.station.judge.recipe_settings import save_settings, setting_changes, with_settings
+from capture.station.judge.recipe_state import RecipeState, state_of
+from capture.station.judge.teaching.teaching import teach
+from capture.station.judge.teaching.teaching_result import Teaching
+from capture.station.results.audit import ChangeLog
+from capture.station.results.database import ResultsUnavailable
+from capture.station.results.on_the_terminal import changing_on_the_terminal
+
+
+@dataclass(frozen=True)
+class LongChange:
+    """A change that takes a while; its beginning is recorded already."""
+
+    title: str  # what it does, for people
+    # Records the end of the change and its outcome; for None, the recipe as it is then.
+    ended: Callable[[str | None], None]
+
+    def failed(self, cause: str) -> None:
+        """Record that it failed."""
+        self.ended(f"{self.title}: {cause}")
+
+    @contextmanager
+    def recording_failure(self) -> Iterator[None]:
+        """Record an exception of the block as the end of the change."""
+        try:
+            yield
+        except BaseException as error:
+            self.failed(error_text(error))
+            raise
+
+
+@dataclass(frozen=True)
+class RecipeChanges:
+    """A recipe for changes by `who`; nothing changes if a change cannot be recorded."""
+
+    folder: StationFolder
+    log: ChangeLog
+    who: Identity
+    files: RecipeFolder
+
+    @property
+    def calibration(self) -> Path | None:
+        """Calibration of the rig; None for a rig without one."""
+        found = self.folder.rig_config().calibration
+        return None if found is None else Path(found)
+
+    @property
+    def state(self) -> RecipeState:
+        """State of the recipe; raises InputError if it cannot be read."""
+        return state_of(self.files, self.calibration)
+
+    def add_to_challenge(self, paths: Sequence[Path], expected: Expected) -> None:
+        """Add sets to the challenge set."""
+        add_to_challenge(self.files.challenge, paths, expected, self._record_part)
+
+    def remove_from_challenge(self, file: str) -> None:
+        """Take a part out of the challenge set; raises InputError if it is not there."""
+        remove_from_challenge(self.files.challenge, file, self._record_part)
+
+    def save_settings(self, seen_sha256: str, values: Mapping[str, Any]) -> Recipe:
+        """Give the recipe other settings."""
+        before = read_recipe(self.files.file)
+        require_seen(before, seen_sha256)
+        after = with_settings(before, values)
+        if not setting_changes(before, after):
+            return before
+        save_settings(self.files, after, seen_sha256, self._record_settings)
+        return after
+
+    def approve(self, by: str, seen_sha256: str | None = None) -> Recipe:
+        """Approve the recipe; the row has the settings that differ from the last approved state.
+
+        Approving the same recipe again, as by a second click on a button, changes nothing.
+        """
+        present = read_recipe(self.files.file)
+        if present.is_approved and present.approval is not None and present.approval.by == by:
+            require_seen(present, seen_sha256)
+            return present
+        last = next(iter(approved_states(self.files)), None)
+
+        def record(old: Recipe, new: Recipe) -> None:
+            differ = [] if last is None else setting_changes(last, new)
+            words = ", ".join(map(str, differ))
+            since = f"; since the last approval: {words}" if words else ""
+            self._record("", with_approval(old), f"{with_approval(new)}{since}")
+
+        return approve(self.files, by, seen_sha256, record)
+
+    def roll_back(self, sha256: str) -> Recipe:
+        """Go back to a state that was approved."""
+
+        def record(old: Recipe, new: Recipe) -> None:
+            self._record("", with_approval(old), f"roll back to {with_approval(new)}")
+
+        return roll_back(self.files, sha256, record)
+
+    def begin_teaching(
+        self, names: Sequence[str], texture: str | None, *, is_good: bool
+    ) -> LongChange:
+        """Record that parts are about to be taught; without names the known parts again."""
+        kind = "good" if is_good else "bad"
+        what = f"{len(names)} {kind} part{'s' * (len(names) != 1)}" if names else "the known parts"
+        what += f" of {texture}" if names and texture else "" if names else " again"
+        listed = f": {', '.join(names)}" if names else ""
+        return self._begin(f"Teach {what}", f"teach {what}{listed}")
+
+    def begin_replay(self) -> LongChange:
+        """Record that the challenge set is about to be replayed."""
+        parts = len(challenge_sets(self.files.challenge))
+        title = f"Replay the challenge set, {parts} part{'s' * (parts != 1)}"
+        return self._begin(title, title)
+
+    def teach(self, paths: Sequence[Path], bad_texture: str | None) -> Teaching:
+        """Teach sets."""
+        names = [path.name for path in paths]
+        change = self.begin_teaching(names, bad_texture, is_good=bad_texture is None)
+        with change.recording_failure():
+            teaching = teach(self.files, paths, bad_texture)
+        change.ended(None)
+        return teaching
+
+    def _begin(self, title: str, after: str) -> LongChange:
+        known = self._recipe()
+        before = None if known is None else with_approval(known)
+        self._record("", before, after)
+
+        def ended(found: str | None) -> None:
+            now = self._recipe()
+            try:
+                self._record("", before, found or (None if now is None else with_approval(now)))
+                if known is not None and now is not None:
+                    self._record_settings(known, now)
+            except ResultsUnavailable as error:  # its message says that nothing was changed
+                raise ResultsUnavailable(
+                    f"{title}: ended, but the log of changes lacks its end: {error.__cause__}"
+                ) from error
+
+        return LongChange(title, ended)
+
+    def _recipe(self) -> Recipe | None:
+        return read_recipe(self.files.file) if self.files.file.exists() else None
+
+    def _record_settings(self, before: Recipe, after: Recipe) -> None:
+        for change in setting_changes(before, after):
+            self._record(change.key, change.before, change.after)
+
+    def _record_part(self, file: str, before: str | None, after: str | None) -> None:
+        self._record(f"challenge part {file}", before, after)
+
+    def _record(self, key: str, before: str | None, after: str | None) -> None:
+        what = f"recipe {self.files.name}" + (f": {key}" if key else "")
+        self.log.record(self.who, what, before, after)
+
+
+@contextmanager
+def recipe_on_the_terminal(
+    station: Path, recipe: str | None, by: str | None
+) -> Iterator[RecipeChanges]:
+    """Yield a recipe for changes by whoever may write into the folder of the station."""
+    folder = StationFolder(station)
+    files = folder.recipe_files(recipe)
+    with changing_on_the_terminal(folder, by) as (log, who):
+        yield RecipeChanges(folder, log, who, files)
+
+
+def with_approval(recipe: Recipe) -> str:
+    """Return version and hash of a recipe, and who approved it."""
+    approval = recipe.approval
+    by = f"approved by {approval.by}" if approval and recipe.is_approved else "not approved"
+    return f"{recipe.version_text}, {by}"

@@ -1,0 +1,103 @@
+"""Change settings of a recipe, which ends its approval, and list what differs."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import ValidationError
+
+from capture.station.domain.errors import RecipeError
+from capture.station.domain.recipe import Recipe
+from capture.station.domain.recipe_file import read_recipe, write_recipe
+from capture.station.domain.recipe_folder import RecipeFolder
+from rig.config.validation_message import messages_by_place
+
+from .approval import Record, require_seen
+
+SETTINGS = (
+    "note", "pass", "fail", "orientation", "limits", "limits_of", "region", "light", "calibration",
+    "acknowledged",
+)  # fmt: skip
+"""Keys of a recipe that people set; teaching and approval write all others."""
+
+Place = tuple[str | int, ...]
+
+
+class SettingsRefused(RecipeError):  # noqa: N818 - what somebody gave, no error of the program
+    """Invalid settings of a recipe; `messages` are by place, such as ``("limits", "margin")``."""
+
+    def __init__(self, messages: Mapping[Place, str]) -> None:
+        self.messages = dict(messages)
+        said = (f"{dotted(place)}: {message}" for place, message in self.messages.items())
+        super().__init__("; ".join(said))
+
+
+@dataclass(frozen=True)
+class SettingChange:
+    """A setting that differs between two states, with both values as text; None if not set."""
+
+    key: str
+    before: str | None
+    after: str | None
+
+    def __str__(self) -> str:
+        return f"{self.key}: {self.before or 'nothing'} -> {self.after or 'nothing'}"
+
+
+def dotted(place: Place) -> str:
+    """Return the name of a place, as in ``limits.margin``."""
+    return ".".join(map(str, place))
+
+
+def with_settings(recipe: Recipe, values: Mapping[str, Any]) -> Recipe:
+    """Return a recipe with new values for the given keys, without approval."""
+    unknown = [key for key in values if key not in SETTINGS]
+    if unknown:
+        message = f"is not a setting; settings are {', '.join(SETTINGS)}"
+        raise SettingsRefused({(key[:100],): message for key in unknown})
+    before = recipe.model_dump(by_alias=True, exclude={"approval"})
+    try:
+        return Recipe.model_validate(before | dict(values))
+    except ValidationError as error:
+        raise SettingsRefused(messages_by_place(error)) from error
+
+
+def setting_changes(before: Recipe, after: Recipe) -> list[SettingChange]:
+    """Return the settings that differ between two states of a recipe."""
+    old, new = (dict(_settings(each)) for each in (before, after))
+    keys = dict.fromkeys([*old, *new])
+    return [
+        SettingChange(key, old.get(key), new.get(key))
+        for key in keys
+        if old.get(key) != new.get(key)
+    ]
+
+
+def save_settings(
+    files: RecipeFolder,
+    recipe: Recipe,
+    seen_sha256: str,
+    record: Record = lambda *_: None,
+) -> None:
+    """Replace the recipe by a changed one, if it still has the hash that somebody has seen."""
+    with files.changing():
+        before = read_recipe(files.file)
+        require_seen(before, seen_sha256)
+        record(before, recipe)
+        write_recipe(files.file, recipe)
+
+
+def _settings(recipe: Recipe) -> Iterator[tuple[str, str]]:
+    values = recipe.model_dump(mode="json", by_alias=True, exclude_none=True)
+    for key in SETTINGS:
+        yield from _flat(key, values.get(key))
+
+
+def _flat(key: str, value: Any) -> Iterator[tuple[str, str]]:
+    if isinstance(value, dict):
+        for name, each in value.items():
+            yield from _flat(f"{key}.{name}", each)
+    elif isinstance(value, list):
+        yield key, ", ".join(map(str, value))
+    elif value is not None:
+        yield key, str(value)

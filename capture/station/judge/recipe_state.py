@@ -1,0 +1,59 @@
+"""`RecipeState`: why a recipe cannot run, found without loading library and models."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from capture.base.utc_time import readable_utc
+from capture.calibration.lookup import read_calibration
+from capture.station.domain.recipe import Recipe
+from capture.station.domain.recipe_file import read_recipe
+from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.taught_files import taught_for
+from capture.station.judge.challenge import Replay, last_replay, valid_replay
+from capture.station.judge.challenge_set import read_challenge
+from capture.station.judge.fingerprint import Fingerprint
+from classify.base.errors import InputError
+
+
+@dataclass(frozen=True)
+class RecipeState:
+    """A recipe, and the reasons why it cannot run."""
+
+    recipe: Recipe
+    problem: str | None  # why it cannot judge anything; None if it can
+    challenge: str  # state of the challenge set, in words
+    has_met_challenge: bool  # with exactly this recipe, calibration and software
+    replay: Replay | None  # of this state or an earlier one; None without one
+
+    @property
+    def approval(self) -> str:
+        """Who approved it, in words."""
+        approval = self.recipe.approval
+        if approval is None:
+            return "not approved"
+        if not self.recipe.is_approved:
+            return f"changed since {approval.by} approved it"
+        return f"approved by {approval.by}, {readable_utc(approval.utc)}"
+
+
+def state_of(files: RecipeFolder, calibration: Path | None) -> RecipeState:
+    """Return the state of a recipe."""
+    recipe, replay = read_recipe(files.file), last_replay(files)
+    try:
+        taught = taught_for(recipe, files)
+        file = None if calibration is None else read_calibration(calibration)
+    except InputError as error:
+        return RecipeState(recipe, str(error), "not replayed", False, replay)
+    try:
+        parts = len(read_challenge(files.challenge).sets)
+        valid = valid_replay(files, Fingerprint.of(recipe, taught, file))
+    except InputError as error:
+        return RecipeState(recipe, None, str(error), False, replay)
+    if valid is None:
+        said = f"{parts} parts, not replayed since something changed"
+    elif valid.regressions:
+        said = f"{len(valid.regressions)} of {parts} parts got another verdict"
+    else:
+        said = f"all {parts} parts got their verdict, {readable_utc(valid.utc)}"
+    has_met = valid is not None and not valid.regressions
+    return RecipeState(recipe, None, said, has_met, replay)

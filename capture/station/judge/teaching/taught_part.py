@@ -1,0 +1,100 @@
+"""`TaughtPart`: the measures of one captured set that teaching keeps in memory."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from capture.calibration.setting import Setting
+from capture.sets.loaded_set import LoadedSet
+from capture.station.domain.errors import RecipeError
+from capture.station.domain.recipe import Region
+from capture.station.judge.inspector import setting_differences
+from capture.station.judge.measured_surface import MeasuredSurface, fits
+from classify import Lighting
+from classify.base.errors import InputError
+from classify.classifiers import Observation, classifier_named
+from classify.library.training import TrainingRow, observe
+from classify.methods import DEFAULT_CLASSIFIER
+from classify.pieces.learning import SCALE_STEP, scaled_surface
+from classify.pieces.moments import band_moments
+from classify.surface.estimate import FloatMap
+from classify.texture.spectra import segment_for
+
+from .taught_sets import KeptSet
+
+
+@dataclass(frozen=True, eq=False)
+class TaughtPart:
+    """A set with its measures; its surface is solved again when it is needed."""
+
+    kept: KeptSet
+    setting: Setting
+    has_calibration: bool
+    row: TrainingRow  # observations for training
+    test: Observation  # observations for matching
+    # Observations with a texture that is smaller and larger by `SCALE_STEP`.
+    scaled: tuple[Observation, ...]
+    moments: FloatMap  # its `band_moments`
+    segment_px: int
+    lighting: Lighting | None  # from its calibration if it has one
+    sdq: float
+    shadow_fraction: float
+    unmeasured_fraction: float
+    albedo: float
+    light_signals: tuple[float, ...]
+
+
+def solved(kept: KeptSet, region: Region | None) -> tuple[LoadedSet, MeasuredSurface]:
+    """Load and solve a kept set by the default solver for its lights."""
+    loaded = LoadedSet.of(kept.path)
+    if not fits(region, loaded.captured):
+        rows, columns = loaded.captured.images.shape[1:]
+        raise RecipeError(f"{kept.path}: {columns} x {rows} px; the region is {region}")
+    return loaded, MeasuredSurface.of(loaded.captured, region, loaded.found, None)
+
+
+def taught_part(kept: KeptSet, region: Region | None) -> TaughtPart:
+    """Measure a kept set, whose region must show a texture."""
+    loaded, measured = solved(kept, region)
+    surface, about = measured.surface, loaded.captured.metadata
+    try:
+        segment_px = segment_for(surface.shape)
+        observation = observe(surface, segment_px)
+        classifier = classifier_named(DEFAULT_CLASSIFIER)
+        test = classifier.observe(surface, segment_px)
+        scaled = tuple(
+            classifier.observe(scaled_surface(surface, 1.0 + step), segment_px)
+            for step in (-SCALE_STEP, SCALE_STEP)
+        )
+        moments = band_moments(surface)
+    except InputError as error:
+        raise InputError(f"{kept.path}: {error}") from error
+    return TaughtPart(
+        kept,
+        loaded.captured.setting,
+        loaded.found is not None,
+        TrainingRow(kept.texture, observation, about.orientation_deg),
+        test,
+        scaled,
+        moments,
+        segment_px,
+        surface.lighting,
+        measured.sdq,
+        measured.share(measured.shadowed),
+        measured.unmeasured_fraction,
+        measured.albedo,
+        measured.light_signals,
+    )
+
+
+def check_alike(parts: Sequence[TaughtPart]) -> None:
+    """Check that all sets were captured at one setting, and all or none with a calibration."""
+    first = parts[0]
+    for part in parts[1:]:
+        differences = setting_differences(first.setting, part.setting)
+        if part.has_calibration != first.has_calibration:
+            differences.append("one has a calibration and the other has none")
+        if differences:
+            raise RecipeError(
+                f"{part.kept.path} and {first.kept.path} differ: {'; '.join(differences)}; teach "
+                "sets of one setting, or remove one of the files"
+            )

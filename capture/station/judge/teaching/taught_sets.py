@@ -1,0 +1,64 @@
+"""The taught sets of a recipe: copies of captured sets in its folder."""
+
+import shutil
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from capture.calibration.lookup import keep_beside
+from capture.sets.loaded_set import LoadedSet
+from capture.sets.ome_tiff import SUFFIX
+from capture.station.domain.recipe import Recipe
+from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.taught import read_taught
+from classify.base.durable_file import durable_file, make_folder
+from classify.base.errors import InputError
+from classify.base.labels import checked_label
+
+_DIGITS = 16  # of the hash of the pixels in a file name
+
+
+@dataclass(frozen=True)
+class KeptSet:
+    """A captured set in the folder of a recipe: its texture, file, and hash of its pixels."""
+
+    texture: str
+    path: Path
+    pixels_sha256: str
+
+
+def known_sets(files: RecipeFolder, recipe: Recipe) -> Iterator[KeptSet]:
+    """Yield the sets that a recipe was taught, except those whose file was removed."""
+    if recipe.taught is None:
+        return
+    for texture, about in read_taught(files.version(recipe.version).taught).textures.items():
+        for each in about.sets:
+            path = files.sets / each.file
+            if path.is_file():
+                yield KeptSet(texture, path, each.pixels_sha256)
+
+
+def keep_sets(
+    paths: Sequence[Path], folder: Path, texture: str | None, default: str
+) -> list[KeptSet]:
+    """Copy sets with their calibrations into a folder; an existing copy is not replaced.
+
+    Without `texture` each has its label, or `default`.
+    """
+    make_folder(folder)
+    kept = []
+    for path in paths:
+        loaded = LoadedSet.of(path)
+        about = loaded.captured.metadata
+        copy = folder / f"{about.pixels_sha256[:_DIGITS]}{SUFFIX}"
+        if not copy.exists():
+            with durable_file(copy) as temporary:
+                shutil.copyfile(path, temporary)
+        if loaded.found is not None:
+            keep_beside(loaded.found.file, copy)
+        try:
+            name = checked_label(texture or about.label or default)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+        kept.append(KeptSet(name, copy, about.pixels_sha256))
+    return kept

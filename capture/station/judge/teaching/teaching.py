@@ -1,0 +1,364 @@
+"""Teach a recipe: make a new version from captured sets of good and bad parts."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from capture.base.console import ShowProgress, progress
+from capture.sets.loaded_set import PLANAR, LoadedSet
+from capture.station.domain.errors import RecipeError
+from capture.station.domain.recipe import Limits, Recipe
+from capture.station.domain.recipe_file import read_recipe, write_recipe
+from capture.station.domain.recipe_folder import RecipeFolder, TaughtFiles, file_sha256
+from capture.station.domain.taught import (
+    Taught,
+    TaughtSet,
+    TaughtTexture,
+    write_taught,
+)
+from capture.station.domain.taught_files import TextureModels
+from capture.station.judge.inspector import Inspection, Inspector
+from classify import Match, SurfaceEstimate, TextureLibrary
+from classify.base.durable_file import make_folder
+from classify.classifiers import Observation, classifier_named
+from classify.classifiers.joint import ring_levels
+from classify.defects.defect_model import DefectModel
+from classify.defects.learning import LEAST_PARTS, MOST_PARTS, learn_defects
+from classify.library.leave_one_out import leave_one_out
+from classify.library.training import common_lighting
+from classify.methods import default_method
+from classify.pieces.learning import SCALE_STEP, GoodPart, learn_pieces
+from classify.pieces.piece_model import PieceModel
+
+from .manual_limits import (
+    LimitsOf,
+    kept_remarks,
+    limits_measured_before,
+    manual_limits,
+    replaced_remarks,
+    with_set_limits,
+)
+from .taught_part import (
+    TaughtPart,
+    check_alike,
+    solved,
+    taught_part,
+)
+from .taught_sets import KeptSet, keep_sets, known_sets
+from .teaching_limits import general_limits, limits_of_texture, with_unjudged
+from .teaching_page import write_teaching_page
+from .teaching_result import Teaching
+
+
+def teach(
+    files: RecipeFolder,
+    paths: Sequence[Path],
+    bad_texture: str | None = None,
+    *,
+    good_texture: str | None = None,
+    show: ShowProgress = progress,
+) -> Teaching:
+    """Add sets to the taught ones, and make a new version of the recipe from all.
+
+    The recipe's file is written last: until then the previous version is in use.
+    """
+    with files.changing():
+        before = read_recipe(files.file) if files.file.exists() else None
+        known = [] if before is None else list(known_sets(files, before))
+        given = keep_sets(paths, files.sets, bad_texture or good_texture, files.name)
+        sets = _by_texture([*known, *given])
+        textures = list(dict.fromkeys(each.texture for each in given))
+        recipe = _next_version(files, before, textures, bad=bad_texture is not None)
+        _check_good_parts(recipe, sets)
+        known_limits = {} if before is None else limits_measured_before(files, before)
+        teaching = _taught(files, recipe, sets, known_limits, show)
+        write_taught(teaching.files.taught, teaching.taught)
+        measured = teaching.recipe.model_copy(update={"limits_of": teaching.measured})
+        write_recipe(teaching.files.measured, measured)
+        for each in show((teaching,), 1, "pictures"):
+            write_teaching_page(each)
+        write_recipe(files.file, teaching.recipe)
+        return teaching
+
+
+def _by_texture(sets: Sequence[KeptSet]) -> list[KeptSet]:
+    """All different sets, ordered by texture."""
+    by_pixels: dict[str, KeptSet] = {}
+    for each in sets:
+        other = by_pixels.setdefault(each.pixels_sha256, each)
+        if other.texture != each.texture:
+            raise RecipeError(
+                f"{each.path}: was taught as {other.texture!r} and cannot be {each.texture!r} too; "
+                "remove the file to teach it anew"
+            )
+    return sorted(by_pixels.values(), key=lambda each: each.texture)
+
+
+def _next_version(
+    files: RecipeFolder, before: Recipe | None, textures: Sequence[str], *, bad: bool
+) -> Recipe:
+    """The next version of a recipe with further textures, good or bad ones."""
+    name = files.name
+    passes, fails = ((), ()) if before is None else (before.passes, before.fails)
+    for texture in textures:
+        if texture in (passes if bad else fails):
+            raise RecipeError(
+                f"{texture!r} is a {'good' if bad else 'bad'} texture of recipe {name}; give "
+                f"another name, or move it between pass and fail in {name}.toml"
+            )
+    if bad:
+        fails = tuple(dict.fromkeys([*fails, *textures]))
+    else:
+        passes = tuple(dict.fromkeys([*passes, *textures]))
+    if not passes:
+        raise RecipeError(f"recipe {name} has no good parts yet; teach these first")
+    changes = {"passes": passes, "fails": fails, "approval": None}
+    if before is None:
+        return Recipe.model_validate({"name": name, **changes})
+    # After a roll back there are later versions, whose files stay.
+    taught = [*files.taught_versions()[:1], *([before.version] if before.taught else [])]
+    version = max([before.version, *(number + 1 for number in taught)])
+    return Recipe.model_validate({**dict(before), **changes, "version": version})
+
+
+def _check_good_parts(recipe: Recipe, sets: Sequence[KeptSet]) -> None:
+    for texture in recipe.passes:
+        count = sum(each.texture == texture for each in sets)
+        if count < LEAST_PARTS:
+            raise RecipeError(
+                f"{count} good parts of {texture!r}; give {LEAST_PARTS} or more, 30 are better"
+            )
+        if count > MOST_PARTS:
+            raise RecipeError(
+                f"{count} good parts of {texture!r}, known and given ones; at most {MOST_PARTS} "
+                f"can be taught: give fewer, or remove files from recipes/{recipe.name}/sets"
+            )
+
+
+def _taught(
+    files: RecipeFolder,
+    recipe: Recipe,
+    sets: Sequence[KeptSet],
+    known_limits: LimitsOf | None,
+    show: ShowProgress,
+) -> Teaching:
+    solving = (taught_part(each, recipe.region) for each in sets)
+    parts = list(show(solving, len(sets), "solve"))
+    check_alike(parts)
+    made = files.version(recipe.version)
+    make_folder(made.folder)
+    library = _library(parts)
+    library.save(made.library)
+    segment_px = library.segment_px
+    matches = leave_one_out([each.row for each in parts], [each.test for each in parts], segment_px)
+    models = {
+        name: TextureModels(
+            _defect_model(parts, name, library, recipe, show), _piece_model(parts, name, library)
+        )
+        for name in recipe.passes
+    }
+    textures = {
+        name: _texture(name, parts, matches, made, recipe, models) for name in library.classes
+    }
+    taught = Taught(
+        setting=parts[0].setting,
+        region=recipe.region,
+        has_calibration=parts[0].has_calibration,
+        library_sha256=file_sha256(made.library),
+        textures=textures,
+    )
+    before, by_people = recipe.limits_of, manual_limits(recipe.limits_of, known_limits)
+    measured = _measured_limits(recipe, parts, matches, models)
+    recipe = _with_limits(recipe, with_set_limits(measured, by_people), taught)
+    inspections = _inspections(recipe, taught, library, models, parts, show)
+    measured = {
+        name: with_unjudged(
+            limits,
+            recipe.limits,
+            [
+                each.measures.unjudged_px or 0
+                for part, each in zip(parts, inspections, strict=True)
+                if part.kept.texture == name
+            ],
+        )
+        for name, limits in measured.items()
+    }
+    limits_of = with_set_limits(measured, by_people)
+    if limits_of != recipe.limits_of:
+        recipe = recipe.model_copy(update={"limits_of": limits_of})
+        inspections = _inspections(recipe, taught, library, models, parts, show)
+    bounds = {name: each.defects.false_alarm_bound for name, each in models.items()}
+    remarks = [
+        *kept_remarks(measured, by_people),
+        *(
+            f"{name} looks like its mirror image: a mirrored part is not found"
+            for name, each in models.items()
+            if each.pieces.handedness is None
+        ),
+    ]
+    if known_limits is None:
+        remarks += replaced_remarks(before, limits_of)
+    return Teaching(
+        recipe,
+        taught,
+        made,
+        tuple(parts),
+        tuple(matches),
+        tuple(inspections),
+        bounds,
+        measured,
+        tuple(remarks),
+    )
+
+
+def _library(parts: Sequence[TaughtPart]) -> TextureLibrary:
+    return TextureLibrary.from_observations(
+        [part.row for part in parts],
+        parts[0].segment_px,
+        lighting=common_lighting([part.lighting for part in parts]),
+        method=default_method(len(parts[0].light_signals)),
+        planar=PLANAR,
+        simulated=parts[0].setting.simulated,
+        sources=[(f"../sets/{part.kept.path.name}", part.kept.pixels_sha256) for part in parts],
+    )
+
+
+def _defect_model(
+    parts: Sequence[TaughtPart],
+    texture: str,
+    library: TextureLibrary,
+    recipe: Recipe,
+    show: ShowProgress,
+) -> DefectModel:
+    good = [part for part in parts if part.kept.texture == texture]
+    named = classifier_named(library.classifier)
+    matches = [library.match(named.signature(part.test, library.parameters)) for part in good]
+
+    def surfaces() -> Iterator[SurfaceEstimate]:
+        for part in show(good, len(good), f"defects of {texture}"):
+            yield solved(part.kept, recipe.region)[1].surface
+
+    return learn_defects(surfaces(), [match.orientation_deg for match in matches])
+
+
+def _piece_model(parts: Sequence[TaughtPart], texture: str, library: TextureLibrary) -> PieceModel:
+    named = classifier_named(library.classifier)
+
+    def rings(observation: Observation) -> npt.NDArray[np.float64]:
+        return ring_levels(named.signature(observation, library.parameters))
+
+    good, changes = [], []
+    for part in parts:
+        if part.kept.texture == texture:
+            signature = named.signature(part.test, library.parameters)
+            own = ring_levels(signature)
+            good.append(GoodPart(part.moments, library.match(signature).orientation_deg, own))
+            changes += [
+                (rings(scaled) - own) / math.log(1.0 + step)
+                for scaled, step in zip(part.scaled, (-SCALE_STEP, SCALE_STEP), strict=True)
+            ]
+    return learn_pieces(good, np.mean(changes, axis=0))
+
+
+def _texture(
+    texture: str,
+    parts: Sequence[TaughtPart],
+    matches: Sequence[Match | None],
+    made: TaughtFiles,
+    recipe: Recipe,
+    models: Mapping[str, TextureModels],
+) -> TaughtTexture:
+    own = [
+        (part, match)
+        for part, match in zip(parts, matches, strict=True)
+        if part.kept.texture == texture
+    ]
+    signals = [part.light_signals for part, _ in own]
+    means = tuple(sum(each) / len(own) for each in zip(*signals, strict=True))
+    about = TaughtTexture(
+        sets=tuple(_set(part.kept, match) for part, match in own), light_signals=means
+    )
+    if texture not in models:
+        return about
+    number, model = recipe.passes.index(texture) + 1, models[texture]
+    defects, pieces = made.defects(number), made.pieces(number)
+    model.defects.save(defects)
+    model.pieces.save(pieces)
+    changes = {
+        "defects_file": defects.name,
+        "defects_sha256": model.defects.sha256,
+        "pieces_file": pieces.name,
+        "pieces_sha256": model.pieces.sha256,
+    }
+    return about.model_copy(update=changes)
+
+
+def _set(kept: KeptSet, match: Match | None) -> TaughtSet:
+    if match is None:
+        return TaughtSet(file=kept.path.name, pixels_sha256=kept.pixels_sha256)
+    return TaughtSet(
+        file=kept.path.name,
+        pixels_sha256=kept.pixels_sha256,
+        found=match.label,
+        nearest=match.nearest,
+        distance=match.distance,
+    )
+
+
+def _measured_limits(
+    recipe: Recipe,
+    parts: Sequence[TaughtPart],
+    matches: Sequence[Match | None],
+    models: Mapping[str, TextureModels],
+) -> dict[str, Limits]:
+    limits_of: dict[str, Limits] = {}
+    for texture in recipe.passes:
+        own = [n for n, part in enumerate(parts) if part.kept.texture == texture]
+        found = (matches[n] for n in own)
+        limits_of[texture] = limits_of_texture(
+            [match.distance for match in found if match is not None and match.nearest == texture],
+            [parts[n].sdq for n in own],
+            [parts[n].shadow_fraction for n in own],
+            [parts[n].unmeasured_fraction for n in own],
+            [parts[n].albedo for n in own],
+            models[texture].pieces.scale_deviation,
+            has_handedness=models[texture].pieces.handedness is not None,
+        )
+    return limits_of
+
+
+def _with_limits(recipe: Recipe, limits_of: LimitsOf, taught: Taught) -> Recipe:
+    """The recipe with limits, and with what else was taught."""
+    exposure_ms = taught.setting.exposure_ms
+    required = recipe.calibration.required or taught.has_calibration
+    return recipe.model_copy(
+        update={
+            "limits": general_limits(recipe.limits, limits_of),
+            "limits_of": limits_of,
+            "light": recipe.light.model_copy(update={"exposure_ms": exposure_ms}),
+            "calibration": recipe.calibration.model_copy(update={"required": required}),
+            "taught": taught.sha256,
+        }
+    )
+
+
+def _inspections(
+    recipe: Recipe,
+    taught: Taught,
+    library: TextureLibrary,
+    models: Mapping[str, TextureModels],
+    parts: Sequence[TaughtPart],
+    show: ShowProgress,
+) -> list[Inspection]:
+    """Verdicts of the recipe on its own sets, each with its own calibration."""
+    inspector = Inspector(recipe, taught, library, models)
+
+    def inspections() -> Iterator[Inspection]:
+        for part in parts:
+            loaded = LoadedSet.of(part.kept.path)
+            yield inspector.with_calibration(loaded.found).inspect(loaded.captured)
+
+    return list(show(inspections(), len(parts), "inspect"))

@@ -1,0 +1,154 @@
+"""`Teaching`: outcome of teaching, with overlaps and expected error rates."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from capture.station.domain.recipe import Recipe
+from capture.station.domain.recipe_folder import TaughtFiles
+from capture.station.domain.taught import Taught
+from capture.station.domain.verdict import Decision
+from capture.station.judge.gauge.gauge import ACCEPTABLE
+from capture.station.judge.inspector import Inspection
+from classify import Match
+from classify.confidence import CONFIDENCE, share_at_most, trials_to_show
+from classify.library.match import LEAST_MARGIN
+
+from .manual_limits import LimitsOf
+from .taught_part import TaughtPart
+from .taught_sets import KeptSet
+
+# Largest share of bad parts that may pass, and of good parts that may be rejected.
+_, _MOST_MISSES, _MOST_FALSE_ALARMS = ACCEPTABLE
+# Limits of 3 good parts are 10.6 standard deviations wide, those of 10 are 4.0, those of 30 are 3.1
+# (`classify.confidence.tolerance_factor`): from 10 on, more parts narrow them little.
+ENOUGH_PARTS = 10
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """Sets of a texture that match another texture, or have too small a margin to it."""
+
+    texture: str
+    other: str
+    sets: tuple[KeptSet, ...]
+    parts: int
+
+    def __str__(self) -> str:
+        return (
+            f"{self.texture} and {self.other} overlap: {len(self.sets)} of {self.parts} parts of "
+            f"{self.texture} match {self.other}, or are nearly as close to it"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Teaching:
+    """The outcome of teaching."""
+
+    recipe: Recipe
+    taught: Taught
+    files: TaughtFiles
+    parts: tuple[TaughtPart, ...]
+    # Of each set with a library of all others; None where that is empty.
+    matches: tuple[Match | None, ...]
+    inspections: tuple[Inspection, ...]  # by the new recipe, which was taught these sets
+    # Largest share of good parts that the defect map rejects, by texture.
+    false_alarm_bounds: Mapping[str, float]
+    measured: LimitsOf  # the limits that were measured; people may have set others in the recipe
+    limit_remarks: tuple[str, ...]
+
+    @property
+    def overlaps(self) -> tuple[Overlap, ...]:
+        """Pairs of textures that overlap."""
+        return tuple(_overlaps([part.kept for part in self.parts], self.matches))
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Remarks for a person to check before the approval of the recipe."""
+        overlaps = map(str, self.overlaps)
+        return (*overlaps, *self._few_parts(), *self.limit_remarks, *self._odd_verdicts())
+
+    def fields(self) -> dict[str, Any]:
+        """Return the outcome as fields of JSON."""
+        return {
+            "recipe": self.recipe.name,
+            "version": self.recipe.version,
+            "sha256": self.recipe.sha256,
+            "sets": {name: len(each.sets) for name, each in self.taught.textures.items()},
+            "overlaps": [
+                {"texture": each.texture, "other": each.other, "sets": len(each.sets)}
+                for each in self.overlaps
+            ],
+            "remarks": list(self.remarks),
+            "promises": list(self.promises()),
+            "report": str(self.files.report),
+        }
+
+    def promises(self) -> Iterator[str]:
+        """Yield the error rates that the parts show, in the terms of a gauge study."""
+        for texture in (*self.recipe.passes, *self.recipe.fails):
+            found = [
+                match
+                for part, match in zip(self.parts, self.matches, strict=True)
+                if part.kept.texture == texture and match is not None
+            ]
+            if not found:
+                continue
+            good = texture in self.recipe.passes
+            if good:
+                events = sum(match.label != texture for match in found)
+                limit, event = _MOST_FALSE_ALARMS, "rejected"
+            else:
+                events = sum(match.label in self.recipe.passes for match in found)
+                limit, event = _MOST_MISSES, "passed"
+            kind = "good" if good else "bad"
+            yield (
+                f"{texture}: {events} of {len(found)} {kind} parts were {event} by their texture "
+                f"when they were left out. With {CONFIDENCE:.0%} confidence at most "
+                f"{share_at_most(events, len(found)):.1%} are; {trials_to_show(limit)} parts "
+                f"without one {event} would show {limit:.0%}"
+            )
+        for texture, bound in self.false_alarm_bounds.items():
+            yield (
+                f"{texture}: the defect map rejects at most {bound:.1%} of good parts, with "
+                f"{CONFIDENCE:.0%} confidence"
+            )
+
+    def _few_parts(self) -> Iterator[str]:
+        """Remarks on textures that overlap and have fewer than `ENOUGH_PARTS` parts."""
+        overlapping = dict.fromkeys(
+            name for each in self.overlaps for name in (each.texture, each.other)
+        )
+        for texture in overlapping:
+            parts = len(self.taught.textures[texture].sets)
+            if parts < ENOUGH_PARTS:
+                yield (
+                    f"{texture} overlaps, and {parts} parts leave open how much it varies; teach "
+                    f"{ENOUGH_PARTS} parts or more"
+                )
+
+    def _odd_verdicts(self) -> Iterator[str]:
+        for part, inspection in zip(self.parts, self.inspections, strict=True):
+            good = part.kept.texture in self.recipe.passes
+            if good != (inspection.verdict.decision is Decision.PASS):
+                verdict = inspection.verdict
+                yield (
+                    f"{part.kept.path.name}, a {'good' if good else 'bad'} part of "
+                    f"{part.kept.texture}, is {verdict.decision}: {verdict.reason}"
+                )
+
+
+def _overlaps(sets: Sequence[KeptSet], matches: Sequence[Match | None]) -> Iterator[Overlap]:
+    textures = [each.texture for each in sets]
+    pairs: dict[tuple[str, str], list[KeptSet]] = {}
+    for each, match in zip(sets, matches, strict=True):
+        if match is None:
+            continue
+        other = match.nearest if match.nearest != each.texture else match.runner_up
+        undecided = match.margin is not None and match.margin < LEAST_MARGIN
+        # The library without a set does not contain a texture that has this set alone.
+        confused = match.nearest != each.texture and textures.count(each.texture) > 1
+        if other is not None and (confused or undecided or match.label == other):
+            pairs.setdefault((each.texture, other), []).append(each)
+    for (texture, other), found in pairs.items():
+        yield Overlap(texture, other, tuple(found), textures.count(texture))

@@ -1,0 +1,339 @@
+"""`Handshake`: the station's side of the handshake with a PLC, without I/O.
+
+A trigger is identified by the id that the PLC gives it, a result by the number of its part. Neither
+is used twice in a session, so that an earlier answer or result is recognised.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from capture.station.results.part_id import require_given_part_id
+from capture.station.results.part_result import PartResult
+from capture.station.run.events import (
+    Event,
+    ExposureComplete,
+    PartAnnounced,
+    PartBegun,
+    PartRecovered,
+    RecipeLoaded,
+    StateChanged,
+)
+from capture.station.run.states import State
+from capture.station.run.triggers import (
+    Accepted,
+    Answer,
+    Refusal,
+    Refused,
+)
+from classify.base.errors import InputError
+
+from .registers import (
+    CAUSES,
+    NO_ORIENTATION,
+    PAGE_VERSION,
+    PLC,
+    PLC_ADDRESS,
+    PLC_WORDS,
+    STATES,
+    STATION,
+    VERDICTS,
+    Command,
+    ErrorCode,
+    SelectError,
+    Status,
+    decoded,
+    encoded,
+)
+from .selection import SOURCE, Selection
+
+# With more unacknowledged results than this, the PLC does not run its program.
+MOST_WAITING = 16
+_CODES = {
+    Refusal.NOT_READY: ErrorCode.NOT_READY,
+    Refusal.BUSY: ErrorCode.BUSY,
+    Refusal.STOPPING: ErrorCode.STOPPING,
+    Refusal.DISK: ErrorCode.DISK,
+    Refusal.DATABASE: ErrorCode.DATABASE,
+    Refusal.PART_ID: ErrorCode.PART_ID,
+    Refusal.RECIPE: ErrorCode.RECIPE,
+    Refusal.UNFORESEEN: ErrorCode.UNFORESEEN,
+}
+MAX_SESSION = (1 << 32) - 1
+_ALL_COMMANDS = Command.TRIGGER | Command.RESULTS_ACK | Command.SELECT_RECIPE
+_NUMBERS = 1 << 32  # a register holds the number of a part modulo this
+
+
+@dataclass(frozen=True)
+class TriggerRequest:
+    """A trigger of the PLC."""
+
+    trigger_id: int
+    part_id: str | None  # None lets the station make the id of the part
+    recipe: str | None = None  # name of the recipe that the PLC requires; None if it requires none
+    # Reason for which the handshake refused it; None if the station must answer.
+    refusal: str | None = None
+
+
+class Handshake:
+    """Registers that the station shows to a PLC, and reactions to its writes; not thread-safe.
+
+    A PLC that triggers (`is_trigger`) gets the results of its own parts only.
+    """
+
+    def __init__(
+        self, session: int, *, is_trigger: bool, is_simulated: bool, recipes: Sequence[str] = ()
+    ) -> None:
+        self._session, self._is_trigger = session, is_trigger
+        self._is_simulated, self._recipes = is_simulated, recipes
+        self._written = [0] * PLC_WORDS
+        self._state = State.PREOPERATIONAL
+        self._recipe: RecipeLoaded | None = None
+        # The last rise of Trigger, and the one that the station has not answered.
+        self._trigger_id = 0
+        self._current: TriggerRequest | None = None
+        self._unanswered: TriggerRequest | None = None
+        self._is_accepted = False
+        self._error = ErrorCode.NONE
+        # Numbers of parts; parts are exposed and announced in their order.
+        self._begun = self._exposed = self._announced = 0
+        self._shown: PartResult | None = None
+        self._waiting: deque[PartResult] = deque()
+        self._overruns = 0
+        self._is_wrong_ack = False
+        self.heartbeat = 0  # the caller counts it up
+        self.is_open = True  # whether triggers reach the station; otherwise they are refused
+        self.selection = Selection()
+
+    # The PLC.
+
+    @property
+    def commands(self) -> dict[str, Any]:
+        """What the PLC has written, by name."""
+        return decoded(PLC, self._written)
+
+    def plc_words(self) -> list[int]:
+        """Return the registers that the PLC writes."""
+        return list(self._written)
+
+    def write(self, address: int, words: Sequence[int]) -> TriggerRequest | None:
+        """Take what the PLC writes in one request; return the trigger that it contains.
+
+        ValueError, and no change, for bits without a meaning or registers that it must not set.
+        """
+        first = address - PLC_ADDRESS
+        if first < 0 or first + len(words) > PLC_WORDS:
+            last = address + len(words) - 1
+            raise ValueError(f"registers {address} to {last} are not all written by the PLC")
+        written = list(self._written)
+        written[first : first + len(words)] = words
+        before, given = self.commands, decoded(PLC, written)
+        if given["commands"] & ~int(_ALL_COMMANDS):
+            raise ValueError(f"commands = {given['commands']:#x} has bits without a meaning")
+        self._written = written
+        old, new = Command(before["commands"]), Command(given["commands"])
+        if Command.RESULTS_ACK in new & ~old:
+            self._acknowledge(given["ack_number"])
+        if Command.RESULTS_ACK not in new:
+            self._is_wrong_ack = False
+        self._show_next()
+        if Command.SELECT_RECIPE not in new:
+            self.selection.withdraw()
+        elif Command.SELECT_RECIPE not in old:
+            position = given["recipe"]
+            self.selection.select(position, self._name_at(position), is_open=self.is_open)
+        if Command.TRIGGER not in new:
+            self._withdraw()
+        elif Command.TRIGGER not in old:
+            return self._trigger(given)
+        return None
+
+    def answered(self, request: TriggerRequest, answer: Answer) -> None:
+        """Take the station's answer to the request that `write` returned last."""
+        if self._unanswered is request:
+            self._unanswered = None
+        if isinstance(answer, Accepted):
+            self._begun = max(self._begun, answer.number)
+            self._show_next()
+        if self._current is request:  # not withdrawn
+            self._is_accepted = isinstance(answer, Accepted)
+            if isinstance(answer, Refused):
+                self._error = _CODES[answer.kind]
+
+    # The station.
+
+    def tell(self, event: Event) -> None:
+        """Take an event of the station."""
+        match event:
+            case StateChanged(state, _):
+                self._state = state
+            case RecipeLoaded():
+                self._recipe = event
+                self.selection.tell(event)
+            case PartBegun(_, number) if not self._is_trigger:
+                self._begun = number
+            case ExposureComplete(_, number):
+                self._exposed = number
+            case PartAnnounced(result, _):
+                self._announced = result.number
+                self._add(result)
+            case PartRecovered(result):
+                # Its trigger was answered, if at all, by the run that began it.
+                if result.trigger == SOURCE:
+                    self._begun = self._exposed = max(self._begun, result.number)
+                    self._announced = max(self._announced, result.number)
+                self._add(result)
+            case _:
+                pass
+
+    # What the PLC reads.
+
+    def station_words(self) -> list[int]:
+        """Return the registers that the station shows."""
+        recipe, shown = self._recipe, self._shown
+        verdict = None if shown is None else shown.verdict
+        return encoded(
+            STATION,
+            {
+                "page": PAGE_VERSION,
+                "session": self._session,
+                "heartbeat": self.heartbeat,
+                "status": self._status(),
+                "state": STATES[self._state],
+                "error": self._error,
+                "trigger_id": self._trigger_id,
+                "number": self._begun,
+                "recipe": self._position(),
+                "recipe_version": 0 if recipe is None else recipe.version,
+                "recipe_hash": _hash(None if recipe is None else recipe.sha256),
+                "result_number": 0 if shown is None else shown.number,
+                "verdict": 0 if verdict is None else VERDICTS[verdict.decision],
+                "cause": CAUSES[verdict.causes[0]] if verdict and verdict.causes else 0,
+                "orientation": _tenths(None if shown is None else shown.orientation_deg),
+                "result_hash": _hash(None if shown is None else shown.recipe_sha256),
+                "overruns": self._overruns,
+                "result_part_id": "" if shown is None else shown.part_id,
+                "selected": self.selection.position,
+                "select_error": self.selection.error,
+            },
+        )
+
+    def _status(self) -> Status:
+        is_exposed = self._unanswered is None and self._exposed >= self._begun
+        bits = {
+            Status.READY: self._state is State.READY and is_exposed and self._refusal() is None,
+            Status.ACK: self._is_accepted,
+            Status.EXPOSURE_COMPLETE: is_exposed and self._begun > 0,
+            Status.BUSY: self.is_busy,
+            Status.RESULTS_VALID: self._shown is not None,
+            Status.REFUSED: self._error is not ErrorCode.NONE,
+            Status.WRONG_ACK: self._is_wrong_ack,
+            Status.SIMULATED: self._is_simulated,
+            Status.RECIPE_LOADED: self.selection.is_loaded,
+            Status.RECIPE_REFUSED: self.selection.error is not SelectError.NONE,
+        }
+        status = Status(0)
+        for bit, is_set in bits.items():
+            status |= bit if is_set else Status(0)
+        return status
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether a trigger has no answer, or a part no result."""
+        return self._unanswered is not None or self._begun > self._announced
+
+    @property
+    def has_results(self) -> bool:
+        """Whether there are results that the PLC has not acknowledged."""
+        return self._shown is not None or bool(self._waiting)
+
+    # Triggers.
+
+    def _trigger(self, given: dict[str, Any]) -> TriggerRequest:
+        trigger_id, part_id = given["trigger_id"], given["part_id"] or None
+        is_new = trigger_id not in (0, self._trigger_id)
+        self._withdraw()
+        self._trigger_id = trigger_id
+        reason = self._refusal()
+        if not is_new:
+            reason = ErrorCode.TRIGGER_ID, f"trigger id {trigger_id}: give another one, not 0"
+        if reason is None and part_id is not None:
+            try:
+                require_given_part_id(part_id)
+            except InputError as error:
+                reason = ErrorCode.PART_ID, str(error)
+        if reason is not None:
+            self._error, text = reason
+            return TriggerRequest(trigger_id, part_id, refusal=text)
+        # The station may have loaded another recipe for somebody else meanwhile.
+        recipe = self._name_at(given["recipe"])
+        self._current = self._unanswered = TriggerRequest(trigger_id, part_id, recipe)
+        return self._current
+
+    def _withdraw(self) -> None:
+        """End the handshake of a trigger; a part that it began stays begun."""
+        self._current, self._is_accepted, self._error = None, False, ErrorCode.NONE
+
+    def _refusal(self) -> tuple[ErrorCode, str] | None:
+        """Why the handshake would refuse any trigger now."""
+        if not self.is_open:
+            return ErrorCode.NOT_READY, "not ready: the station is starting"
+        if not self._is_trigger:
+            return ErrorCode.OTHER_TRIGGER, "triggers do not come from the PLC"
+        if self._unanswered is not None:
+            return ErrorCode.UNANSWERED, "busy: another trigger is not answered yet"
+        if self.selection.loading is not None:
+            return ErrorCode.RECIPE_LOADING, f"recipe {self.selection.loading.name} is being loaded"
+        required = self.commands["recipe"]
+        if required not in (0, self._position()):
+            return ErrorCode.RECIPE, f"recipe {required} is not the loaded one"
+        if len(self._waiting) + (self._shown is not None) >= MOST_WAITING:
+            reason = f"{MOST_WAITING} results wait for an acknowledgement"
+            return ErrorCode.RESULTS_WAITING, reason
+        return None
+
+    def _position(self) -> int:
+        """Return the position of the loaded recipe, from 1, or 0."""
+        if self._recipe is None or self._recipe.name not in self._recipes:
+            return 0
+        return self._recipes.index(self._recipe.name) + 1
+
+    def _name_at(self, position: int) -> str | None:
+        return self._recipes[position - 1] if 1 <= position <= len(self._recipes) else None
+
+    # Results.
+
+    def _add(self, result: PartResult) -> None:
+        if self._is_trigger and result.trigger != SOURCE:
+            return
+        self._waiting.append(result)
+        if not self._is_trigger and len(self._waiting) > MOST_WAITING:
+            self._waiting.popleft()
+            self._overruns += 1
+        self._show_next()
+
+    def _acknowledge(self, number: int) -> None:
+        if self._shown is not None and self._shown.number % _NUMBERS == number:
+            self._shown = None
+        else:
+            self._is_wrong_ack = True
+
+    def _show_next(self) -> None:
+        """Show the next result, unless the PLC has not seen the last one leave."""
+        if self._shown is None and self._waiting and not self._is_acknowledging():
+            # A result can be known before the answer to its trigger.
+            if self._is_trigger and self._waiting[0].number > self._begun:
+                return
+            self._shown = self._waiting.popleft()
+
+    def _is_acknowledging(self) -> bool:
+        return bool(self.commands["commands"] & Command.RESULTS_ACK)
+
+
+def _hash(sha256: str | None) -> int:
+    return 0 if sha256 is None else int(sha256[:8], 16)
+
+
+def _tenths(orientation_deg: float | None) -> int:
+    return NO_ORIENTATION if orientation_deg is None else round(10 * orientation_deg) % 3600

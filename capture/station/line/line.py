@@ -1,0 +1,192 @@
+"""`PlcLine`: connects a `Handshake` with a running station, for any bus."""
+
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Self
+
+from capture.station.run.devices import Device, Status
+from capture.station.run.events import Event
+from capture.station.run.live_station import LiveStation
+from capture.station.run.recipe_request import RecipeRefusal, RecipeRefused
+from capture.station.run.triggers import Trigger
+
+from .handshake import Handshake, TriggerRequest
+from .selection import ASKER, SOURCE, RecipeRequest
+
+_log = logging.getLogger(__name__)
+# Time that the last results wait for the PLC: many scans of its program.
+_LAST_S = 3.0
+# The station's heartbeat counts up twice a second.
+TICK_S = 0.5
+# Four times the period that the README asks of a PLC.
+_SILENCE_S = 8.0
+# A refused trigger takes a transaction of some 4 ms; a PLC that sends 250 a second is out of order.
+_MOST_UNRECORDED = 100
+
+
+class PlcLine:
+    """A handshake that a bus reads and writes, and the thread that passes its triggers on.
+
+    Its methods may be called from any thread and never wait; its ``with`` block ends when the PLC
+    has acknowledged the last result, or `last_s` later.
+    """
+
+    def __init__(
+        self,
+        live: LiveStation,
+        handshake: Handshake,
+        now_s: Callable[[], float] = time.monotonic,
+        last_s: float = _LAST_S,
+    ) -> None:
+        self._live, self._handshake, self._now_s = live, handshake, now_s
+        self._last_s = last_s
+        self._changed = threading.Condition()
+        self._request: TriggerRequest | None = None
+        self._unrecorded: deque[tuple[Trigger, str]] = deque()
+        self._dropped = 0
+        self._is_closed = False
+        self._heard_s = now_s()
+        self._thread = threading.Thread(target=self._run, name="triggers of the PLC")
+        self._loading: RecipeRequest | None = None
+        self._loader: threading.Thread | None = None
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with self._changed:
+            self._changed.wait_for(self._is_done, self._last_s)
+            self._is_closed = True
+            self._changed.notify_all()
+            loader = self._loader
+        self._thread.join()
+        if loader is not None:
+            # The end of the station refuses a recipe that waits, or that is still being loaded.
+            loader.join()
+
+    # The bus.
+
+    def tell(self, event: Event) -> None:
+        """Take an event of the station."""
+        with self._changed:
+            self._handshake.tell(event)
+            self._changed.notify_all()
+
+    def station_words(self) -> list[int]:
+        """Return the registers that the station shows, of one moment."""
+        with self._changed:
+            # The state may be ready a moment before triggers are taken.
+            self._handshake.is_open = self._live.is_attached
+            return self._handshake.station_words()
+
+    def plc_words(self) -> list[int]:
+        """Return the registers that the PLC writes."""
+        with self._changed:
+            return self._handshake.plc_words()
+
+    def write(self, address: int, words: Sequence[int]) -> None:
+        """Take what the PLC writes."""
+        with self._changed:
+            self._handshake.is_open = self._live.is_attached
+            before = self._handshake.commands["heartbeat"]
+            request = self._handshake.write(address, words)
+            if self._handshake.commands["heartbeat"] != before:
+                self._heard_s = self._now_s()
+            if request is not None and request.refusal is None:
+                self._request = request
+            elif request is not None and request.refusal is not None:
+                self._record(request, request.refusal)
+            self._load(self._handshake.selection.loading)
+            self._changed.notify_all()
+
+    def tick(self, connections: int, where: str) -> None:
+        """Count the heartbeat, and show the state of the PLC; to be called each `TICK_S`."""
+        with self._changed:
+            self._handshake.heartbeat += 1
+            heartbeat = self._handshake.commands["heartbeat"]
+            is_silent = heartbeat != 0 and self._now_s() - self._heard_s > _SILENCE_S
+        status, text = _state(connections, heartbeat, where, is_silent=is_silent)
+        self._live.set_device(Device("plc", status, text))
+
+    def _is_done(self) -> bool:
+        return not self._handshake.is_busy and not self._handshake.has_results
+
+    # The thread.
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                # Attaching the station is no event, so this waits for at most `TICK_S`.
+                self._changed.wait_for(self._has_work, TICK_S)
+                is_closed = self._is_closed
+                request, self._request = self._request, None
+            if request is not None:
+                self._pass_on(request)
+            self._record_refusals()
+            if is_closed:  # with nothing left that was not recorded
+                return
+
+    def _has_work(self) -> bool:
+        is_recorder = self._live.is_attached
+        return (
+            self._is_closed or self._request is not None or bool(self._unrecorded and is_recorder)
+        )
+
+    def _pass_on(self, request: TriggerRequest) -> None:
+        answer = self._live.submit(Trigger(SOURCE, request.part_id, request.recipe))
+        with self._changed:
+            self._handshake.answered(request, answer)
+
+    def _load(self, request: RecipeRequest | None) -> None:
+        """Pass a recipe on in a thread of its own: triggers and their refusals must not wait."""
+        if request is None or request is self._loading:
+            return
+        self._loading = request
+        self._loader = threading.Thread(
+            target=self._load_now, args=(request,), name="recipe of the PLC"
+        )
+        self._loader.start()
+
+    def _load_now(self, request: RecipeRequest) -> None:
+        try:
+            self._live.load_recipe(request.name, ASKER)
+        except Exception as error:
+            kind = RecipeRefusal.UNFORESEEN
+            if isinstance(error, RecipeRefused):
+                kind = error.kind
+            else:
+                _log.exception("recipe %s was not loaded for the PLC", request.name)
+            with self._changed:
+                self._handshake.selection.refused(request, kind)
+
+    def _record(self, request: TriggerRequest, reason: str) -> None:
+        """Keep a refusal until it can be recorded."""
+        if len(self._unrecorded) < _MOST_UNRECORDED:
+            self._unrecorded.append((Trigger(SOURCE, request.part_id), reason))
+        else:
+            self._dropped += 1
+
+    def _record_refusals(self) -> None:
+        if not self._live.is_attached:
+            return
+        with self._changed:
+            refused, dropped = list(self._unrecorded), self._dropped
+            self._unrecorded.clear()
+            self._dropped = 0
+        if dropped:
+            reason = f"{dropped} triggers of the PLC more than could be recorded one by one"
+            refused.append((Trigger(SOURCE), reason))
+        for trigger, reason in refused:
+            self._live.refuse(trigger, reason)
+
+
+def _state(connections: int, heartbeat: int, where: str, *, is_silent: bool) -> tuple[Status, str]:
+    if connections == 0:
+        return "warning", f"no PLC is connected to {where}"
+    if is_silent:
+        return "fault", f"the heartbeat of the PLC stays at {heartbeat}"
+    return "ok", "connected" if heartbeat else "connected, without a heartbeat"

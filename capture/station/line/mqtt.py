@@ -1,0 +1,164 @@
+"""MQTT by paho: results of a station as retained JSON for a broker."""
+
+import hashlib
+import json
+import ssl
+import threading
+from collections import deque
+from collections.abc import Callable
+from typing import Any, Self
+from urllib.parse import unquote, urlsplit
+
+from paho.mqtt.client import Client
+from paho.mqtt.enums import CallbackAPIVersion
+
+from capture.station.domain.interface_config import MqttConfig
+from capture.station.results.rows import row_of
+from capture.station.run.events import (
+    Event,
+    PartAnnounced,
+    PartRecovered,
+    RecipeLoaded,
+    StateChanged,
+)
+
+# A result and two states for each part: five minutes of a line with a part a second; 2 kB each.
+MOST_WAITING = 1000
+_PORTS = {"mqtt": 1883, "mqtts": 8883}
+# At the end of a run, how long the last results wait for the broker.
+_LAST_S = 2.0
+_KEEP_ALIVE_S = 30
+_RECONNECT_S = 1, 30
+
+
+class MqttPublisher:
+    """Publishes what a station announces, from a thread of its own; `tell` never waits.
+
+    Messages go out in order, each until the broker has confirmed it; beyond `MOST_WAITING` the
+    oldest are dropped.
+    """
+
+    def __init__(self, settings: MqttConfig, log: Callable[[str], None]) -> None:
+        url = urlsplit(settings.url)
+        self._topic, self._log = settings.topic, log
+        self._where = f"mqtt {url.hostname}"
+        self._address = url.hostname or "", url.port or _PORTS[url.scheme]
+        self._changed = threading.Condition()
+        self._waiting: deque[tuple[str, str]] = deque()
+        self._dropped = 0
+        self._is_sending = False
+        self._confirmed_ids: set[int] = set()
+        self._is_connected = self._is_closed = False
+        self._said = ""
+        self._thread = threading.Thread(target=self._run, name="mqtt", daemon=True)
+        # All connections of a station use the same client id. A broker that has not noticed the
+        # loss of the earlier one then ends it, and publishes its last will before "true".
+        client_id = f"ps4rig-{hashlib.sha256(settings.topic.encode()).hexdigest()[:16]}"
+        self._client = Client(CallbackAPIVersion.VERSION2, client_id=client_id)
+        self._client.on_connect = self._connected
+        self._client.on_connect_fail = lambda *_: self._say("cannot be reached")
+        self._client.on_disconnect = self._disconnected
+        self._client.on_publish = self._confirmed
+        self._client.reconnect_delay_set(*_RECONNECT_S)
+        self._client.will_set(f"{self._topic}/online", "false", qos=1, retain=True)
+        if url.username is not None:
+            password = None if url.password is None else unquote(url.password)
+            self._client.username_pw_set(unquote(url.username), password)
+        if url.scheme == "mqtts":
+            self._client.tls_set_context(ssl.create_default_context())
+
+    def __enter__(self) -> Self:
+        self._client.connect_async(*self._address, keepalive=_KEEP_ALIVE_S)
+        self._client.loop_start()
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with self._changed:
+            self._changed.wait_for(lambda: not self._waiting and not self._is_sending, _LAST_S)
+            self._is_closed = True
+            self._changed.notify_all()
+        self._thread.join()
+        # Also if messages still wait: after a disconnect the broker publishes no last will.
+        self._client.publish(f"{self._topic}/online", "false", qos=1, retain=True)
+        self._client.disconnect()
+        self._client.loop_stop()
+
+    def tell(self, event: Event) -> None:
+        """Take an event of the station."""
+        match event:
+            case PartAnnounced(result, _) | PartRecovered(result):
+                name, text = "result", json.dumps(row_of(result))
+            case RecipeLoaded():
+                name, text = "recipe", json.dumps(vars(event))
+            case StateChanged(state, reason):
+                name, text = "state", json.dumps({"state": state, "reason": reason})
+            case _:
+                return
+        with self._changed:
+            self._put(name, text)
+
+    def _put(self, name: str, text: str) -> None:
+        self._waiting.append((f"{self._topic}/{name}", text))
+        if len(self._waiting) > MOST_WAITING:
+            self._waiting.popleft()
+            self._dropped += 1
+        self._changed.notify_all()
+
+    # The thread that sends.
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(
+                    lambda: self._is_closed or (self._is_connected and bool(self._waiting))
+                )
+                if self._is_closed:
+                    return
+                (topic, text), dropped = self._waiting.popleft(), self._dropped
+                self._is_sending, self._dropped = True, 0
+                self._confirmed_ids.clear()
+            if dropped:
+                self._log(f"{self._where}: {dropped} messages were dropped, the oldest ones")
+            self._send(topic, text)
+
+    def _send(self, topic: str, text: str) -> None:
+        """Send a message, and wait until the broker has confirmed it.
+
+        After a lost connection paho sends it again by itself.
+        """
+        # Without the lock: paho calls `_confirmed` while it holds its own.
+        number = self._client.publish(topic, text, qos=1, retain=True).mid
+        with self._changed:
+            self._changed.wait_for(lambda: self._is_closed or number in self._confirmed_ids)
+            self._is_sending = False
+            self._changed.notify_all()
+
+    # What paho calls, from its own thread.
+
+    def _confirmed(self, _client: Client, _data: Any, number: int, *_: Any) -> None:
+        with self._changed:
+            self._confirmed_ids.add(number)
+            self._changed.notify_all()
+
+    def _connected(self, client: Client, _data: Any, _flags: Any, reason: Any, *_: Any) -> None:
+        if reason.is_failure:
+            self._say(f"not connected: {reason}")
+            return
+        # Published at each connection. With confirmation, paho would keep one message for each
+        # connection that a broker closes before it confirms, and send them all before any result.
+        client.publish(f"{self._topic}/online", "true", qos=0, retain=True)
+        with self._changed:
+            self._is_connected = True
+            self._changed.notify_all()
+        self._say("connected")
+
+    def _disconnected(self, _client: Client, _data: Any, _flags: Any, reason: Any, *_: Any) -> None:
+        with self._changed:
+            self._is_connected = False
+        self._say(f"not connected: {reason}")
+
+    def _say(self, text: str) -> None:
+        if text != self._said and not self._is_closed:
+            self._said = text
+            self._log(f"{self._where}: {text}")

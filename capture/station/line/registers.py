@@ -1,0 +1,283 @@
+"""The one table of Modbus registers, from which codecs and the README's page are made."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+from typing import Any, Literal
+
+from capture.station.domain.verdict import Cause, Decision
+from capture.station.run.states import State
+
+PAGE_VERSION = 2  # 2 has SelectRecipe
+NO_ORIENTATION = 0xFFFF
+# Ids of the station have 13 characters, those that come with a trigger up to 100.
+_ID_WORDS = 50
+# A read takes up to 125 registers, a write up to 123.
+PLC_ADDRESS = 100
+
+Type = Literal["u16", "u32", "bits", "text"]
+Values = Mapping[str, Any]
+
+
+class Status(IntFlag):
+    """Bits of ``status``, which the station sets."""
+
+    READY = 1
+    ACK = 2
+    EXPOSURE_COMPLETE = 4
+    BUSY = 8
+    RESULTS_VALID = 16
+    REFUSED = 32
+    WRONG_ACK = 64
+    SIMULATED = 128
+    RECIPE_LOADED = 256
+    RECIPE_REFUSED = 512
+
+
+class Command(IntFlag):
+    """Bits of ``commands``, which the PLC sets."""
+
+    TRIGGER = 1
+    RESULTS_ACK = 2
+    SELECT_RECIPE = 4
+
+
+class ErrorCode(IntEnum):
+    """Why a trigger was refused."""
+
+    NONE = 0
+    BUSY = 1
+    NOT_READY = 2
+    STOPPING = 3
+    DISK = 4
+    DATABASE = 5
+    PART_ID = 6
+    UNFORESEEN = 7
+    TRIGGER_ID = 10
+    UNANSWERED = 11
+    RESULTS_WAITING = 12
+    RECIPE = 13
+    OTHER_TRIGGER = 14
+    RECIPE_LOADING = 15
+
+
+class SelectError(IntEnum):
+    """Why a recipe was not loaded."""
+
+    NONE = 0
+    NOT_READY = 1
+    BUSY = 2
+    UNKNOWN = 3
+    NOT_APPROVED = 4
+    CHALLENGE = 5
+    UNUSABLE = 6
+    RIG = 7
+    DATABASE = 8
+    UNFORESEEN = 9
+
+
+STATUS_MEANINGS = {
+    Status.READY: "Trigger may be set",
+    Status.ACK: "the trigger `trigger_id` was accepted as part `number`; until Trigger falls",
+    Status.EXPOSURE_COMPLETE: "part `number` is not exposed any more: it may move",
+    Status.BUSY: "a trigger has no answer, or a part has no result",
+    Status.RESULTS_VALID: "a result is shown; its registers do not change",
+    Status.REFUSED: "the trigger `trigger_id` was refused because of `error`; until Trigger falls",
+    Status.WRONG_ACK: "`ack_number` was not `result_number`; until ResultsAck falls",
+    Status.SIMULATED: "the rig is simulated: results are not of real parts",
+    Status.RECIPE_LOADED: "the recipe `selected` is loaded; until SelectRecipe falls",
+    Status.RECIPE_REFUSED: "the recipe `selected` is not loaded because of `select_error`; "
+    "until SelectRecipe falls",
+}
+COMMAND_MEANINGS = {
+    Command.TRIGGER: "its rise says that a part lies below the camera",
+    Command.RESULTS_ACK: "its rise acknowledges the result `ack_number`",
+    Command.SELECT_RECIPE: "its rise asks the station to load the recipe `recipe`",
+}
+ERROR_MEANINGS = {
+    ErrorCode.BUSY: "another part is exposed, or parts wait for their verdicts",
+    ErrorCode.NOT_READY: "the station is not ready; `state` says more",
+    ErrorCode.STOPPING: "the station stops",
+    ErrorCode.DISK: "the disk is at its floor",
+    ErrorCode.DATABASE: "the database of results does not answer",
+    ErrorCode.PART_ID: "`part_id` is invalid, or was used before",
+    ErrorCode.UNFORESEEN: "the program has a fault",
+    ErrorCode.TRIGGER_ID: "`trigger_id` is 0, or that of the last trigger",
+    ErrorCode.UNANSWERED: "an earlier trigger is not answered yet",
+    ErrorCode.RESULTS_WAITING: "16 results are not acknowledged",
+    ErrorCode.RECIPE: "the loaded recipe is not the required one",
+    ErrorCode.OTHER_TRIGGER: 'parts are triggered otherwise: `trigger` is not "modbus"',
+    ErrorCode.RECIPE_LOADING: "a recipe that the PLC selected is being loaded",
+}
+SELECT_ERROR_MEANINGS = {
+    SelectError.NOT_READY: "the station starts, stops, is in error, or collects parts to teach",
+    SelectError.BUSY: "another recipe is being loaded",
+    SelectError.UNKNOWN: "no recipe has this position in `recipes`, or its file is missing",
+    SelectError.NOT_APPROVED: "nobody approved it as it is",
+    SelectError.CHALLENGE: "it does not meet its challenge set",
+    SelectError.UNUSABLE: "it was not taught, is damaged, or has no challenge set or calibration",
+    SelectError.RIG: "the self-test with its light found a fault",
+    SelectError.DATABASE: "the change could not be recorded",
+    SelectError.UNFORESEEN: "the program has a fault",
+}
+
+VERDICTS = {
+    Decision.PASS: 1,
+    Decision.FAIL: 2,
+    Decision.UNKNOWN: 3,
+    Decision.ERROR: 4,
+}
+STATES = {
+    State.PREOPERATIONAL: 0,
+    State.INITIALIZED: 1,
+    State.READY: 2,
+    State.EXECUTING: 3,
+    State.ERROR: 4,
+}
+# Codes are never reused: programs of PLCs know them.
+CAUSES = {
+    Cause.CAPTURE: 1,
+    Cause.RIG: 2,
+    Cause.CALIBRATION: 3,
+    Cause.INTERRUPTED: 4,
+    Cause.STORAGE: 5,
+    Cause.UNFORESEEN: 6,
+    Cause.NO_TEXTURE: 20,
+    Cause.UNDECIDED: 21,
+    Cause.BLUR: 22,
+    Cause.BAD_TEXTURE: 40,
+    Cause.WRONG_TEXTURE: 41,
+    Cause.ORIENTATION: 42,
+    Cause.ROUGHNESS: 43,
+    Cause.SHADOW: 44,
+    Cause.DEFECT: 45,
+    Cause.ALBEDO: 46,
+    Cause.SCALE: 47,
+    Cause.HANDEDNESS: 48,
+    Cause.OCTAVES: 49,
+    Cause.SEAM: 50,
+    Cause.WINDOW: 51,
+}
+
+
+@dataclass(frozen=True)
+class Register:
+    """One value of the page."""
+
+    address: int  # first register, from 0
+    name: str
+    # ``u32``: high word first; ``text``: ASCII, first character in the high byte, zero-filled.
+    type: Type
+    words: int  # number of registers
+    meaning: str  # for the README
+
+
+def _page(first: int, *rows: tuple[str, Type, str]) -> tuple[Register, ...]:
+    registers = []
+    words_of: dict[Type, int] = {"u16": 1, "u32": 2, "bits": 1, "text": _ID_WORDS}
+    for name, kind, meaning in rows:
+        registers.append(Register(first, name, kind, words_of[kind], meaning))
+        first += words_of[kind]
+    return tuple(registers)
+
+
+STATION = _page(
+    0,
+    ("page", "u16", f"version of this page: {PAGE_VERSION}"),
+    ("session", "u32", "another number after each start of the station, never 0"),
+    ("heartbeat", "u16", "counts up twice a second"),
+    ("status", "bits", "see below"),
+    ("state", "u16", "see below"),
+    ("error", "u16", "why the trigger was refused, see below; 0 unless Refused is set"),
+    ("trigger_id", "u16", "id of the last trigger; Ack and Refused are the answer to this one"),
+    ("number", "u32", "number of the part that was accepted last"),
+    ("recipe", "u16", "position of the loaded recipe in `recipes`, from 1; 0 if it is not there"),
+    ("recipe_version", "u16", "its version"),
+    ("recipe_hash", "u32", "first 8 hexadecimal digits of its SHA-256"),
+    ("result_number", "u32", "number of the part whose result is shown; 0 without ResultsValid"),
+    ("verdict", "u16", "see below; 0 without ResultsValid"),
+    ("cause", "u16", "gravest cause, see below; 0 for PASS"),
+    ("orientation", "u16", f"tenths of a degree, 0 to 3599; {NO_ORIENTATION}: not measured"),
+    ("result_hash", "u32", "as recipe_hash, of the recipe that judged the part; 0: none"),
+    ("overruns", "u16", "results that were dropped because the PLC did not acknowledge"),
+    ("result_part_id", "text", "id of the part"),
+    ("selected", "u16", "`recipe` of the last rise of SelectRecipe, which the answer is to"),
+    (
+        "select_error",
+        "u16",
+        "why the recipe was not loaded, see below; 0 unless RecipeRefused is set",
+    ),
+)
+PLC = _page(
+    PLC_ADDRESS,
+    ("heartbeat", "u16", "any number, another one at least each 2 s; 0: no heartbeat"),
+    ("commands", "bits", "see below"),
+    ("trigger_id", "u16", "another number than that of the last trigger, and not 0"),
+    ("ack_number", "u32", "result_number of the result that is acknowledged"),
+    ("recipe", "u16", "required recipe: its position in `recipes`; 0: whichever is loaded"),
+    ("part_id", "text", "id of the part; empty: the station makes one"),
+)
+STATION_WORDS = STATION[-1].address + STATION[-1].words
+PLC_WORDS = PLC[-1].address + PLC[-1].words - PLC_ADDRESS
+
+
+def encoded(registers: Sequence[Register], values: Values) -> list[int]:
+    """Return the words of a page; numbers modulo their width, text cut to fit."""
+    words: list[int] = []
+    for each in registers:
+        value = values[each.name]
+        if each.type == "text":
+            data = value.encode("ascii", "replace")[: 2 * each.words].ljust(2 * each.words, b"\0")
+            words += [data[i] << 8 | data[i + 1] for i in range(0, len(data), 2)]
+        elif each.type == "u32":
+            words += [value >> 16 & 0xFFFF, value & 0xFFFF]
+        else:
+            words.append(value & 0xFFFF)
+    return words
+
+
+def decoded(registers: Sequence[Register], words: Sequence[int]) -> dict[str, Any]:
+    """Return the values of a page, by name."""
+    values: dict[str, Any] = {}
+    first = registers[0].address
+    for each in registers:
+        own = words[each.address - first :][: each.words]
+        if each.type == "text":
+            data = b"".join(word.to_bytes(2, "big") for word in own)
+            values[each.name] = data.decode("ascii", "replace").rstrip("\0 ")
+        else:
+            values[each.name] = own[0] << 16 | own[1] if each.type == "u32" else own[0]
+    return values
+
+
+def registers_page() -> str:
+    """Return the page of registers as Markdown, for the README."""
+    lines = ["| register | name | type | | meaning |", "|---|---|---|---|---|"]
+    for direction, registers in (("station to PLC", STATION), ("PLC to station", PLC)):
+        lines += [
+            f"| {_range(each)} | `{each.name}` | {each.type} | {direction} | {each.meaning} |"
+            for each in registers
+        ]
+    lines += ["", "| bit | of `status` | set while |", "|---|---|---|"]
+    lines += [_bit_row(bit, STATUS_MEANINGS[bit]) for bit in Status]
+    lines += ["", "| bit | of `commands` | meaning |", "|---|---|---|"]
+    lines += [_bit_row(bit, COMMAND_MEANINGS[bit]) for bit in Command]
+    lines += ["", "| `error` | the trigger was refused because |", "|---|---|"]
+    lines += [f"| {code:d} | {meaning} |" for code, meaning in ERROR_MEANINGS.items()]
+    lines += ["", "| `select_error` | the recipe was not loaded because |", "|---|---|"]
+    lines += [f"| {code:d} | {meaning} |" for code, meaning in SELECT_ERROR_MEANINGS.items()]
+    lines += ["", "| code of | values |", "|---|---|"]
+    for name, codes in (("verdict", VERDICTS), ("state", STATES), ("cause", CAUSES)):
+        values = ", ".join(f"{code} {word}" for word, code in codes.items())
+        lines.append(f"| `{name}` | {values} |")
+    return "\n".join(lines)
+
+
+def _range(register: Register) -> str:
+    first, last = register.address, register.address + register.words - 1
+    return f"{first}" if first == last else f"{first}-{last}"
+
+
+def _bit_row(bit: Status | Command, meaning: str) -> str:
+    name = "".join(word.capitalize() for word in str(bit.name).split("_"))
+    return f"| {bit.value.bit_length() - 1} | {name} | {meaning} |"

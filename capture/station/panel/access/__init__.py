@@ -1,1 +1,0 @@
-"""Who may ask a panel: people with passwords, programs with tokens, roles, sessions."""

@@ -1,0 +1,61 @@
+"""Changes of users and API clients, each recorded."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from capture.station.domain.folder import StationFolder
+from capture.station.domain.roles import Identity, Role
+from capture.station.domain.tokens import Tokens, require_new_client
+from capture.station.domain.users import User, Users, require_account
+from classify.base.errors import InputError
+
+from .audit import ChangeLog
+from .on_the_terminal import changing_on_the_terminal
+
+
+@dataclass(frozen=True)
+class Accounts:
+    """The users and API clients of a station, for changes by `who`."""
+
+    users: Users
+    tokens: Tokens
+    changes: ChangeLog
+    who: Identity
+
+    def put_user(self, name: str, role: Role, password: str, seen: User | None = None) -> None:
+        """Add a user, or give one another role and password; see `Users.put`."""
+        require_account(name, password)
+        before = self.users.get(name)
+        said = None if before is None else before.role
+        self.changes.record(self.who, f"user {name}", said, f"{role}, new password")
+        self.users.put(name, role, password, seen)
+
+    def remove_user(self, name: str) -> None:
+        """Remove a user; see `Users.remove`."""
+        user = self.users.get(name)
+        if user is None:
+            raise InputError(f"user {name[:100]}: no such user")
+        self.changes.record(self.who, f"user {name}", user.role)
+        self.users.remove(name)
+
+    def add_client(self, name: str, role: Role) -> str:
+        """Add a client and return its token; see `Tokens.add`."""
+        require_new_client(name, self.tokens.all())
+        self.changes.record(self.who, f"client {name}", None, role)
+        return self.tokens.add(name, role)
+
+    def remove_client(self, name: str) -> None:
+        """Remove a client; see `Tokens.remove`."""
+        roles = [each.role for each in self.tokens.all() if each.name == name]
+        if not roles:
+            raise InputError(f"client {name[:100]}: no such client")
+        self.changes.record(self.who, f"client {name}", roles[0])
+        self.tokens.remove(name)
+
+
+@contextmanager
+def accounts_on_the_terminal(folder: StationFolder) -> Iterator[Accounts]:
+    """Yield the accounts for whoever may write into the folder of the station."""
+    with changing_on_the_terminal(folder) as (changes, who):
+        yield Accounts(Users(folder.path), Tokens(folder.path), changes, who)

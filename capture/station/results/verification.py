@@ -1,0 +1,65 @@
+"""Compare the results of a station with its set files."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from capture.session.verification import FileFinding
+from capture.sets.ome_tiff import SUFFIX, read_header
+from capture.station.domain.config import CONFIG
+from capture.station.domain.folder import PARTS, StationFolder
+from classify.base.errors import InputError, Ps4rigError
+
+from .consistency import contradictions
+from .history import HistoryEntry
+from .store import ResultStore, open_store
+
+
+def verify_station(folder: Path) -> Iterator[FileFinding]:
+    """Compare the results of a station with the hashes and names of its set files.
+
+    Findings about the results themselves are listed under ``station.toml``.
+    """
+    try:
+        config = StationFolder(folder).config
+        with open_store(config.results_in(folder), config.name, alone=False) as store:
+            yield from _results(folder, store)
+    except Ps4rigError as error:
+        yield FileFinding(folder / CONFIG, "altered", f"its results cannot be read: {error}")
+
+
+def _results(folder: Path, store: ResultStore) -> Iterator[FileFinding]:
+    wrong = [f"results: {said}; restore a backup" for said in contradictions(store)]
+    if unfinished := store.unfinished():
+        first = unfinished[0].part_id
+        wrong.append(
+            f"parts without a result: {len(unfinished)}, the first {first}; the station runs, or "
+            "its next start ends them"
+        )
+    for said in wrong:
+        yield FileFinding(folder / CONFIG, "altered", said)
+    if not wrong:
+        yield FileFinding(folder / CONFIG, "good")
+    named = set()
+    for entry in store.parts():
+        if entry.result.set_file is not None:
+            path = folder / entry.result.set_file
+            named.add(path)
+            yield from _set_file(path, entry)
+    for path in sorted((folder / PARTS).glob(f"*/*{SUFFIX}")):
+        if path not in named:
+            yield FileFinding(path, "not in results", "no result of the station names it")
+
+
+def _set_file(path: Path, entry: HistoryEntry) -> Iterator[FileFinding]:
+    if not path.is_file():
+        if entry.set_removed_utc is None:
+            yield FileFinding(
+                path, "missing", f"it is in the results, {entry.result.verdict.decision}"
+            )
+        return
+    try:
+        metadata, _ = read_header(path)
+    except InputError:
+        return  # `verify_file` reports a file that cannot be read
+    if metadata.pixels_sha256 != entry.result.set_sha256:
+        yield FileFinding(path, "altered", "its pixels are not those that the results name")

@@ -1,0 +1,162 @@
+"""`Changeover`: a running station takes another recipe, between two parts."""
+
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from capture.calibration.lookup import FoundCalibration
+from capture.sets.captured_set import CapturedSet
+from capture.station.domain.errors import error_text
+from capture.station.domain.recipe import Recipe
+from rig.doctor.check import Check
+
+from .events import RecipeLoaded, Warned
+from .outcome import PartJudge
+from .recipe_request import Asker, RecipeRefusal, RecipeRefused
+from .self_test import SelfTest
+from .station_rig import PartCamera
+
+# Time that a second asker waits for the first, whose recipe may have been taken just now.
+PATIENCE_S = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class UsableRecipe:
+    """A recipe that may judge parts: approved, loaded, with its challenge set met."""
+
+    judge: PartJudge
+    recipe: Recipe
+    # Called with the images of each part before their checks.
+    begin: Callable[[CapturedSet], None] = lambda _: None
+    calibration: FoundCalibration | None = None
+    by: str = ""  # who asked for it; empty for the recipe of the start
+
+    @property
+    def loaded(self) -> RecipeLoaded:
+        """The event that announces the recipe when it is taken."""
+        return RecipeLoaded(self.recipe.name, self.recipe.version, self.recipe.sha256, self.by)
+
+
+class Recipes(Protocol):
+    """The recipes of a station. One method runs at a time; only `load` runs while parts go on."""
+
+    @property
+    def present(self) -> UsableRecipe:
+        """The recipe that judges now."""
+
+    def load(self, name: str, by: Asker, go_on: Callable[[], None]) -> UsableRecipe:
+        """Load a recipe, or raise RecipeRefused.
+
+        `go_on` is called repeatedly; an exception of it ends the work.
+        """
+
+    def use(self, recipe: UsableRecipe) -> list[Check]:
+        """Give the rig the settings of a recipe, and check what it requires."""
+
+    def use_present(self) -> None:
+        """Give the closed rig the settings of the present recipe again."""
+
+    def keep(self, recipe: UsableRecipe, by: Asker) -> None:
+        """Record that the rig took a recipe; the next run begins with it, too."""
+
+
+@dataclass(frozen=True, eq=False)
+class WantedRecipe:
+    """A recipe that is loaded and waits for the parts in progress, and the answer to its asker."""
+
+    recipe: UsableRecipe
+    by: Asker
+    answer: "Future[RecipeLoaded]" = field(default_factory=Future)
+
+
+class Changeover:
+    """Exchanges the recipe of a station.
+
+    The asker waits in `loading`, in its own thread; the station calls all methods but `take` under
+    its lock.
+    """
+
+    def __init__(
+        self,
+        recipes: Recipes | None,
+        publish: Callable[[RecipeLoaded | Warned], None],
+        is_stopping: Callable[[], bool],
+    ) -> None:
+        self._recipes, self._publish, self._is_stopping = recipes, publish, is_stopping
+        self._one = threading.Lock()
+        self._wanted: WantedRecipe | None = None
+
+    @property
+    def is_wanted(self) -> bool:
+        """Whether a recipe waits for the end of the parts in progress."""
+        return self._wanted is not None
+
+    def lacks(self, name: str | None) -> bool:
+        """Whether the loaded recipe is not the one that a trigger requires; None requires none."""
+        recipes = self._recipes
+        return name is not None and (recipes is None or recipes.present.recipe.name != name)
+
+    @contextmanager
+    def loading(self, name: str, by: Asker) -> Iterator[WantedRecipe]:
+        """Load a recipe while parts go on, and run the block with the request."""
+        if self._recipes is None:
+            raise RecipeRefused("the station judges no parts", RecipeRefusal.NOT_READY)
+        if not self._one.acquire(timeout=PATIENCE_S):
+            raise RecipeRefused("another recipe is being loaded", RecipeRefusal.BUSY)
+        try:
+            wanted = WantedRecipe(self._recipes.load(name, by, self._go_on), by)
+            self._go_on()
+            yield wanted
+        except RecipeRefused as error:
+            self._publish(Warned(f"recipe {name} is not loaded for {by.name}: {error}"))
+            raise
+        finally:
+            self._one.release()
+
+    def _go_on(self) -> None:
+        if self._is_stopping():
+            raise RecipeRefused("the station stops", RecipeRefusal.NOT_READY)
+
+    def want(self, wanted: WantedRecipe) -> None:
+        """Let the station take a recipe as soon as no part is in progress, unless it stops."""
+        self._go_on()
+        self._wanted = wanted
+
+    def refuse(self, reason: str) -> None:
+        """Refuse the recipe that waits, if there is one."""
+        wanted, self._wanted = self._wanted, None
+        if wanted is not None:
+            wanted.answer.set_exception(RecipeRefused(reason, RecipeRefusal.NOT_READY))
+
+    def taken(self) -> WantedRecipe | None:
+        """Return the waiting recipe for `take`, or None; `refuse` no longer affects it."""
+        wanted, self._wanted = self._wanted, None
+        return wanted
+
+    def take(self, wanted: WantedRecipe, camera: PartCamera, self_test: SelfTest) -> PartJudge:
+        """Exchange the recipe while no part is in progress; return the new judge.
+
+        After an exception the present recipe stays, the rig is closed, and the asker has the
+        reason.
+        """
+        recipes, recipe = self._recipes, wanted.recipe
+        assert recipes is not None
+        try:
+            with self_test.collecting() as require:
+                require(recipes.use(recipe))
+                require(camera.test(is_start=False))
+            # Recorded before the announcement: a kill in between leaves a recipe that is usable.
+            recipes.keep(recipe, wanted.by)
+        except BaseException as error:
+            try:
+                camera.close()
+                recipes.use_present()
+            finally:  # The asker waits without a time-out.
+                refused = RecipeRefused(error_text(error), RecipeRefusal.RIG)
+                wanted.answer.set_exception(error if isinstance(error, RecipeRefused) else refused)
+            raise
+        self._publish(recipe.loaded)
+        return recipe.judge

@@ -1,0 +1,179 @@
+"""Control charts of LED levels and distances: warn of a drift before parts fail."""
+
+import math
+import statistics
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from capture.station.judge.judge import STOP_LED_LEVEL
+from capture.station.results.part_result import PartResult
+from capture.station.run.events import (
+    Event,
+    PartAnnounced,
+    RecipeLoaded,
+    Subscriber,
+    Warned,
+)
+
+WARN_LED_LEVEL = 0.9
+"""Share of its taught level below which an LED is named; below `STOP_LED_LEVEL` parts are ERROR."""
+
+# Subgroups of 4 or 5 and 20 to 25 of them for the limits are customary since Shewhart (1931).
+GROUP, BASELINE_POINTS = 5, 20
+"""Number of parts of one point, and of points of the baseline."""
+BASELINE_PARTS = GROUP * BASELINE_POINTS
+"""Number of parts of the baseline."""
+# The mean range of two normal values is 1.128 standard deviations (ISO 7870-2, d2).
+_RANGE_OF_TWO = 1.128
+# Least standard deviation as a share of the mean, for values that hardly vary, as in a simulation.
+_LEAST_SPREAD = 1e-3
+# Western Electric (Statistical Quality Control Handbook, 1956): number of last points, how many of
+# them lie on one side of the baseline, and beyond how many standard deviations.
+_RULES = ((1, 1, 3.0), (3, 2, 2.0), (5, 4, 1.0), (8, 8, 0.0))
+_LOW = (
+    f"least {WARN_LED_LEVEL:.0%}; parts become errors below {STOP_LED_LEVEL:.0%} of the "
+    "brightest; clean or replace it"
+)
+_LONGEST = max(points for points, _, _ in _RULES)
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """Mean and standard deviation of a process in control."""
+
+    mean: float
+    sigma: float
+
+
+def baseline_of(values: Sequence[float]) -> Baseline:
+    """Return the baseline of two values or more, with sigma from moving ranges.
+
+    A slow drift within the baseline does not raise that sigma.
+    """
+    mean = statistics.fmean(values)
+    ranges = [abs(after - before) for before, after in pairwise(values)]
+    sigma = statistics.fmean(ranges) / _RANGE_OF_TWO
+    return Baseline(mean, max(sigma, _LEAST_SPREAD * abs(mean)))
+
+
+def broken_rules(values: Sequence[float], baseline: Baseline) -> tuple[str, ...]:
+    """Return which Western Electric rules the last of some values breaks, in words."""
+    offsets = [(value - baseline.mean) / baseline.sigma for value in values]
+    return tuple(_broken(offsets))
+
+
+def _broken(offsets: Sequence[float]) -> Iterator[str]:
+    for points, least, sigmas in _RULES:
+        recent = offsets[-points:]
+        for sign, side in ((1.0, "above"), (-1.0, "below")):
+            beyond = [sign * offset > sigmas for offset in recent]
+            if len(recent) == points and beyond[-1] and sum(beyond) >= least:
+                distance = f"{sigmas:g} standard deviations {side}" if sigmas else side
+                yield f"{least} of {points} points {distance} the baseline"
+
+
+class RuleSeries:
+    """Points of one chart: the first ones are its baseline."""
+
+    def __init__(self) -> None:
+        self._first: list[float] = []
+        self.baseline: Baseline | None = None
+        self._recent: deque[float] = deque(maxlen=_LONGEST)
+
+    def add(self, point: float) -> tuple[str, ...]:
+        """Add a point; return which rules it breaks, in words."""
+        if self.baseline is not None:
+            self._recent.append(point)
+            return broken_rules(list(self._recent), self.baseline)
+        self._first.append(point)
+        if len(self._first) == BASELINE_POINTS:
+            self.baseline = baseline_of(self._first)
+        return ()
+
+
+class NewWarnings:
+    """Finds new warnings; a warning that returns within the longest rule is not new."""
+
+    def __init__(self) -> None:
+        self._since: dict[str, int] = {}  # points since a warning last held
+
+    def begun(self, holding: Sequence[str]) -> tuple[str, ...]:
+        """Return the new ones among the warnings that hold at a point."""
+        begun = tuple(text for text in holding if text not in self._since)
+        counts = {text: count + 1 for text, count in self._since.items() if count < _LONGEST}
+        self._since = counts | dict.fromkeys(holding, 0)
+        return begun
+
+
+class _Watched:
+    """One chart of a running station."""
+
+    def __init__(self) -> None:
+        self._series, self._warnings = RuleSeries(), NewWarnings()
+
+    def add(self, point: float, further: Iterable[str] = ()) -> tuple[str, ...]:
+        """Add a point at which `further` warnings hold too; return the new warnings."""
+        return self._warnings.begun([*further, *self._series.add(point)])
+
+
+class ControlChart:
+    """Charts of a running station; subscribe it to the events of the station.
+
+    A warning is passed on once as `Warned`, until it has not held for eight points; each recipe
+    starts new charts.
+    """
+
+    def __init__(self, led_names: Sequence[str], *subscribers: Subscriber) -> None:
+        self._led_names = tuple(led_names)
+        self._subscribers = subscribers
+        self._begin()
+
+    def _begin(self) -> None:
+        self._levels = {name: _Watched() for name in self._led_names}
+        self._distance = _Watched()
+        self._group: list[PartResult] = []
+
+    def __call__(self, event: Event) -> None:
+        """Take an event of the station: the result of a part, or another recipe."""
+        if isinstance(event, RecipeLoaded):
+            self._begin()
+        elif isinstance(event, PartAnnounced):
+            for text in self.add(event.result):
+                for subscriber in self._subscribers:
+                    subscriber(Warned(text))
+
+    def add(self, result: PartResult) -> list[str]:
+        """Add a result; return the new warnings."""
+        if result.label is None or not is_measured(
+            result.distance, result.led_levels, len(self._led_names)
+        ):
+            return []
+        self._group.append(result)
+        if len(self._group) < GROUP:
+            return []
+        group, self._group = self._group, []
+        return list(self._warnings(group))
+
+    def _warnings(self, group: Sequence[PartResult]) -> Iterator[str]:
+        for number, (name, series) in enumerate(self._levels.items()):
+            level = statistics.fmean(result.led_levels[number] for result in group)
+            low = [_LOW] if level < WARN_LED_LEVEL else []
+            for text in series.add(level, low):
+                yield f"{name} at {level:.1%} of its taught level: {text}"
+        log_distance = mean_log_distance(each.distance or 1.0 for each in group)
+        for text in self._distance.add(log_distance):
+            distance = math.exp(log_distance)
+            yield f"distance {distance:.2f}: {text}; look at focus, light and material"
+
+
+def mean_log_distance(distances: Iterable[float]) -> float:
+    """Return the mean logarithm of distances, whose scatter is a share of their size."""
+    return statistics.fmean(map(math.log, distances))
+
+
+def is_measured(distance: float | None, led_levels: Sequence[float], leds: int) -> bool:
+    """Whether a part has a distance, and the levels of `leds` LEDs, all finite and positive."""
+    values = [*led_levels, distance or 0.0]
+    return len(led_levels) == leds and all(math.isfinite(value) and value > 0.0 for value in values)

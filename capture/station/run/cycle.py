@@ -1,0 +1,387 @@
+"""The cycle of a station: trigger, exposure, verdict, record, announcement.
+
+One thread captures, another judges: the next part is exposed while the last verdict is computed.
+"""
+
+import queue
+import threading
+import time
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from pathlib import Path
+
+from capture.base.errors import CalibrationError, SetRejected
+from capture.station.domain.config import StationConfig
+from capture.station.domain.errors import error_text
+from capture.station.domain.verdict import Cause, Decision
+from capture.station.results.database import ResultsUnavailable
+from capture.station.results.part_result import PartResult
+from capture.station.results.store import BegunPart
+
+from .changeover import Changeover
+from .equipment import Equipment
+from .events import (
+    ExposureComplete,
+    PartAnnounced,
+    PartBegun,
+    RecipeLoaded,
+    StateChanged,
+    StationStopped,
+)
+from .guarded_thread import GuardedThread
+from .outcome import ExposedPart
+from .part_sensor import PartSensor
+from .recipe_request import Asker, RecipeRefusal, RecipeRefused
+from .self_test import SelfTest, disk_fault
+from .states import Change, State, StateMachine
+from .triggers import (
+    Accepted,
+    Answer,
+    Refusal,
+    Refused,
+    Trigger,
+    TriggerSource,
+    refusal_by,
+)
+
+# Interval at which a waiting thread checks whether the station stops.
+_POLL_S = 0.2
+# Interval of checking whether all parts in progress have their results.
+_PAUSE_S = 0.02
+# Pause between two attempts to write to a database that does not answer.
+_RETRY_S = 0.5
+# Time that a result waits for the database after a stop; then the next start makes it an ERROR.
+_LAST_WAIT_S = 5.0
+# These errors concern one set; the rig needs no recovery.
+_OF_THE_SET = (SetRejected, CalibrationError)
+
+
+class Station:
+    """A running station; `run` runs it to its end."""
+
+    def __init__(
+        self, folder: Path, config: StationConfig, equipment: Equipment, count: int | None = None
+    ) -> None:
+        self._folder, self._config, self._equipment = folder, config, equipment
+        self._camera, self._judge, self._store = equipment.camera, equipment.judge, equipment.store
+        self._prepare, self._clock = equipment.prepare, equipment.clock
+        self._publish, self._sensor = equipment.publisher.publish, equipment.sensor
+        self._report_alive = equipment.report_alive
+        self._self_test = SelfTest(self._publish)
+        self._stopping = threading.Event()
+        self._changeover = Changeover(equipment.recipes, self._publish, self._stopping.is_set)
+        # Guards everything below; the state changes only while it is held.
+        self._lock = threading.RLock()
+        self._machine = StateMachine(lambda state, why: self._publish(StateChanged(state, why)))
+        self._reason = "the station is starting"  # why it is not ready
+        self._left = count  # parts that may still be triggered
+        self._exposing = False  # from the reservation to the end of the last exposure
+        self._waiting = 0  # parts that are exposed and have no announced result
+        self._set_bytes = 0  # of the last set
+        self._was_ready, self._refused = False, 0
+        self._announced: Counter[Decision] = Counter()
+        self._error: BaseException | None = None
+        self._next: queue.SimpleQueue[tuple[BegunPart, str | None, float]] = queue.SimpleQueue()
+        self._exposed: queue.SimpleQueue[ExposedPart | None] = queue.SimpleQueue()
+
+    # What triggers see.
+
+    @property
+    def is_stopping(self) -> bool:
+        """Whether no further trigger will be accepted."""
+        return self._stopping.is_set()
+
+    def wait_until_ready(self, timeout_s: float) -> bool:
+        """Wait until a trigger would be accepted; False after the time-out or a stop."""
+        return self._machine.wait_for(State.READY, timeout_s=timeout_s) and not self.is_stopping
+
+    def submit(self, trigger: Trigger) -> Answer:
+        """Accept or refuse a trigger. The part has its row before the answer. Never raises."""
+        utc, refused = self._clock.now(), self._reserve(trigger)
+        if refused is not None:
+            return self.refuse(trigger, *refused)
+        try:
+            step = self._clock.step()
+            begun = self._store.begin(
+                trigger=trigger.source,
+                triggered_utc=utc,
+                simulated=self._camera.is_simulated,
+                part_id=trigger.part_id,
+            )
+        except BaseException as error:
+            reason, kind = error_text(error), refusal_by(error)
+            self._release(None if kind is Refusal.PART_ID else reason)
+            return self.refuse(trigger, reason, kind)
+        self._publish(PartBegun(begun.part_id, begun.number))
+        self._next.put((begun, step, self._clock.monotonic_s()))
+        return Accepted(begun.part_id, begun.number)
+
+    def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
+        """Load a recipe, which judges all later parts when this returns; or raise RecipeRefused."""
+        with self._changeover.loading(name, by) as wanted:
+            with self._lock:
+                if self._machine.state not in (State.READY, State.EXECUTING):
+                    raise RecipeRefused(f"not ready: {self._reason}", RecipeRefusal.NOT_READY)
+                self._changeover.want(wanted)
+                self._become_free()
+            return wanted.answer.result()
+
+    def stop(self, error: BaseException | None = None) -> None:
+        """Accept no further trigger; `run` ends after the parts in progress, with `error`."""
+        with self._lock:
+            self._error = self._error or error
+            self._stopping.set()
+            self._changeover.refuse("the station stops")
+
+    # The run.
+
+    def run(self, source: TriggerSource) -> StationStopped:
+        """Serve triggers until the source ends, the parts are done, or Ctrl-C, which is raised."""
+        threads = [
+            GuardedThread(work, self.stop, f"station {name}")
+            for name, work in (("capture", self._capture_parts), ("verdict", self._judge_parts))
+        ]
+        # A source that waits for a key cannot be ended.
+        feeder = GuardedThread(lambda: source.run(self), self.stop, "triggers", daemon=True)
+        try:
+            for thread in (*threads, feeder):
+                thread.start()
+            while not self._stopping.wait(_POLL_S):
+                pass
+        except KeyboardInterrupt as interrupt:
+            self.stop(interrupt)
+        for thread in threads:
+            thread.join_through_interrupts()
+        reason = "all parts were triggered" if self._left == 0 else "no more triggers come"
+        if self._error is not None:
+            reason = error_text(self._error)
+        with self._lock:
+            self._machine.change(Change.STOPPED, reason)
+        stopped = StationStopped(reason, dict(self._announced), self._refused)
+        self._publish(stopped)
+        if self._error is not None:
+            raise self._error
+        return stopped
+
+    # The thread that captures.
+
+    def _capture_parts(self) -> None:
+        try:
+            while not self.is_stopping or self._exposing:  # no part begins after a stop
+                self._report_alive("capture")
+                self._equipment.publisher.wait_for_room(self._stopping.is_set)
+                if not self._exposing and not self._is_open():
+                    self._become_ready()
+                elif self._machine.state is State.INITIALIZED:
+                    self._change_recipe()
+                else:
+                    if self._sensor is not None and self._machine.state is State.READY:
+                        self._await_part(self._sensor)
+                    with suppress(queue.Empty):
+                        self._expose(*self._next.get(timeout=_POLL_S))
+        finally:
+            self._camera.close()
+            self._exposed.put(None)
+
+    def _is_open(self) -> bool:
+        return self._machine.state not in (State.PREOPERATIONAL, State.ERROR)
+
+    def _await_part(self, sensor: PartSensor) -> None:
+        def is_over() -> bool:
+            self._report_alive("capture")
+            return self.is_stopping or self._machine.state is not State.READY
+
+        try:
+            sensor.await_part(self, is_over)
+        except Exception as error:
+            self._fail(error_text(error))
+
+    def _become_ready(self) -> None:
+        """Open the rig and test everything; an error at the start ends the run."""
+        self._camera.close()
+        if self._waiting > 0:
+            self._stopping.wait(_PAUSE_S)
+            return
+        if self._was_ready and self._stops_within(self._config.reconnect_s):
+            return
+        try:
+            with self._self_test.collecting() as require:
+                require(self._prepare())
+                self._camera.open()
+                with self._lock:
+                    self._machine.change(Change.OPENED)
+                require(self._camera.test(is_start=not self._was_ready))
+        except Exception as error:
+            self._fail(error_text(error))
+            if not self._was_ready:
+                raise
+            return
+        self._was_ready = True
+        with self._lock:
+            self._machine.change(Change.TESTED)
+
+    def _change_recipe(self) -> None:
+        """Take another recipe as soon as the last part has its result."""
+        with self._lock:
+            wanted = None if self._waiting > 0 else self._changeover.taken()
+        if wanted is None:
+            self._stopping.wait(_PAUSE_S)
+            return
+        try:
+            self._judge = self._changeover.take(wanted, self._camera, self._self_test)
+        except Exception as error:
+            self._fail(error_text(error))
+        else:
+            with self._lock:
+                self._machine.change(Change.TESTED)
+            wanted.answer.set_result(wanted.recipe.loaded)
+
+    def _stops_within(self, duration_s: float) -> bool:
+        """Wait; False if the station does not stop in this time."""
+        while duration_s > 0.0 and not self._stopping.wait(min(duration_s, _POLL_S)):
+            self._report_alive("capture")
+            duration_s -= _POLL_S
+        return self.is_stopping
+
+    def _expose(self, begun: BegunPart, step: str | None, triggered_s: float) -> None:
+        captured, error, exposed_s = None, None, triggered_s
+        try:
+            captured, exposed_s = self._camera.capture(begun.number)
+        except BaseException as raised:
+            error = raised
+        part = ExposedPart(
+            begun=begun,
+            captured=captured,
+            error=error,
+            exposed_s=exposed_s,
+            exposed_utc=None if captured is None else self._clock.at(exposed_s),
+            timings_ms={
+                "capture": 1e3 * (exposed_s - triggered_s),
+                "checks": 1e3 * max(0.0, self._clock.monotonic_s() - exposed_s),
+            },
+            notes=() if step is None else (step,),
+        )
+        with self._lock:
+            self._exposing = False
+            self._waiting += 1
+            self._set_bytes = self._set_bytes if captured is None else captured.images.nbytes
+            if self._left == 0:
+                self.stop()
+            self._exposed.put(part)
+            self._publish(ExposureComplete(begun.part_id, begun.number))
+            if error is None or isinstance(error, _OF_THE_SET):
+                self._become_free()
+            else:
+                # The state of the rig is unknown.
+                self._fail(error_text(error))
+        if not isinstance(error, Exception | None):
+            self.stop(error)
+
+    # The thread that judges.
+
+    def _judge_parts(self) -> None:
+        with ThreadPoolExecutor(1, "station writer") as writer:
+            while (part := self._next_exposed()) is not None:
+                result, error = self._judge.result_of(part, writer)
+                self._add(result)
+                latency_ms = 1e3 * (self._clock.monotonic_s() - part.exposed_s)
+                self._publish(PartAnnounced(result, latency_ms))
+                with self._lock:
+                    self._announced[result.verdict.decision] += 1
+                    self._waiting -= 1
+                    self._become_free()
+                    if Cause.STORAGE in result.verdict.causes:
+                        self._fail(result.verdict.reason)
+                if not isinstance(error, Exception | None):
+                    self.stop(error)
+
+    def _next_exposed(self) -> ExposedPart | None:
+        """Wait for an exposed part; None if no further one comes."""
+        while True:
+            self._report_alive("verdict")
+            with suppress(queue.Empty):
+                return self._exposed.get(timeout=_POLL_S)
+
+    def _add(self, result: PartResult) -> None:
+        """Write a row, as soon as the database answers."""
+        given_up_s = None
+        while True:
+            try:
+                self._store.add(result)
+                return
+            except ResultsUnavailable as error:
+                self._fail(error_text(error))
+                if self.is_stopping:
+                    now_s = self._clock.monotonic_s()
+                    given_up_s = given_up_s or now_s + _LAST_WAIT_S
+                    if now_s > given_up_s:
+                        raise
+            self._report_alive("verdict")
+            time.sleep(_RETRY_S)
+
+    # State and reservations.
+
+    def _reserve(self, trigger: Trigger) -> tuple[str, Refusal] | None:
+        """Reserve the camera for a part; return the reason if that is not possible."""
+        with self._lock:
+            if self.is_stopping or self._left == 0:
+                return "the station is stopping", Refusal.STOPPING
+            if self._exposing:
+                return "busy: another part is being exposed", Refusal.BUSY
+            if not self._is_open():
+                return f"not ready: {self._reason}", Refusal.NOT_READY
+            if self._waiting >= self._config.buffers:
+                return f"busy: {self._waiting} parts wait for their verdict", Refusal.BUSY
+            if self._machine.state is not State.READY:
+                waits, tests = "a recipe waits for the parts in progress", "the self-test runs"
+                why = waits if self._changeover.is_wanted else tests
+                return f"not ready: {why}", Refusal.NOT_READY
+            if self._changeover.lacks(trigger.recipe):
+                return f"recipe {trigger.recipe} is not the loaded one", Refusal.RECIPE
+            sets_bytes = (self._waiting + 1) * self._set_bytes
+            reason = disk_fault(self._folder, self._config.disk_floor_mb, sets_bytes)
+            if reason is not None:
+                self._fail(reason)
+                return reason, Refusal.DISK
+            self._exposing = True
+            self._machine.change(Change.TRIGGERED)
+            if self._left is not None:
+                self._left -= 1
+            return None
+
+    def _release(self, failure: str | None) -> None:
+        """Give back what `_reserve` reserved, for a part that was not begun."""
+        with self._lock:
+            self._exposing = False
+            if self._left is not None:
+                self._left += 1
+            if failure is None:
+                self._become_free()
+            else:
+                self._fail(failure)
+
+    def refuse(self, trigger: Trigger, reason: str, kind: Refusal = Refusal.NOT_READY) -> Refused:
+        """Record a trigger that cannot be served. Never raises."""
+        self._equipment.publisher.wait_for_room(self._stopping.is_set)
+        with self._lock:
+            self._refused += 1
+        self._publish(self._equipment.refused(trigger, reason))
+        return Refused(reason, kind)
+
+    def _become_free(self) -> None:
+        """Take another recipe or the next trigger, if the camera is free."""
+        with self._lock:
+            state, has_buffer = self._machine.state, self._waiting < self._config.buffers
+            if self._exposing or state not in (State.READY, State.EXECUTING):
+                return
+            if self._changeover.is_wanted:
+                self._machine.change(Change.RECIPE)
+            elif has_buffer and state is State.EXECUTING and not self.is_stopping:
+                self._machine.change(Change.FREE)
+
+    def _fail(self, reason: str) -> None:
+        with self._lock:
+            self._reason = reason
+            self._machine.change(Change.FAILED, reason)
+            self._changeover.refuse(f"not ready: {reason}")

@@ -1,0 +1,93 @@
+"""The checks of ``ps4rig station doctor``: everything that a station needs to run."""
+
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+
+from capture.base.utc_time import readable_utc
+from capture.calibration.lookup import read_calibration
+from capture.station.domain.config import StationConfig
+from capture.station.domain.folder import StationFolder
+from capture.station.domain.last_recipe import first_recipe
+from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.judge.challenge import has_met_challenge
+from capture.station.judge.inspector import Inspector
+from capture.station.results.store import open_store
+from rig.doctor.check import Check, collected
+from rig.doctor.diagnosis import diagnose
+
+from .self_test import check_calibration_age, check_disk, check_results
+
+
+def diagnose_station(folder: Path) -> Iterator[Check]:
+    """Yield all checks; a failed one does not prevent the next.
+
+    The LEDs of the rig are lit; a rig held by a running station is reported as a fault.
+    """
+    opened: list[StationFolder] = []
+
+    def check_config() -> Iterator[Check]:
+        opened.append(StationFolder(folder))
+        config = opened[0].config
+        seen = f"{config.name}: recipe {config.recipe}, rig {config.rig}, trigger {config.trigger}"
+        yield Check("station.toml", "ok", seen)
+
+    yield from collected("station.toml", check_config)
+    if not opened:
+        return
+    station = opened[0]
+    yield from collected("disk", lambda: check_disk(folder, station.config.disk_floor_mb))
+    yield from collected("recipe", lambda: _check_recipe(station))
+    yield from collected("results", lambda: _check_results(station))
+    yield from _check_extras(station.config)
+    yield from diagnose(station.config.rig_in(folder))
+
+
+def _check_recipe(station: StationFolder) -> Iterator[Check]:
+    files = station.recipe_files(first_recipe(station))
+    path = station.rig_config().calibration
+    inspector = Inspector.load(files, None if path is None else Path(path))
+    recipe = inspector.recipe
+    seen = f"{recipe.name}, version {recipe.version}: passes {', '.join(recipe.passes)}"
+    yield Check("recipe", "ok", f"{seen}; fails {', '.join(recipe.fails) or 'no known texture'}")
+    if recipe.is_approved and recipe.approval is not None:
+        yield Check(
+            "approval", "ok", f"by {recipe.approval.by}, {readable_utc(recipe.approval.utc)}"
+        )
+    else:
+        state = "is not approved" if recipe.approval is None else "was changed after its approval"
+        yield Check("approval", "fault", f"the recipe {state}", "run ps4rig station approve")
+    yield from collected("challenge", lambda: _check_challenge(files, inspector))
+    file = None if path is None else read_calibration(Path(path))
+    yield from check_calibration_age(file, recipe.calibration)
+
+
+def _check_challenge(files: RecipeFolder, inspector: Inspector) -> Iterator[Check]:
+    if has_met_challenge(files, inspector):
+        yield Check("challenge", "ok", "every part got the verdict that it must get")
+        return
+    advice = "run ps4rig station challenge; station run does so by itself"
+    yield Check("challenge", "warning", "not replayed since something changed, or not met", advice)
+
+
+def _check_results(station: StationFolder) -> Iterator[Check]:
+    config = station.config
+    results = config.results_in(station.path)
+    if "://" not in results and not Path(results).exists():
+        yield Check("results", "ok", f"the first run makes {results}")
+        return
+    with open_store(results, config.name, alone=False) as store:
+        yield from check_results(store)
+
+
+def _check_extras(config: StationConfig) -> Iterator[Check]:
+    """Check that the packages for the configured PLC and broker are installed."""
+    is_triggered = config.trigger == "modbus"
+    for extra, package, is_asked in (
+        ("modbus", "pymodbus", config.modbus is not None or is_triggered),
+        ("mqtt", "paho", config.mqtt is not None),
+    ):
+        if is_asked and find_spec(package) is None:
+            yield Check(extra, "fault", f"{package} is missing", f"pip install 'ps4rig[{extra}]'")
+        elif is_asked:
+            yield Check(extra, "ok", f"{package} is installed")

@@ -1,0 +1,114 @@
+"""Events of a station as lines of text for people and the log, and as JSON for programs."""
+
+from typing import Any
+
+from capture.station.domain.folder import StationFolder
+from capture.station.domain.verdict import Decision
+from capture.station.results.part_result import PartResult
+
+from .events import (
+    Event,
+    ExposureComplete,
+    PartAnnounced,
+    PartBegun,
+    PartRecovered,
+    RecipeLoaded,
+    SelfTestFinished,
+    StateChanged,
+    StationStopped,
+    TriggerRefused,
+    Warned,
+)
+from .states import Change, State
+
+_DIGITS = 8  # of a hash, for people to compare
+
+
+def text_lines(event: Event) -> list[str]:
+    """Return an event as lines of text for people; many events have none."""
+    match event:
+        case RecipeLoaded(name, version, sha256, by):
+            loaded = f", loaded by {by}" if by else ""
+            return [f"recipe {name}, version {version}, {sha256[:_DIGITS]}{loaded}"]
+        case StateChanged(State.EXECUTING, _) | StateChanged(State.READY, Change.FREE):
+            return []  # of every part
+        case StateChanged(state, reason):
+            return [f"{state}: {reason}"]
+        case SelfTestFinished(checks):
+            found = [each for each in checks if each.status != "ok"]
+            lines = [
+                f"self-test: {each.name}: {each.status}: {each.seen}; {each.advice}".rstrip("; ")
+                for each in found
+            ]
+            return lines or [f"self-test: {len(checks)} checks are ok"]
+        case TriggerRefused(source, part_id, reason, is_recorded):
+            part = f" for {part_id}" if part_id else ""
+            lost = "" if is_recorded else "; not in the results"
+            return [f"trigger by {source}{part} refused: {reason}{lost}"]
+        case PartAnnounced(result, latency_ms):
+            return [f"{_part(result)} ({latency_ms:.0f} ms)"]
+        case PartRecovered(result):
+            return [f"{_part(result)} (of an earlier run)"]
+        case Warned(text):
+            return [f"warning: {text}"]
+        case StationStopped(reason, announced, refused):
+            counts = [f"{announced.get(each, 0)} {each}" for each in Decision]
+            return [f"stopped: {reason}; {', '.join(counts)}, {refused} triggers refused"]
+        case PartBegun() | ExposureComplete():
+            return []
+
+
+def json_fields(event: Event) -> dict[str, Any]:
+    """Return an event as fields of JSON; ``event`` names its kind."""
+    match event:
+        case RecipeLoaded():
+            return {"event": "recipe", **vars(event)}
+        case StateChanged(state, reason):
+            return {"event": "state", "state": state, "reason": reason}
+        case SelfTestFinished(checks):
+            return {"event": "self-test", "checks": [vars(each) for each in checks]}
+        case TriggerRefused(source, part_id, reason, is_recorded):
+            return {
+                "event": "refused", "trigger": source, "part_id": part_id, "reason": reason,
+                "recorded": is_recorded,
+            }  # fmt: skip
+        case PartBegun(part_id, number):
+            return {"event": "begun", "part_id": part_id, "number": number}
+        case ExposureComplete(part_id, number):
+            return {"event": "exposed", "part_id": part_id, "number": number}
+        case PartAnnounced(result, latency_ms):
+            return {"event": "part", **_fields(result), "latency_ms": round(latency_ms, 1)}
+        case PartRecovered(result):
+            return {"event": "recovered", **_fields(result)}
+        case Warned(text):
+            return {"event": "warning", "text": text}
+        case StationStopped(reason, announced, refused):
+            return {
+                "event": "stopped", "reason": reason, "parts": dict(announced), "refused": refused
+            }  # fmt: skip
+
+
+def log_to(folder: StationFolder, event: Event) -> None:
+    """Append an event to the log of a station."""
+    for line in text_lines(event):
+        folder.log(line)
+
+
+def _part(result: PartResult) -> str:
+    simulated = ", simulated" if result.simulated else ""
+    notes = "".join(f"; {note}" for note in result.notes)
+    verdict = result.verdict
+    return f"{result.part_id} {verdict.decision}{simulated}: {verdict.reason}{notes}"
+
+
+def _fields(result: PartResult) -> dict[str, Any]:
+    verdict = result.verdict
+    return {
+        "part_id": result.part_id,
+        "number": result.number,
+        "decision": verdict.decision,
+        "causes": list(verdict.causes),
+        "reason": verdict.reason,
+        "simulated": result.simulated,
+        "set_file": result.set_file,
+    }

@@ -1,0 +1,74 @@
+"""Begun parts without a result, and set files, that a killed run left behind."""
+
+from collections.abc import Callable, Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from capture.sets.captured_set import CapturedSet
+from capture.sets.ome_tiff import SUFFIX
+from capture.station.domain.folder import PARTS, set_file_of
+from capture.station.results.part_result import PartResult
+from capture.station.results.store import BegunPart, ResultStore
+from classify.base.errors import InputError
+
+from .outcome import interrupted_result
+
+# Number of last results whose set files are read again at the start. A loss of power can damage
+# files of the last seconds.
+_LAST_RESULTS = 10
+_FILES_AT_A_TIME = 500
+
+
+def finish_interrupted(
+    folder: Path, store: ResultStore, decided_utc: Callable[[], str]
+) -> Iterator[PartResult]:
+    """Give each begun part without a result the verdict ERROR, and yield it with its intact set."""
+    for begun in store.unfinished():
+        stored, reason = _left_behind(folder, begun)
+        result = interrupted_result(store.station, begun, decided_utc(), stored, reason)
+        store.add(result)
+        yield result
+
+
+def _left_behind(folder: Path, begun: BegunPart) -> tuple[dict[str, Any], str]:
+    """Set fields of an interrupted part's result, and the reason of its verdict."""
+    set_file = set_file_of(begun.part_id, begun.triggered_utc)
+    reason = "the station was interrupted before the verdict"
+    if not (folder / set_file).exists():
+        return {}, f"{reason}; no set was saved"
+    try:
+        captured = CapturedSet.load(folder / set_file)
+    except InputError as error:
+        return {}, f"{reason}; its set file is damaged: {error}"
+    sha256 = captured.metadata.pixels_sha256
+    return {"set_file": set_file, "set_sha256": sha256}, f"{reason}; its set was saved"
+
+
+def damaged_sets(folder: Path, store: ResultStore) -> Iterator[str]:
+    """Yield a line for each set file of the last results that is missing or altered."""
+    for entry in store.parts(newest=_LAST_RESULTS):
+        result = entry.result
+        if result.set_file is None or entry.set_removed_utc is not None:
+            continue
+        part = f"part {result.part_id}, {result.verdict.decision}"
+        if not (folder / result.set_file).exists():
+            yield f"{part}: its set file {result.set_file} is missing"
+            continue
+        try:
+            captured = CapturedSet.load(folder / result.set_file)
+        except InputError as error:
+            yield f"{part}: its set file is damaged: {error}"
+            continue
+        if captured.metadata.pixels_sha256 != result.set_sha256:
+            yield f"{part}: {result.set_file} is not the set that was judged"
+
+
+def unknown_files(folder: Path, store: ResultStore) -> Iterator[str]:
+    """Yield a line for each set file whose part is not in the results."""
+    names = (path for path in sorted((folder / PARTS).glob(f"*/*{SUFFIX}")))
+    while some := list(islice(names, _FILES_AT_A_TIME)):
+        ids = {path.name.removesuffix(SUFFIX): path for path in some}
+        for part_id in sorted(ids.keys() - store.known(ids)):
+            path = ids[part_id].relative_to(folder)
+            yield f"{path}: no part of the results; keep it elsewhere, or restore the database"

@@ -1,0 +1,123 @@
+"""Which captured sets of a station stay on its disk."""
+
+import hashlib
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from datetime import datetime, timedelta
+from itertools import islice
+from pathlib import Path, PurePosixPath
+
+from capture.base.folder_lock import folder_lock
+from capture.base.utc_time import utc_text
+from capture.station.domain.config import Retention
+from capture.station.domain.folder import PARTS
+from capture.station.results.removals import last_removals, passed_sets, record_removals
+from capture.station.results.store import ResultStore
+from classify.base.durable_file import make_folder, sync
+from classify.base.errors import InputError
+
+# Held while set files are removed, and by a backup while they must stay.
+_LOCK = "sets.lock"
+# A removal of a day's files takes seconds.
+_PATIENCE_S, _RETRY_S = 60.0, 0.1
+# Files in one transaction; an interrupted removal repeats at most this many.
+_BATCH = 200
+# Least number of days with parts that stay: that of a clock set ahead, and the one before.
+_LEAST_DAYS = 2
+
+
+def is_sample(station: str, part_id: str, pass_every: int) -> bool:
+    """Whether a part that passed belongs to the sample that keeps its set file.
+
+    The hash of its id decides: the sample does not follow the cycle of several moulds or spindles.
+    """
+    digest = hashlib.sha256(f"{station}/{part_id}".encode()).digest()
+    return int.from_bytes(digest[:8]) % pass_every == 0
+
+
+def remove_old_sets(
+    folder: Path,
+    store: ResultStore,
+    retention: Retention,
+    now: datetime,
+    stop: Callable[[], bool] = lambda: False,
+) -> int:
+    """Remove set files that the retention does not keep, in batches until `stop`; return how many.
+
+    A row records the removal first: a file that is missing without such a row was lost.
+    """
+    make_folder(folder / PARTS)
+    with folder_lock(folder / PARTS, _LOCK):
+        until_utc = removed_until(folder, retention, now)
+        removed = _remove(folder, last_removals(store))
+        unwanted = (
+            (part_id, str(inside_parts(set_file)))
+            for part_id, set_file in passed_sets(store, until_utc)
+            if not is_sample(store.station, part_id, retention.pass_every)
+        )
+        while not stop() and (batch := dict(islice(unwanted, _BATCH))):
+            record_removals(store, batch, _text(now))
+            removed += _remove(folder, list(batch.values()))
+    return removed
+
+
+def removed_until(folder: Path, retention: Retention, now: datetime) -> str:
+    """Return the time of the last trigger whose set may be removed.
+
+    It is `Retention.pass_days` ago, and before the last ``pass_days / 2`` days that had parts: a
+    clock set far ahead adds one such day.
+    """
+    days = sorted((day.name for day in (folder / PARTS).glob("????-??-??/")), reverse=True)
+    staying = days[: max(_LEAST_DAYS, math.ceil(retention.pass_days / 2))]
+    return min([_text(now - timedelta(days=retention.pass_days)), *staying])
+
+
+@contextmanager
+def sets_stay(folder: Path) -> Iterator[None]:
+    """Keep all set files during the block; wait for a removal in progress first."""
+    make_folder(folder / PARTS)
+    last_attempt_s = time.monotonic() + _PATIENCE_S
+    with ExitStack() as stack:
+        while True:
+            try:
+                stack.enter_context(folder_lock(folder / PARTS, _LOCK))
+                break
+            except InputError:
+                if time.monotonic() >= last_attempt_s:
+                    raise
+            time.sleep(_RETRY_S)
+        yield
+
+
+def _remove(folder: Path, set_files: list[str]) -> int:
+    """Remove the files that exist, sync their folders, and return how many were removed."""
+    removed, days = 0, set()
+    for set_file in set_files:
+        path = folder / inside_parts(set_file)
+        try:
+            path.unlink()
+        except FileNotFoundError:
+            continue
+        except OSError as error:
+            raise InputError(f"{path}: cannot be removed: {error.strerror}") from error
+        removed += 1
+        days.add(path.parent)
+    for day in days:
+        sync(day)
+        with suppress(OSError):  # it holds other sets
+            day.rmdir()
+    return removed
+
+
+def inside_parts(set_file: str) -> PurePosixPath:
+    """Return the path of a set file, relative to its station; InputError if outside ``parts``."""
+    path = PurePosixPath(set_file)
+    if path.parts[:1] != (PARTS,) or ".." in path.parts or len(path.parts) < 2:
+        raise InputError(f"{set_file}: the results name it as a set, but it is not in {PARTS}/")
+    return path
+
+
+def _text(moment: datetime) -> str:
+    return utc_text(moment, timespec="milliseconds")

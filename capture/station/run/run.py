@@ -1,0 +1,97 @@
+"""`run_station`: a station with its recipe, rig and results, from the start to the end."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from capture.station.domain.folder import StationFolder
+from capture.station.judge.collecting import COLLECTS
+from capture.station.results.store import ResultStore, open_store
+from rig import RigConfig
+from rig.doctor.check import Check
+
+from .cycle import Station
+from .equipment import Equipment, ReportAlive
+from .events import (
+    PartRecovered,
+    Publisher,
+    StationStopped,
+    Warned,
+)
+from .part_sensor import PartSensor
+from .recovery import damaged_sets, finish_interrupted, unknown_files
+from .retention_thread import retention_in_background
+from .run_recipes import RecipeLoader, RunRecipes
+from .self_test import check_disk, check_results
+from .station_clock import StationClock
+from .station_rig import StationRig
+from .triggers import SensorTrigger, TriggerSource
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """Options of a run that its command line sets."""
+
+    operator: str | None = None  # None for that of the configuration
+    parts: int | None = None  # number after which the run ends; None for no end
+    report_alive: ReportAlive = lambda _: None
+    is_collecting: bool = False  # parts are captured to be taught, and none is judged
+
+
+def run_station(
+    folder: StationFolder,
+    rig_config: RigConfig,
+    source: TriggerSource,
+    publisher: Publisher,
+    options: RunOptions = RunOptions(),
+) -> StationStopped:
+    """Run a station until its triggers end; KeyboardInterrupt is raised after the parts in
+    progress.
+    """
+    config, clock = folder.config, StationClock()
+    path = None if rig_config.calibration is None else Path(rig_config.calibration)
+    loader = RecipeLoader(folder, path, options.operator or config.operator, clock)
+    if options.is_collecting:
+        publisher.publish(Warned(COLLECTS))
+        first = loader.collecting()
+    else:
+        first = loader.first()
+        publisher.publish(first.loaded)
+    rig = StationRig(config, rig_config, first.recipe, first.begin)
+
+    def warn(text: str) -> None:
+        publisher.publish(Warned(text))
+
+    results = config.results_in(folder.path)
+    with open_store(results, config.name, create=not folder.has_sets()) as store:
+        for warning in (*damaged_sets(folder.path, store), *unknown_files(folder.path, store)):
+            warn(warning)
+        recipes = RunRecipes(folder, loader, store, rig, first)
+
+        def prepare() -> list[Check]:
+            return [*recipes.checks(), *_checks(folder, store, publisher, clock)]
+
+        sensor = PartSensor(rig, store) if isinstance(source, SensorTrigger) else None
+        equipment = Equipment(
+            rig,
+            first.judge,
+            store,
+            prepare,
+            clock,
+            publisher,
+            sensor,
+            options.report_alive,
+            None if options.is_collecting else recipes,
+        )
+        with retention_in_background(folder.path, store, config.retention, warn):
+            return Station(folder.path, config, equipment, options.parts).run(source)
+
+
+def _checks(
+    folder: StationFolder, store: ResultStore, publisher: Publisher, clock: StationClock
+) -> Iterator[Check]:
+    """All checks but those of recipe and rig; interrupted parts get their results first."""
+    yield from check_disk(folder.path, folder.config.disk_floor_mb)
+    for result in finish_interrupted(folder.path, store, clock.now):
+        publisher.publish(PartRecovered(result))
+    yield from check_results(store)

@@ -1,0 +1,181 @@
+"""`RunRecipes`: the recipe by which a run judges, and other recipes that it can load."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from capture.calibration.lookup import FoundCalibration, keep_beside, read_calibration
+from capture.sets.captured_set import CapturedSet
+from capture.station.domain.errors import ChallengeFailed, NotApproved, error_text
+from capture.station.domain.folder import StationFolder
+from capture.station.domain.last_recipe import FILE, first_recipe, keep_recipe
+from capture.station.domain.recipe import Recipe, require_approved
+from capture.station.domain.recipe_file import read_recipe
+from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.judge.approval import require_seen
+from capture.station.judge.challenge import require_challenge
+from capture.station.judge.collecting import Collector
+from capture.station.judge.inspector import Inspector
+from capture.station.results.change_log import record_change
+from capture.station.results.store import ResultStore
+from classify.base.durable_file import make_folder
+from classify.base.errors import InputError, Ps4rigError
+from rig.doctor.check import Check
+
+from .changeover import UsableRecipe
+from .outcome import PartInspector, PartJudge
+from .recipe_request import Asker, RecipeRefusal, RecipeRefused
+from .self_test import check_calibration_age, require_no_fault
+from .station_clock import StationClock
+from .station_rig import StationRig
+
+_KINDS: tuple[tuple[type[Exception], RecipeRefusal], ...] = (
+    (NotApproved, RecipeRefusal.NOT_APPROVED),
+    (ChallengeFailed, RecipeRefusal.CHALLENGE),
+    (Ps4rigError, RecipeRefusal.UNUSABLE),
+)
+
+
+class RecipeLoader:
+    """Loads the recipes of a station, each with what makes results by it."""
+
+    def __init__(
+        self,
+        folder: StationFolder,
+        calibration: Path | None,
+        operator: str | None,
+        clock: StationClock,
+    ) -> None:
+        self._folder, self._calibration = folder, calibration
+        self._operator, self._clock = operator, clock
+
+    def first(self) -> UsableRecipe:
+        """Load the recipe with which a run begins."""
+        name, configured = first_recipe(self._folder), self._folder.config.recipe
+        try:
+            return self.load(self._folder.recipe_files(name))
+        except (InputError, ChallengeFailed) as error:
+            if name == configured:
+                raise
+            path = self._folder.path / FILE
+            raise type(error)(
+                f"{error}; it was loaded last: remove {path} to begin with recipe {configured}"
+            ) from error
+
+    def load(
+        self, files: RecipeFolder, by: str = "", go_on: Callable[[], None] = lambda: None
+    ) -> UsableRecipe:
+        """Load a recipe that is approved and meets its challenge set.
+
+        `go_on` is called before each part of the set; an exception of it ends the work.
+        """
+        inspector = Inspector.load(files, self._calibration)
+        recipe, fingerprint = inspector.recipe, inspector.fingerprint
+        require_approved(recipe)
+        require_challenge(files, inspector, go_on)
+        fields = {
+            "recipe": recipe.name,
+            "recipe_version": recipe.version,
+            "recipe_sha256": fingerprint.recipe_sha256,
+            "library_sha256": fingerprint.library_sha256,
+            "calibration_sha256": fingerprint.calibration_sha256,
+        }
+        judge = self._judge(inspector, fields, inspector.calibration)
+        return UsableRecipe(judge, recipe, inspector.begin, inspector.calibration, by)
+
+    def collecting(self) -> UsableRecipe:
+        """Return a recipe that judges nothing; an existing one still gives exposure and gain."""
+        files = self._folder.recipe_files(first_recipe(self._folder))
+        is_there = files.file.exists()
+        recipe = read_recipe(files.file) if is_there else Recipe(name=files.name, passes=())
+        found = None
+        if self._calibration is not None:
+            found = FoundCalibration(self._calibration, read_calibration(self._calibration), ())
+        collector = Collector()
+        return UsableRecipe(self._judge(collector, {}, found), recipe, collector.begin, found)
+
+    def _judge(
+        self, inspector: PartInspector, fields: dict[str, Any], found: FoundCalibration | None
+    ) -> PartJudge:
+        def save(captured: CapturedSet, set_file: str) -> None:
+            """Write the set of a part, with its calibration beside it."""
+            path = self._folder.path / set_file
+            make_folder(path.parent)
+            if found is not None:
+                keep_beside(found.file, path)
+            captured.save(path, home=path.parent.parent)  # not the folder with all sets of the day
+
+        name = self._folder.config.name
+        return PartJudge(name, self._operator, inspector, fields, save, self._clock)
+
+
+class RunRecipes:
+    """The recipes of a running station, whose rig has the settings of the first one."""
+
+    def __init__(
+        self,
+        folder: StationFolder,
+        loader: RecipeLoader,
+        store: ResultStore,
+        rig: StationRig,
+        first: UsableRecipe,
+    ) -> None:
+        self._folder, self._loader, self._store, self._rig = folder, loader, store, rig
+        self.present = first
+
+    def load(self, name: str, by: Asker, go_on: Callable[[], None]) -> UsableRecipe:
+        """Load a recipe, or raise RecipeRefused; `go_on` as in `RecipeLoader.load`."""
+        try:
+            files = self._folder.recipe_files(name)
+            if not files.file.is_file():
+                raise RecipeRefused(f"recipe {name}: no such recipe", RecipeRefusal.UNKNOWN)
+            wanted = self._loader.load(files, by.name, go_on)
+            require_seen(wanted.recipe, by.seen_sha256)
+            require_no_fault(self._checks_of(wanted))
+        except RecipeRefused:
+            raise
+        except Exception as error:
+            kind = next((kind for each, kind in _KINDS if isinstance(error, each)), None)
+            raise RecipeRefused(error_text(error), kind or RecipeRefusal.UNFORESEEN) from error
+        return wanted
+
+    def use(self, recipe: UsableRecipe) -> list[Check]:
+        """Give the rig the settings of a recipe; return the recipe's checks."""
+        found = recipe.calibration
+        self._rig.use(recipe.recipe, None if found is None else found.file, recipe.begin)
+        return self._checks_of(recipe)
+
+    def use_present(self) -> None:
+        """Give the rig, which is closed, the settings of the present recipe again."""
+        self.use(self.present)
+
+    def keep(self, recipe: UsableRecipe, by: Asker) -> None:
+        """Record that the rig took a recipe, with which the next run begins, or raise
+        RecipeRefused.
+        """
+        try:
+            keep_recipe(self._folder, recipe.recipe.name)
+            try:
+                self._record(recipe, by)
+            except Exception:
+                keep_recipe(self._folder, self.present.recipe.name)
+                raise
+        except Exception as error:
+            raise RecipeRefused(error_text(error), RecipeRefusal.DATABASE) from error
+        self.present = recipe
+
+    def checks(self) -> list[Check]:
+        """Return the checks of the present recipe."""
+        return self._checks_of(self.present)
+
+    def _checks_of(self, recipe: UsableRecipe) -> list[Check]:
+        file = None if recipe.calibration is None else recipe.calibration.file
+        return list(check_calibration_age(file, recipe.recipe.calibration))
+
+    def _record(self, wanted: UsableRecipe, by: Asker) -> None:
+        before, after = _named(self.present.recipe), _named(wanted.recipe)
+        record_change(self._store, "loaded recipe", before, after, by=by.name, role=by.role)
+
+
+def _named(recipe: Recipe) -> str:
+    return f"{recipe.name}, {recipe.version_text}"

@@ -1,0 +1,156 @@
+"""The self-test of a station: the checks before it accepts a trigger."""
+
+import shutil
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from capture.acquisition.attempts import MAX_ATTEMPTS
+from capture.base.utc_time import readable_utc
+from capture.calibration.ps4cal import CalibrationFile
+from capture.procedures.rig_check import checks_of_drift, drift_of_rig
+from capture.station.domain.folder import PARTS
+from capture.station.domain.recipe import CalibrationRule
+from capture.station.results.store import ResultStore
+from classify.base.durable_file import durable_file, make_folder
+from rig import HardwareError, Rig
+from rig.doctor.check import Check, collected
+from rig.doctor.light_images import capture_light_images, check_leds
+
+from .events import SelfTestFinished
+
+# Two computers that write to one database may differ by this much.
+_CLOCK_TOLERANCE = timedelta(seconds=2)
+# Hidden: a backup leaves it out, and would fail on a file that is removed meanwhile.
+_PROBE = ".self-test.tmp"
+
+
+class SelfTestFailed(HardwareError):  # noqa: N818 - the state of the station, no program error
+    """The self-test found faults; the message names all of them."""
+
+
+def require_no_fault(checks: Iterable[Check]) -> None:
+    """Raise SelfTestFailed, with every fault, if a check found one."""
+    faults = [
+        ": ".join(filter(None, (each.name, each.seen, each.advice)))
+        for each in checks
+        if each.status == "fault"
+    ]
+    if faults:
+        raise SelfTestFailed("self-test: " + "; ".join(faults))
+
+
+class SelfTest:
+    """Collects the checks of a self-test, and publishes them if they changed."""
+
+    def __init__(self, publish: Callable[[SelfTestFinished], None]) -> None:
+        self._publish = publish
+        self._published: list[str] = []
+
+    @contextmanager
+    def collecting(self) -> Iterator[Callable[[list[Check]], None]]:
+        """Yield a function that takes checks and raises as `require_no_fault`."""
+        checks: list[Check] = []
+
+        def require(found: list[Check]) -> None:
+            checks.extend(found)
+            require_no_fault(checks)
+
+        try:
+            yield require
+        finally:
+            found = [f"{each.name} {each.status}" for each in checks]
+            if found != self._published:
+                self._publish(SelfTestFinished(tuple(checks)))
+            self._published = found
+
+
+def disk_fault(folder: Path, floor_mb: int, sets_bytes: int = 0) -> str | None:
+    """Return why no set may be written to `folder`; `sets_bytes` is space that sets will take."""
+    try:
+        free_bytes = shutil.disk_usage(folder).free
+    except OSError as error:
+        return f"disk: {folder}: {error.strerror}"
+    return floor_fault(free_bytes, sets_bytes, floor_mb)
+
+
+def floor_fault(free_bytes: int, sets_bytes: int, floor_mb: int) -> str | None:
+    """Return why no set may be written, or None if `floor_mb` stays free after the sets."""
+    if free_bytes - sets_bytes >= floor_mb * 1_000_000:
+        return None
+    needed = f", the next sets need {sets_bytes / 1e6:.0f} MB" if sets_bytes else ""
+    return f"disk: {free_bytes / 1e6:.0f} MB free, the floor is {floor_mb} MB{needed}; make room"
+
+
+def check_disk(folder: Path, floor_mb: int) -> Iterator[Check]:
+    """Check that a set can be written below `folder`, and that more than the floor is free."""
+    make_folder(folder / PARTS)
+    reason = disk_fault(folder / PARTS, floor_mb)
+    if reason is not None:
+        yield Check("disk", "fault", reason.removeprefix("disk: "))
+        return
+    with durable_file(folder / PARTS / _PROBE) as probe:
+        probe.write_bytes(b"self-test")
+    (folder / PARTS / _PROBE).unlink()
+    yield Check("disk", "ok", f"can be written, more than {floor_mb} MB free")
+
+
+def check_results(store: ResultStore) -> Iterator[Check]:
+    """Check that the database answers, and that the clock is not behind its last result."""
+    last = next(store.parts(newest=1), None)
+    yield Check("results", "ok", "the database answers")
+    if last is None:
+        yield Check("clock", "ok", "there is no earlier result")
+        return
+    last_at = readable_utc(last.result.decided_utc)
+    behind = datetime.fromisoformat(last.result.decided_utc) - datetime.now(UTC)
+    if behind > _CLOCK_TOLERANCE:
+        seen = f"{behind.total_seconds():.0f} s behind the last result, of {last_at}"
+        yield Check("clock", "warning", seen, "set the clock; numbers of parts keep their order")
+        return
+    yield Check("clock", "ok", f"after the last result, of {last_at}")
+
+
+def check_calibration_age(file: CalibrationFile | None, rule: CalibrationRule) -> Iterator[Check]:
+    """Check the ages of the calibration, and that there is one where the recipe requires it."""
+    name = "calibration"
+    if file is None:
+        if rule.required:
+            advice = "set calibration = 'NAME.ps4cal' in rig.toml; ps4rig calibrate makes one"
+            yield Check(name, "fault", "the recipe requires one, the rig names none", advice)
+        return
+    now = datetime.now(UTC)
+    ages_days = {part: record.age_days(now) for part, record in file.records.items()}
+    for part, age_days in ages_days.items():
+        fault = rule.age_fault(age_days)
+        if fault is not None:
+            yield Check(name, "fault", f"{part.replace('_', ' ')} {fault}")
+            return
+    oldest_days = max(filter(None, ages_days.values()), default=0)
+    yield Check(name, "ok", f"{oldest_days} days old, the recipe allows {rule.max_age_days}")
+
+
+def check_rig(rig: Rig, sheet: CalibrationFile | None) -> list[Check]:
+    """Check an open rig: dark with all LEDs off, light of each LED, and a white sheet.
+
+    A test with a fault is repeated, because a short disturbance seldom affects two in a row.
+    """
+
+    def checks() -> Iterator[Check]:
+        yield from check_leds(capture_light_images(rig))
+        if sheet is not None:
+            yield from checks_of_drift(drift_of_rig(rig, sheet))
+
+    for _ in range(MAX_ATTEMPTS):
+        found = collected("rig", checks)
+        if not any(each.status == "fault" for each in found):
+            break
+        # A transmission error leaves the line to the controller unusable until it is opened anew.
+        found += collected("light controller", lambda: _recovered(rig))
+    return found
+
+
+def _recovered(rig: Rig) -> Iterator[Check]:
+    rig.lights.recover()
+    return iter(())

@@ -1,0 +1,187 @@
+"""The rig of a station: open, self-test, and one captured set for each part."""
+
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Protocol
+
+from capture.acquisition.attempts import capture_set
+from capture.acquisition.part_sensor import ArrivedPart, wait_for_part
+from capture.calibration.lookup import read_calibration
+from capture.calibration.ps4cal import CalibrationFile
+from capture.sets.captured_set import CapturedSet
+from capture.station.domain.config import StationConfig
+from capture.station.domain.recipe import Recipe
+from capture.station.domain.simulated_parts import simulated_part
+from classify.base.threads import beside_workers
+from rig import (
+    CameraError,
+    HardwareError,
+    Rig,
+    RigConfig,
+    open_rig,
+)
+from rig.doctor.check import Check
+from rig.lights.sequence import parts_seen
+
+from .self_test import check_rig
+
+# Least time from the beginning of the wait to a simulated part: the controller is armed by then.
+_SIMULATED_ARRIVAL_S = 0.1
+# Number of earlier parts that a new part is compared with; their hashes take 2 MB.
+MOST_KNOWN = 10_000
+
+
+class PartCamera(Protocol):
+    """The rig as the cycle sees it. All methods are called from one thread."""
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether its sets are simulated."""
+
+    def open(self) -> None:
+        """Open the closed rig."""
+
+    def test(self, *, is_start: bool) -> list[Check]:
+        """Check the open rig; compare it with a white sheet at the start, if configured."""
+
+    def capture(self, number: int) -> tuple[CapturedSet, float]:
+        """Capture the part; return its set and the `time.monotonic` of its last exposure's end."""
+
+    def close(self) -> None:
+        """Put the LEDs out and release the rig; a closed one stays closed. Never raises."""
+
+
+class StationRig:
+    """The rig of a station, with the settings of its recipe."""
+
+    def __init__(
+        self,
+        config: StationConfig,
+        rig_config: RigConfig,
+        recipe: Recipe,
+        exposed: Callable[[CapturedSet], None] = lambda _: None,
+    ) -> None:
+        self._config, self._given, self._exposed = config, rig_config, exposed
+        self._rig_config = self._with_light_of(recipe)
+        self._rig: Rig | None = None
+        self._is_simulated = rig_config.is_simulated
+        self._part: ArrivedPart | None = None
+        # Number of parts of the sensor that are accounted for, and the controller that counts them.
+        self._counted, self._controller = 0, ""
+        self._parts: dict[str, int] = {}  # numbers of the last parts by the hash of their pixels
+        path = rig_config.calibration
+        self.calibration = None if path is None else read_calibration(Path(path))
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether its sets are simulated; the light controller tells when the rig is opened."""
+        return self._is_simulated
+
+    def use(
+        self,
+        recipe: Recipe,
+        calibration: CalibrationFile | None,
+        exposed: Callable[[CapturedSet], None],
+    ) -> None:
+        """Take the settings of another recipe; an open rig with other settings is opened anew."""
+        self.calibration, self._exposed = calibration, exposed
+        before, self._rig_config = self._rig_config, self._with_light_of(recipe)
+        if self._rig is not None and self._rig_config != before:
+            self.close()
+            self.open()
+
+    def open(self) -> None:
+        """Open the rig."""
+        self._rig = open_rig(self._rig_config)
+        self._is_simulated = self._rig.is_simulated
+
+    def test(self, *, is_start: bool) -> list[Check]:
+        """Check the open rig; compare it with a white sheet at the start, if configured."""
+        has_sheet = is_start and self._config.plate_check
+        return check_rig(self._opened(), self.calibration if has_sheet else None)
+
+    def wait_for_part(self, number: int, is_over: Callable[[], bool]) -> bool:
+        """Wait until the sensor has seen a part and its first light is lit; False if `is_over`."""
+        rig = self._opened()
+        if rig.simulation is not None:
+            self._place(number)
+            rig.simulation.see_part(max(self._config.timer_s, _SIMULATED_ARRIVAL_S))
+        self._part = wait_for_part(rig, self._config.sensor_delay_ms / 1e3, is_over)
+        if self._part is None:
+            return False
+        self._counted += 1
+        return True
+
+    def missed_parts(self) -> int:
+        """Return the number of parts since the last call that passed the sensor without a wait.
+
+        Parts that pass while the rig is closed count; those before a restart of the controller do
+        not.
+        """
+        lights = self._opened().lights
+        seen, controller = parts_seen(lights), lights.identity.serial_number
+        before, is_known = self._counted, controller == self._controller
+        self._counted, self._controller = seen, controller
+        if not is_known:
+            return 0
+        return seen - before if seen >= before else seen  # a restarted controller counts from 0
+
+    def forget_part(self) -> None:
+        """Drop the part that the sensor saw; the LEDs go out."""
+        self._part = None
+        self._opened().lights.off()
+
+    @beside_workers()
+    def capture(self, number: int) -> tuple[CapturedSet, float]:
+        """Capture the part, and return it with the end of the last exposure.
+
+        On a virtual clock that is the time of the return.
+        """
+        rig = self._opened()
+        part, self._part = self._part, None
+        if part is None:
+            self._place(number)
+        captured = capture_set(rig, calibration=self.calibration, part=part, exposed=self._exposed)
+        self._require_new(captured.metadata.pixels_sha256, number)
+        if rig.simulation is not None and self._rig_config.simulation.clock == "virtual":
+            return captured, time.monotonic()
+        frames = [frame for image in captured.metadata.images for frame in image.frames]
+        return captured, max(frame.exposure_end_s for frame in frames)
+
+    def close(self) -> None:
+        """Put the LEDs out and release the rig; a closed one stays closed."""
+        rig, self._rig = self._rig, None
+        if rig is not None:
+            # A rig that failed may not answer; its watchdog puts the LEDs out.
+            with suppress(Exception):
+                rig.close()
+
+    def _require_new(self, pixels_sha256: str, number: int) -> None:
+        """Refuse the pixels of an earlier part: the noise of two exposures differs."""
+        earlier = self._parts.setdefault(pixels_sha256, number)
+        if earlier != number:
+            raise CameraError(
+                f"every pixel is that of part number {earlier}: the camera repeats its images; "
+                "restart it"
+            )
+        if len(self._parts) > MOST_KNOWN:
+            del self._parts[next(iter(self._parts))]
+
+    def _with_light_of(self, recipe: Recipe) -> RigConfig:
+        wanted = recipe.light.model_dump(exclude_none=True)
+        return self._given.with_changes(camera=wanted) if wanted else self._given
+
+    def _place(self, number: int) -> None:
+        """Put a part below the camera of a simulated rig."""
+        simulation, camera = self._opened().simulation, self._rig_config.camera
+        if simulation is not None and simulation.placement is not None:
+            frame_px = min(camera.width_px, camera.height_px)
+            feed = self._config.simulated_parts
+            simulation.place(simulated_part(feed, number, frame_px).placement)
+
+    def _opened(self) -> Rig:
+        if self._rig is None:
+            raise HardwareError("the rig is not open")
+        return self._rig

@@ -1,0 +1,1 @@
+"""Cameras: one file or folder for each kind, with its configuration."""

@@ -1,0 +1,217 @@
+"""Measurement mode of a V4L2 camera: nothing automatic, every control read back."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from rig.cameras.config import V4l2CameraConfig
+from rig.errors import CameraError, ControlError, ControlFault
+
+from . import abi
+from .controls import (
+    Control,
+    check_control,
+    find_control,
+    read_control,
+    write_control,
+)
+from .device import V4l2Device
+
+EXPOSURE_UNITS_PER_MS = 10
+"""``EXPOSURE_ABSOLUTE`` counts units of 100 us."""
+# Controls that are set to 0, or to their minimum if 0 is not allowed.
+_AUTOMATIC = (
+    abi.CID_AUTOGAIN,
+    abi.CID_AUTO_WHITE_BALANCE,
+    abi.CID_AUTO_N_PRESET_WHITE_BALANCE,
+    abi.CID_FOCUS_AUTO,
+    abi.CID_EXPOSURE_AUTO_PRIORITY,
+    abi.CID_BACKLIGHT_COMPENSATION,
+    abi.CID_HUE_AUTO,
+    abi.CID_AUTOBRIGHTNESS,
+    abi.CID_ISO_SENSITIVITY_AUTO,
+    abi.CID_WIDE_DYNAMIC_RANGE,
+    abi.CID_IMAGE_STABILIZATION,
+    abi.CID_SHARPNESS,
+)
+# Controls that change the pixel value of the same light.
+_PIXEL_VALUE_CONTROLS = {
+    abi.CID_GAIN: "gain",
+    abi.CID_GAMMA: "gamma",
+    abi.CID_BRIGHTNESS: "brightness",
+    abi.CID_CONTRAST: "contrast",
+    abi.CID_BLACK_LEVEL: "black_level",
+    abi.CID_RED_BALANCE: "red_balance",
+    abi.CID_BLUE_BALANCE: "blue_balance",
+    abi.CID_WHITE_BALANCE_TEMPERATURE: "white_balance_temperature",
+    abi.CID_BACKLIGHT_COMPENSATION: "backlight_compensation",
+    abi.CID_ISO_SENSITIVITY: "iso_sensitivity",
+    abi.CID_ANALOGUE_GAIN: "analogue_gain",
+    abi.CID_DIGITAL_GAIN: "digital_gain",
+}
+
+
+Setting = tuple[Control, int]
+
+
+@dataclass(frozen=True)
+class MeasurementMode:
+    """Controls with the values that they must keep, and the exposure time."""
+
+    settings: tuple[Setting, ...]
+    exposure_s: float
+
+
+def set_measurement_mode(device: V4l2Device, config: V4l2CameraConfig) -> MeasurementMode:
+    """Set exposure, gain and gamma, turn off automatic controls, read all back."""
+    settings: list[Setting] = []
+    faults: list[ControlFault] = []
+    for step in _steps(device, config):
+        try:
+            settings.append(step())
+        except ControlError as error:
+            faults += error.faults
+    exposures = (value for control, value in settings if control.id == abi.CID_EXPOSURE_ABSOLUTE)
+    units = next(exposures, config.exposure_ms * EXPOSURE_UNITS_PER_MS)
+    mode = MeasurementMode(tuple(settings), units / (1e3 * EXPOSURE_UNITS_PER_MS))
+    # A control may change another one that was set before.
+    faults += _changed(device, mode)
+    if faults:
+        raise ControlError(device.path, *faults)
+    return mode
+
+
+def pixel_values(device: V4l2Device) -> dict[str, Any]:
+    """Read gain, gamma and the other controls of pixel values, as in `CameraInfo`."""
+    read: dict[str, float] = {}
+    for control_id, name in _PIXEL_VALUE_CONTROLS.items():
+        control = find_control(device, control_id)
+        if control is not None and control.is_readable:
+            read[name] = float(read_control(device, control))
+    stated = {name: read.pop(name, None) for name in ("gain", "gamma")}
+    return {**stated, "pixel_value_controls": read}
+
+
+def exposure_range_ms(device: V4l2Device, config: V4l2CameraConfig) -> tuple[float, float]:
+    """Shortest and longest exposure of the camera; the same if its exposure is fixed."""
+    control = None if config.fixed_exposure else find_control(device, abi.CID_EXPOSURE_ABSOLUTE)
+    if control is None:
+        return config.exposure_ms, config.exposure_ms
+    units = max(1, control.minimum), control.maximum
+    return units[0] / EXPOSURE_UNITS_PER_MS, units[1] / EXPOSURE_UNITS_PER_MS
+
+
+def set_exposure(device: V4l2Device, mode: MeasurementMode, exposure_ms: float) -> MeasurementMode:
+    """Change the exposure of a streaming camera, and read every control back."""
+    control, units = _set_exposure_time(device, exposure_ms)
+    others = tuple(each for each in mode.settings if each[0].id != control.id)
+    changed = MeasurementMode((*others, (control, units)), units / (1e3 * EXPOSURE_UNITS_PER_MS))
+    check_measurement_mode(device, changed)
+    return changed
+
+
+def check_measurement_mode(device: V4l2Device, mode: MeasurementMode) -> None:
+    """Read every control again; raise a `ControlError` that names all that changed."""
+    if faults := _changed(device, mode):
+        raise ControlError(device.path, *faults)
+
+
+def _changed(device: V4l2Device, mode: MeasurementMode) -> list[ControlFault]:
+    faults: list[ControlFault] = []
+    for control, value in mode.settings:
+        try:
+            check_control(device, control, value)
+        except ControlError as error:
+            faults += error.faults
+    return faults
+
+
+def _steps(device: V4l2Device, config: V4l2CameraConfig) -> Iterator[Callable[[], Setting]]:
+    """Actions that each set one control, in order; a failure does not stop the next."""
+    yield from _exposure_steps(device, config)
+    for control_id in _AUTOMATIC:
+        control = find_control(device, control_id)
+        if control is not None and control.is_readable:
+            off = 0 if control.minimum <= 0 <= control.maximum else control.minimum
+            yield partial(_set, device, control, off)
+    # After the automatic controls, which override them.
+    for name, control_id, value in (
+        ("gain", abi.CID_GAIN, config.gain),
+        ("gamma", abi.CID_GAMMA, config.gamma),
+    ):
+        if value is not None:
+            yield partial(_set_configured, device, name, control_id, value)
+
+
+def _exposure_steps(
+    device: V4l2Device, config: V4l2CameraConfig
+) -> Iterator[Callable[[], Setting]]:
+    """Manual mode first: with automatic exposure, setting its time has no defined effect."""
+    if config.fixed_exposure:
+        control = find_control(device, abi.CID_EXPOSURE_ABSOLUTE)
+        if control is not None:
+            raise CameraError(
+                f"{device.path}: {device.card} has control {control.slug}, so its exposure is not "
+                "fixed; remove camera.fixed_exposure"
+            )
+        return
+    mode = find_control(device, abi.CID_EXPOSURE_AUTO)
+    if mode is not None:
+        yield partial(_set, device, mode, abi.EXPOSURE_MANUAL)
+    yield partial(_set_exposure_time, device, config.exposure_ms)
+
+
+def _set_exposure_time(device: V4l2Device, exposure_ms: float) -> Setting:
+    control = find_control(device, abi.CID_EXPOSURE_ABSOLUTE)
+    if control is None:
+        raise _missing(
+            device,
+            "exposure time",
+            "if its exposure never changes, set camera.exposure_ms to it and "
+            "camera.fixed_exposure = true",
+        )
+    units = max(1, round(exposure_ms * EXPOSURE_UNITS_PER_MS))
+    if not control.minimum <= units <= control.maximum:
+        fault = ControlFault(
+            control.slug,
+            f"camera.exposure_ms = {exposure_ms:g} is not possible; {control.slug} takes "
+            f"{control.minimum / EXPOSURE_UNITS_PER_MS:g} to "
+            f"{control.maximum / EXPOSURE_UNITS_PER_MS:g} ms",
+            "set camera.exposure_ms within that range",
+        )
+        raise ControlError(device.path, fault)
+    return _set_active(device, control, units)
+
+
+def _set_configured(device: V4l2Device, name: str, control_id: int, value: int) -> Setting:
+    control = find_control(device, control_id)
+    if control is None:
+        raise _missing(device, name, f"remove camera.{name}")
+    return _set_active(device, control, value)
+
+
+def _missing(device: V4l2Device, name: str, advice: str) -> ControlError:
+    seen = f"{device.card} has no control for its {name}"
+    return ControlError(device.path, ControlFault(name, seen, advice))
+
+
+def _set_active(device: V4l2Device, control: Control, value: int) -> Setting:
+    """Set a control, and check that no other one overrides it."""
+    setting = _set(device, control, value)
+    after = find_control(device, control.id)
+    if after is None or after.flags & abi.CTRL_FLAG_INACTIVE:
+        fault = ControlFault(
+            control.slug,
+            f"control {control.slug} has no effect, because another control overrides it",
+            "turn off the other control; v4l2-ctl -l lists the camera's controls",
+        )
+        raise ControlError(device.path, fault)
+    return setting
+
+
+def _set(device: V4l2Device, control: Control, value: int) -> Setting:
+    # A read-only control may have the value already.
+    if not control.is_readable or read_control(device, control) != value:
+        write_control(device, control, value)
+    return control, value

@@ -1,0 +1,66 @@
+"""A run that collects parts to teach: no recipe, and no PASS."""
+
+from pathlib import Path
+
+import pytest
+
+from capture.sets.captured_set import CapturedSet
+from capture.station.domain.folder import StationFolder, make_station, station_folder
+from capture.station.domain.recipe import Recipe
+from capture.station.domain.recipe_file import write_recipe
+from capture.station.domain.verdict import Decision
+from capture.station.judge.collecting import COLLECTS
+from capture.station.run.events import (
+    Event,
+    PartAnnounced,
+    Publisher,
+    RecipeLoaded,
+)
+from capture.station.run.run import RunOptions, run_station
+from capture.station.run.triggers import TimerTrigger
+from classify.base.errors import InputError
+from rig import RigConfig
+from tests.capture.station.production import SMALL_RIG
+
+VIRTUAL = SMALL_RIG.with_changes(simulation={"clock": "virtual"})
+
+
+def collected(folder: Path, rig: RigConfig, parts: int) -> list[Event]:
+    events: list[Event] = []
+    with station_folder(folder) as opened, Publisher(events.append) as publisher:
+        options = RunOptions(parts=parts, is_collecting=True)
+        run_station(opened, rig, TimerTrigger(0.0), publisher, options)
+    return events
+
+
+def test_a_station_without_a_recipe_collects_parts_and_passes_none(tmp_path: Path) -> None:
+    folder = tmp_path / "line"
+    make_station(folder)
+    with pytest.raises(InputError, match=r"no such recipe.*station run --collect"):
+        _run_without_collecting(folder)
+    events = collected(folder, VIRTUAL, 2)
+    results = [each.result for each in events if isinstance(each, PartAnnounced)]
+    assert [(each.verdict.decision, each.verdict.reason) for each in results] == 2 * [
+        (Decision.UNKNOWN, COLLECTS)
+    ]
+    assert all(each.recipe is each.recipe_sha256 is None for each in results)
+    assert not any(isinstance(each, RecipeLoaded) for each in events)
+    assert all((folder / str(each.set_file)).is_file() for each in results)
+
+
+def test_collecting_takes_exposure_and_gain_of_a_recipe_that_is_there(tmp_path: Path) -> None:
+    folder = tmp_path / "line"
+    make_station(folder)
+    files = StationFolder(folder).recipe_files()
+    recipe = Recipe.model_validate({"name": "example", "pass": [], "light": {"exposure_ms": 12.0}})
+    write_recipe(files.file, recipe)
+    collected(folder, VIRTUAL, 1)
+    [path] = (folder / "parts").glob("*/*.ome.tif")
+    camera = CapturedSet.load(path).metadata.camera
+    assert camera is not None
+    assert camera.exposure_ms == 12.0
+
+
+def _run_without_collecting(folder: Path) -> None:
+    with station_folder(folder) as opened, Publisher() as publisher:
+        run_station(opened, VIRTUAL, TimerTrigger(0.0), publisher)

@@ -1,0 +1,263 @@
+"""Kill station and PLC in mid-handshake, and look whose results were taken: figures of the README.
+
+    python -m tests.capture.station.line.kills --kills 300
+
+The station is a taught one on the simulated rig, the PLC is the example client, and a third process
+reads the registers all the time. Each is a process of its own, and all talk by Modbus TCP. Every
+other PLC needs another recipe, so that changes of the recipe are killed, too.
+"""
+
+import argparse
+import json
+import os
+import random
+import signal
+import socket
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+# The kernels of forked processes run in one thread.
+os.environ |= {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+
+import cv2
+
+from capture.base.utc_time import utc_text
+from capture.station.domain.folder import StationFolder, station_folder
+from capture.station.domain.interface_config import ModbusConfig
+from capture.station.domain.verdict import Cause, Decision
+from capture.station.line.example_client import run_ladder
+from capture.station.line.handshake import Handshake
+from capture.station.line.ladder import Judged
+from capture.station.line.line import PlcLine
+from capture.station.line.modbus import PlcConnection, serving_modbus
+from capture.station.line.registers import CAUSES, VERDICTS, Status
+from capture.station.results.change_log import newest_changes
+from capture.station.results.part_result import PartResult
+from capture.station.results.store import open_store
+from capture.station.run.events import Publisher
+from capture.station.run.live_station import LiveStation
+from capture.station.run.run import run_station
+from tests.capture.station.line.lines import WAIT_S
+from tests.capture.station.production import SMALL_RIG, taught_station
+from tests.capture.station.two_recipes import ROCK, SAND, add_second_recipe
+
+# A kill comes after up to so many parts, and so much later: longer than a part takes.
+_MOST_PARTS, _LATEST_S = 2, 0.4
+_LAST_PARTS = 3
+_ENDLESS = 1 << 30
+_PAUSE_S = 0.01
+_HOST = "127.0.0.1"
+RECIPES = ROCK, SAND
+
+
+class Journal:
+    """Lines of JSON that several processes append to one file."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        path.touch()
+
+    def write(self, **fields: Any) -> None:
+        with self._path.open("ab", buffering=0) as file:
+            file.write(json.dumps(fields).encode() + b"\n")
+
+    def read(self) -> list[dict[str, Any]]:
+        lines, _, _ = self._path.read_bytes().rpartition(b"\n")  # the last may be incomplete
+        return [json.loads(line) for line in lines.splitlines()]
+
+
+def forked(work: Callable[[], None]) -> int:
+    """Run something in a process of its own; return its id."""
+    process = os.fork()
+    if process:
+        return process
+    status = 1
+    try:
+        work()
+        status = 0
+    except BaseException as error:
+        os.write(2, f"{error!r}\n".encode())
+    finally:
+        os._exit(status)
+
+
+def be_the_station(folder: Path, port: int, session: int, journal: Journal) -> None:
+    """Run a station whose triggers come by Modbus."""
+    journal.write(session=session, began_utc=utc_text(timespec="milliseconds"))
+    with station_folder(folder) as opened:
+        live = LiveStation(opened.config.name, simulated=True)
+        handshake = Handshake(session, is_trigger=True, is_simulated=True, recipes=RECIPES)
+        line = PlcLine(live, handshake)
+        with (
+            Publisher(live.tell, line.tell) as publisher,
+            serving_modbus(line, ModbusConfig(host=_HOST, port=port)),
+        ):
+            run_station(opened, SMALL_RIG, live.attached(None), publisher)
+
+
+def be_the_plc(port: int, name: str, parts: int, journal: Journal, recipe: int) -> None:
+    """Trigger parts of a recipe, and write down which came and what became of them."""
+    numbers = iter(range(parts))
+
+    def next_part() -> str | None:
+        number = next(numbers, None)
+        if number is None:
+            return None
+        journal.write(came=f"{name}-{number}")
+        return f"{name}-{number}"
+
+    def note(judged: Judged) -> None:
+        journal.write(**vars(judged), recipe=RECIPES[recipe - 1])
+
+    run_ladder(_HOST, port, next_part, note, recipe)
+
+
+def be_the_observer(port: int, journal: Journal) -> None:
+    """Write down each result that is shown as valid."""
+    seen = set()
+    while True:
+        with suppress(ConnectionError), PlcConnection(_HOST, port) as plc:
+            while True:
+                read = plc.read()
+                if Status.RESULTS_VALID in Status(read["status"]):
+                    names = "session", "result_number", "verdict", "cause"
+                    shown = {name: read[name] for name in names}
+                    if tuple(shown.values()) not in seen:
+                        seen.add(tuple(shown.values()))
+                        journal.write(**shown)
+                time.sleep(0.001)
+        time.sleep(_PAUSE_S)
+
+
+def killed_line(folder: Path, kills: int, choice: random.Random) -> Journal:
+    """Kill one side after the other, and let the last PLC end its parts."""
+    journal = Journal(folder.parent / "journal")
+    with socket.create_server((_HOST, 0)) as free:
+        port = free.getsockname()[1]
+
+    def start(which: str, number: int) -> int:
+        if which == "station":
+            return forked(lambda: be_the_station(folder, port, number + 1, journal))
+        recipe = number % len(RECIPES) + 1
+        return forked(lambda: be_the_plc(port, f"run{number}", _ENDLESS, journal, recipe))
+
+    observer = forked(lambda: be_the_observer(port, journal))
+    processes = {which: start(which, 0) for which in ("station", "plc")}
+
+    def kill(which: str) -> None:
+        os.kill(processes[which], signal.SIGKILL)
+        os.waitpid(processes[which], 0)
+
+    try:
+        for number in range(1, kills + 1):
+            _await_parts(journal, choice.randint(0, _MOST_PARTS))
+            time.sleep(choice.uniform(0.0, _LATEST_S))
+            which = choice.choice(("station", "plc"))
+            kill(which)
+            processes[which] = start(which, number)
+        kill("plc")
+        last = forked(lambda: be_the_plc(port, "last", _LAST_PARTS, journal, 1))
+        processes["plc"] = last
+        assert os.waitpid(last, 0)[1] == 0
+        del processes["plc"]
+    finally:
+        for process in (observer, *processes.values()):
+            os.kill(process, signal.SIGKILL)
+            os.waitpid(process, 0)
+    return journal
+
+
+def _await_parts(journal: Journal, count: int) -> None:
+    def judged() -> int:
+        return sum("number" in each for each in journal.read())
+
+    ends, wanted = time.monotonic() + 2 * WAIT_S, judged() + count
+    while judged() < wanted:
+        assert time.monotonic() < ends, "the line stands still"
+        time.sleep(_PAUSE_S)
+
+
+def rows_of(folder: Path) -> dict[int, PartResult]:
+    """The results of a station, by number."""
+    config = StationFolder(folder).config
+    with open_store(config.results_in(folder), config.name, alone=False) as store:
+        return {entry.result.number: entry.result for entry in store.parts()}
+
+
+def recipe_changes(folder: Path) -> int:
+    """How often another recipe was to be loaded."""
+    config = StationFolder(folder).config
+    with open_store(config.results_in(folder), config.name, alone=False) as store:
+        return len(newest_changes(store, _ENDLESS))
+
+
+def station_with_two_recipes(place: Path) -> Path:
+    """Make a station whose PLC needs now one recipe, now another one."""
+    folder = taught_station(place / "line-1")
+    add_second_recipe(folder, place / "shown")
+    return folder
+
+
+def contradictions(rows: dict[int, PartResult], journal: list[dict[str, Any]]) -> Iterator[str]:
+    """Say where the PLC took a result for another part's, or was shown an old one."""
+    judged = [each for each in journal if "number" in each]
+    for part in judged:
+        row = rows.get(part["number"])
+        is_error = part["verdict"] == VERDICTS[Decision.ERROR]
+        if row is None:
+            if not is_error or part["number"] is not None:
+                yield f"{part} has no row"
+        elif row.part_id != part["part_id"]:
+            yield f"{part} has the number of {row.part_id}"
+        elif not is_error and part["verdict"] != VERDICTS[row.verdict.decision]:
+            yield f"{part}: its row says {row.verdict.decision}"
+        elif not is_error and part.get("recipe", row.recipe) != row.recipe:
+            yield f"{part} was judged by {row.recipe}"
+    counts = Counter(part["part_id"] for part in judged)
+    yield from (
+        f"{part_id} was judged {count} times" for part_id, count in counts.items() if count > 1
+    )
+    last = [each["came"] for each in journal if each.get("came", "").startswith("last")]
+    yield from (f"{part_id} was not judged" for part_id in last if part_id not in counts)
+    began = {each["session"]: each["began_utc"] for each in journal if "began_utc" in each}
+    for shown in (each for each in journal if "result_number" in each):
+        row = rows[shown["result_number"]]
+        is_interrupted = shown["cause"] == CAUSES[Cause.INTERRUPTED]
+        if shown["verdict"] != VERDICTS[row.verdict.decision]:
+            yield f"{shown}: its row says {row.verdict.decision}"
+        elif row.triggered_utc < began[shown["session"]] and not is_interrupted:
+            yield f"{shown}: it is a result of an earlier run"
+
+
+def main(kills: int, seed: int) -> int:
+    """Print the figures; return the exit status."""
+    cv2.setNumThreads(1)
+    with tempfile.TemporaryDirectory(prefix="ps4rig-plc-") as place:
+        folder = station_with_two_recipes(Path(place))
+        journal = killed_line(folder, kills, random.Random(seed)).read()
+        rows, changes = rows_of(folder), recipe_changes(folder)
+    wrong = list(contradictions(rows, journal))
+    judged = [part for part in journal if "number" in part]
+    errors = sum(part["verdict"] == VERDICTS[Decision.ERROR] for part in judged)
+    shown = sum("result_number" in each for each in journal)
+    print(
+        f"{kills} kills: {len(rows)} parts begun, {shown} results shown; the PLC sorted "
+        f"{len(judged)} parts, {errors} of them as ERROR; {changes} changes of the recipe; "
+        f"{len(wrong)} contradictions"
+    )
+    print(*wrong, sep="\n", end="")
+    return int(bool(wrong))
+
+
+if __name__ == "__main__":
+    options = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    options.add_argument("--kills", type=int, default=300)
+    options.add_argument("--seed", type=int, default=20260101)
+    given = options.parse_args()
+    sys.exit(main(given.kills, given.seed))

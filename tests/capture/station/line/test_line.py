@@ -1,0 +1,101 @@
+"""The line between a handshake and a station, without a bus."""
+
+import logging
+import threading
+import time
+from typing import NoReturn
+
+import pytest
+
+from capture.station.domain.interface_config import ModbusConfig
+from capture.station.line.handshake import Handshake
+from capture.station.line.line import PlcLine
+from capture.station.line.modbus import serving_modbus
+from capture.station.line.registers import (
+    PLC,
+    PLC_ADDRESS,
+    STATION,
+    Command,
+    SelectError,
+    decoded,
+    encoded,
+)
+from capture.station.run.live_station import LiveStation
+from capture.station.run.triggers import Refused, Trigger
+from tests.capture.station.line.lines import NOTHING, until_so
+
+WAIT_S = 60.0
+
+
+class SlowRecorder:
+    """A station that refuses everything, and whose first record takes until `go_on`."""
+
+    is_stopping = True
+
+    def __init__(self) -> None:
+        self.refused: list[str | None] = []
+        self.is_recording, self.go_on = threading.Event(), threading.Event()
+
+    def submit(self, trigger: Trigger) -> Refused:
+        return self.refuse(trigger, "stopping")
+
+    def refuse(self, trigger: Trigger, reason: str) -> Refused:
+        self.is_recording.set()
+        assert self.go_on.wait(WAIT_S)
+        self.refused.append(trigger.part_id)
+        return Refused(reason)
+
+    def wait_until_ready(self, timeout_s: float) -> bool:
+        return timeout_s < 0.0
+
+
+def ask_for(line: PlcLine, trigger_id: int, part_id: str) -> None:
+    """Write a trigger, and take the trigger bit back."""
+    values = NOTHING | {"trigger_id": trigger_id, "part_id": part_id}
+    line.write(PLC_ADDRESS, encoded(PLC, values | {"commands": Command.TRIGGER}))
+    line.write(PLC_ADDRESS, encoded(PLC, values | {"commands": 0}))
+
+
+def test_refusals_that_wait_at_the_end_of_a_run_are_recorded() -> None:
+    live, station = LiveStation("line-1", simulated=True), SlowRecorder()
+    line = PlcLine(live, Handshake(session=7, is_trigger=False, is_simulated=True), last_s=0.0)
+    with line:
+        live.attach(station)
+        ask_for(line, 1, "A-1")
+        assert station.is_recording.wait(WAIT_S)
+        ask_for(line, 2, "A-2")
+        threading.Timer(0.2, station.go_on.set).start()
+    assert station.refused == ["A-1", "A-2"]
+
+
+def test_a_defect_while_a_recipe_loads_is_an_answer_to_the_plc() -> None:
+    class Defective(SlowRecorder):
+        def load_recipe(self, *_: object) -> NoReturn:
+            raise ValueError("a defect")
+
+    live = LiveStation("line-1", simulated=True)
+    handshake = Handshake(session=7, is_trigger=True, is_simulated=True, recipes=("brass",))
+    line = PlcLine(live, handshake, last_s=0.0)
+    with line:
+        live.attach(Defective())
+        values = NOTHING | {"recipe": 1, "commands": Command.SELECT_RECIPE}
+        line.write(PLC_ADDRESS, encoded(PLC, values))
+        until_so(lambda: handshake.selection.loading is None)
+    assert decoded(STATION, line.station_words())["select_error"] == SelectError.UNFORESEEN
+
+
+def test_a_heartbeat_that_stops_is_logged(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail(*_: object) -> None:
+        raise ValueError("a defect")
+
+    live = LiveStation("line-1", simulated=True)
+    line = PlcLine(live, Handshake(session=7, is_trigger=False, is_simulated=True), last_s=0.0)
+    monkeypatch.setattr(line, "tick", fail)
+    with caplog.at_level(logging.ERROR), serving_modbus(line, ModbusConfig(port=0)):
+        given_up_s = time.monotonic() + WAIT_S
+        while "heartbeat" not in caplog.text:
+            assert time.monotonic() < given_up_s
+            time.sleep(0.01)
+    assert "a defect" in caplog.text

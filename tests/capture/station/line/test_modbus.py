@@ -1,0 +1,331 @@
+"""A real pymodbus client and a station with a fake rig: the documented end of each fault."""
+
+import itertools
+import json
+import socket
+import struct
+import subprocess
+import sys
+import threading
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from pymodbus.client import ModbusTcpClient
+from pymodbus.constants import ExcCodes
+
+from capture.sets.captured_set import CapturedSet
+from capture.station.domain.interface_config import ModbusConfig
+from capture.station.domain.verdict import Cause, Decision
+from capture.station.line.handshake import Handshake
+from capture.station.line.line import PlcLine
+from capture.station.line.modbus import MAX_CONNECTIONS, serving_modbus
+from capture.station.line.registers import (
+    CAUSES,
+    PAGE_VERSION,
+    PLC_ADDRESS,
+    PLC_WORDS,
+    STATION_WORDS,
+    VERDICTS,
+    Command,
+    ErrorCode,
+    Status,
+)
+from capture.station.run.events import PartAnnounced
+from capture.station.run.live_station import LiveStation
+from capture.station.run.triggers import Trigger
+from classify.base.errors import InputError
+from tests.capture.station.line.lines import (
+    NOTHING,
+    SESSION,
+    WAIT_S,
+    acknowledge,
+    running_line,
+    trigger,
+    until,
+    until_so,
+)
+from tests.capture.station.stations import Bench
+
+
+@pytest.mark.slow
+def test_the_example_client_in_another_process_sorts_parts_by_their_verdicts(
+    tmp_path: Path, captured: CapturedSet
+) -> None:
+    with running_line(tmp_path / "line-1", captured) as line:
+        client = (sys.executable, "-m", "capture.station.line.example_client")
+        command = (*client, "127.0.0.1", str(line.port), "--parts", "5", "--name", "A")
+        said = subprocess.check_output(command, text=True, timeout=WAIT_S)
+        parts = [json.loads(each) for each in said.splitlines()]
+        assert [each["part_id"] for each in parts] == [f"A-{n}" for n in range(1, 6)]
+        assert [each["number"] for each in parts] == [1, 2, 3, 4, 5]
+        assert {each["verdict"] for each in parts} == {VERDICTS[Decision.PASS]}
+        rows = {entry.result.part_id: entry.result for entry in line.bench.store.parts()}
+        assert rows.keys() == {each["part_id"] for each in parts}
+        assert {row.trigger for row in rows.values()} == {"modbus"}
+
+
+def test_a_client_that_disconnects_in_mid_part_finds_its_result_later(
+    tmp_path: Path, captured: CapturedSet
+) -> None:
+    exposing = threading.Event()
+    with running_line(
+        tmp_path / "line-1",
+        captured,
+        before=lambda bench: setattr(bench.camera, "on_capture", lambda _: exposing.wait(WAIT_S)),
+    ) as line:
+        with line.client() as plc:
+            trigger(plc, 1)
+            number = until(plc, Status.ACK)["number"]
+        until_so(lambda: line.device()[0] == "warning")
+        exposing.set()
+        with line.client() as plc:
+            read = until(plc, Status.RESULTS_VALID | Status.EXPOSURE_COMPLETE)
+            assert (read["session"], read["result_number"]) == (SESSION, number)
+            assert Status.ACK in Status(read["status"])  # the registers keep what was written
+            acknowledge(plc, number)
+            assert not Status(plc.read()["status"]) & (Status.ACK | Status.RESULTS_VALID)
+
+
+def test_a_second_trigger_during_an_exposure_is_refused_and_recorded(
+    tmp_path: Path, captured: CapturedSet
+) -> None:
+    exposing = threading.Event()
+    with (
+        running_line(
+            tmp_path / "line-1",
+            captured,
+            before=lambda bench: setattr(
+                bench.camera, "on_capture", lambda _: exposing.wait(WAIT_S)
+            ),
+        ) as line,
+        line.client() as plc,
+    ):
+        trigger(plc, 1)
+        until(plc, Status.ACK)
+        plc.write(NOTHING)
+        plc.write(NOTHING | {"commands": Command.TRIGGER, "trigger_id": 2})
+        read = until(plc, Status.REFUSED)
+        assert (read["error"], read["trigger_id"]) == (ErrorCode.BUSY, 2)
+        assert line.until_refused(1) == ["busy: another part is being exposed"]
+        exposing.set()
+        assert until(plc, Status.RESULTS_VALID)["result_number"] == 1
+    assert len(line.bench.of(PartAnnounced)) == 1
+
+
+def test_an_id_that_was_used_before_is_refused(tmp_path: Path, captured: CapturedSet) -> None:
+    with running_line(tmp_path / "line-1", captured) as line, line.client() as plc:
+        trigger(plc, 1, "A-1")
+        acknowledge(plc, until(plc, Status.RESULTS_VALID)["result_number"])
+        trigger(plc, 2, "A-1")
+        assert until(plc, Status.REFUSED)["error"] == ErrorCode.PART_ID
+        assert line.until_refused(1) == ["part A-1: this station has had a part with this id"]
+
+
+def test_a_trigger_before_the_station_has_started_is_refused_and_recorded_later(
+    tmp_path: Path, captured: CapturedSet
+) -> None:
+    opened = threading.Event()
+
+    def before(bench: Bench) -> None:
+        bench.camera.on_open = lambda: opened.wait(WAIT_S) and None
+
+    with running_line(tmp_path / "line-1", captured, before=before) as line, line.client() as plc:
+        plc.write(NOTHING | {"commands": Command.TRIGGER, "trigger_id": 1})
+        assert until(plc, Status.REFUSED)["error"] == ErrorCode.NOT_READY
+        opened.set()
+        [reason] = line.until_refused(1)
+        assert reason.startswith("not ready")
+
+
+def test_a_restarted_station_shows_no_old_result_and_the_interrupted_part_as_error(
+    tmp_path: Path, captured: CapturedSet
+) -> None:
+    with running_line(tmp_path / "line-1", captured) as line, line.client() as plc:
+        trigger(plc, 1, "A-1")
+        assert until(plc, Status.RESULTS_VALID)["verdict"] == VERDICTS[Decision.PASS]
+        store, utc = line.bench.store, "2026-01-02T03:04:05.678Z"
+        store.begin(trigger="modbus", triggered_utc=utc, simulated=True, part_id="A-2")
+    anew = running_line(tmp_path / "line-1", captured, session=SESSION + 1)
+    with anew as line, line.client() as plc:
+        read = until(plc, Status.RESULTS_VALID)
+        assert (read["session"], read["result_number"]) == (SESSION + 1, 2)
+        assert (read["verdict"], read["result_part_id"]) == (VERDICTS[Decision.ERROR], "A-2")
+        assert read["cause"] == CAUSES[Cause.INTERRUPTED]
+        acknowledge(plc, 2)
+        assert until(plc, Status.READY)["result_number"] == 0
+
+
+def test_nonsense_gets_a_modbus_exception_and_changes_nothing(
+    tmp_path: Path, captured: CapturedSet
+) -> None:
+    with (
+        running_line(tmp_path / "line-1", captured) as line,
+        line.client() as plc,
+        ModbusTcpClient("127.0.0.1", port=line.port, timeout=WAIT_S) as client,
+    ):
+        before = until(plc, Status.READY)
+        commands = PLC_ADDRESS + 1
+        for answer, code in (
+            (client.write_register(commands, 0x8000), ExcCodes.ILLEGAL_VALUE),
+            (client.write_registers(commands, [0xFFFF, 1]), ExcCodes.ILLEGAL_VALUE),
+            (client.write_register(3, 1), ExcCodes.ILLEGAL_ADDRESS),
+            (client.write_register(PLC_ADDRESS + PLC_WORDS, 1), ExcCodes.ILLEGAL_ADDRESS),
+            (client.write_registers(STATION_WORDS - 1, [1, 1]), ExcCodes.ILLEGAL_ADDRESS),
+            (client.read_input_registers(STATION_WORDS - 1, count=2), ExcCodes.ILLEGAL_ADDRESS),
+            (client.read_holding_registers(60_000, count=1), ExcCodes.ILLEGAL_ADDRESS),
+            (client.read_coils(0, count=1), ExcCodes.ILLEGAL_FUNCTION),
+            (client.write_coil(commands, True), ExcCodes.ILLEGAL_FUNCTION),
+        ):
+            assert answer.isError(), answer
+            assert answer.exception_code == code
+        after = plc.read()
+        del before["heartbeat"], after["heartbeat"]
+        assert after == before
+        mirrored = client.read_holding_registers(0, count=STATION_WORDS).registers
+        assert mirrored[:3] == [PAGE_VERSION, 0, SESSION]  # both functions read both pages
+        written = client.read_input_registers(PLC_ADDRESS, count=PLC_WORDS).registers
+        assert written == [0] * PLC_WORDS
+    assert line.bench.announced() == []
+
+
+@pytest.mark.parametrize("sent", [b"GET / HTTP/1.1\r\n\r\n", b"\xff" * 3000, b"\0\1\0\0\0"])
+def test_bytes_that_are_not_modbus_harm_no_other_client(
+    tmp_path: Path, captured: CapturedSet, sent: bytes
+) -> None:
+    with (
+        running_line(tmp_path / "line-1", captured) as line,
+        line.client() as plc,
+        socket.create_connection(("127.0.0.1", line.port)) as other,
+    ):
+        other.sendall(sent)
+        trigger(plc, 1)
+        assert until(plc, Status.RESULTS_VALID)["result_number"] == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shrinks", [False, True], ids=["fills up", "drops answers"])
+def test_a_client_that_reads_no_answers_and_connections_beyond_the_limit_are_closed(
+    tmp_path: Path, captured: CapturedSet, shrinks: bool
+) -> None:
+    read = struct.pack(">HHHBBHH", 1, 0, 6, 1, 4, 0, STATION_WORDS)
+    with running_line(tmp_path / "line-1", captured) as line, line.client() as plc:
+        with socket.socket() as deaf:
+            deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 8192 if shrinks else 4096)
+            deaf.settimeout(WAIT_S)
+            deaf.connect(("127.0.0.1", line.port))
+            with suppress(ConnectionError):
+                for number in itertools.count():
+                    deaf.sendall(read)
+                    plc.read()  # not faster than the station answers
+                    if shrinks and number == 5:
+                        # Linux drops answers that it had room for, and what they acknowledge.
+                        deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
+        others = [
+            socket.create_connection(("127.0.0.1", line.port), timeout=WAIT_S)
+            for _ in range(MAX_CONNECTIONS)
+        ]
+        assert others[-1].recv(1) == b""
+        for each in others:
+            each.close()
+        trigger(plc, 1)
+        assert until(plc, Status.RESULTS_VALID)["result_number"] == 1
+
+
+def test_a_client_that_polls_without_a_pause_sees_whole_pages_and_delays_no_part(
+    tmp_path: Path, captured: CapturedSet
+) -> None:
+    over, reads = threading.Event(), []
+
+    def until_polled(number: int) -> None:
+        until_so(lambda: number in {read["result_number"] for read in reads[-100:]})
+
+    with running_line(tmp_path / "line-1", captured) as line, line.client() as plc:
+
+        def poll() -> None:
+            with line.client() as other:
+                while not over.is_set():
+                    reads.append(other.read())
+
+        poller = threading.Thread(target=poll)
+        poller.start()
+        try:
+            until_polled(0)
+            for number in range(1, 6):
+                trigger(plc, number, f"A-{number}")
+                until(plc, Status.RESULTS_VALID)
+                until_polled(number)
+                acknowledge(plc, number)
+        finally:
+            over.set()
+            poller.join()
+    for read in reads:
+        is_valid = Status.RESULTS_VALID in Status(read["status"])
+        number = read["result_number"]
+        part_id, verdict = (f"A-{number}", VERDICTS[Decision.PASS]) if is_valid else ("", 0)
+        assert is_valid is (number != 0)
+        assert (read["result_part_id"], read["verdict"]) == (part_id, verdict)
+    assert {read["result_number"] for read in reads} == set(range(6))
+    print(f"{len(reads)} reads during 5 parts")
+
+
+@pytest.mark.slow
+def test_a_poll_costs_little(tmp_path: Path, captured: CapturedSet) -> None:
+    polls = 2000
+    with running_line(tmp_path / "line-1", captured) as line:
+        with line.client() as plc:
+            until(plc, Status.READY)
+        client = (
+            "import sys; from capture.station.line.modbus import PlcConnection\n"
+            "with PlcConnection('127.0.0.1', int(sys.argv[1])) as plc:\n"
+            f"    [plc.read() for _ in range({polls})]"
+        )
+        began_s = time.process_time()
+        subprocess.run((sys.executable, "-c", client, str(line.port)), check=True, timeout=WAIT_S)
+        poll_s = (time.process_time() - began_s) / polls
+    print(f"a poll costs the station {1e6 * poll_s:.0f} us of processor time")
+    assert poll_s < 1e-3
+
+
+@pytest.mark.slow
+def test_a_plc_whose_heartbeat_stops_is_shown_as_a_fault(
+    tmp_path: Path, captured: CapturedSet
+) -> None:
+    now_s = [0.0]
+    with running_line(tmp_path / "line-1", captured, now_s=lambda: now_s[0]) as line:
+        until_so(lambda: line.device()[0] == "warning")
+        with line.client() as plc:
+            until_so(lambda: line.device() == ("ok", "connected, without a heartbeat"))
+            plc.write(NOTHING | {"heartbeat": 3})
+            until_so(lambda: line.device() == ("ok", "connected"))
+            now_s[0] = 10.0
+            until_so(lambda: line.device() == ("fault", "the heartbeat of the PLC stays at 3"))
+            beats = plc.read()["heartbeat"]
+            until_so(lambda: plc.read()["heartbeat"] != beats)
+
+
+def test_the_results_of_other_triggers_go_to_a_plc_that_does_not_trigger(
+    tmp_path: Path, captured: CapturedSet
+) -> None:
+    folder = tmp_path / "line-1"
+    with running_line(folder, captured, is_trigger=False) as line, line.client() as plc:
+        assert line.live.wait_until_ready(WAIT_S)
+        line.live.submit(Trigger("http", "B-1"))
+        read = until(plc, Status.RESULTS_VALID)
+        assert (read["number"], read["result_part_id"]) == (1, "B-1")
+        plc.write(NOTHING | {"commands": Command.TRIGGER, "trigger_id": 1})
+        assert until(plc, Status.REFUSED)["error"] == ErrorCode.OTHER_TRIGGER
+        assert line.until_refused(1) == ["triggers do not come from the PLC"]
+
+
+def test_a_taken_port_is_named() -> None:
+    live = LiveStation("line-1", simulated=True)
+    line = PlcLine(live, Handshake(SESSION, is_trigger=True, is_simulated=True))
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        settings = ModbusConfig(port=other.getsockname()[1])
+        with (
+            pytest.raises(InputError, match=rf"\[modbus\] 127.0.0.1:{settings.port}: Address"),
+            serving_modbus(line, settings),
+        ):
+            pass

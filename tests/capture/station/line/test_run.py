@@ -1,0 +1,94 @@
+"""`ps4rig station run` with a PLC and a broker in its `station.toml`."""
+
+import re
+import signal
+import subprocess
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from capture.commands.station.interfaces import modbus_of, mqtt_of, plc_line
+from capture.station.domain.config import StationConfig
+from capture.station.domain.folder import StationFolder, make_station
+from capture.station.domain.interface_config import ModbusConfig, MqttConfig
+from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.judge.approval import approve
+from capture.station.line.example_client import run_ladder
+from capture.station.line.ladder import Judged
+from capture.station.run.live_station import LiveStation
+from classify.base.errors import InputError
+
+PARTS = 3
+
+
+def test_a_plc_is_served_if_section_or_trigger_asks_for_it() -> None:
+    live = LiveStation("line-1", simulated=True)
+    without = StationConfig(name="line-1", recipe="example")
+    with_section = without.model_copy(update={"modbus": ModbusConfig()})
+    assert plc_line(without, live, "timer") is None
+    assert plc_line(without, live, "modbus") is not None
+    assert plc_line(with_section, live, "timer") is not None
+
+
+@pytest.mark.parametrize(
+    ("extra", "package", "module"), [("modbus", "pymodbus", "modbus"), ("mqtt", "paho", "mqtt")]
+)
+def test_a_missing_package_is_named_with_the_way_to_install_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, extra: str, package: str, module: str
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    for name in [name for name in sys.modules if name.startswith(f"{package}.")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.delitem(sys.modules, f"capture.station.line.{module}", raising=False)
+    live = LiveStation("line-1", simulated=True)
+    line = plc_line(StationConfig(name="line-1", recipe="example"), live, "modbus")
+    assert line is not None
+    said = rf"^\[{extra}\] needs {package}.*: pip install 'ps4rig\[{extra}\]'$"
+    settings = MqttConfig(url="mqtt://broker", topic="a")
+    make_station(tmp_path / "line-1")
+    with pytest.raises(InputError, match=said), ExitStack() as stack:
+        stack.enter_context(
+            modbus_of(line, None)
+            if extra == "modbus"
+            else mqtt_of(settings, StationFolder(tmp_path / "line-1"))
+        )
+
+
+@pytest.mark.slow
+def test_a_run_prints_its_modbus_address_and_takes_the_triggers_of_the_example_client(
+    station: Path, files: RecipeFolder, small_rig: Path
+) -> None:
+    assert small_rig
+    approve(files, "Ada")
+    with (station / "station.toml").open("a", encoding="utf-8") as config:
+        config.write('[modbus]\nport = 0\nrecipes = ["example"]\n')
+        config.write('[mqtt]\nurl = "mqtt://127.0.0.1:9"\ntopic = "plant"\n')  # nobody listens
+    options = ("--no-panel", "--trigger", "modbus")
+    command = (sys.executable, "-m", "capture", "station", "run", str(station), *options)
+    judged: list[Judged] = []
+    numbers = iter(range(1, PARTS + 1))
+
+    def next_part() -> str | None:
+        number = next(numbers, None)
+        return None if number is None else f"A-{number}"
+
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as run:
+        assert run.stdout is not None
+        assert run.stderr is not None
+        found = re.search(r"modbus: (\S+):(\d+)", run.stderr.readline())
+        assert found is not None
+        run_ladder(found[1], int(found[2]), next_part, judged.append)
+        run.send_signal(signal.SIGINT)
+        said = run.stdout.read()
+    verdicts = dict(zip((1, 2, 3, 4), ("PASS", "FAIL", "UNKNOWN", "ERROR"), strict=True))
+    parts = [f"{part.part_id} {verdicts[part.verdict]}, simulated" for part in judged]
+    assert [line.partition(":")[0] for line in said.splitlines() if "simulated:" in line] == parts
+    assert [part.number for part in judged] == [1, 2, 3]
+    assert run.returncode == 130
+    assert "mqtt 127.0.0.1: cannot be reached" in (station / "station.log").read_text(
+        encoding="utf-8"
+    )

@@ -1,0 +1,92 @@
+"""An inspection that began while its images were checked counts for these images alone."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from capture import CapturedSet
+from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.judge.inspector import Inspection, Inspector
+from capture.station.judge.measured_surface import MeasuredSurface
+from classify.base.errors import InputError
+from tests.capture.station.teaching_sets import patch
+
+
+@pytest.fixture
+def inspector(files: RecipeFolder) -> Inspector:
+    return Inspector.load(files)
+
+
+@pytest.fixture(scope="module")
+def part() -> CapturedSet:
+    return patch("rock", 31)
+
+
+@pytest.fixture
+def solved(monkeypatch: pytest.MonkeyPatch) -> list[CapturedSet]:
+    """The sets that were solved."""
+    found: list[CapturedSet] = []
+    solve: Callable[..., MeasuredSurface] = MeasuredSurface.of
+
+    def of(captured: CapturedSet, *others: object) -> MeasuredSurface:
+        found.append(captured)
+        return solve(captured, *others)
+
+    monkeypatch.setattr(MeasuredSurface, "of", of)
+    return found
+
+
+def unchecked(captured: CapturedSet) -> CapturedSet:
+    """The set as `capture_set` gives it before its checks: the same arrays."""
+    about = captured.metadata.model_copy(update={"checks": None, "pixels_sha256": ""})
+    return replace(captured, metadata=about)
+
+
+def fields(inspection: Inspection) -> dict[str, object]:
+    return inspection.result_fields() | {"timings_ms": None}
+
+
+def test_a_begun_part_is_solved_once_with_the_same_result(
+    inspector: Inspector, part: CapturedSet, solved: list[CapturedSet]
+) -> None:
+    plain = fields(inspector.inspect(part))
+    solved.clear()
+    inspector.begin(unchecked(part))
+    assert fields(inspector.inspect(part)) == plain
+    assert len(solved) == 1
+
+
+@pytest.mark.parametrize("changed", ["images", "ambient"])
+def test_another_attempt_is_solved_again(
+    inspector: Inspector, part: CapturedSet, solved: list[CapturedSet], changed: str
+) -> None:
+    other = replace(part, **{changed: np.flip(getattr(part, changed), -1).copy()})
+    plain = fields(inspector.inspect(other))
+    inspector.begin(unchecked(part))
+    assert fields(inspector.inspect(other)) == plain
+    assert other in solved[1:]
+
+
+def test_the_error_of_a_begun_part_is_raised_where_it_is_judged(
+    inspector: Inspector, part: CapturedSet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def of(*_: object) -> MeasuredSurface:
+        raise InputError("cannot be solved")
+
+    monkeypatch.setattr(MeasuredSurface, "of", of)
+    inspector.begin(unchecked(part))
+    with pytest.raises(InputError, match="cannot be solved"):
+        inspector.inspect(part)
+
+
+def test_an_inspection_leaves_the_warning_filters_of_the_process_alone(
+    inspector: Inspector, part: CapturedSet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(**_: object) -> None:
+        raise AssertionError("it would change them for all threads")
+
+    monkeypatch.setattr("warnings.catch_warnings", fail)
+    inspector.begin(part)
+    assert inspector.inspect(part).measures.match is not None

@@ -1,0 +1,188 @@
+"""Tests of the control charts."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from capture.station.domain.verdict import Decision, Verdict
+from capture.station.results.part_result import PartResult
+from capture.station.results.statistics import ChartedPart
+from capture.station.run.control_chart import (
+    BASELINE_PARTS,
+    Baseline,
+    ControlChart,
+    baseline_of,
+    broken_rules,
+)
+from capture.station.run.control_history import chart_histories
+from capture.station.run.events import (
+    Event,
+    PartAnnounced,
+    RecipeLoaded,
+    Warned,
+)
+from tests.capture.station.results.many import many
+
+LEDS = ("LED 0", "LED 90", "LED 180", "LED 270")
+UNIT = Baseline(0.0, 1.0)
+PART = PartResult(
+    station="s",
+    part_id="1",
+    number=1,
+    trigger="timer",
+    triggered_utc="2026-01-01T00:00:00.000Z",
+    exposed_utc=None,
+    decided_utc="2026-01-01T00:00:00.000Z",
+    verdict=Verdict(Decision.PASS, "good"),
+    operator=None,
+    simulated=True,
+    software_version="0",
+    label="steel",
+    distance=1.0,
+    led_levels=(1.0, 1.0, 1.0, 1.0),
+)
+
+
+@pytest.mark.parametrize(
+    ("values", "rules"),
+    [
+        ([0.0] * 7 + [3.1], ["1 of 1 points 3"]),
+        ([0.0, 2.1, 0.0, -2.1], []),
+        ([0.0, 2.1, 0.0, 2.1], ["2 of 3 points 2"]),
+        ([-1.1, -1.1, 0.0, -1.1, -1.1], ["4 of 5 points 1"]),
+        ([0.1] * 8, ["8 of 8 points above"]),
+        ([0.1] * 7, []),
+        ([0.1] * 7 + [-0.1], []),
+    ],
+)
+def test_each_western_electric_rule_is_noticed(values: list[float], rules: list[str]) -> None:
+    found = broken_rules(values, UNIT)
+    assert len(found) == len(rules)
+    assert all(each.startswith(rule) for each, rule in zip(found, rules, strict=True))
+
+
+def test_a_process_in_control_breaks_a_rule_as_seldom_as_known() -> None:
+    # Champ and Woodall (1987): with all four rules one point in 91.75.
+    values = np.random.default_rng(1).standard_normal(20_000).tolist()
+    runs, start = [], 0
+    for end in range(1, len(values) + 1):
+        if broken_rules(values[max(start, end - 8) : end], UNIT):
+            runs.append(end - start)
+            start = end
+    assert np.mean(runs) == pytest.approx(91.75, rel=0.2)
+
+
+def test_a_drift_does_not_widen_its_own_baseline() -> None:
+    draw = np.random.default_rng(2)
+    noise = draw.normal(0.0, 0.01, 200)
+    assert baseline_of((1.0 + noise).tolist()).sigma == pytest.approx(0.01, rel=0.2)
+    drifting = 1.0 + noise + np.linspace(0.0, 0.1, 200)
+    assert baseline_of(drifting.tolist()).sigma == pytest.approx(0.01, rel=0.2)
+
+
+def fed(levels: np.ndarray, distances: np.ndarray) -> list[str]:
+    """Warnings of a chart that sees these parts."""
+    told: list[str] = []
+
+    def subscriber(event: Event) -> None:
+        assert isinstance(event, Warned)
+        told.append(event.text)
+
+    chart = ControlChart(LEDS, subscriber)
+    for level, distance in zip(levels.tolist(), distances.tolist(), strict=True):
+        chart(PartAnnounced(replace(PART, led_levels=tuple(level), distance=distance), 1.0))
+    return told
+
+
+def test_a_fading_led_is_named_long_before_its_parts_are_errors() -> None:
+    draw, parts = np.random.default_rng(3), 600
+    levels = 1.0 + draw.normal(0.0, 0.01, (parts, 4))
+    # From the baseline on it loses 15 % in 500 parts.
+    fading = np.clip(np.arange(parts) - BASELINE_PARTS, 0, None) / 500.0
+    levels[:, 2] -= 0.15 * fading
+    told = fed(levels, np.exp(draw.normal(0.0, 0.1, parts)))
+    of_led = [text for text in told if text.startswith("LED 180")]
+    level = float(of_led[0].split("at ")[1].split("%")[0])
+    assert level > 96.0
+    assert any("least 90%" in text for text in of_led)
+    assert len(of_led) < 12
+
+
+def test_a_growing_distance_is_noticed() -> None:
+    draw, parts = np.random.default_rng(4), 200
+    logs = draw.normal(0.0, 0.1, parts)
+    logs[BASELINE_PARTS:] += 0.15
+    told = fed(np.ones((parts, 4)), np.exp(logs))
+    assert any(text.startswith("distance") for text in told)
+
+
+def test_another_recipe_begins_another_baseline() -> None:
+    """Its distances and the levels at which it was taught are others."""
+    draw, told = np.random.default_rng(5), list[str]()
+    chart = ControlChart(LEDS, lambda event: told.append(event.text))
+
+    def judge(logs: np.ndarray) -> None:
+        for log in logs:
+            chart(PartAnnounced(replace(PART, distance=float(np.exp(log))), 1.0))
+
+    judge(draw.normal(0.0, 0.1, BASELINE_PARTS + 2))
+    chart(RecipeLoaded("other", 1, "0" * 64))
+    judge(draw.normal(0.4, 0.1, BASELINE_PARTS))
+    assert told == []
+    judge(draw.normal(0.55, 0.1, 100))
+    assert any(text.startswith("distance") for text in told)
+
+
+def test_parts_without_a_texture_are_on_no_chart() -> None:
+    chart = ControlChart(LEDS)
+    for changes in (
+        {"label": None},
+        {"led_levels": ()},
+        {"distance": None},
+        {"led_levels": (0.1, 0.1, 0.1, -0.1)},
+    ):
+        assert [chart.add(replace(PART, **changes)) for _ in range(10)] == [[]] * 10
+
+
+def test_an_led_below_90_percent_is_named_with_the_first_point() -> None:
+    chart = ControlChart(LEDS)
+    part = replace(PART, led_levels=(1.0, 0.88, 1.0, 1.0))
+    told = [text for _ in range(20) for text in chart.add(part)]
+    assert len(told) == 1
+    assert told[0].startswith("LED 90 at 88.0% of its taught level: least 90%")
+
+
+def test_charts_of_recorded_parts_warn_where_a_running_station_did() -> None:
+    """The points, the baseline and the rules are the same; only levels below 90 % are not told."""
+    parts = many("line-1", 600)
+    watching = ControlChart(["LED 0", "LED 90", "LED 180", "LED 270"])
+    told = {part.part_id: watching.add(part) for part in parts}
+    running = [(part_id, text) for part_id, texts in told.items() for text in texts]
+    distance, *levels = chart_histories(
+        ChartedPart(**{name: getattr(part, name) for name in ChartedPart.__dataclass_fields__})
+        for part in parts
+        if part.label is not None
+    )
+    assert len(running) > 5
+    assert len(distance.points) == sum(part.label is not None for part in parts) // 5
+    recorded = {
+        (point.part_id, text)
+        for chart in (distance, *levels)
+        for point in chart.points
+        for text in point.begun
+    }
+    assert recorded == {(part_id, text.split(": ")[1].split(";")[0]) for part_id, text in running}
+    assert distance.lower is not None
+    assert distance.centre is not None
+    assert distance.upper is not None
+    assert 0.0 < distance.lower < distance.centre < distance.upper
+
+
+def test_too_few_parts_have_no_baseline() -> None:
+    parts = [ChartedPart(n, f"part-{n}", "", 0.4, (1.0, 0.9)) for n in range(99)]
+    charts = chart_histories(parts)
+    assert [len(chart.points) for chart in charts] == [19, 19, 19]
+    assert {chart.centre for chart in charts} == {None}
+    (alone,) = chart_histories([])
+    assert alone.points == ()

@@ -1,0 +1,53 @@
+"""Events reach their subscribers in order, also slow ones."""
+
+import threading
+
+import pytest
+
+from capture.station.run import events
+from capture.station.run.events import Event, Publisher, Warned
+
+WAIT_S = 60.0
+
+
+def test_an_event_never_waits_for_its_subscriber(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(events, "MOST_EVENTS", 3)
+    go_on, told = threading.Event(), []
+
+    def listen(event: Event) -> None:
+        assert go_on.wait(WAIT_S)
+        told.append(event)
+
+    def publish() -> None:
+        for number in range(10):
+            publisher.publish(Warned(str(number)))
+
+    with Publisher(listen) as publisher:
+        publishing = threading.Thread(target=publish)
+        publishing.start()
+        publishing.join(WAIT_S / 2)
+        is_done = not publishing.is_alive()
+        waiting = threading.Thread(target=publisher.wait_for_room, args=(lambda: False,))
+        waiting.start()
+        publisher.wait_for_room(lambda: True)
+        assert waiting.is_alive()
+        go_on.set()
+        waiting.join(WAIT_S)
+        assert not waiting.is_alive()
+    assert is_done
+    assert told == [Warned(str(number)) for number in range(10)]
+
+
+def test_a_subscriber_does_not_wait_for_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(events, "MOST_EVENTS", 0)
+    told = threading.Event()
+
+    def listen(_: Event) -> None:
+        publisher.wait_for_room(told.is_set)
+        told.set()
+
+    with Publisher(listen) as publisher:
+        publisher.publish(Warned(""))
+        is_told = told.wait(WAIT_S)
+        told.set()
+    assert is_told

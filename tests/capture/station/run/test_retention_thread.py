@@ -1,0 +1,66 @@
+import threading
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+
+from capture.station.domain.config import Retention
+from capture.station.results.store import open_store
+from capture.station.run import retention_thread
+from capture.station.run.retention_thread import retention_in_background
+from tests.capture.station.days_with_parts import make_days
+from tests.capture.station.results.parts import inspect
+
+
+def test_old_sets_go_while_the_station_runs(tmp_path: Path) -> None:
+    path = tmp_path / "parts" / "2020-01-01" / "a.ome.tif"
+    path.parent.mkdir(parents=True)
+    path.write_text("a set")
+    make_days(tmp_path, datetime.now(UTC))
+    with open_store(str(tmp_path / "results.sqlite"), "line-1", create=True) as store:
+        inspect(
+            store, triggered_utc="2020-01-01T00:00:00.000Z", set_file="parts/2020-01-01/a.ome.tif"
+        )
+        retention = Retention(pass_every=1_000_000, pass_days=1.0)
+        with retention_in_background(tmp_path, store, retention, print):
+            given_up_s = time.monotonic() + 60.0
+            while path.exists() and time.monotonic() < given_up_s:
+                time.sleep(0.01)
+        assert not path.exists()
+        [entry] = store.parts()
+        assert entry.set_removed_utc is not None
+        assert entry.set_removed_utc[:10] <= datetime.now(UTC).date().isoformat()
+
+
+def test_what_fails_is_a_warning(tmp_path: Path) -> None:
+    said, warned = [], threading.Event()
+
+    def warn(text: str) -> None:
+        said.append(text)
+        warned.set()
+
+    with open_store(str(tmp_path / "results.sqlite"), "line-1", create=True) as store:
+        inspect(store, triggered_utc="2020-01-01T00:00:00.000Z", set_file="../elsewhere")
+        with retention_in_background(tmp_path, store, Retention(pass_every=1_000_000), warn):
+            assert warned.wait(60)
+    assert said[0].startswith("old sets are not removed: ../elsewhere")
+
+
+def test_an_error_of_the_disk_is_a_warning(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    said, warned = [], threading.Event()
+
+    def warn(text: str) -> None:
+        said.append(text)
+        warned.set()
+
+    def remove(*_: object, **__: object) -> int:
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(retention_thread, "remove_old_sets", remove)
+    with (
+        open_store(str(tmp_path / "results.sqlite"), "line-1", create=True) as store,
+        retention_in_background(tmp_path, store, Retention(), warn),
+    ):
+        assert warned.wait(5)
+    assert said == ["old sets are not removed: [Errno 5] Input/output error"]

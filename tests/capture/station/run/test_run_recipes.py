@@ -1,0 +1,216 @@
+"""Conditions before a running station takes a recipe, with a taught recipe."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from capture.station.domain.errors import ChallengeFailed
+from capture.station.domain.folder import StationFolder
+from capture.station.domain.last_recipe import FILE, first_recipe, keep_recipe
+from capture.station.domain.recipe_file import read_recipe, write_recipe
+from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.judge.approval import approve
+from capture.station.judge.challenge_set import add_to_challenge, challenge_sets
+from capture.station.results.change_log import newest_changes
+from capture.station.results.store import ResultStore, open_store
+from capture.station.run.recipe_request import Asker, RecipeRefusal, RecipeRefused
+from capture.station.run.run_recipes import RecipeLoader, RunRecipes
+from capture.station.run.station_clock import StationClock
+from capture.station.run.station_rig import StationRig
+from classify.base.errors import InputError
+from tests.capture.station.production import SMALL_RIG, configure
+
+KIM = Asker("kim", "engineer")
+
+
+@pytest.fixture
+def opened(station: Path, files: RecipeFolder) -> StationFolder:
+    approve(files, "Ada")
+    return StationFolder(station)
+
+
+@pytest.fixture
+def loader(opened: StationFolder) -> RecipeLoader:
+    return RecipeLoader(opened, None, "Ada", StationClock())
+
+
+@pytest.fixture
+def store(opened: StationFolder) -> Iterator[ResultStore]:
+    results = opened.config.results_in(opened.path)
+    with open_store(results, opened.config.name, create=True) as made:
+        yield made
+
+
+@pytest.fixture
+def recipes(opened: StationFolder, loader: RecipeLoader, store: ResultStore) -> RunRecipes:
+    first = loader.first()
+    rig = StationRig(opened.config, SMALL_RIG, first.recipe, first.begin)
+    return RunRecipes(opened, loader, store, rig, first)
+
+
+def go_on() -> None:
+    """Let the work go on."""
+
+
+def changed(files: RecipeFolder, approver: str | None = "Ada", **values: object) -> None:
+    """Give the recipe other values, and approve it."""
+    recipe = read_recipe(files.file)
+    write_recipe(files.file, type(recipe).model_validate(recipe.model_dump() | values))
+    if approver is not None:
+        approve(files, approver)
+
+
+def test_a_changed_recipe_comes_into_force_when_it_is_loaded_again(
+    recipes: RunRecipes, files: RecipeFolder, store: ResultStore, opened: StationFolder
+) -> None:
+    before = recipes.present
+    changed(files, note="sheet 7")
+    assert recipes.present is before
+    wanted = recipes.load("example", KIM, go_on)
+    recipes.use(wanted)
+    assert recipes.present is before
+    assert newest_changes(store, 5) == []  # the self-test may still fail
+    recipes.keep(wanted, KIM)
+    assert recipes.present.recipe.note == "sheet 7"
+    assert recipes.present.loaded.by == "kim"
+    [change] = newest_changes(store, 5)
+    named = [f"example, version 2, {each.recipe.sha256[:8]}" for each in (before, wanted)]
+    assert [change.by, change.role, change.what] == ["kim", "engineer", "loaded recipe"]
+    assert [change.before, change.after] == named
+    assert (opened.path / FILE).is_file()
+
+
+def test_a_recipe_that_was_changed_since_somebody_saw_it_is_refused(
+    recipes: RunRecipes, files: RecipeFolder
+) -> None:
+    seen = read_recipe(files.file).sha256
+    changed(files, note="sheet 7")
+    with pytest.raises(RecipeRefused, match="changed by somebody else since you saw it") as refused:
+        recipes.load("example", Asker("kim", "engineer", seen), go_on)
+    assert refused.value.kind is RecipeRefusal.UNUSABLE
+    now = read_recipe(files.file).sha256
+    assert recipes.load("example", Asker("kim", "engineer", now), go_on).recipe.sha256 == now
+
+
+def test_the_light_of_the_recipe_is_that_of_the_rig(
+    recipes: RunRecipes,
+    opened: StationFolder,
+    loader: RecipeLoader,
+    files: RecipeFolder,
+    store: ResultStore,
+) -> None:
+    opened_times = 0
+
+    class Watched(StationRig):
+        def open(self) -> None:
+            nonlocal opened_times
+            opened_times += 1
+            super().open()
+
+    rig = Watched(opened.config, SMALL_RIG, recipes.present.recipe)
+    rig.open()
+    RunRecipes(opened, loader, store, rig, recipes.present).use(recipes.present)
+    assert opened_times == 1  # the settings are the same
+    recipe = read_recipe(files.file)
+    other = type(recipe).model_validate(recipe.model_dump() | {"light": {"exposure_ms": 12.0}})
+    rig.use(other, None, lambda _: None)
+    assert opened_times == 2
+    camera = rig.capture(1)[0].metadata.camera
+    rig.close()
+    assert camera is not None
+    assert camera.exposure_ms == 12.0
+
+
+def refusal(recipes: RunRecipes, name: str = "example") -> RecipeRefused:
+    present = recipes.present
+    with pytest.raises(RecipeRefused) as raised:
+        recipes.load(name, KIM, go_on)
+    assert recipes.present is present
+    return raised.value
+
+
+def test_a_recipe_that_is_unknown_not_approved_or_damaged_is_refused(
+    recipes: RunRecipes, files: RecipeFolder, store: ResultStore
+) -> None:
+    assert refusal(recipes, "nobody").kind is RecipeRefusal.UNKNOWN
+    changed(files, None, note="sheet 7")
+    assert refusal(recipes).kind is RecipeRefusal.NOT_APPROVED
+    changed(files, calibration={"required": True})
+    refused = refusal(recipes)
+    assert refused.kind in (RecipeRefusal.UNUSABLE, RecipeRefusal.CHALLENGE)
+    assert "calibration" in str(refused)
+    changed(files, calibration={"required": False})
+    library = files.version(2).library
+    library.write_bytes(library.read_bytes()[:-1])
+    assert refusal(recipes).kind is RecipeRefusal.UNUSABLE
+    files.file.write_text("version = [", encoding="utf-8")
+    assert refusal(recipes).kind is RecipeRefusal.UNUSABLE
+    assert newest_changes(store, 5) == []
+
+
+def test_a_recipe_that_fails_its_challenge_is_refused_and_the_part_is_named(
+    recipes: RunRecipes, files: RecipeFolder
+) -> None:
+    [sand] = [name for name, want in challenge_sets(files.challenge).items() if want == "FAIL"]
+    add_to_challenge(files.challenge, [files.challenge / sand], "UNKNOWN")
+    refused = refusal(recipes)
+    assert refused.kind is RecipeRefusal.CHALLENGE
+    assert f"{sand} must be UNKNOWN" in str(refused)
+
+
+def test_a_change_that_cannot_be_recorded_is_not_made(
+    recipes: RunRecipes, store: ResultStore, opened: StationFolder
+) -> None:
+    present = recipes.present
+    brass = present.recipe.model_copy(update={"name": "brass"})
+    store.close()
+    opened.path.joinpath("results.sqlite").unlink()
+    opened.path.joinpath("results.sqlite").mkdir()
+    with pytest.raises(RecipeRefused) as raised:
+        recipes.keep(replace(present, recipe=brass), KIM)
+    assert raised.value.kind is RecipeRefusal.DATABASE
+    assert recipes.present is present
+    assert first_recipe(opened) == "example"
+
+
+def test_the_end_of_a_run_ends_the_replay_and_records_none_of_it(
+    recipes: RunRecipes, files: RecipeFolder
+) -> None:
+    changed(files, note="sheet 7")
+    recipes.load("example", KIM, go_on)
+    files.replay.unlink()
+    begun: list[None] = []
+
+    def stop_at_the_second() -> None:
+        begun.append(None)
+        if len(begun) == 2:
+            raise RecipeRefused("the station stops", RecipeRefusal.NOT_READY)
+
+    with pytest.raises(RecipeRefused, match="the station stops"):
+        recipes.load("example", KIM, stop_at_the_second)
+    assert not files.replay.exists()
+
+
+def test_a_last_recipe_that_cannot_be_loaded_is_named_with_the_way_out(
+    opened: StationFolder, loader: RecipeLoader
+) -> None:
+    keep_recipe(opened, "brass")
+    said = rf"it was loaded last: remove .*{FILE} to begin with recipe example$"
+    with pytest.raises(InputError, match=said):
+        loader.first()
+
+
+def test_a_last_recipe_that_fails_its_challenge_is_named_with_the_way_out(
+    station: Path, files: RecipeFolder
+) -> None:
+    approve(files, "Ada")
+    [sand] = [name for name, want in challenge_sets(files.challenge).items() if want == "FAIL"]
+    add_to_challenge(files.challenge, [files.challenge / sand], "UNKNOWN")
+    configure(station, recipe="brass")
+    opened = StationFolder(station)
+    keep_recipe(opened, "example")
+    said = rf"{sand} must be UNKNOWN.*: remove .*{FILE} to begin with recipe brass$"
+    with pytest.raises(ChallengeFailed, match=said):
+        RecipeLoader(opened, None, "Ada", StationClock()).first()

@@ -1,0 +1,161 @@
+"""The section [camera] of rig.toml: defaults of each kind, refused values, messages."""
+
+from pathlib import Path
+
+import pytest
+
+from rig import (
+    CameraError,
+    ConfigError,
+    LightControllerError,
+    RigConfig,
+    load_config,
+    open_rig,
+)
+from rig.cameras.config import PIXEL_FORMAT_BITS, V4l2CameraConfig
+from rig.cameras.frame_time import exposure_start_s
+from rig.cameras.v4l2.camera import V4l2Camera
+from rig.cameras.v4l2.pixel_formats import PIXEL_FORMATS
+
+REAL = '[lights]\nport = "/dev/ttyACM0"\n[camera]\n'
+CAMERA = REAL + 'kind = "v4l2"\ndevice = "/dev/v4l/by-id/cam"\n'
+
+
+def load(folder: Path, text: str) -> RigConfig:
+    path = folder / "rig.toml"
+    path.write_text(text)
+    return load_config(path)
+
+
+def test_configuration_and_decoder_have_the_same_formats() -> None:
+    assert {name: entry.bit_depth for name, entry in PIXEL_FORMATS.items()} == PIXEL_FORMAT_BITS
+
+
+@pytest.mark.parametrize(("name", "bits"), [("Y10", 10), ("SRGGB12", 12), ("GREY", 8)])
+def test_bits_follow_the_pixel_format(tmp_path: Path, name: str, bits: int) -> None:
+    config = load(tmp_path, CAMERA + f'pixel_format = "{name}"\n')
+    assert config.camera.bits == bits
+
+
+def test_all_keys_of_a_camera_are_read(tmp_path: Path) -> None:
+    keys = "gain = 3\ngamma = 100\nreadout_ms = 8\ntimestamp_offset_ms = -2\n"
+    camera = load(tmp_path, CAMERA + keys).camera
+    assert camera.device == "/dev/v4l/by-id/cam"
+    assert (camera.gain, camera.gamma, camera.readout_ms) == (3, 100, 8.0)
+    assert not camera.believes_driver
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (REAL + 'kind = "v4l2"\n', r"device is missing; .*/dev/v4l/by-id"),
+        (REAL + 'kind = "simulated"\ndevice = "/dev/video0"\n', r"set kind = 'v4l2'"),
+        (CAMERA + 'set_file = "a.ome.tif"\n', r"set_file = .*leave it out, or set kind = 'replay'"),
+        (REAL + 'kind = "opencv"\n', r"device is missing"),
+        (REAL + 'kind = "opencv"\ndevice = 0\nbits = 12\n', r"camera\.bits = 12: must be 8"),
+        (
+            REAL + 'kind = "opencv"\ndevice = 0\ntimestamp_offset_ms = 3\n',
+            r"timestamp_offset_ms = 3: not a key of kind = 'opencv'; .*set kind = 'simulated'",
+        ),
+        (REAL + 'kind = "replay"\n', r"set_file is missing; give the set to replay"),
+        (CAMERA + "readout_ms = 40\n", r"readout_ms = 40 does not fit into a frame at 30 Hz"),
+        (CAMERA + 'pixel_format = "NV12"\n', r"camera\.pixel_format.*'NV12' is unknown.*GREY, Y10"),
+        (CAMERA + "pixel_format = 8\n", r"camera\.pixel_format"),
+        (CAMERA + "bits = 12\n", r"bits = 12, but pixel_format = 'GREY' has 8; leave bits out"),
+        (CAMERA + 'pixel_format = "MJPG"\n', r"lossy; .*allow_compressed = true"),
+        (CAMERA + "gain = -1\n", r"camera\.gain = -1: must be greater than or equal to 0"),
+        (CAMERA + "gain = true\n", r"camera\.gain = true: must be an integer"),
+        (CAMERA + "widht_px = 9\n", r"camera\.widht_px = 9: unknown key; did you mean width_px\?"),
+        (CAMERA + "gamma = 1.5\n", r"camera\.gamma"),
+        (CAMERA + "timestamp_offset_ms = 2000\n", r"camera\.timestamp_offset_ms"),
+        (CAMERA + "readout_ms = -1\n", r"camera\.readout_ms"),
+        (CAMERA + 'timestamp_marks = "start"\n', r"camera\.timestamp_marks"),
+        (CAMERA.replace("/dev/ttyACM0", "simulated"), r"'v4l2' cannot see simulated LEDs"),
+    ],
+)
+def test_wrong_camera_values_are_refused(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        load(tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    ("text", "kind"),
+    [
+        (REAL + "device = 0\n", "v4l2"),
+        (REAL + 'device = 0\nkind = "opencv"\n', "opencv"),
+        ('[lights]\nport = "simulated"\n', "simulated"),
+    ],
+)
+def test_the_default_kind_follows_the_lights(tmp_path: Path, text: str, kind: str) -> None:
+    assert load(tmp_path, text).camera.kind == kind
+    assert RigConfig().camera.kind == "simulated"
+
+
+def test_real_lights_without_a_camera_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="device is missing"):
+        load(tmp_path, '[lights]\nport = "/dev/ttyACM0"\n')
+
+
+def test_a_timing_of_another_mode_is_refused(tmp_path: Path) -> None:
+    mode = "GREY 512x512, 30 Hz, 20 ms"
+    timing = f'timestamp_offset_ms = -2\nreadout_ms = 8\ntiming_measured_at = "{mode}"\n'
+    assert load(tmp_path, CAMERA + timing).camera.mode == mode
+    changed = load(tmp_path, CAMERA + timing + "exposure_ms = 10\n").camera
+    with pytest.raises(ConfigError, match=r"512x512, 30 Hz, 10 ms'; run ps4rig rig latency again"):
+        V4l2Camera(changed)
+
+
+def test_mjpg_may_be_allowed(tmp_path: Path) -> None:
+    text = CAMERA + 'pixel_format = "MJPG"\nallow_compressed = true\n'
+    assert load(tmp_path, text).camera.bits == 8
+
+
+@pytest.mark.parametrize(
+    ("changes", "claims_start", "start_s"),
+    [
+        # 100 s minus the exposure of 20 ms and a readout of a whole period of 1/25 s
+        ({}, False, 99.94),
+        ({}, True, 99.94),
+        ({"readout_ms": 5.0}, True, 99.975),
+        ({"timestamp_marks": "driver"}, False, 99.94),
+        ({"timestamp_marks": "driver"}, True, 100.0),
+        ({"timestamp_marks": "driver", "timestamp_offset_ms": -3.0}, True, 99.997),
+        ({"readout_ms": 0.0, "timestamp_offset_ms": 1.0}, False, 99.981),
+        ({"readout_ms": 5.0, "timestamp_uncertainty_ms": 2.0}, False, 99.973),
+    ],
+)
+def test_a_stamp_is_the_frames_end_unless_the_driver_is_believed(
+    changes: dict[str, object], claims_start: bool, start_s: float
+) -> None:
+    config = V4l2CameraConfig.model_validate({"kind": "v4l2", "device": "/dev/video0"} | changes)
+    assert exposure_start_s(100.0, claims_start, config, 0.04, 0.02) == pytest.approx(start_s)
+
+
+def camera_at(device: str) -> V4l2CameraConfig:
+    return V4l2CameraConfig(device=device)
+
+
+def test_a_missing_camera_is_named() -> None:
+    with pytest.raises(CameraError, match=r"/dev/v4l/by-id/none: no such camera; ls"):
+        V4l2Camera(camera_at("/dev/v4l/by-id/none"))
+
+
+@pytest.mark.parametrize("device", ["/dev/null", "/dev/ptmx"])
+def test_a_device_that_is_not_a_camera_is_named(device: str) -> None:
+    with pytest.raises(CameraError, match=f"{device}: is no video device"):
+        V4l2Camera(camera_at(device))
+
+
+def test_a_file_or_folder_is_not_a_camera(tmp_path: Path) -> None:
+    with pytest.raises(CameraError, match="cannot be opened: Is a directory"):
+        V4l2Camera(camera_at(str(tmp_path)))
+    (tmp_path / "file").touch()
+    with pytest.raises(CameraError, match="file: is no video device"):
+        V4l2Camera(camera_at(str(tmp_path / "file")))
+
+
+def test_open_rig_opens_the_lights_before_the_camera(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text(CAMERA.replace("/dev/ttyACM0", str(tmp_path / "no-port")))
+    with pytest.raises(LightControllerError, match="no-port"):
+        open_rig(path)
