@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -163,6 +163,23 @@ def captured_parts(material: Path, fault: Fault, count: int, seed: int) -> Itera
                 )
             )
             yield capture_set(rig, label=material.name)
+
+
+@contextmanager
+def camera_over(material: Path) -> Iterator[Callable[[Placement], CapturedSet]]:
+    """Yield a function that captures a set of a material in a placement."""
+    config = RigConfig().with_changes(
+        camera={"width_px": SIDE_PX, "height_px": SIDE_PX},
+        simulation={"placement": {"surface": str(material)}},
+    )
+    with _surfaces({str(material): load_material(material)}), open_rig(config) as rig:
+
+        def capture(placement: Placement) -> CapturedSet:
+            assert rig.simulation is not None
+            rig.simulation.place(placement.model_copy(update={"surface": str(material)}))
+            return capture_set(rig, label=material.name)
+
+        yield capture
 
 
 @contextmanager
