@@ -46,11 +46,12 @@ class KnownDefect(NamedTuple):
 
     kind: Kind
     size_px: float
+    length_px: float = SCRATCH_PX  # of a scratch
 
     @property
     def extent_px(self) -> float:
         """Length of a scratch, or diameter of a dent or a stain."""
-        return SCRATCH_PX if self.kind == "scratch" else self.size_px
+        return self.length_px if self.kind == "scratch" else self.size_px
 
     @property
     def strongest(self) -> float:
@@ -185,6 +186,18 @@ def scores_at(score: FloatMap, defect: KnownDefect, places: Sequence[Place]) -> 
     return np.array([found[_piece(score.shape, place, reach, CELL_PX)].max() for place in places])
 
 
+def with_stamps(
+    part: SurfaceEstimate, stamps: Sequence["Stamp"], strengths: Floats
+) -> SurfaceEstimate:
+    """A part with defects of given depths or contrasts."""
+    p, q, albedo = part.p.copy(), part.q.copy(), part.albedo.copy()
+    for stamp, strength in zip(stamps, strengths.astype(np.float32), strict=True):
+        p[stamp.piece] -= strength * stamp.p
+        q[stamp.piece] -= strength * stamp.q
+        albedo[stamp.piece] *= 1 - strength * stamp.weight
+    return replace(part, p=p, q=q, albedo=albedo)
+
+
 def _middle_of(surface: SurfaceEstimate) -> SurfaceEstimate:
     rows, columns = (
         slice(corner, corner + _SIDE_PX)
@@ -207,15 +220,10 @@ def _strengths(
     defect: KnownDefect,
     places: Sequence[Place],
 ) -> list[float]:
-    stamps = [_Stamp.of(part.shape, defect, place) for place in places]
+    stamps = [Stamp.of(part.shape, defect, place) for place in places]
 
     def is_found(strengths: Floats) -> npt.NDArray[np.bool_]:
-        p, q, albedo = part.p.copy(), part.q.copy(), part.albedo.copy()
-        for stamp, strength in zip(stamps, strengths.astype(np.float32), strict=True):
-            p[stamp.piece] -= strength * stamp.p
-            q[stamp.piece] -= strength * stamp.q
-            albedo[stamp.piece] *= 1 - strength * stamp.weight
-        found = model.map_of(replace(part, p=p, q=q, albedo=albedo), orientation_deg)
+        found = model.map_of(with_stamps(part, stamps, strengths), orientation_deg)
         return scores_at(found.score, defect, places) > limit
 
     strongest = defect.strongest
@@ -223,7 +231,7 @@ def _strengths(
     return [*found.tolist()]
 
 
-class _Stamp(NamedTuple):
+class Stamp(NamedTuple):
     """The pixels around a place; slopes of a raised defect and weight of a stain, at strength 1."""
 
     piece: Piece
@@ -232,7 +240,7 @@ class _Stamp(NamedTuple):
     weight: FloatMap
 
     @classmethod
-    def of(cls, frame: tuple[int, int], defect: KnownDefect, place: Place) -> "_Stamp":
+    def of(cls, frame: tuple[int, int], defect: KnownDefect, place: Place) -> "Stamp":
         # A groove has ridges beside it.
         reach = 0.5 * defect.extent_px + 3.0 * defect.size_px * (defect.kind == "scratch")
         piece = _piece(frame, place, reach)
@@ -245,7 +253,7 @@ class _Stamp(NamedTuple):
             nothing = np.zeros(weight.shape, np.float32)
             return cls(piece, nothing, nothing, weight.astype(np.float32))
         shape: Shape = (
-            scratch(SCRATCH_PX, defect.size_px, along, across)
+            scratch(defect.length_px, defect.size_px, along, across)
             if defect.kind == "scratch"
             else bump(defect.size_px, along, across)
         )
