@@ -21,9 +21,9 @@ MARGIN_PX: Final = 40
 SCRATCH_PX: Final = 40.0
 """Length of a scratch."""
 
-# Places at which each defect is tried: the standard error of the stated strength is then 3 to 8 %
-# (`python -m tests.evidence.stated_depths`).
-_PLACES = 64
+# Least and most places in which a defect is tried, and the ratio of the two ends of one standard
+# error of its strength at which they are enough. A texture that is alike everywhere needs few.
+_LEAST_PLACES, _MOST_PLACES, _PRECISE = 48, 256, 1.15
 # Side of the piece of a large part that is used: enough for 16 places.
 _SIDE_PX = 512
 # Distance between defects of one part, beyond which one does not change the score of another, and
@@ -32,9 +32,9 @@ _SPACING_PX, _MOVED_PX = 112.0, 16.0
 # A cell this far from a defect can show it, and pixels of a place that must be valid.
 _REACH_PX = 16.0
 _LEAST_VALID = 0.95
-# Weakest of the strengths that are tried, as a share of the strongest, and bisections between them:
-# the last interval is 4 % wide.
-_WEAKEST, _STEPS = 1.0 / 128.0, 7
+# Weakest of the strengths that are tried, as a share of the strongest, and bisections between them.
+_WEAKEST, _STEPS = 1.0 / 128.0, 5
+_LEAST_SCORE = 1e-3
 
 Floats = npt.NDArray[np.float64]
 Kind = Literal["scratch", "dent", "stain"]
@@ -96,10 +96,10 @@ def detectability(
 ) -> tuple[Detectability, ...]:
     """Measure how strong defects must be to be found on one texture.
 
-    Each defect is added to the slopes or the albedo of good parts, at about 64 places and at random
-    angles, `MARGIN_PX` or more from the border. The strength at which the map exceeds its limit
-    there is bisected for each place; 9 of 10 places need at most the stated one. For one filter
-    it is proportional to limit / d', where d'^2 = sum |d(k)|^2 / S(k) is the signal-to-noise
+    Each defect is added to the slopes or the albedo of good parts, in 48 to 256 places and at
+    random angles, `MARGIN_PX` or more from the border. The strength at which the map exceeds its
+    limit there is bisected for each place; 9 of 10 places need at most the stated one. For one
+    filter it is proportional to limit / d', where d'^2 = sum |d(k)|^2 / S(k) is the signal-to-noise
     ratio of a defect of unit strength d over texture of power S (North 1943).
 
     Parameters
@@ -117,13 +117,16 @@ def detectability(
     strengths: dict[KnownDefect, list[float]] = {defect: [] for defect in defects}
     for whole, orientation_deg in parts:
         part = _middle_of(whole)
-        for defect, known in strengths.items():
+        rough = [defect for defect, known in strengths.items() if not _is_enough(known)]
+        if not rough:
+            break
+        for defect in rough:
             places = places_for(part.shape, defect, draw)
             places = [each for each in places if _is_valid(part, defect, each)]
             if places:
-                known += _strengths(model, part, orientation_deg or 0.0, limit, defect, places)
-        if min(map(len, strengths.values())) >= _PLACES:
-            break
+                strengths[defect] += _strengths(
+                    model, part, orientation_deg or 0.0, limit, defect, places
+                )
     return tuple(
         Detectability(defect, stated_strength(known))
         for defect, known in strengths.items()
@@ -135,6 +138,16 @@ def stated_strength(strengths: Sequence[float]) -> float | None:
     """Strength that `FOUND_SHARE` of the places need at most; None if it is infinite."""
     strength = float(np.quantile(strengths, FOUND_SHARE, method="higher"))
     return strength if math.isfinite(strength) else None
+
+
+def is_precise(strengths: Sequence[float]) -> bool:
+    """Whether one standard error of the stated strength is small, by its order statistics."""
+    ordered, count = np.sort(strengths), len(strengths)
+    error = math.sqrt(FOUND_SHARE * (1.0 - FOUND_SHARE) * count)
+    low, high = (
+        ordered[min(int(FOUND_SHARE * count + each), count - 1)] for each in (-error, error)
+    )
+    return bool(np.isinf(low) or high <= _PRECISE * low)
 
 
 def places_for(
@@ -159,24 +172,33 @@ def places_for(
 
 
 def least_found(
-    is_found: Callable[[Floats], npt.NDArray[np.bool_]],
+    scores: Callable[[Floats], Floats],
     count: int,
     weakest: float,
     strongest: float,
     steps: int,
 ) -> Floats:
-    """Bisect the strengths at which the defects at `count` places are found.
+    """Bisect the strengths at which the scores in `count` places are 1, and interpolate.
 
-    `is_found` is called with a strength for each place. A defect whose strongest is not found gets
+    `scores` is called with a strength for each place. A defect whose strongest is not found gets
     infinity.
     """
+
+    def logs(strengths: Floats) -> Floats:
+        return np.log(np.maximum(scores(np.exp(strengths)), _LEAST_SCORE))
+
     low, high = np.full(count, math.log(weakest)), np.full(count, math.log(strongest))
-    is_ever_found = is_found(np.exp(high))
+    above, below = logs(high), np.full(count, np.nan)
+    is_ever_found = above > 0.0
     for _ in range(steps):
         middle = 0.5 * (low + high)
-        found = is_found(np.exp(middle))
-        low, high = np.where(found, low, middle), np.where(found, middle, high)
-    return np.where(is_ever_found, np.exp(0.5 * (low + high)), np.inf)
+        found = logs(middle)
+        is_found = found > 0.0
+        below, above = np.where(is_found, below, found), np.where(is_found, found, above)
+        low, high = np.where(is_found, low, middle), np.where(is_found, middle, high)
+    # A place where even the weaker ones are found has no lower score.
+    share = np.where(np.isnan(below), 0.5, -below / np.maximum(above - below, _LEAST_SCORE))
+    return np.where(is_ever_found, np.exp(low + share * (high - low)), np.inf)
 
 
 def scores_at(score: FloatMap, defect: KnownDefect, places: Sequence[Place]) -> Floats:
@@ -196,6 +218,11 @@ def with_stamps(
         q[stamp.piece] -= strength * stamp.q
         albedo[stamp.piece] *= 1 - strength * stamp.weight
     return replace(part, p=p, q=q, albedo=albedo)
+
+
+def _is_enough(strengths: Sequence[float]) -> bool:
+    count = len(strengths)
+    return count >= _MOST_PLACES or (count >= _LEAST_PLACES and is_precise(strengths))
 
 
 def _middle_of(surface: SurfaceEstimate) -> SurfaceEstimate:
@@ -222,12 +249,12 @@ def _strengths(
 ) -> list[float]:
     stamps = [Stamp.of(part.shape, defect, place) for place in places]
 
-    def is_found(strengths: Floats) -> npt.NDArray[np.bool_]:
+    def scores(strengths: Floats) -> Floats:
         found = model.map_of(with_stamps(part, stamps, strengths), orientation_deg)
-        return scores_at(found.score, defect, places) > limit
+        return scores_at(found.score, defect, places) / limit
 
     strongest = defect.strongest
-    found = least_found(is_found, len(places), _WEAKEST * strongest, strongest, _STEPS)
+    found = least_found(scores, len(places), _WEAKEST * strongest, strongest, _STEPS)
     return [*found.tolist()]
 
 

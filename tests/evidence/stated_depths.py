@@ -2,7 +2,7 @@
 
     python -m tests.evidence.stated_depths MATERIALS [--textures N] [--places N] [--seed N]
 
-MATERIALS is a folder with one folder for each material, of which N are used, evenly in alphabetical
+MATERIALS is a folder with one folder for each material, of which 8 are used, evenly in alphabetical
 order. A recipe is taught from 25 good parts of 512 px. The depth of a scratch or dent, or the
 contrast of a stain, that the defect map finds in 9 of 10 places is then measured: in places of
 other parts each defect is captured, solved and judged in several strengths, down to the weakest
@@ -18,7 +18,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.least_found import LeastFound
@@ -29,6 +28,7 @@ from classify.defects.detectability import (
     Floats,
     KnownDefect,
     Place,
+    is_precise,
     least_found,
     places_for,
     scores_at,
@@ -41,7 +41,9 @@ from .faulty_parts import GOOD, SIDE_PX, camera_over, kept_parts
 
 _TAUGHT = 25
 # The measured range is this factor to both sides of the stated strength, bisected this often.
-_RANGE, _STEPS = 2.0, 5
+_RANGE, _STEPS = 2.0, 3
+# More places, where the strengths that they need differ much.
+_MORE = 4
 # Most that a stated strength may be off.
 _TOLERANCE = 0.15
 
@@ -60,14 +62,14 @@ def measured(
     middle = stated.strength or stated.strongest
     strongest = min(middle * _RANGE, 1.0) if stated.is_stain else middle * _RANGE
     found: list[float] = []
-    while len(found) < places:
+    while len(found) < places or (len(found) < _MORE * places and not is_precise(found)):
         here = places_for((SIDE_PX, SIDE_PX), defect, draw)
         shift_px = (float(draw.uniform(-2000.0, 2000.0)), float(draw.uniform(-2000.0, 2000.0)))
         part = Placement(rotate_deg=float(draw.uniform(0.0, 360.0)), shift_px=shift_px)
 
-        def is_found(
+        def scores(
             strengths: Floats, here: Sequence[Place] = here, part: Placement = part
-        ) -> npt.NDArray[np.bool_]:
+        ) -> Floats:
             defects = tuple(
                 _placed(defect, place, float(strength), part)
                 for place, strength in zip(here, strengths, strict=True)
@@ -77,10 +79,10 @@ def measured(
             defect_map = inspector.inspect(shown).defect_map
             # A part that cannot be judged does not pass.
             if defect_map is None:
-                return np.ones(len(here), np.bool_)
-            return scores_at(defect_map.score, defect, here) > limit
+                return np.full(len(here), np.inf)
+            return scores_at(defect_map.score, defect, here) / limit
 
-        found += least_found(is_found, len(here), middle / _RANGE, strongest, _STEPS).tolist()
+        found += least_found(scores, len(here), middle / _RANGE, strongest, _STEPS).tolist()
     return found
 
 
@@ -106,7 +108,7 @@ def main(arguments: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(prog="stated_depths")
     parser.add_argument("materials", type=Path)
     parser.add_argument("--textures", type=int, default=8)
-    parser.add_argument("--places", type=int, default=48, help="places of each defect")
+    parser.add_argument("--places", type=int, default=32, help="least places of each defect")
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args(arguments)
     found = sorted(each for each in given.materials.iterdir() if each.is_dir())

@@ -143,9 +143,11 @@ def test_places_keep_from_the_border_and_from_each_other() -> None:
 
 def test_bisection_finds_each_threshold() -> None:
     thresholds = np.array([0.1, 0.5, 2.0, 40.0])
-    found = least_found(lambda strengths: strengths >= thresholds, 4, 0.01, 8.0, 12)
+    found = least_found(lambda strengths: (strengths / thresholds) ** 1.5, 4, 0.01, 8.0, 5)
     assert found[:3] == pytest.approx(thresholds[:3], rel=0.01)
     assert found[3] == np.inf
+    steps = least_found(lambda strengths: 1.0 + (strengths - thresholds > 0.0), 4, 0.01, 8.0, 12)
+    assert steps[:3] == pytest.approx(thresholds[:3], rel=0.01)
     assert stated_strength([1.0] * 9 + [np.inf]) is None
     assert stated_strength([*range(1, 11), np.inf]) == 10.0
 
