@@ -28,12 +28,12 @@ class LeastFound(Record):
         what = f"a {self.kind} {self._length(self.size_px)} wide"
         strength = self.strongest if self.strength is None else self.strength
         how = (
-            f"{strength:.0%} darker than the texture around it"
+            f"{strength:.0%} darker than its surroundings"
             if self.is_stain
             else f"{self._length(strength)} deep"
         )
         if self.strength is None:
-            return f"{what} is not found in 9 of 10 places, even if it is {how}"
+            return f"{what} is not found in 9 of 10 places, even if {how}"
         return f"{what} must be {how} to be found in 9 of 10 places"
 
     def fields(self) -> dict[str, Any]:
