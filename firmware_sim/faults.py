@@ -5,7 +5,7 @@ import math
 import random
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 from .board import SimulatedBoard
 from .clock import Clock
@@ -27,11 +27,11 @@ def require(holds: bool, cause: str) -> None:
 class When:
     """Conditions for the events that a fault affects; all that are given must hold."""
 
-    nth: int | None = None
-    times: int = 1
-    from_s: float = 0.0
-    until_s: float = math.inf
-    probability: float = 1.0
+    nth: Annotated[int | None, "only this event, counted from 1 at from_s"] = None
+    times: Annotated[int, "and the events after it, this many in all"] = 1
+    from_s: Annotated[float, "on the simulation's clock, which starts at 0"] = 0.0
+    until_s: Annotated[float, "no end by default"] = math.inf
+    probability: Annotated[float, "of each of these events"] = 1.0
 
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - unknown keys are refused
 
@@ -60,16 +60,22 @@ class When:
 
 @dataclass(frozen=True)
 class LineFault:
-    """A fault of lines on the serial line; rig/README.md has the kinds."""
+    """A fault of lines on the serial line."""
 
-    kind: Literal[
-        "lose", "garble", "truncate", "double", "lose_byte", "double_byte", "delay", "late",
-        "reboot",
+    kind: Annotated[
+        Literal[
+            "lose", "garble", "truncate", "double", "lose_byte", "double_byte", "delay", "late",
+            "reboot",
+        ],
+        "garble: one to three wrong bytes; truncate: the end is missing; late: comes with the next "
+        "line; reboot: the controller restarts instead",
     ]  # fmt: skip
-    direction: Literal["to_controller", "to_host"] = "to_controller"
-    containing: str = ""
-    delay_ms: float = 50.0
-    when: When = When()
+    direction: Annotated[
+        Literal["to_controller", "to_host"], "commands, or the replies to them"
+    ] = "to_controller"
+    containing: Annotated[str, "only commands with this text, and their replies"] = ""
+    delay_ms: Annotated[float, "of kind delay"] = 50.0
+    when: Annotated[When, "the events that are affected, by default all"] = When()
 
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012
 
@@ -83,15 +89,18 @@ class LineFault:
 
 @dataclass(frozen=True)
 class LedFault:
-    """A fault in the light of one LED, during a time; rig/README.md has the kinds."""
+    """A fault in the light of one LED, during a time."""
 
-    kind: Literal["dead", "dim", "stuck_on", "flicker", "unsteady", "swapped"]
-    led: int
-    share: float = 0.5
-    frequency_hz: float = 50.0
-    other: int | None = None
-    from_s: float = 0.0
-    until_s: float = math.inf
+    kind: Annotated[
+        Literal["dead", "dim", "stuck_on", "flicker", "unsteady", "swapped"],
+        "flicker: a sine; unsteady: at random; swapped: its cable is exchanged with that of other",
+    ]
+    led: Annotated[int, "counted from 0"]
+    share: Annotated[float, "of the light that is missing; stuck_on: that stays"] = 0.5
+    frequency_hz: Annotated[float, "of flicker and unsteady"] = 50.0
+    other: Annotated[int | None, "of swapped"] = None
+    from_s: Annotated[float, "on the simulation's clock, which starts at 0"] = 0.0
+    until_s: Annotated[float, "no end by default"] = math.inf
 
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012
 

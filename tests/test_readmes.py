@@ -1,7 +1,10 @@
 """Links of the READMEs lead somewhere, their examples in Python run; CITATION.cff."""
 
 import ast
+import csv
+import os
 import re
+import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
@@ -32,7 +35,8 @@ MODULE = re.compile(r"`(?:[\w/]*/)?(\w+\.py)`")
 
 
 def pages() -> list[Path]:
-    return [ROOT / "README.md", *(path for each in FOLDERS for path in sorted(each.rglob("*.md")))]
+    folders = (*FOLDERS, ROOT / "reference")
+    return [ROOT / "README.md", *(path for each in folders for path in sorted(each.rglob("*.md")))]
 
 
 @cache
@@ -122,9 +126,53 @@ def test_an_example_in_python_runs(
     with chdir(given["here"]):
         exec(compile(EXAMPLES[example], example, "exec"), names)
     if "sets.csv" in EXAMPLES[example]:
-        slopes = re.fullmatch(r"rock-1: .* (.+)\nsand-1: .* (.+)\n", capsys.readouterr().out)
-        assert slopes is not None
-        assert all(0.1 < float(slope) < 1.0 for slope in slopes.groups())
+        slopes = re.findall(r"^(?:rock|sand)-1: .* (\S+)$", capsys.readouterr().out, re.MULTILINE)
+        assert len(slopes) == 4
+        assert all(0.1 < float(slope) < 1.0 for slope in slopes)
+
+
+COMMANDS = re.compile(r"^```\n(.*?)^```", re.DOTALL | re.MULTILINE)
+
+
+def commands_below(page: Path, heading: str) -> str:
+    """The first commands below a heading."""
+    section = page.read_text(encoding="utf-8").partition(f"\n## {heading}\n")[2]
+    return COMMANDS.findall(section)[0]
+
+
+def test_the_first_page_has_the_commands_of_the_station_page() -> None:
+    """Those of the station's page are run by its own test."""
+    ours = commands_below(ROOT / "README.md", "A line with a PLC")
+    theirs = ROOT / "capture" / "station" / "README.md"
+    assert ours == commands_below(theirs, "From an empty folder to a running line")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("heading", "texture"),
+    [("Photographs and their lights", "butterfly"), ("No hardware", "sand")],
+)
+def test_the_first_commands_classify_a_set(heading: str, texture: str, tmp_path: Path) -> None:
+    (tmp_path / "tests").symlink_to(ROOT / "tests")
+    commands = commands_below(ROOT / "README.md", heading)
+    # The figures of the thesis have tests of their own.
+    script = re.sub(r"^ps4rig reproduce.*\n", "", commands, flags=re.MULTILINE)
+    script = re.sub(
+        r"^(ps4rig classify \S+ --library \S+)", r"\1 --csv out.csv", script, flags=re.MULTILINE
+    )
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    done = subprocess.run(
+        ["bash", "-ec", script],
+        cwd=tmp_path,
+        env=os.environ | {"PATH": path},
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    with (tmp_path / "out.csv").open(newline="") as file:
+        [row] = csv.DictReader(file)
+    assert row["label"] == texture
 
 
 def test_no_example_needs_a_development_package() -> None:

@@ -13,7 +13,7 @@ _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8
 _TRIM_BYTES = 256 * 2**20
 _MMAP_BYTES = 32 * 2**20  # the largest value that glibc accepts
 # Longest time that a thread returning from a kernel waits while another one computes in Python; by
-# default 5 ms. capture/README.md has the gain.
+# default 5 ms. capture/DECISIONS.md has the gain.
 _SWITCH_S = 0.5e-3
 
 

@@ -46,13 +46,19 @@ _DTYPES = ("<f8", "<f4", "<i4", "|b1", "|u1", "<u2")
 class PartRecord(Record):
     """Date, setting and quality of the measurement of a part."""
 
-    date: str = Field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
-    setting: Setting
-    quality: str  # in words
-    # units are in the names; else a share or a count
-    figures: dict[str, FiniteFloat] = Field(default_factory=dict)
-    source: tuple[str, ...]  # "captured", or the names of sets or images
-    software_version: str = Field(default_factory=lambda: version("ps4rig"))
+    date: str = Field(
+        default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"),
+        description="of the measurement",
+    )
+    setting: Setting = Field(description="rig, camera, frame, exposure, gain and lights of it")
+    quality: str = Field(description="in words")
+    figures: dict[str, FiniteFloat] = Field(
+        default_factory=dict, description="by name; without a unit there, a share or a count"
+    )
+    source: tuple[str, ...] = Field(description="captured, or the names of sets or images")
+    software_version: str = Field(
+        default_factory=lambda: version("ps4rig"), description="of ps4rig"
+    )
 
     def age_days(self, at: datetime) -> int | None:
         """Return the days from the measurement to a time; None if the date cannot be read."""

@@ -17,7 +17,14 @@ if TYPE_CHECKING:
 
 _ARRAYS, _PLY, _STL, _X3P, _SUR = ".npz", ".ply", ".stl", ".x3p", ".sur"
 _HEIGHTS = (_PLY, _STL, _X3P, _SUR)
-_SUFFIXES = (_ARRAYS, *_HEIGHTS)
+FORMATS = {
+    _ARRAYS: "all arrays",
+    _PLY: "the height and the albedo as a mesh",
+    _STL: "the height as a mesh",
+    _X3P: "the height for programs that measure roughness; needs a calibrated scale",
+    _SUR: "the same, for MountainsMap and Gwyddion",
+}
+FOLDER = "16-bit TIFF files and lights.lp, or the maps"
 
 
 @reported
@@ -27,9 +34,8 @@ def export(
         Path,
         typer.Argument(
             metavar="OUT",
-            help="NAME.npz with all arrays; NAME.ply or NAME.stl with the height as a mesh; "
-            "NAME.x3p or NAME.sur with the height for programs that measure roughness, which needs "
-            "a calibrated scale; or a folder for 16-bit TIFF files and lights.lp.",
+            help="; ".join(f"NAME{suffix}: {content}" for suffix, content in FORMATS.items())
+            + f"; or a folder: {FOLDER}.",
         ),
     ],
     maps: Annotated[
@@ -48,8 +54,8 @@ def export(
     from capture.sets.loaded_set import LoadedSet, named
 
     suffix = output.suffix.lower()
-    if suffix and (maps or suffix not in _SUFFIXES):
-        *some, last = _SUFFIXES
+    if suffix and (maps or suffix not in FORMATS):
+        *some, last = FORMATS
         wrong = "--maps writes a folder; leave out the end of the name"
         if not maps:
             wrong = f"end the name in {', '.join(some)} or {last}, or name a folder"

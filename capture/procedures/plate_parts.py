@@ -16,7 +16,7 @@ from classify.images.stack import ImageStack
 
 # Figure of a flat field by which a later light image of a sheet shows another exposure.
 SHEET_BRIGHTNESS = "sheet_brightness"
-# A sheet under LEDs of round lobes leaves less than 0.1 % (classify/README.md).
+# A sheet under LEDs of round lobes leaves less than 0.1 % (classify/DECISIONS.md).
 _ROUND_LOBES = 0.002
 
 

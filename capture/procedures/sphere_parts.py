@@ -24,7 +24,7 @@ from classify.calibration.spheres import (
 from classify.images.stack import ImageStack
 
 # Errors of directions in words: the aim is 0.5 degrees with a mirror sphere and 2 with a matt one;
-# four degrees of slant turn the normals by three (table of faults, classify/README.md).
+# four degrees of slant turn the normals by three (tests/evidence/calibration).
 _GOOD_DEG, _FAIR_DEG = 0.5, 2.0
 _OF_IMAGES: tuple[PartName, ...] = ("dark", "response", "scale", "flat_field")
 

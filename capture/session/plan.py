@@ -89,13 +89,13 @@ Label = Annotated[str, AfterValidator(_usable_label)]
 class Specimen(Section):
     """A specimen to capture."""
 
-    id: Name  # also in names of files: letters, digits, and ``_ . -``
-    label: Label | None = None  # texture class; the `id` if none is given
-    note: Text | None = None
-    surface: str | None = None  # below the camera of a simulated rig
-    # Columns of ``sets.csv``: texts, numbers, truth values, dates.
+    id: Name = Field(description="part of the names of files: letters, digits, and _ . -")
+    label: Label | None = Field(default=None, description="texture class; the id by default")
+    note: Text | None = Field(default=None, description="kept in its sets")
+    surface: str | None = Field(default=None, description="below the camera of a simulated rig")
     properties: Annotated[dict[str, Property], BeforeValidator(_usable_properties)] = Field(
-        default_factory=dict
+        default_factory=dict,
+        description="columns of sets.csv by name: texts, numbers, truth values, dates",
     )
 
     @model_validator(mode="after")
@@ -122,22 +122,38 @@ class PlannedSet:
 class SessionPlan(Section):
     """The sets that a session captures, and the settings for them."""
 
-    name: Name  # folder of the session, beside the plan
-    operator: Text | None = None
-    # Of each specimen, anticlockwise from its first placement.
-    orientations_deg: tuple[Degrees, ...] = Field(min_length=1, max_length=3600, strict=False)
-    repeats: int = Field(default=1, ge=1, le=999)  # sets of each placement
-    average: int = Field(default=1, ge=1, le=MAX_AVERAGE)  # frames that each image averages
-    # ``search`` finds one for each specimen at its first placement; None takes that of the rig.
-    exposure_ms: Annotated[Exposure, BeforeValidator(_exposure)] = None
-    # Without ``.ome.tif``; ``{specimen}``, ``{angle}`` and ``{repeat}`` stand for the set.
-    file_name: str = Field(default="{specimen}-{angle}-{repeat}", max_length=100)
-    calibration_required: bool = False  # refuse sets without a calibration that fits the rig
-    # Command, run without a shell before each placement; ``{angle}`` stands for the degrees.
-    turntable: str | None = None
-    turntable_timeout_s: float = Field(default=60.0, gt=0.0, le=3600.0)
-    # In the order of their capture.
-    specimen: tuple[Specimen, ...] = Field(min_length=1, max_length=10_000, strict=False)
+    name: Name = Field(description="folder of the session, beside the plan")
+    operator: Text | None = Field(default=None, description="kept in the sets")
+    orientations_deg: tuple[Degrees, ...] = Field(
+        min_length=1,
+        max_length=3600,
+        strict=False,
+        description="of each specimen, anticlockwise from its first placement",
+    )
+    repeats: int = Field(default=1, ge=1, le=999, description="sets of each placement")
+    average: int = Field(
+        default=1, ge=1, le=MAX_AVERAGE, description="frames that each image averages"
+    )
+    exposure_ms: Annotated[Exposure, BeforeValidator(_exposure)] = Field(
+        default=None,
+        description='that of the rig by default; "search" finds one for each specimen',
+    )
+    file_name: str = Field(
+        default="{specimen}-{angle}-{repeat}", max_length=100, description="without .ome.tif"
+    )
+    calibration_required: bool = Field(
+        default=False, description="refuse sets without a calibration that fits the rig"
+    )
+    turntable: str | None = Field(
+        default=None,
+        description="program run before each placement, without a shell; {angle} is the degrees",
+    )
+    turntable_timeout_s: float = Field(
+        default=60.0, gt=0.0, le=3600.0, description="after which the program is given up"
+    )
+    specimen: tuple[Specimen, ...] = Field(
+        min_length=1, max_length=10_000, strict=False, description="in the order of their capture"
+    )
 
     @field_validator("file_name")
     @classmethod

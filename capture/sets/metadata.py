@@ -140,64 +140,73 @@ class CorrectionRecord(Record):
 
 
 class SetMetadata(Record):
-    """The metadata of a captured set; a table in ``capture/README.md`` describes all fields.
+    """The metadata of a captured set; ``reference/files.md`` lists all fields."""
 
-    Attributes
-    ----------
-    bit_depth, full_scale
-        Bit depth of the camera, and the pixel value of saturation in the images.
-    images
-        One record for each image, in the order of the lighting, then the ambient image.
-    placement
-        Placement of the simulated part, None for a real one.
-    gamma, gamma_source
-        Response of imported photographs that was undone, ``linear`` or ``srgb``; whether the files
-        stated it, the user gave it, or it was assumed.
-    photographed
-        Date of imported photographs (ISO 8601), local time if it has no offset; None if unknown.
-    mm_per_px
-        Scale of the image by its calibration, for the programs that only read the file.
-    crop
-        Column and row of the top left pixel, width and height of the part of the imported
-        photographs that was kept; None for all.
-    warnings, accepted
-        What the checks of imported photographs found but did not refuse, and the causes for a
-        refusal that were accepted.
-    """
-
-    schema_version: Literal[6] = 6
-    label: Text | None
-    specimen: Text | None = None
-    operator: Text | None = None
-    note: Text | None = None
-    properties: dict[str, Property] = Field(default_factory=dict)
-    created_utc: str
-    simulated: bool
-    bit_depth: int = Field(ge=1, le=16)
-    full_scale: int = Field(ge=1, le=65535)
-    lighting: LightingRecord
-    images: tuple[ImageRecord, ...]
-    orientation_deg: FiniteFloat | None = None
-    placement: Placement | None = None
-    rig_name: str | None = None
-    settle_ms: FiniteFloat | None = None
-    synchronisation: Literal["software", "strobe", "trigger"] | None = None
-    camera: CameraRecord | None = None
-    controller: ControllerRecord | None = None
-    checks: ChecksRecord | None = None
-    failed_attempts: tuple[str, ...] = ()
-    gamma: str = "linear"
-    gamma_source: Literal["stated", "given", "assumed"] | None = None
-    photographed: Text | None = None
-    calibration_ids: tuple[str, ...] = ()
-    mm_per_px: float | None = Field(default=None, ge=1e-6, le=1e3)
-    crop: tuple[int, int, int, int] | None = None
-    mask_file: str | None = None
-    warnings: tuple[str, ...] = ()
-    accepted: tuple[str, ...] = ()
-    corrections: tuple[CorrectionRecord, ...] = ()
-    software_version: str
-    pixels_sha256: str
+    schema_version: Literal[6] = Field(default=6, description="sets of another are refused")
+    label: Text | None = Field(description="texture class of the part")
+    specimen: Text | None = Field(default=None, description="the piece")
+    operator: Text | None = Field(default=None, description="who captured it")
+    note: Text | None = Field(default=None, description="anything else")
+    properties: dict[str, Property] = Field(
+        default_factory=dict,
+        description="further values of the piece by name: texts, numbers, truth values, dates",
+    )
+    created_utc: str = Field(description="time of capture or import")
+    simulated: bool = Field(description="whether the images are simulated")
+    bit_depth: int = Field(ge=1, le=16, description="of the camera")
+    full_scale: int = Field(ge=1, le=65535, description="pixel value of saturation")
+    lighting: LightingRecord = Field(
+        description="unit vectors to the lights, intensities, positions"
+    )
+    images: tuple[ImageRecord, ...] = Field(
+        description="light, switch times, frames that count and that do not; or the source file"
+    )
+    orientation_deg: FiniteFloat | None = Field(
+        default=None, description="of the part, anticlockwise"
+    )
+    placement: Placement | None = Field(default=None, description="of a simulated part")
+    rig_name: str | None = Field(default=None, description="name in rig.toml")
+    settle_ms: FiniteFloat | None = Field(default=None, description="of the rig's lights")
+    synchronisation: Literal["software", "strobe", "trigger"] | None = Field(
+        default=None, description="what switched the lights"
+    )
+    camera: CameraRecord | None = Field(
+        default=None, description="with its settings as read back, and its noise"
+    )
+    controller: ControllerRecord | None = Field(
+        default=None, description="serial number and versions"
+    )
+    checks: ChecksRecord | None = Field(
+        default=None,
+        description="ambient change, redundancy residual, LED levels with their error, order",
+    )
+    failed_attempts: tuple[str, ...] = Field(
+        default=(), description="reasons for the failure of earlier attempts"
+    )
+    gamma: str = Field(default="linear", description="response of photographs that was undone")
+    gamma_source: Literal["stated", "given", "assumed"] | None = Field(
+        default=None, description="by the files, by the user, by default"
+    )
+    photographed: Text | None = Field(
+        default=None, description="date of photographs; local time if it has no offset"
+    )
+    calibration_ids: tuple[str, ...] = Field(default=(), description="SHA-256 of the calibration")
+    mm_per_px: float | None = Field(
+        default=None, ge=1e-6, le=1e3, description="scale by that calibration"
+    )
+    crop: tuple[int, int, int, int] | None = Field(
+        default=None, description="column, row, width, height that were kept of photographs"
+    )
+    mask_file: str | None = Field(default=None, description="name of the mask of photographs")
+    warnings: tuple[str, ...] = Field(default=(), description="of the checks of an import")
+    accepted: tuple[str, ...] = Field(
+        default=(), description="causes for a refusal of an import that were accepted"
+    )
+    corrections: tuple[CorrectionRecord, ...] = Field(
+        default=(), description="by info --set: date, field, value before and after"
+    )
+    software_version: str = Field(description="of ps4rig")
+    pixels_sha256: str = Field(description="over all pages in order, as 16-bit little-endian rows")
 
     @property
     def captured(self) -> str | None:

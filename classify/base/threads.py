@@ -53,7 +53,7 @@ def bind_workers(*, is_bound: bool = True) -> None:
     """Bind each kept thread of this process to a processor of its own from now on.
 
     Some operating systems let threads that have slept share one processor while another is idle;
-    capture/README.md has the gain.
+    capture/DECISIONS.md has the gain.
     """
     global _is_bound
     if is_bound != _is_bound:

@@ -20,7 +20,7 @@ from .plate_blocks import BLOCKS, PlateBlocks
 FloatArray = npt.NDArray[np.float64]
 
 # The degree is raised while the squared error of predicting left-out parts of the frame falls below
-# this share; classify/README.md has the errors of each degree.
+# this share; classify/DECISIONS.md has the errors of each degree.
 _DEGREES, _BETTER = (2, 4, 6), 0.98
 _ROUNDS = 12
 _TINY = 1e-30

@@ -19,8 +19,8 @@ from .plate_blocks import PlateBlocks
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
-# Limits of the checks; "What is refused" in classify/README.md has the figures of sheets, parts and
-# textures.
+# Limits of the checks; "What a sheet is refused for" in classify/DECISIONS.md has the figures of
+# sheets, parts and textures.
 _MOST_SATURATED = 1e-3
 _DARKEST = 0.05
 _FEWEST_BLOCKS, _MOST_UNUSED = 0.125, 0.5

@@ -23,7 +23,7 @@ from .sphere_outline import find_outline, outline_of_mask
 SphereKind = Literal["mirror", "matte"]
 
 # Positions are kept if each distance is known to this share of it; else the lights count as
-# distant. Near light at five fields of view costs 10 degrees (table of faults, classify/README.md),
+# distant. Near light at five fields of view costs 10 degrees (table in classify/README.md),
 # of which a distance 15 % off leaves 1.5.
 _KNOWN_DISTANCE = 0.15
 # Condition number above which rays are parallel within the rounding of float64. It is the squared

@@ -1,7 +1,7 @@
 """Features of the joint classifier: observations, series and statistics.
 
-The table "Constants of the default classifier" in classify/README.md shows what each tuned number
-gives halved and doubled; ``tests/classify/classifiers/test_joint_constants.py`` prints it.
+``tests/classify/classifiers/test_joint_constants.py`` prints what each tuned number gives halved
+and doubled.
 """
 
 from collections.abc import Sequence

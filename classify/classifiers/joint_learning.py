@@ -2,8 +2,9 @@
 
 The four quarters of every training set show how much one surface differs from itself: how far its
 spectra and statistics scatter, and which statistics scatter together. A distance of 1 is the
-typical distance between two quarters of a set. The table "Constants of the default classifier" in
-classify/README.md shows what each tuned number gives halved and doubled.
+typical distance between two quarters of a set.
+``tests/classify/classifiers/test_joint_constants.py`` prints what each tuned number gives halved
+and doubled.
 """
 
 import math
@@ -33,8 +34,8 @@ from .joint_features import (
 )
 from .joint_limits import unit_limit
 
-# Weight of the distance of spectra; that of statistics has the rest. "Shares of spectra and
-# statistics" in classify/README.md compares others.
+# Weight of the distance of spectra; that of statistics has the rest. classify/DECISIONS.md
+# compares others.
 _SPECTRAL_SHARE = 0.5
 # A floor is this many times the error, the power of the curl, which a relief does not have.
 # Without floors logarithms fail at slant 70, where errors from shadow fill the weak bins. The
@@ -59,7 +60,7 @@ _TYPICAL_SETS = 10
 # difference and not one per ring. It counts by half where its variance between quarters is
 # `_CONTRAST_VARIANCE`. Typical variances of relief, albedo and coherence are those of 22 scanned
 # materials (0.18 to 0.38, 0.33 to 0.38, 0.06 to 0.15 at 256 and 128 px); see "Contrast" in
-# classify/README.md.
+# classify/DECISIONS.md.
 _CONTRAST_VARIANCE = 0.3
 _TYPICAL_CONTRASTS = (0.3, 0.3, 0.1)
 # Quarters of any surface with noise differ by 1 or more; smooth plates without noise differ by the

@@ -1,9 +1,9 @@
 """Limits of the joint classifier: the distance beyond which a class rejects.
 
 The distance of another patch of a class is taken as log-normal. Its median is expected from the
-scatter of the quarters of a training frame, and measured where a class has several sets. The table
-"Constants of the default classifier" in classify/README.md shows what each tuned number gives
-halved and doubled.
+scatter of the quarters of a training frame, and measured where a class has several sets.
+``tests/classify/classifiers/test_joint_constants.py`` prints what each tuned number gives halved
+and doubled.
 """
 
 import math
@@ -20,17 +20,16 @@ from .joint_features import Distances
 # with power 0.7 to 1, the distance to other classes does not.
 _SCATTER_POWER = 0.4
 # Differences from day to day do not depend on the scatter of a class: sheets of corrugated steel,
-# of scatter 0.2, are at 1.2 to 1.8 from their class with another rig and focus. See "One set" in
-# classify/README.md for what this costs.
+# of scatter 0.2, are at 1.2 to 1.8 from their class with another rig and focus. See "When a
+# surface is unknown" in classify/DECISIONS.md for what this gives.
 _LEAST_SCATTER = 0.5
 # The largest factor of the 22 materials. Quarters of a part with a figure in one of them differ
 # more than textures do (test_a_class_with_a_figure_in_a_corner...).
 _LARGEST_FACTOR = 1.5
 # Median distance of another patch to a class of scatter 1, and standard deviations of its logarithm
 # between classes of equal scatter and between patches of one class, together 0.43. On 22 scanned
-# materials the median is 0.84 and the deviation 0.53; classify/README.md shows what larger ones
-# accept.
-# A limit is the 99th percentile, 2.33 deviations above the median.
+# materials the median is 0.84 and the deviation 0.53; test_joint_constants.py prints what larger
+# ones accept. A limit is the 99th percentile, 2.33 deviations above the median.
 _MEDIAN = 0.82
 _CLASS_SPREAD = 0.34
 _PATCH_SPREAD = 0.26

@@ -24,7 +24,7 @@ from .fields import PartFields
 
 # Sides of a segment of the spectra, in pixels at half resolution; the first is for frames that hold
 # two of them beside each other. A segment as large as the frame gives noisy gains, and a small one
-# does not resolve the lines of periodic textures (classify/README.md).
+# does not resolve the lines of periodic textures.
 _SEGMENTS = (128, 64)
 MIN_SIDE_PX = 4 * _SEGMENTS[-1]
 """Shortest side of a good part: two segments at half resolution."""

@@ -13,7 +13,7 @@ from classify.texture.heading import LEAST_SCORE
 
 # A smaller blur is not mentioned in the reason: sets in equal focus differ by 0.0 to 0.3 px.
 _LEAST_SAID_PX = 0.3
-# Least margin of a known surface, for classifiers with limits. classify/README.md shows how often
+# Least margin of a known surface, for classifiers with limits. classify/DECISIONS.md has how often
 # the nearest class is wrong below and above it.
 LEAST_MARGIN = 0.15
 # An estimate of blur within this of its lower or upper bound counts as at the bound.

@@ -33,15 +33,15 @@ Array = npt.NDArray[Any]
 FloatArray = npt.NDArray[np.float64]
 
 # Along each side of the frame. Means of blocks are fitted: relief finer than a block averages out.
-# classify/README.md compares 64 samples.
+# classify/DECISIONS.md compares 64 samples.
 _SAMPLES, _BLOCKS = 128, 16
 # The fourth step changes a coefficient by 0.005 where light falls off by 70 %.
 _ROUNDS = 4
 _DEGREE, _HIGHER_DEGREE = 2, 4
 _TERMS = _HIGHER_DEGREE + 1
 # The higher degree is taken where its error of prediction is below the first share of the lower
-# one's, and at least the second share of the smooth ratio cannot be relief. classify/README.md has
-# both figures for photographs and materials.
+# one's, and at least the second share of the smooth ratio cannot be relief. classify/DECISIONS.md
+# has both figures for photographs and materials.
 _CLEARLY_BETTER, _NO_RELIEF = 0.5, 0.05
 # A pixel darker than this share of the bright ones does not count: its ratio is that of noise to
 # noise (tests/classify/lights/test_fall_off.py, a part beside a black board).

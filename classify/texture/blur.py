@@ -39,7 +39,7 @@ EXTRAPOLATION = KNOTS_PX2[1] / KNOTS_PX2[0]
 # Variances of the points between which the difference of a test and a reference is linear.
 _POINTS_PX2 = (-KNOTS_PX2[1], -KNOTS_PX2[0], 0.0, *KNOTS_PX2)
 # Added to a squared distance per px^2, and more in smaller frames, whose coarse textures differ
-# by as much as blur would make them: see the tables of classify/README.md.
+# by as much as blur would make them: see "Focus" in classify/DECISIONS.md.
 _PENALTY = 0.1
 _AREA_POWER = 1.5
 _SUFFICIENT_PX = 256

@@ -15,7 +15,7 @@ from classify.surface.estimate import FloatMap, SurfaceEstimate
 from .fields import TextureFields, texture_fields
 from .segment_powers import segment_powers
 
-# The polar grid of the ablation in classify/README.md.
+# The polar grid of the comparison "Features of textures" in classify/DECISIONS.md.
 ANGLES = 90
 RADII = 28
 MIN_SEGMENT_PX = 32

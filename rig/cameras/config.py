@@ -34,12 +34,16 @@ PIXEL_FORMAT_BITS = {
 class CameraConfig(Section):
     """The keys of every kind of camera."""
 
-    kind: str
-    width_px: int = Field(default=512, ge=16, le=8192)
-    height_px: int = Field(default=512, ge=16, le=8192)
-    bits: Literal[8, 10, 12, 16] = 12
-    frame_rate_hz: float = Field(default=30.0, ge=0.1, le=1000.0)
-    exposure_ms: float = Field(default=20.0, gt=0.0, le=10_000.0)
+    kind: str = Field(description="simulated by default with simulated lights, else v4l2")
+    width_px: int = Field(default=512, ge=16, le=8192, description="of the frame")
+    height_px: int = Field(default=512, ge=16, le=8192, description="of the frame")
+    bits: Literal[8, 10, 12, 16] = Field(
+        default=12, description="of a pixel; of a v4l2 camera those of pixel_format"
+    )
+    frame_rate_hz: float = Field(default=30.0, ge=0.1, le=1000.0, description="frames per second")
+    exposure_ms: float = Field(
+        default=20.0, gt=0.0, le=10_000.0, description="at most a frame period"
+    )
 
     @property
     def mode(self) -> str:
@@ -69,11 +73,30 @@ class CameraConfig(Section):
 class StampedCameraConfig(CameraConfig):
     """A camera whose driver stamps each frame with a time."""
 
-    timestamp_marks: Literal["frame_end", "driver", "writer"] | None = None
-    timestamp_offset_ms: float = Field(default=0.0, ge=-1000.0, le=1000.0)
-    timestamp_uncertainty_ms: float = Field(default=0.0, ge=0.0, le=1000.0)
-    readout_ms: float | None = Field(default=None, ge=0.0, le=10_000.0)
-    timing_measured_at: str | None = Field(default=None, min_length=1, max_length=200)
+    timestamp_marks: Literal["frame_end", "driver", "writer"] | None = Field(
+        default=None,
+        description="event of a stamp: frame_end by default; the one that the driver announces, by "
+        "default if simulated; or that of the writer of a loopback device",
+    )
+    timestamp_offset_ms: float = Field(
+        default=0.0, ge=-1000.0, le=1000.0, description="added to a stamp"
+    )
+    timestamp_uncertainty_ms: float = Field(
+        default=0.0, ge=0.0, le=1000.0, description="subtracted from a stamp"
+    )
+    readout_ms: float | None = Field(
+        default=None,
+        ge=0.0,
+        le=10_000.0,
+        description="from the first row's exposure to the last row's; 0 for a global shutter; by "
+        "default a frame period",
+    )
+    timing_measured_at: str | None = Field(
+        default=None,
+        min_length=1,
+        max_length=200,
+        description="mode for which the timing holds; the camera is not opened in another",
+    )
 
     @property
     def believes_driver(self) -> bool:
@@ -92,11 +115,21 @@ class StampedCameraConfig(CameraConfig):
 class DeviceCameraConfig(CameraConfig):
     """A camera that is a device of this machine."""
 
-    device: str = Field(min_length=1, max_length=4096)
-    allow_compressed: bool = False
-    fixed_exposure: bool = False
-    gain: int | None = Field(default=None, ge=0, le=2**31 - 1)
-    gamma: int | None = Field(default=None, ge=0, le=2**31 - 1)
+    device: str = Field(
+        min_length=1,
+        max_length=4096,
+        description="path, name in /dev/v4l/by-id, or number of /dev/video",
+    )
+    allow_compressed: bool = Field(default=False, description="MJPG may be used")
+    fixed_exposure: bool = Field(
+        default=False, description="the camera always exposes for exposure_ms and has no control"
+    )
+    gain: int | None = Field(
+        default=None, ge=0, le=2**31 - 1, description="in the camera's units; else left as it is"
+    )
+    gamma: int | None = Field(
+        default=None, ge=0, le=2**31 - 1, description="in the camera's units; else left as it is"
+    )
 
     @field_validator("device", mode="before")
     @classmethod
@@ -114,7 +147,9 @@ class ReplayCameraConfig(StampedCameraConfig):
     """A simulated camera that replays a captured set, in the set's size and depth."""
 
     kind: Literal["replay"] = "replay"
-    set_file: str = Field(min_length=1, max_length=4096)
+    set_file: str = Field(
+        min_length=1, max_length=4096, description="the set to replay, relative to rig.toml"
+    )
 
 
 class OpencvCameraConfig(DeviceCameraConfig):
@@ -128,7 +163,7 @@ class V4l2CameraConfig(DeviceCameraConfig, StampedCameraConfig):
     """A V4L2 camera; `pixel_format` is a key of `PIXEL_FORMAT_BITS` and determines `bits`."""
 
     kind: Literal["v4l2"] = "v4l2"
-    pixel_format: str = "GREY"
+    pixel_format: str = Field(default="GREY", description="such as GREY, Y12, SRGGB10 or YUYV")
 
     @property
     def _pixels(self) -> str:

@@ -20,10 +20,10 @@ class Defect(Section):
     ----------
     kind
         scratch: a groove between two ridges; dent, bump: smooth and round; stain: another albedo;
-        missing: a patch without texture, in relief and albedo; foreign: another texture.
+        missing: a patch without texture; foreign: another texture.
     x_px, y_px
-        Middle of the defect on the part, x right and y up from the point that a `Placement` with
-        the shift (0, 0) puts in the middle of the frame.
+        Middle of the defect, right and up from the point that is in the middle of the frame
+        without a shift.
     size_px
         Length of a scratch, diameter of the others.
     width_px
@@ -31,12 +31,11 @@ class Defect(Section):
     depth_px
         Depth of a scratch or a dent, height of a bump.
     angle_deg
-        Anticlockwise angle on the part: of a scratch, of an irregular outline, of a foreign
-        texture.
+        Anticlockwise: of a scratch, an irregular outline, a foreign texture.
     contrast
         Share by which a stain darkens the albedo; negative for a bright stain.
     surface
-        Texture of a foreign patch: a name or a material folder, as in `Placement`.
+        Texture of a foreign patch, as that of the part.
     """
 
     kind: DefectKind

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -15,17 +15,21 @@ MAX_FRAMES_BACK = 4
 
 @dataclass(frozen=True)
 class FrameFault:
-    """A fault in frames; rig/README.md has the kinds."""
+    """A fault in frames."""
 
-    kind: Literal[
-        "dropped", "repeated_pixels", "repeated_frame", "torn", "black", "dark", "late",
-        "stamped_late", "drift", "gone",
+    kind: Annotated[
+        Literal[
+            "dropped", "repeated_pixels", "repeated_frame", "torn", "black", "dark", "late",
+            "stamped_late", "drift", "gone",
+        ],
+        "repeated_pixels: with a new number and times; torn: rows of an earlier frame; black: all "
+        "zero; dark: without light; drift: of the exposure; gone: no frame from then on",
     ]  # fmt: skip
-    row_share: float = 0.5
-    frames_back: int = 1
-    delay_ms: float = 10.0
-    rate_per_s: float = 0.5
-    when: When = field(default_factory=When)
+    row_share: Annotated[float, "of a torn frame: where the earlier frame begins"] = 0.5
+    frames_back: Annotated[int, "of a torn frame, 1 to 4"] = 1
+    delay_ms: Annotated[float, "of late and stamped_late"] = 10.0
+    rate_per_s: Annotated[float, "of drift: share of the exposure per second"] = 0.5
+    when: Annotated[When, "as of a line"] = field(default_factory=When)
 
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - unknown keys are refused
 
@@ -46,9 +50,13 @@ class FaultPlan(BaseModel):
     Attributes
     ----------
     seed
-        Seed of all random faults.
-    lines, leds, frames
-        Faults of the serial line, of the LEDs' light and of the camera's frames.
+        Of all random faults.
+    lines
+        Of the serial line.
+    leds
+        In the light of the LEDs.
+    frames
+        In the camera's frames.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")

@@ -21,18 +21,51 @@ Intensity = Annotated[FiniteFloat, Field(ge=0.01, le=100.0)]
 class LightsConfig(Section):
     """The LED controller, and the positions of its LEDs."""
 
-    port: str = Field(default=SIMULATED, min_length=1)
-    serial_number: str | None = Field(default=None, min_length=1, max_length=200)
-    usb_id: str | None = Field(default=None, pattern=r"^[0-9a-f]{4}:[0-9a-f]{4}$")
-    baud: int = Field(default=115_200, ge=300, le=12_000_000)
-    tilts_deg: tuple[Degrees, ...] = Field(
-        default=RING_TILTS_DEG, min_length=3, max_length=64, strict=False
+    port: str = Field(
+        default=SIMULATED,
+        min_length=1,
+        description="auto, a serial port, a pyserial URL, or simulated; a file must give it",
     )
-    slant_deg: float = Field(default=45.0, gt=0.0, le=85.0)
-    intensities: tuple[Intensity, ...] = Field(default=(), strict=False)
-    settle_ms: float = Field(default=5.0, ge=0.0, le=10_000.0)
-    watchdog_ms: int = Field(default=WATCHDOG_DEFAULT_MS, ge=WATCHDOG_MIN_MS, le=WATCHDOG_MAX_MS)
-    synchronisation: Literal["software", "strobe", "trigger"] = "software"
+    serial_number: str | None = Field(
+        default=None,
+        min_length=1,
+        max_length=200,
+        description='of the controller or its USB device, with port = "auto"',
+    )
+    usb_id: str | None = Field(
+        default=None,
+        pattern=r"^[0-9a-f]{4}:[0-9a-f]{4}$",
+        description='vendor and product, such as "2e8a:0005", with port = "auto"',
+    )
+    baud: int = Field(default=115_200, ge=300, le=12_000_000, description="of the serial line")
+    tilts_deg: tuple[Degrees, ...] = Field(
+        default=RING_TILTS_DEG,
+        min_length=3,
+        max_length=64,
+        strict=False,
+        description="of LED 0, 1, 2 ..., anticlockwise from the right of the image",
+    )
+    slant_deg: float = Field(
+        default=45.0, gt=0.0, le=85.0, description="of all LEDs, from the camera's axis"
+    )
+    intensities: tuple[Intensity, ...] = Field(
+        default=(), strict=False, description="LED levels as built, relative to each other"
+    )
+    settle_ms: float = Field(
+        default=5.0,
+        ge=0.0,
+        le=10_000.0,
+        description="from the acknowledge of a switch until the light is steady",
+    )
+    watchdog_ms: int = Field(
+        default=WATCHDOG_DEFAULT_MS,
+        ge=WATCHDOG_MIN_MS,
+        le=WATCHDOG_MAX_MS,
+        description="silence after which the controller puts the LEDs out",
+    )
+    synchronisation: Literal["software", "strobe", "trigger"] = Field(
+        default="software", description="what switches the lights during a set"
+    )
 
     @field_validator("usb_id", mode="before")
     @classmethod

@@ -37,10 +37,10 @@ class RigConfig(Section):
     Attributes
     ----------
     calibration
-        Calibration file that captures use; in ``rig.toml`` relative to that file.
+        Calibration file for captures; in ``rig.toml`` relative to that file.
     """
 
-    name: str = Field(default="rig", min_length=1, max_length=200)
+    name: str = Field(default="rig", min_length=1, max_length=200, description="of the rig")
     calibration: str | None = Field(default=None, min_length=1)
     lights: LightsConfig = LightsConfig()
     camera: AnyCameraConfig = SimulatedCameraConfig()

@@ -20,19 +20,18 @@ class Placement(Section):
     Attributes
     ----------
     surface
-        A synthetic texture such as rock, a bundled material, a material folder, or a calibration
-        target: plate, mirror_sphere, matte_sphere, checkerboard, lens_cap.
+        Synthetic texture, bundled material, material folder, or calibration target.
     rotate_deg
-        Anticlockwise rotation of the surface about the centre of the frame.
+        Anticlockwise, about the centre of the frame.
     shift_px
-        Shift of the frame's centre over the periodic surface (x right, y up), before the rotation.
+        Shift of the frame's centre over the periodic surface, right and up, before the rotation.
     seed
-        Seed of the noise, and of the realisation of a synthetic texture or of a plate.
+        Of the noise, and of the realisation of a synthetic texture or a plate.
     size_mm
-        Diameter of a sphere, 20 by default, or side of a square of the checkerboard, 5 by default;
-        needs `SimulationConfig.mm_per_px`, without which they are shares of the frame.
+        Diameter of a sphere, by default 20, or side of a square of the checkerboard, by default 5;
+        needs `mm_per_px`, without which they are shares of the frame.
     defects
-        Defects of the part, in the order in which they happened to it.
+        In the order in which they happened to the part.
     """
 
     surface: str = "rock"
@@ -46,19 +45,48 @@ class Placement(Section):
 class SimulationConfig(Section):
     """Properties of the simulated hardware."""
 
-    clock: Literal["virtual", "real"] = "virtual"
-    ambient: float = Field(default=0.02, ge=0.0, le=1.0)
-    led_distance_px: float | None = Field(default=None, ge=16.0, le=1e6)
-    led_levels: tuple[LedLevel, ...] = Field(default=(), strict=False)
-    vignetting_percent: float = Field(default=0.0, ge=0.0, le=90.0)
-    response_gamma: float = Field(default=1.0, ge=0.2, le=5.0)
-    hot_pixels: int = Field(default=0, ge=0, le=10_000)
-    mm_per_px: float | None = Field(default=None, ge=1e-5, le=100.0)
-    led_rise_ms: float = Field(default=0.5, gt=0.0, le=100.0)
-    led_fall_ms: float = Field(default=0.3, gt=0.0, le=100.0)
-    controller_turn_us: tuple[PassTime, PassTime] = Field(default=(50.0, 200.0), strict=False)
-    readout_ms: float = Field(default=0.0, ge=0.0, le=10_000.0)
-    stamp_lag_ms: float | None = Field(default=None, ge=-1000.0, le=1000.0)
-    stamp_jitter_ms: float = Field(default=0.0, ge=0.0, le=100.0)
-    placement: Placement = Placement()
-    faults: FaultPlan | None = None
+    clock: Literal["virtual", "real"] = Field(
+        default="virtual", description="real takes as long as the frames take"
+    )
+    ambient: float = Field(
+        default=0.02, ge=0.0, le=1.0, description="ambient light, as a share of one LED's"
+    )
+    led_distance_px: float | None = Field(
+        default=None, ge=16.0, le=1e6, description="from the centre of the frame; else distant LEDs"
+    )
+    led_levels: tuple[LedLevel, ...] = Field(
+        default=(), strict=False, description="true levels, which the rig is not told"
+    )
+    vignetting_percent: float = Field(
+        default=0.0, ge=0.0, le=90.0, description="light missing in the corners"
+    )
+    response_gamma: float = Field(
+        default=1.0, ge=0.2, le=5.0, description="pixel values are linear ones to 1 / gamma"
+    )
+    hot_pixels: int = Field(default=0, ge=0, le=10_000, description="number of them")
+    mm_per_px: float | None = Field(
+        default=None, ge=1e-5, le=100.0, description="for sizes of spheres and the checkerboard"
+    )
+    led_rise_ms: float = Field(default=0.5, gt=0.0, le=100.0, description="10 to 90 %")
+    led_fall_ms: float = Field(default=0.3, gt=0.0, le=100.0, description="90 to 10 %")
+    controller_turn_us: tuple[PassTime, PassTime] = Field(
+        default=(50.0, 200.0),
+        strict=False,
+        description="shortest and longest pass of the controller's main loop",
+    )
+    readout_ms: float = Field(
+        default=0.0, ge=0.0, le=10_000.0, description="of a rolling shutter: first row to last row"
+    )
+    stamp_lag_ms: float | None = Field(
+        default=None,
+        ge=-1000.0,
+        le=1000.0,
+        description="from the start of exposure to the driver's stamp; else exact stamps",
+    )
+    stamp_jitter_ms: float = Field(
+        default=0.0, ge=0.0, le=100.0, description="stamps are up to this much later"
+    )
+    placement: Placement = Field(default=Placement(), description="the part below the camera")
+    faults: FaultPlan | None = Field(
+        default=None, description="a file relative to rig.toml, or the same tables here"
+    )

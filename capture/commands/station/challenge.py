@@ -48,8 +48,7 @@ def challenge(
     stain, are judged too. The exit status is 1 if a part gets another verdict, or such a fault
     passes that the recipe does not acknowledge.
     """
-    from capture.station.domain.folder import StationFolder
-    from capture.station.domain.last_recipe import first_recipe
+    from capture.station.domain.folder import StationFolder, first_recipe
     from capture.station.judge.challenge import run_challenge
     from capture.station.judge.gauge.fault_study import great_faults
     from capture.station.judge.inspector import Inspector

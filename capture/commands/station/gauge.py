@@ -51,8 +51,7 @@ def gauge(
     found. The report is kept beside the recipe, for the panel. The exit status is 1 if the rating
     is not acceptable.
     """
-    from capture.station.domain.folder import StationFolder
-    from capture.station.domain.last_recipe import first_recipe
+    from capture.station.domain.folder import StationFolder, first_recipe
     from capture.station.judge.gauge.fault_study import keep_study, study_faults
     from capture.station.judge.gauge.gauge import GaugeStudy
     from capture.station.judge.gauge.gauge_report import GaugeReport, write_gauge_report

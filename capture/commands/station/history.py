@@ -96,8 +96,7 @@ def override(
 ) -> None:
     """Give a part another verdict; the station's own stays in the results beside it."""
     from capture.station.domain.folder import StationFolder
-    from capture.station.results.on_the_terminal import changing_on_the_terminal
-    from capture.station.results.overriding import override_part
+    from capture.station.results.audit import changing_on_the_terminal, override_part
 
     with (
         changing_on_the_terminal(StationFolder(folder), by) as (log, who),

@@ -77,12 +77,7 @@ def run(
     from capture.station.run.events import Publisher
     from capture.station.run.live_station import LiveStation
     from capture.station.run.run import RunOptions, run_station
-    from capture.station.run.triggers import (
-        LineTrigger,
-        SensorTrigger,
-        TimerTrigger,
-        TriggerSource,
-    )
+    from capture.station.run.triggers import LineTrigger, SensorTrigger, TimerTrigger, TriggerSource
     from capture.station.service.notify import Notifier
     from classify.base.errors import InputError
     from rig.config.rig import config_of

@@ -4,12 +4,7 @@ import re
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import (
-    AfterValidator,
-    Field,
-    FiniteFloat,
-    model_validator,
-)
+from pydantic import AfterValidator, Field, FiniteFloat, model_validator
 
 from capture.session.plan import Name, Text
 from classify.base.section import Degrees, Section
@@ -38,26 +33,39 @@ def _results(text: str) -> str:
 class Retention(Section):
     """Which set files of parts stay on disk; rows of results always stay."""
 
-    # One in `pass_every` of the parts that passed keeps its set file; 1 keeps all.
-    pass_every: int = Field(default=20, ge=1, le=1_000_000)
-    # Age at which the other set files are removed; at least 1, because today's folder may still
-    # receive files.
-    pass_days: float = Field(default=7.0, ge=1.0, le=36_500.0)
+    pass_every: int = Field(
+        default=20, ge=1, le=1_000_000, description="one in so many passed parts keeps its file"
+    )
+    # At least 1, because today's folder may still receive files.
+    pass_days: float = Field(
+        default=7.0, ge=1.0, le=36_500.0, description="age at which the files of others are removed"
+    )
 
 
 class SimulatedParts(Section):
     """The parts below a simulated rig, drawn at random from a seed and the part's number."""
 
-    seed: int = Field(default=100, ge=0, lt=2**31)
-    # As in ``[simulation.placement]`` of ``rig.toml``.
-    surfaces: tuple[Surface, ...] = Field(default=("rock",), min_length=1, strict=False)
-    others: tuple[Surface, ...] = Field(default=("sand",), strict=False)  # unexpected surfaces
-    share_other: Share = 0.02  # of the parts, from 0 to 1
-    # Empty draws from all angles.
-    orientations_deg: tuple[Degrees, ...] = Field(default=(), max_length=3600, strict=False)
-    share_defective: Share = 0.05  # of the parts with an expected surface; each has one defect
+    seed: int = Field(
+        default=100, ge=0, lt=2**31, description="should differ from the taught sets'"
+    )
+    surfaces: tuple[Surface, ...] = Field(
+        default=("rock",),
+        min_length=1,
+        strict=False,
+        description="expected ones, as in [simulation.placement] of rig.toml",
+    )
+    others: tuple[Surface, ...] = Field(
+        default=("sand",), strict=False, description="unexpected surfaces"
+    )
+    share_other: Share = Field(default=0.02, description="of parts with an unexpected surface")
+    orientations_deg: tuple[Degrees, ...] = Field(
+        default=(), max_length=3600, strict=False, description="one of these; any if empty"
+    )
+    share_defective: Share = Field(
+        default=0.05, description="of the expected surfaces; each has one defect"
+    )
     defects: tuple[DefectKind, ...] = Field(
-        default=("scratch", "dent", "bump", "stain"), strict=False
+        default=("scratch", "dent", "bump", "stain"), strict=False, description="their kinds"
     )
 
     @model_validator(mode="after")
@@ -75,33 +83,52 @@ class SimulatedParts(Section):
 class StationConfig(Section):
     """The configuration of a station."""
 
-    name: Name  # unique in the database of results
-    # ``sim``, or a ``rig.toml``, relative to the station's folder.
-    rig: str = Field(default=SIM, min_length=1, max_length=4096)
-    recipe: Name  # name in ``recipes/NAME.toml``
-    # SQLite file, relative to the station's folder, or URL of a PostgreSQL database.
-    results: Annotated[str, Field(min_length=1, max_length=4096), AfterValidator(_results)] = (
-        "results.sqlite"
+    name: Name = Field(description="unique among the stations that share a database")
+    rig: str = Field(
+        default=SIM,
+        min_length=1,
+        max_length=4096,
+        description="sim, or a rig.toml relative to the station's folder",
     )
-    operator: Text | None = None  # person responsible for the results
-    trigger: Literal["timer", "enter", "sensor", "http", "modbus"] = "enter"
-    # Period of the timer; 0 triggers as soon as the station is ready. With a simulated part sensor
-    # it is the time from a ready station to the next part.
-    timer_s: float = Field(default=2.0, ge=0.0, le=86_400.0)
-    # Time from the edge of the part sensor to the first light.
-    sensor_delay_ms: float = Field(default=0.0, ge=0.0, le=60_000.0)
-    # Number of exposed parts that may wait for their verdict; further triggers are refused.
-    buffers: int = Field(default=2, ge=1, le=64)
-    # Free space below which triggers are refused.
-    disk_floor_mb: int = Field(default=500, ge=1, le=10_000_000)
-    plate_check: bool = False  # compares the rig with its calibration, by a white sheet
-    # Time between two attempts to open a rig that was lost.
-    reconnect_s: float = Field(default=5.0, ge=0.01, le=3600.0)
-    retention: Retention = Retention()
-    simulated_parts: SimulatedParts = SimulatedParts()
-    panel: PanelConfig = PanelConfig()
-    modbus: ModbusConfig | None = None  # None without a PLC
-    mqtt: MqttConfig | None = None  # None without a broker
+    recipe: Name = Field(description="recipes/NAME.toml")
+    results: Annotated[str, Field(min_length=1, max_length=4096), AfterValidator(_results)] = Field(
+        default="results.sqlite", description="or postgresql://USER:PASSWORD@HOST/DATABASE"
+    )
+    operator: Text | None = Field(default=None, description="person responsible for the results")
+    trigger: Literal["timer", "enter", "sensor", "http", "modbus"] = Field(
+        default="enter", description="what says that a part lies below the camera"
+    )
+    timer_s: float = Field(
+        default=2.0,
+        ge=0.0,
+        le=86_400.0,
+        description="period of the timer, 0 is as fast as possible; with a simulated sensor, from "
+        "a ready station to the next part",
+    )
+    sensor_delay_ms: float = Field(
+        default=0.0, ge=0.0, le=60_000.0, description="from the sensor's edge to the first light"
+    )
+    buffers: int = Field(
+        default=2, ge=1, le=64, description="exposed parts that may wait for their verdict"
+    )
+    disk_floor_mb: int = Field(
+        default=500, ge=1, le=10_000_000, description="with less free space triggers are refused"
+    )
+    plate_check: bool = Field(
+        default=False, description="a white sheet is below the camera when the station starts"
+    )
+    reconnect_s: float = Field(
+        default=5.0, ge=0.01, le=3600.0, description="between attempts to open a rig that was lost"
+    )
+    retention: Retention = Field(
+        default=Retention(), description="which set files stay; those that did not pass always do"
+    )
+    simulated_parts: SimulatedParts = Field(
+        default=SimulatedParts(), description="the parts below a simulated rig"
+    )
+    panel: PanelConfig = Field(default=PanelConfig(), description="the panel and the HTTP API")
+    modbus: ModbusConfig | None = Field(default=None, description="the registers for a PLC")
+    mqtt: MqttConfig | None = Field(default=None, description="results for a broker")
 
     def rig_in(self, folder: Path) -> str:
         """Return the rig to open for a station in `folder`: ``sim`` or a path."""

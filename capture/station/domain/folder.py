@@ -3,22 +3,23 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Literal
+
+from pydantic import ValidationError
 
 from capture.base.folder_lock import folder_lock
 from capture.base.log_file import append_line
 from capture.base.utc_time import utc_text
-from capture.session.plan import file_name
+from capture.session.plan import Name, file_name
 from capture.sets.ome_tiff import SUFFIX
 from classify.base.durable_file import durable_file, make_folder
 from classify.base.errors import InputError
+from classify.base.regular_file import read_regular_file
+from classify.base.section import Record
 from rig.config.rig import RigConfig, config_of
+from rig.config.validation_message import first_fault
 
-from .config import (
-    CONFIG,
-    StationConfig,
-    example_config,
-    read_config,
-)
+from .config import CONFIG, StationConfig, example_config, read_config
 from .errors import RecipeError
 from .recipe_folder import RecipeFolder
 
@@ -26,6 +27,8 @@ RECIPES, PARTS, LOG = "recipes", "parts", "station.log"
 _LOCK = "station.lock"
 # A larger log is renamed to station.log.1: after about 80,000 parts with a line of 100 bytes each.
 _MAX_LOG_BYTES = 8 << 20
+FILE = "loaded-recipe.json"
+_MAX_BYTES = 1 << 12
 
 
 class StationFolder:
@@ -92,3 +95,36 @@ def make_station(path: Path) -> None:
     with durable_file(path / CONFIG) as temporary:
         temporary.write_text(example_config(path.absolute().name), encoding="utf-8")
         read_config(temporary)  # a folder whose name cannot name a station is refused
+
+
+class LastRecipe(Record):
+    """The recipe that was loaded last, and the one of ``station.toml`` at that time."""
+
+    format: Literal["ps4rig-loaded-recipe"] = "ps4rig-loaded-recipe"
+    version: Literal[1] = 1
+    configured: Name
+    loaded: Name
+
+
+def first_recipe(folder: StationFolder) -> str:
+    """Return the recipe with which a run begins: the last loaded one, for the parts on the line.
+
+    A `recipe` in ``station.toml`` that differs from the one at that time is newer.
+    """
+    path, configured = folder.path / FILE, folder.config.recipe
+    if not path.exists():
+        return configured
+    try:
+        last = LastRecipe.model_validate_json(read_regular_file(path, _MAX_BYTES))
+    except ValidationError as error:
+        raise InputError(
+            f"{path}: {first_fault(error)}; remove it to begin with recipe {configured}"
+        ) from error
+    return last.loaded if last.configured == configured else configured
+
+
+def keep_recipe(folder: StationFolder, name: str) -> None:
+    """Store the recipe with which the next run begins; InputError if it cannot be written."""
+    last = LastRecipe(configured=folder.config.recipe, loaded=name)
+    with durable_file(folder.path / FILE) as temporary:
+        temporary.write_text(last.model_dump_json(indent=1), encoding="utf-8")

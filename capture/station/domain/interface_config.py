@@ -2,22 +2,21 @@
 
 import ipaddress
 import re
+import socket
 from pathlib import Path
 from typing import Annotated, Self
 from urllib.parse import urlsplit
 
-from pydantic import (
-    AfterValidator,
-    Field,
-    field_validator,
-    model_validator,
-)
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from capture.session.plan import Name
 from classify.base.section import Section
 
+from .errors import CannotListen
+
 _HOST_NAME = re.compile(r"[a-z0-9]([a-z0-9.-]{0,251}[a-z0-9])?")
 LOCALHOST = "localhost"
+PathText = Annotated[str, Field(min_length=1, max_length=4096)]
 
 
 def _address(text: str) -> str:
@@ -38,20 +37,25 @@ def _host_name(text: str) -> str:
 
 
 Address = Annotated[str, Field(max_length=100), AfterValidator(_address)]
-PathText = Annotated[str, Field(min_length=1, max_length=4096)]
 
 
 class PanelConfig(Section):
     """The panel and the HTTP API."""
 
-    host: Address = "127.0.0.1"
-    port: int = Field(default=8100, ge=0, le=65535)
-    tls_cert: PathText | None = None  # PEM file for HTTPS, relative to the station's folder
-    tls_key: PathText | None = None
-    behind_proxy: bool = False  # a proxy on this machine terminates HTTPS
-    # Host names by which browsers reach the panel; IP addresses need no entry.
+    host: Address = Field(default="127.0.0.1", description="address of this machine to listen on")
+    port: int = Field(default=8100, ge=0, le=65535, description="to listen on")
+    tls_cert: PathText | None = Field(
+        default=None, description="PEM file for HTTPS, relative to the station's folder"
+    )
+    tls_key: PathText | None = Field(default=None, description="its key")
+    behind_proxy: bool = Field(
+        default=False, description="a proxy on this machine terminates HTTPS"
+    )
     names: tuple[Annotated[str, AfterValidator(_host_name)], ...] = Field(
-        default=(), max_length=100, strict=False
+        default=(),
+        max_length=100,
+        strict=False,
+        description="host names by which browsers reach it; IP addresses need no entry",
     )
 
     @model_validator(mode="after")
@@ -93,10 +97,14 @@ class PanelConfig(Section):
 class ModbusConfig(Section):
     """The registers for a PLC; Modbus has no passwords: whoever reaches the port can trigger."""
 
-    host: Address = "127.0.0.1"
-    port: int = Field(default=1502, ge=0, le=65535)
-    # Names, each once; the PLC knows them by their positions, from 1.
-    recipes: tuple[Name, ...] = Field(default=(), max_length=1000, strict=False)
+    host: Address = Field(default="127.0.0.1", description="address of this machine to listen on")
+    port: int = Field(default=1502, ge=0, le=65535, description="to listen on")
+    recipes: tuple[Name, ...] = Field(
+        default=(),
+        max_length=1000,
+        strict=False,
+        description="the PLC knows them by their positions, from 1",
+    )
 
     @field_validator("recipes")
     @classmethod
@@ -121,7 +129,41 @@ def _broker(text: str) -> str:
 class MqttConfig(Section):
     """Where results are published."""
 
-    # ``mqtt://HOST:1883``, or ``mqtts://USER:PASSWORD@HOST:8883`` with TLS.
-    url: Annotated[str, Field(max_length=4096), AfterValidator(_broker)]
-    # Beginning of all topics.
-    topic: Annotated[str, Field(pattern=r"^[^\s/#+$][^\s#+]{0,200}$")]
+    url: Annotated[str, Field(max_length=4096), AfterValidator(_broker)] = Field(
+        description="mqtt://HOST:1883, or mqtts://USER:PASSWORD@HOST:8883 with TLS"
+    )
+    topic: Annotated[str, Field(pattern=r"^[^\s/#+$][^\s#+]{0,200}$")] = Field(
+        description="beginning of all topics"
+    )
+
+
+def listening_socket(
+    section: str,
+    host: str,
+    port: int,
+    *,
+    advice: str,
+    most_unacknowledged_ms: int,
+    send_buffer_bytes: int | None = None,
+) -> socket.socket:
+    """Listen on a port that no other program has; 0 chooses a free one.
+
+    All options are set before it listens, because a connection inherits those of the listener.
+    """
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        if hasattr(socket, "SO_EXCLUSIVEADDRUSE"):  # Windows
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_EXCLUSIVEADDRUSE, 1)
+        else:
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if hasattr(socket, "TCP_USER_TIMEOUT"):  # not on Windows
+            listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, most_unacknowledged_ms)
+        if send_buffer_bytes is not None:
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, send_buffer_bytes)
+        listener.bind((host, port))
+        listener.listen()
+    except OSError as error:
+        listener.close()
+        raise CannotListen(f"[{section}] {host}:{port}: {error.strerror}; {advice}") from error
+    return listener

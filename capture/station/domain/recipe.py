@@ -3,92 +3,42 @@
 from collections.abc import Mapping
 from typing import Annotated, Self
 
-from pydantic import (
-    ConfigDict,
-    Field,
-    FiniteFloat,
-    model_validator,
-)
+from pydantic import ConfigDict, Field, FiniteFloat, model_validator
 
 from capture.session.plan import Label, Name, Text
 from capture.station.domain.errors import NotApproved
 from classify.base.section import Section
 from rig.set_file import fields_sha256
 
+from .limits import GeneralLimits, Limits
+
 _DIGITS = 8  # of a hash that is shown
 _MAX_TEXTURES = 1000  # bounds the file; `station bench` measures a recipe with 30 textures
 
-Positive = Annotated[float, Field(gt=0.0, le=1e6)]
-Share = Annotated[float, Field(ge=0.0, le=1.0)]
-Range = tuple[Annotated[float, Field(ge=0.0)], Positive]
-RANGES = ("sdq", "albedo", "scale")
-"""Limits that have a least and a largest value."""
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
 class Orientation(Section):
     """How a part must lie."""
 
-    # Largest difference from `reference_deg`; None accepts every orientation.
-    tolerance_deg: Annotated[float, Field(gt=0.0, le=180.0)] | None = None
-    # Anticlockwise, with the zero of the taught parts.
-    reference_deg: Annotated[FiniteFloat, Field(ge=-360.0, le=360.0)] = 0.0
-    full_turn: bool = False  # whether a part at `reference_deg` + 180 degrees is wrong
-
-
-class Limits(Section):
-    """Limits of a part that passes; None sets no limit."""
-
-    distance: Positive | None = None  # largest distance, beside the limit of the library
-    margin: Share | None = None  # least margin, beside that of the library, 0.15
-    # Least and largest root mean square slope (ISO 25178-2).
-    sdq: Range | None = Field(default=None, strict=False)
-    shadow_fraction: Share | None = None  # largest share of pixels that a light does not reach
-    unmeasured_fraction: Share | None = None  # largest share of pixels without a slope
-    blur_px: Positive | None = None  # largest blur against the taught parts, sigma of a Gaussian
-    # Least and largest mean, as a share of full scale at the taught exposure.
-    albedo: Range | None = Field(default=None, strict=False)
-    # Least and largest size of the texture against the taught one.
-    scale: Range | None = Field(default=None, strict=False)
-    # Least; 1 is that of the taught parts, -1 that of their mirror images.
-    handedness: Annotated[float, Field(ge=-10.0, le=10.0)] | None = None
-    # Largest departure of the power in an octave; 1 is the taught limit.
-    octaves: Positive | None = None
-    window: Positive | None = None  # largest score of a window; 1 is the taught limit
-    seam: Positive | None = None  # largest score of a window's directions; 1 is the taught limit
-    defect: Positive | None = None  # largest score of the defect map; 1 is the taught threshold
-    # Largest connected area without a score in the defect map.
-    unjudged_px: Annotated[int, Field(ge=0)] | None = None
-
-    @model_validator(mode="after")
-    def _ranges_rise(self) -> Self:
-        for name in RANGES:
-            found = getattr(self, name)
-            if found is not None and not found[0] < found[1]:
-                raise ValueError(f"{name} = {list(found)}: give the least and the largest value")
-        return self
-
-
-class GeneralLimits(Limits):
-    """Limits of all textures, with the default values of those that a recipe does not set."""
-
-    unmeasured_fraction: Share = 0.05  # teaching takes it from the good parts
-    blur_px: Positive = 1.0  # it removes the finest scale (``classify/texture/blur.py``)
-    octaves: Positive = 1.0
-    window: Positive = 1.0
-    seam: Positive = 1.0
-    defect: Positive = 1.0
-    # Four adjacent cells of the defect map (256 px) without a score are a hole in the surface.
-    unjudged_px: Annotated[int, Field(ge=0)] = 255
+    tolerance_deg: Annotated[float, Field(gt=0.0, le=180.0)] | None = Field(
+        default=None, description="largest departure from reference_deg"
+    )
+    reference_deg: Annotated[FiniteFloat, Field(ge=-360.0, le=360.0)] = Field(
+        default=0.0, description="anticlockwise, with the zero of the taught parts"
+    )
+    full_turn: bool = Field(
+        default=False, description="whether a part at reference_deg + 180 is wrong"
+    )
 
 
 class Region(Section):
     """Judged part of the image, in px: column and row of its top left corner, size."""
 
-    x: int = Field(ge=0, le=32767)
-    y: int = Field(ge=0, le=32767)
-    width: int = Field(ge=16, le=32768)
-    height: int = Field(ge=16, le=32768)
+    x: int = Field(ge=0, le=32767, description="column of its corner")
+    y: int = Field(ge=0, le=32767, description="row of its corner")
+    width: int = Field(ge=16, le=32768, description="in px")
+    height: int = Field(ge=16, le=32768, description="in px")
 
     def __str__(self) -> str:
         return f"{self.width} x {self.height} px at column {self.x}, row {self.y}"
@@ -97,8 +47,12 @@ class Region(Section):
 class Light(Section):
     """Settings of the camera for this recipe; None leaves those of ``rig.toml``."""
 
-    exposure_ms: Annotated[float, Field(gt=0.0, le=10_000.0)] | None = None
-    gain: int | None = Field(default=None, ge=0, le=2**31 - 1)
+    exposure_ms: Annotated[float, Field(gt=0.0, le=10_000.0)] | None = Field(
+        default=None, description="instead of that in rig.toml"
+    )
+    gain: int | None = Field(
+        default=None, ge=0, le=2**31 - 1, description="instead of that in rig.toml"
+    )
 
 
 class CalibrationRule(Section):
@@ -107,8 +61,12 @@ class CalibrationRule(Section):
     365 days is the usual interval for instruments (ILAC-G24, OIML D 10).
     """
 
-    required: bool = False
-    max_age_days: int = Field(default=365, ge=1, le=36_500)
+    required: bool = Field(
+        default=False, description="whether a part without a calibration is an error"
+    )
+    max_age_days: int = Field(
+        default=365, ge=1, le=36_500, description="greatest age of the calibration"
+    )
 
     def age_fault(self, age_days: int | None) -> str | None:
         """Return why a calibration part of this age is not usable; None if it is."""
@@ -127,9 +85,9 @@ class CalibrationRule(Section):
 class Approval(Section):
     """Who approved a recipe, when (UTC), and the hash of the recipe that was approved."""
 
-    by: Text = Field(min_length=1, max_length=200)
-    utc: Text = Field(min_length=1, max_length=40)
-    sha256: Sha256
+    by: Text = Field(min_length=1, max_length=200, description="who approved it")
+    utc: Text = Field(min_length=1, max_length=40, description="when")
+    sha256: Sha256 = Field(description="hash of the recipe that was approved")
 
 
 class Recipe(Section):
@@ -137,27 +95,43 @@ class Recipe(Section):
 
     model_config = ConfigDict(populate_by_name=True)
 
-    name: Name
-    version: int = Field(default=1, ge=1, le=2**31 - 1)  # raised by each teaching, from 1
-    note: Text | None = Field(default=None, max_length=1000)
-    # Textures of parts that pass.
-    passes: tuple[Label, ...] = Field(alias="pass", max_length=_MAX_TEXTURES, strict=False)
-    # Textures of known bad parts; a texture of the library in neither list fails too.
-    fails: tuple[Label, ...] = Field(
-        default=(), alias="fail", max_length=_MAX_TEXTURES, strict=False
+    name: Name = Field(description="that of the file")
+    version: int = Field(default=1, ge=1, le=2**31 - 1, description="raised by each teaching")
+    note: Text | None = Field(default=None, max_length=1000, description="for people")
+    passes: tuple[Label, ...] = Field(
+        alias="pass", max_length=_MAX_TEXTURES, strict=False, description="textures of good parts"
     )
-    orientation: Orientation = Orientation()
-    limits: GeneralLimits = GeneralLimits()
-    # Limits that differ for one texture.
-    limits_of: Mapping[Label, Limits] = Field(default_factory=dict)
-    region: Region | None = None
-    light: Light = Light()
-    calibration: CalibrationRule = CalibrationRule()
-    # Faults of a fifth of the frame that pass, by their name in `made_faults.FAULTS`.
-    acknowledged: tuple[Text, ...] = Field(default=(), max_length=100, strict=False)
-    # Hash of what teaching measured; None for a recipe that was never taught.
-    taught: Sha256 | None = None
-    approval: Approval | None = None
+    fails: tuple[Label, ...] = Field(
+        default=(),
+        alias="fail",
+        max_length=_MAX_TEXTURES,
+        strict=False,
+        description="textures of known bad parts; those in neither list fail too",
+    )
+    orientation: Orientation = Field(
+        default=Orientation(),
+        description="how a part must lie; without tolerance_deg every orientation passes",
+    )
+    limits: GeneralLimits = Field(default=GeneralLimits(), description="limits of all textures")
+    limits_of: Mapping[Label, Limits] = Field(
+        default_factory=dict, description="limits of one texture, in place of those above"
+    )
+    region: Region | None = Field(
+        default=None, description="part of the image that is judged; teach again after a change"
+    )
+    light: Light = Field(default=Light(), description="settings of the camera for this recipe")
+    calibration: CalibrationRule = Field(
+        default=CalibrationRule(), description="whether a calibration is required"
+    )
+    # Named in `made_faults.FAULTS`.
+    acknowledged: tuple[Text, ...] = Field(
+        default=(),
+        max_length=100,
+        strict=False,
+        description="faults of a fifth of the frame that pass, known to whoever approves",
+    )
+    taught: Sha256 | None = Field(default=None, description="hash of what teaching measured")
+    approval: Approval | None = Field(default=None, description="written by ps4rig station approve")
 
     @model_validator(mode="after")
     def _textures_are_named_once(self) -> Self:

@@ -9,7 +9,8 @@ from classify.base.durable_file import durable_file
 from classify.base.section import Section
 from rig.config.toml_file import read_toml_as
 
-from .recipe import Recipe
+from .limits import Limits
+from .recipe import Approval, CalibrationRule, Light, Orientation, Recipe, Region
 
 SUFFIX = ".toml"
 
@@ -22,44 +23,17 @@ _HEAD = """\
 # After a change run ps4rig station challenge DIR, and
 # ps4rig station approve DIR --recipe {name} --by WHO
 """
+_MODELS: tuple[type[Section], ...] = (
+    Approval, CalibrationRule, Light, Region, Limits, Orientation, Recipe,
+)  # fmt: skip
 COMMENTS = {
-    "version": "raised by each teaching",
-    "pass": "textures of good parts",
-    "fail": "textures of known bad parts; those in neither list fail too",
-    "tolerance_deg": "largest departure from reference_deg",
-    "reference_deg": "anticlockwise, with the zero of the taught parts",
-    "full_turn": "whether a part at reference_deg + 180 is wrong",
-    "distance": "largest distance to the texture, beside the library's limit",
-    "margin": "least margin to the next texture, beside the library's 0.15",
-    "sdq": "least and largest root mean square slope (ISO 25178-2)",
-    "shadow_fraction": "largest share of pixels that a light does not reach",
-    "unmeasured_fraction": "largest share of pixels without a slope",
-    "blur_px": "largest blur against the taught parts",
-    "albedo": "least and largest mean albedo, a share of full scale at the taught exposure",
-    "scale": "least and largest size of the texture against the taught one",
-    "handedness": "least handedness: 1 as taught, -1 in a mirror",
-    "octaves": "largest departure of the power in an octave; 1 is the taught limit",
-    "window": "largest score of a window of 32 to 128 px; 1 is the taught limit",
-    "seam": "largest score of the directions in a window; 1 is the taught limit",
-    "defect": "largest score of the defect map; 1 is the taught threshold",
-    "unjudged_px": "largest area without a score in the defect map, in px",
-    "exposure_ms": "instead of that in rig.toml",
-    "required": "whether a part without a calibration is an error",
-    "max_age_days": "greatest age of the calibration",
-    "acknowledged": "faults of a fifth of the frame that pass, known to whoever approves",
-    "taught": "hash of what teaching measured",
-    "sha256": "hash of the recipe that was approved",
+    field.alias or name: field.description or ""
+    for model in _MODELS
+    for name, field in model.model_fields.items()
 }
 """What the keys of a recipe mean."""
-SECTIONS = {
-    "orientation": "How a part must lie. Without tolerance_deg every orientation passes.",
-    "limits": "Limits of all textures.",
-    "limits_of": "Limits of one texture, in place of those above.",
-    "region": "Part of the image that is judged: column and row of its corner, and its size, in px",
-    "light": "Settings of the camera for this recipe.",
-    "calibration": "",
-    "approval": "Written by ps4rig station approve.",
-}
+_TABLES = ("orientation", "limits", "limits_of", "region", "light", "calibration", "approval")
+SECTIONS = {name: f"{COMMENTS[name][0].upper()}{COMMENTS[name][1:]}." for name in _TABLES}
 """What the sections of a recipe mean."""
 
 
@@ -97,7 +71,7 @@ def _lines(recipe: Recipe) -> Iterator[str]:
             tables = {} if value is None else {section: value}
         for number, (header, table) in enumerate(tables.items()):
             yield ""
-            if comment and number == 0:
+            if number == 0:
                 yield f"# {comment}"
             yield from _table(header, table)
 
@@ -111,8 +85,7 @@ def _table(header: str, table: Section) -> Iterator[str]:
 def _entry(key: str, value: object) -> Iterator[str]:
     if value is not None:
         text = _toml(value)
-        comment = COMMENTS.get(key)
-        yield f"{key} = {text}" + (f"  # {comment}" if comment else "")
+        yield f"{key} = {text}  # {COMMENTS[key]}"
 
 
 def _toml(value: object) -> str:

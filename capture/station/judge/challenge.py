@@ -11,8 +11,7 @@ from pydantic import ValidationError
 from capture.base.console import ShowProgress, progress
 from capture.base.utc_time import utc_text
 from capture.sets.captured_set import CapturedSet
-from capture.station.domain.error_verdict import error_verdict
-from capture.station.domain.errors import ChallengeFailed
+from capture.station.domain.errors import ChallengeFailed, error_verdict
 from capture.station.domain.recipe_folder import RecipeFolder, file_sha256
 from capture.station.domain.verdict import Decision, Verdict
 from capture.station.judge.fingerprint import Fingerprint

@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from functools import partial
 from itertools import chain
@@ -19,7 +19,8 @@ from capture.calibration.lookup import FoundCalibration, read_calibration
 from capture.calibration.parts import PartName
 from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
-from capture.station.domain.recipe import Limits, Recipe
+from capture.station.domain.limits import LimitedMeasures, Limits
+from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_file import read_recipe
 from capture.station.domain.recipe_folder import RecipeFolder, file_sha256
 from capture.station.domain.taught import Taught
@@ -29,7 +30,7 @@ from capture.station.domain.taught_files import (
     models_of,
     taught_for,
 )
-from capture.station.domain.verdict import Cause, Verdict
+from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.results.part_result import DefectRecord
 from classify import TextureLibrary
 from classify.base.threads import beside
@@ -40,23 +41,18 @@ from classify.pieces.moments import CELL_PX, band_moments
 from classify.pieces.piece_model import PieceMeasures
 
 from .fingerprint import Fingerprint
-from .judge import (
-    Finding,
-    Measures,
-    invalid,
-    verdict_of,
-)
+from .judge import Finding, Measures, invalid, verdict_of
 from .measured_surface import MeasuredSurface, fits
 
 # Parts of a calibration whose settings cover everything: pixel values and exposure; the lights.
 _WHOLE_SETTING: tuple[PartName, ...] = ("dark", "flat_field")
 _OF_MATCH = ("label", "nearest", "orientation_deg", "distance", "limit", "margin", "blur_px")
-_OF_PIECES = ("scale", "handedness", "octaves", "window", "seam")
-_OF_MEASURES = ("sdq", "shadow_fraction", "defect_score", "albedo", *_OF_PIECES)
+_LIMITED = tuple(measure.name for measure in fields(LimitedMeasures))
 # Number of defects that a result lists; a part of another texture may have hundreds.
 _MOST_DEFECTS = 50
 # Number of regions of windows of a kind; there are few, because windows overlap.
 _MOST_WINDOWS = 10
+COLLECTS = "this run collects parts for teaching and judges none"
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +76,7 @@ class Inspection:
         fields: dict[str, Any] = {}
         for source, names in (
             (self, ("verdict", "defects", "led_levels", "timings_ms")),
-            (self.measures, _OF_MEASURES),
+            (self.measures, _LIMITED),
             (self.measures.match, _OF_MATCH),
         ):
             if source is not None:
@@ -215,8 +211,8 @@ class Inspector:
                 pieces = begun()
                 found = self._defects(defect_map, limits.defect)
                 defects = (*found, *self._windows(pieces, limits))
-                of_pieces = {name: getattr(pieces, name) for name in _OF_PIECES}
-                measures = replace(measures, **of_pieces)
+                of_pieces = (name for name in _LIMITED if hasattr(pieces, name))
+                measures = replace(measures, **{name: getattr(pieces, name) for name in of_pieces})
         taught = self._signals.get(texture, np.mean([*self._signals.values()], axis=0))
         levels = np.array(measured.light_signals) / taught
         verdict = verdict_of(self.recipe, measures)
@@ -352,3 +348,14 @@ def _timed(timings_ms: dict[str, float], step: str) -> Iterator[None]:
     started_s = time.perf_counter()
     yield
     timings_ms[step] = 1000.0 * (time.perf_counter() - started_s)
+
+
+class Collector:
+    """Gives every part the verdict UNKNOWN: no part of such a run may pass."""
+
+    def begin(self, unchecked: CapturedSet) -> None:
+        """Do nothing: no part is judged."""
+
+    def inspect(self, captured: CapturedSet) -> Inspection:  # noqa: ARG002 - as an inspector
+        """Judge nothing."""
+        return Inspection(Verdict(Decision.UNKNOWN, COLLECTS, (Cause.NO_TEXTURE,)))

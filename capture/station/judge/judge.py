@@ -4,8 +4,8 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from capture.station.domain.digits import told_apart
-from capture.station.domain.recipe import Limits, Orientation, Recipe
+from capture.station.domain.limits import MEASURES_OF, ROWS, LimitedMeasures, Limits, beyond
+from capture.station.domain.recipe import Orientation, Recipe
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from classify import Match
 from classify.library.match import LEAST_MARGIN
@@ -14,12 +14,6 @@ from rig.acceptance import MAX_SATURATED_SHARE
 
 STOP_LED_LEVEL = 0.85
 """Least level of an LED, as a share of the taught one: stop below 85 %, warn below 90 %."""
-
-_ORDER = {cause: number for number, cause in enumerate(Cause)}
-_UNKNOWN = (Cause.NO_TEXTURE, Cause.UNDECIDED, Cause.BLUR)
-_ERROR = (
-    Cause.CAPTURE, Cause.RIG, Cause.CALIBRATION, Cause.INTERRUPTED, Cause.STORAGE, Cause.UNFORESEEN,
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -30,25 +24,14 @@ class Finding:
     text: str
 
 
-@dataclass(frozen=True)
-class Measures:
+@dataclass(frozen=True, kw_only=True)
+class Measures(LimitedMeasures):
     """What was measured in the region of a part; None for what was not measured."""
 
     match: Match | None = None
-    unmeasured_fraction: float | None = None  # share of the pixels without a slope
     saturated_fraction: float | None = None  # share of the pixels that a light saturates
     # Against the brightest LED, as a share of the taught ratio.
     led_levels: tuple[tuple[str, float], ...] = ()
-    sdq: float | None = None  # `sdq` to `seam`: as in `Limits`
-    shadow_fraction: float | None = None
-    albedo: float | None = None
-    scale: float | None = None
-    handedness: float | None = None
-    octaves: float | None = None
-    window: float | None = None
-    seam: float | None = None
-    defect_score: float | None = None  # largest score of the defect map
-    unjudged_px: int | None = None  # largest connected area without a score in the defect map
 
 
 def verdict_of(recipe: Recipe, measures: Measures, faults: Sequence[Finding] = ()) -> Verdict:
@@ -61,16 +44,16 @@ def verdict_of(recipe: Recipe, measures: Measures, faults: Sequence[Finding] = (
     match = measures.match
     if findings or match is None or match.label not in recipe.passes:
         findings = findings or [Finding(Cause.UNFORESEEN, "the part was not matched")]
-        findings.sort(key=lambda finding: _ORDER[finding.cause])
+        findings.sort(key=lambda finding: finding.cause.gravity)
         causes = tuple(dict.fromkeys(finding.cause for finding in findings))
         text = "; ".join(dict.fromkeys(finding.text for finding in findings))
-        return Verdict(_decision(causes[0]), text, causes)
+        return Verdict(causes[0].decision, text, causes)
     return Verdict(Decision.PASS, f"{match.label}, {_within(recipe, measures, match)}")
 
 
 def invalid(recipe: Recipe, measures: Measures) -> Iterator[Finding]:
     """Yield why the measurement is unusable, whatever the texture is."""
-    yield from _unmeasured(recipe.limits, measures)
+    yield from _beyond_limit("unmeasured_fraction", recipe.limits, measures)
     yield from _at_most(
         "saturated pixels", measures.saturated_fraction, MAX_SATURATED_SHARE, Cause.CAPTURE, ".1%"
     )
@@ -80,18 +63,6 @@ def invalid(recipe: Recipe, measures: Measures) -> Iterator[Finding]:
             yield Finding(Cause.RIG, text)
     if not measures.led_levels:
         yield Finding(Cause.UNFORESEEN, "the levels of the LEDs were not measured")
-
-
-def _decision(gravest: Cause) -> Decision:
-    if gravest in _ERROR:
-        return Decision.ERROR
-    return Decision.UNKNOWN if gravest in _UNKNOWN else Decision.FAIL
-
-
-def _unmeasured(limits: Limits, measures: Measures) -> Iterator[Finding]:
-    share, bound = measures.unmeasured_fraction, limits.unmeasured_fraction
-    if bound is not None:
-        yield from _at_most("pixels without a slope", share, bound, Cause.CAPTURE, ".1%")
 
 
 def _of_the_texture(recipe: Recipe, measures: Measures) -> Iterator[Finding]:
@@ -111,7 +82,8 @@ def _of_the_texture(recipe: Recipe, measures: Measures) -> Iterator[Finding]:
         yield Finding(Cause.WRONG_TEXTURE, f"{match.label} is not in the recipe, {match.reason}")
     else:
         yield from _misoriented(recipe.orientation, match)
-        yield from _beyond_limits(limits, measures)
+        for key in MEASURES_OF:
+            yield from _beyond_limit(key, limits, measures)
 
 
 def _unknown(match: Match, limits: Limits) -> Iterator[Finding]:
@@ -150,50 +122,32 @@ def _found_deg(rule: Orientation, match: Match) -> float | None:
     return match.heading_deg if rule.full_turn else match.orientation_deg
 
 
-def _beyond_limits(limits: Limits, measures: Measures) -> Iterator[Finding]:
-    """Which limits of its texture the part exceeds."""
-    yield from _unmeasured(limits, measures)
-    for name, value, bounds, cause in (
-        ("Sdq", measures.sdq, limits.sdq, Cause.ROUGHNESS),
-        ("albedo", measures.albedo, limits.albedo, Cause.ALBEDO),
-        ("scale", measures.scale, limits.scale, Cause.SCALE),
-    ):
-        if bounds is not None:
-            yield from _at_least(name, value, bounds[0], cause, ".3f")
-            yield from _at_most(name, value, bounds[1], cause, ".3f")
-    if limits.handedness is not None:
-        yield from _at_least("handedness", measures.handedness, limits.handedness, Cause.HANDEDNESS)
-    for name, value, bound, cause, form in (
-        ("shadow", measures.shadow_fraction, limits.shadow_fraction, Cause.SHADOW, ".1%"),
-        ("power in octaves", measures.octaves, limits.octaves, Cause.OCTAVES, ".2f"),
-        ("seam score", measures.seam, limits.seam, Cause.SEAM, ".2f"),
-        ("window score", measures.window, limits.window, Cause.WINDOW, ".2f"),
-        ("defect score", measures.defect_score, limits.defect, Cause.DEFECT, ".2f"),
-        ("px without a defect score", measures.unjudged_px, limits.unjudged_px, Cause.DEFECT,
-         ".0f"),
-    ):  # fmt: skip
-        if bound is not None:
-            yield from _at_most(name, value, bound, cause, form)
+def _beyond_limit(key: str, limits: Limits, measures: Measures) -> Iterator[Finding]:
+    """Whether a measure of the part exceeds its limit, by its row of the table."""
+    row, limit = ROWS[key], getattr(limits, key)
+    if limit is not None:
+        value = getattr(measures, MEASURES_OF[key])
+        for words, bound in row.bounds(limit):
+            yield from _beyond(row.label, value, words, bound, row.cause, row.form)
 
 
 def _at_most(
     name: str, value: float | None, bound: float, cause: Cause, form: str
 ) -> Iterator[Finding]:
-    if value is None or not math.isfinite(value):
-        yield Finding(Cause.UNFORESEEN, f"{name}: {'not measured' if value is None else value}")
-    elif not value <= bound:
-        found, limit = told_apart(value, bound, form)
-        yield Finding(cause, f"{name} {found}, at most {limit}")
+    yield from _beyond(name, value, "at most", bound, cause, form)
 
 
-def _at_least(
-    name: str, value: float | None, bound: float, cause: Cause, form: str = ".2f"
+def _at_least(name: str, value: float | None, bound: float, cause: Cause) -> Iterator[Finding]:
+    yield from _beyond(name, value, "at least", bound, cause, ".2f")
+
+
+def _beyond(
+    name: str, value: float | None, words: str, bound: float, cause: Cause, form: str
 ) -> Iterator[Finding]:
     if value is None or not math.isfinite(value):
         yield Finding(Cause.UNFORESEEN, f"{name}: {'not measured' if value is None else value}")
-    elif not value >= bound:
-        found, limit = told_apart(value, bound, form)
-        yield Finding(cause, f"{name} {found}, at least {limit}")
+    elif (text := beyond(value, words, bound, form)) is not None:
+        yield Finding(cause, f"{name} {text}")
 
 
 def _within(recipe: Recipe, measures: Measures, match: Match) -> str:
@@ -203,15 +157,9 @@ def _within(recipe: Recipe, measures: Measures, match: Match) -> str:
     parts = [f"distance {match.distance:.2f} of {min(bounds):.2f}"]
     if recipe.orientation.tolerance_deg is not None:
         parts.append(f"at {_found_deg(recipe.orientation, match):.0f} degrees")
-    if limits.sdq is not None:
-        low, high = limits.sdq
-        parts.append(f"Sdq {measures.sdq:.3f} within {low:.3f} to {high:.3f}")
-    for name, value, bound in (
-        ("window", measures.window, limits.window),
-        ("seam", measures.seam, limits.seam),
-    ):
-        if bound is not None:
-            parts.append(f"{name} score {value:.2f} of {bound:.2f}")
-    if limits.defect is not None:
-        parts.append(f"defect score {measures.defect_score:.2f} of {limits.defect:.2f}")
+    parts += [
+        row.within(getattr(measures, MEASURES_OF[key]), limit)
+        for key, row in ROWS.items()
+        if row.in_reason and (limit := getattr(limits, key)) is not None
+    ]
     return ", ".join(parts)

@@ -1,11 +1,6 @@
 """`RecipeChanges`: changes of a recipe, each recorded."""
 
-from collections.abc import (
-    Callable,
-    Iterator,
-    Mapping,
-    Sequence,
-)
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,12 +12,7 @@ from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_file import read_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.domain.roles import Identity
-from capture.station.judge.approval import (
-    approve,
-    approved_states,
-    require_seen,
-    roll_back,
-)
+from capture.station.judge.approval import approve, approved_states, require_seen, roll_back
 from capture.station.judge.challenge_set import (
     Expected,
     add_to_challenge,
@@ -33,9 +23,8 @@ from capture.station.judge.recipe_settings import save_settings, setting_changes
 from capture.station.judge.recipe_state import RecipeState, state_of
 from capture.station.judge.teaching.teaching import teach
 from capture.station.judge.teaching.teaching_result import Teaching
-from capture.station.results.audit import ChangeLog
+from capture.station.results.audit import ChangeLog, changing_on_the_terminal
 from capture.station.results.database import ResultsUnavailable
-from capture.station.results.on_the_terminal import changing_on_the_terminal
 
 
 @dataclass(frozen=True)

@@ -21,16 +21,10 @@ from capture.station.run.events import (
     StateChanged,
 )
 from capture.station.run.states import State
-from capture.station.run.triggers import (
-    Accepted,
-    Answer,
-    Refusal,
-    Refused,
-)
+from capture.station.run.triggers import Accepted, Answer, Refusal, Refused
 from classify.base.errors import InputError
 
 from .registers import (
-    CAUSES,
     NO_ORIENTATION,
     PAGE_VERSION,
     PLC,
@@ -209,7 +203,7 @@ class Handshake:
                 "recipe_hash": _hash(None if recipe is None else recipe.sha256),
                 "result_number": 0 if shown is None else shown.number,
                 "verdict": 0 if verdict is None else VERDICTS[verdict.decision],
-                "cause": CAUSES[verdict.causes[0]] if verdict and verdict.causes else 0,
+                "cause": verdict.causes[0].plc_code if verdict and verdict.causes else 0,
                 "orientation": _tenths(None if shown is None else shown.orientation_deg),
                 "result_hash": _hash(None if shown is None else shown.recipe_sha256),
                 "overruns": self._overruns,

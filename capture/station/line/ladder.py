@@ -8,13 +8,7 @@ from typing import Any
 from capture.station.domain.verdict import Cause, Decision
 from capture.station.run.states import State
 
-from .registers import (
-    CAUSES,
-    STATES,
-    VERDICTS,
-    Command,
-    Status,
-)
+from .registers import STATES, VERDICTS, Command, Status
 
 # Longer than a database that restarts, and than a set that is captured three times.
 ANSWER_S = 30.0
@@ -92,7 +86,7 @@ class Ladder:
     def _begin_session(self, inputs: Mapping[str, Any]) -> None:
         """Reset after a restart of the station or of this program: open requests get no answer."""
         for number, (part_id, _) in self._expected.items():
-            self._judge(part_id, _ERROR, CAUSES[Cause.INTERRUPTED], number)
+            self._judge(part_id, _ERROR, Cause.INTERRUPTED.plc_code, number)
         self._expected.clear()
         if self._step is _Step.ANSWER:
             self._reject()

@@ -10,8 +10,7 @@ from typing import Self
 from capture.station.run.devices import Device, Status
 from capture.station.run.events import Event
 from capture.station.run.live_station import LiveStation
-from capture.station.run.recipe_request import RecipeRefusal, RecipeRefused
-from capture.station.run.triggers import Trigger
+from capture.station.run.triggers import RecipeRefusal, RecipeRefused, Trigger
 
 from .handshake import Handshake, TriggerRequest
 from .selection import ASKER, SOURCE, RecipeRequest

@@ -17,20 +17,11 @@ from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from capture.station.domain.errors import error_text
-from capture.station.domain.interface_config import ModbusConfig
-from capture.station.domain.listening import listening_socket
+from capture.station.domain.interface_config import ModbusConfig, listening_socket
 from classify.base.errors import InputError
 
 from .line import TICK_S, PlcLine
-from .registers import (
-    PLC,
-    PLC_ADDRESS,
-    PLC_WORDS,
-    STATION,
-    STATION_WORDS,
-    decoded,
-    encoded,
-)
+from .registers import PLC, PLC_ADDRESS, PLC_WORDS, STATION, STATION_WORDS, decoded, encoded
 
 _log = logging.getLogger(__name__)
 _READS, _WRITES = (3, 4, 23), (6, 16, 22, 23)

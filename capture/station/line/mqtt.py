@@ -13,7 +13,6 @@ from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
 from capture.station.domain.interface_config import MqttConfig
-from capture.station.results.rows import row_of
 from capture.station.run.events import (
     Event,
     PartAnnounced,
@@ -88,7 +87,7 @@ class MqttPublisher:
         """Take an event of the station."""
         match event:
             case PartAnnounced(result, _) | PartRecovered(result):
-                name, text = "result", json.dumps(row_of(result))
+                name, text = "result", json.dumps(result.row)
             case RecipeLoaded():
                 name, text = "recipe", json.dumps(vars(event))
             case StateChanged(state, reason):

@@ -1,11 +1,11 @@
-"""The one table of Modbus registers, from which codecs and the README's page are made."""
+"""The one table of Modbus registers, from which codecs and the reference are made."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from typing import Any, Literal
 
-from capture.station.domain.verdict import Cause, Decision
+from capture.station.domain.verdict import Decision
 from capture.station.run.states import State
 
 PAGE_VERSION = 2  # 2 has SelectRecipe
@@ -134,30 +134,6 @@ STATES = {
     State.EXECUTING: 3,
     State.ERROR: 4,
 }
-# Codes are never reused: programs of PLCs know them.
-CAUSES = {
-    Cause.CAPTURE: 1,
-    Cause.RIG: 2,
-    Cause.CALIBRATION: 3,
-    Cause.INTERRUPTED: 4,
-    Cause.STORAGE: 5,
-    Cause.UNFORESEEN: 6,
-    Cause.NO_TEXTURE: 20,
-    Cause.UNDECIDED: 21,
-    Cause.BLUR: 22,
-    Cause.BAD_TEXTURE: 40,
-    Cause.WRONG_TEXTURE: 41,
-    Cause.ORIENTATION: 42,
-    Cause.ROUGHNESS: 43,
-    Cause.SHADOW: 44,
-    Cause.DEFECT: 45,
-    Cause.ALBEDO: 46,
-    Cause.SCALE: 47,
-    Cause.HANDEDNESS: 48,
-    Cause.OCTAVES: 49,
-    Cause.SEAM: 50,
-    Cause.WINDOW: 51,
-}
 
 
 @dataclass(frozen=True)
@@ -169,7 +145,7 @@ class Register:
     # ``u32``: high word first; ``text``: ASCII, first character in the high byte, zero-filled.
     type: Type
     words: int  # number of registers
-    meaning: str  # for the README
+    meaning: str  # for the reference
 
 
 def _page(first: int, *rows: tuple[str, Type, str]) -> tuple[Register, ...]:
@@ -248,36 +224,3 @@ def decoded(registers: Sequence[Register], words: Sequence[int]) -> dict[str, An
         else:
             values[each.name] = own[0] << 16 | own[1] if each.type == "u32" else own[0]
     return values
-
-
-def registers_page() -> str:
-    """Return the page of registers as Markdown, for the README."""
-    lines = ["| register | name | type | | meaning |", "|---|---|---|---|---|"]
-    for direction, registers in (("station to PLC", STATION), ("PLC to station", PLC)):
-        lines += [
-            f"| {_range(each)} | `{each.name}` | {each.type} | {direction} | {each.meaning} |"
-            for each in registers
-        ]
-    lines += ["", "| bit | of `status` | set while |", "|---|---|---|"]
-    lines += [_bit_row(bit, STATUS_MEANINGS[bit]) for bit in Status]
-    lines += ["", "| bit | of `commands` | meaning |", "|---|---|---|"]
-    lines += [_bit_row(bit, COMMAND_MEANINGS[bit]) for bit in Command]
-    lines += ["", "| `error` | the trigger was refused because |", "|---|---|"]
-    lines += [f"| {code:d} | {meaning} |" for code, meaning in ERROR_MEANINGS.items()]
-    lines += ["", "| `select_error` | the recipe was not loaded because |", "|---|---|"]
-    lines += [f"| {code:d} | {meaning} |" for code, meaning in SELECT_ERROR_MEANINGS.items()]
-    lines += ["", "| code of | values |", "|---|---|"]
-    for name, codes in (("verdict", VERDICTS), ("state", STATES), ("cause", CAUSES)):
-        values = ", ".join(f"{code} {word}" for word, code in codes.items())
-        lines.append(f"| `{name}` | {values} |")
-    return "\n".join(lines)
-
-
-def _range(register: Register) -> str:
-    first, last = register.address, register.address + register.words - 1
-    return f"{first}" if first == last else f"{first}-{last}"
-
-
-def _bit_row(bit: Status | Command, meaning: str) -> str:
-    name = "".join(word.capitalize() for word in str(bit.name).split("_"))
-    return f"| {bit.value.bit_length() - 1} | {name} | {meaning} |"

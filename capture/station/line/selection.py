@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from capture.station.run.events import RecipeLoaded
-from capture.station.run.recipe_request import Asker, RecipeRefusal
+from capture.station.run.triggers import Asker, RecipeRefusal
 
 from .registers import SelectError
 

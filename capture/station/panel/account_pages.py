@@ -3,7 +3,7 @@
 from starlette.responses import RedirectResponse, Response
 
 from capture.station.domain.roles import Role
-from capture.station.results.change_log import newest_changes
+from capture.station.results.audit import newest_changes
 from capture.station.results.database import ResultsUnavailable
 from classify.base.errors import InputError
 

@@ -10,17 +10,16 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import FileResponse, Response, StreamingResponse
 
 from capture.station.domain.roles import Role
-from capture.station.results.change_log import newest_changes
+from capture.station.results.audit import newest_changes, override_part
 from capture.station.results.database import ResultsUnavailable
 from capture.station.results.history import ROWS_AT_A_TIME, HistoryEntry, Selection
 from capture.station.results.history_table import counts_of, csv_pieces, record_of
-from capture.station.results.overriding import override_part
 from capture.station.run.triggers import Accepted, Refused
 from classify.base.errors import InputError
 
 from .filters import FILTERS, selection_of
 from .metrics import MEDIA_TYPE, metrics_text
-from .part_pictures.stored_set import stored_set
+from .part_pictures.judged_by import stored_set
 from .render import JsonAnswer
 from .routes import Call, PanelRoute
 from .security import Denied

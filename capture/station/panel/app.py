@@ -16,11 +16,9 @@ from capture.station.panel import (
     history_page,
     login,
     openapi,
-    operator_page,
     part_page,
     pictures_api,
     statistics_api,
-    statistics_page,
 )
 
 from .guard import endpoint_of, error_answer
@@ -32,10 +30,8 @@ from .security import STATIC_PATH, HostRule, SecureHeaders
 
 ROUTES: tuple[PanelRoute, ...] = (
     *login.ROUTES,
-    *operator_page.ROUTES,
-    *part_page.ROUTES,
     *history_page.ROUTES,
-    *statistics_page.ROUTES,
+    *part_page.ROUTES,
     *recipe_pages.ROUTES,
     *api.ROUTES,
     *pictures_api.ROUTES,

@@ -1,11 +1,17 @@
 """Which parts a page or an API call is about: the filters of a query."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Self
+from urllib.parse import urlencode
 
 from capture.station.domain.verdict import Decision
 from capture.station.results.history import Selection
+from capture.station.results.statistics import Choices
 from capture.station.results.utc import utc_bound
 from classify.base.errors import InputError
+
+from .routes import Call
 
 FILTERS = {
     "since": "parts triggered then or later: 2026-11-22 or 2026-11-22T14:30, UTC",
@@ -38,3 +44,43 @@ def selection_of(query: Mapping[str, str]) -> Selection:
         simulated=_SIMULATED[simulated],
         part_id=query.get("part") or None,
     )
+
+
+@dataclass(frozen=True)
+class FilterForm:
+    """Values and choices of the form."""
+
+    # Filters of the query; on a simulated rig simulated parts unless the query says otherwise.
+    values: Mapping[str, str]
+    choices: Choices
+
+    @classmethod
+    def of(cls, call: Call, choices: Choices) -> Self:
+        """Return the form of a page."""
+        given = {name: value for name in FILTERS if (value := call.query.get(name))}
+        default = "only" if call.panel.live.snapshot().simulated else "false"
+        return cls({"simulated": default} | given, choices)
+
+    @property
+    def query(self) -> str:
+        """The filters as the query of an address."""
+        return urlencode(self.values)
+
+    @property
+    def statistics_query(self) -> str:
+        """The filters that statistics have, of production or of a simulated rig."""
+        values = {name: value for name, value in self.values.items() if name not in OF_ONE_PART}
+        if values["simulated"] == "true":
+            values["simulated"] = "false"
+        return urlencode(values)
+
+    def value(self, name: str) -> str:
+        """Return the value of a filter; empty if it is not given."""
+        return self.values.get(name, "")
+
+    def time(self, name: str) -> str:
+        """Return a time as a field for times has it; a date alone is its first or last minute."""
+        text = self.value(name)
+        if len(text) == len("2026-11-22"):
+            text += "T00:00" if name == "since" else "T23:59"
+        return text[: len("2026-11-22T17:08")]

@@ -18,13 +18,7 @@ from classify.base.errors import InputError, Ps4rigError
 from .panel import Panel
 from .render import JsonAnswer, page
 from .routes import API, Call, PanelRoute
-from .security import (
-    SAFE_METHODS,
-    Denied,
-    fields_of,
-    read_body,
-    require_same_origin,
-)
+from .security import SAFE_METHODS, Denied, fields_of, read_body, require_same_origin
 
 _log = logging.getLogger(__name__)
 CSRF_FIELD, CSRF_HEADER = "csrf", "x-csrf-token"

@@ -1,4 +1,4 @@
-"""The page of the history: selected parts, the newest first."""
+"""The pages that show parts: that of the operator, the history, the statistics."""
 
 from urllib.parse import urlencode
 
@@ -10,13 +10,21 @@ from capture.station.results.statistics import choices
 from classify.base.errors import InputError
 
 from .api import PARTS, newest_parts
-from .filter_form import FilterForm
-from .filters import selection_of
+from .filters import FilterForm, selection_of
 from .render import page
 from .routes import Call, PanelRoute
+from .statistics import statistics_of
+from .statistics_api import statistics_selection
+
+# Number of last remarks below a figure; its CSV has all.
+_MOST_REMARKS = 10
 
 
-def _show(call: Call) -> Response:
+def _operator(call: Call) -> Response:
+    return page(call, "operator.html")
+
+
+def _history(call: Call) -> Response:
     store = call.panel.results.store
     form = FilterForm.of(call, choices(store))
     try:
@@ -37,9 +45,34 @@ def _show(call: Call) -> Response:
     )  # fmt: skip
 
 
+def _statistics(call: Call) -> Response:
+    form = FilterForm.of(call, choices(call.panel.results.store))
+    found, message = None, ""
+    try:
+        selection = statistics_selection(form.values)
+    except InputError as error:
+        message = str(error)
+    else:
+        found = statistics_of(call.panel, selection)
+    answer = page(
+        call, "statistics.html", form=form, statistics=found, message=message, decisions=Decision,
+        most_remarks=_MOST_REMARKS,
+    )  # fmt: skip
+    answer.status_code = 400 if message else 200
+    return answer
+
+
 ROUTES = (
     PanelRoute(
-        "GET", "/history", Role.OPERATOR, _show, "Parts that were judged.", answer="text/html",
+        "GET", "/", Role.OPERATOR, _operator, "The last verdict, and the state.",
+        answer="text/html", menu="Station",
+    ),
+    PanelRoute(
+        "GET", "/history", Role.OPERATOR, _history, "Parts that were judged.", answer="text/html",
         menu="History",
+    ),
+    PanelRoute(
+        "GET", "/statistics", Role.OPERATOR, _statistics, "Yield, causes, drift, gauge study.",
+        answer="text/html", menu="Statistics",
     ),
 )  # fmt: skip

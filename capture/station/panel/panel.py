@@ -7,15 +7,13 @@ from capture.station.domain.folder import StationFolder
 from capture.station.domain.interface_config import PanelConfig
 from capture.station.domain.tokens import Tokens
 from capture.station.domain.users import Users
-from capture.station.results.audit import ChangeLog
-from capture.station.results.results_access import ResultsAccess
+from capture.station.results.audit import ChangeLog, ResultsAccess
 from capture.station.run.live_station import LiveStation
 
-from .awaiting import Awaiting
+from .awaiting import Awaiting, SharedAnswers
 from .background_jobs import BackgroundJobs
 from .part_pictures.picture_maker import PictureMaker
 from .sessions import LoginLimit, Sessions
-from .shared_answers import SharedAnswers
 from .triggering import KeyedTriggers
 
 

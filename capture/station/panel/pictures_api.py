@@ -15,9 +15,9 @@ from capture.station.results.part_result import DefectRecord
 from classify.base.errors import InputError
 
 from .api import V1, entry_of
+from .part_pictures.judged_by import stored_set
 from .part_pictures.painting import SIZES, PaintedPicture
 from .part_pictures.picture_maker import PartPictures
-from .part_pictures.stored_set import stored_set
 from .render import JsonAnswer
 from .routes import Call, PanelRoute
 from .security import Denied

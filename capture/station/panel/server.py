@@ -1,12 +1,10 @@
 """`serving_panel`: the panel's web server, in a thread of the run."""
 
 import asyncio
-import math
 import socket
 import ssl
 import threading
-from asyncio.sslproto import SSLProtocol
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -14,8 +12,7 @@ import h11
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from capture.station.domain.interface_config import PanelConfig
-from capture.station.domain.listening import listening_socket
+from capture.station.domain.interface_config import PanelConfig, listening_socket
 from classify.base.errors import InputError
 
 from .app import panel_app
@@ -92,56 +89,12 @@ class _Protocol(H11Protocol):
         self._request = self.loop.call_later(HEAD_S, close_if_late)
 
 
-class _Handshake(SSLProtocol):
-    """TLS below `_Protocol`: a handshake has a deadline, and counts as a connection.
-
-    The web server would count a connection from the end of its handshake, and give it 60 s.
-    """
-
-    def __init__(self, context: ssl.SSLContext, connections: set[Any], above: _Protocol) -> None:
-        # Nobody awaits the handshake: a future would hold an error that nobody retrieves.
-        waiter: Any = None
-        super().__init__(
-            asyncio.get_running_loop(),
-            above,
-            context,
-            waiter,
-            server_side=True,
-            ssl_handshake_timeout=math.ceil(HEAD_S),
-        )
-        self._connections = connections
-
-    def connection_made(self, transport: Any) -> None:
-        self._connections.add(self)
-        if len(self._connections) > MAX_CONNECTIONS:
-            transport.abort()
-            return
-        super().connection_made(transport)
-
-    def connection_lost(self, exc: BaseException | None) -> None:
-        self._connections.discard(self)
-        super().connection_lost(exc)
-
-
-def _protocol(panel: Panel) -> Callable[..., asyncio.Protocol | SSLProtocol]:
-    """Return the factory of the protocol of a connection, with TLS if there are files for it."""
-    tls = _tls(panel)
-    if tls is None:
-        return _Protocol
-    connections: set[_Handshake] = set()
-
-    def secured(*arguments: Any, **named: Any) -> SSLProtocol:
-        return _Handshake(tls, connections, _Protocol(*arguments, **named))
-
-    return secured
-
-
 @contextmanager
 def serving_panel(panel: Panel) -> Iterator[str]:
     """Serve a panel while the block runs; yield its address."""
     settings = panel.settings
     require_safe(panel)
-    protocol = _protocol(panel)
+    tls = _tls(panel)
     listener = listening_socket(
         "panel",
         settings.host,
@@ -152,7 +105,7 @@ def serving_panel(panel: Panel) -> Iterator[str]:
     )
     config = uvicorn.Config(
         panel_app(panel),
-        http=protocol,  # type: ignore[arg-type]
+        http=_Protocol,
         ws="none",
         lifespan="off",
         log_config=None,
@@ -166,6 +119,8 @@ def serving_panel(panel: Panel) -> Iterator[str]:
         timeout_keep_alive=_KEEP_ALIVE_S,
         timeout_graceful_shutdown=_STOP_S,
     )
+    config.load()
+    config.ssl = tls
     server = uvicorn.Server(config)
     thread = threading.Thread(target=server.run, args=([listener],), name="panel", daemon=True)
     thread.start()

@@ -5,8 +5,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from capture.station.domain.folder import StationFolder
-from capture.station.domain.last_recipe import first_recipe
+from capture.station.domain.folder import StationFolder, first_recipe
 from capture.station.domain.verdict import Decision
 from capture.station.judge.gauge.gauge import ACCEPTABLE
 from capture.station.judge.gauge.gauge_report import GaugeReport, read_gauge_report

@@ -5,8 +5,8 @@ import threading
 from collections import OrderedDict
 from dataclasses import dataclass
 
+from capture.station.results.audit import ResultsAccess
 from capture.station.results.database import ResultsUnavailable
-from capture.station.results.results_access import ResultsAccess
 from capture.station.run.live_station import LiveStation
 from capture.station.run.triggers import Accepted, Refused, Trigger
 from classify.base.errors import InputError, Ps4rigError

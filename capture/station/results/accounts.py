@@ -10,8 +10,7 @@ from capture.station.domain.tokens import Tokens, require_new_client
 from capture.station.domain.users import User, Users, require_account
 from classify.base.errors import InputError
 
-from .audit import ChangeLog
-from .on_the_terminal import changing_on_the_terminal
+from .audit import ChangeLog, changing_on_the_terminal
 
 
 @dataclass(frozen=True)

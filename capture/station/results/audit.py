@@ -1,10 +1,129 @@
-"""`ChangeLog`: every change that a person or a program makes, before it is made."""
+"""The log of changes that people and programs make, each recorded before it is made."""
 
+import os
+import threading
+import uuid
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+
+from sqlalchemy import Connection, func, insert, select
+
+from capture.base.utc_time import utc_text
 from capture.station.domain.folder import StationFolder
-from capture.station.domain.roles import Identity
-from capture.station.results.change_log import record_change
-from capture.station.results.database import ResultsUnavailable
-from capture.station.results.results_access import ResultsAccess
+from capture.station.domain.roles import Identity, Role
+from capture.station.domain.verdict import Decision
+from classify.base.errors import InputError
+
+from .database import ResultsUnavailable
+from .history import HistoryEntry
+from .part_result import storable
+from .schema import changes
+from .store import ResultStore, has_request, open_store
+
+try:
+    import pwd
+except ImportError:  # Windows
+    pwd = None  # type: ignore[assignment]
+
+# A page that waits longer for a locked database says so.
+_PATIENCE_S = 5.0
+_LONGEST_NAME = 200  # as in the approval of a recipe
+
+
+@dataclass(frozen=True)
+class ChangeRecord:
+    """A change at a station."""
+
+    utc: str
+    by: str
+    role: str
+    what: str  # the changed thing, such as ``user kim``
+    before: str | None = None
+    after: str | None = None
+
+
+def record_change(
+    store: ResultStore,
+    what: str,
+    before: str | None = None,
+    after: str | None = None,
+    *,
+    by: str,
+    role: str,
+) -> None:
+    """Append a change to the log, with the present time; see `ChangeRecord`."""
+    utc = utc_text(timespec="milliseconds")
+    row = {
+        "station": store.station,
+        "request": uuid.uuid4().hex,
+        "utc": utc,
+        "by": storable(by),
+        "role": role,
+        "what": storable(what),
+        "before": None if before is None else storable(before),
+        "after": None if after is None else storable(after),
+    }
+
+    def work(connection: Connection) -> None:
+        if not has_request(connection, changes, row["request"]):
+            store.lock_station(connection, utc)
+            last = select(func.max(changes.c.position)).where(changes.c.station == store.station)
+            position = (connection.scalar(last) or 0) + 1
+            connection.execute(insert(changes).values(row | {"position": position}))
+
+    store.write(work)
+
+
+def newest_changes(store: ResultStore, count: int) -> list[ChangeRecord]:
+    """Return the last changes, the newest first."""
+    columns = [changes.c[name] for name in ChangeRecord.__dataclass_fields__]
+    statement = (
+        select(*columns)
+        .where(changes.c.station == store.station)
+        .order_by(changes.c.position.desc())
+        .limit(count)
+    )
+    with store.reading() as connection:
+        return [ChangeRecord(**row._mapping) for row in connection.execute(statement)]
+
+
+class ResultsAccess:
+    """Opens the results on first use; they may not exist yet."""
+
+    def __init__(self, folder: StationFolder) -> None:
+        self._folder = folder
+        self._lock = threading.Lock()
+        self._store: ResultStore | None = None
+
+    @property
+    def store(self) -> ResultStore:
+        """The results."""
+        return self._opened(create=False)
+
+    def made(self) -> ResultStore:
+        """Return the results, made if there are none and no sets of parts either; see `store`."""
+        return self._opened(create=not self._folder.has_sets())
+
+    def _opened(self, *, create: bool) -> ResultStore:
+        with self._lock:
+            if self._store is None:
+                config = self._folder.config
+                results = config.results_in(self._folder.path)
+                try:
+                    self._store = open_store(
+                        results, config.name, create=create, alone=False, patience_s=_PATIENCE_S
+                    )
+                except InputError as error:
+                    raise ResultsUnavailable(str(error)) from error
+            return self._store
+
+    def close(self) -> None:
+        """Close all connections."""
+        with self._lock:
+            if self._store is not None:
+                self._store.close()
+                self._store = None
 
 
 class ChangeLog:
@@ -27,7 +146,58 @@ class ChangeLog:
                 f"nothing was changed, because the change cannot be recorded: {error}",
                 may_pass=error.may_pass,
             ) from error
-        said = "nothing" if before is None else before
-        line = f"{who.name} ({who.role}, {who.via}): {what}: {said} -> {after or 'nothing'}"
+        old = "nothing" if before is None else before
+        line = f"{who.name} ({who.role}, {who.via}): {what}: {old} -> {after or 'nothing'}"
         # One line, whatever somebody gave as a reason.
         self._folder.log("change by " + "".join(c if c.isprintable() else " " for c in line))
+
+
+def override_part(
+    store: ResultStore,
+    log: ChangeLog,
+    who: Identity,
+    entry: HistoryEntry,
+    *,
+    decision: str,
+    by: str,
+    reason: str,
+) -> Decision:
+    """Give a part another verdict beside the station's own.
+
+    The same override again, as by a second click on a button, changes nothing.
+    """
+    part_id, given = entry.result.part_id, decision.upper()
+    if given not in (Decision.PASS, Decision.FAIL):
+        raise InputError(f"decision = {decision[:20]!r}: a person decides PASS or FAIL")
+    if not reason.strip():
+        raise InputError("reason: must not be empty")
+    last = entry.override
+    if last is not None and (last.decision, last.by, last.reason) == (given, by, reason.strip()):
+        return last.decision
+    log.record(who, f"part {part_id}", entry.decision, f"{given}: {reason.strip()}")
+    utc = utc_text(timespec="milliseconds")
+    store.override(part_id, decision=Decision(given), by=by, reason=reason, utc=utc)
+    return Decision(given)
+
+
+@contextmanager
+def changing_on_the_terminal(
+    folder: StationFolder, by: str | None = None
+) -> Iterator[tuple[ChangeLog, Identity]]:
+    """Yield the log of changes, and who changes the station: `by` and the user of the system."""
+    if by is not None and not (by.strip() and by.isprintable() and len(by) <= _LONGEST_NAME):
+        raise InputError(f"--by {by[:20]!r}: give 1 to {_LONGEST_NAME} printable characters")
+    user = system_user()
+    name = f"{user}, on the terminal" if by is None else f"{by}, on the terminal as {user}"
+    with closing(ResultsAccess(folder)) as results:
+        yield ChangeLog(folder, results), Identity(name, Role.ADMINISTRATOR, "local")
+
+
+def system_user() -> str:
+    """Return the user of this process, whatever environment variables such as LOGNAME say."""
+    if pwd is None:
+        return os.getlogin()
+    try:
+        return pwd.getpwuid(os.getuid()).pw_name
+    except KeyError:  # not in the system's list
+        return f"user {os.getuid()}"

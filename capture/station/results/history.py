@@ -10,8 +10,7 @@ from sqlalchemy import ColumnElement, Connection, Select, func, select
 
 from capture.station.domain.verdict import Decision
 
-from .part_result import PartResult
-from .rows import result_of, storable
+from .part_result import PartResult, result_of, storable
 from .schema import overrides, refused_triggers, removed_sets, results, same_part
 
 ROWS_AT_A_TIME = 500  # held in memory

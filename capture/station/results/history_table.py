@@ -8,7 +8,6 @@ from typing import Any, TextIO
 from capture.base.outputs import csv_line
 
 from .history import Counters, HistoryEntry, Tally
-from .rows import row_of
 from .schema import results
 
 _FIRST = (
@@ -24,8 +23,9 @@ def record_of(entry: HistoryEntry) -> dict[str, Any]:
 
     ``verdict`` is the one in force, ``station_verdict`` that of the station.
     """
-    row = row_of(entry.result)
-    record = row | {
+    row = entry.result.row
+    record = {
+        **row,
         "verdict": entry.decision.value,
         "station_verdict": row["decision"],
         "override": None if entry.override is None else asdict(entry.override),

@@ -1,18 +1,23 @@
-"""`PartResult`: one row of the results, which is never changed."""
+"""`PartResult`: the result of a part, and its row in the database, which is never changed."""
 
 import math
-from collections.abc import Iterator
-from dataclasses import astuple, dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, astuple, dataclass, field, fields
+from functools import cached_property
+from typing import Any
 
-from capture.station.domain.verdict import Verdict
+from capture.station.domain.limits import LimitedMeasures
+from capture.station.domain.verdict import Cause, Decision, Verdict
 
 from .utc import require_utc
 
 # Fields that are measured numbers, None where nothing was measured.
 MEASURES = (
-    "orientation_deg", "distance", "limit", "margin", "blur_px", "sdq", "shadow_fraction",
-    "defect_score", "albedo", "scale", "handedness", "octaves", "window", "seam",
+    "orientation_deg", "distance", "limit", "margin", "blur_px",
+    *(measure.name for measure in fields(LimitedMeasures)),
 )  # fmt: skip
+# Characters of a text; an exception may carry a whole document, and each part has a row.
+MAX_TEXT = 2000
 _MAX_INTEGER = 2**63 - 1  # of a column of both databases
 
 
@@ -30,7 +35,7 @@ class DefectRecord:
 
 
 @dataclass(frozen=True)
-class PartResult:
+class PartResult(LimitedMeasures):
     """The result of one part; ValueError for a value that no row can hold, such as NaN."""
 
     station: str
@@ -58,15 +63,6 @@ class PartResult:
     limit: float | None = None
     margin: float | None = None
     blur_px: float | None = None
-    sdq: float | None = None  # ISO 25178-2
-    shadow_fraction: float | None = None  # share of the region
-    defect_score: float | None = None  # largest score of the defect map; 1 is the threshold
-    albedo: float | None = None  # `albedo` to `seam`: as in `Limits` of a recipe
-    scale: float | None = None
-    handedness: float | None = None
-    octaves: float | None = None
-    window: float | None = None
-    seam: float | None = None
     defects: tuple[DefectRecord, ...] = ()  # largest score first; those of windows last
     led_levels: tuple[float, ...] = ()  # against the taught ones, in the order of the lights
     timings_ms: dict[str, float] = field(default_factory=dict)
@@ -85,9 +81,48 @@ class PartResult:
             if value is not None and not math.isfinite(value):
                 raise ValueError(f"{name} of part {self.part_id} is {value}")
 
+    @cached_property
+    def row(self) -> Mapping[str, Any]:
+        """The columns of the table ``results``, which CSV, JSON and MQTT show, too."""
+        row = {column.name: getattr(self, column.name) for column in fields(self)}
+        del row["verdict"]
+        row |= {name: None if row[name] is None else float(row[name]) for name in MEASURES}
+        row |= {
+            "decision": self.verdict.decision.value,
+            "reason": self.verdict.reason,
+            "causes": [cause.value for cause in self.verdict.causes],
+            "defects": [asdict(defect) for defect in self.defects],
+            "led_levels": [float(level) for level in self.led_levels],
+            "timings_ms": {name: float(ms) for name, ms in self.timings_ms.items()},
+            "notes": [storable(note) for note in self.notes],
+        }
+        return {
+            name: storable(value) if isinstance(value, str) else value
+            for name, value in row.items()
+        }
+
     def _measured(self) -> Iterator[tuple[str, float | None]]:
         yield from ((name, getattr(self, name)) for name in MEASURES)
         for defect in self.defects:
             yield from (("defects", value) for value in astuple(defect)[1:])
         yield from (("led_levels", level) for level in self.led_levels)
         yield from self.timings_ms.items()
+
+
+def storable(text: str) -> str:
+    """Return text that every database holds: surrogates and NUL escaped, at most `MAX_TEXT`."""
+    escaped = text.encode("utf-8", "backslashreplace").decode("utf-8").replace("\0", "\\x00")
+    return escaped if len(escaped) <= MAX_TEXT else f"{escaped[: MAX_TEXT - 1]}…"
+
+
+def result_of(row: Mapping[str, Any]) -> PartResult:
+    """Return the result of a row of the table ``results``."""
+    values = dict(row)
+    verdict = Verdict(
+        Decision(values.pop("decision")),
+        values.pop("reason"),
+        tuple(map(Cause.named, values.pop("causes"))),
+    )
+    values["defects"] = tuple(DefectRecord(**defect) for defect in values["defects"])
+    values |= {name: tuple(values[name]) for name in ("led_levels", "notes")}
+    return PartResult(verdict=verdict, **values)

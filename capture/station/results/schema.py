@@ -1,9 +1,10 @@
 """The tables of the results, for SQLite and PostgreSQL; rows are only ever appended.
 
-A change of a table needs a new `VERSION` and its step in `migrations`.
+A change of a table needs a new `VERSION`: tables of another one are refused.
 """
 
 from collections.abc import Iterator
+from importlib.metadata import version
 from typing import Any
 
 from sqlalchemy import (
@@ -25,12 +26,22 @@ from sqlalchemy import (
     Text,
     UniqueConstraint,
     and_,
+    func,
+    insert,
+    inspect,
+    select,
 )
 from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.sql.compiler import SQLCompiler
 from sqlalchemy.sql.functions import GenericFunction
 
-VERSION = 6
+from capture.base.utc_time import utc_text
+from classify.base.errors import InputError
+
+from .part_result import MEASURES
+
+VERSION = 7
+MADE_BY = "ps4rig station run makes it while parts/ is empty; if it was lost, restore a backup"
 
 metadata = MetaData()
 
@@ -112,24 +123,11 @@ results = Table(
     Column("set_sha256", Text),
     Column("label", Text),
     Column("nearest", Text),
-    Column("orientation_deg", Double),
-    Column("distance", Double),
-    Column("limit", Double),
-    Column("margin", Double),
-    Column("blur_px", Double),
-    Column("sdq", Double),
-    Column("shadow_fraction", Double),
-    Column("defect_score", Double),
+    *(Column(name, Double) for name in MEASURES),
     Column("defects", JSON, nullable=False),
     Column("led_levels", JSON, nullable=False),
     Column("timings_ms", JSON, nullable=False),
     Column("notes", JSON, nullable=False),
-    Column("albedo", Double),
-    Column("scale", Double),
-    Column("handedness", Double),
-    Column("octaves", Double),
-    Column("window", Double),
-    Column("seam", Double),
     PrimaryKeyConstraint("station", "part_id"),
     UniqueConstraint("station", "number"),
     ForeignKeyConstraint(
@@ -205,17 +203,48 @@ def same_part(table: FromClause, other: FromClause) -> ColumnElement[bool]:
     return and_(table.c.station == other.c.station, table.c.part_id == other.c.part_id)
 
 
-def make_tables(connection: Connection) -> None:
-    """Make all tables of this version in an empty database, with triggers that protect rows."""
+def require_tables(connection: Connection, name: str) -> None:
+    """Check that the tables are of this version."""
+    version_of_tables = stored_version(connection)
+    if version_of_tables == 0:
+        raise InputError(f"{name}: holds no results; {MADE_BY}")
+    if version_of_tables != VERSION:
+        raise InputError(
+            f"{name}: its tables are of version {version_of_tables}, and this program has version "
+            f"{VERSION}; use the ps4rig that made them, or begin a new database"
+        )
+
+
+def make_tables(connection: Connection, name: str) -> None:
+    """Make all tables in an empty database, with triggers that protect rows, or check them."""
+    if connection.dialect.name == "postgresql":
+        # Stations that start at the same moment take turns.
+        connection.exec_driver_sql("SELECT pg_advisory_xact_lock(0, hashtext('ps4rig'))")
+    if stored_version(connection) != 0:
+        require_tables(connection, name)
+        return
     metadata.create_all(connection, checkfirst=False)
     if connection.dialect.name == "postgresql":
         connection.exec_driver_sql(_POSTGRESQL_REFUSAL)
     for table in metadata.sorted_tables:
-        for statement in append_only(connection.dialect.name, table.name, _keys(table)):
+        for statement in _append_only(connection.dialect.name, table.name, _keys(table)):
             connection.exec_driver_sql(statement)
+    row = {
+        "version": VERSION,
+        "since_utc": utc_text(timespec="milliseconds"),
+        "software_version": version("ps4rig"),
+    }
+    connection.execute(insert(schema_versions).values(row))
 
 
-def append_only(dialect: str, table: str, keys: tuple[tuple[str, ...], ...]) -> Iterator[str]:
+def stored_version(connection: Connection) -> int:
+    """Return the version of the tables; 0 for a database without them."""
+    if not inspect(connection).has_table(schema_versions.name):
+        return 0
+    return connection.scalar(select(func.max(schema_versions.c.version))) or 0
+
+
+def _append_only(dialect: str, table: str, keys: tuple[tuple[str, ...], ...]) -> Iterator[str]:
     """Statements after which the database refuses to change or to delete rows of a table.
 
     `keys` are the columns of each unique key: SQLite's ``INSERT OR REPLACE`` deletes the old

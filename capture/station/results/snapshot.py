@@ -9,7 +9,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from sqlalchemy import URL, ColumnElement, Connection, FromClause, inspect, select, true
+from sqlalchemy import URL, Connection, select
 
 from classify.base.errors import InputError
 
@@ -116,7 +116,7 @@ def _run(url: URL, command: tuple[str, ...], variables: Mapping[str, str]) -> No
 
 @contextmanager
 def _connection(url: URL) -> Iterator[Connection]:
-    """Yield a connection in a transaction; the tables may be of an earlier version."""
+    """Yield a connection in a transaction."""
     if url.get_backend_name() == "sqlite":
         engine = sqlite_engine(url, patience_s=PATIENCE_S, is_writer=False)
     else:
@@ -129,20 +129,16 @@ def _connection(url: URL) -> Iterator[Connection]:
 
 
 def _snapshot(connection: Connection, station: str) -> ResultsSnapshot:
-    source: FromClause = results
-    kept: ColumnElement[bool] = true()
-    if inspect(connection).has_table(removed_sets.name):
-        source = results.outerjoin(removed_sets, same_part(removed_sets, results))
-        kept = removed_sets.c.part_id.is_(None)
+    is_stored = removed_sets.c.part_id.is_(None)
     rows = connection.execution_options(yield_per=ROWS_AT_A_TIME).execute(
-        select(results.c.set_file, kept)
-        .select_from(source)
+        select(results.c.set_file, is_stored)
+        .select_from(results.outerjoin(removed_sets, same_part(removed_sets, results)))
         .where(results.c.station == station)
         .order_by(results.c.number)
     )
     parts, files = 0, []
-    for set_file, is_kept in rows:
+    for set_file, is_stored_file in rows:
         parts += 1
-        if set_file is not None and is_kept:
+        if set_file is not None and is_stored_file:
             files.append(set_file)
     return ResultsSnapshot(parts, tuple(files))

@@ -118,7 +118,7 @@ def counted_causes(store: ResultStore, selection: Selection) -> list[CauseCount]
     also: Counter[Cause] = Counter()
     with store.reading() as connection:
         for row in connection.execute(statement):
-            gravest, *others = map(Cause, json.loads(row.causes))
+            gravest, *others = map(Cause.named, json.loads(row.causes))
             first[gravest] += row.parts
             for cause in others:
                 also[cause] += row.parts

@@ -7,17 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from sqlalchemy import (
-    URL,
-    Connection,
-    Engine,
-    Row,
-    Select,
-    Table,
-    func,
-    insert,
-    select,
-)
+from sqlalchemy import URL, Connection, Engine, Row, Select, Table, func, insert, select
 from sqlalchemy.exc import IntegrityError
 
 from capture.station.domain.verdict import Decision
@@ -25,6 +15,7 @@ from classify.base.errors import InputError
 
 from .database import (
     PATIENCE_S,
+    Writer,
     database_url,
     postgresql_engine,
     shown,
@@ -32,21 +23,20 @@ from .database import (
     unavailable_if_failing,
 )
 from .history import EVERY_PART, Counters, HistoryEntry, Selection, counters, entries
-from .migrations import MADE_BY, migrate, stored_version
 from .part_id import made_part_id, require_given_part_id, require_new_part_id
-from .part_result import PartResult
-from .rows import row_of, storable
+from .part_result import PartResult, storable
 from .schema import (
-    VERSION,
+    MADE_BY,
     begun_parts,
+    make_tables,
     overrides,
     refused_triggers,
+    require_tables,
     results,
     same_part,
     stations,
 )
 from .utc import require_utc
-from .writer import Writer
 
 
 @dataclass(frozen=True)
@@ -85,15 +75,6 @@ class ResultStore:
         self._writer.engine.dispose()
         self._reader.dispose()
 
-    def has_present_version(self) -> bool:
-        """Whether the tables are of the version that this program writes."""
-        with self.reading() as connection:
-            return stored_version(connection) == VERSION
-
-    def migrate(self, *, create: bool) -> None:
-        """Bring the tables to the present version; `open_store` does it."""
-        self.write(lambda connection: migrate(connection, shown(self.url), create=create))
-
     @contextmanager
     def reading(self) -> Iterator[Connection]:
         """Yield a connection for queries; errors of the database are `ResultsUnavailable`."""
@@ -131,7 +112,7 @@ class ResultStore:
 
     def add(self, result: PartResult) -> None:
         """Record the result of a begun part; the same result again changes nothing."""
-        row = row_of(result)
+        row = result.row
         if result.station != self.station:
             raise InputError(f"station {self.station} cannot hold a result of {result.station}")
 
@@ -139,7 +120,7 @@ class ResultStore:
             written = self._find(connection, results, result.part_id)
             if written is None:
                 connection.execute(insert(results).values(row))
-            elif dict(written._mapping) != row:
+            elif written._mapping != row:
                 raise InputError(f"part {result.part_id}: has another result already")
 
         try:
@@ -279,7 +260,7 @@ def open_store(
     results: str, station: str, *, create: bool = False, alone: bool = True,
     patience_s: float = PATIENCE_S,
 ) -> ResultStore:  # fmt: skip
-    """Open the results of a station, and bring tables of an earlier version forward.
+    """Open the results of a station; `create` makes missing tables.
 
     With `alone` a second program that begins parts of this station is refused.
     """
@@ -295,9 +276,11 @@ def open_store(
         reader = postgresql_engine(url, patience_s=patience_s, writing_station=None)
     store = ResultStore(url, station, Writer(url, writer, patience_s), reader)
     try:
-        # A program that only reads may have no permission to write.
-        if alone or not store.has_present_version():
-            store.migrate(create=create)
+        if create:
+            store.write(lambda connection: make_tables(connection, shown(url)))
+        else:  # a program that only reads may have no permission to write
+            with store.reading() as connection:
+                require_tables(connection, shown(url))
     except BaseException:
         store.close()
         raise

@@ -3,14 +3,16 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+from sqlalchemy import func, select
+
 from capture.session.verification import FileFinding
 from capture.sets.ome_tiff import SUFFIX, read_header
 from capture.station.domain.config import CONFIG
 from capture.station.domain.folder import PARTS, StationFolder
 from classify.base.errors import InputError, Ps4rigError
 
-from .consistency import contradictions
 from .history import HistoryEntry
+from .schema import begun_parts
 from .store import ResultStore, open_store
 
 
@@ -63,3 +65,20 @@ def _set_file(path: Path, entry: HistoryEntry) -> Iterator[FileFinding]:
         return  # `verify_file` reports a file that cannot be read
     if metadata.pixels_sha256 != entry.result.set_sha256:
         yield FileFinding(path, "altered", "its pixels are not those that the results name")
+
+
+def contradictions(store: ResultStore) -> Iterator[str]:
+    """Yield a line for each contradiction: missing numbers, a damaged SQLite file."""
+    statement = select(func.count(), func.coalesce(func.max(begun_parts.c.number), 0)).where(
+        begun_parts.c.station == store.station
+    )
+    with store.reading() as connection:
+        count, last = connection.execute(statement).one()
+        if count != last:
+            yield f"{last - count} of {last} numbers of parts are missing"
+        if connection.dialect.name == "sqlite":
+            for (said,) in connection.exec_driver_sql("PRAGMA integrity_check"):
+                if said != "ok":
+                    yield said
+            for table, row, parent, _ in connection.exec_driver_sql("PRAGMA foreign_key_check"):
+                yield f"row {row} of {table} refers to a row of {parent} that is missing"

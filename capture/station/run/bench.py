@@ -37,23 +37,13 @@ from classify.methods import default_method
 from classify.pieces.learning import GoodPart, learn_pieces
 from classify.pieces.moments import band_moments
 from classify.texture.spectra import segment_for
-from rig import (
-    Placement,
-    Rig,
-    RigConfig,
-    open_rig,
-)
+from rig import Placement, Rig, RigConfig, open_rig
 from rig.doctor.check import Check
 from rig.set_file import pages
 
 from .cycle import Station
 from .equipment import Equipment
-from .events import (
-    Event,
-    PartAnnounced,
-    Publisher,
-    Subscriber,
-)
+from .events import Event, PartAnnounced, Publisher, Subscriber
 from .outcome import PartJudge
 from .station_clock import StationClock
 from .triggers import TimerTrigger

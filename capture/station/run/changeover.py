@@ -15,9 +15,9 @@ from rig.doctor.check import Check
 
 from .events import RecipeLoaded, Warned
 from .outcome import PartJudge
-from .recipe_request import Asker, RecipeRefusal, RecipeRefused
 from .self_test import SelfTest
 from .station_rig import PartCamera
+from .triggers import Asker, RecipeRefusal, RecipeRefused
 
 # Time that a second asker waits for the first, whose recipe may have been taken just now.
 PATIENCE_S = 1.0

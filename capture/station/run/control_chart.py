@@ -9,13 +9,7 @@ from itertools import pairwise
 
 from capture.station.judge.judge import STOP_LED_LEVEL
 from capture.station.results.part_result import PartResult
-from capture.station.run.events import (
-    Event,
-    PartAnnounced,
-    RecipeLoaded,
-    Subscriber,
-    Warned,
-)
+from capture.station.run.events import Event, PartAnnounced, RecipeLoaded, Subscriber, Warned
 
 WARN_LED_LEVEL = 0.9
 """Share of its taught level below which an LED is named; below `STOP_LED_LEVEL` parts are ERROR."""

@@ -20,7 +20,7 @@ from capture.station.results.part_result import PartResult
 from capture.station.results.store import BegunPart
 
 from .changeover import Changeover
-from .equipment import Equipment
+from .equipment import Equipment, GuardedThread
 from .events import (
     ExposureComplete,
     PartAnnounced,
@@ -29,15 +29,16 @@ from .events import (
     StateChanged,
     StationStopped,
 )
-from .guarded_thread import GuardedThread
 from .outcome import ExposedPart
-from .part_sensor import PartSensor
-from .recipe_request import Asker, RecipeRefusal, RecipeRefused
 from .self_test import SelfTest, disk_fault
 from .states import Change, State, StateMachine
 from .triggers import (
     Accepted,
     Answer,
+    Asker,
+    PartSensor,
+    RecipeRefusal,
+    RecipeRefused,
     Refusal,
     Refused,
     Trigger,

@@ -6,12 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from capture.station.domain.verdict import Cause
-from capture.station.run.events import (
-    Event,
-    PartAnnounced,
-    SelfTestFinished,
-    StateChanged,
-)
+from capture.station.run.events import Event, PartAnnounced, SelfTestFinished, StateChanged
 from capture.station.run.states import Change, State
 from rig.doctor.check import Check
 

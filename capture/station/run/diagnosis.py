@@ -7,8 +7,7 @@ from pathlib import Path
 from capture.base.utc_time import readable_utc
 from capture.calibration.lookup import read_calibration
 from capture.station.domain.config import StationConfig
-from capture.station.domain.folder import StationFolder
-from capture.station.domain.last_recipe import first_recipe
+from capture.station.domain.folder import StationFolder, first_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.judge.challenge import has_met_challenge
 from capture.station.judge.inspector import Inspector

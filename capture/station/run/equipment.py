@@ -1,5 +1,6 @@
 """`Equipment`: the objects that the cycle of a station works with."""
 
+import threading
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -11,15 +12,46 @@ from rig.doctor.check import Check
 from .changeover import Recipes
 from .events import Publisher, TriggerRefused
 from .outcome import PartJudge
-from .part_sensor import PartSensor
 from .station_clock import StationClock
 from .station_rig import PartCamera
-from .triggers import Trigger
+from .triggers import PartSensor, Trigger
 
 Worker = Literal["capture", "verdict"]
 """A thread of the cycle."""
 ReportAlive = Callable[[Worker], None]
 """Called by each worker several times a second, also while it waits for a part."""
+
+
+class GuardedThread(threading.Thread):
+    """A thread that calls `stop` at its end, with the error that ended it or None."""
+
+    def __init__(
+        self,
+        work: Callable[[], None],
+        stop: Callable[[BaseException | None], None],
+        name: str,
+        *,
+        daemon: bool = False,
+    ) -> None:
+        super().__init__(name=name, daemon=daemon)
+        self._work, self._stop_run = work, stop
+
+    def run(self) -> None:
+        """Do the work."""
+        error: BaseException | None = None
+        try:
+            self._work()
+        except BaseException as raised:
+            error = raised
+        self._stop_run(error)
+
+    def join_through_interrupts(self) -> None:
+        """Wait for the end of the thread, if it was started."""
+        while self.is_alive():
+            try:
+                self.join()
+            except KeyboardInterrupt as interrupt:
+                self._stop_run(interrupt)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,6 @@ from typing import Any
 from capture.base.utc_time import utc_text
 from capture.station.domain.verdict import Decision
 from capture.station.results.part_result import PartResult
-from capture.station.results.rows import row_of
 from capture.station.run.event_lines import json_fields
 from capture.station.run.events import (
     Event,
@@ -24,19 +23,21 @@ from capture.station.run.events import (
     StationStopped,
     TriggerRefused,
 )
-from capture.station.run.recipe_request import Asker, RecipeRefusal, RecipeRefused
 from capture.station.run.states import Change, State
 from capture.station.run.triggers import (
     Answer,
+    Asker,
+    RecipeRefusal,
+    RecipeRefused,
     Refused,
     Trigger,
     TriggerSource,
     TriggerTarget,
 )
 
-from .attached_source import AttachedSource
 from .devices import Device, DeviceStates
 from .subscription import LiveEvent, Subscription
+from .triggers import AttachedSource
 
 # A part has four events: a browser that was disconnected for a hundred parts misses none.
 _KEPT_EVENTS = 400
@@ -82,14 +83,14 @@ class LiveSnapshot:
 
     def fields(self) -> dict[str, Any]:
         """Return the snapshot as fields of JSON."""
-        last = None if self.last is None else row_of(self.last) | {"latency_ms": self.latency_ms}
+        last = None if self.last is None else {**self.last.row, "latency_ms": self.latency_ms}
         return dict(vars(self)) | {
             "recipe": None if self.recipe is None else vars(self.recipe),
             "last": last,
             "announced": {each.value: self.announced.get(each, 0) for each in Decision},
             "devices": [vars(each) for each in self.devices],
             "rejected": [
-                row_of(each.result) | {"acknowledged_by": each.acknowledged_by}
+                {**each.result.row, "acknowledged_by": each.acknowledged_by}
                 for each in self.rejected
             ],
         }
@@ -327,7 +328,7 @@ def _fields(event: Event) -> dict[str, Any]:
     fields = json_fields(event)
     match event:
         case PartAnnounced(result, _) | PartRecovered(result):
-            return row_of(result) | fields
+            return {**result.row, **fields}
         case StationStopped():
             return fields | {"parts": {each.value: n for each, n in event.announced.items()}}
         case _:

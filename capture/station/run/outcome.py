@@ -7,11 +7,10 @@ from importlib.metadata import version
 from typing import Any, Protocol, TypeVar
 
 from capture.sets.captured_set import CapturedSet
-from capture.station.domain.error_verdict import error_verdict
+from capture.station.domain.errors import error_verdict
 from capture.station.domain.folder import set_file_of
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.results.part_result import PartResult
-from capture.station.results.rows import row_of
 from capture.station.results.store import BegunPart
 from classify.base.threads import beside_workers
 
@@ -140,7 +139,7 @@ class PartJudge:
             **self._recipe_fields,
             **fields,
         )
-        row_of(result)  # raises for what no row can hold
+        result.row  # noqa: B018 - raises for what no row can hold
         return result
 
 

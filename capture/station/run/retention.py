@@ -2,10 +2,11 @@
 
 import hashlib
 import math
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from itertools import islice
 from pathlib import Path, PurePosixPath
 
@@ -16,7 +17,7 @@ from capture.station.domain.folder import PARTS
 from capture.station.results.removals import last_removals, passed_sets, record_removals
 from capture.station.results.store import ResultStore
 from classify.base.durable_file import make_folder, sync
-from classify.base.errors import InputError
+from classify.base.errors import InputError, Ps4rigError
 
 # Held while set files are removed, and by a backup while they must stay.
 _LOCK = "sets.lock"
@@ -26,6 +27,8 @@ _PATIENCE_S, _RETRY_S = 60.0, 0.1
 _BATCH = 200
 # Least number of days with parts that stay: that of a clock set ahead, and the one before.
 _LEAST_DAYS = 2
+# Sets reach their age hour by hour, so one removal is short.
+PERIOD_S = 3600.0
 
 
 def is_sample(station: str, part_id: str, pass_every: int) -> bool:
@@ -121,3 +124,31 @@ def inside_parts(set_file: str) -> PurePosixPath:
 
 def _text(moment: datetime) -> str:
     return utc_text(moment, timespec="milliseconds")
+
+
+@contextmanager
+def retention_in_background(
+    folder: Path, store: ResultStore, retention: Retention, warn: Callable[[str], None]
+) -> Iterator[None]:
+    """Remove old set files of a station now and every hour, until the block ends.
+
+    A failure is passed to `warn` and tried again an hour later.
+    """
+    ended = threading.Event()
+
+    def keep_removing() -> None:
+        while True:
+            try:
+                remove_old_sets(folder, store, retention, datetime.now(UTC), stop=ended.is_set)
+            except (Ps4rigError, OSError) as error:  # OSError: the disk cannot sync
+                warn(f"old sets are not removed: {error}")
+            if ended.wait(PERIOD_S):
+                return
+
+    thread = threading.Thread(target=keep_removing, name="station retention")
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()

@@ -5,27 +5,21 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from capture.station.domain.folder import StationFolder
-from capture.station.judge.collecting import COLLECTS
+from capture.station.judge.inspector import COLLECTS
 from capture.station.results.store import ResultStore, open_store
 from rig import RigConfig
 from rig.doctor.check import Check
 
 from .cycle import Station
 from .equipment import Equipment, ReportAlive
-from .events import (
-    PartRecovered,
-    Publisher,
-    StationStopped,
-    Warned,
-)
-from .part_sensor import PartSensor
+from .events import PartRecovered, Publisher, StationStopped, Warned
 from .recovery import damaged_sets, finish_interrupted, unknown_files
-from .retention_thread import retention_in_background
+from .retention import retention_in_background
 from .run_recipes import RecipeLoader, RunRecipes
 from .self_test import check_disk, check_results
 from .station_clock import StationClock
 from .station_rig import StationRig
-from .triggers import SensorTrigger, TriggerSource
+from .triggers import PartSensor, SensorTrigger, TriggerSource
 
 
 @dataclass(frozen=True)

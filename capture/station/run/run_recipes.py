@@ -7,16 +7,14 @@ from typing import Any
 from capture.calibration.lookup import FoundCalibration, keep_beside, read_calibration
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.errors import ChallengeFailed, NotApproved, error_text
-from capture.station.domain.folder import StationFolder
-from capture.station.domain.last_recipe import FILE, first_recipe, keep_recipe
+from capture.station.domain.folder import FILE, StationFolder, first_recipe, keep_recipe
 from capture.station.domain.recipe import Recipe, require_approved
 from capture.station.domain.recipe_file import read_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.judge.approval import require_seen
 from capture.station.judge.challenge import require_challenge
-from capture.station.judge.collecting import Collector
-from capture.station.judge.inspector import Inspector
-from capture.station.results.change_log import record_change
+from capture.station.judge.inspector import Collector, Inspector
+from capture.station.results.audit import record_change
 from capture.station.results.store import ResultStore
 from classify.base.durable_file import make_folder
 from classify.base.errors import InputError, Ps4rigError
@@ -24,10 +22,10 @@ from rig.doctor.check import Check
 
 from .changeover import UsableRecipe
 from .outcome import PartInspector, PartJudge
-from .recipe_request import Asker, RecipeRefusal, RecipeRefused
 from .self_test import check_calibration_age, require_no_fault
 from .station_clock import StationClock
 from .station_rig import StationRig
+from .triggers import Asker, RecipeRefusal, RecipeRefused
 
 _KINDS: tuple[tuple[type[Exception], RecipeRefusal], ...] = (
     (NotApproved, RecipeRefusal.NOT_APPROVED),

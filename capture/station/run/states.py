@@ -74,10 +74,3 @@ class StateMachine:
         """Wait until the state is one of `states`; False after the time-out."""
         with self._condition:
             return self._condition.wait_for(lambda: self._state in states, timeout_s)
-
-
-def transitions_table() -> str:
-    """Return the transitions as a Markdown table, for the README."""
-    lines = ["| state | change | next state |", "|---|---|---|"]
-    lines += [f"| {state} | {change} | {new} |" for (state, change), new in TRANSITIONS.items()]
-    return "\n".join(lines)

@@ -15,13 +15,7 @@ from capture.station.domain.config import StationConfig
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.simulated_parts import simulated_part
 from classify.base.threads import beside_workers
-from rig import (
-    CameraError,
-    HardwareError,
-    Rig,
-    RigConfig,
-    open_rig,
-)
+from rig import CameraError, HardwareError, Rig, RigConfig, open_rig
 from rig.doctor.check import Check
 from rig.lights.sequence import parts_seen
 

@@ -5,13 +5,51 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum, auto
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from capture.station.results.database import ResultsUnavailable
-from classify.base.errors import InputError
+from capture.station.results.store import ResultStore
+from classify.base.errors import InputError, Ps4rigError
 
 from .events import RecipeLoaded
-from .recipe_request import Asker
+from .station_rig import StationRig
+
+# Interval at which a waiting source checks whether the station stops.
+_POLL_S = 0.2
+_SENSOR = "sensor"
+_MISSED = "passed the sensor while the station was busy or not ready"
+# Each row takes a transaction of some 4 ms; more parts at once are a sensor out of order.
+MOST_RECORDED = 100
+
+
+class Asker(NamedTuple):
+    """Who asks for a recipe: a name, and a role such as ``engineer``."""
+
+    name: str
+    role: str
+    seen_sha256: str | None = None  # hash of the recipe that the asker saw; None if none was shown
+
+
+class RecipeRefusal(Enum):
+    """Kinds of reasons why a recipe is not loaded, for programs."""
+
+    NOT_READY = auto()  # the station starts, stops, is in error, or judges no parts
+    BUSY = auto()  # another one is being loaded
+    UNKNOWN = auto()
+    NOT_APPROVED = auto()
+    CHALLENGE = auto()
+    UNUSABLE = auto()  # not taught, damaged, not the one seen, without challenge set or calibration
+    RIG = auto()  # the self-test with its light found a fault
+    DATABASE = auto()  # the change cannot be recorded
+    UNFORESEEN = auto()
+
+
+class RecipeRefused(Ps4rigError):  # noqa: N818 - an answer, no error of the program
+    """A recipe is not loaded; the station goes on with the present one."""
+
+    def __init__(self, reason: str, kind: RecipeRefusal) -> None:
+        super().__init__(reason)
+        self.kind = kind
 
 
 @dataclass(frozen=True)
@@ -89,8 +127,6 @@ class TriggerSource(Protocol):
         """Submit triggers; return when `station` is stopping or no more triggers come."""
 
 
-# Interval at which a waiting source checks whether the station stops.
-_POLL_S = 0.2
 _TIMER = Trigger("timer")
 
 
@@ -156,3 +192,46 @@ class LineTrigger:
             if not line or text == "q":
                 return
             station.submit(Trigger("enter", text or None))
+
+
+class AttachedSource:
+    """Passes the station to `attach`, then runs a source; without one it waits for the stop."""
+
+    def __init__(
+        self, attach: Callable[[TriggerTarget], None], source: TriggerSource | None
+    ) -> None:
+        self._attach, self._source = attach, source
+        self._pause = threading.Event()  # never set: waiting on it can be interrupted
+
+    def run(self, station: TriggerTarget) -> None:
+        """Submit triggers until the station stops."""
+        self._attach(station)
+        if self._source is not None:
+            self._source.run(station)
+            return
+        while not station.is_stopping:
+            self._pause.wait(_POLL_S)
+
+
+class PartSensor:
+    """The sensor at the light controller of a rig; each part that it sees is a trigger."""
+
+    def __init__(self, rig: StationRig, store: ResultStore) -> None:
+        self._rig, self._store = rig, store
+
+    def await_part(self, station: TriggerTarget, is_over: Callable[[], bool]) -> None:
+        """Wait for a part and submit its trigger, unless `is_over`.
+
+        Parts that came since the last wait are refused, with a row each up to `MOST_RECORDED`.
+        """
+        missed = self._rig.missed_parts()
+        for _ in range(min(missed, MOST_RECORDED)):
+            if is_over():  # each row may wait for a locked database
+                break
+            station.refuse(Trigger(_SENSOR), f"the part {_MISSED}")
+            missed -= 1
+        if missed > 0:
+            station.refuse(Trigger(_SENSOR), f"parts that {_MISSED}: {missed}")
+        has_come = self._rig.wait_for_part(self._store.last_number() + 1, is_over)
+        if has_come and isinstance(station.submit(Trigger(_SENSOR)), Refused):
+            self._rig.forget_part()

@@ -9,12 +9,7 @@ from contextlib import suppress
 from typing import Self, get_args
 
 from capture.station.run.equipment import Worker
-from capture.station.run.events import (
-    Event,
-    PartAnnounced,
-    StateChanged,
-    StationStopped,
-)
+from capture.station.run.events import Event, PartAnnounced, StateChanged, StationStopped
 from capture.station.run.states import State
 from classify.base.errors import InputError
 

@@ -1,6 +1,5 @@
 import csv
 import json
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,8 +9,7 @@ from typer.testing import CliRunner, Result
 from capture.cli import app
 from capture.station.results.history_table import COLUMNS
 from capture.station.results.store import open_store
-
-OLD = Path(__file__).parents[2] / "data" / "results" / "version-1.sqlite"
+from tests.capture.station.results.parts import record_three_days
 
 
 @pytest.fixture
@@ -19,7 +17,7 @@ def folder(tmp_path: Path) -> Path:
     """A station with five parts, one of them simulated and one overridden, and one begun."""
     folder = tmp_path / "line-1"
     CliRunner().invoke(app, ["station", "init", str(folder)])
-    shutil.copy(OLD, folder / "results.sqlite")
+    record_three_days(folder / "results.sqlite")
     return folder
 
 

@@ -24,10 +24,9 @@ from capture.station.run.events import (
     Publisher,
 )
 from capture.station.run.outcome import PartJudge
-from capture.station.run.recipe_request import Asker
 from capture.station.run.recovery import finish_interrupted
 from capture.station.run.station_clock import StationClock
-from capture.station.run.triggers import Answer, Trigger, TriggerTarget
+from capture.station.run.triggers import Answer, Asker, Trigger, TriggerTarget
 from rig import RigConfig, open_rig
 from rig.doctor.check import Check
 

@@ -8,7 +8,7 @@ from capture.acquisition.attempts import capture_set
 from capture.base.errors import CalibrationError, SetRejected
 from capture.calibration.ps4cal import CalibrationFile
 from capture.station.domain.config import SimulatedParts
-from capture.station.domain.error_verdict import error_verdict
+from capture.station.domain.errors import error_verdict
 from capture.station.domain.simulated_parts import simulated_part
 from capture.station.domain.verdict import Verdict
 from capture.station.judge.inspector import Inspector

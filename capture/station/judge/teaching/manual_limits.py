@@ -2,16 +2,11 @@
 
 from collections.abc import Iterator, Mapping
 
-from capture.station.domain.recipe import Limits, Recipe
+from capture.station.domain.limits import ROWS, Limits
+from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_folder import RecipeFolder
 from classify.base.errors import InputError
 from rig.config.toml_file import read_toml_as
-
-# What teaching measures; it sets no other limit.
-_MEASURED = frozenset({
-    "distance", "sdq", "shadow_fraction", "unmeasured_fraction", "unjudged_px", "albedo", "scale",
-    "handedness",
-})  # fmt: skip
 
 LimitsOf = Mapping[str, Limits]
 
@@ -33,7 +28,7 @@ def manual_limits(present: LimitsOf, measured: LimitsOf | None) -> LimitsOf:
     found = {}
     for texture, limits in present.items():
         if measured is None:
-            others = {name: value for name, value in limits if name not in _MEASURED}
+            others = {name: value for name, value in limits if not ROWS[name].of_teaching}
         else:
             taught = dict(measured.get(texture, Limits()))
             others = {name: value for name, value in limits if value != taught[name]}

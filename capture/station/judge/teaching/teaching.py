@@ -10,7 +10,8 @@ import numpy.typing as npt
 from capture.base.console import ShowProgress, progress
 from capture.sets.loaded_set import PLANAR, LoadedSet
 from capture.station.domain.errors import RecipeError
-from capture.station.domain.recipe import Limits, Recipe
+from capture.station.domain.limits import Limits
+from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_file import read_recipe, write_recipe
 from capture.station.domain.recipe_folder import RecipeFolder, TaughtFiles, file_sha256
 from capture.station.domain.taught import (

@@ -4,7 +4,7 @@ import math
 import statistics
 from collections.abc import Mapping, Sequence
 
-from capture.station.domain.recipe import GeneralLimits, Limits
+from capture.station.domain.limits import GeneralLimits, Limits
 from classify.confidence import tolerance_factor
 
 # Least relative spread of Sdq and shadow between good parts: different patches of one simulated

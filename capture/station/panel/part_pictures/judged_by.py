@@ -10,6 +10,8 @@ from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.domain.taught import read_taught
 from capture.station.domain.taught_files import models_of
+from capture.station.panel.security import Denied
+from capture.station.results.history import HistoryEntry
 from capture.station.results.part_result import PartResult
 from classify import Method, TextureLibrary
 from classify.base.errors import InputError
@@ -66,3 +68,16 @@ def _recipe(files: RecipeFolder, version: int, sha256: str) -> Recipe:
         if recipe.sha256 == sha256:
             return recipe
     raise RecipeError(f"recipe {files.name}, version {version}: is not kept as it was then")
+
+
+def stored_set(folder: StationFolder, entry: HistoryEntry) -> Path:
+    """Return the set file of a part."""
+    result = entry.result
+    if result.set_file is None:
+        raise Denied(404, f"part {result.part_id}: no set was captured")
+    path = (folder.path / result.set_file).resolve()
+    if not path.is_relative_to(folder.parts.resolve()) or not path.is_file():
+        when = entry.set_removed_utc
+        reason = f"was removed by the retention on {when[:10]}" if when else "is missing"
+        raise Denied(410 if when else 404, f"part {result.part_id}: its set file {reason}")
+    return path

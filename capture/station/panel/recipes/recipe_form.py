@@ -4,16 +4,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from capture.station.domain.recipe import (
-    RANGES,
-    CalibrationRule,
-    GeneralLimits,
-    Light,
-    Limits,
-    Orientation,
-    Recipe,
-    Region,
-)
+from capture.station.domain.limits import RANGES, ROWS, GeneralLimits, Limits
+from capture.station.domain.recipe import CalibrationRule, Light, Orientation, Recipe, Region
 from capture.station.domain.recipe_file import COMMENTS, SECTIONS
 from capture.station.judge.recipe_settings import Place, dotted
 from classify.base.section import Section
@@ -25,7 +17,6 @@ _MODELS: dict[str, type[Section]] = {
     "light": Light,
     "calibration": CalibrationRule,
 }
-_TITLES = {"sdq": "Sdq"}
 _TEXTS = ("note", "acknowledged")
 _TRUTHS = ("full_turn", "required")
 _UNITS = {"_px": "px", "_deg": "degrees", "_ms": "ms", "_days": "days"}
@@ -138,9 +129,7 @@ class RecipeForm:
                 each = None if value is None else value[number]
                 at = f"{name}.{number}"
                 fields.append(
-                    self._field(
-                        (*place, key, number), at, each, f"{_TITLES.get(key, key)}, {bound}"
-                    )
+                    self._field((*place, key, number), at, each, f"{ROWS[key].label}, {bound}")
                 )
         together = [self._message((*place, key)) for key in RANGES if key in model.model_fields]
         together.append(self._message(place))

@@ -22,7 +22,7 @@ from capture.station.panel.security import Denied
 from capture.station.results.database import ResultsUnavailable
 from capture.station.results.history import HistoryEntry, Selection
 from capture.station.run.events import RecipeLoaded
-from capture.station.run.recipe_request import Asker
+from capture.station.run.triggers import Asker
 from classify.base.errors import InputError, Ps4rigError
 from classify.base.regular_file import read_regular_file
 

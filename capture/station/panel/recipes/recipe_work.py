@@ -9,7 +9,7 @@ from capture.station.judge.challenge_set import Expected
 from capture.station.judge.recipe_changes import LongChange, RecipeChanges
 from capture.station.panel.background_jobs import Job, Work
 from capture.station.panel.panel import Panel
-from capture.station.panel.part_pictures.stored_set import stored_set
+from capture.station.panel.part_pictures.judged_by import stored_set
 from capture.station.panel.security import Denied
 from classify.base.errors import InputError
 from classify.base.labels import checked_label

@@ -19,7 +19,7 @@ from capture.station.panel.background_jobs import Job
 from capture.station.panel.render import JsonAnswer
 from capture.station.panel.routes import Call, PanelRoute
 from capture.station.panel.security import Denied
-from capture.station.run.recipe_request import RecipeRefused
+from capture.station.run.triggers import RecipeRefused
 from classify.base.errors import InputError
 
 from .recipe_pages import changes_of, known_changes_of, load_recipe_of, recipe_names

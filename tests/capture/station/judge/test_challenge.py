@@ -12,7 +12,7 @@ from capture.sets.captured_set import CapturedSet
 from capture.station.domain.errors import ChallengeFailed, RecipeError
 from capture.station.domain.recipe_file import read_recipe, write_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
-from capture.station.judge import software
+from capture.station.judge import fingerprint
 from capture.station.judge.challenge import has_met_challenge, replay_challenge, require_challenge
 from capture.station.judge.challenge_set import FILE, add_to_challenge
 from capture.station.judge.inspector import Inspection, Inspector
@@ -157,16 +157,16 @@ def test_the_hash_of_the_software_changes_with_any_source_file(
     for package in ("capture/station", "classify", "rig"):
         (tmp_path / package).mkdir(parents=True)
         (tmp_path / package / "a.py").write_text("a = 1\n")
-    found = {software.sources_sha256(tmp_path)}
+    found = {fingerprint.sources_sha256(tmp_path)}
     (tmp_path / "classify/a.py").write_text("a = 2\n")
-    found.add(software.sources_sha256(tmp_path))
+    found.add(fingerprint.sources_sha256(tmp_path))
     (tmp_path / "classify/a.py").rename(tmp_path / "classify/b.py")
-    found.add(software.sources_sha256(tmp_path))
-    monkeypatch.setattr(software, "version", lambda _: "another")
-    found.add(software.sources_sha256(tmp_path))
+    found.add(fingerprint.sources_sha256(tmp_path))
+    monkeypatch.setattr(fingerprint, "version", lambda _: "another")
+    found.add(fingerprint.sources_sha256(tmp_path))
     assert len(found) == 4
     (tmp_path / "classify/notes.txt").write_text("no code")
-    assert software.sources_sha256(tmp_path) in found
+    assert fingerprint.sources_sha256(tmp_path) in found
 
 
 def test_added_parts_need_another_replay(files: RecipeFolder, tmp_path: Path) -> None:

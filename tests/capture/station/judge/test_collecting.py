@@ -9,7 +9,7 @@ from capture.station.domain.folder import StationFolder, make_station, station_f
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_file import write_recipe
 from capture.station.domain.verdict import Decision
-from capture.station.judge.collecting import COLLECTS
+from capture.station.judge.inspector import COLLECTS
 from capture.station.run.events import (
     Event,
     PartAnnounced,

@@ -36,8 +36,8 @@ from capture.station.line.handshake import Handshake
 from capture.station.line.ladder import Judged
 from capture.station.line.line import PlcLine
 from capture.station.line.modbus import PlcConnection, serving_modbus
-from capture.station.line.registers import CAUSES, VERDICTS, Status
-from capture.station.results.change_log import newest_changes
+from capture.station.line.registers import VERDICTS, Status
+from capture.station.results.audit import newest_changes
 from capture.station.results.part_result import PartResult
 from capture.station.results.store import open_store
 from capture.station.run.events import Publisher
@@ -228,7 +228,7 @@ def contradictions(rows: dict[int, PartResult], journal: list[dict[str, Any]]) -
     began = {each["session"]: each["began_utc"] for each in journal if "began_utc" in each}
     for shown in (each for each in journal if "result_number" in each):
         row = rows[shown["result_number"]]
-        is_interrupted = shown["cause"] == CAUSES[Cause.INTERRUPTED]
+        is_interrupted = shown["cause"] == Cause.INTERRUPTED.plc_code
         if shown["verdict"] != VERDICTS[row.verdict.decision]:
             yield f"{shown}: its row says {row.verdict.decision}"
         elif row.triggered_utc < began[shown["session"]] and not is_interrupted:

@@ -17,7 +17,6 @@ from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.line.handshake import MOST_WAITING, Handshake, TriggerRequest
 from capture.station.line.ladder import ANSWER_S, Judged, Ladder
 from capture.station.line.registers import (
-    CAUSES,
     PLC,
     PLC_ADDRESS,
     STATES,
@@ -40,9 +39,8 @@ from capture.station.run.events import (
     RecipeLoaded,
     StateChanged,
 )
-from capture.station.run.recipe_request import RecipeRefusal
 from capture.station.run.states import State
-from capture.station.run.triggers import Accepted, Refusal, Refused
+from capture.station.run.triggers import Accepted, RecipeRefusal, Refusal, Refused
 from tests.capture.station.line.lines import NOTHING
 
 UTC = "2026-01-02T03:04:05.678Z"
@@ -129,8 +127,8 @@ def test_a_part_goes_through_the_handshake_of_the_readme() -> None:
     assert [page[name] for name in ("result_number", "verdict", "result_part_id")] == [0, 0, ""]
 
 
-def test_every_verdict_cause_and_state_has_a_code_of_its_own() -> None:
-    for codes, words in ((VERDICTS, Decision), (CAUSES, Cause), (STATES, State)):
+def test_every_verdict_and_state_has_a_code_of_its_own() -> None:
+    for codes, words in ((VERDICTS, Decision), (STATES, State)):
         assert set(codes) == set(words)
         assert len(set(codes.values())) == len(codes)
 
@@ -643,7 +641,7 @@ class Belt(RuleBasedStateMachine):
             number = page["result_number"]
             assert page["verdict"] == VERDICTS[self.rows[number].verdict.decision]
             if self.session_of[number] != self.session:
-                assert page["cause"] == CAUSES[Cause.INTERRUPTED]
+                assert page["cause"] == Cause.INTERRUPTED.plc_code
 
     @invariant()
     def nothing_is_accepted_and_refused(self) -> None:

@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 
 from capture.station.domain.verdict import Cause
-from capture.station.line.registers import CAUSES
 from tests.capture.station.line.kills import (
     contradictions,
     killed_line,
@@ -43,7 +42,7 @@ ROWS = {
     3: result(3, INTERRUPTED, part_id="c"),
 }
 BEGAN = {"session": 9, "began_utc": "2027-01-01T00:00:00.000Z"}
-INTERRUPTED_CODE = CAUSES[Cause.INTERRUPTED]
+INTERRUPTED_CODE = Cause.INTERRUPTED.plc_code
 
 
 def judged(part_id: str, verdict: int, number: int | None) -> dict[str, Any]:

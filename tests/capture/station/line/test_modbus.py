@@ -22,7 +22,6 @@ from capture.station.line.handshake import Handshake
 from capture.station.line.line import PlcLine
 from capture.station.line.modbus import MAX_CONNECTIONS, serving_modbus
 from capture.station.line.registers import (
-    CAUSES,
     PAGE_VERSION,
     PLC_ADDRESS,
     PLC_WORDS,
@@ -152,7 +151,7 @@ def test_a_restarted_station_shows_no_old_result_and_the_interrupted_part_as_err
         read = until(plc, Status.RESULTS_VALID)
         assert (read["session"], read["result_number"]) == (SESSION + 1, 2)
         assert (read["verdict"], read["result_part_id"]) == (VERDICTS[Decision.ERROR], "A-2")
-        assert read["cause"] == CAUSES[Cause.INTERRUPTED]
+        assert read["cause"] == Cause.INTERRUPTED.plc_code
         acknowledge(plc, 2)
         assert until(plc, Status.READY)["result_number"] == 0
 

@@ -16,9 +16,8 @@ from capture.station.line.modbus import serving_modbus
 from capture.station.line.registers import VERDICTS
 from capture.station.run.events import Publisher
 from capture.station.run.live_station import LiveStation
-from capture.station.run.recipe_request import Asker, RecipeRefused
 from capture.station.run.run import run_station
-from capture.station.run.triggers import TriggerTarget
+from capture.station.run.triggers import Asker, RecipeRefused, TriggerTarget
 from tests.capture.station.line.kills import (
     RECIPES,
     recipe_changes,

@@ -1,7 +1,6 @@
-"""The table of registers: its codec, its page in the README, and what Modbus allows."""
+"""The table of registers: its codec, and what Modbus allows."""
 
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -25,10 +24,8 @@ from capture.station.line.registers import (
     Status,
     decoded,
     encoded,
-    registers_page,
 )
 
-README = Path(__file__).parents[4] / "capture/station/line/README.md"
 BOTH = pytest.mark.parametrize("registers", [STATION, PLC])
 
 
@@ -37,10 +34,6 @@ def value_of(register: Register) -> st.SearchStrategy[Any]:
         ids = st.from_regex(r"[A-Za-z0-9][A-Za-z0-9._-]*", fullmatch=True)
         return ids.map(lambda text: text[: 2 * register.words]) | st.just("")
     return st.integers(0, (1 << 16 * register.words) - 1)
-
-
-def test_the_page_of_the_readme_is_made_from_the_table() -> None:
-    assert f"\n{registers_page()}\n" in README.read_text(encoding="utf-8")
 
 
 @BOTH

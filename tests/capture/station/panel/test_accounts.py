@@ -23,7 +23,7 @@ from capture.station.panel.sessions import (
     MOST_SESSIONS,
     Sessions,
 )
-from capture.station.results.change_log import newest_changes, record_change
+from capture.station.results.audit import newest_changes, record_change
 from capture.station.results.store import open_store
 from classify.base.errors import InputError
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel

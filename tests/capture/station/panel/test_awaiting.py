@@ -6,9 +6,8 @@ import time
 
 import pytest
 
-from capture.station.panel.awaiting import GATHER_MS, Awaiting, gather
+from capture.station.panel.awaiting import GATHER_MS, Awaiting, SharedAnswers, gather
 from capture.station.panel.security import Denied
-from capture.station.panel.shared_answers import SharedAnswers
 from capture.station.run.live_station import LiveStation
 from capture.station.run.subscription import MOST_WAITING, LiveEvent
 

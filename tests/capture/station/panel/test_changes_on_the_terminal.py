@@ -12,11 +12,15 @@ from capture.station.domain.folder import StationFolder
 from capture.station.domain.recipe_file import read_recipe, write_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.domain.roles import Identity, Role
-from capture.station.results.audit import ChangeLog
-from capture.station.results.change_log import ChangeRecord, newest_changes
+from capture.station.results.audit import (
+    ChangeLog,
+    ChangeRecord,
+    ResultsAccess,
+    changing_on_the_terminal,
+    newest_changes,
+    system_user,
+)
 from capture.station.results.database import ResultsUnavailable
-from capture.station.results.on_the_terminal import changing_on_the_terminal, system_user
-from capture.station.results.results_access import ResultsAccess
 from capture.station.results.store import open_store
 
 Ps4rig = Callable[..., Any]

@@ -11,7 +11,7 @@ from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.domain.roles import Role
 from capture.station.judge.approval import approve
 from capture.station.run.events import RecipeLoaded
-from capture.station.run.recipe_request import Asker, RecipeRefusal, RecipeRefused
+from capture.station.run.triggers import Asker, RecipeRefusal, RecipeRefused
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel, running_panel
 from tests.capture.station.stations import FIRST, FakeRecipes
 from tests.chromium import chromium

@@ -530,37 +530,6 @@ def test_a_panel_with_tls_is_reached_by_https_alone(tmp_path: Path, captured: Ca
         plain.close()
 
 
-@pytest.mark.slow
-def test_a_handshake_has_a_deadline(
-    tmp_path: Path, captured: CapturedSet, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It would be a minute. By the deadline of heads, `by_https` has ended its own."""
-    monkeypatch.setattr(server, "HEAD_S", 2.0)
-    with panel_with_tls(tmp_path / "a", captured) as panel, connected(panel) as raw:
-        with suppress(ConnectionError):
-            assert raw.recv(1) == b""
-        monkeypatch.setattr(server, "HEAD_S", LONG_S)
-        assert by_https(panel).status == 200
-
-
-def test_handshakes_count_as_connections(tmp_path: Path, captured: CapturedSet) -> None:
-    with panel_with_tls(tmp_path / "a", captured) as panel:
-        idle = [connected(panel) for _ in range(MAX_CONNECTIONS)]
-        try:
-            with pytest.raises((OSError, http.client.HTTPException)):
-                by_https(panel)
-        finally:
-            for each in idle:
-                each.close()
-        given_up_s = time.monotonic() + LONG_S
-        while True:
-            try:
-                assert by_https(panel).status == 200
-                break
-            except OSError:
-                assert time.monotonic() < given_up_s
-
-
 @pytest.mark.parametrize("text", ["", "no PEM", None])
 def test_tls_files_that_cannot_be_used_are_named(
     tmp_path: Path, captured: CapturedSet, text: str | None

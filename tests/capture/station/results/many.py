@@ -8,7 +8,6 @@ from sqlalchemy import insert
 from capture.base.utc_time import utc_text
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.results.part_result import PartResult
-from capture.station.results.rows import row_of
 from capture.station.results.schema import begun_parts, results
 from capture.station.results.store import BegunPart, ResultStore
 
@@ -63,6 +62,6 @@ def fill(store: ResultStore, parts: list[PartResult]) -> None:
             for part in parts
         ]
         connection.execute(insert(begun_parts), begun)
-        connection.execute(insert(results), [row_of(part) for part in parts])
+        connection.execute(insert(results), [part.row for part in parts])
 
     store.write(work)

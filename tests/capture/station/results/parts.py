@@ -1,8 +1,10 @@
 """Parts and results for tests of the results."""
 
+from pathlib import Path
+
 from capture.station.domain.verdict import Cause, Decision, Verdict
-from capture.station.results.part_result import PartResult
-from capture.station.results.store import BegunPart, ResultStore
+from capture.station.results.part_result import DefectRecord, PartResult
+from capture.station.results.store import BegunPart, ResultStore, open_store
 
 UTC = "2026-11-22T17:08:13.042Z"
 CAUSES = {
@@ -40,3 +42,35 @@ def inspect(store: ResultStore, decision: Decision = Decision.PASS, **more: obje
     result = result_of(begin(store, **of_part), decision, store.station, **more)
     store.add(result)
     return result
+
+
+def record_three_days(path: Path) -> None:
+    """Record five parts of station line-1, one simulated and one overridden, and begin a sixth."""
+    with open_store(str(path), "line-1", create=True) as store:
+        for part_id, minute, decision in (
+            (None, "20T08:00", Decision.PASS),
+            (None, "20T08:01", Decision.FAIL),
+            ("A-17", "20T08:02", Decision.PASS),
+            (None, "21T08:03", Decision.UNKNOWN),
+            (None, "21T08:04", Decision.PASS),
+        ):
+            inspect(
+                store,
+                decision,
+                part_id=part_id,
+                triggered_utc=f"2026-11-{minute}:00.042Z",
+                simulated=minute == "21T08:04",
+                recipe="oak",
+                recipe_version=3,
+                label="oak",
+                nearest="oak",
+                distance=0.25,
+                defects=(DefectRecord("relief", 10, 20, 8, 60, 120, 2.5),),
+                led_levels=(1.0, 0.99, 1.01, 1.0),
+                timings_ms={"inspect": 40.5},
+                notes=("Müller's part",),
+            )
+        utc = "2026-11-22T09:00:00.000Z"
+        begin(store, trigger="enter", triggered_utc=utc)
+        store.refuse(trigger="enter", utc=utc, reason="no buffer", simulated=False)
+        store.override("part-000002", decision=Decision.PASS, by="Kim", reason="a hair", utc=utc)

@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from capture.station.domain.verdict import Decision
-from capture.station.results.consistency import contradictions
 from capture.station.results.store import open_store
+from capture.station.results.verification import contradictions
 from tests.postgresql_server import PostgresqlServer
 
 ROOT = Path(__file__).parents[4]

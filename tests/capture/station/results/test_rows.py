@@ -7,8 +7,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from capture.station.domain.verdict import Cause, Decision, Verdict
-from capture.station.results.part_result import MEASURES, DefectRecord, PartResult
-from capture.station.results.rows import MAX_TEXT, result_of, row_of, storable
+from capture.station.results.part_result import (
+    MAX_TEXT,
+    MEASURES,
+    DefectRecord,
+    PartResult,
+    result_of,
+    storable,
+)
 from capture.station.results.store import ResultStore, open_store
 from tests.postgresql_server import PostgresqlServer
 
@@ -68,7 +74,7 @@ def minimal(**more: object) -> PartResult:
 
 @given(results)
 def test_a_result_comes_back_from_its_row(result: PartResult) -> None:
-    assert result_of(row_of(result)) == result
+    assert result_of(result.row) == result
 
 
 def comes_back(store: ResultStore, result: PartResult) -> None:

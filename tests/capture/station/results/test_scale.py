@@ -18,7 +18,6 @@ from sqlalchemy import insert
 from capture.station.domain.verdict import Decision
 from capture.station.results.history import HistoryEntry, Selection
 from capture.station.results.history_table import json_pieces, write_csv
-from capture.station.results.rows import row_of
 from capture.station.results.schema import begun_parts, results, stations
 from capture.station.results.store import BegunPart, ResultStore, open_store
 from tests.memory_growth import resident_mb
@@ -71,7 +70,7 @@ def large_store(tmp_path: Path) -> ResultStore:
         connection.execute(insert(stations).values(station="line-1", since_utc=UTC))
         rows = [{"station": "line-1", "request": part.part_id, **vars(part)} for part in begun]
         connection.execute(insert(begun_parts), rows)
-        rows = [row_of(result_of(part, decisions[part.number % 4])) for part in begun]
+        rows = [result_of(part, decisions[part.number % 4]).row for part in begun]
         connection.execute(insert(results), rows)
 
     store.write(work)

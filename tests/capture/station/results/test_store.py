@@ -17,6 +17,7 @@ from capture.station.results.database import (
     sqlite_engine,
 )
 from capture.station.results.removals import record_removals
+from capture.station.results.schema import VERSION
 from capture.station.results.store import ResultStore, open_store
 from classify.base.errors import InputError
 from tests.postgresql_server import PostgresqlServer
@@ -153,6 +154,24 @@ def test_what_was_written_is_there_when_the_database_is_opened_again(open_line: 
     with open_line("line-1") as store:
         assert [entry.result for entry in store.parts()] == [result]
         assert begin(store).number == 2
+
+
+@pytest.mark.parametrize("version", [VERSION - 1, VERSION + 1])
+def test_tables_of_another_version_are_refused(
+    database: str, open_line: OpenStore, version: int
+) -> None:
+    open_line("line-1").close()
+    engine = create_engine(database_url(database))
+    trigger = "DROP TRIGGER schema_versions_no_update"
+    if engine.dialect.name == "postgresql":
+        trigger = "DROP TRIGGER schema_versions_append_only ON schema_versions"
+    with engine.begin() as other:
+        other.execute(text(trigger))
+        other.execute(text(f"UPDATE schema_versions SET version = {version}"))
+    engine.dispose()
+    for create in (True, False):
+        with pytest.raises(InputError, match=f"of version {version}, and this program has version"):
+            open_store(database, "line-1", create=create, alone=False)
 
 
 TABLES = (

@@ -9,8 +9,7 @@ import pytest
 
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.config import CONFIG
-from capture.station.domain.folder import StationFolder
-from capture.station.domain.last_recipe import FILE, first_recipe, keep_recipe
+from capture.station.domain.folder import FILE, StationFolder, first_recipe, keep_recipe
 from capture.station.run.events import (
     PartAnnounced,
     PartBegun,
@@ -19,10 +18,12 @@ from capture.station.run.events import (
     TriggerRefused,
     Warned,
 )
-from capture.station.run.recipe_request import Asker, RecipeRefusal, RecipeRefused
 from capture.station.run.states import State
 from capture.station.run.triggers import (
     Accepted,
+    Asker,
+    RecipeRefusal,
+    RecipeRefused,
     Refusal,
     Refused,
     Trigger,

@@ -9,8 +9,7 @@ from typing import Any
 
 import pytest
 
-from capture.station.domain.folder import StationFolder
-from capture.station.domain.last_recipe import keep_recipe
+from capture.station.domain.folder import StationFolder, keep_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.judge.approval import approve
 from capture.station.judge.challenge import require_challenge

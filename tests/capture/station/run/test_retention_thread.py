@@ -7,8 +7,8 @@ import pytest
 
 from capture.station.domain.config import Retention
 from capture.station.results.store import open_store
-from capture.station.run import retention_thread
-from capture.station.run.retention_thread import retention_in_background
+from capture.station.run import retention
+from capture.station.run.retention import retention_in_background
 from tests.capture.station.days_with_parts import make_days
 from tests.capture.station.results.parts import inspect
 
@@ -57,7 +57,7 @@ def test_an_error_of_the_disk_is_a_warning(tmp_path: Path, monkeypatch: pytest.M
     def remove(*_: object, **__: object) -> int:
         raise OSError(5, "Input/output error")
 
-    monkeypatch.setattr(retention_thread, "remove_old_sets", remove)
+    monkeypatch.setattr(retention, "remove_old_sets", remove)
     with (
         open_store(str(tmp_path / "results.sqlite"), "line-1", create=True) as store,
         retention_in_background(tmp_path, store, Retention(), warn),

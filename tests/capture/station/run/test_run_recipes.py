@@ -7,18 +7,17 @@ from pathlib import Path
 import pytest
 
 from capture.station.domain.errors import ChallengeFailed
-from capture.station.domain.folder import StationFolder
-from capture.station.domain.last_recipe import FILE, first_recipe, keep_recipe
+from capture.station.domain.folder import FILE, StationFolder, first_recipe, keep_recipe
 from capture.station.domain.recipe_file import read_recipe, write_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.judge.approval import approve
 from capture.station.judge.challenge_set import add_to_challenge, challenge_sets
-from capture.station.results.change_log import newest_changes
+from capture.station.results.audit import newest_changes
 from capture.station.results.store import ResultStore, open_store
-from capture.station.run.recipe_request import Asker, RecipeRefusal, RecipeRefused
 from capture.station.run.run_recipes import RecipeLoader, RunRecipes
 from capture.station.run.station_clock import StationClock
 from capture.station.run.station_rig import StationRig
+from capture.station.run.triggers import Asker, RecipeRefusal, RecipeRefused
 from classify.base.errors import InputError
 from tests.capture.station.production import SMALL_RIG, configure
 

@@ -13,9 +13,8 @@ from capture.station.run.cycle import Station
 from capture.station.run.equipment import Equipment
 from capture.station.run.events import PartAnnounced, Publisher, TriggerRefused
 from capture.station.run.outcome import PartJudge
-from capture.station.run.part_sensor import MOST_RECORDED, PartSensor
 from capture.station.run.station_rig import StationRig
-from capture.station.run.triggers import Refused, SensorTrigger, Trigger
+from capture.station.run.triggers import MOST_RECORDED, PartSensor, Refused, SensorTrigger, Trigger
 from rig import RigConfig, Simulation
 from tests.capture.station.stations import Bench, bench, small_set
 

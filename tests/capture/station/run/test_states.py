@@ -1,22 +1,8 @@
-"""The states of a station: one table, in the code and in the README."""
-
-from pathlib import Path
+"""The states of a station: one table of transitions."""
 
 import pytest
 
-from capture.station.run.states import (
-    TRANSITIONS,
-    Change,
-    State,
-    StateMachine,
-    transitions_table,
-)
-
-README = Path(__file__).parents[4] / "capture" / "station" / "README.md"
-
-
-def test_the_readme_has_the_table_of_the_code() -> None:
-    assert transitions_table() in README.read_text(encoding="utf-8")
+from capture.station.run.states import TRANSITIONS, Change, State, StateMachine
 
 
 @pytest.mark.parametrize("change", Change)

@@ -1,0 +1,198 @@
+"""`Limits` of a recipe, and `LimitedMeasures`: the measures of a part that they bound.
+
+To add a measure: its field in `LimitedMeasures`, which is its column in the results, and its row in
+`Limits`. The verdict, the texts of a recipe, forms and pages read the rows.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from classify.base.section import Section
+
+from .verdict import Cause, told_apart
+
+Positive = Annotated[float, Field(gt=0.0, le=1e6)]
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Pixels = Annotated[int, Field(ge=0)]
+Range = tuple[Annotated[float, Field(ge=0.0)], Positive]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LimitedMeasures:
+    """Measures of a part, each with a limit in `Limits`; None for what was not measured."""
+
+    sdq: float | None = None
+    shadow_fraction: float | None = None  # shares of the region
+    unmeasured_fraction: float | None = None
+    albedo: float | None = None
+    scale: float | None = None
+    handedness: float | None = None
+    octaves: float | None = None
+    window: float | None = None
+    seam: float | None = None
+    defect_score: float | None = None
+    unjudged_px: int | None = None
+
+
+@dataclass(frozen=True)
+class LimitRow:
+    """A row of the table: how a limit and its measure are judged and shown."""
+
+    label: str  # of the measure
+    side: Literal["least", "largest", "range"]
+    cause: Cause  # of a value beyond the limit
+    form: str  # format of measure and limit
+    of_teaching: bool = False  # whether teaching measures the limit
+    in_reason: bool = False  # whether the reason of a PASS names the measure
+    measure: str = ""  # the field that it bounds, by default that of its own name
+
+    def bounds(self, limit: float | Range) -> Iterator[tuple[str, float]]:
+        """Yield the bounds of a limit, each with ``at least`` or ``at most``."""
+        least, largest = limit if isinstance(limit, tuple) else (limit, limit)
+        if self.side != "largest":
+            yield "at least", least
+        if self.side != "least":
+            yield "at most", largest
+
+    def within(self, value: float, limit: float | Range) -> str:
+        """Return a measure within its limit, as text."""
+        if isinstance(limit, tuple):
+            low, high = (f"{bound:{self.form}}" for bound in limit)
+            return f"{self.label} {value:{self.form}} within {low} to {high}"
+        return f"{self.label} {value:{self.form}} of {limit:{self.form}}"
+
+
+def beyond(value: float, words: str, bound: float, form: str) -> str | None:
+    """Return a value beyond a bound and the bound, as text; None if it is not beyond."""
+    if value >= bound if words == "at least" else value <= bound:
+        return None
+    shown, limit = told_apart(value, bound, form)
+    return f"{shown}, {words} {limit}"
+
+
+class Limits(Section):
+    """Limits of a part that passes; None sets no limit. Each key has its row."""
+
+    distance: Annotated[
+        Positive | None,
+        LimitRow("distance", "largest", Cause.NO_TEXTURE, ".2f", of_teaching=True),
+    ] = Field(
+        default=None, description="largest distance to the texture, beside the library's limit"
+    )
+    margin: Annotated[
+        Share | None,
+        LimitRow("margin", "least", Cause.UNDECIDED, ".2f"),
+    ] = Field(
+        default=None, description="least margin to the next texture, beside the library's 0.15"
+    )
+    sdq: Annotated[
+        Range | None,
+        LimitRow("Sdq", "range", Cause.ROUGHNESS, ".3f", of_teaching=True, in_reason=True),
+    ] = Field(
+        default=None,
+        strict=False,
+        description="least and largest root mean square slope (ISO 25178-2)",
+    )
+    shadow_fraction: Annotated[
+        Share | None,
+        LimitRow("shadow", "largest", Cause.SHADOW, ".1%", of_teaching=True),
+    ] = Field(default=None, description="largest share of pixels that a light does not reach")
+    unmeasured_fraction: Annotated[
+        Share | None,
+        LimitRow("pixels without a slope", "largest", Cause.CAPTURE, ".1%", of_teaching=True),
+    ] = Field(default=None, description="largest share of pixels without a slope")
+    blur_px: Annotated[
+        Positive | None,
+        LimitRow("blur in px", "largest", Cause.BLUR, ".2f"),
+    ] = Field(default=None, description="largest blur against the taught parts")
+    albedo: Annotated[
+        Range | None,
+        LimitRow("albedo", "range", Cause.ALBEDO, ".3f", of_teaching=True),
+    ] = Field(
+        default=None,
+        strict=False,
+        description="least and largest mean albedo, a share of full scale at the taught exposure",
+    )
+    scale: Annotated[
+        Range | None,
+        LimitRow("scale", "range", Cause.SCALE, ".3f", of_teaching=True),
+    ] = Field(
+        default=None,
+        strict=False,
+        description="least and largest size of the texture against the taught one",
+    )
+    handedness: Annotated[
+        Annotated[float, Field(ge=-10.0, le=10.0)] | None,
+        LimitRow("handedness", "least", Cause.HANDEDNESS, ".2f", of_teaching=True),
+    ] = Field(default=None, description="least handedness: 1 as taught, -1 in a mirror")
+    octaves: Annotated[
+        Positive | None,
+        LimitRow("power in octaves", "largest", Cause.OCTAVES, ".2f"),
+    ] = Field(
+        default=None,
+        description="largest departure of the power in an octave; 1 is the taught limit",
+    )
+    window: Annotated[
+        Positive | None,
+        LimitRow("window score", "largest", Cause.WINDOW, ".2f", in_reason=True),
+    ] = Field(
+        default=None, description="largest score of a window of 32 to 128 px; 1 is the taught limit"
+    )
+    seam: Annotated[
+        Positive | None,
+        LimitRow("seam score", "largest", Cause.SEAM, ".2f", in_reason=True),
+    ] = Field(
+        default=None,
+        description="largest score of the directions in a window; 1 is the taught limit",
+    )
+    defect: Annotated[
+        Positive | None,
+        LimitRow(
+            "defect score", "largest", Cause.DEFECT, ".2f", in_reason=True, measure="defect_score"
+        ),
+    ] = Field(
+        default=None, description="largest score of the defect map; 1 is the taught threshold"
+    )
+    unjudged_px: Annotated[
+        Pixels | None,
+        LimitRow("px without a defect score", "largest", Cause.DEFECT, ".0f", of_teaching=True),
+    ] = Field(default=None, description="largest area without a score in the defect map, in px")
+
+    @model_validator(mode="after")
+    def _ranges_rise(self) -> Self:
+        for name in RANGES:
+            limit = getattr(self, name)
+            if limit is not None and not limit[0] < limit[1]:
+                raise ValueError(f"{name} = {list(limit)}: give the least and the largest value")
+        return self
+
+
+class GeneralLimits(Limits):
+    """Limits of all textures, with the default values of those that a recipe does not set."""
+
+    unmeasured_fraction: Share = 0.05  # teaching takes it from the good parts
+    blur_px: Positive = 1.0  # it removes the finest scale (``classify/texture/blur.py``)
+    octaves: Positive = 1.0
+    window: Positive = 1.0
+    seam: Positive = 1.0
+    defect: Positive = 1.0
+    # Four adjacent cells of the defect map (256 px) without a score are a hole in the surface.
+    unjudged_px: Pixels = 255
+
+
+# Numbers of a match; the library bounds the first two as well.
+_OF_THE_MATCH = ("distance", "margin", "blur_px")
+ROWS = {
+    name: next(row for row in field.metadata if isinstance(row, LimitRow))
+    for name, field in Limits.model_fields.items()
+}
+"""The rows of the table, by the key of the limit."""
+RANGES = tuple(name for name, row in ROWS.items() if row.side == "range")
+"""Limits that have a least and a largest value."""
+MEASURES_OF = {name: row.measure or name for name, row in ROWS.items() if name not in _OF_THE_MATCH}
+"""The field of `LimitedMeasures` that each limit bounds."""
+if sorted(MEASURES_OF.values()) != sorted(field.name for field in fields(LimitedMeasures)):
+    raise TypeError("each field of LimitedMeasures needs one row of Limits")

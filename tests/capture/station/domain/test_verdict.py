@@ -1,0 +1,81 @@
+"""The table of causes: a row is all that a new cause needs. Numbers beside their limits."""
+
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from capture.station.domain import verdict
+from capture.station.domain.verdict import told_apart
+
+TABLE = Path(verdict.__file__)
+LAST_ROW = next(line for line in TABLE.read_text().splitlines() if line.startswith("    WINDOW ="))
+# The verdict, the code for a PLC, the reference and a stored row of a part with the cause.
+NEW_CAUSE = """
+import sys, types
+from capture.station import domain
+module = types.ModuleType("capture.station.domain.verdict")
+sys.modules[module.__name__] = domain.verdict = module
+exec(sys.stdin.read(), vars(module))
+
+from capture.station.domain.recipe import Recipe
+from capture.station.judge.judge import Finding, Measures, verdict_of
+from capture.station.results.part_result import PartResult
+from capture.station.results.part_result import result_of
+from tests.reference.registers import cause_lines
+
+cause = module.Cause.named("weight")
+finding = Finding(cause, "9 g, at least 12 g")
+found = verdict_of(Recipe(name="a", passes=("b",)), Measures(), [finding])
+utc = "2026-11-22T17:08:13.042Z"
+result = PartResult("line", "part-1", 1, "timer", utc, None, utc, found, None, False, "1")
+assert result_of(result.row).verdict == found
+assert "- 52 `weight` FAIL: too light" in cause_lines()
+print(found.decision, found.causes[0].plc_code, found.reason)
+"""
+
+
+def test_a_new_cause_is_a_row_in_one_file() -> None:
+    row = '    WEIGHT = "weight", Decision.FAIL, 52, "too light"'
+    table = TABLE.read_text().replace(LAST_ROW, f"{LAST_ROW}\n{row}")
+    answer = subprocess.run(
+        [sys.executable, "-c", NEW_CAUSE], input=table, text=True, capture_output=True, check=False
+    )
+    assert (answer.stdout, answer.stderr) == ("FAIL 52 9 g, at least 12 g\n", "")
+
+
+@pytest.mark.parametrize(
+    ("row", "fault"),
+    [
+        ('"weight", Decision.FAIL, 51, "too light"', "weight: code 51 is in use"),
+        ('"weight", Decision.FAIL, 19, "too light"', "weight: code 19 of a FAIL"),
+        ('"weight", Decision.PASS, 52, "too light"', "PASS"),
+        ('"weight", Decision.ERROR, 7, "too light"', "ERROR is graver than window"),
+    ],
+)
+def test_a_wrong_row_is_refused_when_the_table_is_defined(row: str, fault: str) -> None:
+    table = TABLE.read_text().replace(LAST_ROW, f"{LAST_ROW}\n    WEIGHT = {row}")
+    with pytest.raises(Exception, match=fault) as raised:  # Python 3.11 wraps errors of an Enum
+        exec(compile(table, str(TABLE), "exec"), {"__name__": "wrong"})
+    assert raised.type in {ValueError, KeyError, RuntimeError}
+
+
+@pytest.mark.parametrize(
+    ("value", "bound", "form", "texts"),
+    [
+        (3.1, 1.0, ".2f", ("3.10", "1.00")),
+        (1.004, 1.0, ".2f", ("1.004", "1.000")),
+        (1.0 + 1e-9, 1.0, ".2f", ("1.000000001", "1.000000000")),
+        (1.0, 1.0, ".2f", ("1.00", "1.00")),
+        (0.05004, 0.05, ".1%", ("5.004%", "5.000%")),
+        (12.04, 12.0, ".1f", ("12.04", "12.00")),
+        (math.inf, 1.0, ".2f", ("inf", "1.00")),
+        (math.nextafter(1e-30, 1.0), 1e-30, ".2f", ("0." + "0" * 17, "0." + "0" * 17)),
+    ],
+)
+def test_a_number_beyond_its_limit_has_the_digits_that_tell_them_apart(
+    value: float, bound: float, form: str, texts: tuple[str, str]
+) -> None:
+    assert told_apart(value, bound, form) == texts
