@@ -63,8 +63,8 @@ def teach(
         return
     for remark in teaching.remarks:
         complain(f"warning: {remark}")
-    for promise in teaching.promises():
-        out.print(promise)
+    for line in (*teaching.promises(), *teaching.least_found()):
+        out.print(line)
     out.print(
         f"{files.file}: version {made.version}, not approved; see {teaching.files.report}, then "
         f"run ps4rig station approve {folder} --recipe {made.name} --by NAME",
