@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -172,6 +172,23 @@ def defect_of(fault: Fault, middle_px: Sequence[float], angle_deg: float) -> Def
     values = {"kind": fault.kind, "size_px": fault.strength, "angle_deg": angle_deg}
     values |= {"x_px": middle_px[0], "y_px": middle_px[1], "contrast": 0.3, "depth_px": 4.0}
     return Defect.model_validate(values)
+
+
+@contextmanager
+def camera_over(material: Path) -> Iterator[Callable[[Placement], CapturedSet]]:
+    """Yield a function that captures a set of a material in a placement."""
+    config = RigConfig().with_changes(
+        camera={"width_px": SIDE_PX, "height_px": SIDE_PX},
+        simulation={"placement": {"surface": str(material)}},
+    )
+    with _surfaces({str(material): load_material(material)}), open_rig(config) as rig:
+
+        def capture(placement: Placement) -> CapturedSet:
+            assert rig.simulation is not None
+            rig.simulation.place(placement.model_copy(update={"surface": str(material)}))
+            return capture_set(rig, label=material.name)
+
+        yield capture
 
 
 @contextmanager
