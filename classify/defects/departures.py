@@ -42,11 +42,12 @@ class Departures:
         statistics, responses = observed(fields, self.gains, orientation_deg)
         departures = np.zeros((DEPARTURES, *fields.valid.shape), np.float32)
 
-        def filters() -> None:
+        def filters() -> FloatMap:
             weights = np.split(1.0 / self.scales, np.cumsum(SIZES)[:-1])
             for each, response, weight in zip(FILTERS, responses, weights, strict=True):
                 out = departures[each.departure]
                 np.maximum(out, response(weight)[: out.shape[0], : out.shape[1]], out=out)
+            return departures
 
         # Most arrays are too small to be shared out among threads themselves.
         values, _ = map_in_threads(lambda work: work(), [statistics, filters])

@@ -70,7 +70,8 @@ class GoodCells:
         blocks = np.split(extended, range(_BLOCK, len(cells), _BLOCK))
         nearest = np.concatenate([np.min(centres @ each.T, axis=0) for each in blocks])
         nearest += np.einsum("nd,nd->n", cells, cells)
-        return np.maximum(nearest, 0.0).reshape(statistics.shape[:2])
+        found: FloatMap = np.maximum(nearest, 0.0).reshape(statistics.shape[:2])
+        return found
 
 
 def power_sums(samples: FloatMap) -> PowerSums:

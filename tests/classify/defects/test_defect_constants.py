@@ -45,7 +45,7 @@ CONSTANTS = {
         "_PRIOR_SPREAD": (0.125, 0.5),
         "_TILE": (4, 16),
         "_TAIL_SHARE": (0.1, 0.4),
-        "_LONGEST_TAIL": (0.2, 0.8),
+        "_LONGEST_TAIL": (0.1, 0.4),
     },
 }
 
