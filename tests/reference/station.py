@@ -2,11 +2,11 @@
 
 from capture.station.domain.config import StationConfig
 from capture.station.domain.recipe import Recipe
-from capture.station.line.registers import registers_page
 from capture.station.run.states import TRANSITIONS, State
 
 from .calls import call_lines, event_lines
 from .keys import sections
+from .registers import registers_page
 
 
 def station_page() -> str:

@@ -11,6 +11,7 @@ from capture.station.domain import verdict
 from capture.station.domain.verdict import told_apart
 
 TABLE = Path(verdict.__file__)
+ROOT = Path(__file__).parents[4]
 LAST_ROW = next(line for line in TABLE.read_text().splitlines() if line.startswith("    WINDOW ="))
 # The verdict, the code for a PLC, the page of registers and a stored row of a part with the cause.
 NEW_CAUSE = """
@@ -23,8 +24,8 @@ exec(sys.stdin.read(), vars(module))
 from capture.station.domain.recipe import Recipe
 from capture.station.judge.judge import Finding, Measures, verdict_of
 from capture.station.line.registers import registers_page
-from capture.station.results.part_result import PartResult
-from capture.station.results.part_result import result_of
+from capture.station.results.part_result import PartResult, result_of
+from tests.reference.registers import registers_page
 
 cause = module.Cause.named("weight")
 finding = Finding(cause, "9 g, at least 12 g")
@@ -41,8 +42,9 @@ def test_a_new_cause_is_a_row_in_one_file() -> None:
     row = '    WEIGHT = "weight", Decision.FAIL, 52, "too light"'
     table = TABLE.read_text().replace(LAST_ROW, f"{LAST_ROW}\n{row}")
     answer = subprocess.run(
-        [sys.executable, "-c", NEW_CAUSE], input=table, text=True, capture_output=True, check=False
-    )
+        [sys.executable, "-c", NEW_CAUSE], input=table, text=True, capture_output=True, check=False,
+        cwd=ROOT,
+    )  # fmt: skip
     assert (answer.stdout, answer.stderr) == ("FAIL 52 9 g, at least 12 g\n", "")
 
 
