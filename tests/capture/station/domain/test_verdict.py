@@ -23,7 +23,6 @@ exec(sys.stdin.read(), vars(module))
 
 from capture.station.domain.recipe import Recipe
 from capture.station.judge.judge import Finding, Measures, verdict_of
-from capture.station.line.registers import registers_page
 from capture.station.results.part_result import PartResult, result_of
 from tests.reference.registers import registers_page
 
