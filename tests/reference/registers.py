@@ -1,4 +1,7 @@
-"""The page of the PLC: registers, bits and codes."""
+"""Registers of the PLC, their bits and codes, as Markdown."""
+
+from collections.abc import Iterable, Mapping
+from enum import IntFlag
 
 from capture.station.domain.verdict import Cause
 from capture.station.line.registers import (
@@ -10,36 +13,32 @@ from capture.station.line.registers import (
     STATION,
     STATUS_MEANINGS,
     VERDICTS,
-    Command,
     Register,
-    Status,
 )
 
 
-def registers_page() -> str:
-    """Return the page of registers as Markdown, for the reference."""
-    lines = ["| register | name | type | | meaning |", "|---|---|---|---|---|"]
-    for direction, registers in (("station to PLC", STATION), ("PLC to station", PLC)):
-        lines += [
-            f"| {_range(register)} | `{register.name}` | {register.type} | {direction} | "
-            f"{register.meaning} |"
-            for register in registers
-        ]
-    lines += ["", "| bit | of `status` | set while |", "|---|---|---|"]
-    lines += [_bit_row(bit, STATUS_MEANINGS[bit]) for bit in Status]
-    lines += ["", "| bit | of `commands` | meaning |", "|---|---|---|"]
-    lines += [_bit_row(bit, COMMAND_MEANINGS[bit]) for bit in Command]
-    lines += ["", "| `error` | the trigger was refused because |", "|---|---|"]
-    lines += [f"| {code:d} | {meaning} |" for code, meaning in ERROR_MEANINGS.items()]
-    lines += ["", "| `select_error` | the recipe was not loaded because |", "|---|---|"]
-    lines += [f"| {code:d} | {meaning} |" for code, meaning in SELECT_ERROR_MEANINGS.items()]
-    lines += ["", "| code of | values |", "|---|---|"]
-    for name, codes in (("verdict", VERDICTS), ("state", STATES)):
-        values = ", ".join(f"{code} {word}" for word, code in codes.items())
-        lines.append(f"| `{name}` | {values} |")
-    lines += ["", "| `cause` | verdict | | the part did not pass because |", "|---|---|---|---|"]
-    lines += [f"| {row.plc_code} | {row.decision} | {row} | {row.meaning} |" for row in Cause]
-    return "\n".join(lines)
+def register_lines() -> list[str]:
+    """Return the registers of both sides, and what their bits and codes mean."""
+    return [
+        *_registers("Written by the station", STATION),
+        *_registers("Written by the PLC", PLC),
+        *_bits("status", STATUS_MEANINGS),
+        *_bits("commands", COMMAND_MEANINGS),
+        *_codes("error", ERROR_MEANINGS),
+        *_codes("select_error", SELECT_ERROR_MEANINGS),
+        *_codes("verdict", {code: str(word) for word, code in VERDICTS.items()}),
+        *_codes("state", {code: str(word) for word, code in STATES.items()}),
+    ]
+
+
+def cause_lines() -> list[str]:
+    """Return a line for each cause: the code for a PLC, the name, the verdict, the meaning."""
+    return [f"- {row.plc_code} `{row}` {row.decision}: {row.meaning}" for row in Cause]
+
+
+def _registers(title: str, registers: Iterable[Register]) -> list[str]:
+    lines = [f"- {_range(each)} `{each.name}` {each.type}: {each.meaning}" for each in registers]
+    return ["", f"{title}:", "", *lines]
 
 
 def _range(register: Register) -> str:
@@ -47,6 +46,18 @@ def _range(register: Register) -> str:
     return f"{first}" if first == last else f"{first}-{last}"
 
 
-def _bit_row(bit: Status | Command, meaning: str) -> str:
-    name = "".join(word.capitalize() for word in str(bit.name).split("_"))
-    return f"| {bit.value.bit_length() - 1} | {name} | {meaning} |"
+def _bits(name: str, meanings: Mapping[IntFlag, str]) -> list[str]:
+    numbered = {
+        bit.value.bit_length() - 1: f"{_camel_case(str(bit.name))}: {meaning}"
+        for bit, meaning in meanings.items()
+    }
+    return _codes(name, numbered, "Bits")
+
+
+def _camel_case(name: str) -> str:
+    return "".join(word.capitalize() for word in name.split("_"))
+
+
+def _codes(name: str, meanings: Mapping[int, str], kind: str = "Codes") -> list[str]:
+    lines = [f"- {code:d} {meaning}" for code, meaning in meanings.items()]
+    return ["", f"{kind} of `{name}`:", "", *lines]

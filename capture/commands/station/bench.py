@@ -46,4 +46,4 @@ def bench(
         )
         return
     for line in report.lines():
-        out.print(line, soft_wrap=True)
+        out.print(line)

@@ -90,6 +90,6 @@ def challenge(
         met = len(replay.parts) - len(replay.regressions)
         out.print(f"{name}: {met} of {len(replay.parts)} parts got the verdict that they must get")
         for line in faults.lines():
-            out.print(line, soft_wrap=True)
+            out.print(line)
     if not passed:
         raise typer.Exit(1)

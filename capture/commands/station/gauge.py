@@ -89,7 +89,7 @@ def gauge(
         print_json(report.model_dump(mode="json"))
     else:
         for line in (*report.lines, *study.wrong()):
-            out.print(line, soft_wrap=True)
+            out.print(line)
     if study.rating != "acceptable":
         raise typer.Exit(1)
 

@@ -106,7 +106,7 @@ def override(
         if entry is None:
             raise InputError(f"part {part[:100]}: station {store.station} has no result of it")
         override_part(store, log, who, entry, decision=verdict, by=by, reason=reason)
-    out.print(f"{part}: {verdict}, by {by}: {reason}", soft_wrap=True)
+    out.print(f"{part}: {verdict}, by {by}: {reason}")
 
 
 def _results_of(folder: Path) -> ResultStore:
@@ -118,14 +118,13 @@ def _results_of(folder: Path) -> ResultStore:
 
 
 def _show(station: str, counters: Counters, include_simulated: bool) -> None:
-    out.print(f"{station}: {_words(counters.production)}", soft_wrap=True)
+    out.print(f"{station}: {_words(counters.production)}")
     simulated = counters.simulated
     if include_simulated:
-        out.print(f"{station}, SIMULATED: {_words(simulated)}", soft_wrap=True)
+        out.print(f"{station}, SIMULATED: {_words(simulated)}")
     elif simulated.parts:
         out.print(
             f"parts of a simulated rig, left out: {simulated.parts} (--include-simulated)",
-            soft_wrap=True,
         )
 
 

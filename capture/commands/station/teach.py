@@ -63,12 +63,11 @@ def teach(
         return
     for remark in teaching.remarks:
         complain(f"warning: {remark}")
-    for promise in teaching.promises():
-        out.print(promise, soft_wrap=True)
+    for line in (*teaching.promises(), *teaching.least_found()):
+        out.print(line)
     out.print(
         f"{files.file}: version {made.version}, not approved; see {teaching.files.report}, then "
         f"run ps4rig station approve {folder} --recipe {made.name} --by NAME",
-        soft_wrap=True,
     )
 
 
@@ -112,7 +111,7 @@ def roll_back(
         if sha256 is not None:
             named = [state.sha256 for state in states if _begins(state.sha256, sha256)]
             back = changes.roll_back(named[0] if len(named) == 1 else sha256)
-            out.print(f"recipe {back.name}: {with_approval(back)}", soft_wrap=True)
+            out.print(f"recipe {back.name}: {with_approval(back)}")
             return
     table = new_table("version", "hash", "approved by", "approved", "")
     for state in states:

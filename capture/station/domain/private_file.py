@@ -13,7 +13,7 @@ from capture.base.folder_lock import file_lock
 from classify.base.durable_file import durable_file
 from classify.base.errors import InputError
 from classify.base.regular_file import read_regular_file
-from rig.config.toml_file import validated
+from classify.base.toml_file import validated
 
 # A thousand users or clients have 200 kB.
 _MAX_BYTES = 1 << 20

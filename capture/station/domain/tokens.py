@@ -10,7 +10,7 @@ from capture.base.utc_time import utc_text
 from capture.session.plan import Name
 from classify.base.errors import InputError
 from classify.base.section import Section
-from rig.config.toml_file import validated
+from classify.base.toml_file import validated
 
 from .private_file import PrivateFile
 from .roles import Role, require_name

@@ -147,6 +147,10 @@ class Inspector:
         """Return an inspector of the same recipe for sets of another calibration."""
         return Inspector(self.recipe, self._taught, self._library, self._models, calibration)
 
+    def has_direction(self, texture: str) -> bool:
+        """Whether pieces of a texture that lie otherwise can be found."""
+        return self._models[texture].pieces.has_direction
+
     def begin(self, unchecked: CapturedSet) -> None:
         """Start to judge images in another thread while they are checked; return at once.
 

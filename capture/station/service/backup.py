@@ -17,7 +17,7 @@ from capture.station.domain.config import CONFIG, SIM, StationConfig
 from capture.station.domain.folder import PARTS, RECIPES, StationFolder
 from capture.station.results.snapshot import ResultsSnapshot, copy_results
 from capture.station.run.retention import inside_parts, sets_stay
-from classify.base.durable_file import durable_file, locked_temporary, require_folder
+from classify.base.durable_file import durable_file, require_folder, temporary_path
 from classify.base.errors import InputError
 from classify.base.regular_file import open_regular_file
 
@@ -100,7 +100,7 @@ def prepared_backup(folder: Path, path: Path) -> Iterator[Backup]:
     with (
         sets_stay(folder),
         # The copy lies beside the backup, whose disk needs the space in any case.
-        locked_temporary(path.absolute().parent, path) as copy,
+        temporary_path(path.absolute().parent, path) as copy,
     ):
         snapshot, database = ResultsSnapshot(0, ()), None
         if "://" in results:

@@ -11,7 +11,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from capture.station.domain.folder import StationFolder
-from classify.base.durable_file import locked_temporary, sync
+from classify.base.durable_file import sync, temporary_path
 from classify.base.errors import InputError
 from classify.base.regular_file import open_regular_file
 
@@ -47,7 +47,7 @@ class OpenBackup:
             raise InputError(
                 f"{folder}: {free / 1e6:.0f} MB free, {needed / 1e6:.0f} MB needed; make room"
             )
-        with locked_temporary(folder.parent, folder, is_folder=True) as temporary:
+        with temporary_path(folder.parent, folder, is_folder=True) as temporary:
             for file in self.manifest.files:
                 self._extract(file, temporary)
                 yield file.path

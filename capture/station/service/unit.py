@@ -11,7 +11,7 @@ from capture.station.domain.config import StationConfig
 from capture.station.domain.folder import StationFolder
 from classify.base.errors import InputError
 from rig import RigConfig
-from rig.cameras.config import DeviceCameraConfig
+from rig.cameras.kinds import CAMERA_KINDS
 from rig.config.lights import AUTO
 
 USER = "ps4rig"
@@ -160,10 +160,8 @@ def _devices(rig: RigConfig) -> tuple[list[str], list[str]]:
         named = re.fullmatch(r"/dev/(tty[A-Za-z]+)\d+", os.path.realpath(port))
         devices += [f"char-{kind}" for kind in ([named[1]] if named else _SERIAL)]
         groups.append("dialout")
-    if isinstance(rig.camera, DeviceCameraConfig):
-        devices.append("char-video4linux")
-        groups.append("video")
-    return devices, groups
+    kind = CAMERA_KINDS[rig.camera.kind]
+    return [*devices, *kind.device_classes], [*groups, *kind.groups]
 
 
 def _lies_in(folder: Path, hidden: tuple[str, ...]) -> bool:
