@@ -17,8 +17,6 @@ WARN_LED_LEVEL = 0.9
 # Subgroups of 4 or 5 and 20 to 25 of them for the limits are customary since Shewhart (1931).
 GROUP, BASELINE_POINTS = 5, 20
 """Number of parts of one point, and of points of the baseline."""
-BASELINE_PARTS = GROUP * BASELINE_POINTS
-"""Number of parts of the baseline."""
 # The mean range of two normal values is 1.128 standard deviations (ISO 7870-2, d2).
 _RANGE_OF_TWO = 1.128
 # Least standard deviation as a share of the mean, for values that hardly vary, as in a simulation.

@@ -22,8 +22,7 @@ exec(sys.stdin.read(), vars(module))
 
 from capture.station.domain.recipe import Recipe
 from capture.station.judge.judge import Finding, Measures, verdict_of
-from capture.station.results.part_result import PartResult
-from capture.station.results.part_result import result_of
+from capture.station.results.part_result import PartResult, result_of
 from tests.reference.registers import cause_lines
 
 cause = module.Cause.named("weight")

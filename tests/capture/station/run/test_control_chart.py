@@ -9,7 +9,8 @@ from capture.station.domain.verdict import Decision, Verdict
 from capture.station.results.part_result import PartResult
 from capture.station.results.statistics import ChartedPart
 from capture.station.run.control_chart import (
-    BASELINE_PARTS,
+    BASELINE_POINTS,
+    GROUP,
     Baseline,
     ControlChart,
     baseline_of,
@@ -23,6 +24,8 @@ from capture.station.run.events import (
     Warned,
 )
 from tests.capture.station.results.many import many
+
+BASELINE_PARTS = GROUP * BASELINE_POINTS
 
 LEDS = ("LED 0", "LED 90", "LED 180", "LED 270")
 UNIT = Baseline(0.0, 1.0)
