@@ -44,6 +44,8 @@ _TAUGHT = 25
 _RANGE, _STEPS = 2.0, 3
 # More places, where the strengths that they need differ much.
 _MORE = 4
+# Of a darker stain too many pixels are black, and have no slope.
+_DARKEST = 0.85
 # Most that a stated strength may be off.
 _TOLERANCE = 0.15
 
@@ -60,7 +62,7 @@ def measured(
     limit = inspector.recipe.limits_for(texture).defect or 1.0
     defect = KnownDefect(stated.kind, stated.size_px)
     middle = stated.strength or stated.strongest
-    strongest = min(middle * _RANGE, 1.0) if stated.is_stain else middle * _RANGE
+    strongest = min(middle * _RANGE, _DARKEST) if stated.is_stain else middle * _RANGE
     found: list[float] = []
     while len(found) < places or (len(found) < _MORE * places and not is_precise(found)):
         here = places_for((SIDE_PX, SIDE_PX), defect, draw)
