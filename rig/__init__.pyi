@@ -1,10 +1,5 @@
-from .cameras.camera import (
-    Camera,
-    CameraInfo,
-    Frame,
-    FrameFlag,
-)
-from .cameras.v4l2.camera_list import ListedCamera, list_cameras
+from .cameras.camera import Camera, CameraInfo, Frame, FrameFlag, ListedCamera
+from .cameras.kinds import list_cameras
 from .config.defect import Defect
 from .config.fault_plan import FaultPlan
 from .config.rig import RigConfig, load_config

@@ -2,11 +2,8 @@
 
 from dataclasses import dataclass
 
-from classify.base.errors import InputError, Ps4rigError
-
-
-class ConfigError(InputError):
-    """A configuration or plan that cannot be used; the message names file and field."""
+from classify.base.errors import ConfigError as ConfigError
+from classify.base.errors import Ps4rigError
 
 
 class HardwareError(Ps4rigError):

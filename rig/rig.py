@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Self
 
 from classify import Lighting
+from classify.base.errors import ConfigError
 from firmware_sim import Clock, RealClock
 
 from .cameras.camera import Camera
-from .cameras.config import OpencvCameraConfig, V4l2CameraConfig
+from .cameras.kinds import CAMERA_KINDS
 from .config.lights import AUTO
 from .config.rig import RigConfig, config_of
-from .errors import ConfigError
 from .lights.discovery import (
     find_controller,
     known_port,
@@ -170,15 +170,9 @@ def _whereabouts(port: str, simulation: Simulation | None) -> Whereabouts:
 
 def open_camera(config: RigConfig, simulation: Simulation | None) -> Camera:
     """Open the camera of a rig."""
-    if isinstance(config.camera, V4l2CameraConfig):
-        # Imported here, so that a simulated rig opens without it.
-        from .cameras.v4l2.camera import V4l2Camera
-
-        return V4l2Camera(config.camera)
-    if isinstance(config.camera, OpencvCameraConfig):
-        from .cameras.opencv import OpencvCamera
-
-        return OpencvCamera(config.camera)
+    opener = CAMERA_KINDS[config.camera.kind].opener
+    if opener is not None:
+        return opener(config.camera)
     if simulation is None:
         raise ConfigError(
             f"camera.kind = {config.camera.kind!r} cannot see the LEDs at {config.lights.port}; a "

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.errors import ConfigError
 from rig import Frame, Rig
 from rig.cameras.camera import EXPOSURE_LAG_FRAMES, Pixels
-from rig.errors import CameraError, ConfigError
+from rig.errors import CameraError
 from rig.fresh_frame import SPARE_S, FrameKind, fresh_frame, kind_of, next_fresh_frame, switch_to
 from rig.signals import signals_held_back
 

@@ -32,6 +32,7 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters["number"] = number_text
+    environment.filters["percent"] = "{:.1%}".format
     environment.globals["version"] = version("ps4rig")
     return environment
 

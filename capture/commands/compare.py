@@ -62,7 +62,7 @@ def compare(
         print_json(comparison.as_json())
         return
     _print(comparison)
-    out.print(f"{page}: maps side by side", soft_wrap=True)
+    out.print(f"{page}: maps side by side")
 
 
 def _print(comparison: Comparison) -> None:
@@ -82,6 +82,5 @@ def _print(comparison: Comparison) -> None:
         out.print("the part was moved, or another one: pixels do not belong together")
     for field in comparison.fields:
         out.print(
-            f"{field.field}: {field.first} -> {field.second}",
-            soft_wrap=True, markup=False,
+            f"{field.field}: {field.first} -> {field.second}", markup=False,
         )  # fmt: skip

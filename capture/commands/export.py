@@ -81,9 +81,9 @@ def export(
         print_json(answer)
         return
     unit = f", lengths in {answer['unit']}" if "unit" in answer else ""
-    out.print(f"{output}: written{unit}", soft_wrap=True)
+    out.print(f"{output}: written{unit}")
     if options_back := answer.get("import_options"):
-        out.print(f"back again: ps4rig import {options_back} OUT.ome.tif", soft_wrap=True)
+        out.print(f"back again: ps4rig import {options_back} OUT.ome.tif")
 
 
 def _write_height(loaded: LoadedSet, output: Path) -> str:

@@ -81,13 +81,14 @@ def capture(
     if calibration is None and config.calibration is not None and not target:
         calibration = Path(config.calibration)
     known = None if calibration is None else read_calibration(calibration)
-    replayed = [Path(config.camera.set_file)] if config.camera.kind == "replay" else []
+    recording = config.camera.recording
+    recordings = [] if recording is None else [recording]
     orientations_deg: list[float] | list[None] = rotate or [None]
     paths = _numbered(output, len(orientations_deg) * count, replace=force)
     for path in paths:
-        check_output(path, suffix=SUFFIX, inputs=replayed, force=force)
+        check_output(path, suffix=SUFFIX, inputs=recordings, force=force)
     simulated_only = (surface, rotate, slant, shift_px, defect, seed, bits, size)
-    has_surface = config.is_simulated and config.camera.kind == "simulated"
+    has_surface = config.is_simulated and recording is None
     if not has_surface and any(value is not None for value in simulated_only):
         raise ConfigError(
             f"{rig}: not a simulated rig; leave out the options under "
@@ -126,7 +127,7 @@ def capture(
             if not json:
                 note = " (simulated)" if captured.metadata.simulated else ""
                 lights = f"{len(captured.images)} lights in {_duration(captured)}"
-                out.print(f"{path}: {lights}{note}", soft_wrap=True)
+                out.print(f"{path}: {lights}{note}")
     if json:
         print_json(answer)
 
@@ -298,7 +299,7 @@ def import_(
         print_json({"set": str(output), **counts, **fields})
     else:
         response = f"response {metadata.gamma} ({metadata.gamma_source})"
-        out.print(f"{output}: {len(images)} lights, {response}", soft_wrap=True)
+        out.print(f"{output}: {len(images)} lights, {response}")
 
 
 def _crop(text: str) -> Crop:

@@ -95,14 +95,14 @@ def solve(
                 note = " (of a simulated set)" if surface.simulated else ""
                 if surface.lights > SHOWN_LIGHTS:
                     note += f", the page shows {SHOWN_LIGHTS} of {surface.lights} light images"
-                out.print(f"{folder}: {len(surface.files)} files{note}", soft_wrap=True)
+                out.print(f"{folder}: {len(surface.files)} files{note}")
                 out.print(
                     f"valid {surface.valid:.1%}, saturated {surface.saturated:.1%}, "
                     f"in shadow of a light {surface.shadowed:.1%} of the pixels"
                 )
                 for describe in (_residual_note, _levels_note, _fall_off_note):
                     if text := describe(surface):
-                        out.print(text, soft_wrap=True)
+                        out.print(text)
     warn_of_sets(warnings)
     if json:
         # The answer for one set that is given as a file is an object, not a list.

@@ -48,4 +48,4 @@ def reproduce(
     from capture.chapter.run import reproduce as run
 
     page = run(plan_of(quick, material_textures(materials)), output, workers, scheduler)
-    out.print(f"{page}: every figure and table (simulated)", soft_wrap=True)
+    out.print(f"{page}: every figure and table (simulated)")

@@ -98,7 +98,7 @@ def train(
         note = " (simulated)" if trained.simulated else ""
         counts = f"classes {len(classes)}, sets {len(paths)}"
         solver = f"solved by {trained.method} as planar parts"
-        out.print(f"{library}: {counts}, {solver}{note}", soft_wrap=True)
+        out.print(f"{library}: {counts}, {solver}{note}")
 
 
 @reported
@@ -213,7 +213,6 @@ def _print_taught(result: Evaluation) -> None:
         f"{result.unknown} unknown; orientation error {_degrees(errors.median, 2)} in the median, "
         f"{_degrees(errors.p95, 2)} at 95 %; heading found for {result.headings}, "
         f"{result.reversed} of them reversed{_blur(result.blur_px)}",
-        soft_wrap=True,
     )
 
 
@@ -228,7 +227,6 @@ def _print_untaught(result: Evaluation) -> None:
     out.print(
         f"textures not taught: {rejected} of {rejected + accepted} sets rightly unknown, "
         f"{accepted} wrongly accepted",
-        soft_wrap=True,
     )
 
 

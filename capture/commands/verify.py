@@ -55,9 +55,9 @@ def verify(
         )
     else:
         for finding in wrong:
-            out.print(f"{finding.path}: {finding.state}: {finding.said}", soft_wrap=True)
+            out.print(f"{finding.path}: {finding.state}: {finding.said}")
         counts = Counter(finding.state for finding in findings)
         summary = ", ".join(f"{count} {state}" for state, count in sorted(counts.items()))
-        out.print(f"{len(paths)} files: {summary}", soft_wrap=True)
+        out.print(f"{len(paths)} files: {summary}")
     if wrong:
         raise typer.Exit(1)

@@ -74,7 +74,9 @@ def cells_of(trial: Trial) -> tuple[str, ...]:
 def _tiles(entry: ReportEntry) -> dict[str, str]:
     maps = {
         **pictures.light_images(entry.captured, 4),
-        "lights in shadow": pictures.shadow_map(entry.surface),
+        "lights in shadow": pictures.coloured(
+            entry.surface.shadow_count, pictures.shadow_colours()
+        ),
         "albedo": pictures.grey(entry.surface.albedo),
         "relief": pictures.shaded(entry.surface.normals),
         "normals": pictures.normal_map(entry.surface.normals),

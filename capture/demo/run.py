@@ -77,7 +77,6 @@ def run_demo(output: Path, *, force: bool = False) -> None:
     out.print(
         f"{result.correct} of {result.sets} right. Simulated rig. "
         f"Report: {report}, sets: {sets_folder}",
-        soft_wrap=True,
     )
 
 

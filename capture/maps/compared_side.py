@@ -13,13 +13,15 @@ import numpy.typing as npt
 from capture.sets.captured_set import CapturedSet
 from capture.sets.loaded_set import LoadedSet, named
 from capture.sets.ome_tiff import SUFFIX
-from classify import SurfaceEstimate, integrate_gradients
+from classify import SurfaceEstimate
 from classify.base.errors import InputError
 
+from .map_kinds import MAP_KINDS
 from .map_tiff import read_description, read_map
+from .surface_maps import SurfaceMaps
+from .views import MapKind, unit_text
 
 _Maps = dict[str, tuple[npt.NDArray[np.float32], str]]  # with the unit of each
-_MAPS = ("p", "q", "albedo", "height", "residual")
 # Fields of a setting that say which rig it is; the others are settings.
 _OF_THE_RIG = ("rig_name", "camera", "light_directions", "led_levels_percent")
 
@@ -51,16 +53,15 @@ def side_of(path: Path, calibration: Path | None = None, *, raw: bool = False) -
 def _set(path: Path, loaded: LoadedSet) -> Side:
     captured, known = loaded.captured, loaded.calibration
     surface = loaded.solve()
-    scale = None if known is None or known.scale is None else known.scale.mm_per_px
-    height = integrate_gradients(surface.p, surface.q)
-    height *= 1.0 if scale is None else scale
-    maps: _Maps = {
-        "p": (surface.p, ""),
-        "q": (surface.q, ""),
-        "albedo": (surface.albedo, "of full scale"),
-        "height": (height, "px, relative" if scale is None else "mm"),
-        "residual": (surface.residual, "of full scale"),
-    }
+    mm_per_px = None if known is None or known.scale is None else known.scale.mm_per_px
+    solved = SurfaceMaps(surface, mm_per_px=mm_per_px)
+    maps: _Maps = {}
+    for name, kind in _compared().items():
+        described = kind.description(solved)
+        maps[name] = (
+            solved.values(kind),
+            unit_text(described["unit"], relative=described.get("relative", False)),
+        )
     facts = _facts_of_set(captured)
     if loaded.found is not None:
         records = loaded.found.file.records
@@ -74,7 +75,7 @@ def _set(path: Path, loaded: LoadedSet) -> Side:
         path,
         surface,
         texture,
-        _known(maps, surface.valid),
+        maps,
         facts,
         metadata.simulated,
         metadata.orientation_deg,
@@ -116,7 +117,7 @@ def _folder(folder: Path) -> Side:
     description = read_description(folder / "p.tif")
     maps: _Maps = {}
     valid = read_map(folder / "valid.tif")[0] > 0
-    for name in _MAPS:
+    for name in _compared():
         path = folder / f"{name}.tif"
         values, described = read_map(path)
         if values.shape != valid.shape or valid.ndim != 2:
@@ -126,11 +127,12 @@ def _folder(folder: Path) -> Side:
             )
         if not np.isfinite(values[valid]).all():
             raise InputError(f"{path}: not finite where valid.tif is not 0; solve again")
-        unit = str(described.get("unit", ""))
-        relative = ", relative" if described.get("relative") else ""
-        words = {"1": "", "full scale": "of full scale"}.get(unit, unit + relative)
-        maps[name] = values.astype(np.float32, copy=False), words
-    p, q, albedo = (np.where(valid, maps[name][0], np.float32(0.0)) for name in _MAPS[:3])
+        unit = unit_text(str(described.get("unit", "")), relative=bool(described.get("relative")))
+        nan = np.float32(np.nan)
+        maps[name] = np.where(valid, values, nan).astype(np.float32, copy=False), unit
+    p, q, albedo = (
+        np.where(valid, maps[name][0], np.float32(0.0)) for name in ("p", "q", "albedo")
+    )
     surface = SurfaceEstimate(
         p=p, q=q, albedo=albedo, valid=valid,
         method=str(description.get("method", "")), planar=bool(description.get("planar")),
@@ -148,11 +150,8 @@ def _folder(folder: Path) -> Side:
         },
         "software": {"version": description.get("software_version")},
     }  # fmt: skip
-    known = _known(maps, valid)
-    return Side(folder, surface, surface, known, facts, bool(description.get("simulated")), None)
+    return Side(folder, surface, surface, maps, facts, bool(description.get("simulated")), None)
 
 
-def _known(maps: _Maps, valid: npt.NDArray[np.bool_]) -> _Maps:
-    """The maps, NaN where no slope is known."""
-    nan = np.float32(np.nan)
-    return {name: (np.where(valid, values, nan), unit) for name, (values, unit) in maps.items()}
+def _compared() -> dict[str, MapKind]:
+    return {name: kind for name, kind in MAP_KINDS.items() if kind.is_compared}

@@ -12,10 +12,9 @@ from capture.base.page import number_text, rendered
 
 from . import pictures
 from .comparison import Comparison
+from .map_kinds import MAP_KINDS
 from .pictures import ColourScale
-from .views import MapView
-
-_SIGNED = ("p", "q", "height")
+from .views import MapView, signed
 
 
 def comparison_page(comparison: Comparison) -> str:
@@ -53,7 +52,7 @@ def _views(comparison: Comparison) -> Iterator[MapView | None]:
     for name in comparison.first.maps:
         sides = (("A", comparison.first), ("B", comparison.second))
         values_of_sides = [pictures.reduced(side.maps[name][0]) for _, side in sides]
-        scale_of = ColourScale.signed if name in _SIGNED else ColourScale.grey
+        scale_of = ColourScale.signed if MAP_KINDS[name].show is signed else ColourScale.grey
         one_scale = scale_of(np.concatenate([values.ravel() for values in values_of_sides]))
         have_one_unit = len({side.maps[name][1] for _, side in sides}) == 1
         for (letter, side), values in zip(sides, values_of_sides, strict=True):

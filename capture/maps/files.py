@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from capture.base.outputs import is_input
 from capture.calibration.lookup import FoundCalibration
@@ -15,21 +14,20 @@ from capture.sets.captured_set import CapturedSet
 from classify import Lighting, SurfaceEstimate
 from classify.base.durable_folder import durable_folder
 from classify.base.errors import InputError
-from classify.shadow_rule import NO_DROPPED_LIGHT
-from classify.surface.estimate import FloatMap
 
 from . import pictures
+from .map_kinds import MAP_KINDS, map_views
 from .map_tiff import write_channels, write_values
 from .page import map_page
+from .pictures import Picture
 from .roughness_table import roughness_note, roughness_parameters
 from .surface_maps import RELIT_LIGHT, SurfaceMaps
-from .views import map_views
+from .views import MapKind, MapView, mask_picture
 
 # preview.png shows the first maps of each section of the page, in rows of four.
 _PREVIEW_ROW = 4
 _PREVIEW_TILES = 16
-_PAGE = "index.html"
-_INSIDE = np.uint8(255)  # of a mask
+_PAGE, _PREVIEW = "index.html", "preview.png"
 
 
 def write_maps(
@@ -48,7 +46,7 @@ def write_maps(
     Maps in `folder` are replaced as a whole, but none of `inputs` is; `raw_residual` is the
     `residual_share` without the calibration.
     """
-    maps, lights = SurfaceMaps.of(surface, light, mm_per_px), len(captured.lighting)
+    maps = SurfaceMaps(surface, light, mm_per_px)
     origin = {
         "method": surface.method,
         "planar": surface.planar,
@@ -60,17 +58,7 @@ def write_maps(
         "pixels_sha256": captured.metadata.pixels_sha256,
         "software_version": version("ps4rig"),
     }
-    tiffs, masks = _measured_maps(maps), _masks(surface, lights)
     views = map_views(captured, maps)
-    tiles = [view for section in views.values() for view in section[:_PREVIEW_ROW]]
-    preview = {view.title: view.picture for view in tiles[:_PREVIEW_TILES]}
-    pngs = {
-        "shadow": pictures.shadow_map(surface),
-        "dropped": pictures.dropped_map(surface, lights),
-        "specular": masks["specular"][0],
-        "valid": masks["valid"][0],
-        "preview": pictures.contact_sheet(preview),
-    }
     roughness = {
         "valid_pixels": int(np.count_nonzero(surface.valid)),
         "note": roughness_note(mm_per_px),
@@ -80,55 +68,37 @@ def write_maps(
         "roughness.json": json.dumps(origin | roughness, indent=2, allow_nan=False),
         _PAGE: map_page(captured, maps, views, calibration, raw_residual),
     }
-    tiff_names = [f"{name}.tif" for name in (*tiffs, "normals", *masks)]
-    names = [*tiff_names, *(f"{name}.png" for name in pngs), *texts]
+    tiffs = [kind for kind in MAP_KINDS.values() if kind.is_written]
+    masks = [kind for kind in tiffs if kind.is_mask]
+    names = [f"{kind.name}.tif" for kind in tiffs] + [f"{kind.name}.png" for kind in masks]
+    names += [_PREVIEW, *texts]
     for path in (folder / name for name in names):
         if is_input(path, inputs):
             raise InputError(f"{path}: is an input of this command; choose another folder")
     with durable_folder(folder, names, first=_PAGE) as temporary:
-        for name, (values, description) in tiffs.items():
-            path = temporary / f"{name}.tif"
-            write_values(path, maps.known(values), origin | description, mm_per_px)
-        write_channels(
-            temporary / "normals.tif",
-            np.moveaxis(maps.known(maps.normals), 2, 0),
-            ("x", "y", "z"),
-            (-1.0, 1.0),
-            origin | {"unit": "1"},
-            mm_per_px,
-        )
-        for name, (levels, top) in masks.items():
-            write_channels(temporary / f"{name}.tif", levels, (name,), (0, top), origin, mm_per_px)
-        for name, picture in pngs.items():
-            (temporary / f"{name}.png").write_bytes(pictures.png_bytes(picture))
+        for kind in tiffs:
+            _write_map(temporary / f"{kind.name}.tif", kind, maps, origin)
+        for kind in masks:
+            png = pictures.png_bytes(mask_picture(kind, maps))
+            (temporary / f"{kind.name}.png").write_bytes(png)
+        (temporary / _PREVIEW).write_bytes(pictures.png_bytes(_preview(views)))
         for name, text in texts.items():
             (temporary / name).write_text(text, encoding="utf-8")
     return [folder / name for name in names]
 
 
-def _measured_maps(maps: SurfaceMaps) -> dict[str, tuple[FloatMap, dict[str, Any]]]:
-    """The maps of one float32 value a pixel, each with its unit."""
-    surface, unit, light = maps.surface, maps.length_unit, maps.light
-    length = {"unit": unit, "relative": maps.mm_per_px is None}
-    relit_by = {"tilt_deg": light.tilts_deg[0], "slant_deg": light.slants_deg[0]}
-    return {
-        "p": (surface.p, {"unit": "1"}),
-        "q": (surface.q, {"unit": "1"}),
-        "albedo": (surface.albedo, {"unit": "full scale"}),
-        "height": (maps.height, length),
-        "raised": (maps.raised, length),
-        "mean_curvature": (maps.mean_curvature, {"unit": f"1/{unit}"}),
-        "gaussian_curvature": (maps.gaussian_curvature, {"unit": f"1/{unit}^2"}),
-        "relit": (maps.relit, {"unit": "full scale", "light": relit_by}),
-        "residual": (surface.residual, {"unit": "full scale"}),
-    }
+def _preview(views: dict[str, list[MapView]]) -> Picture:
+    tiles = [view for section in views.values() for view in section[:_PREVIEW_ROW]]
+    return pictures.contact_sheet({view.title: view.picture for view in tiles[:_PREVIEW_TILES]})
 
 
-def _masks(surface: SurfaceEstimate, lights: int) -> dict[str, tuple[npt.NDArray[np.uint8], int]]:
-    """The maps of 8 bits, each with its largest value."""
-    return {
-        "shadow": (surface.shadow_count, lights),
-        "dropped": (surface.dropped, NO_DROPPED_LIGHT),
-        "specular": (surface.specular * _INSIDE, int(_INSIDE)),
-        "valid": (surface.valid * _INSIDE, int(_INSIDE)),
-    }
+def _write_map(path: Path, kind: MapKind, maps: SurfaceMaps, origin: dict[str, Any]) -> None:
+    values, description = maps.values(kind), origin | kind.description(maps)
+    if kind.labels is not None:
+        top = max(kind.labels.names(maps.tilts_deg))
+        write_channels(path, values, (kind.name,), (0, top), description, maps.mm_per_px)
+    elif values.ndim == 3:
+        axes = np.moveaxis(values, 2, 0)
+        write_channels(path, axes, ("x", "y", "z"), (-1.0, 1.0), description, maps.mm_per_px)
+    else:
+        write_values(path, values, description, maps.mm_per_px)

@@ -18,7 +18,7 @@ Layer = tuple[npt.NDArray[Any], dict[str, Any], str]
 Reader = Callable[[str], list[Layer]]
 _RECOGNISED_BY = "p.tif"  # in every folder of maps
 # Pages and maps with two values are label layers; the others are image layers.
-_MASKS = {"mask", "specular", "valid"}
+_MASK_PAGE = "mask"
 _SHOWN_MAP = "albedo"
 
 
@@ -42,7 +42,14 @@ def read_set_layers(path: str) -> list[Layer]:
     pages = [*images] + [page for page in (ambient, mask) if page is not None]
     facts = metadata.model_dump(mode="json")
     return [
-        _layer(name, page, facts, (0, metadata.full_scale), shown=index == 0)
+        _layer(
+            name,
+            page,
+            facts,
+            (0, metadata.full_scale),
+            is_mask=name == _MASK_PAGE,
+            shown=index == 0,
+        )
         for index, (name, page) in enumerate(zip(ome_tiff.page_names(metadata), pages, strict=True))
     ]
 
@@ -53,6 +60,10 @@ def read_map_layers(path: str) -> list[Layer]:
 
 
 def _map_layers(folder: Path) -> Iterator[Layer]:
+    from .map_kinds import MAP_KINDS  # here, since a set is read without a solver
+    from .views import YES_NO
+
+    masks = {name for name, kind in MAP_KINDS.items() if kind.labels is YES_NO}
     for file in sorted(folder.glob("*.tif")):
         try:
             read_description(file)
@@ -62,15 +73,18 @@ def _map_layers(folder: Path) -> Iterator[Layer]:
         channels = values if values.ndim == 3 else values[None]
         names = [file.stem] if values.ndim == 2 else [f"{file.stem} {axis}" for axis in "xyz"]
         for name, channel in zip(names, channels, strict=True):
-            yield _layer(name, channel, description, shown=name == _SHOWN_MAP)
+            yield _layer(
+                name, channel, description, None, is_mask=name in masks, shown=name == _SHOWN_MAP
+            )
 
 
 def _layer(
     name: str,
     values: npt.NDArray[Any],
     description: dict[str, Any],
-    limits: tuple[float, float] | None = None,
+    limits: tuple[float, float] | None,
     *,
+    is_mask: bool,
     shown: bool,
 ) -> Layer:
     arguments: dict[str, Any] = {
@@ -81,7 +95,7 @@ def _layer(
     mm_per_px = description.get("mm_per_px")
     if mm_per_px is not None:
         arguments |= {"scale": (mm_per_px, mm_per_px), "units": ("mm", "mm")}
-    if name in _MASKS:
+    if is_mask:
         return (values > 0).astype("u1"), arguments, "labels"
     if limits is not None:
         arguments["contrast_limits"] = limits

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from capture.sets.captured_set import CapturedSet
-from classify import Lighting, SurfaceEstimate
+from classify import Lighting
 from classify.shadow_rule import NO_DROPPED_LIGHT
 from classify.surface.estimate import FloatMap
 
@@ -25,7 +25,7 @@ _SHADOW_COLOURS = np.array(
 # Colour of NaN. The signed scale lacks it, so that a pixel without a slope does not look flat.
 _INVALID_COLOUR = (200, 200, 200)
 _NO_LIGHT_COLOUR = (235, 235, 235)
-_GREYS = np.repeat(np.arange(256, dtype=np.uint8)[:, None], 3, axis=1)
+GREYS = np.repeat(np.arange(256, dtype=np.uint8)[:, None], 3, axis=1)
 _RELIEF_LIGHT = Lighting.from_angles([135.0], 55.0).directions[0].astype(np.float32)
 _FLAT_GREY = 0.5 + 0.5 * float(_RELIEF_LIGHT[2])
 # Largest contrast: beyond it the noise of a smooth part looks like relief.
@@ -53,7 +53,7 @@ class ColourScale:
     @classmethod
     def grey(cls, values: npt.NDArray[Any], top: float | None = None) -> ColourScale:
         """Make a scale from black at 0 to white at `top`, by default the 99.5th percentile."""
-        return cls(0.0, _limit(values) if top is None else top, _GREYS)
+        return cls(0.0, _limit(values) if top is None else top, GREYS)
 
     @classmethod
     def signed(cls, values: FloatMap) -> ColourScale:
@@ -79,7 +79,7 @@ class ColourScale:
         levels += 0.5 - self.low * per_value
         invalid = np.isnan(levels)
         levels[invalid] = 0.0
-        picture = _coloured(np.clip(levels, 0.0, 255.0, out=levels).astype(np.uint8), self.colours)
+        picture = coloured(np.clip(levels, 0.0, 255.0, out=levels).astype(np.uint8), self.colours)
         picture[invalid] = _INVALID_COLOUR
         return picture
 
@@ -92,7 +92,7 @@ def _limit(values: npt.NDArray[Any]) -> float:
     return float(np.percentile(values, _SCALE_PERCENT)) or float(values.max()) or 1.0
 
 
-def _coloured(levels: npt.NDArray[np.uint8], colours: Picture) -> Picture:
+def coloured(levels: npt.NDArray[np.uint8], colours: Picture) -> Picture:
     """Return the picture of (H, W) indices into (256, 3) colours."""
     picture: Picture = cv2.applyColorMap(levels, colours[:, None, :]).astype(np.uint8, copy=False)
     return picture
@@ -132,19 +132,9 @@ def _shading(normals: FloatMap) -> FloatMap:
     return shading
 
 
-def shadow_map(surface: SurfaceEstimate) -> Picture:
-    """Return the number of lights in shadow: light grey 0, yellow to black 1 to 4 and more."""
-    return _coloured(surface.shadow_count, shadow_colours())
-
-
 def shadow_colours() -> Picture:
     """Return the (256, 3) colours of the numbers of lights in shadow."""
     return _SHADOW_COLOURS[np.minimum(np.arange(256), len(_SHADOW_COLOURS) - 1)]
-
-
-def dropped_map(surface: SurfaceEstimate, lights: int) -> Picture:
-    """Return the dropped light of each pixel: one hue per light, light grey for none."""
-    return _coloured(surface.dropped, dropped_colours(lights))
 
 
 def dropped_colours(lights: int) -> Picture:

@@ -1,23 +1,30 @@
-"""A solved surface with the maps that follow from its gradients."""
+"""A solved surface with what its maps are computed from."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from classify import (
     Lighting,
     Roughness,
     SurfaceEstimate,
     integrate_gradients,
-    local_relief,
-    relight,
     surface_curvature,
     surface_roughness,
 )
 from classify.base.errors import InputError
+from classify.relief.local_height import default_cutoff_px
 from classify.surface.estimate import FloatMap
+
+if TYPE_CHECKING:
+    from classify.relief.curvature import Curvature
+
+    from .views import MapKind
 
 # From the upper left, as viewers expect, and between two lights of the ring.
 RELIT_LIGHT = Lighting.from_angles([135.0], 45.0)
@@ -25,52 +32,72 @@ RELIT_LIGHT = Lighting.from_angles([135.0], 45.0)
 
 @dataclass(frozen=True, eq=False)
 class SurfaceMaps:
-    """The maps that `ps4rig solve` writes and shows: (H, W) float32, lengths in `length_unit`."""
+    """A surface whose maps `ps4rig solve` writes and shows; lengths are in `length_unit`."""
 
     surface: SurfaceEstimate
-    normals: FloatMap  # (H, W, 3), unit length
-    height: FloatMap  # from the gradients alone, zero mean
-    raised: FloatMap  # height above the surroundings, negative if indented
-    mean_curvature: FloatMap  # 1/length
-    gaussian_curvature: FloatMap  # 1/length^2
-    relit: FloatMap  # under the distant `light`, without cast shadow, in units of the albedo
-    light: Lighting
-    roughness: Roughness | None  # None if no pixel is valid
-    mm_per_px: float | None
+    light: Lighting = RELIT_LIGHT  # of the relit map
+    mm_per_px: float | None = None
+    _computed: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if len(self.light) != 1:
+            raise InputError(f"relit under {len(self.light)} lights; give one")
+
+    def values(self, kind: MapKind) -> npt.NDArray[Any]:
+        """(H, W) or (H, W, 3) values of a map; float32 values are NaN where invalid."""
+        if kind.name not in self._computed:
+            self._computed[kind.name] = kind.compute(self)
+        values = self._computed[kind.name]
+        if kind.is_mask:
+            return values
+        valid = self.surface.valid.reshape(self.surface.shape + (1,) * (values.ndim - 2))
+        return np.where(valid, values, np.float32(np.nan)).astype(np.float32, copy=False)
+
+    @cached_property
+    def height(self) -> FloatMap:
+        """Height from the gradients alone, zero mean."""
+        height = integrate_gradients(self.surface.p, self.surface.q)
+        height *= self.length_per_px
+        return height
+
+    @cached_property
+    def curvature(self) -> Curvature:
+        """Mean and Gaussian curvature per pixel."""
+        return surface_curvature(self.surface)
+
+    @cached_property
+    def roughness(self) -> Roughness | None:
+        """Roughness of the height; None if no pixel is valid."""
+        if not self.surface.valid.any():
+            return None
+        return surface_roughness(self.surface, self.height / self.length_per_px)
+
+    @property
+    def tilts_deg(self) -> list[float]:
+        """Tilt of each light."""
+        lighting = self.surface.lighting
+        return [] if lighting is None else lighting.tilts_deg.tolist()
 
     @property
     def length_unit(self) -> str:
         """Unit of height and, inverted, of curvature: mm if the scale is known, else px."""
         return "px" if self.mm_per_px is None else "mm"
 
-    def known(self, values: FloatMap) -> FloatMap:
-        """`values`, (H, W) or (H, W, C), with NaN where the surface is not valid."""
-        valid = self.surface.valid.reshape(self.surface.shape + (1,) * (values.ndim - 2))
-        return np.where(valid, values, np.float32(np.nan)).astype(np.float32, copy=False)
+    @property
+    def length_per_px(self) -> np.float32:
+        """Length units in a pixel."""
+        return np.float32(1.0 if self.mm_per_px is None else self.mm_per_px)
 
-    @classmethod
-    def of(
-        cls,
-        surface: SurfaceEstimate,
-        light: Lighting = RELIT_LIGHT,
-        mm_per_px: float | None = None,
-    ) -> SurfaceMaps:
-        if len(light) != 1:
-            raise InputError(f"relit under {len(light)} lights; give one")
-        height = integrate_gradients(surface.p, surface.q)
-        curvature = surface_curvature(surface)
-        roughness = surface_roughness(surface, height) if surface.valid.any() else None
-        per_px = np.float32(1.0 if mm_per_px is None else mm_per_px)
-        height *= per_px
-        return cls(
-            surface=surface,
-            normals=surface.normals,
-            height=height,
-            raised=local_relief(height, surface.valid),
-            mean_curvature=curvature.mean / per_px,
-            gaussian_curvature=curvature.gaussian / per_px**2,
-            relit=relight(surface, light)[0],
-            light=light,
-            roughness=roughness,
-            mm_per_px=mm_per_px,
-        )
+    @property
+    def words(self) -> dict[str, Any]:
+        """Words of titles, captions and units."""
+        relative = self.mm_per_px is None
+        return {
+            "length": self.length_unit,
+            "relative": " (relative)" if relative else "",
+            "unmeasured": ", not measured" if relative else "",
+            "Height": "Relative height" if relative else "Height",
+            "cutoff_px": default_cutoff_px(self.surface.shape),
+            "tilt_deg": self.light.tilts_deg[0],
+            "slant_deg": self.light.slants_deg[0],
+        }

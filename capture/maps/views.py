@@ -1,18 +1,16 @@
-"""The maps of a surface on the page: picture, colours and caption of each."""
+"""How a map is shown on the page: picture, colours and caption; the kinds of pictures."""
 
-from collections.abc import Sequence
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from capture.sets.captured_set import CapturedSet
-from classify.relief.curvature import CURVATURE_SCALE_PX
-from classify.relief.local_height import default_cutoff_px
 from classify.shadow_rule import NO_DROPPED_LIGHT
-from classify.surface.estimate import FloatMap
 
 from . import pictures
 from .figures import data_uri
@@ -49,142 +47,126 @@ class MapView:
         return bool(max(self.picture.shape[:2]) < _SMALL_PX)
 
 
-def map_views(captured: CapturedSet, maps: SurfaceMaps) -> dict[str, list[MapView]]:
-    """Return the views of a set and its surface by section, in the order of the page."""
-    lights = len(captured.images)
-    part = f" (the first {SHOWN_LIGHTS} of {lights})" if lights > SHOWN_LIGHTS else ""
-    return {
-        f"Light images{part}": [
-            MapView(None, name, "", picture)
-            for name, picture in pictures.light_images(captured, SHOWN_LIGHTS).items()
-        ],
-        "Surface": _surface(maps),
-        "Slopes and height": _relief(maps),
-        "Curvature": _curvature(maps),
-        "Quality": _quality(maps, captured.lighting.tilts_deg),
-    }
+Section = Literal["Surface", "Slopes and height", "Curvature", "Quality"]
 
 
-def _surface(maps: SurfaceMaps) -> list[MapView]:
-    tilt, slant = maps.light.tilts_deg[0], maps.light.slants_deg[0]
-    normals = pictures.reduced(maps.known(maps.normals))
-    return [
-        _grey(
-            "albedo.tif", "albedo", maps.known(maps.surface.albedo), "of full scale",
-            "Share of the light that the surface reflects, without shading.",
-        ),
-        MapView(
-            None, "relief", "The shape alone, lit from the upper left.", pictures.shaded(normals)
-        ),
-        MapView(
-            "normals.tif", "normals",
-            "Unit normals: red to the right, green up, blue to the camera.",
-            pictures.normal_map(normals),
-        ),
-        _grey(
-            "relit.tif", f"relit: tilt {tilt:.0f}, slant {slant:.0f}", maps.known(maps.relit),
-            "of full scale",
-            f"Albedo and shape under a light at tilt {tilt:.0f}°, slant {slant:.0f}°, "
-            "without cast shadows or gloss.",
-        ),
-    ]  # fmt: skip
+@dataclass(frozen=True)
+class Labels:
+    """The values of a mask: their names, and their colours on pictures."""
+
+    names: Callable[[list[float]], dict[int, str]]  # from the tilts of the lights in degrees
+    colours: Callable[[int], Picture] | None = None  # (256, 3) by the number of lights; or grey
+    interpolation: int = cv2.INTER_AREA
 
 
-def _relief(maps: SurfaceMaps) -> list[MapView]:
-    surface, unit = maps.surface, maps.length_unit
-    relative = maps.mm_per_px is None
-    cutoff_px = default_cutoff_px(surface.shape)
-    return [
-        _signed(
-            "p.tif", "p = dz/dx", maps.known(surface.p), "",
-            "Slope to the right: red rises to the right.",
-        ),
-        _signed(
-            "q.tif", "q = dz/dy", maps.known(surface.q), "", "Slope upwards: red rises upwards."
-        ),
-        _signed(
-            "height.tif", "height" + " (relative)" * relative, maps.known(maps.height), unit,
-            "Integrated from p and q, zero mean over the frame" + ", not measured" * relative
-            + ". Errors grow with distance.",
-        ),
-        _signed(
-            "raised.tif", "raised / indented", maps.known(maps.raised), unit,
-            ("Relative height" if relative else "Height")
-            + " above its surroundings: red raised, blue indented. "
-            f"Gaussian filter, cut-off {cutoff_px:.0f} px.",
-        ),
-    ]  # fmt: skip
+@dataclass(frozen=True)
+class MapKind:
+    """One map of ``ps4rig solve``; title, caption and unit may use `SurfaceMaps.words`."""
+
+    name: str
+    section: Section
+    title: str
+    caption: str
+    # (H, W) or (H, W, 3) float32 values; of a mask, (H, W) uint8
+    compute: Callable[[SurfaceMaps], npt.NDArray[Any]]
+    show: Callable[[MapKind, SurfaceMaps], MapView]
+    unit: str = "1"
+    labels: Labels | None = None  # of a mask
+    details: Callable[[SurfaceMaps], dict[str, Any]] | None = None  # further text of the file
+    is_compared: bool = False  # whether `ps4rig compare` compares it
+    is_written: bool = True  # to a file; else there is only a picture
+
+    @property
+    def is_mask(self) -> bool:
+        """Whether it has labels instead of measured values."""
+        return self.labels is not None
+
+    def unit_of(self, maps: SurfaceMaps) -> str:
+        """The unit as in the files."""
+        return self.unit.format_map(maps.words)
+
+    def description(self, maps: SurfaceMaps) -> dict[str, Any]:
+        """Unit and details, for the file."""
+        if self.is_mask:
+            return {}
+        relative = {"relative": maps.mm_per_px is None} if self.unit == LENGTH else {}
+        details = {} if self.details is None else self.details(maps)
+        return {"unit": self.unit_of(maps)} | relative | details
 
 
-def _curvature(maps: SurfaceMaps) -> list[MapView]:
-    unit = maps.length_unit
-    return [
-        _signed(
-            "mean_curvature.tif", "mean curvature", maps.known(maps.mean_curvature), f"1/{unit}",
-            "Red: convex towards the camera (bumps, ridges); blue: concave. "
-            f"Derivatives within a Gaussian of {CURVATURE_SCALE_PX:g} px.",
-        ),
-        _signed(
-            "gaussian_curvature.tif", "Gaussian curvature", maps.known(maps.gaussian_curvature),
-            f"1/{unit}²",
-            "Red: domes and bowls; blue: saddles; white: flat, or curved in one direction only.",
-        ),
-    ]  # fmt: skip
+LENGTH = "{length}"
 
 
-def _quality(maps: SurfaceMaps, tilts_deg: npt.NDArray[np.float64]) -> list[MapView]:
-    surface, lights = maps.surface, len(tilts_deg)
-    shadow_names = {count: f"{count} lights" for count in range(lights + 1)} | {1: "1 light"}
-    light_names = {light: f"light {light}, tilt {tilts_deg[light]:.0f}°" for light in range(lights)}
-    light_names[NO_DROPPED_LIGHT] = "none"
-    return [
-        MapView(
-            "shadow.png", "lights in shadow",
-            "Number of lights that give at most half of the predicted brightness: cast and "
-            "attached shadow. 0 where no slope is known, as on a black backdrop.",
-            pictures.reduced(pictures.shadow_map(surface)),
-            legend=_legend(surface.shadow_count, pictures.shadow_colours(), shadow_names),
-        ),
-        _grey(
-            "residual.tif", "residual", maps.known(surface.residual), "of full scale",
-            "rms difference of the light images from a matt surface: shadow, gloss, noise.",
-        ),
-        MapView(
-            "dropped.png", "dropped light", "The light that the solution leaves out.",
-            pictures.reduced(pictures.dropped_map(surface, lights), cv2.INTER_NEAREST),
-            legend=_legend(surface.dropped, pictures.dropped_colours(lights), light_names),
-        ),
-        _mask(
-            "specular.png", "gloss", surface.specular,
-            "Brighter by half under one light than a matt surface would be.",
-        ),
-        _mask("valid.png", "valid", surface.valid, "The slope is determined."),
-    ]  # fmt: skip
+def unit_text(unit: str, *, relative: bool = False) -> str:
+    """A unit as pages show it."""
+    texts = {"1": "", "full scale": "of full scale"}
+    return texts.get(unit, unit.replace("^2", "\N{SUPERSCRIPT TWO}") + ", relative" * relative)
 
 
-def _grey(file: str, title: str, values: FloatMap, unit: str, caption: str) -> MapView:
-    values = pictures.reduced(values)
-    scale = ColourScale.grey(values)
-    return MapView(file, title, caption, scale.paint(values), scale, unit)
+def grey(kind: MapKind, maps: SurfaceMaps) -> MapView:
+    """Show values on a scale from black at 0 to white."""
+    return _scaled(kind, maps, ColourScale.grey)
 
 
-def _signed(file: str, title: str, values: FloatMap, unit: str, caption: str) -> MapView:
-    values = pictures.reduced(values)
-    scale = ColourScale.signed(values)
-    return MapView(file, title, caption, scale.paint(values), scale, unit)
+def signed(kind: MapKind, maps: SurfaceMaps) -> MapView:
+    """Show values on a scale of blue, white at 0, and red."""
+    return _scaled(kind, maps, ColourScale.signed)
 
 
-def _mask(file: str, title: str, mask: npt.NDArray[np.bool_], caption: str) -> MapView:
-    picture = pictures.grey(pictures.reduced(mask * np.uint8(255)), top=255.0)
-    share = float(mask.mean())
-    legend = (((255,) * 3, f"yes {share:.1%}"), ((0,) * 3, f"no {1.0 - share:.1%}"))
-    return MapView(file, title, caption, picture, legend=legend)
+def normals(kind: MapKind, maps: SurfaceMaps) -> MapView:
+    """Show unit normals as colours."""
+    return _view(kind, maps, pictures.normal_map(pictures.reduced(maps.values(kind))))
+
+
+def relief(kind: MapKind, maps: SurfaceMaps) -> MapView:
+    """Show unit normals as shading."""
+    return _view(kind, maps, pictures.shaded(pictures.reduced(maps.values(kind))))
+
+
+def labelled(kind: MapKind, maps: SurfaceMaps) -> MapView:
+    """Show a mask with the most frequent of its values."""
+    labels = kind.labels or YES_NO
+    picture = pictures.reduced(mask_picture(kind, maps), labels.interpolation)
+    if picture.ndim == 2:
+        picture = pictures.grey(picture, top=255.0)
+    return _view(kind, maps, picture, legend=_legend(maps.values(kind), labels, maps.tilts_deg))
+
+
+def mask_picture(kind: MapKind, maps: SurfaceMaps) -> Picture:
+    """(H, W) values of a mask, or (H, W, 3) if its labels have colours."""
+    values = maps.values(kind)
+    if kind.labels is None or kind.labels.colours is None:
+        return values
+    return pictures.coloured(values, kind.labels.colours(len(maps.tilts_deg)))
+
+
+def _scaled(
+    kind: MapKind, maps: SurfaceMaps, scale_of: Callable[[npt.NDArray[Any]], ColourScale]
+) -> MapView:
+    values = pictures.reduced(maps.values(kind))
+    scale = scale_of(values)
+    return _view(kind, maps, scale.paint(values), scale=scale)
+
+
+def _view(
+    kind: MapKind,
+    maps: SurfaceMaps,
+    picture: Picture,
+    scale: ColourScale | None = None,
+    legend: tuple[tuple[Sequence[int], str], ...] = (),
+) -> MapView:
+    file = f"{kind.name}.{'png' if kind.is_mask else 'tif'}" if kind.is_written else None
+    title, caption = (text.format_map(maps.words) for text in (kind.title, kind.caption))
+    unit = "" if scale is None else unit_text(kind.unit_of(maps))
+    return MapView(file, title, caption, picture, scale, unit, legend)
 
 
 def _legend(
-    values: npt.NDArray[np.uint8], colours: Picture, names: dict[int, Any]
+    values: npt.NDArray[np.uint8], labels: Labels, tilts_deg: list[float]
 ) -> tuple[tuple[Sequence[int], str], ...]:
     """Return the most frequent values in ascending order, with their shares of the pixels."""
+    names = labels.names(tilts_deg)
+    colours = pictures.GREYS if labels.colours is None else labels.colours(len(tilts_deg))
     shares = np.bincount(values.ravel(), minlength=256) / values.size
     shown = sorted(sorted(names, key=lambda value: -shares[value])[:_LEGEND_ENTRIES])
     return tuple(
@@ -192,3 +174,21 @@ def _legend(
         for value in shown
         if shares[value] > 0
     )
+
+
+YES_NO = Labels(lambda _: {0: "no", 255: "yes"})
+SHADOWED_LIGHTS = Labels(
+    lambda tilts_deg: (
+        {0: "0 lights", 1: "1 light"}
+        | {count: f"{count} lights" for count in range(2, len(tilts_deg) + 1)}
+    ),
+    lambda _: pictures.shadow_colours(),
+)
+DROPPED_LIGHT = Labels(
+    lambda tilts_deg: (
+        {light: f"light {light}, tilt {tilt_deg:.0f}°" for light, tilt_deg in enumerate(tilts_deg)}
+        | {NO_DROPPED_LIGHT: "none"}
+    ),
+    pictures.dropped_colours,
+    cv2.INTER_NEAREST,
+)

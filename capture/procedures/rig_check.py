@@ -14,7 +14,6 @@ import numpy as np
 from capture.calibration.lookup import OLD_DAYS, check_setting, read_calibration
 from capture.calibration.ps4cal import CalibrationFile, PartRecord
 from capture.calibration.setting import Setting
-from capture.sets.captured_set import CapturedSet
 from classify import Lighting
 from classify.calibration.dark import SAME_EXPOSURE
 from classify.calibration.drift import Drift, plate_drift
@@ -68,14 +67,6 @@ def drift_of_rig(rig: Rig, file: CalibrationFile) -> Drift:
             simulation.place(placement)
     stack = ImageStack(images.lights, images.ambient)
     return _drift(stack, images.full_scale, rig.lighting, file, Setting.of_rig(rig))
-
-
-def drift_of_set(captured: CapturedSet, file: CalibrationFile) -> Drift:
-    """Compare a set of a white sheet with a calibration."""
-    setting = captured.setting
-    check_setting(file, setting, "these images")
-    stack = ImageStack(captured.images, captured.ambient)
-    return _drift(stack, captured.metadata.full_scale, captured.lighting, file, setting)
 
 
 def checks_of_drift(drift: Drift) -> Iterator[Check]:

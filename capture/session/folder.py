@@ -17,7 +17,7 @@ from capture.sets.captured_set import CapturedSet
 from capture.sets.description import as_captured
 from capture.sets.metadata import SetMetadata
 from capture.sets.ome_tiff import SUFFIX, read_header
-from classify.base.durable_file import durable_file, make_folder
+from classify.base.durable_file import TEMPORARY_PREFIX, durable_file, make_folder
 from classify.base.errors import InputError
 
 from .journal import Journal, SetEntry, read_journal
@@ -262,5 +262,5 @@ def _lacks_its_journal(folder: Path) -> bool:
 
     `make_session` was interrupted, or the journal was lost: the next run enters the sets anew.
     """
-    names = {path.name for path in folder.iterdir() if not path.name.startswith(".writing-")}
+    names = {path.name for path in folder.iterdir() if not path.name.startswith(TEMPORARY_PREFIX)}
     return names <= {PLAN, TABLE, LOG, REPORT, SETS, CALIBRATION, REPLACED, _RESERVE, *_LOCKS}

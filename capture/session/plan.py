@@ -25,7 +25,7 @@ from capture.sets.ome_tiff import SUFFIX
 from classify.base.errors import InputError
 from classify.base.labels import checked_label
 from classify.base.section import Degrees, Section
-from rig.config.toml_file import read_toml_as
+from classify.base.toml_file import read_toml_as
 
 # A year of captures at one a minute.
 _MAX_SETS = 500_000

@@ -13,8 +13,8 @@ from capture.base.field_differences import field_differences
 from classify.base.durable_file import durable_file
 from classify.base.errors import InputError
 from classify.base.regular_file import read_regular_file
+from classify.base.toml_file import MAX_TOML_BYTES
 from rig import RigConfig
-from rig.config.toml_file import MAX_TOML_BYTES
 
 from .folder import PLAN, SETS, SessionFolder
 from .journal import Journal, SetEntry

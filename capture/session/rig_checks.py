@@ -56,7 +56,7 @@ def check_plan(plan: SessionPlan, source: Path, config: RigConfig) -> None:
 def _check_calibration(file: CalibrationFile, config: RigConfig) -> None:
     """Check a calibration against what a configuration says of rig and frame."""
     camera = config.camera
-    if camera.kind == "replay":  # its frames are those of the set
+    if camera.recording is not None:  # its frames are those of the set
         return
     stated = {
         "rig_name": config.name,

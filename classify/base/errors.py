@@ -11,6 +11,10 @@ class InputError(Ps4rigError):
     """An unusable image, file or option; the message names it and says what to do."""
 
 
+class ConfigError(InputError):
+    """A configuration or plan that cannot be used; the message names file and field."""
+
+
 class LibraryError(InputError):
     """A texture library that cannot be read, or does not fit the surface."""
 

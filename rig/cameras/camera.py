@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import IntFlag
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -102,6 +103,39 @@ class CameraInfo:
     gamma: float | None = None
     pixel_value_controls: Mapping[str, float] = field(default_factory=dict)
     controls: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ListedCamera:
+    """A camera of this machine, as its kind lists it without claiming it.
+
+    Attributes
+    ----------
+    kind, device
+        The values for ``camera.kind`` and ``camera.device``.
+    name, driver
+        As the driver reports them; empty if the camera could not be opened.
+    node
+        The file that a user needs permission for, None if there is none.
+    formats
+        One text for each pixel format, with its sizes; also those that cannot be decoded here.
+    longest_exposure_ms
+        The limit of its exposure, None if unknown.
+    config_lines
+        Further lines of ``[camera]`` that suit it; empty if it cannot be used.
+    problem
+        Error of the query, None if it succeeded.
+    """
+
+    kind: str
+    device: str
+    name: str = ""
+    driver: str = ""
+    node: Path | None = None
+    formats: tuple[str, ...] = ()
+    longest_exposure_ms: float | None = None
+    config_lines: tuple[str, ...] = ()
+    problem: str | None = None
 
 
 class Camera(Protocol):

@@ -1,6 +1,7 @@
 """Exposure of a frame: its start from the driver's time stamp, and its limits."""
 
-from rig.errors import CameraError, ConfigError
+from classify.base.errors import ConfigError
+from rig.errors import CameraError
 
 from .config import StampedCameraConfig
 

@@ -1,22 +1,27 @@
 """A camera through OpenCV, for systems without V4L2; its frame times are only bounded."""
 
+from __future__ import annotations
+
 import queue
 import threading
 import time
 from collections import deque
 from contextlib import suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
-import cv2
 import numpy as np
 
 from rig.errors import CameraError, ControlError, ControlFault
 
 from .camera import CameraInfo, Frame, Pixels
-from .config import OpencvCameraConfig
 from .frame_time import require_exposure
-from .v4l2.camera_list import device_path
+from .v4l2.config import VideoCameraConfig
 from .v4l2.device import RATE_TOLERANCE
+from .v4l2.node import device_path
+
+# Imported by the functions that need it, so that a configuration is read without loading it.
+if TYPE_CHECKING:
+    import cv2
 
 # Assumed if the backend does not report its buffers: the most that OpenCV's V4L2 backend has.
 _UNKNOWN_BUFFERS = 10
@@ -41,6 +46,13 @@ _LACKING = -1.0  # of a property that the camera lacks
 _Grabbed = tuple[Pixels, float]  # pixels, and the time of arrival in s
 
 
+class OpencvCameraConfig(VideoCameraConfig):
+    """A camera through OpenCV; `OpencvCamera` lists its limitations."""
+
+    kind: Literal["opencv"] = "opencv"
+    bits: Literal[8] = 8
+
+
 class OpencvCamera:
     """An open camera of ``cv2.VideoCapture``, whose frames a thread reads and numbers.
 
@@ -59,7 +71,7 @@ class OpencvCamera:
         except BaseException:
             self._video.release()
             raise
-        reported = int(self._video.get(cv2.CAP_PROP_BUFFERSIZE))
+        reported = int(self._video.get(_property("BUFFERSIZE")))
         self._buffers = reported if 0 < reported <= _UNKNOWN_BUFFERS else _UNKNOWN_BUFFERS
         self._arrived_s = deque([opened_s] * (self._buffers + 2), maxlen=self._buffers + 2)
         self._sequence = 0
@@ -157,6 +169,8 @@ class OpencvCamera:
                 "program, or the video has ended"
             )
         if image.ndim == 3 and image.shape[2] == 3:
+            import cv2
+
             image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         if image.ndim != 2 or image.dtype != np.uint8:
             raise CameraError(
@@ -174,24 +188,24 @@ class OpencvCamera:
         video, config = self._video, self._config
         self._video_backend = video.getBackendName()
         self._read_back: dict[str, float] = {}
-        video.set(cv2.CAP_PROP_FRAME_WIDTH, config.width_px)
-        video.set(cv2.CAP_PROP_FRAME_HEIGHT, config.height_px)
-        video.set(cv2.CAP_PROP_FPS, config.frame_rate_hz)
+        video.set(_property("FRAME_WIDTH"), config.width_px)
+        video.set(_property("FRAME_HEIGHT"), config.height_px)
+        video.set(_property("FPS"), config.frame_rate_hz)
         width, height = (
-            int(video.get(key)) for key in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
+            int(video.get(_property(name))) for name in ("FRAME_WIDTH", "FRAME_HEIGHT")
         )
         if (width, height) != (config.width_px, config.height_px):
             raise CameraError(
                 f"{self._path}: {config.width_px} x {config.height_px} px were asked for, OpenCV "
                 f"gives {width} x {height}; set camera.width_px and height_px to that"
             )
-        rate_hz = video.get(cv2.CAP_PROP_FPS)
+        rate_hz = video.get(_property("FPS"))
         if rate_hz > 0 and abs(rate_hz - config.frame_rate_hz) > RATE_TOLERANCE * rate_hz:
             raise CameraError(
                 f"{self._path}: camera.frame_rate_hz = {config.frame_rate_hz:g} was asked for, "
                 f"OpenCV gives {rate_hz:g}; set {rate_hz:g}"
             )
-        fourcc = int(video.get(cv2.CAP_PROP_FOURCC)) & 0xFFFF_FFFF
+        fourcc = int(video.get(_property("FOURCC"))) & 0xFFFF_FFFF
         self._compressed = fourcc.to_bytes(4, "little") in (b"MJPG", b"JPEG")
         if self._compressed and not config.allow_compressed:
             raise CameraError(
@@ -201,7 +215,7 @@ class OpencvCamera:
         faults = [] if config.fixed_exposure else self._set_exposure()
         # Turned off if the camera has them; otherwise `set` has no effect.
         for name in ("AUTO_WB", "AUTOFOCUS", "BACKLIGHT", "SHARPNESS"):
-            video.set(getattr(cv2, f"CAP_PROP_{name}"), 0.0)
+            video.set(_property(name), 0.0)
         for name, value in (("GAIN", config.gain), ("GAMMA", config.gamma)):
             if value is not None:
                 faults += self._set(name, float(value))
@@ -209,7 +223,7 @@ class OpencvCamera:
             raise ControlError(self._path, *faults)
         # Read here, because a thread reads frames later.
         names = ("GAIN", "GAMMA", *_PIXEL_VALUE_CONTROLS)
-        read = {name: video.get(getattr(cv2, f"CAP_PROP_{name}")) for name in names}
+        read = {name: video.get(_property(name)) for name in names}
         known = {name.lower(): value for name, value in read.items() if value != _LACKING}
         stated = {name: known.pop(name, None) for name in ("gain", "gamma")}
         self._pixel_values: dict[str, Any] = {**stated, "pixel_value_controls": known}
@@ -234,7 +248,7 @@ class OpencvCamera:
         return faults
 
     def _set(self, name: str, value: float) -> list[ControlFault]:
-        key = getattr(cv2, f"CAP_PROP_{name}")
+        key = _property(name)
         obeyed = self._video.set(key, value)
         held = self._video.get(key)
         self._read_back[name.lower()] = held
@@ -247,7 +261,15 @@ class OpencvCamera:
         return [ControlFault(name.lower(), seen, advice)]
 
 
+def _property(name: str) -> int:
+    import cv2
+
+    return int(getattr(cv2, f"CAP_PROP_{name}"))
+
+
 def _opened(path: str) -> cv2.VideoCapture:
+    import cv2
+
     # OpenCV would print its own messages.
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(0)

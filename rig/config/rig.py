@@ -5,26 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, SerializeAsAny, model_validator
 
 from classify.base.durable_file import durable_file
+from classify.base.errors import ConfigError
 from classify.base.section import Section
-from rig.cameras.config import (
-    CAMERA_KINDS,
-    AnyCameraConfig,
-    DeviceCameraConfig,
-    OpencvCameraConfig,
-    SimulatedCameraConfig,
-    without_idle_keys,
-)
-from rig.errors import ConfigError
+from classify.base.toml_file import read_toml, validated
+from rig.cameras.config import CameraConfig, DeviceCameraConfig, StampedCameraConfig
+from rig.cameras.kinds import CAMERA_KINDS, camera_config
+from rig.cameras.simulated import SimulatedCameraConfig
 
 from .lights import SIMULATED, LightsConfig
 from .sequence_plan import SequencePlan, plan_sequence
 from .simulation import SimulationConfig
-from .toml_file import read_toml, validated
 
 # A simulated LED is steady when 1 % of its change is missing. An exponential needs ln 100 time
 # constants for that, and ln 9 from 10 to 90 %.
@@ -43,7 +38,9 @@ class RigConfig(Section):
     name: str = Field(default="rig", min_length=1, max_length=200, description="of the rig")
     calibration: str | None = Field(default=None, min_length=1)
     lights: LightsConfig = LightsConfig()
-    camera: AnyCameraConfig = SimulatedCameraConfig()
+    camera: Annotated[SerializeAsAny[CameraConfig], BeforeValidator(camera_config)] = (
+        SimulatedCameraConfig()
+    )
     simulation: SimulationConfig = SimulationConfig()
 
     @model_validator(mode="before")
@@ -55,7 +52,7 @@ class RigConfig(Section):
         if not (isinstance(lights, dict) and isinstance(camera, dict)):
             return values
         kind = "simulated" if lights.get("port", SIMULATED) == SIMULATED else "v4l2"
-        return {**values, "camera": without_idle_keys({"kind": kind, **camera})}
+        return {**values, "camera": {"kind": kind, **camera}}
 
     @model_validator(mode="after")
     def _camera_sees_the_lights(self) -> Self:
@@ -153,10 +150,11 @@ class RigConfig(Section):
         """
         if self.lights.synchronisation == "software":
             return None
-        if isinstance(self.camera, OpencvCameraConfig):
+        if not isinstance(self.camera, StampedCameraConfig):
             raise ValueError(
                 f"lights.synchronisation = {self.lights.synchronisation!r} identifies frames by "
-                "their numbers and times, which OpenCV does not give; set camera.kind = 'v4l2'"
+                f"their numbers and times, which camera.kind = {self.camera.kind!r} does not give; "
+                "set 'v4l2'"
             )
         readout_ms = self.simulation.readout_ms if self.is_simulated else self.camera.readout_ms
         if readout_ms is None:
@@ -192,7 +190,7 @@ class RigConfig(Section):
             values[section] = {**values[section], **changes}
         old, new = self.camera.kind, values["camera"]["kind"]
         if new != old and new in CAMERA_KINDS:
-            fields = {*CAMERA_KINDS[new].model_fields, *sections["camera"]}
+            fields = {*CAMERA_KINDS[new].config.model_fields, *sections["camera"]}
             values["camera"] = {key: values["camera"][key] for key in fields & {*values["camera"]}}
         return validated(values, RigConfig, "rig configuration")
 

@@ -1,13 +1,9 @@
 """Checks of the cameras of this machine, and of the frames of the rig's camera."""
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
-from rig.cameras.camera import Camera, Frame, FrameFlag
+from rig.cameras.camera import Camera, Frame, FrameFlag, ListedCamera
 from rig.cameras.config import CameraConfig, DeviceCameraConfig
-from rig.cameras.v4l2.abi import CID_EXPOSURE_ABSOLUTE
-from rig.cameras.v4l2.camera_list import ListedCamera, device_path
-from rig.cameras.v4l2.measurement_mode import EXPOSURE_UNITS_PER_MS
 from rig.errors import CameraError, ControlError
 
 from .check import Check
@@ -27,20 +23,16 @@ def check_cameras(cameras: Sequence[ListedCamera], config: CameraConfig | None) 
         if camera.problem is not None:
             yield Check("camera", "warning", camera.problem)
             continue
-        formats = ", ".join(
-            f"{offered.fourcc} {' '.join(offered.sizes)}".strip()
-            for offered in camera.formats[:_MOST_FORMATS]
-        )
+        formats = ", ".join(camera.formats[:_MOST_FORMATS])
         more = len(camera.formats) - _MOST_FORMATS
         more_formats = f" and {more} more formats" if more > 0 else ""
         seen = f"{camera.name} ({camera.driver}) at {camera.device}: {formats}{more_formats}"
         yield Check("camera", "ok", seen)
     if isinstance(config, DeviceCameraConfig):
-        node = Path(device_path(config.device)).resolve()
-        wanted = [camera for camera in cameras if camera.node.resolve() == node]
-        if wanted:
-            yield check_access("permission", str(wanted[0].node))
-        else:
+        own = next((camera for camera in cameras if config.matches(camera)), None)
+        if own is not None and own.node is not None:
+            yield check_access("permission", str(own.node))
+        elif own is None:
             seen = f"{config.device} is not among the {len(cameras)} cameras found"
             advice = "is it plugged in? Set camera.device to one of the names above"
             yield Check("camera.device", "fault", seen, advice)
@@ -96,11 +88,9 @@ def exposure_range_ms(
     shortest_ms, longest_ms = camera.exposure_range_ms
     if not isinstance(config, DeviceCameraConfig):
         return shortest_ms, longest_ms
-    node = Path(device_path(config.device)).resolve()
     limits = [
-        control.maximum / EXPOSURE_UNITS_PER_MS
+        entry.longest_exposure_ms
         for entry in listed
-        for control, _ in entry.controls
-        if entry.node.resolve() == node and control.id == CID_EXPOSURE_ABSOLUTE
+        if entry.longest_exposure_ms is not None and config.matches(entry)
     ]
     return shortest_ms, max(shortest_ms, min([longest_ms, *limits]))

@@ -6,11 +6,11 @@ from functools import partial
 from pathlib import Path
 
 from classify.base.compiling import kernel_cache_folder
-from classify.base.errors import Ps4rigError
-from rig.cameras.camera import Camera, CameraInfo
-from rig.cameras.v4l2.camera_list import ListedCamera, list_cameras
+from classify.base.errors import ConfigError, Ps4rigError
+from rig.cameras.camera import Camera, CameraInfo, ListedCamera
+from rig.cameras.kinds import list_cameras
 from rig.config.rig import RigConfig, config_of
-from rig.errors import ConfigError, ControlError, HardwareError
+from rig.errors import ControlError, HardwareError
 from rig.lights.discovery import list_serial_ports
 from rig.lights.driver import LightController
 from rig.lights.link import DEFAULT_TIMEOUTS, LinkTimeouts

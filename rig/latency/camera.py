@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from rig.cameras.config import CameraConfig, OpencvCameraConfig
+from classify.base.errors import ConfigError
+from rig.cameras.config import CameraConfig, StampedCameraConfig
 from rig.config.rig import RigConfig
-from rig.errors import CameraError, ConfigError
+from rig.errors import CameraError
 from rig.rig import Rig
 
 from .fit import StepFit
@@ -50,8 +51,10 @@ class CameraLatency:
 
 def without_timing(config: RigConfig) -> RigConfig:
     """The configuration without any timing of the camera, to measure it anew."""
-    if isinstance(config.camera, OpencvCameraConfig):
-        raise ConfigError("camera.kind = 'opencv' has no time stamps to measure; use 'v4l2'")
+    if not isinstance(config.camera, StampedCameraConfig):
+        raise ConfigError(
+            f"camera.kind = {config.camera.kind!r} has no time stamps to measure; use 'v4l2'"
+        )
     return config.with_changes(
         camera={
             "timestamp_marks": "frame_end",

@@ -8,7 +8,8 @@ from types import ModuleType
 from typing import Any, Protocol
 from urllib.parse import urlsplit
 
-from rig.errors import ConfigError, LightControllerError
+from classify.base.errors import ConfigError
+from rig.errors import LightControllerError
 
 from .port_holders import port_holders
 

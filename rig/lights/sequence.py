@@ -6,9 +6,10 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from classify.base.errors import ConfigError
 from firmware_sim.firmware import DARK, MAX_LINE_BYTES, MAX_SEQUENCE, MESSAGES
 from rig.config.sequence_plan import SequencePlan
-from rig.errors import ConfigError, LightControllerError
+from rig.errors import LightControllerError
 
 from .driver import Answer, LightController
 from .wire import encode_command

@@ -5,17 +5,15 @@ Any program can open the other end of the line and the loopback device as a rig.
 
 from collections.abc import Callable
 
+from classify.base.errors import ConfigError
 from firmware_sim import Server, SimulatedController, serve_local, serve_tty
-from rig.cameras.config import (
-    PIXEL_FORMAT_BITS,
-    CameraConfig,
-    ReplayCameraConfig,
-    V4l2CameraConfig,
-)
+from rig.cameras.config import CameraConfig
+from rig.cameras.v4l2.config import V4l2CameraConfig
 from rig.cameras.v4l2.output import V4l2Output
+from rig.cameras.v4l2.pixel_formats import PIXEL_FORMATS
 from rig.cameras.v4l2.pixel_packing import PACKINGS
 from rig.config.rig import RigConfig
-from rig.errors import ConfigError, LightControllerError
+from rig.errors import LightControllerError
 
 from .rig import Simulation
 
@@ -35,7 +33,7 @@ class DeviceSimulation:
         self._packing = PACKINGS[self.pixel_format]
         real = config.with_changes(
             simulation={"clock": "real"},
-            camera={"kind": "simulated", "bits": PIXEL_FORMAT_BITS[self.pixel_format]},
+            camera={"kind": "simulated", "bits": PIXEL_FORMATS[self.pixel_format].bit_depth},
         )
         self._simulation = Simulation(real, _served_at(serial, config))
         try:
@@ -97,7 +95,7 @@ class DeviceSimulation:
 
 
 def _pixel_format(camera: CameraConfig) -> str:
-    if isinstance(camera, ReplayCameraConfig):
+    if camera.recording is not None:
         raise ConfigError(
             "camera.kind = 'replay' cannot be simulated as a device; set 'v4l2' or 'simulated'"
         )

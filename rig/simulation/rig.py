@@ -1,9 +1,8 @@
 """The simulated rig below the drivers: firmware on a pty, LEDs, part, camera."""
 
 from collections.abc import Callable
-from pathlib import Path
 
-from classify.base.errors import InputError
+from classify.base.errors import ConfigError, InputError
 from firmware_sim import (
     Clock,
     RealClock,
@@ -16,11 +15,10 @@ from firmware_sim import (
 from firmware_sim.faults import FaultyLine, faulty_leds
 from firmware_sim.led import Led
 from rig.cameras.camera import Camera
-from rig.cameras.config import ReplayCameraConfig, SimulatedCameraConfig
+from rig.cameras.simulated import ReplayCameraConfig, SimulatedCameraConfig
 from rig.config.fault_plan import FaultPlan
 from rig.config.rig import RigConfig
 from rig.config.simulation import Placement
-from rig.errors import ConfigError
 from rig.lights.keep_alive import KeepAliveClock
 
 from .camera import LitScene, SimulatedCamera
@@ -164,7 +162,7 @@ class Simulation:
         # Imported here, so that other rigs open without tifffile.
         from .recorded_set import read_recorded_set
 
-        recorded = read_recorded_set(Path(camera.set_file), camera.exposure_ms)
+        recorded = read_recorded_set(camera.recording, camera.exposure_ms)
         recorded.require_lighting(self._config.lights.lighting)
         return recorded, recorded.sensor
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rig.cameras.config import ReplayCameraConfig, SimulatedCameraConfig
 from rig.cameras.frame_time import exposure_start_s, require_measured_mode, start_known_to_s
+from rig.cameras.simulated import ReplayCameraConfig, SimulatedCameraConfig
 from rig.config.simulation import SimulationConfig
 
 # Separates the random numbers of time stamps from those of pixels.

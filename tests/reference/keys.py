@@ -9,6 +9,9 @@ from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hint
 
 from pydantic import BaseModel
 
+from rig.cameras.config import CameraConfig
+from rig.cameras.kinds import CAMERA_KINDS
+
 REQUIRED = "required"
 # A larger bound only keeps numbers finite.
 _LARGEST_BOUND = 1e5
@@ -116,7 +119,9 @@ def _key(name: str, hint: Any, default: str, values: str, meaning: str) -> Key:
 
 
 def _models(hint: Any) -> Iterator[type]:
-    if isinstance(hint, type) and (issubclass(hint, BaseModel) or dataclasses.is_dataclass(hint)):
+    if hint is CameraConfig:
+        yield from (kind.config for kind in CAMERA_KINDS.values())
+    elif isinstance(hint, type) and (issubclass(hint, BaseModel) or dataclasses.is_dataclass(hint)):
         yield hint
     for each in get_args(hint):
         yield from _models(each)

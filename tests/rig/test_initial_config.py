@@ -6,21 +6,17 @@ from typing import Any
 import pytest
 
 from rig import ConfigError, ListedCamera, load_config
-from rig.cameras.config import V4l2CameraConfig
-from rig.cameras.v4l2.device import OfferedFormat
+from rig.cameras.v4l2.config import V4l2CameraConfig
 from rig.initial_config import answering_controllers, initial_config
 from rig.lights.discovery import SerialPort, find_controller
 
 CAMERA = ListedCamera(
-    Path("/dev/video0"),
-    (Path("/dev/v4l/by-id/cam"),),
+    "v4l2",
+    "/dev/v4l/by-id/cam",
     "HD camera",
     "uvcvideo",
-    "usb-1",
-    (
-        OfferedFormat("MJPG", "Motion-JPEG", ("1920x1080",)),
-        OfferedFormat("YUYV", "YUYV 4:2:2", ("640x480", "1280x720", "1920x1080")),
-    ),
+    formats=("MJPG 1920x1080", "YUYV 640x480 1280x720 1920x1080"),
+    config_lines=('pixel_format = "YUYV"', "width_px = 1280", "height_px = 720"),
 )
 
 
@@ -51,22 +47,8 @@ def test_one_of_several_controllers_is_chosen_by_its_serial_number(bench: Any) -
     assert 'serial_number = "SIM-0001"' in text
 
 
-@pytest.mark.parametrize(
-    ("fourccs", "chosen"),
-    [
-        (("YUYV", "GREY"), 'pixel_format = "GREY"'),
-        (("RGGB", "Y12 ", "Y10 "), 'pixel_format = "Y12"'),
-        (("MJPG",), "allow_compressed = true"),
-        (("H264",), '# device = "/dev/video0"'),
-    ],
-)
-def test_the_best_pixel_format_is_chosen(fourccs: tuple[str, ...], chosen: str) -> None:
-    formats = tuple(OfferedFormat(fourcc, "", ("640x480",)) for fourcc in fourccs)
-    assert chosen in initial_config([], [ListedCamera(Path("/dev/video1"), (), formats=formats)])
-
-
 def test_without_devices_the_file_says_how_to_fill_it_in(tmp_path: Path) -> None:
-    path = written(tmp_path, initial_config([], [ListedCamera(Path("v"), (), problem="v: busy")]))
+    path = written(tmp_path, initial_config([], [ListedCamera("v4l2", "v", problem="v: busy")]))
     assert "cannot be used: v: busy" in path.read_text()
     with pytest.raises(ConfigError, match=r"lights\.port is missing"):
         load_config(path)

@@ -239,9 +239,9 @@ def keep_parts(
         done = "replaced" if part.name in file.records else "added"
         if (reason := reasons[part.name]) is not None:
             done = f"of {record.date} kept, because {reason}; --replace takes the new one"
-        out.print(f"{path}: {title} {done}. {record.quality}", soft_wrap=True)
+        out.print(f"{path}: {title} {done}. {record.quality}")
         for figure, value in record.figures.items():
-            out.print(f"  {figure.replace('_', ' ')}: {value:.4g}", soft_wrap=True)
+            out.print(f"  {figure.replace('_', ' ')}: {value:.4g}")
     return merged
 
 

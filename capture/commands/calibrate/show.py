@@ -51,7 +51,7 @@ def show(
         print_json(summary_json(path, file, benefit, now))
         return
     _print(file, benefit, now)
-    out.print(f"{page}: maps, positions and curves", soft_wrap=True)
+    out.print(f"{page}: maps, positions and curves")
 
 
 def _print(file: CalibrationFile, benefit: Benefit, now: datetime) -> None:
@@ -66,8 +66,8 @@ def _print(file: CalibrationFile, benefit: Benefit, now: datetime) -> None:
     print_table(table)
     for part in parts:
         if part.record is None:
-            out.print(f"missing: {part.title}, for {part.use}: {part.command}", soft_wrap=True)
+            out.print(f"missing: {part.title}, for {part.use}: {part.command}")
     if benefit:
         out.print("mean error of normals on a matt part, with the faults that were measured:")
         for name, degrees in benefit:
-            out.print(f"  {name}: {degrees:.2f} degrees", soft_wrap=True)
+            out.print(f"  {name}: {degrees:.2f} degrees")

@@ -43,5 +43,4 @@ def flash(
     verb = "would get" if dry_run else "has"
     out.print(
         f"{flashed.port} {verb} firmware {flashed.new}; before: {flashed.before or 'none'}",
-        soft_wrap=True,
     )

@@ -45,5 +45,4 @@ def init(
     out.print(
         f"{file}: light controllers found: {len(controllers)}, cameras found: {len(cameras)}; "
         f"review it, then run ps4rig rig doctor --rig {file}",
-        soft_wrap=True,
     )

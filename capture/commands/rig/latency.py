@@ -60,7 +60,7 @@ def latency(
         print_json({**asdict(measured), "changes": changes, "stored": rig if stored else None})
         return
     _print_page(measured, changes)
-    out.print(f"stored in {rig}" if stored else "nothing was stored", soft_wrap=True)
+    out.print(f"stored in {rig}" if stored else "nothing was stored")
 
 
 def _print_page(measured: CameraLatency, changes: Mapping[str, Mapping[str, str | float]]) -> None:
@@ -76,8 +76,7 @@ def _print_page(measured: CameraLatency, changes: Mapping[str, Mapping[str, str 
         f"within a thousandth of its level after {measured.settle_ms:g} ms. Rows are read out "
         f"{'upwards' if fit.bottom_up else 'downwards'} in {1e3 * fit.readout_s:.2f} +- "
         f"{1e3 * fit.readout_error_s:.2f} ms.",
-        soft_wrap=True,
     )
     for section, values in changes.items():
         for key, value in values.items():
-            out.print(f"{section}.{key} = {value}", soft_wrap=True)
+            out.print(f"{section}.{key} = {value}")

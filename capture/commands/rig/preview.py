@@ -56,6 +56,6 @@ def preview(
         shown.guide(f"turn to {guide.asked_deg:g} degrees", guide.outline)
         measure = partial(guide.said_of, config.lights.lighting)
     with serving(shown, port) as server:
-        out.print(f"{server.url} shows the rig; Ctrl-C ends it", soft_wrap=True)
+        out.print(f"{server.url} shows the rig; Ctrl-C ends it")
         out.file.flush()
         run_preview(config, shown, threading.Event(), measure)

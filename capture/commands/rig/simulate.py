@@ -65,13 +65,12 @@ def simulate(
 
     simulation = DeviceSimulation(config, serial=serial, video=video)
     try:
-        out.print(f"lights: {simulation.port}", soft_wrap=True)
+        out.print(f"lights: {simulation.port}")
         if video is not None:
             camera = config.camera
             out.print(
                 f"camera: {video}, {simulation.pixel_format} {camera.width_px}x{camera.height_px}, "
                 f"{camera.frame_rate_hz:g} Hz, exposure {camera.exposure_ms:g} ms",
-                soft_wrap=True,
             )
         sys.stdout.flush()
         _run(simulation)

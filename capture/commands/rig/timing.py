@@ -44,7 +44,6 @@ def timing(
         "Times in ms. Switch: from the command or the end of exposure to the light. Set, worst: "
         "median and longest time from the request of a set to its last image. In all: from the "
         "start of the first exposure to the end of the last. Limit: one frame period per image.",
-        soft_wrap=True,
     )
 
 

@@ -30,7 +30,7 @@ def backup(folder: Station, path: BackupFile) -> None:
         for remark in prepared.remarks:
             complain(f"warning: {remark}")
         files = len(prepared.sources)
-    out.print(f"{path}: {files} files, {path.stat().st_size / 1e6:.1f} MB", soft_wrap=True)
+    out.print(f"{path}: {files} files, {path.stat().st_size / 1e6:.1f} MB")
 
 
 @reported
@@ -51,18 +51,15 @@ def restore(
     out.print(
         f"{folder}: station {manifest.station} of {readable_utc(manifest.utc)}: "
         f"{manifest.parts} parts, {manifest.sets} sets",
-        soft_wrap=True,
     )
     named = StationFolder(folder).config.results
     if manifest.database == DUMP:
         out.print(
             f"its results are not in the database yet: make an empty one, run pg_restore "
             f"--dbname=NAME {folder / DUMP}, and name it in {folder / CONFIG}",
-            soft_wrap=True,
         )
     elif manifest.database not in (None, named):
         out.print(
             f"its results are in {folder / manifest.database}, but {folder / CONFIG} names "
             f"{named}: change one of them",
-            soft_wrap=True,
         )

@@ -106,7 +106,7 @@ def override(
         if entry is None:
             raise InputError(f"part {part[:100]}: station {store.station} has no result of it")
         override_part(store, log, who, entry, decision=verdict, by=by, reason=reason)
-    out.print(f"{part}: {verdict}, by {by}: {reason}", soft_wrap=True)
+    out.print(f"{part}: {verdict}, by {by}: {reason}")
 
 
 def _results_of(folder: Path) -> ResultStore:
@@ -118,26 +118,25 @@ def _results_of(folder: Path) -> ResultStore:
 
 
 def _show(station: str, counters: Counters, include_simulated: bool) -> None:
-    out.print(f"{station}: {_words(counters.production)}", soft_wrap=True)
+    out.print(f"{station}: {_words(counters.production)}")
     simulated = counters.simulated
     if include_simulated:
-        out.print(f"{station}, SIMULATED: {_words(simulated)}", soft_wrap=True)
+        out.print(f"{station}, SIMULATED: {_words(simulated)}")
     elif simulated.parts:
         out.print(
             f"parts of a simulated rig, left out: {simulated.parts} (--include-simulated)",
-            soft_wrap=True,
         )
 
 
 def _words(tally: Tally) -> str:
     if not tally.parts:
         return f"no parts; triggers refused: {tally.refused_triggers}"
-    counts = ", ".join(f"{tally.in_force.get(each, 0)} {each}" for each in Decision)
+    counts = ", ".join(f"{tally.in_force.get(decision, 0)} {decision}" for decision in Decision)
     passed = tally.in_force.get(Decision.PASS, 0) / tally.parts
     before = ""
     if tally.in_force != tally.by_station:
-        said = ", ".join(f"{tally.by_station.get(each, 0)} {each}" for each in Decision)
-        before = f"; before overrides {said}"
+        own = ", ".join(f"{tally.by_station.get(decision, 0)} {decision}" for decision in Decision)
+        before = f"; before overrides {own}"
     return (
         f"parts {tally.parts}: {counts}; {passed:.1%} passed{before}; "
         f"triggers refused: {tally.refused_triggers}"

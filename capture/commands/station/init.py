@@ -19,5 +19,4 @@ def init(
     out.print(
         f"{folder}: edit station.toml, then capture parts with ps4rig station run {folder} "
         f"--collect and teach them in the panel, or run ps4rig station teach {folder} SET...",
-        soft_wrap=True,
     )

@@ -27,7 +27,7 @@ def print_event(event: Event) -> None:
         if isinstance(event, Warned):
             complain(line)
         else:
-            out.print(line, soft_wrap=True)
+            out.print(line)
 
 
 def print_event_as_json(event: Event) -> None:

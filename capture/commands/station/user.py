@@ -77,7 +77,7 @@ def add_token(folder: Folder, name: ClientName, role: RoleName) -> None:
     from capture.station.results.accounts import accounts_on_the_terminal
 
     with accounts_on_the_terminal(StationFolder(folder)) as accounts:
-        out.print(accounts.add_client(name, Role(role)), soft_wrap=True)
+        out.print(accounts.add_client(name, Role(role)))
 
 
 @token_app.command("remove")

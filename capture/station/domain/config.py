@@ -8,8 +8,8 @@ from pydantic import AfterValidator, Field, FiniteFloat, model_validator
 
 from capture.session.plan import Name, Text
 from classify.base.section import Degrees, Section
+from classify.base.toml_file import read_toml_as
 from rig.config.defect import DefectKind
-from rig.config.toml_file import read_toml_as
 
 from .interface_config import ModbusConfig, MqttConfig, PanelConfig
 

@@ -16,8 +16,8 @@ from classify.base.durable_file import durable_file, make_folder
 from classify.base.errors import InputError
 from classify.base.regular_file import read_regular_file
 from classify.base.section import Record
+from classify.base.validation_message import first_fault
 from rig.config.rig import RigConfig, config_of
-from rig.config.validation_message import first_fault
 
 from .config import CONFIG, StationConfig, example_config, read_config
 from .errors import RecipeError

@@ -13,7 +13,7 @@ from capture.base.folder_lock import file_lock
 from classify.base.durable_file import durable_file
 from classify.base.errors import InputError
 from classify.base.regular_file import read_regular_file
-from rig.config.toml_file import validated
+from classify.base.toml_file import validated
 
 # A thousand users or clients have 200 kB.
 _MAX_BYTES = 1 << 20
@@ -69,7 +69,7 @@ class PrivateFile(Generic[Model]):
     def _present_stamp(self) -> tuple[int, int, int] | None:
         """Return a stamp that changes when the file is replaced; None if it is missing."""
         try:
-            about = self._path.stat()
+            status = self._path.stat()
         except OSError:
             return None
-        return about.st_ino, about.st_mtime_ns, about.st_size
+        return status.st_ino, status.st_mtime_ns, status.st_size

@@ -7,7 +7,7 @@ from pathlib import Path
 from capture.station.domain.errors import RecipeError
 from classify.base.durable_file import durable_file
 from classify.base.section import Section
-from rig.config.toml_file import read_toml_as
+from classify.base.toml_file import read_toml_as
 
 from .limits import Limits
 from .recipe import Approval, CalibrationRule, Light, Orientation, Recipe, Region
@@ -66,7 +66,7 @@ def _lines(recipe: Recipe) -> Iterator[str]:
     for section, comment in SECTIONS.items():
         value = values[section]
         if section == "limits_of":
-            tables = {f"{section}.{_toml(name)}": each for name, each in value.items()}
+            tables = {f"{section}.{_toml(name)}": limits for name, limits in value.items()}
         else:
             tables = {} if value is None else {section: value}
         for number, (header, table) in enumerate(tables.items()):

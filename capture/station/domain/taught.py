@@ -15,7 +15,7 @@ from classify.base.durable_file import durable_file
 from classify.base.errors import InputError
 from classify.base.regular_file import read_regular_file
 from classify.base.section import Record
-from rig.config.validation_message import first_fault
+from classify.base.validation_message import first_fault
 from rig.set_file import fields_sha256
 
 from .least_found import LeastFound

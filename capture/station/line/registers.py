@@ -200,12 +200,14 @@ PLC_WORDS = PLC[-1].address + PLC[-1].words - PLC_ADDRESS
 def encoded(registers: Sequence[Register], values: Values) -> list[int]:
     """Return the words of a page; numbers modulo their width, text cut to fit."""
     words: list[int] = []
-    for each in registers:
-        value = values[each.name]
-        if each.type == "text":
-            data = value.encode("ascii", "replace")[: 2 * each.words].ljust(2 * each.words, b"\0")
+    for register in registers:
+        value = values[register.name]
+        if register.type == "text":
+            data = value.encode("ascii", "replace")[: 2 * register.words].ljust(
+                2 * register.words, b"\0"
+            )
             words += [data[i] << 8 | data[i + 1] for i in range(0, len(data), 2)]
-        elif each.type == "u32":
+        elif register.type == "u32":
             words += [value >> 16 & 0xFFFF, value & 0xFFFF]
         else:
             words.append(value & 0xFFFF)
@@ -216,11 +218,11 @@ def decoded(registers: Sequence[Register], words: Sequence[int]) -> dict[str, An
     """Return the values of a page, by name."""
     values: dict[str, Any] = {}
     first = registers[0].address
-    for each in registers:
-        own = words[each.address - first :][: each.words]
-        if each.type == "text":
+    for register in registers:
+        own = words[register.address - first :][: register.words]
+        if register.type == "text":
             data = b"".join(word.to_bytes(2, "big") for word in own)
-            values[each.name] = data.decode("ascii", "replace").rstrip("\0 ")
+            values[register.name] = data.decode("ascii", "replace").rstrip("\0 ")
         else:
-            values[each.name] = own[0] << 16 | own[1] if each.type == "u32" else own[0]
+            values[register.name] = own[0] << 16 | own[1] if register.type == "u32" else own[0]
     return values

@@ -12,7 +12,6 @@ from rig.cameras.camera import (
     FrameFlag,
     Pixels,
 )
-from rig.cameras.config import V4l2CameraConfig
 from rig.cameras.frame_time import (
     exposure_start_s,
     require_exposure,
@@ -21,7 +20,7 @@ from rig.cameras.frame_time import (
 )
 from rig.errors import CameraError
 
-from .camera_list import device_path
+from .config import V4l2CameraConfig
 from .controls import list_controls, read_control
 from .device import Capture, V4l2Device, VideoFormat
 from .measurement_mode import (
@@ -31,6 +30,7 @@ from .measurement_mode import (
     set_exposure,
     set_measurement_mode,
 )
+from .node import device_path
 from .pixel_formats import PIXEL_FORMATS, CorruptFrameError, decode
 
 # Few, so that few frames are stale after a switch; with fewer than 3, drivers lose frames.

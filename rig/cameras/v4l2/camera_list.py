@@ -1,87 +1,91 @@
-"""List the cameras that are plugged in and what each can do, without claiming any."""
+"""List the V4L2 cameras that are plugged in and what each can do, without claiming any."""
 
-from dataclasses import dataclass
+import re
+from collections.abc import Iterable
 from pathlib import Path
 
+from rig.cameras.camera import ListedCamera
 from rig.errors import CameraError
 
-from .controls import Control, list_controls, read_control
+from .abi import CID_EXPOSURE_ABSOLUTE
+from .controls import find_control
 from .device import NoCaptureDeviceError, OfferedFormat, V4l2Device
+from .measurement_mode import EXPOSURE_UNITS_PER_MS
+from .node import DEV
+from .pixel_formats import PIXEL_FORMATS
 
-_DEV = Path("/dev")
-
-
-@dataclass(frozen=True)
-class ListedCamera:
-    """One capture node.
-
-    Attributes
-    ----------
-    node
-        Device node, whose number depends on the order in which cameras are plugged in.
-    by_id
-        Permanent names in ``/dev/v4l/by-id``.
-    name, driver, bus
-        As the driver reports them; empty if the camera could not be opened.
-    formats
-        All offered formats, also those that cannot be decoded here.
-    controls
-        Controls with their values; None for a control without an integer value.
-    problem
-        Error of the query, None if it succeeded.
-    """
-
-    node: Path
-    by_id: tuple[Path, ...]
-    name: str = ""
-    driver: str = ""
-    bus: str = ""
-    formats: tuple[OfferedFormat, ...] = ()
-    controls: tuple[tuple[Control, int | None], ...] = ()
-    problem: str | None = None
-
-    @property
-    def device(self) -> str:
-        """The value for ``camera.device``: a permanent name, if there is one."""
-        return str(self.by_id[0] if self.by_id else self.node)
+# Pixel formats, best first: grey before colour, whose filters cost light and resolution; more bits
+# before fewer; compressed last.
+_PREFERRED = sorted(
+    PIXEL_FORMATS,
+    key=lambda name: (
+        name == "MJPG",
+        not name.startswith(("Y1", "GREY")),
+        name in ("RGB24", "BGR24"),
+        -PIXEL_FORMATS[name].bit_depth,
+    ),
+)
+# Larger frames seldom reach 30 Hz over USB 2, and then the camera is not opened.
+_MOST_COLUMNS = 1280
 
 
-def device_path(device: str, dev: Path = _DEV) -> str:
-    """The path of ``camera.device``: a path, a name in ``/dev/v4l/by-id``, or a number."""
-    if "/" in device:
-        return device
-    return str(dev / f"video{device}" if device.isdecimal() else dev / "v4l" / "by-id" / device)
-
-
-def list_cameras(dev: Path = _DEV) -> list[ListedCamera]:
-    """List every capture node in the order of its number.
+def list_v4l2_cameras(dev: Path = DEV) -> list[ListedCamera]:
+    """List every capture node in the order of its number, also one in use by another program.
 
     A node that cannot be queried has a `problem`. Nodes that do not capture, such as a USB camera's
-    second one for metadata, are left out. A camera in use by another program is listed too.
+    second one for metadata, are left out.
     """
     nodes = [path for path in dev.glob("video*") if path.name[len("video") :].isdecimal()]
-    names = sorted((dev / "v4l" / "by-id").glob("*"))
+    permanent_names = sorted((dev / "v4l" / "by-id").glob("*"))
     cameras = []
     for node in sorted(nodes, key=lambda path: int(path.name[len("video") :])):
-        by_id = tuple(name for name in names if name.resolve() == node.resolve())
+        names = (name for name in permanent_names if name.resolve() == node.resolve())
+        device = str(next(names, node))
         try:
-            cameras.append(_listed(node, by_id))
+            cameras.append(_listed(node, device))
         except NoCaptureDeviceError:
             continue
         except CameraError as error:
-            cameras.append(ListedCamera(node, by_id, problem=str(error)))
+            cameras.append(ListedCamera("v4l2", device, node=node, problem=str(error)))
     return cameras
 
 
-def _listed(node: Path, by_id: tuple[Path, ...]) -> ListedCamera:
+def _listed(node: Path, device_name: str) -> ListedCamera:
     device = V4l2Device(str(node))
     try:
-        controls = tuple(
-            (control, read_control(device, control) if control.is_readable else None)
-            for control in list_controls(device)
-        )
+        exposure = find_control(device, CID_EXPOSURE_ABSOLUTE)
+        formats = tuple(device.formats())
         return ListedCamera(
-            node, by_id, device.card, device.driver, device.bus, tuple(device.formats()), controls
+            "v4l2",
+            device_name,
+            device.card,
+            device.driver,
+            node,
+            tuple(f"{offered.fourcc} {' '.join(offered.sizes)}".rstrip() for offered in formats),
+            None if exposure is None else exposure.maximum / EXPOSURE_UNITS_PER_MS,
+            config_lines(formats),
         )
     finally:
         device.close()
+
+
+def config_lines(formats: Iterable[OfferedFormat]) -> tuple[str, ...]:
+    """Lines of ``[camera]`` with the best offered format that can be decoded; empty without one."""
+    sizes = {offered.fourcc.strip(): offered.sizes for offered in formats}
+    fourccs = {name: PIXEL_FORMATS[name].fourcc.strip() for name in _PREFERRED}
+    name = next((name for name, fourcc in fourccs.items() if fourcc in sizes), None)
+    if name is None:
+        return ()
+    width_px, height_px = _size(sizes[fourccs[name]])
+    lines = [f'pixel_format = "{name}"', f"width_px = {width_px}", f"height_px = {height_px}"]
+    if name == "MJPG":
+        lines.append("allow_compressed = true        # its losses are in every slope")
+    return tuple(lines)
+
+
+def _size(texts: Iterable[str]) -> tuple[int, int]:
+    """The largest listed size of at most `_MOST_COLUMNS`, else the smallest; 512 x 512 if none."""
+    matches = [re.fullmatch(r"(\d+)x(\d+)", text) for text in texts]
+    sizes = [(int(match[1]), int(match[2])) for match in matches if match]
+    small = [size for size in sizes if size[0] <= _MOST_COLUMNS]
+    return max(small, default=min(sizes, default=(512, 512)))

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from rig.cameras.config import V4l2CameraConfig
 from rig.errors import CameraError, ControlError, ControlFault
 
 from . import abi
+from .config import V4l2CameraConfig
 from .controls import (
     Control,
     check_control,

@@ -6,11 +6,22 @@ import ctypes
 import errno
 import mmap
 import os
+from pathlib import Path
 from typing import NoReturn
 
-from rig.errors import CameraError, ConfigError
+from classify.base.errors import ConfigError
+from rig.errors import CameraError
 
 from . import abi
+
+DEV = Path("/dev")
+
+
+def device_path(device: str, dev: Path = DEV) -> str:
+    """The path of ``camera.device``: a path, a name in ``/dev/v4l/by-id``, or a number."""
+    if "/" in device:
+        return device
+    return str(dev / f"video{device}" if device.isdecimal() else dev / "v4l" / "by-id" / device)
 
 
 class VideoNode:

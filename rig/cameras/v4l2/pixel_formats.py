@@ -12,8 +12,8 @@ Pixel values by kind of format:
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -91,8 +91,11 @@ def _words(rows: _Bytes) -> Pixels:
     return words.astype(np.uint16, copy=False)
 
 
-def _luma_of(code: int) -> Callable[[_Bytes], Pixels]:
+def _luma_of(order: Literal["RGB", "BGR"]) -> Callable[[_Bytes], Pixels]:
     def luma(rows: _Bytes) -> Pixels:
+        import cv2  # here, so that a configuration is read without loading it
+
+        code = cv2.COLOR_RGB2GRAY if order == "RGB" else cv2.COLOR_BGR2GRAY
         colours = np.ascontiguousarray(rows).reshape(rows.shape[0], -1, 3)
         return cv2.cvtColor(colours, code).astype(np.uint8, copy=False)
 
@@ -133,8 +136,8 @@ PIXEL_FORMATS = {
         PixelFormat("Y16", "Y16 ", 16, 2, _words),
         PixelFormat("YUYV", "YUYV", 8, 2, _bytes(0, 2)),
         PixelFormat("UYVY", "UYVY", 8, 2, _bytes(1, 2)),
-        PixelFormat("RGB24", "RGB3", 8, 3, _luma_of(cv2.COLOR_RGB2GRAY)),
-        PixelFormat("BGR24", "BGR3", 8, 3, _luma_of(cv2.COLOR_BGR2GRAY)),
+        PixelFormat("RGB24", "RGB3", 8, 3, _luma_of("RGB")),
+        PixelFormat("BGR24", "BGR3", 8, 3, _luma_of("BGR")),
         PixelFormat("MJPG", "MJPG", 8, 0, _bytes(0, 1)),
         *(
             PixelFormat(f"{order}{depth}", fourcc, depth, bytes_per_px, to_pixels)

@@ -12,9 +12,9 @@ import tifffile
 
 from capture import CapturedSet
 from capture.maps.files import write_maps
+from capture.maps.map_kinds import map_views
 from capture.maps.map_tiff import read_map
 from capture.maps.surface_maps import SurfaceMaps
-from capture.maps.views import map_views
 from classify import (
     Lighting,
     SurfaceEstimate,
@@ -106,7 +106,7 @@ def test_float_maps_are_nan_where_the_surface_is_not_valid(
 
 
 def test_invalid_pixels_are_grey_and_do_not_set_the_colours(masked: CapturedSet) -> None:
-    maps = SurfaceMaps.of(masked.solve())
+    maps = SurfaceMaps(masked.solve())
     views = map_views(masked, maps)
     valid = maps.surface.valid
     shown = [*views["Surface"], *views["Slopes and height"], *views["Curvature"]]

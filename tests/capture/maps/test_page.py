@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from capture import CapturedSet
+from capture.maps.map_kinds import map_views
 from capture.maps.page import map_page
 from capture.maps.surface_maps import SurfaceMaps
-from capture.maps.views import map_views
 from tests.html_page import Page
 
 
@@ -21,7 +21,7 @@ def page_of(
     planar: bool = False,
     mm_per_px: float | None = None,
 ) -> Page:
-    maps = SurfaceMaps.of(captured.solve(method, planar=planar), mm_per_px=mm_per_px)
+    maps = SurfaceMaps(captured.solve(method, planar=planar), mm_per_px=mm_per_px)
     page = Page(map_page(captured, maps, map_views(captured, maps)))
     assert page.open == []
     return page

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from capture import capture_set
-from capture.base.errors import CalibrationError
 from capture.calibration.ps4cal import CalibrationFile
 from capture.procedures.plate_parts import SHEET_BRIGHTNESS
-from capture.procedures.rig_check import check_calibration, drift_of_rig, drift_of_set
+from capture.procedures.rig_check import check_calibration, drift_of_rig
 from rig import Rig, RigConfig, open_rig
 
 LEVELS = (1.0, 0.9, 1.05, 0.85)  # of the fixture `near_config`
@@ -83,17 +82,6 @@ def test_another_exposure_time_is_named_and_is_no_drift(
     assert {name: check.status for name, check in checks.items()} == {
         "calibration": "ok", "exposure of the calibration": "warning", "sheet": "ok",
     }  # fmt: skip
-
-
-def test_a_set_of_a_sheet_is_compared_as_well(
-    near_config: RigConfig, calibration: CalibrationFile
-) -> None:
-    with near_rig(near_config) as rig:
-        captured = capture_set(rig, is_target=True)
-    assert drift_of_set(captured, calibration).status == "ok"
-    cropped = replace(captured, images=captured.images[:, :64], ambient=captured.ambient[:64])
-    with pytest.raises(CalibrationError, match="128 x 64 px instead of 128 x 128 px"):
-        drift_of_set(cropped, calibration)
 
 
 def test_a_rig_without_calibration_has_nothing_to_check(near_config: RigConfig) -> None:

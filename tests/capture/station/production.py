@@ -186,7 +186,6 @@ def contradictions(
             yield str(finding)
     for path in islice((folder / "parts").glob(f"*/*{SUFFIX}"), None, None, read_every):
         yield from (str(each) for each in verify_file(path) if each.state != "good")
-    yield from (f"{path}: left behind" for path in folder.rglob(".writing-*"))
 
 
 def killed_production(

@@ -3,15 +3,11 @@
 import errno
 import os
 import stat
-import subprocess
-import sys
-import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
-import classify.base.durable_file as module
 from classify import InputError
 from classify.base.durable_file import durable_file
 
@@ -166,34 +162,6 @@ def test_a_link_is_followed_and_stays_a_link(tmp_path: Path) -> None:
     assert names(shared) == ["b.txt"]
 
 
-def test_the_file_of_a_killed_writer_is_removed_by_the_next(tmp_path: Path) -> None:
-    program = (
-        "import os, signal, sys\n"
-        "from pathlib import Path\n"
-        "from classify.base.durable_file import durable_file\n"
-        "with durable_file(Path(sys.argv[1])) as temporary:\n"
-        "    temporary.write_text('half')\n"
-        "    os.kill(os.getpid(), signal.SIGKILL)\n"
-    )
-    path = tmp_path / "a.tif"
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    subprocess.run([sys.executable, "-c", program, path], env=environment, check=False)
-    assert len(names(tmp_path)) == 1
-    with durable_file(path) as temporary:
-        temporary.write_text("new")
-        assert names(tmp_path) == [temporary.name]
-    assert names(tmp_path) == ["a.tif"]
-
-
-def test_the_file_of_a_writer_at_work_stays(tmp_path: Path) -> None:
-    with durable_file(tmp_path / "a.txt") as slow:
-        slow.write_text("slow")
-        with durable_file(tmp_path / "b.txt") as quick:
-            quick.write_text("quick")
-        assert slow.exists()
-    assert sorted(names(tmp_path)) == ["a.txt", "b.txt"]
-
-
 @pytest.mark.parametrize("code", [errno.EINVAL, errno.EACCES])
 def test_a_folder_that_cannot_be_synced_is_left_at_that(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int
@@ -227,16 +195,3 @@ def test_a_folder_whose_disk_fails_is_an_error(
         durable_file(tmp_path / "a.txt"),
     ):
         pass
-
-
-def test_without_locks_the_file_of_a_killed_writer_is_removed_after_a_day(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(module, "fcntl", None)
-    old, new = tmp_path / ".writing-old", tmp_path / ".writing-new"
-    for path, age_h in ((old, 25), (new, 23)):
-        path.touch()
-        os.utime(path, (time.time() - 3600.0 * age_h,) * 2)
-    with durable_file(tmp_path / "a.txt") as temporary:
-        temporary.write_text("new")
-    assert sorted(names(tmp_path)) == [".writing-new", "a.txt"]

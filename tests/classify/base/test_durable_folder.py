@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from classify.base import durable_folder as module
 from classify.base.durable_folder import durable_folder
 from classify.base.errors import InputError
 
@@ -68,25 +67,6 @@ def test_a_link_is_followed(tmp_path: Path) -> None:
     write(tmp_path / "link", "new")
     assert (tmp_path / "link").is_symlink()
     assert held(tmp_path / "real") == dict.fromkeys(NAMES, "new")
-
-
-def test_abandoned_folders_are_removed_and_those_in_use_stay(tmp_path: Path) -> None:
-    (tmp_path / ".writing-folder-killed").mkdir()
-    (tmp_path / ".writing-folder-killed" / "a").write_text("half")
-    with durable_folder(tmp_path / "one", NAMES, first="index") as in_use:
-        write(tmp_path / "other", "new")
-        assert in_use.is_dir()
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["one", "other"]
-
-
-def test_a_result_is_replaced_where_folders_cannot_be_exchanged(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(module.ctypes, "CDLL", lambda *_, **__: object())
-    write(tmp_path / "maps", "old")
-    write(tmp_path / "maps", "new")
-    assert held(tmp_path / "maps") == dict.fromkeys(NAMES, "new")
-    assert list(tmp_path.iterdir()) == [tmp_path / "maps"]
 
 
 def test_a_file_in_the_place_of_the_folder_stays(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ _GROUPS: tuple[tuple[str, tuple[DefectKind, ...]], ...] = (
     ("relief", RELIEF_KINDS),
     *((kind, (kind,)) for kind in KINDS),
 )
-_COLOURS = ("#1b7837", "#d6604d", "#4393c3")
+_COLOURS = ("#1b7837", "#d6604d", "#4393c3", "#762a83")
 _PANEL_IN = 2.0
 
 
@@ -133,7 +133,7 @@ def _strengths(
             shares = [found(kinds, size_px, strength) for strength in strengths]
             lines = [
                 Line(system.detector, strengths, [row[number] for row in shares], colour=colour)
-                for number, (system, colour) in enumerate(zip(systems, _COLOURS, strict=True))
+                for number, (system, colour) in enumerate(zip(systems, _COLOURS, strict=False))
             ]
             panels.append((f"{title}, {size_px:g} px", lines))
     return Exhibit(

@@ -165,7 +165,7 @@ def _pictures(photographs: PhotographSet, planar: bool) -> Mapping[str, Picture]
         "normals": pictures.normal_map(surface.normals),
         "relief": pictures.shaded(surface.normals),
         "residual / albedo": pictures.grey(surface.residual / bright, top=0.2),
-        "light left out": pictures.dropped_map(surface, len(pick)),
+        "light left out": pictures.coloured(surface.dropped, pictures.dropped_colours(len(pick))),
     }
     outside = ~photographs.mask
     for picture in maps.values():

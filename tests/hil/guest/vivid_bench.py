@@ -10,8 +10,9 @@ import pytest
 
 from firmware_sim import SimulatedBoard
 from rig import CameraError, Frame, Rig
-from rig.cameras.config import OpencvCameraConfig, V4l2CameraConfig
+from rig.cameras.opencv import OpencvCameraConfig
 from rig.cameras.v4l2.camera import V4l2Camera
+from rig.cameras.v4l2.config import V4l2CameraConfig
 from rig.cameras.v4l2.controls import (
     Control,
     list_controls,

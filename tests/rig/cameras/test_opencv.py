@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 from rig import CameraError
-from rig.cameras.config import OpencvCameraConfig
-from rig.cameras.opencv import OpencvCamera
+from rig.cameras.opencv import OpencvCamera, OpencvCameraConfig
 
 ROWS, COLUMNS, COUNT = 48, 64, 40
 BUFFERS = 10

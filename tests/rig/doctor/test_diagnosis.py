@@ -11,10 +11,7 @@ import pytest
 from classify import Lighting
 from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serve_pty
 from rig import LightControllerError, ListedCamera, RigConfig, open_rig
-from rig.cameras.config import V4l2CameraConfig
-from rig.cameras.v4l2.abi import CID_EXPOSURE_ABSOLUTE
-from rig.cameras.v4l2.controls import Control
-from rig.cameras.v4l2.device import OfferedFormat
+from rig.cameras.v4l2.config import V4l2CameraConfig
 from rig.doctor import diagnosis as doctor_module
 from rig.doctor.cameras import check_cameras, check_frames, exposure_range_ms
 from rig.doctor.check import Check
@@ -297,10 +294,10 @@ def test_ports_are_listed_with_usb_id_and_names() -> None:
 def test_cameras_are_listed_with_their_formats(tmp_path: Path) -> None:
     node = tmp_path / "video0"
     node.touch()
-    formats = tuple(OfferedFormat(f"F{n}", "", ("640x480",)) for n in range(8))
+    formats = tuple(f"F{n} 640x480" for n in range(8))
     listed = [
-        ListedCamera(node, (), "Camera", "uvcvideo", "usb-1", formats),
-        ListedCamera(tmp_path / "video2", (), problem="video2: no permission"),
+        ListedCamera("v4l2", str(node), "Camera", "uvcvideo", node, formats),
+        ListedCamera("v4l2", "video2", problem="video2: no permission"),
     ]
     config = V4l2CameraConfig(device=str(node))
     first, second, permission = check_cameras(listed, config)
@@ -315,8 +312,7 @@ def test_cameras_are_listed_with_their_formats(tmp_path: Path) -> None:
 def test_the_range_of_the_exposure_respects_frame_and_camera(tmp_path: Path) -> None:
     node = tmp_path / "video0"
     node.touch()
-    exposure = Control(CID_EXPOSURE_ABSOLUTE, 1, "Exposure Time, Absolute", 1, 200, 0)
-    listed = [ListedCamera(node, (), controls=((exposure, 50),))]
+    listed = [ListedCamera("v4l2", str(node), node=node, longest_exposure_ms=20.0)]
     config = V4l2CameraConfig(device=str(node))
     with open_rig(RigConfig().with_changes(camera={"width_px": 16, "height_px": 16})) as rig:
         assert exposure_range_ms(rig.camera, listed, config)[1] == 20.0

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from classify.base.errors import ConfigError
 from classify.lighting import Lighting
 from rig import Placement, RigConfig, open_rig
-from rig.errors import ConfigError
 from rig.scene.surfaces import PeriodicSurface
 from rig.scene.synthetic import synthetic_surface, tile_side_px
 from rig.simulation.scenes import SceneCache, SceneRenderer

@@ -12,13 +12,13 @@ from capture.station.domain.errors import error_verdict
 from capture.station.domain.simulated_parts import simulated_part
 from capture.station.domain.verdict import Verdict
 from capture.station.judge.inspector import Inspector
+from classify.base.errors import ConfigError
 from rig import (
     Placement,
     Rig,
     RigConfig,
     open_rig,
 )
-from rig.errors import ConfigError
 
 from .gauge import Presentation
 

@@ -195,6 +195,11 @@ def _taught(
             if each.pieces.handedness is None
         ),
         *(
+            f"{name} looks alike at 90 degrees: a piece that lies otherwise is not found"
+            for name, each in models.items()
+            if not each.pieces.has_direction
+        ),
+        *(
             mark_remark(name, len(good[name]), each.mark)
             for name, each in defects.items()
             if each.mark is not None

@@ -17,8 +17,7 @@ from capture.station.domain.recipe import (
     require_approved,
 )
 from capture.station.domain.recipe_file import read_recipe, recipe_text, write_recipe
-from classify.base.errors import InputError
-from rig.errors import ConfigError
+from classify.base.errors import ConfigError, InputError
 
 # No lower-case "unknown" and no surrogates; the rule for labels is tested elsewhere.
 LABELS = st.text(st.characters(categories=("L", "N", "P", "Zs")), min_size=1, max_size=20).filter(

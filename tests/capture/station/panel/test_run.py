@@ -15,7 +15,7 @@ from capture.station.domain.interface_config import PanelConfig
 from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.judge.approval import approve
 from capture.station.run.live_station import LiveStation
-from rig.errors import ConfigError
+from classify.base.errors import ConfigError
 from tests.capture.station.panel.panels import Client
 
 

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from rig import CameraError
-from rig.cameras.config import V4l2CameraConfig
 from rig.cameras.v4l2 import abi
+from rig.cameras.v4l2.config import V4l2CameraConfig
 from rig.cameras.v4l2.controls import list_controls
 from rig.cameras.v4l2.device import V4l2Device
 from rig.cameras.v4l2.measurement_mode import (

@@ -5,33 +5,32 @@ import json
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
-
-from rig.cameras.config import CAMERA_KINDS
-
-_MISSING = {
-    "device": "give the camera's path, best its name in /dev/v4l/by-id",
-    "set_file": "give the set to replay",
-}
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticCustomError
 
 
-def validation_message(error: ValidationError, root: type[BaseModel]) -> str:
+def explained(message: str) -> PydanticCustomError:
+    """An error of a validator whose message is complete, with key and value."""
+    return PydanticCustomError("explained", "{message}", {"message": message})
+
+
+def validation_message(error: ValidationError, root: type[BaseModel], section: str = "") -> str:
     """Describe an error of `root`; a misspelt key precedes the key that it should have been."""
     errors = error.errors(include_url=False)
     first = next((each for each in errors if each["type"] == "extra_forbidden"), errors[0])
-    location, value, cause = list(first["loc"]), first["input"], first["msg"]
-    kind = str(location.pop(1)) if location[:1] == ["camera"] and len(location) > 1 else None
-    field = ".".join(map(str, location))
+    location, value, cause = first["loc"], first["input"], first["msg"]
+    field = ".".join(map(str, [*filter(None, [section]), *location]))
     match first["type"]:
+        case "explained":
+            return cause
         case "value_error":  # names key and value itself
             return ": ".join(filter(None, (field, cause.removeprefix("Value error, "))))
         case "missing":
-            remedy = _MISSING.get(str(location[-1]), "give it")
-            return f"{field} is missing; {remedy}"
+            model = _fields_at(location[:-1], root).get(str(location[-1]))
+            described = f": {model.description}" if model and model.description else ""
+            return f"{field} is missing; give it{described}"
         case "extra_forbidden" | "unexpected_keyword_argument":
-            return f"{field} = {_toml(value)}: {_unknown_key(location, kind, root)}"
-        case "union_tag_invalid":
-            kinds = ", ".join(map(repr, CAMERA_KINDS))
-            return f"camera.kind = {_toml(value['kind'])}: must be one of {kinds}"
+            return f"{field} = {toml_text(value)}: {_unknown_key(location, root)}"
         case "too_short" | "too_long":
             limits = first["ctx"]
             bound = (
@@ -41,8 +40,8 @@ def validation_message(error: ValidationError, root: type[BaseModel]) -> str:
             )
             return f"{field} has {limits['actual_length']} values: must have {bound}"
         case "model_type" | "model_attributes_type" | "dict_type":
-            return f"{field} = {_toml(value)}: must be a table, [{field}]"
-    return f"{field} = {_toml(value)}: {_in_words(cause)}"
+            return f"{field} = {toml_text(value)}: must be a table, [{field}]"
+    return f"{field} = {toml_text(value)}: {_in_words(cause)}"
 
 
 def first_fault(error: ValidationError) -> str:
@@ -65,23 +64,23 @@ def _in_words(cause: str) -> str:
     return cause.replace("a integer", "an integer").replace("a valid", "a")
 
 
-def _unknown_key(location: list[Any], kind: str | None, root: type[BaseModel]) -> str:
-    key = str(location[-1])
-    others = [name for name, model in CAMERA_KINDS.items() if key in model.model_fields]
-    if kind is not None and others:
-        return f"not a key of kind = {kind!r}; leave it out, or set kind = " + " or ".join(
-            map(repr, others)
-        )
-    model: Any = CAMERA_KINDS[kind] if kind is not None else root
-    for part in location[:-1] if kind is None else ():
-        model = getattr(getattr(model, "model_fields", {}).get(part), "annotation", None)
-    keys = list(getattr(model, "model_fields", ()))
-    near = difflib.get_close_matches(key, keys, 1)
+def _unknown_key(location: tuple[str | int, ...], root: type[BaseModel]) -> str:
+    keys = list(_fields_at(location[:-1], root))
+    near = difflib.get_close_matches(str(location[-1]), keys, 1)
     if near:
         return f"unknown key; did you mean {near[0]}?"
     return "unknown key; " + (f"the keys are {', '.join(keys)}" if keys else "leave it out")
 
 
-def _toml(value: object) -> str:
+def _fields_at(location: tuple[str | int, ...], root: type[BaseModel]) -> dict[str, FieldInfo]:
+    """The fields of the model at a place of a file; empty if it is no model."""
+    model: Any = root
+    for part in location:
+        model = getattr(getattr(model, "model_fields", {}).get(part), "annotation", None)
+    return dict(getattr(model, "model_fields", {}))
+
+
+def toml_text(value: object) -> str:
+    """A value as in a TOML file, shortened."""
     text = json.dumps(value, default=str, ensure_ascii=False)
     return text if len(text) <= 60 else text[:57] + "..."

@@ -6,9 +6,8 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from classify.base.errors import InputError
+from classify.base.errors import ConfigError, InputError
 from classify.base.regular_file import read_regular_file
-from rig.errors import ConfigError
 
 from .validation_message import validation_message
 

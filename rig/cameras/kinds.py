@@ -1,0 +1,84 @@
+"""The kinds of camera: one row for each, from which all that depends on the kind is read."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+from pydantic import ValidationError
+
+from classify.base.validation_message import explained, toml_text, validation_message
+
+from .camera import Camera, ListedCamera
+from .config import CameraConfig
+from .opencv import OpencvCamera, OpencvCameraConfig
+from .simulated import ReplayCameraConfig, SimulatedCameraConfig
+from .v4l2.camera import V4l2Camera
+from .v4l2.camera_list import list_v4l2_cameras
+from .v4l2.config import V4l2CameraConfig
+
+Config = TypeVar("Config", bound=CameraConfig)
+
+
+@dataclass(frozen=True)
+class CameraKind(Generic[Config]):
+    """One kind of camera."""
+
+    # Keys of [camera] with the types of its exposure, gain and gamma. A camera that stamps its
+    # frames has a `StampedCameraConfig`; a device, a `DeviceCameraConfig`, by which `doctor` finds
+    # it among the listed ones.
+    config: type[Config]
+    # None: the simulated rig has this camera.
+    opener: Callable[[Config], Camera] | None = None
+    # For `rig init` and `doctor`; None for cameras that another kind lists.
+    lister: Callable[[], list[ListedCamera]] | None = None
+    # Device classes and groups that the unit of a station needs.
+    device_classes: tuple[str, ...] = ()
+    groups: tuple[str, ...] = ()
+
+
+CAMERA_KINDS: dict[str, CameraKind[Any]] = {
+    "simulated": CameraKind(SimulatedCameraConfig),
+    "v4l2": CameraKind(
+        V4l2CameraConfig, V4l2Camera, list_v4l2_cameras, ("char-video4linux",), ("video",)
+    ),
+    "opencv": CameraKind(OpencvCameraConfig, OpencvCamera, None, ("char-video4linux",), ("video",)),
+    "replay": CameraKind(ReplayCameraConfig),
+}
+
+
+def list_cameras() -> list[ListedCamera]:
+    """List the cameras of this machine, kind by kind, without claiming any."""
+    listers = [kind.lister for kind in CAMERA_KINDS.values() if kind.lister is not None]
+    return [camera for lister in listers for camera in lister()]
+
+
+def camera_config(values: Any) -> Any:
+    """Validate the section [camera] as that of its kind.
+
+    Keys of other kinds that have their default are dropped, so that a file may list every key.
+    """
+    if not isinstance(values, dict):
+        return values
+    kind = CAMERA_KINDS.get(str(values.get("kind")))
+    if kind is None:
+        kinds = ", ".join(map(repr, CAMERA_KINDS))
+        raise explained(f"camera.kind = {toml_text(values.get('kind'))}: must be one of {kinds}")
+    own = {}
+    for key, value in values.items():
+        fields = [
+            (name, other.config.model_fields[key])
+            for name, other in CAMERA_KINDS.items()
+            if key in other.config.model_fields
+        ]
+        if key in kind.config.model_fields or not fields:
+            own[key] = value
+        elif all(value != field.default for _, field in fields):
+            kinds = " or ".join(repr(name) for name, _ in fields)
+            raise explained(
+                f"camera.{key} = {toml_text(value)}: not a key of kind = {values['kind']!r}; leave "
+                f"it out, or set kind = {kinds}"
+            )
+    try:
+        return kind.config.model_validate(own)
+    except ValidationError as error:
+        raise explained(validation_message(error, kind.config, "camera")) from error

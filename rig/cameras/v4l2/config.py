@@ -1,0 +1,77 @@
+"""Configuration of V4L2 cameras, and what it shares with that of the same cameras in OpenCV."""
+
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from rig.cameras.camera import ListedCamera
+from rig.cameras.config import DeviceCameraConfig, StampedCameraConfig
+
+from .node import device_path
+from .pixel_formats import PIXEL_FORMATS
+
+
+class VideoCameraConfig(DeviceCameraConfig):
+    """A camera at a video device, whose gain and gamma are integers in the driver's units."""
+
+    allow_compressed: bool = Field(default=False, description="MJPG may be used")
+    fixed_exposure: bool = Field(
+        default=False, description="the camera always exposes for exposure_ms and has no control"
+    )
+    gain: int | None = Field(
+        default=None, ge=0, le=2**31 - 1, description="in the camera's units; else left as it is"
+    )
+    gamma: int | None = Field(
+        default=None, ge=0, le=2**31 - 1, description="in the camera's units; else left as it is"
+    )
+
+    def matches(self, camera: ListedCamera) -> bool:
+        """Whether a listed camera is this one, by whatever name."""
+        node = Path(device_path(self.device)).resolve()
+        return camera.node is not None and camera.node.resolve() == node
+
+    @field_validator("device", mode="before")
+    @classmethod
+    def _device_may_be_a_number(cls, device: Any) -> Any:
+        return str(device) if type(device) is int else device
+
+
+class V4l2CameraConfig(VideoCameraConfig, StampedCameraConfig):
+    """A V4L2 camera; `pixel_format` is a key of `PIXEL_FORMATS` and determines `bits`."""
+
+    kind: Literal["v4l2"] = "v4l2"
+    pixel_format: str = Field(default="GREY", description="such as GREY, Y12, SRGGB10 or YUYV")
+
+    @property
+    def _pixels(self) -> str:
+        return self.pixel_format
+
+    @model_validator(mode="before")
+    @classmethod
+    def _bits_of_the_format(cls, values: Any) -> Any:
+        if not isinstance(values, dict):
+            return values
+        pixel_format = PIXEL_FORMATS.get(str(values.get("pixel_format", "GREY")))
+        return values if pixel_format is None else {"bits": pixel_format.bit_depth} | values
+
+    @field_validator("pixel_format")
+    @classmethod
+    def _pixel_format_is_known(cls, name: str) -> str:
+        if name not in PIXEL_FORMATS:
+            raise ValueError(f"{name!r} is unknown; it is one of " + ", ".join(PIXEL_FORMATS))
+        return name
+
+    @model_validator(mode="after")
+    def _pixel_format_can_be_measured(self) -> Self:
+        depth = PIXEL_FORMATS[self.pixel_format].bit_depth
+        if self.bits != depth:
+            raise ValueError(
+                f"bits = {self.bits}, but pixel_format = {self.pixel_format!r} has {depth}; "
+                "leave bits out"
+            )
+        if self.pixel_format == "MJPG" and not self.allow_compressed:
+            raise ValueError(
+                "pixel_format = 'MJPG' is lossy; choose another, or set allow_compressed = true"
+            )
+        return self
