@@ -20,10 +20,12 @@ from pathlib import Path
 import numpy as np
 
 from capture.sets.captured_set import CapturedSet
+from capture.sets.loaded_set import PLANAR, LoadedSet
 from capture.station.domain.least_found import LeastFound
-from capture.station.domain.recipe_folder import RecipeFolder
-from capture.station.judge.inspector import Inspector
+from capture.station.domain.recipe_folder import RecipeFolder, TaughtFiles
 from capture.station.judge.teaching.teaching import teach
+from classify import DefectModel, TextureLibrary
+from classify.defects.defect_map import DefectMap
 from classify.defects.detectability import (
     Floats,
     KnownDefect,
@@ -44,6 +46,8 @@ _TAUGHT = 25
 _RANGE, _STEPS = 2.0, 3
 # More places, where the strengths that they need differ much.
 _MORE = 4
+# Of a darker stain too many pixels are black, and have no slope.
+_DARKEST = 0.85
 # Most that a stated strength may be off.
 _TOLERANCE = 0.15
 
@@ -51,16 +55,14 @@ _TOLERANCE = 0.15
 def measured(
     stated: LeastFound,
     capture: Callable[[Placement], CapturedSet],
-    inspector: Inspector,
+    map_of: Callable[[CapturedSet], DefectMap],
     places: int,
     draw: np.random.Generator,
 ) -> list[float]:
     """The least strength that is found in each place; infinity beyond the range."""
-    texture = inspector.recipe.passes[0]
-    limit = inspector.recipe.limits_for(texture).defect or 1.0
     defect = KnownDefect(stated.kind, stated.size_px)
     middle = stated.strength or stated.strongest
-    strongest = min(middle * _RANGE, 1.0) if stated.is_stain else middle * _RANGE
+    strongest = min(middle * _RANGE, _DARKEST) if stated.is_stain else middle * _RANGE
     found: list[float] = []
     while len(found) < places or (len(found) < _MORE * places and not is_precise(found)):
         here = places_for((SIDE_PX, SIDE_PX), defect, draw)
@@ -76,14 +78,21 @@ def measured(
             )
             seed = int(draw.integers(1, 2**31))
             shown = capture(part.model_copy(update={"seed": seed, "defects": defects}))
-            defect_map = inspector.inspect(shown).defect_map
-            # A part that cannot be judged does not pass.
-            if defect_map is None:
-                return np.full(len(here), np.inf)
-            return scores_at(defect_map.score, defect, here) / limit
+            return scores_at(map_of(shown).score, defect, here)
 
         found += least_found(scores, len(here), middle / _RANGE, strongest, _STEPS).tolist()
     return found
+
+
+def _map_of(files: TaughtFiles) -> Callable[[CapturedSet], DefectMap]:
+    """The defect map of a part, even if so many defects make the station refuse its images."""
+    library, model = TextureLibrary.load(files.library), DefectModel.load(files.defects(1))
+
+    def map_of(captured: CapturedSet) -> DefectMap:
+        surface = LoadedSet(captured, None).solve_texture(None, planar=PLANAR)
+        return model.map_of(surface, library.classify(surface).orientation_deg)
+
+    return map_of
 
 
 def _placed(defect: KnownDefect, place: Place, strength: float, part: Placement) -> Defect:
@@ -122,10 +131,10 @@ def main(arguments: Sequence[str]) -> int:
         with tempfile.TemporaryDirectory() as folder, camera_over(material) as capture:
             files = RecipeFolder(Path(folder) / "line.toml", Path(folder) / "line")
             teaching = teach(files, kept_parts(kept, material, GOOD, _TAUGHT, given.seed))
-            inspector = Inspector.load(files)
+            map_of = _map_of(teaching.files)
             every = teaching.taught.least_found[material.name]
             for stated in every[1::2] if given.quick else every:
-                strengths = measured(stated, capture, inspector, given.places, draw)
+                strengths = measured(stated, capture, map_of, given.places, draw)
                 ratios.append(_row(material.name, stated, stated_strength(strengths)))
     off = [each for each in ratios if not abs(each - 1.0) <= _TOLERANCE]
     print(

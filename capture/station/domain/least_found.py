@@ -27,11 +27,7 @@ class LeastFound(Record):
     def __str__(self) -> str:
         what = f"a {self.kind} {self._length(self.size_px)} wide"
         strength = self.strongest if self.strength is None else self.strength
-        how = (
-            f"{strength:.0%} darker than its surroundings"
-            if self.is_stain
-            else f"{self._length(strength)} deep"
-        )
+        how = f"{strength:.0%} darker" if self.is_stain else f"{self._length(strength)} deep"
         if self.strength is None:
             return f"{what} is not found in 9 of 10 places, even if {how}"
         return f"{what} must be {how} to be found in 9 of 10 places"

@@ -36,10 +36,7 @@ MARK_PX = (40.0, 30.0)
         ),
         (
             {"kind": "stain", "size_px": 8.0, "strength": 0.314, "strongest": 0.8},
-            (
-                "a stain 8 px wide must be 31% darker than its surroundings to be found "
-                "in 9 of 10 places"
-            ),
+            "a stain 8 px wide must be 31% darker to be found in 9 of 10 places",
             {"kind": "stain", "size_px": 8.0, "contrast": 0.314},
         ),
         (

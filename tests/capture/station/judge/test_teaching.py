@@ -344,7 +344,7 @@ def test_teaching_limits_what_windows_and_the_whole_part_may_be(
 
 def test_what_an_earlier_program_taught_is_refused(files: RecipeFolder) -> None:
     path = files.version(2).taught
-    path.write_text(path.read_text().replace('"version": 2', '"version": 1', 1))
+    path.write_text(path.read_text().replace('"version": 3', '"version": 2', 1))
     with pytest.raises(RecipeError, match=r"version.*ps4rig station teach"):
         Inspector.load(files)
 
