@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 
+from classify.base.compiling import Array
 from classify.surface.estimate import FloatMap
 
 from .moments import MOMENTS, OCTAVES, PRODUCTS
@@ -36,7 +37,8 @@ def energy_floors(mean_moments: FloatMap) -> FloatMap:
 
 def coarser(moments: FloatMap) -> FloatMap:
     """Means over 2 x 2 cells."""
-    return cv2.blur(moments, (2, 2), anchor=(0, 0))[::2, ::2]
+    means: Array = cv2.blur(moments, (2, 2), anchor=(0, 0))
+    return np.ascontiguousarray(means[::2, ::2], np.float32)
 
 
 def window_moments(moments: FloatMap, cells: int) -> FloatMap:

@@ -43,7 +43,7 @@ SPOT_VALUES = _MEASURED + _AROUND
 _DIRECTED = [2 + PRODUCTS * octave + n for n in range(3) for octave in range(_FINE_OCTAVES)]
 _DISC = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.float32) / np.float32(5)
 _BOX = np.full((3, 3), 1 / 9, np.float32)
-_SOFT = np.outer(*[cv2.getGaussianKernel(5, 0.6, cv2.CV_32F)] * 2)
+_SOFT = np.outer(*[np.asarray(cv2.getGaussianKernel(5, 0.6), np.float32)] * 2)
 _PADDING = 4  # cells; more than the largest radius beyond the margin
 _LEAST_ENERGY = np.float32(1e-6)
 _RIDGE = 0.01  # share of the variance of a value that is added to it; more for few spots
@@ -65,7 +65,7 @@ def spot_values(moments: FloatMap, floors: FloatMap, orientation_deg: float) -> 
     values[: len(_ENERGIES)] = _logs(_inside(_filtered(energies, _DISC)))
     place = len(_ENERGIES)
     for radius, _ in _LEVELS:
-        values[place] = _inside(cv2.filter2D(means[2], -1, _ring(radius)[0]))
+        values[place] = _inside(_filtered(means[2:], _ring(radius)[0]))[0]
         place += 1
     for radius, _ in _SLOPES:
         _, x, y = _ring(radius)
@@ -125,7 +125,7 @@ def _move(padded: FloatMap, radius: float, angle: float, moved: FloatMap) -> Non
     column = MARGIN + _PADDING + radius * np.cos(angle)
     top, left = int(row), int(column)
     y, x = row - top, column - left
-    shares = np.float32([(1 - y) * (1 - x), (1 - y) * x, y * (1 - x), y * x])
+    shares = np.array([(1 - y) * (1 - x), (1 - y) * x, y * (1 - x), y * x], np.float32)
     run_on_rows(partial(_mix, padded, shares, top, left, moved), (moved.shape[1], moved[:, 0].size))
 
 

@@ -9,6 +9,7 @@ from capture import CapturedSet
 from capture.station.domain.errors import RecipeError
 from capture.station.domain.recipe_file import read_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.verdict import Decision, Verdict
 from capture.station.judge.approval import approve
 from capture.station.judge.gauge.fault_study import (
     FaultFinding,
@@ -19,7 +20,7 @@ from capture.station.judge.gauge.fault_study import (
     study_faults,
 )
 from capture.station.judge.gauge.made_faults import FAULTS, Place, with_fault
-from capture.station.judge.inspector import Inspector
+from capture.station.judge.inspector import Inspection, Inspector
 from capture.station.judge.recipe_settings import save_settings, with_settings
 from tests.capture.station.teaching_sets import SIDE_PX, patch
 
@@ -140,7 +141,8 @@ def test_a_rotated_piece_may_pass_where_the_texture_has_no_direction(
     files: RecipeFolder, monkeypatch: pytest.MonkeyPatch, has_direction: bool
 ) -> None:
     monkeypatch.setattr(Inspector, "has_direction", lambda *_: has_direction)
-    monkeypatch.setattr("capture.station.judge.gauge.fault_study._passes", lambda *_: True)
+    passed = Inspection(Verdict(Decision.PASS, "as taught"))
+    monkeypatch.setattr(Inspector, "inspect", lambda *_: passed)
     findings = study_faults(files, Inspector.load(files), 1, great_only=True)
     names = {each.fault for each in findings}
     assert "hole" in names
