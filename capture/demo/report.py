@@ -8,7 +8,7 @@ from markupsafe import Markup
 
 from capture.base.page import rendered
 from capture.maps import pictures
-from capture.maps.figures import TILE_PX, tile_uri
+from capture.maps.pictures import TILE_PX, tile_uri
 from capture.sets.captured_set import CapturedSet
 from classify import Evaluation, Spectra, SurfaceEstimate, Trial
 from classify.base.durable_file import durable_file

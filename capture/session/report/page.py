@@ -8,7 +8,7 @@ from typing import Any
 from capture.base.page import rendered
 from capture.base.utc_time import readable_utc
 from capture.maps import pictures
-from capture.maps.figures import tile_uri
+from capture.maps.pictures import tile_uri
 from capture.session.folder import SessionFolder
 from capture.sets.description import plain
 
