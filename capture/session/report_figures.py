@@ -16,7 +16,7 @@ from capture.session.journal import SetEntry
 from classify import Spectra
 from classify.lighting import orientation_near
 
-from .analysis import Separation
+from .report_analysis import Separation
 
 _MARKS = "osD^v<>Ph*"
 _GRID = "#dddddd"
