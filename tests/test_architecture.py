@@ -58,7 +58,7 @@ STOREYS = {
         {"sets"},
         {"procedures"},
         {"acquisition", "maps"},
-        {"batch", "calibration_page", "preview"},
+        {"batch"},
         {"session"},
         {"station"},
         {"chapter"},
