@@ -50,7 +50,7 @@ class PartRecord(Record):
         default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"),
         description="of the measurement",
     )
-    setting: Setting = Field(description="for which the part holds")
+    setting: Setting = Field(description="rig, camera, frame, exposure, gain and lights of it")
     quality: str = Field(description="in words")
     figures: dict[str, FiniteFloat] = Field(
         default_factory=dict, description="by name; without a unit there, a share or a count"

@@ -28,26 +28,20 @@ Side = Annotated[int, Field(ge=1, le=32768)]
 class Setting(Record):
     """Camera, frame and lights of one set or one measurement; None for what is not known."""
 
-    simulated: bool = Field(description="whether the rig is simulated")
-    rig_name: str | None = Field(description="name in rig.toml")
-    camera: str | None = Field(description="kind and name")
-    width_px: Side = Field(description="of the frame")
-    height_px: Side = Field(description="of the frame")
-    crop: tuple[int, int, int, int] | None = Field(
-        default=None, description="column, row, width, height that were kept of photographs"
-    )
-    bit_depth: int = Field(ge=1, le=16, description="of the camera")
-    exposure_ms: FiniteFloat | None = Field(description="of a frame")
-    gain: FiniteFloat | None = Field(default=None, description="as the camera reports it")
-    gamma: FiniteFloat | None = Field(default=None, description="as the camera reports it")
-    pixel_value_controls: dict[str, FiniteFloat] = Field(
-        default_factory=dict, description="other controls that change pixel values"
-    )
-    photograph_gamma: str = Field(default="linear", description="response of photographs")
-    light_directions: tuple[Vector, ...] = Field(max_length=255, description="as configured")
-    led_levels_percent: tuple[int | None, ...] = Field(
-        default=(), max_length=255, description="of each LED"
-    )
+    simulated: bool
+    rig_name: str | None
+    camera: str | None
+    width_px: Side
+    height_px: Side
+    crop: tuple[int, int, int, int] | None = None
+    bit_depth: int = Field(ge=1, le=16)
+    exposure_ms: FiniteFloat | None
+    gain: FiniteFloat | None = None
+    gamma: FiniteFloat | None = None
+    pixel_value_controls: dict[str, FiniteFloat] = Field(default_factory=dict)
+    photograph_gamma: str = "linear"
+    light_directions: tuple[Vector, ...] = Field(max_length=255)
+    led_levels_percent: tuple[int | None, ...] = Field(default=(), max_length=255)
 
     @classmethod
     def of_photographs(cls, shape: tuple[int, ...], bit_depth: int, gamma: str) -> Self:

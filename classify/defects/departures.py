@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import chain
 
 import numpy as np
 
@@ -11,74 +10,70 @@ from classify.surface.estimate import FloatMap
 
 from .evidence import Evidence
 from .fields import PartFields
-from .filters import SIZES, filter_responses
+from .filters import ALBEDO, FILTERS, SIZES, Response, filter_responses
 from .good_cells import GoodCells
-from .octave_statistics import octave_statistics
+from .octave_statistics import OCTAVE_STATISTICS, octave_statistics
 from .whitening import white_spectra
-from .window_statistics import LOW, mean_around, smoothed, window_statistics
+from .window_statistics import LOW, WINDOW_STATISTICS, mean_around, smoothed, window_statistics
 
-DEPARTURES = 7
-"""Spots, fine and wide scratches of the relief; albedo; octaves, windows, missing texture."""
-RELIEF, ALBEDO, TEXTURE = slice(0, 3), 3, slice(4, 7)
+STATISTICS = {
+    "octaves": slice(0, OCTAVE_STATISTICS),
+    "windows": slice(OCTAVE_STATISTICS, OCTAVE_STATISTICS + WINDOW_STATISTICS),
+}
+"""Statistics of a cell, of each distance from the nearest good cell."""
+LOW_STATISTICS = [OCTAVE_STATISTICS + index for index in LOW]
+DEPARTURES = ALBEDO + 1 + len(STATISTICS) + 1
+"""Spots, fine and wide scratches of the relief; albedo; the distances, and missing texture."""
+RELIEF, TEXTURE = slice(0, ALBEDO), slice(ALBEDO + 1, DEPARTURES)
 """Those of each kind of defect."""
 
 
 @dataclass(frozen=True, eq=False)
 class Departures:
-    """Spectra, scales of responses, and statistics of the good parts of one texture.
+    """Spectra, scales of responses, and statistics of the good parts of one texture."""
 
-    Attributes
-    ----------
-    gains
-        (2, n, n) float32 whitening gains of relief and albedo in the frame of the texture.
-    scales
-        (sum(SIZES),) float32 mean highest response in a tile of a good part, for each filter.
-    octaves, windows
-        Statistics of good cells.
-    low
-        Distributions of the log deviations of slopes and albedo, with their signs changed.
-    """
-
-    gains: FloatMap
-    scales: FloatMap
-    octaves: GoodCells
-    windows: GoodCells
-    low: Evidence
+    gains: FloatMap  # (2, n, n), whitening relief and albedo in the frame of the texture
+    scales: FloatMap  # (sum(SIZES),), mean highest responses in a tile of a good part
+    cells: tuple[GoodCells, ...]  # for each of STATISTICS
+    low: Evidence  # of the log deviations of slopes and albedo, with their signs changed
 
     def of(self, fields: PartFields, orientation_deg: float) -> FloatMap:
         """(DEPARTURES, h, w) float32 departures."""
-        white, responses = observed(fields, self.gains, orientation_deg)
-        windows = window_statistics(fields.moments, orientation_deg)
-        low = np.moveaxis(-windows[..., LOW], -1, 0)
-        valid = fields.valid
+        statistics, responses = observed(fields, self.gains, orientation_deg)
+        departures = np.zeros((DEPARTURES, *fields.valid.shape), np.float32)
 
-        def filters() -> list[FloatMap]:
-            scales = np.split(self.scales, np.cumsum(SIZES)[:-1])
-            return [
-                np.max(each / scale[:, None, None], axis=0)
-                for each, scale in zip(responses, scales, strict=True)
-            ]
+        def filters() -> None:
+            weights = np.split(1.0 / self.scales, np.cumsum(SIZES)[:-1])
+            for each, response, weight in zip(FILTERS, responses, weights, strict=True):
+                out = departures[each.departure]
+                np.maximum(out, response(weight)[: out.shape[0], : out.shape[1]], out=out)
 
-        kinds: list[Callable[[], list[FloatMap]]] = [
-            filters,
-            lambda: [np.sqrt(self.octaves.squared_distances(white()))],
-            lambda: [np.sqrt(smoothed(self.windows.squared_distances(windows), valid))],
-            lambda: [mean_around(self.low.of(low).sum(axis=0), valid)],
-        ]
         # Most arrays are too small to be shared out among threads themselves.
-        return np.array(
-            list(chain.from_iterable(map_in_threads(lambda kind: kind(), kinds))), np.float32
-        )
+        values, _ = map_in_threads(lambda work: work(), [statistics, filters])
+
+        def distances(number: int) -> None:
+            columns = list(STATISTICS.values())[number]
+            squares = self.cells[number].squared_distances(values[..., columns])
+            if number:  # octaves are means over several cells already
+                squares = smoothed(squares, fields.valid)
+            np.sqrt(squares, out=departures[ALBEDO + 1 + number])
+
+        map_in_threads(distances, range(len(STATISTICS)))
+        low = self.low.of(-np.moveaxis(values[..., LOW_STATISTICS], -1, 0))
+        departures[-1] = mean_around(low.sum(axis=0), fields.valid)
+        return departures
 
 
 def observed(
     fields: PartFields, gains: FloatMap, orientation_deg: float
-) -> tuple[Callable[[], FloatMap], Iterator[FloatMap]]:
-    """A part under given gains: its octave statistics (h, w, d), and its `filter_responses`."""
+) -> tuple[Callable[[], FloatMap], Iterator[Response]]:
+    """A part under given gains: statistics of its cells (h, w, d), and its `filter_responses`."""
     h, w = fields.valid.shape
     white, twice = white_spectra(fields, gains, orientation_deg)
-    responses = filter_responses(twice, orientation_deg)
-    return (
-        lambda: octave_statistics(white, fields.weight)[:h, :w],
-        (each[:, :h, :w] for each in responses),
-    )
+
+    def statistics() -> FloatMap:
+        octaves = octave_statistics(white, fields.weight)[:h, :w]
+        windows = window_statistics(fields.moments, orientation_deg)
+        return np.concatenate([octaves, windows], axis=-1)
+
+    return statistics, filter_responses(twice, orientation_deg)

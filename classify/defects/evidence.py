@@ -20,18 +20,10 @@ _LEAST_EXCESS = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Distributions of several departures in the cells of good parts.
+    """Distributions of several departures in the cells of good parts."""
 
-    Attributes
-    ----------
-    quantiles
-        (k, QUANTILES) float32 departures that good cells exceed with falling probabilities.
-    excess
-        (k,) float32 mean excess above the last one: beyond it the tail is exponential.
-    """
-
-    quantiles: FloatMap
-    excess: FloatMap
+    quantiles: FloatMap  # (k, QUANTILES), exceeded with falling probabilities
+    excess: FloatMap  # (k,), mean above the last one: beyond it the tail is exponential
 
     @classmethod
     def learn(cls, samples: FloatMap) -> Self:

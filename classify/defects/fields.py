@@ -38,29 +38,18 @@ Plane = FloatMap | npt.NDArray[np.uint8]
 class PartFields:
     """Slopes and log albedo without their means, at half resolution.
 
-    `p`, `q` and `albedo` are (rows, columns) float32. The planes are padded to sides that suit a
-    transform, and fade to 0 at borders and large gaps.
-
-    Attributes
-    ----------
-    weight
-        0 to 1, how far a pixel has faded.
-    moments
-        (h, w, 8): the share of valid pixels in every cell, and its products with the means of p, q,
-        a, p^2, q^2, p q and a^2 in the cell, where a is the log albedo. These have not faded.
-    valid
-        (h, w) bool, cells of which at least half of the pixels are valid.
-    shape
-        Rows and columns of the frame, px.
+    The planes are padded to sides that suit a transform, and fade to 0 at borders and large gaps.
+    The moments, (h, w, 8), have not faded: the share of valid pixels in every cell, and its
+    products with the means of p, q, a, p^2, q^2, p q and a^2, where a is the log albedo.
     """
 
     p: FloatMap
     q: FloatMap
     albedo: FloatMap
-    weight: FloatMap
+    weight: FloatMap  # 0 to 1, how far a pixel has faded
     moments: FloatMap
-    valid: npt.NDArray[np.bool_]
-    shape: tuple[int, int]
+    valid: npt.NDArray[np.bool_]  # cells of which at least half of the pixels are
+    shape: tuple[int, int]  # rows and columns of the frame, px
 
 
 def part_fields(surface: SurfaceEstimate) -> PartFields:

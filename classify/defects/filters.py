@@ -6,8 +6,8 @@ Gaussian, across or all around, so both have one radial filter: exp(-2 (pi s k)^
 k times that in the slopes. A scratch is then a sum along a line.
 """
 
-from collections.abc import Iterator
-from functools import lru_cache
+from collections.abc import Callable, Iterator
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -16,53 +16,50 @@ import scipy.fft
 from classify.surface.estimate import FloatMap
 
 from .fields import HALF_CELL, cell_maximum
-from .lines import DIRECTIONS, LENGTHS, line_responses
+from .lines import DIRECTIONS, LENGTHS, line_response
 from .whitening import HalfSpectrum, frequencies, low_pass
 
 
-class _Filter(NamedTuple):
-    """Half width in pixels of the frame, octave below half resolution, and its shape."""
+class Filter(NamedTuple):
+    """Its departure, half width in pixels of the frame, octave below half resolution, and shape."""
 
+    departure: int
     width_px: float
     octave: int
     is_line: bool
 
 
-_SPOTS = tuple(_Filter(width_px, octave, False) for width_px, octave in ((4, 1), (8, 1), (16, 1)))
+SPOTS, FINE, WIDE, ALBEDO = range(4)
+"""Departures: spots, fine and wide scratches of the relief; spots and scratches of the albedo."""
 # The filter of 1 px found more ploughed grooves of 1.5 px on the even textures than one of 1.5 px.
-_FINE, _WIDE, _WIDEST = _Filter(1.0, 0, True), _Filter(2.5, 1, True), _Filter(4.0, 1, True)
-RELIEF_BANKS = (_SPOTS, (_FINE,), (_WIDE, _WIDEST))
-BANKS = (*RELIEF_BANKS, (*_SPOTS, _WIDE))
-"""Filters for spots, fine and wide scratches of the relief, then for the albedo."""
-SIZES = tuple(sum(LENGTHS * DIRECTIONS if f.is_line else 1 for f in bank) for bank in BANKS)
-"""Number of responses of each bank."""
+FILTERS = (
+    *(Filter(kind, width_px, 1, False) for kind in (SPOTS, ALBEDO) for width_px in (4, 8, 16)),
+    Filter(FINE, 1.0, 0, True),
+    *(
+        Filter(kind, width_px, 1, True)
+        for kind, width_px in ((WIDE, 2.5), (WIDE, 4), (ALBEDO, 2.5))
+    ),
+)
+SIZES = tuple(DIRECTIONS * LENGTHS if each.is_line else 1 for each in FILTERS)
+"""Number of responses of each filter."""
+
+Response = Callable[[FloatMap], FloatMap]
+"""(h, w) float32 largest absolute response in every cell, of responses with given weights."""
 
 
 def filter_responses(
     spectra: tuple[HalfSpectrum, HalfSpectrum], orientation_deg: float
-) -> Iterator[FloatMap]:
-    """(n, h, w) float32 highest absolute responses in every cell, for each bank.
-
-    Parameters
-    ----------
-    spectra
-        Half spectra of relief and albedo at half resolution, divided by the power of the texture.
-    orientation_deg
-        Orientation of the texture.
-    """
-    for number, bank in enumerate(BANKS):
-        is_relief = number < len(RELIEF_BANKS)
-        spectrum = spectra[0 if is_relief else 1]
+) -> Iterator[Response]:
+    """The `Response` of each filter to relief and albedo, divided by the power of their texture."""
+    for each in FILTERS:
+        spectrum = spectra[int(each.departure == ALBEDO)]
         shape = (spectrum.shape[0], 2 * (spectrum.shape[1] - 1))
-        responses = []
-        for each in bank:
-            field = _filtered(spectrum, _profile(shape, each, is_relief), each.octave)
-            cell = HALF_CELL >> each.octave
-            if each.is_line:
-                responses.append(line_responses(field, cell, orientation_deg))
-            else:
-                responses.append(cell_maximum(np.abs(field), cell)[None])
-        yield np.concatenate(responses)
+        field = _filtered(spectrum, _profile(shape, each), each.octave)
+        cell = HALF_CELL >> each.octave
+        if each.is_line:
+            yield partial(line_response, field, cell, orientation_deg)
+        else:
+            yield partial(np.multiply, cell_maximum(np.abs(field), cell))
 
 
 def _filtered(spectrum: HalfSpectrum, profile: HalfSpectrum, octave: int) -> FloatMap:
@@ -74,7 +71,7 @@ def _filtered(spectrum: HalfSpectrum, profile: HalfSpectrum, octave: int) -> Flo
 
 
 @lru_cache(maxsize=32)
-def _profile(shape: tuple[int, int], each: _Filter, is_relief: bool) -> HalfSpectrum:
+def _profile(shape: tuple[int, int], each: Filter) -> HalfSpectrum:
     """The radial filter on the half spectrum of the sampled field."""
     step = 1 << each.octave
     sampled = (shape[0] // step, shape[1] // step)
@@ -83,7 +80,7 @@ def _profile(shape: tuple[int, int], each: _Filter, is_relief: bool) -> HalfSpec
     profile = np.exp(-2.0 * (np.pi * each.width_px / (2 * step) * k) ** 2)
     if each.octave:
         profile *= low_pass(k)
-    if is_relief:
+    if each.departure != ALBEDO:
         profile = profile * k
     # Samples in the middle of the pixels that they stand for; rows run down, and v up.
     shift = 0.5 * (step - 1) / step

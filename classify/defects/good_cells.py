@@ -1,15 +1,12 @@
-"""`GoodCells`: statistics of good cells, and the distance from the nearest of them."""
+"""`GoodCells`: statistics of good cells, the distance from the nearest, and halves of parts."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
-from classify.base.compiling import Array, kernel
-from classify.base.threads import run_on_rows
 from classify.surface.estimate import FloatMap
 
 CENTRES = 200
@@ -21,7 +18,8 @@ _MOST_CELLS = 20_000
 _RIDGE = 0.01
 # A statistic that does not vary, as of an albedo without noise, must not decide.
 _LEAST_VARIANCE = 1e-6
-_BLOCK = 64
+# Cells whose distances from all centres stay in the cache.
+_BLOCK = 512
 
 PowerSums = npt.NDArray[np.float64]
 
@@ -64,12 +62,15 @@ class GoodCells:
 
     def squared_distances(self, statistics: FloatMap) -> FloatMap:
         """(h, w) squared distances of (h, w, d) statistics from the nearest centre."""
-        flat = statistics.reshape(-1, statistics.shape[-1])
-        whitened = np.ascontiguousarray(((flat - self.mean) @ self.whitening).T)
-        nearest = np.empty(len(flat), np.float32)
-        blocks = -(-len(flat) // _BLOCK)
-        run_on_rows(partial(_nearest, whitened, self.centres, nearest), (blocks, _BLOCK * CENTRES))
-        return nearest.reshape(statistics.shape[:2])
+        cells = (statistics.reshape(-1, statistics.shape[-1]) - self.mean) @ self.whitening
+        # |c - x|^2 = (|c|^2, -2 c) (1, x) + |x|^2, whose last term is alike for all centres.
+        squares = np.sum(self.centres**2, axis=1, keepdims=True)
+        centres = np.concatenate([squares, -2.0 * self.centres], axis=1)
+        extended = np.pad(cells, ((0, 0), (1, 0)), constant_values=1.0)
+        blocks = np.split(extended, range(_BLOCK, len(cells), _BLOCK))
+        nearest = np.concatenate([np.min(centres @ each.T, axis=0) for each in blocks])
+        nearest += np.einsum("nd,nd->n", cells, cells)
+        return np.maximum(nearest, 0.0).reshape(statistics.shape[:2])
 
 
 def power_sums(samples: FloatMap) -> PowerSums:
@@ -78,22 +79,17 @@ def power_sums(samples: FloatMap) -> PowerSums:
     return extended.T @ extended
 
 
-@kernel
-def _nearest(cells: Array, centres: Array, nearest: Array, first: int, stop: int) -> None:
-    """Squared distances of blocks of cells from the nearest centre."""
-    square = np.empty(_BLOCK, np.float32)
-    for block in range(first, stop):
-        left = block * _BLOCK
-        count = min(_BLOCK, cells.shape[1] - left)
-        least = nearest[left : left + count]
-        least[:] = np.float32(np.inf)
-        for centre in range(centres.shape[0]):
-            square[:] = np.float32(0.0)
-            # Two statistics at once halve the traffic of the sum.
-            for d in range(0, cells.shape[0], 2):
-                x, y = centres[centre, d], centres[centre, d + 1]
-                a, b = cells[d, left : left + count], cells[d + 1, left : left + count]
-                for c in range(count):
-                    square[c] += (a[c] - x) ** 2 + (b[c] - y) ** 2
-            for c in range(count):
-                least[c] = np.minimum(least[c], square[c])  # vectorised, as min is not
+def unlike_halves(sums: Sequence[PowerSums]) -> tuple[list[int], list[int]]:
+    """Split two or more parts into halves that differ as much as possible, by their `power_sums`.
+
+    Parts of one place or batch are alike. If each part were left out alone, the others of its place
+    would stay, and it would depart less than a part of another place. The parts are therefore split
+    along the first principal component of the means of their statistics.
+    """
+    total = np.sum(sums, axis=0)
+    total = total / total[0, 0]
+    deviations = np.sqrt(np.maximum(np.diag(total)[1:] - total[0, 1:] ** 2, 1e-12))
+    means = np.array([each[0, 1:] / each[0, 0] for each in sums]) / deviations
+    _, _, components = np.linalg.svd(means - means.mean(axis=0), full_matrices=False)
+    lower, upper = np.array_split(np.argsort(means @ components[0], kind="stable"), 2)
+    return lower.tolist(), upper.tolist()

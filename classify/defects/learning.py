@@ -12,14 +12,14 @@ from classify.base.errors import InputError
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 
 from .defect_model import CHANNEL_SHARES, DefectModel, channels_of
-from .departures import Departures, observed
+from .departures import LOW_STATISTICS, STATISTICS, Departures, observed
 from .evidence import Evidence
 from .fields import PartFields, part_fields
-from .good_cells import GoodCells, power_sums
-from .halves import unlike_halves
+from .filters import SIZES
+from .good_cells import GoodCells, power_sums, unlike_halves
 from .limits import common_limit, tile_maxima
 from .whitening import MIN_SIDE_PX, Spectrum, mean_spectrum
-from .window_statistics import LOW, window_statistics
+from .window_statistics import window_statistics
 
 LEAST_PARTS = 3
 MOST_PARTS = 100
@@ -72,7 +72,8 @@ def learn_defects(
         raise InputError("the good parts differ in the size of their frames; capture them alike")
     observations = _observations(parts, angles)
     departures: dict[int, FloatMap] = {}
-    for half in unlike_halves([power_sums(each.windows) for each in observations]):
+    windows = STATISTICS["windows"]
+    for half in unlike_halves([power_sums(each.statistics[:, windows]) for each in observations]):
         others = _departures(_without(observations, half))
         departures |= {index: others.of(parts[index], angles[index]) for index in half}
     inside = np.concatenate([each[:, parts[n].valid] for n, each in departures.items()], axis=1)
@@ -100,15 +101,11 @@ def _checked(surface: SurfaceEstimate) -> SurfaceEstimate:
 
 @dataclass(frozen=True, eq=False)
 class _Observation:
-    """Observations of one part: means of the maxima of its tiles, and statistics of its cells.
-
-    Responses and octaves are whitened by the spectra of the other half of the parts.
-    """
+    """Mean maxima of a part's tiles, and its cells, whitened by spectra of the other half."""
 
     spectrum: Spectrum
     scales: npt.NDArray[np.float64]
-    octaves: FloatMap
-    windows: FloatMap
+    statistics: FloatMap
 
 
 def _observations(parts: Sequence[PartFields], angles: Sequence[float]) -> list[_Observation]:
@@ -122,22 +119,29 @@ def _observations(parts: Sequence[PartFields], angles: Sequence[float]) -> list[
         gains = mean_spectrum(_without(spectra, half)).gains()
         for index in half:
             valid = parts[index].valid
-            octaves, responses = observed(parts[index], gains, angles[index])
-            maxima = np.array([tile_maxima(each, valid) for bank in responses for each in bank])
+            statistics, responses = observed(parts[index], gains, angles[index])
+            maxima = np.array([
+                tile_maxima(response(weights), valid)
+                for response, size in zip(responses, SIZES, strict=True)
+                for weights in np.eye(size, dtype=np.float32)
+            ])  # fmt: skip
             scales = maxima[:, np.isfinite(maxima[0])].mean(axis=1)
-            found[index] = _Observation(spectra[index], scales, octaves()[valid], windows[index])
+            found[index] = _Observation(spectra[index], scales, statistics()[valid])
     return [found[index] for index in range(len(parts))]
 
 
 def _departures(observations: Sequence[_Observation]) -> Departures:
-    windows = [each.windows for each in observations]
+    statistics = [each.statistics for each in observations]
     scales = np.mean([each.scales for each in observations], axis=0)
+    low = np.concatenate([-each[:, LOW_STATISTICS] for each in statistics])
     return Departures(
         mean_spectrum([each.spectrum for each in observations]).gains(),
         np.maximum(scales, _LEAST_SCALE).astype(np.float32),
-        GoodCells.of([each.octaves for each in observations]),
-        GoodCells.of(windows),
-        Evidence.learn(-np.concatenate(windows)[:, LOW].T),
+        tuple(
+            GoodCells.of([each[:, columns] for each in statistics])
+            for columns in STATISTICS.values()
+        ),
+        Evidence.learn(low.T),
     )
 
 

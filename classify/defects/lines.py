@@ -18,29 +18,24 @@ _MARGIN = 10
 _STRIP = 64
 
 
-def line_responses(field: FloatMap, cell: int, orientation_deg: float) -> FloatMap:
-    """(LENGTHS * DIRECTIONS, h, w) float32 largest absolute response in every cell.
+def line_response(
+    field: FloatMap, cell: int, orientation_deg: float, weights: FloatMap
+) -> FloatMap:
+    """(h, w) largest of the absolute sums along lines in every cell, times (DIRECTIONS * LENGTHS,).
 
-    The weights fall towards the ends of a line: 1 2 1, 1 2 3 2 1 and 1 2 3 3 3 2 1 for threes of
-    pixels.
-
-    Parameters
-    ----------
-    field
-        (h cell, w cell) float32; it counts as zero beyond its borders.
-    cell
-        Pixels on a side of a cell.
-    orientation_deg
-        Orientation of the texture, from which the directions count.
+    The field is (h cell, w cell), and 0 beyond its borders. Sums of threes of pixels have the
+    weights 1 2 1, 1 2 3 2 1 and 1 2 3 3 3 2 1. Directions whose weights are 0 take no time.
     """
     rows, columns = (side // cell for side in field.shape)
-    highest = np.empty((DIRECTIONS, LENGTHS, rows, columns), np.float32)
+    highest = np.empty((rows, columns), np.float32)
     padded = np.pad(field, _MARGIN)
     run_on_rows(
-        partial(_sum_lines, padded, _steps(orientation_deg), cell, highest),
+        partial(
+            _sum_lines, padded, _steps(orientation_deg), cell, weights.reshape(-1, LENGTHS), highest
+        ),
         (rows, field[:cell].size),
     )
-    return highest.reshape(-1, rows, columns)
+    return highest
 
 
 def _steps(orientation_deg: float) -> npt.NDArray[np.int64]:
@@ -54,19 +49,23 @@ def _steps(orientation_deg: float) -> npt.NDArray[np.int64]:
 
 @kernel
 def _sum_lines(
-    padded: Array, steps: Array, cell: int, highest: Array, first: int, stop: int
+    padded: Array, steps: Array, cell: int, weights: Array, highest: Array, first: int, stop: int
 ) -> None:
     """Responses of rows of cells: sums of three pixels, then sums of these."""
-    width = highest.shape[3] * cell
+    width = highest.shape[1] * cell
     threes = np.empty((_STRIP + 18, width + 18), np.float32)
-    line, pair = np.empty(width, np.float32), np.empty(width, np.float32)
-    most = np.empty((3, width), np.float32)
+    line = np.empty(width, np.float32)
+    most = np.empty((_STRIP, width), np.float32)
     zero, two, three = np.float32(0.0), np.float32(2.0), np.float32(3.0)
     for top in range(first, stop, _STRIP // cell):
-        cells = min(_STRIP // cell, stop - top)
-        for direction in range(highest.shape[0]):
+        rows = min(_STRIP // cell, stop - top) * cell
+        most[:] = zero
+        for direction in range(len(steps)):
+            short, middle, long = weights[direction]
+            if max(short, middle, long) == zero:
+                continue
             y, x = steps[direction, 0]
-            for r in range(cells * cell + 18):
+            for r in range(rows + 18):
                 row = top * cell + r + 1
                 a = padded[row - y, 1 - x : 1 - x + threes.shape[1]]
                 b = padded[row, 1 : 1 + threes.shape[1]]
@@ -74,42 +73,30 @@ def _sum_lines(
                 out = threes[r]
                 for c in range(threes.shape[1]):
                     out[c] = a[c] + b[c] + d[c]
-            short, middle, long = most[0], most[1], most[2]
-            for index in range(cells):
-                most[:] = zero
-                for r in range(index * cell + 9, (index + 1) * cell + 9):
-                    here = threes[r, 9 : 9 + width]
-                    y, x = steps[direction, 1]
-                    a, b = (
-                        threes[r - y, 9 - x : 9 - x + width],
-                        threes[r + y, 9 + x : 9 + x + width],
-                    )
-                    # Loops of few arrays, which numba must know not to overlap. np.maximum is
-                    # vectorised, max is not.
-                    for c in range(width):
-                        line[c] = here[c] + a[c] + b[c]
-                    for c in range(width):
-                        short[c] = np.maximum(short[c], abs(line[c] + here[c]))
-                    y, x = steps[direction, 2]
-                    a, b = (
-                        threes[r - y, 9 - x : 9 - x + width],
-                        threes[r + y, 9 + x : 9 + x + width],
-                    )
-                    for c in range(width):
-                        pair[c] = a[c] + b[c]
-                    for c in range(width):
-                        middle[c] = np.maximum(middle[c], abs(two * line[c] + here[c] + pair[c]))
-                    y, x = steps[direction, 3]
-                    a, b = (
-                        threes[r - y, 9 - x : 9 - x + width],
-                        threes[r + y, 9 + x : 9 + x + width],
-                    )
-                    for c in range(width):
-                        value = three * line[c] + two * pair[c] + a[c] + b[c]
-                        long[c] = np.maximum(long[c], abs(value))
-                for number in range(3):
-                    for column in range(highest.shape[3]):
-                        value = zero
-                        for c in range(column * cell, (column + 1) * cell):
-                            value = max(value, most[number, c])
-                        highest[direction, number, top + index, column] = value
+            for r in range(9, rows + 9):
+                # Loops of few arrays, which numba must know not to overlap. np.maximum is
+                # vectorised, max is not.
+                here, best = threes[r, 9 : 9 + width], most[r - 9]
+                y, x = steps[direction, 1]
+                a, b = threes[r - y, 9 - x : 9 - x + width], threes[r + y, 9 + x : 9 + x + width]
+                for c in range(width):
+                    line[c] = here[c] + a[c] + b[c]
+                for c in range(width):
+                    best[c] = np.maximum(best[c], short * abs(line[c] + here[c]))
+                y, x = steps[direction, 2]
+                a, b = threes[r - y, 9 - x : 9 - x + width], threes[r + y, 9 + x : 9 + x + width]
+                for c in range(width):
+                    pair = a[c] + b[c]
+                    best[c] = np.maximum(best[c], middle * abs(two * line[c] + here[c] + pair))
+                    line[c] = three * line[c] + two * pair
+                y, x = steps[direction, 3]
+                a, b = threes[r - y, 9 - x : 9 - x + width], threes[r + y, 9 + x : 9 + x + width]
+                for c in range(width):
+                    best[c] = np.maximum(best[c], long * abs(line[c] + a[c] + b[c]))
+        for r in range(0, rows, cell):
+            for column in range(highest.shape[1]):
+                value = zero
+                for y in range(r, r + cell):
+                    for x in range(column * cell, (column + 1) * cell):
+                        value = max(value, most[y, x])
+                highest[top + r // cell, column] = value

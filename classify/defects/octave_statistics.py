@@ -26,15 +26,7 @@ _ENERGY_FLOOR = np.float32(1e-3)
 
 
 def octave_statistics(white: tuple[HalfSpectrum, HalfSpectrum], weight: FloatMap) -> FloatMap:
-    """(h, w, OCTAVE_STATISTICS) float32 log energies of the gradient in each octave.
-
-    Parameters
-    ----------
-    white
-        Half spectra of the whitened relief and albedo.
-    weight
-        As `PartFields.weight`.
-    """
+    """(h, w, OCTAVE_STATISTICS) log energies of the gradient of white fields in each octave."""
     rows, columns = (side // HALF_CELL for side in weight.shape)
     around = gaussian_mean(resized(weight * weight, rows, columns), _STATISTICS_CELLS)
     around += np.float32(1e-3)

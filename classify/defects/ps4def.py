@@ -37,15 +37,7 @@ class _Header(BaseModel):
 
 
 def write(path: Path, false_alarm_rate: float, arrays: Mapping[str, Array]) -> None:
-    """Write a model to `path`, whole or not at all.
-
-    Raises
-    ------
-    DefectModelError
-        If the name does not end in ``.ps4def``.
-    InputError
-        If the file cannot be written.
-    """
+    """Write a model, whole or not at all; DefectModelError if its name has another suffix."""
     if path.suffix != SUFFIX:
         raise DefectModelError(f"{path}: let the name of a defect model end in {SUFFIX}")
     require_folder(path)
@@ -57,16 +49,7 @@ def write(path: Path, false_alarm_rate: float, arrays: Mapping[str, Array]) -> N
 def read(
     path: Path, shapes: Mapping[str, tuple[int | None, ...]]
 ) -> tuple[float, dict[str, Array]]:
-    """Read the false alarm rate and the arrays of a model.
-
-    `shapes` names the arrays; None stands for any length.
-
-    Raises
-    ------
-    DefectModelError
-        If the file is missing, damaged, changed, no defect model, or of another version; the
-        message names it.
-    """
+    """Read the false alarm rate and the arrays, whose names are those of `shapes`."""
     with open_archive(path, _KIND) as archive:
         header = archive.header(_Header)
         arrays = archive.finite_arrays(shapes)

@@ -57,17 +57,17 @@ class Spectrum:
         fits = [side for side in _SEGMENTS if 2 * side <= min(fields.p.shape)]
         segment = fits[0] if fits else _SEGMENTS[-1]
         window = _window(segment)
-        u, v = frequencies((segment, segment))
+        u = np.fft.fftfreq(segment)
+        v = -u[:, None]
         length = np.maximum(np.hypot(u, v), 1e-9)
-        relief = np.zeros((segment, segment // 2 + 1))
-        albedo = np.zeros_like(relief)
+        relief, albedo = np.zeros((2, segment, segment))
         count = 0
         for top, left in _segment_corners(fields.p.shape, segment):
             piece = np.s_[top : top + segment, left : left + segment]
             if fields.weight[piece].mean() < _LEAST_WEIGHT:
                 continue
             p, q, a = (
-                scipy.fft.rfft2((plane[piece] - plane[piece].mean()) * window)
+                scipy.fft.fft2((plane[piece] - plane[piece].mean()) * window)
                 for plane in (fields.p, fields.q, fields.albedo)
             )
             relief += np.abs((u * p + v * q) / length) ** 2
@@ -78,7 +78,7 @@ class Spectrum:
                 f"no area of {2 * segment} x {2 * segment} px of a good part has enough valid "
                 "pixels; check its light and mask"
             )
-        powers = (_full_spectrum(each / count) for each in (relief, albedo))
+        powers = (scipy.fft.fftshift(each / count) for each in (relief, albedo))
         return cls(*(_rotated(each, orientation_deg) for each in powers))
 
     def gains(self) -> FloatMap:
@@ -198,17 +198,6 @@ def _apply_gains(
             albedo[r, k] = band[r, k] * albedo_gain * a[r, k]
             p[r, k] = relief_gain * relief[r, k]
             a[r, k] = albedo_gain * albedo[r, k]
-
-
-def _full_spectrum(half: Power) -> Power:
-    """The full spectrum of a real field, zero frequency in the middle, from its half."""
-    rows, columns = half.shape[0], 2 * (half.shape[1] - 1)
-    full = np.empty((rows, columns))
-    full[:, : columns // 2 + 1] = half
-    # X(-u, -v) is the conjugate of X(u, v).
-    opposite = np.roll(half[::-1, 1 : columns // 2], 1, axis=0)[:, ::-1]
-    full[:, columns // 2 + 1 :] = opposite
-    return np.asarray(scipy.fft.fftshift(full))
 
 
 def _rotated(power: Power, orientation_deg: float) -> Power:

@@ -24,16 +24,10 @@ _LEAST_SHARE = np.float32(1e-3)
 
 
 def window_statistics(moments: FloatMap, orientation_deg: float) -> FloatMap:
-    """(h, w, WINDOW_STATISTICS) float32 statistics around every cell.
+    """(h, w, WINDOW_STATISTICS) statistics around every cell, in the frame of the texture.
 
-    They are in the frame of the texture. For each window: the logarithm of the standard deviation
-    of the slopes, its anisotropy as the cosine and sine of twice the direction, and the logarithm
-    of the standard deviation of the log albedo and its mean.
-
-    Parameters
-    ----------
-    moments
-        (h, w, 8), as `PartFields.moments`.
+    For each window: the log deviation of the slopes, its anisotropy as cosine and sine of twice the
+    direction, the log deviation of the log albedo, and its mean.
     """
     angle = np.radians(2.0 * orientation_deg)
     c, s = np.float32(np.cos(angle)), np.float32(np.sin(angle))

@@ -9,10 +9,6 @@ from .moments import MOMENTS, OCTAVES, PRODUCTS
 
 FEATURES = 2 + 6 * OCTAVES + 2
 """Features of a window: those of `window_features`."""
-FINE = (0, 1, 2, 7)
-"""The energies of the two finest octaves, of slopes and of log albedo: what a hole lacks."""
-ALBEDO = (1, *(7 + 6 * octave for octave in range(OCTAVES)), FEATURES - 2)
-"""The energies of the log albedo and its mean, which a stain changes."""
 DIRECTIONS = tuple(2 + 6 * octave + k for octave in range(OCTAVES) for k in (1, 2, 3, 4))
 """The features that turn with the texture."""
 
@@ -36,6 +32,11 @@ def energy_floors(mean_moments: FloatMap) -> FloatMap:
     energies = energy_columns()
     floors[energies] = _FLOOR_SHARE * mean_moments[energies] + _LEAST_ENERGY
     return floors
+
+
+def coarser(moments: FloatMap) -> FloatMap:
+    """Means over 2 x 2 cells."""
+    return cv2.blur(moments, (2, 2), anchor=(0, 0))[::2, ::2]
 
 
 def window_moments(moments: FloatMap, cells: int) -> FloatMap:

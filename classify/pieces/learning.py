@@ -3,18 +3,21 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from classify.base.errors import InputError
 from classify.confidence import tolerance_factor
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 from classify.texture.fields import texture_fields
 
-from .features import energy_floors, window_features, window_moments
+from .features import coarser, energy_floors, window_features, window_moments
 from .look_alikes import LookAlikes
 from .piece_model import SIZES, VIEWS, PieceModel
+from .spots import SpotModel, left_out_models, spot_values, subsampled
 from .whole_part import (
     Floats,
     handedness_measure,
@@ -30,11 +33,16 @@ SCALE_STEP = 0.05
 # Shares of good parts within the limit of a view by its kind, and of an octave, of which a part has
 # many. A piece that lies otherwise is far beyond its limit. The good parts that are rejected are
 # those of `python -m tests.evidence.wrong_passes`.
-_COVERAGES = {"window": 0.999, "seam": 0.9999}
+_COVERAGES = {"window": 0.999, "spot": 0.99, "seam": 0.9999}
 _OCTAVE_COVERAGE = 0.999
+# Least share of good parts with a window that is farther from good ones at 90 degrees than any
+# window that was left out, of a texture with a direction.
+_LEAST_TURNED = 0.9
 # Prior of the standard deviation of the logarithm of the highest scores of good parts, and the
 # number of parts that it counts as: it was 0.05 to 0.25 on the textures of that command.
 _PRIOR_SPREAD, _PRIOR_FREEDOM = 0.12, 4
+# Spots from which their model is learned, and folds of parts that are left out in turn.
+_MOST_SPOTS, _FOLDS = 25_000, 5
 # Least departure of the root mean square of an octave that exceeds its limit.
 _LEAST_OCTAVE = math.log(1.05)
 
@@ -78,36 +86,63 @@ def learn_pieces(parts: Sequence[GoodPart], scale_direction: Floats) -> PieceMod
     if len({part.moments.shape for part in parts}) > 1:
         raise InputError("the good parts differ in the size of their frames; capture them alike")
     floors = energy_floors(np.mean([part.moments.mean(axis=(0, 1)) for part in parts], axis=0))
+    coarses = [coarser(part.moments) for part in parts]
+    orientations = [part.orientation_deg or 0.0 for part in parts]
     features = {
-        size: [
-            window_features(window_moments(part.moments, size), floors, part.orientation_deg or 0.0)
-            for part in parts
+        (size, angle): [
+            window_features(window_moments(coarse, size), floors, orientation + angle)
+            for coarse, orientation in zip(coarses, orientations, strict=True)
         ]
         for size in SIZES
+        for angle in (0.0, 90.0)
     }
     views = {}
+    turned = np.zeros(len(parts), np.bool_)
     for name, size, columns in VIEWS:
-        found, scores = LookAlikes.of(features[size], columns)
-        highest = 0.5 * np.log([max(float(each.max()), 1e-9) for each in scores])
-        factor = tolerance_factor(len(parts), _COVERAGES[name.partition("_")[0]])
-        limit = highest.mean() + factor * _spread(highest)
-        views[name] = replace(found, spreads=found.spreads * np.float32(math.exp(2.0 * limit)))
+        found, scores = LookAlikes.of(features[size, 0.0], columns)
+        kind = name.partition("_")[0]
+        highest = np.array([each.max() for each in scores])
+        if kind == "seam":
+            others = (found.scores(each).max() for each in features[size, 90.0])
+            turned |= [other > highest.max() for other in others]
+        limit = _limit(np.sqrt(highest), kind)
+        views[name] = replace(found, spreads=found.spreads * np.float32(limit**2))
     factor = tolerance_factor(len(parts), _OCTAVE_COVERAGE)
-    levels = np.array([octave_levels(part.moments) for part in parts])
+    levels = np.array([octave_levels(each) for each in coarses])
     scale, scales = scale_measure(np.array([part.rings for part in parts]), scale_direction)
-    handedness, hands = handedness_measure(
-        np.array([pseudo_scalars(part.moments) for part in parts])
-    )
+    handedness, hands = handedness_measure(np.array([pseudo_scalars(each) for each in coarses]))
     least = hands.mean() - tolerance_factor(len(parts)) * hands.std(ddof=1)
     return PieceModel(
         floors,
         views,
+        _spot_model(parts, floors),
         levels.mean(axis=0),
         np.maximum(factor * levels.std(axis=0, ddof=1), _LEAST_OCTAVE),
         scale,
         handedness if least > 0.0 else None,
+        bool(turned.mean() >= _LEAST_TURNED),
         float(scales.std(ddof=1)),
     )
+
+
+def _spot_model(parts: Sequence[GoodPart], floors: FloatMap) -> SpotModel:
+    def values(part: GoodPart) -> FloatMap:
+        return spot_values(part.moments, floors, part.orientation_deg or 0.0)
+
+    rows = [subsampled(values(part), _MOST_SPOTS // len(parts)) for part in parts]
+    folds = min(len(parts), _FOLDS)
+    models = left_out_models(rows, folds)
+    highest = np.array([
+        models[n % folds].scores(values(part)).max(axis=(1, 2)) for n, part in enumerate(parts)
+    ])  # fmt: skip
+    limits = np.array([_limit(each, "spot") for each in highest.T])
+    return SpotModel.of(np.hstack(rows)).with_limits(limits)
+
+
+def _limit(highest: npt.NDArray[Any], kind: str) -> float:
+    """Limit of scores from the highest ones of good parts that were left out."""
+    logs = np.log(np.maximum(highest.astype(np.float64), 1e-9))
+    return math.exp(logs.mean() + tolerance_factor(len(logs), _COVERAGES[kind]) * _spread(logs))
 
 
 def _spread(logarithms: Floats) -> float:

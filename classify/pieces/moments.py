@@ -11,8 +11,8 @@ from classify.base.threads import run_on_rows
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 from classify.texture.fields import texture_fields
 
-CELL_PX = 16
-"""Pixels on a side of a cell; that of the coarsest octave is one pixel of its level."""
+CELL_PX = 8
+"""Pixels on a side of a cell."""
 OCTAVES = 4
 """Octaves below the finest one, of which only the energies are measured."""
 PRODUCTS = 8
@@ -28,7 +28,8 @@ def band_moments(surface: SurfaceEstimate) -> FloatMap:
 
     First the energies of slopes and of log albedo a in the finest octave. Then for each octave,
     with g = p + i q: |g|^2, real and imaginary parts of g^2 and of g^4 / |g|^2, a^2, and p a and
-    q a. Last the means of p, q and a. Rows and columns beyond the last whole cell are left out.
+    q a. Last the means of p, q and a. A pixel of the coarsest octave covers 2 x 2 cells. Rows and
+    columns beyond the last two whole cells are left out.
 
     Raises
     ------
@@ -41,7 +42,7 @@ def band_moments(surface: SurfaceEstimate) -> FloatMap:
             f"{MIN_SIDE_PX} px or more"
         )
     fields = texture_fields(surface)
-    h, w = (side // CELL_PX for side in surface.shape)
+    h, w = (2 * (side // (2 * CELL_PX)) for side in surface.shape)
     moments = np.empty((h, w, MOMENTS), np.float32)
     planes = np.empty((3, h * CELL_PX // 2, w * CELL_PX // 2), np.float32)
     run_on_rows(
@@ -53,8 +54,11 @@ def band_moments(surface: SurfaceEstimate) -> FloatMap:
         coarser = [cv2.pyrDown(plane) for plane in levels]
         size = levels[0].shape[::-1]
         smooth = [cv2.pyrUp(plane, dstsize=size) for plane in coarser]
-        sums = partial(_sum_products, *levels, *smooth, 2 + PRODUCTS * octave, moments)
-        run_on_rows(sums, (h, levels[0].size))
+        cells = moments[..., 2 + PRODUCTS * octave :][..., :PRODUCTS]
+        rows = min(h, len(levels[0]))
+        products = np.empty((rows, w * rows // h, PRODUCTS), np.float32)
+        run_on_rows(partial(_sum_products, *levels, *smooth, products), (rows, levels[0].size))
+        cells[...] = products if rows == h else products.repeat(2, axis=0).repeat(2, axis=1)
         levels = coarser
     for index, plane in enumerate(planes):
         moments[..., index - 3] = cv2.resize(plane, (w, h), interpolation=cv2.INTER_AREA)
@@ -101,7 +105,7 @@ def _halve(
 @kernel
 def _sum_products(
     p: Array, q: Array, a: Array, smooth_p: Array, smooth_q: Array, smooth_a: Array,
-    start: int, moments: Array, first: int, stop: int,
+    moments: Array, first: int, stop: int,
 ) -> None:  # fmt: skip
     """Products of one octave, the difference of two levels of the pyramid; rows of cells."""
     columns = p.shape[1]
@@ -131,4 +135,4 @@ def _sum_products(
                 total = zero
                 for c in range(column * cell, (column + 1) * cell):
                     total += sums[index, c]
-                moments[row, column, start + index] = share * total
+                moments[row, column, index] = share * total

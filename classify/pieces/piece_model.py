@@ -12,30 +12,23 @@ from classify.base.array_archive import arrays_sha256
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 
 from . import ps4piece
-from .features import (
-    ALBEDO,
-    DIRECTIONS,
-    FEATURES,
-    FINE,
-    window_features,
-    window_moments,
-)
+from .features import DIRECTIONS, FEATURES, coarser, window_features, window_moments
 from .look_alikes import LookAlikes
 from .moments import MOMENTS, band_moments
+from .spots import DEPARTURES, SPOT_VALUES, SpotModel, spot_values
 from .whole_part import Floats, LinearMeasure, octave_levels, pseudo_scalars
 
 VIEWS: tuple[tuple[str, int, tuple[int, ...]], ...] = (
-    ("window_1", 1, FINE),
-    ("window_2", 2, ALBEDO),
-    ("window_4", 4, tuple(range(FEATURES))),
-    ("window_8", 8, tuple(range(FEATURES))),
-    ("seam_4", 4, DIRECTIONS),
-    ("seam_8", 8, DIRECTIONS),
+    ("window_64", 4, tuple(range(FEATURES))),
+    ("window_128", 8, tuple(range(FEATURES))),
+    ("seam_64", 4, DIRECTIONS),
+    ("seam_128", 8, DIRECTIONS),
 )
-"""Name, side in cells of 16 px, and compared features of every view of a part.
+"""Name, side in pairs of cells, and compared features of every view of a part.
 
 `python -m tests.evidence.wrong_passes` shows what they find together. In all features at once the
-many that differ between good windows hide the few that a small hole or a stain changes.
+many that differ between good windows hide the few that a small fault changes: for it there are
+spots.
 """
 SIZES = tuple(dict.fromkeys(size for _, size, _ in VIEWS))
 
@@ -47,8 +40,8 @@ class PieceMeasures:
     Attributes
     ----------
     window_map, seam_map
-        (h, w) float32 scores of the cells of 16 px; 1.0 is the limit. The second compares only the
-        directions of the octaves of the windows around a cell.
+        (h, w) float32 scores of the cells, of spots and windows; 1.0 is the limit. The second
+        compares only the directions of the octaves of the windows around a cell.
     octaves
         Largest departure of the power in an octave of relief or albedo; 1.0 is the limit.
     scale
@@ -84,22 +77,28 @@ class PieceModel:
         (MOMENTS,) energies that are added to measured ones.
     views
         Look-alikes by the name of the view, in units of whose limits the scores are.
+    spots
+        What surroundings let expect of spots, in units of its limits.
     octave_means, octave_limits
         Levels of good parts in each octave of relief and of albedo, and their largest departures.
     scale
         Measure of the logarithm of the scale.
     handedness
         Measure of handedness; None for a texture without one.
+    has_direction
+        Whether windows at 90 degrees look unlike all good ones.
     scale_deviation
         Standard deviation of the logarithm of the scale of good parts that are left out.
     """
 
     floors: FloatMap
     views: dict[str, LookAlikes]
+    spots: SpotModel
     octave_means: Floats
     octave_limits: Floats
     scale: LinearMeasure
     handedness: LinearMeasure | None
+    has_direction: bool
     scale_deviation: float
 
     def measure(
@@ -127,22 +126,27 @@ class PieceModel:
         self, moments: FloatMap, orientation_deg: float | None, rings: Floats
     ) -> PieceMeasures:
         """As `measure`, for a part whose moments are known."""
-        maps = {kind: np.zeros(moments.shape[:2], np.float32) for kind in ("window", "seam")}
-        features: dict[int, FloatMap] = {}
+        orientation_deg = orientation_deg or 0.0
+        spots = self.spots.cell_scores(spot_values(moments, self.floors, orientation_deg))
+        pairs = coarser(moments)
+        maps = {kind: np.zeros(pairs.shape[:2], np.float32) for kind in ("window", "seam")}
+        windows = {size: window_moments(pairs, size) for size in SIZES}
+        features = {
+            size: window_features(each, self.floors, orientation_deg)
+            for size, each in windows.items()
+        }
         for name, size, _ in VIEWS:
-            windows = window_moments(moments, size)
-            if size not in features:
-                features[size] = window_features(windows, self.floors, orientation_deg or 0.0)
             scores = np.sqrt(self.views[name].scores(features[size]))
-            _cover(maps[name.partition("_")[0]], scores.reshape(windows.shape[:2]), size)
-        departures = np.abs(octave_levels(moments) - self.octave_means) / self.octave_limits
+            _cover(maps[name.partition("_")[0]], scores.reshape(windows[size].shape[:2]), size)
+        cells = [each.repeat(2, axis=0).repeat(2, axis=1) for each in maps.values()]
+        departures = np.abs(octave_levels(pairs) - self.octave_means) / self.octave_limits
         hand = self.handedness
         return PieceMeasures(
-            maps["window"],
-            maps["seam"],
+            np.maximum(cells[0], spots),
+            cells[1],
             float(departures.max()),
             float(np.exp(self.scale.of_part(rings))),
-            None if hand is None else hand.of_part(pseudo_scalars(moments)),
+            None if hand is None else hand.of_part(pseudo_scalars(pairs)),
         )
 
     @cached_property
@@ -165,10 +169,12 @@ class PieceModel:
         return cls(
             arrays["floors"],
             views,
+            SpotModel(arrays["spot_weights"], arrays["spot_offsets"]),
             arrays["octave_means"],
             arrays["octave_limits"],
             LinearMeasure(arrays["scale_origin"], arrays["scale_weights"]),
             LinearMeasure(np.zeros(len(hand)), hand) if len(hand) else None,
+            bool(arrays["has_direction"][0]),
             float(arrays["scale_deviation"][0]),
         )
 
@@ -177,10 +183,13 @@ class PieceModel:
         """The arrays of its file."""
         arrays: dict[str, npt.NDArray[Any]] = {
             "floors": self.floors,
+            "spot_weights": self.spots.weights,
+            "spot_offsets": self.spots.offsets,
             "octave_means": self.octave_means,
             "octave_limits": self.octave_limits,
             "scale_origin": self.scale.origin,
             "scale_weights": self.scale.weights,
+            "has_direction": np.array([float(self.has_direction)]),
             "scale_deviation": np.array([self.scale_deviation]),
             "handedness_weights": np.zeros(0)
             if self.handedness is None
@@ -198,10 +207,13 @@ def _shapes() -> dict[str, tuple[int | None, ...]]:
     """Shapes of the arrays of a model; None is any length."""
     shapes: dict[str, tuple[int | None, ...]] = {
         "floors": (MOMENTS,),
+        "spot_weights": (SPOT_VALUES, 2 * len(DEPARTURES)),
+        "spot_offsets": (2 * len(DEPARTURES),),
         "octave_means": (None,),
         "octave_limits": (None,),
         "scale_origin": (None,),
         "scale_weights": (None,),
+        "has_direction": (1,),
         "scale_deviation": (1,),
         "handedness_weights": (None,),
     }

@@ -15,11 +15,11 @@ SUFFIX = ".ps4piece"
 _KIND = ArchiveKind(
     noun="piece model",
     header="pieces.json",
-    versions=(1,),
+    versions=(2,),
     if_missing="make one with ps4rig station teach",
     remedy="teach it again",
     error=PieceModelError,
-    # Two views of 1,000 windows of 28 float32, two of 16, and two smaller ones take 0.4 MB.
+    # Two views of 1,000 windows of 28 float32, and two of 16, take 0.4 MB.
     max_bytes=2**22,
     max_header_bytes=2**16,
 )
@@ -30,7 +30,7 @@ Array = npt.NDArray[Any]
 class _Header(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
     format: Literal["ps4piece"] = "ps4piece"
-    version: Literal[1] = 1
+    version: Literal[2] = 2
     sha256: str
 
 

@@ -109,6 +109,8 @@ def _curvature(
         raise InputError("the gradients contain NaN or infinity; mark such pixels as not valid")
     weight = valid.astype(np.float32)
     n_z: FloatMap = (weight / np.sqrt(1.0 + p * p + q * q)).astype(np.float32, copy=False)
+    # Not p and q: with one outlier in 200 pixels the error of H on an egg box is 0.27 of its rms
+    # instead of 1.7, because components of a unit normal are at most 1.
     normal = (-p * n_z, -q * n_z, n_z)
     (x, x_x, x_y), (y, y_x, y_y), (z, z_x, z_y) = _fitted_planes(weight, normal, scale_px, reach)
     curl = x * z_y - y * z_x + z * (y_x - x_y)

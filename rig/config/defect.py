@@ -26,6 +26,8 @@ class Defect(Section):
         without a shift.
     size_px
         Length of a scratch, diameter of the others.
+    width_px
+        Width of a scratch, between the two places where it is as high as the surface.
     depth_px
         Depth of a scratch or a dent, height of a bump.
     angle_deg
@@ -40,6 +42,7 @@ class Defect(Section):
     x_px: Place = 0.0
     y_px: Place = 0.0
     size_px: float = Field(default=24.0, ge=2.0, le=2048.0)
+    width_px: float = Field(default=3.0, ge=1.0, le=256.0)
     depth_px: float = Field(default=1.0, gt=0.0, le=256.0)
     angle_deg: Degrees = 0.0
     contrast: float = Field(default=0.4, ge=-1.0, le=1.0)

@@ -9,16 +9,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
+from classify.defects.shapes import Image, Shape, blot, bump, scratch
 from rig.config.defect import RELIEF_KINDS, Defect
 from rig.scene.surfaces import Surface, SurfacePatch
 from rig.scene.targets import part_coordinates
 
-Image = npt.NDArray[np.float64]
 Number = TypeVar("Number", float, Image)
 
 Window = tuple[slice, slice]
@@ -26,24 +26,8 @@ Placed = tuple[int, float, tuple[float, float], int, float]
 """Size, rotation, shift, margin and magnification, as in `PeriodicSurface.patch`."""
 
 _MAPS = ("height", "p", "q", "albedo")
-# Half the distance between the two places where a groove is as high as the surface. Its spectrum
-# has 1 % of its peak at 0.4 cycles/px, the band limit of the surfaces: it does not alias.
-_GROOVE_PX = 1.5
-# The next three are free choices of a shape, not fitted to real defects.
-# Share of a scratch's length over which a stylus enters, and leaves.
-_ENTRY_SHARE = 0.25
-# Share of an outline's radius at which stains and patches begin to fade.
-_FADE_FROM = 0.6
-# Lobes and their amplitudes and phases: an outline without symmetry, between 0.7 and 1 of size / 2.
-_LOBES = ((2, 0.07, 0.0), (3, 0.05, 1.0), (5, 0.03, 2.5))
-
-
-class _Shape(NamedTuple):
-    """A function of the place and its derivatives along and across the angle of the defect."""
-
-    value: Image
-    along: Image
-    across: Image
+# At six half widths a groove has come back to 1e-6 of its depth.
+_GROOVE_REACH = 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,13 +78,13 @@ class DefectiveSurface:
             near = _window(defect, x, y)
             along, across = _from_defect(defect, x[near], y[near])
             if defect.kind == "scratch":
-                # Beyond 2.5 the ridges are below a quarter of the depth and fall.
+                # Beyond 2.5 half widths the ridges are below a quarter of the depth and fall.
                 on_line = np.abs(along) < 0.5 * defect.size_px
-                inside[near] |= on_line & (np.abs(across) < 2.5 * _GROOVE_PX)
+                inside[near] |= on_line & (np.abs(across) < 1.25 * defect.width_px)
             elif defect.kind in RELIEF_KINDS:
                 inside[near] |= np.hypot(along, across) < 0.5 * defect.size_px
             else:
-                inside[near] |= _blot(defect, along, across).value > 0.0
+                inside[near] |= blot(defect.size_px, along, across).value > 0.0
         return inside
 
     def _with_defect(
@@ -110,15 +94,17 @@ class DefectiveSurface:
         angle_deg, magnification = placed[1] + defect.angle_deg, placed[4]
         along, across = _from_defect(defect, x, y)
         if defect.kind == "stain":
-            faded = 1.0 - defect.contrast * _blot(defect, along, across).value
+            faded = 1.0 - defect.contrast * blot(defect.size_px, along, across).value
             return replace(piece, albedo=np.float32(faded) * piece.albedo)
         if defect.kind not in RELIEF_KINDS:
             other = self._filling(defect, along, across, near, placed)
-            weight = _blot(defect, along, across)
+            weight = blot(defect.size_px, along, across)
             return _blended(piece, other, weight, angle_deg, magnification)
-        shape = _scratch if defect.kind == "scratch" else _bump
         height_px = defect.depth_px if defect.kind == "bump" else -defect.depth_px
-        relief = shape(defect, along, across)
+        if defect.kind == "scratch":
+            relief = scratch(defect.size_px, defect.width_px, along, across)
+        else:
+            relief = bump(defect.size_px, along, across)
         p, q = _rotated(relief.along, relief.across, angle_deg)
         return replace(
             piece,
@@ -164,7 +150,7 @@ def _means_around(
     """Means of height, p, q and albedo under the whole defect, also beyond the frame."""
     side_px = math.ceil(defect.size_px)
     patch = surface.patch(side_px, 0.0, middle_px)
-    weight = _bump(defect, *part_coordinates(side_px, 0.0, (0.0, 0.0), 0, 1.0)).value
+    weight = bump(defect.size_px, *part_coordinates(side_px, 0.0, (0.0, 0.0), 0, 1.0)).value
     weight /= weight.sum()
     height, p, q, albedo = (
         float((weight * each).sum()) for each in (patch.height, patch.p, patch.q, patch.albedo)
@@ -175,7 +161,7 @@ def _means_around(
 def _blended(
     patch: SurfacePatch,
     other: SurfacePatch,
-    weight: _Shape,
+    weight: Shape,
     angle_deg: float,
     magnification: float,
 ) -> SurfacePatch:
@@ -192,51 +178,9 @@ def _blended(
     )
 
 
-def _bump(defect: Defect, along: Image, across: Image) -> _Shape:
-    """Raised cosine of height 1: smooth, and flat in the middle and at its finite edge."""
-    radius_px = 0.5 * defect.size_px
-    phase = np.pi * np.minimum(np.hypot(along, across) / radius_px, 1.0)
-    # sin(phase) / phase, which is 1 in the middle, times the slope of the parabola there.
-    slope = -0.5 * (np.pi / radius_px) ** 2 * np.sinc(phase / np.pi)
-    return _Shape(0.5 + 0.5 * np.cos(phase), slope * along, slope * across)
-
-
-def _scratch(defect: Defect, along: Image, across: Image) -> _Shape:
-    """Depth of a groove: (1 - u^2) exp(-u^2 / 2) across it, u in half widths of the groove."""
-    u = across / _GROOVE_PX
-    bell = np.exp(-0.5 * u * u)
-    profile, slope = (1.0 - u * u) * bell, (u * u - 3.0) * u * bell / _GROOVE_PX
-    entry_px = _ENTRY_SHARE * defect.size_px
-    phase = np.pi * np.clip((0.5 * defect.size_px - np.abs(along)) / entry_px, 0.0, 1.0)
-    depth = 0.5 - 0.5 * np.cos(phase)
-    deeper = -0.5 * np.pi / entry_px * np.sin(phase) * np.sign(along)
-    return _Shape(depth * profile, deeper * profile, depth * slope)
-
-
-def _blot(defect: Defect, along: Image, across: Image) -> _Shape:
-    """Weight of a stain or a patch: 1 within, a raised cosine down to 0 at an irregular outline."""
-    distance, angle = np.hypot(along, across), np.arctan2(across, along)
-    radius, turning = np.full_like(distance, 0.85), np.zeros_like(distance)
-    for lobes, amplitude, start in _LOBES:
-        radius += amplitude * np.cos(lobes * angle + start)
-        turning -= amplitude * lobes * np.sin(lobes * angle + start)
-    radius *= 0.5 * defect.size_px
-    turning *= 0.5 * defect.size_px  # derivative of the outline's radius by the angle
-    share = distance / radius
-    phase = np.pi * np.clip((share - _FADE_FROM) / (1.0 - _FADE_FROM), 0.0, 1.0)
-    fall = -0.5 * np.pi / (1.0 - _FADE_FROM) * np.sin(phase)
-    # The gradient of the share, outwards and anticlockwise.
-    outwards, around = fall / radius, -fall * turning / radius**2
-    cos, sin = np.cos(angle), np.sin(angle)
-    return _Shape(
-        0.5 + 0.5 * np.cos(phase), cos * outwards - sin * around, sin * outwards + cos * around
-    )
-
-
 def _window(defect: Defect, x: Image, y: Image) -> Window:
     """Rows and columns of the pixels that a defect can change; empty if it is outside."""
-    # At six half widths a groove has come back to 1e-6 of its depth.
-    reach_px = 0.5 * defect.size_px + 6.0 * _GROOVE_PX
+    reach_px = 0.5 * (defect.size_px + _GROOVE_REACH * defect.width_px)
     near = (abs(x - defect.x_px) <= reach_px) & (abs(y - defect.y_px) <= reach_px)
     rows, cols = (np.flatnonzero(near.any(axis=axis)) for axis in (1, 0))
     if not len(rows):

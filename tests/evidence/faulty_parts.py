@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -57,6 +57,10 @@ FAULTS = (
     Fault("relief 20 % flatter", "relief", 0.8, 0.05),
     Fault("relief 20 % deeper", "relief", 1.2, 0.05),
 )
+
+
+LOCAL = ("missing", "stain", "dent", "strip", "seam")
+"""Kinds of faults in one place of a part."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,9 +149,7 @@ def captured_parts(material: Path, fault: Fault, count: int, seed: int) -> Itera
             defects: tuple[Defect, ...] = ()
             surface: Surface = base
             if fault.kind in ("missing", "stain", "dent"):
-                values = {"kind": fault.kind, "size_px": fault.strength, "angle_deg": angle_deg}
-                values |= {"x_px": x_px, "y_px": y_px, "contrast": 0.3, "depth_px": 4.0}
-                defects = (Defect.model_validate(values),)
+                defects = (defect_of(fault, (x_px, y_px), angle_deg),)
             elif fault.kind not in (None, "mirrored"):
                 surface = _ChangedSurface(base, fault, angle_deg, offset_px)
             name = f"{material} {number}"
@@ -163,6 +165,30 @@ def captured_parts(material: Path, fault: Fault, count: int, seed: int) -> Itera
                 )
             )
             yield capture_set(rig, label=material.name)
+
+
+def defect_of(fault: Fault, middle_px: Sequence[float], angle_deg: float) -> Defect:
+    """The defect of the simulated rig that a fault is."""
+    values = {"kind": fault.kind, "size_px": fault.strength, "angle_deg": angle_deg}
+    values |= {"x_px": middle_px[0], "y_px": middle_px[1], "contrast": 0.3, "depth_px": 4.0}
+    return Defect.model_validate(values)
+
+
+@contextmanager
+def camera_over(material: Path) -> Iterator[Callable[[Placement], CapturedSet]]:
+    """Yield a function that captures a set of a material in a placement."""
+    config = RigConfig().with_changes(
+        camera={"width_px": SIDE_PX, "height_px": SIDE_PX},
+        simulation={"placement": {"surface": str(material)}},
+    )
+    with _surfaces({str(material): load_material(material)}), open_rig(config) as rig:
+
+        def capture(placement: Placement) -> CapturedSet:
+            assert rig.simulation is not None
+            rig.simulation.place(placement.model_copy(update={"surface": str(material)}))
+            return capture_set(rig, label=material.name)
+
+        yield capture
 
 
 @contextmanager

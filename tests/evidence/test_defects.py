@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 from capture.chapter.plan import Texture, material_textures
 from classify import SurfaceEstimate, TextureLibrary, learn_defects
 from classify.base.errors import InputError
+from classify.defects.fields import part_fields
+from tests.evidence.defects.bound import MatchedFilters
 from tests.evidence.defects.detectors import DETECTORS, OURS
 from tests.evidence.defects.parts import part_of, place_on_material
 from tests.evidence.defects.plan import DefectCase, defect_plan
@@ -102,6 +104,22 @@ def test_a_defect_is_within_the_frame_and_its_mask_shows_it() -> None:
         assert np.median(inside) < 0.6 * np.median(good.surface.albedo)
 
 
+def test_the_bound_rises_with_depth_and_a_deep_defect_reaches_it() -> None:
+    texture = Texture("malv")
+    taught = [(part_fields(part_of(texture, "taught", n).surface), 0.0) for n in range(3)]
+    good = [(part_fields(part_of(texture, "tested", n).surface), 0.0) for n in range(3)]
+    filters = MatchedFilters(taught, good)
+    weak_found = 0
+    for kind in ("scratch", "dent", "bump", "stain"):
+        strengths = (0.004, 0.4) if kind == "stain" else (0.04, 4.0)
+        cases = [DefectCase(kind, 32.0, strength) for strength in strengths]
+        weak, strong = (filters.bound(c, part_of(texture, "tested", 3, c), 0.0) for c in cases)
+        assert strong.d_prime / weak.d_prime == pytest.approx(100.0, rel=0.4)  # log albedo
+        assert strong.is_found, kind
+        weak_found += weak.is_found
+    assert weak_found <= 2  # a part without a defect is above three others at a chance of 1 / 4
+
+
 @pytest.fixture(scope="module")
 def tables(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[dict[str, str]]]:
     plan = defect_plan(True, material_textures(None))
@@ -125,6 +143,16 @@ def test_relief_defects_are_found_far_better_than_without_relief(
         scores = of_kind(tables["defects"], "relief", column)
         others = [scores[name] for name in DETECTORS if name != OURS]
         assert scores[OURS] > max(others) + margin, column
+
+
+@pytest.mark.slow
+def test_the_table_has_a_bound_beside_each_kind_that_has_one(
+    tables: dict[str, list[dict[str, str]]],
+) -> None:
+    for row in tables["defects"]:
+        has_bound = row["defect"] not in ("missing", "foreign")
+        for column in ("median d'", "bound on that, %"):
+            assert (row[column] not in ("", "-")) is has_bound, (row["defect"], column)
 
 
 @pytest.mark.slow

@@ -2,9 +2,11 @@
 
 from typing import get_args
 
+from capture.station.domain.roles import Role
 from capture.station.domain.verdict import Decision, Verdict
 from capture.station.panel.api import V1
 from capture.station.panel.app import ROUTES
+from capture.station.panel.filters import FILTERS
 from capture.station.panel.routes import PanelRoute
 from capture.station.results.part_result import PartResult
 from capture.station.run.event_lines import json_fields
@@ -57,13 +59,21 @@ def event_lines() -> list[str]:
 
 
 def call_lines() -> list[str]:
-    """Return a line for each call of the API, with its role, query and fields."""
-    return [_call(route) for route in ROUTES if route.path.startswith(V1)]
+    """Return a line for each call of the API, with its query and fields, by role."""
+    lines = ["Filters:", "", *(f"- `{name}` {about}" for name, about in FILTERS.items())]
+    for role in Role:
+        calls = [each for each in ROUTES if each.path.startswith(V1) and each.role is role]
+        lines += ["", f"For the {role}:", "", *map(_call, calls)]
+    return lines
 
 
 def _call(route: PanelRoute) -> str:
-    names = ", ".join([*route.query, *route.fields])
+    names = [*route.query, *route.fields]
+    lacking = [each for each in FILTERS if each not in names]
+    if len(lacking) < len(FILTERS) - 1:
+        but = " but " + " and ".join(lacking) if lacking else ""
+        names = [f"filters{but}", *(each for each in names if each not in FILTERS)]
     return (
-        f"- `{route.method} {route.path.removeprefix(V1)}` {route.role}: {route.about}"
-        + f" [{names}]" * bool(names)
+        f"- `{route.method} {route.path.removeprefix(V1)}` {route.about}"
+        + f" [{', '.join(names)}]" * bool(names)
     )

@@ -4,7 +4,6 @@ from capture.base.crash_log import CRASH_STATUS
 from capture.base.interrupts import INTERRUPTED_STATUS
 from capture.base.streams import BROKEN_PIPE_STATUS
 from capture.calibration.ps4cal import PartRecord
-from capture.calibration.setting import Setting
 from capture.commands.export import FOLDER, FORMATS
 from capture.session.plan import SessionPlan
 from capture.session.sets_table import COLUMNS
@@ -58,9 +57,5 @@ def files_page() -> str:
             "## Record of a part of a calibration",
             "",
             *fields(PartRecord),
-            "",
-            "Fields of its `setting`:",
-            "",
-            *fields(Setting),
         ]
     )

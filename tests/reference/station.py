@@ -2,11 +2,11 @@
 
 from capture.station.domain.config import StationConfig
 from capture.station.domain.recipe import Recipe
-from capture.station.line.registers import registers_page
 from capture.station.run.states import TRANSITIONS, State
 
 from .calls import call_lines, event_lines
 from .keys import sections
+from .registers import cause_lines, register_lines
 
 
 def station_page() -> str:
@@ -35,13 +35,18 @@ def station_page() -> str:
             "",
             "## Calls of the HTTP API",
             "",
-            "Below `/api/v1`: the lowest role; in brackets query or fields, which `/api` explains.",
+            "Below `/api/v1`; in brackets query or fields, which `/api` explains.",
             "",
             *call_lines(),
             "",
-            "## Registers of the PLC",
+            "## Causes",
             "",
-            registers_page(),
+            "The code for a PLC, the name, the verdict; the gravest first.",
+            "",
+            *cause_lines(),
+            "",
+            "## Registers of the PLC",
+            *register_lines(),
         ]
     )
 

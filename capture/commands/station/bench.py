@@ -30,20 +30,20 @@ def bench(
             out.print(f"{what} ...")
 
     with TemporaryDirectory() as folder:
-        found = run_bench(Path(folder), parts, size, classes, say)
+        report = run_bench(Path(folder), parts, size, classes, say)
     if json:
         print_json(
             {
-                "parts": len(found.latencies_ms),
-                "p50_ms": found.percentile_ms(50),
-                "p99_ms": found.percentile_ms(99),
-                "steps_ms": found.step_percentiles_ms(50),
-                "steps_p99_ms": found.step_percentiles_ms(99),
-                "parts_per_minute": found.parts_per_minute,
-                "memory_mb": found.memory_mb,
-                "verdicts": found.decisions,
+                "parts": len(report.latencies_ms),
+                "p50_ms": report.percentile_ms(50),
+                "p99_ms": report.percentile_ms(99),
+                "steps_ms": report.step_percentiles_ms(50),
+                "steps_p99_ms": report.step_percentiles_ms(99),
+                "parts_per_minute": report.parts_per_minute,
+                "memory_mb": report.memory_mb,
+                "verdicts": report.decisions,
             }
         )
         return
-    for line in found.lines():
+    for line in report.lines():
         out.print(line)

@@ -22,25 +22,31 @@ if TYPE_CHECKING:
 _FAULTY_PARTS = 10
 
 
+Known = Annotated[
+    Path | None,
+    typer.Option(
+        help="CSV with lines ID,good and ID,bad: the known parts among the results of the "
+        "station, presented as ID, ID-1, ID-2 and so on.",
+        show_default="parts of the simulated rig",
+        metavar="FILE.csv",
+    ),
+]
+Parts = Annotated[
+    int, typer.Option(min=2, max=10_000, help="Known parts of the simulated rig.", metavar="N")
+]
+Times = Annotated[
+    int, typer.Option(min=1, max=1000, help="Presentations of each of them.", metavar="N")
+]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of their placements.")]
+
+
 @reported
 def gauge(
     folder: Station,
-    known: Annotated[
-        Path | None,
-        typer.Option(
-            help="CSV with lines ID,good and ID,bad: the known parts among the results of the "
-            "station, presented as ID, ID-1, ID-2 and so on.",
-            show_default="parts of the simulated rig",
-            metavar="FILE.csv",
-        ),
-    ] = None,
-    parts: Annotated[
-        int, typer.Option(min=2, max=10_000, help="Known parts of the simulated rig.", metavar="N")
-    ] = 20,
-    times: Annotated[
-        int, typer.Option(min=1, max=1000, help="Presentations of each of them.", metavar="N")
-    ] = 3,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of their placements.")] = 1,
+    known: Known = None,
+    parts: Parts = 20,
+    times: Times = 3,
+    seed: Seed = 1,
     json: options.Json = False,
 ) -> None:
     """Study the station as a gauge: known parts, each presented several times.
@@ -61,10 +67,10 @@ def gauge(
     station = StationFolder(folder)
     files = station.recipe_files(first_recipe(station))
     if known:
-        found, judged = _recorded(station, files.name, known)
+        presentations, judged = _recorded(station, files.name, known)
     else:
-        found, judged = _presented(station, files, parts, times, seed)
-    study = GaugeStudy(tuple(found))
+        presentations, judged = _presented(station, files, parts, times, seed)
+    study = GaugeStudy(tuple(presentations))
     faults: list[str] = []
     if files.file.exists():  # results may be of a recipe that was removed
         inspector = Inspector.load(files)
@@ -108,8 +114,8 @@ def _presented(
     shown = known_parts(
         station.config.simulated_parts, count, min(camera.width_px, camera.height_px)
     )
-    found = present(shown, times, rig_config, inspector, seed)
-    presentations = list(progress(found, count * times, "present"))
+    judged = present(shown, times, rig_config, inspector, seed)
+    presentations = list(progress(judged, count * times, "present"))
     return presentations, _Judged(inspector.recipe.sha256, simulated=True)
 
 
@@ -129,9 +135,9 @@ def _recorded(
             # The verdicts of the station, not those of a person who overrode them.
             entries = store.parts(Selection(simulated=simulated, recipe=recipe))
             recorded = ((entry.result.part_id, entry.result.verdict) for entry in entries)
-            found = presentations_of(truths, recorded)
-            if found:
-                return found, _Judged(None, simulated)
+            presentations = presentations_of(truths, recorded)
+            if presentations:
+                return presentations, _Judged(None, simulated)
     raise InputError(
         f"{known}: none of its {len(truths)} parts was judged by recipe {recipe}; present them to "
         "ps4rig station run --trigger enter, and enter their ids"

@@ -131,12 +131,12 @@ def _show(station: str, counters: Counters, include_simulated: bool) -> None:
 def _words(tally: Tally) -> str:
     if not tally.parts:
         return f"no parts; triggers refused: {tally.refused_triggers}"
-    counts = ", ".join(f"{tally.in_force.get(each, 0)} {each}" for each in Decision)
+    counts = ", ".join(f"{tally.in_force.get(decision, 0)} {decision}" for decision in Decision)
     passed = tally.in_force.get(Decision.PASS, 0) / tally.parts
     before = ""
     if tally.in_force != tally.by_station:
-        said = ", ".join(f"{tally.by_station.get(each, 0)} {each}" for each in Decision)
-        before = f"; before overrides {said}"
+        own = ", ".join(f"{tally.by_station.get(decision, 0)} {decision}" for decision in Decision)
+        before = f"; before overrides {own}"
     return (
         f"parts {tally.parts}: {counts}; {passed:.1%} passed{before}; "
         f"triggers refused: {tally.refused_triggers}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,43 @@ if TYPE_CHECKING:
     from capture.station.domain.interface_config import ModbusConfig, MqttConfig, PanelConfig
     from capture.station.line.line import PlcLine
     from capture.station.line.mqtt import MqttPublisher
+    from capture.station.run.events import Publisher, Subscriber
     from capture.station.run.live_station import LiveStation
+
+
+@contextmanager
+def running_interfaces(
+    folder: StationFolder,
+    live: LiveStation,
+    trigger: str,
+    subscribers: Sequence[Subscriber],
+    *,
+    is_asked: bool | None,
+    host: str | None,
+    port: int | None,
+) -> Iterator[Publisher]:
+    """Serve panel, PLC and MQTT while the block runs; yield the publisher of events to all.
+
+    `is_asked`, `host` and `port` are the options for the panel.
+    """
+    from capture.station.run.events import Publisher
+
+    config = folder.config
+    if is_asked is False and trigger == "http":
+        raise InputError("--no-panel: triggers come from the panel; give --trigger timer")
+    with ExitStack() as stack:
+        if is_asked is not False:
+            settings = panel_settings(config.panel, host, port)
+            needed = bool(is_asked or host or port or trigger == "http")
+            stack.enter_context(panel_of(folder, live, settings, is_asked=needed))
+        line = plc_line(config, live, trigger)
+        listeners = [*subscribers, live.tell] + ([] if line is None else [line.tell])
+        if config.mqtt is not None:
+            listeners.append(stack.enter_context(mqtt_of(config.mqtt, folder)).tell)
+        publisher = stack.enter_context(Publisher(*listeners))
+        if line is not None:
+            stack.enter_context(modbus_of(line, config.modbus))
+        yield publisher
 
 
 @contextmanager

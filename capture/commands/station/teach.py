@@ -63,8 +63,8 @@ def teach(
         return
     for remark in teaching.remarks:
         complain(f"warning: {remark}")
-    for promise in teaching.promises():
-        out.print(promise)
+    for line in (*teaching.promises(), *teaching.least_found()):
+        out.print(line)
     out.print(
         f"{files.file}: version {made.version}, not approved; see {teaching.files.report}, then "
         f"run ps4rig station approve {folder} --recipe {made.name} --by NAME",
@@ -109,19 +109,19 @@ def roll_back(
     with recipe_on_the_terminal(folder, recipe, by) as changes:
         present, states = read_recipe(changes.files.file), approved_states(changes.files)
         if sha256 is not None:
-            named = [each.sha256 for each in states if _begins(each.sha256, sha256)]
+            named = [state.sha256 for state in states if _begins(state.sha256, sha256)]
             back = changes.roll_back(named[0] if len(named) == 1 else sha256)
             out.print(f"recipe {back.name}: {with_approval(back)}")
             return
     table = new_table("version", "hash", "approved by", "approved", "")
-    for each in states:
-        if each.approval is not None:
+    for state in states:
+        if state.approval is not None:
             table.add_row(
-                str(each.version),
-                each.sha256[:_DIGITS],
-                each.approval.by,
-                readable_utc(each.approval.utc),
-                "present" if each.sha256 == present.sha256 else "",
+                str(state.version),
+                state.sha256[:_DIGITS],
+                state.approval.by,
+                readable_utc(state.approval.utc),
+                "present" if state.sha256 == present.sha256 else "",
             )
     print_table(table)
 

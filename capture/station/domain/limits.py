@@ -139,7 +139,7 @@ class Limits(Section):
         Positive | None,
         LimitRow("window score", "largest", Cause.WINDOW, ".2f", in_reason=True),
     ] = Field(
-        default=None, description="largest score of a window of 32 to 128 px; 1 is the taught limit"
+        default=None, description="largest score of a spot or a window; 1 is the taught limit"
     )
     seam: Annotated[
         Positive | None,

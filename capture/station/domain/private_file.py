@@ -69,7 +69,7 @@ class PrivateFile(Generic[Model]):
     def _present_stamp(self) -> tuple[int, int, int] | None:
         """Return a stamp that changes when the file is replaced; None if it is missing."""
         try:
-            about = self._path.stat()
+            status = self._path.stat()
         except OSError:
             return None
-        return about.st_ino, about.st_mtime_ns, about.st_size
+        return status.st_ino, status.st_mtime_ns, status.st_size

@@ -136,10 +136,10 @@ class Recipe(Section):
     @model_validator(mode="after")
     def _textures_are_named_once(self) -> Self:
         named = [*self.passes, *self.fails]
-        twice = next((each for each in named if named.count(each) > 1), None)
+        twice = next((texture for texture in named if named.count(texture) > 1), None)
         if twice is not None:
             raise ValueError(f"pass, fail: {twice!r} is named twice; name each texture once")
-        other = next((each for each in self.limits_of if each not in self.passes), None)
+        other = next((texture for texture in self.limits_of if texture not in self.passes), None)
         if other is not None:
             raise ValueError(f"limits_of.{other}: is not in pass; leave these limits out")
         return self

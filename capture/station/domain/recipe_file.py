@@ -65,7 +65,7 @@ def _lines(recipe: Recipe) -> Iterator[str]:
     for section, comment in SECTIONS.items():
         value = values[section]
         if section == "limits_of":
-            tables = {f"{section}.{_toml(name)}": each for name, each in value.items()}
+            tables = {f"{section}.{_toml(name)}": limits for name, limits in value.items()}
         else:
             tables = {} if value is None else {section: value}
         for number, (header, table) in enumerate(tables.items()):

@@ -66,8 +66,8 @@ class RecipeFolder:
 
     def taught_versions(self) -> list[int]:
         """Return the numbers of all versions that were taught, the newest first."""
-        found = (_VERSION.fullmatch(path.name) for path in self.folder.glob("version-*"))
-        numbers = [int(match[1]) for match in found if match is not None]
+        matches = (_VERSION.fullmatch(path.name) for path in self.folder.glob("version-*"))
+        numbers = [int(match[1]) for match in matches if match is not None]
         return sorted((n for n in numbers if self.version(n).taught.is_file()), reverse=True)
 
     @contextmanager

@@ -65,7 +65,7 @@ def _defect(
     kind = draw.choice(parts.defects)
     size_px = min(max(frame_px * draw.uniform(*_SIZE_SHARES), _SIZES_PX[0]), _SIZES_PX[1])
     half_px = frame_px * _MIDDLE_SHARE / 2.0
-    strangers = [each for each in (*parts.others, *parts.surfaces) if each != surface]
+    strangers = [other for other in (*parts.others, *parts.surfaces) if other != surface]
     if kind == "foreign" and not strangers:
         kind = "missing"
     return Defect(

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, FiniteFloat, ValidationError
 
@@ -17,6 +17,7 @@ from classify.base.models import Record, first_fault
 from classify.base.regular_file import read_regular_file
 from rig.set_file import fields_sha256
 
+from .least_found import LeastFound
 from .recipe import Region, Sha256
 
 # 10,000 parts with their hashes take 2 MB.
@@ -44,13 +45,15 @@ class TaughtTexture(Record):
     defects_sha256: Sha256 | None = None
     pieces_file: Name | None = None
     pieces_sha256: Sha256 | None = None
+    # By the defect map, at the limits of the time; empty for a texture that does not pass.
+    least_found: tuple[LeastFound, ...] = ()
 
 
 class Taught(Record):
     """The measurements of teaching on all parts of a recipe."""
 
     format: Literal["ps4rig-taught"] = "ps4rig-taught"
-    version: Literal[2] = 2
+    version: Literal[3] = 3
     utc: str = Field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
     software_version: str = Field(default_factory=lambda: version("ps4rig"))
     setting: Setting  # of the rig; a set with another setting cannot be judged
@@ -58,6 +61,20 @@ class Taught(Record):
     has_calibration: bool
     library_sha256: Sha256
     textures: Mapping[Label, TaughtTexture] = Field(min_length=1)
+
+    @property
+    def least_found(self) -> dict[str, tuple[LeastFound, ...]]:
+        """How strong defects must be to be found, for each texture that passes."""
+        return {name: each.least_found for name, each in self.textures.items() if each.least_found}
+
+    @property
+    def least_found_fields(self) -> list[dict[str, Any]]:
+        """The same as fields of JSON."""
+        return [
+            {"texture": name} | each.fields()
+            for name, found in self.least_found.items()
+            for each in found
+        ]
 
     @property
     def sha256(self) -> str:

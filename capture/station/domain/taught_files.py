@@ -56,9 +56,9 @@ def models_of(made: TaughtFiles, recipe: Recipe, taught: Taught, texture: str) -
     return TextureModels(defects, pieces)
 
 
-def check_unchanged(recipe: Recipe, path: Path, found: str, taught: str) -> None:
+def check_unchanged(recipe: Recipe, path: Path, sha256: str, taught: str) -> None:
     """Check that a file has the hash that it had when the recipe was taught."""
-    if found != taught:
+    if sha256 != taught:
         raise RecipeError(
             f"{path}: was changed since recipe {recipe.name} was taught; run ps4rig station teach"
         )
@@ -68,15 +68,18 @@ def _models_of(
     recipe: Recipe, taught: Taught, texture: str
 ) -> tuple[tuple[str, str], tuple[str, str]]:
     """File and hash of the defect model of a texture, and of its piece model."""
-    about = taught.textures[texture]
+    measured = taught.textures[texture]
     if (
-        about.defects_file is None
-        or about.defects_sha256 is None
-        or about.pieces_file is None
-        or about.pieces_sha256 is None
+        measured.defects_file is None
+        or measured.defects_sha256 is None
+        or measured.pieces_file is None
+        or measured.pieces_sha256 is None
     ):
         raise RecipeError(
             f"recipe {recipe.name}: pass names {texture!r}, which was taught as a bad texture; run "
             "ps4rig station teach"
         )
-    return (about.defects_file, about.defects_sha256), (about.pieces_file, about.pieces_sha256)
+    return (measured.defects_file, measured.defects_sha256), (
+        measured.pieces_file,
+        measured.pieces_sha256,
+    )

@@ -48,8 +48,8 @@ class Tokens:
         """Return the client of a token."""
         # Hashes are compared: the time reveals nothing of the token.
         digest = _sha256(token)
-        found = (client for client in self._file.read().clients if client.sha256 == digest)
-        return next(found, None)
+        clients = (client for client in self._file.read().clients if client.sha256 == digest)
+        return next(clients, None)
 
     def add(self, name: str, role: Role) -> str:
         """Add a client and return its token, which is not stored."""
@@ -70,18 +70,18 @@ class Tokens:
         """Remove a client and return it; its token is invalid at once."""
         with self._file.changing():
             clients = self.all()
-            found = [client for client in clients if client.name == name]
-            if not found:
+            removed = [client for client in clients if client.name == name]
+            if not removed:
                 raise InputError(f"client {name}: no such client; see ps4rig station token list")
             others = tuple(client for client in clients if client.name != name)
             self._file.write(_File(clients=others))
-        return found[0]
+        return removed[0]
 
 
 def require_new_client(name: str, clients: tuple[Client, ...]) -> None:
     """Check the name of a new client."""
     require_name("client", name)
-    if any(each.name == name for each in clients):
+    if any(client.name == name for client in clients):
         raise InputError(f"client {name}: there is one already; remove it first")
 
 

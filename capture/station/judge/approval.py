@@ -56,7 +56,7 @@ def approved_states(files: RecipeFolder) -> list[Recipe]:
 
     A copy that is damaged or was changed since is left out: it cannot be rolled back to.
     """
-    found = []
+    states = []
     for version in files.taught_versions():
         for copy in files.version(version).folder.glob("approved-*.toml"):
             try:
@@ -64,8 +64,8 @@ def approved_states(files: RecipeFolder) -> list[Recipe]:
             except InputError:
                 continue
             if recipe.is_approved and (recipe.name, recipe.version) == (files.name, version):
-                found.append(recipe)
-    return sorted(found, key=_approved_at, reverse=True)
+                states.append(recipe)
+    return sorted(states, key=_approved_at, reverse=True)
 
 
 def _approved_at(recipe: Recipe) -> tuple[str, int, str]:
@@ -80,7 +80,9 @@ def roll_back(files: RecipeFolder, sha256: str, record: Record = lambda *_: None
     The challenge set must be met again before the recipe runs.
     """
     with files.changing():
-        state = next((each for each in approved_states(files) if each.sha256 == sha256), None)
+        state = next(
+            (approved for approved in approved_states(files) if approved.sha256 == sha256), None
+        )
         if state is None:
             raise RecipeError(f"recipe {files.name}: no approved state has hash {sha256[:64]!r}")
         Inspector.of(state, files)  # raises if it could not run

@@ -178,9 +178,9 @@ def valid_replay(
 def _sha256(path: Path) -> str | None:
     """Hash of a file; None if it cannot be read."""
     try:
-        found = path.stat()
+        status = path.stat()
         return _known_sha256(
-            path, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
+            path, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns
         )
     except (InputError, OSError):
         return None

@@ -44,15 +44,15 @@ def read_challenge(folder: Path) -> ChallengeSet:
         "there is no challenge set; add parts with ps4rig station challenge DIR --add SET "
         "--expect PASS|FAIL|UNKNOWN"
     )
-    found = read_toml_as(folder / FILE, ChallengeSet, missing)
-    passing = sum(expected == Decision.PASS for expected in found.sets.values())
-    if not 0 < passing < len(found.sets):
+    challenge = read_toml_as(folder / FILE, ChallengeSet, missing)
+    passing = sum(expected == Decision.PASS for expected in challenge.sets.values())
+    if not 0 < passing < len(challenge.sets):
         raise RecipeError(
-            f"{folder / FILE}: {passing} parts that must pass and {len(found.sets) - passing} that "
-            "must not: add one of each, because a station that passes or rejects everything would "
-            "meet the challenge"
+            f"{folder / FILE}: {passing} parts that must pass and "
+            f"{len(challenge.sets) - passing} that must not: add one of each, because a station "
+            "that passes or rejects everything would meet the challenge"
         )
-    return found
+    return challenge
 
 
 def challenge_sets(folder: Path) -> dict[str, Expected]:
@@ -113,6 +113,8 @@ def remove_from_challenge(folder: Path, file: str, record: Record = lambda *_: N
 
 
 def _write(folder: Path, challenge: ChallengeSet) -> None:
-    lines = "".join(f'{json.dumps(name)} = "{each}"\n' for name, each in challenge.sets.items())
+    lines = "".join(
+        f'{json.dumps(name)} = "{expected}"\n' for name, expected in challenge.sets.items()
+    )
     with durable_file(folder / FILE) as temporary:
         temporary.write_text(_HEAD + lines, encoding="utf-8")

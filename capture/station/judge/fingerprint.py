@@ -27,8 +27,8 @@ def software_sha256() -> str:
 def sources_sha256(home: Path) -> str:
     """SHA-256 of the sources in `home`, and of the versions of Python and packages."""
     digest = hashlib.sha256()
-    for name, found in (("python", platform.python_version()), *_versions()):
-        digest.update(f"{name} {found}\n".encode())
+    for name, number in (("python", platform.python_version()), *_versions()):
+        digest.update(f"{name} {number}\n".encode())
     for package in _PACKAGES:
         for path in sorted((home / package).rglob("*.py")):
             source = path.read_bytes()
@@ -63,8 +63,8 @@ class Fingerprint(Record):
         return cls(
             recipe_sha256=recipe.sha256,
             library_sha256=taught.library_sha256,
-            defects_sha256=tuple(each.defects_sha256 or "" for each in textures),
-            pieces_sha256=tuple(each.pieces_sha256 or "" for each in textures),
+            defects_sha256=tuple(texture.defects_sha256 or "" for texture in textures),
+            pieces_sha256=tuple(texture.pieces_sha256 or "" for texture in textures),
             calibration_sha256=None if calibration is None else calibration.hash,
             software_version=version("ps4rig"),
             software_sha256=software_sha256(),

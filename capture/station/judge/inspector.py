@@ -31,7 +31,7 @@ from capture.station.domain.taught_files import (
     taught_for,
 )
 from capture.station.domain.verdict import Cause, Decision, Verdict
-from capture.station.results.part_result import DefectRecord
+from capture.station.results.part_result import DefectRecord, PartResult
 from classify import TextureLibrary
 from classify.base.threads import beside
 from classify.classifiers.joint import ring_levels
@@ -68,20 +68,19 @@ class Inspection:
     led_levels: tuple[float, ...] = ()
     timings_ms: dict[str, float] = field(default_factory=dict)
 
-    def result_fields(self) -> dict[str, Any]:
-        """Return the fields of a `PartResult` that follow from the inspection.
-
-        NaN and infinite values become None: not measured.
-        """
-        fields: dict[str, Any] = {}
-        for source, names in (
-            (self, ("verdict", "defects", "led_levels", "timings_ms")),
-            (self.measures, _LIMITED),
-            (self.measures.match, _OF_MATCH),
-        ):
-            if source is not None:
-                fields |= {name: _known(getattr(source, name)) for name in names}
-        return fields
+    def recorded(self, part: PartResult) -> PartResult:
+        """Return the result of a part with the inspection; NaN and infinity become None."""
+        numbers = {name: _known(getattr(self.measures, name)) for name in _LIMITED}
+        if (match := self.measures.match) is not None:
+            numbers |= {name: _known(getattr(match, name)) for name in _OF_MATCH}
+        return replace(
+            part,
+            verdict=self.verdict,
+            defects=self.defects,
+            led_levels=tuple(map(_known, self.led_levels)),
+            timings_ms=self.timings_ms,
+            **numbers,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,14 +138,18 @@ class Inspector:
         library = TextureLibrary.load(made.library)
         # Hashed after loading, so that a file that is exchanged meanwhile is detected.
         check_unchanged(recipe, made.library, file_sha256(made.library), taught.library_sha256)
-        found = None
+        known = None
         if calibration is not None:
-            found = FoundCalibration(calibration, read_calibration(calibration), ())
-        return cls(recipe, taught, library, models, found)
+            known = FoundCalibration(calibration, read_calibration(calibration), ())
+        return cls(recipe, taught, library, models, known)
 
     def with_calibration(self, calibration: FoundCalibration | None) -> "Inspector":
         """Return an inspector of the same recipe for sets of another calibration."""
         return Inspector(self.recipe, self._taught, self._library, self._models, calibration)
+
+    def has_direction(self, texture: str) -> bool:
+        """Whether pieces of a texture that lie otherwise can be found."""
+        return self._models[texture].pieces.has_direction
 
     def begin(self, unchecked: CapturedSet) -> None:
         """Start to judge images in another thread while they are checked; return at once.
@@ -209,8 +212,8 @@ class Inspector:
                 measures = replace(measures, defect_score=defect_map.worst, unjudged_px=gap_px)
                 limits = self.recipe.limits_for(texture)
                 pieces = begun()
-                found = self._defects(defect_map, limits.defect)
-                defects = (*found, *self._windows(pieces, limits))
+                outlined = self._defects(defect_map, limits.defect)
+                defects = (*outlined, *self._windows(pieces, limits))
                 of_pieces = (name for name in _LIMITED if hasattr(pieces, name))
                 measures = replace(measures, **{name: getattr(pieces, name) for name in of_pieces})
         taught = self._signals.get(texture, np.mean([*self._signals.values()], axis=0))
@@ -246,7 +249,7 @@ class Inspector:
             above = (scores > 1.0).astype(np.uint8)
             count, labels, boxes, _ = cv2.connectedComponentsWithStats(above, connectivity=8)
             for label in range(1, min(count, _MOST_WINDOWS + 1)):
-                x, y, width, height, cells = (int(each) for each in boxes[label])
+                x, y, width, height, cells = (int(value) for value in boxes[label])
                 yield DefectRecord(
                     kind,
                     top + y * CELL_PX,
@@ -304,7 +307,7 @@ class Inspector:
 
         The albedo of the part cancels: an LED is not called weak because a part is dark.
         """
-        taught = np.mean([each / each.mean() for each in self._signals.values()], axis=0)
+        taught = np.mean([signals / signals.mean() for signals in self._signals.values()], axis=0)
         ratios = np.array(signals) / taught
         brightest = ratios.max()
         levels = ratios / brightest if brightest > 0.0 else np.zeros_like(ratios)
@@ -322,8 +325,8 @@ def _known(value: Any) -> Any:
 
 def setting_differences(taught: Setting, other: Setting) -> list[str]:
     """Return how another setting differs from the taught one, in words."""
-    each = (taught.differences(other, part) for part in _WHOLE_SETTING)
-    return list(dict.fromkeys(chain.from_iterable(each)))
+    differences = (taught.differences(other, part) for part in _WHOLE_SETTING)
+    return list(dict.fromkeys(chain.from_iterable(differences)))
 
 
 def _largest_gap_px(defect_map: DefectMap, inside: npt.NDArray[np.bool_]) -> int:
@@ -339,8 +342,8 @@ def _largest_gap_px(defect_map: DefectMap, inside: npt.NDArray[np.bool_]) -> int
         interpolation=cv2.INTER_AREA,
     )
     gaps = (np.isnan(defect_map.score) & (share >= 0.5)).astype(np.uint8)
-    _, _, about, _ = cv2.connectedComponentsWithStats(gaps, connectivity=8)
-    return cell * cell * int(about[1:, cv2.CC_STAT_AREA].max(initial=0))
+    _, _, statistics, _ = cv2.connectedComponentsWithStats(gaps, connectivity=8)
+    return cell * cell * int(statistics[1:, cv2.CC_STAT_AREA].max(initial=0))
 
 
 @contextmanager

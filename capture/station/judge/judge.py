@@ -97,8 +97,7 @@ def _unknown(match: Match, limits: Limits) -> Iterator[Finding]:
         least = max(LEAST_MARGIN, limits.margin or 0.0)
         name = f"margin to {match.runner_up}"
         yield from _at_least(name, match.margin, least, Cause.UNDECIDED)
-    if limits.blur_px is not None:
-        yield from _at_most("blur in px", match.blur_px, limits.blur_px, Cause.BLUR, ".2f")
+    yield from _beyond_limit("blur_px", limits, match)
 
 
 def _misoriented(rule: Orientation, match: Match) -> Iterator[Finding]:
@@ -122,11 +121,11 @@ def _found_deg(rule: Orientation, match: Match) -> float | None:
     return match.heading_deg if rule.full_turn else match.orientation_deg
 
 
-def _beyond_limit(key: str, limits: Limits, measures: Measures) -> Iterator[Finding]:
+def _beyond_limit(key: str, limits: Limits, measures: Measures | Match) -> Iterator[Finding]:
     """Whether a measure of the part exceeds its limit, by its row of the table."""
     row, limit = ROWS[key], getattr(limits, key)
     if limit is not None:
-        value = getattr(measures, MEASURES_OF[key])
+        value = getattr(measures, row.measure or key)
         for words, bound in row.bounds(limit):
             yield from _beyond(row.label, value, words, bound, row.cause, row.form)
 

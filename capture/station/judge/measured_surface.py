@@ -33,7 +33,7 @@ class MeasuredSurface:
         cls,
         captured: CapturedSet,
         region: Region | None,
-        found: FoundCalibration | None,
+        calibration: FoundCalibration | None,
         method: Method | None,
     ) -> Self:
         """Solve a set by `method`, by default that for its number of lights.
@@ -47,9 +47,9 @@ class MeasuredSurface:
             only = np.zeros(frame, np.bool_)
             _cut(only, region)[...] = True
             inside = inside & only
-            about = captured.metadata.model_copy(update={"mask_file": _MASK_FILE})
-            captured = replace(captured, mask=inside, metadata=about)
-        whole = LoadedSet(captured, found).solve_texture(method, planar=PLANAR)
+            metadata = captured.metadata.model_copy(update={"mask_file": _MASK_FILE})
+            captured = replace(captured, mask=inside, metadata=metadata)
+        whole = LoadedSet(captured, calibration).solve_texture(method, planar=PLANAR)
         part = replace(
             captured,
             images=_cut(captured.images, region),

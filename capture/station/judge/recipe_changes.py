@@ -61,8 +61,8 @@ class RecipeChanges:
     @property
     def calibration(self) -> Path | None:
         """Calibration of the rig; None for a rig without one."""
-        found = self.folder.rig_config().calibration
-        return None if found is None else Path(found)
+        calibration = self.folder.rig_config().calibration
+        return None if calibration is None else Path(calibration)
 
     @property
     def state(self) -> RecipeState:
@@ -144,10 +144,10 @@ class RecipeChanges:
         before = None if known is None else with_approval(known)
         self._record("", before, after)
 
-        def ended(found: str | None) -> None:
+        def ended(outcome: str | None) -> None:
             now = self._recipe()
             try:
-                self._record("", before, found or (None if now is None else with_approval(now)))
+                self._record("", before, outcome or (None if now is None else with_approval(now)))
                 if known is not None and now is not None:
                     self._record_settings(known, now)
             except ResultsUnavailable as error:  # its message says that nothing was changed

@@ -28,8 +28,8 @@ class SettingsRefused(RecipeError):  # noqa: N818 - what somebody gave, no error
 
     def __init__(self, messages: Mapping[Place, str]) -> None:
         self.messages = dict(messages)
-        said = (f"{dotted(place)}: {message}" for place, message in self.messages.items())
-        super().__init__("; ".join(said))
+        lines = (f"{dotted(place)}: {message}" for place, message in self.messages.items())
+        super().__init__("; ".join(lines))
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def with_settings(recipe: Recipe, values: Mapping[str, Any]) -> Recipe:
 
 def setting_changes(before: Recipe, after: Recipe) -> list[SettingChange]:
     """Return the settings that differ between two states of a recipe."""
-    old, new = (dict(_settings(each)) for each in (before, after))
+    old, new = (dict(_settings(recipe)) for recipe in (before, after))
     keys = dict.fromkeys([*old, *new])
     return [
         SettingChange(key, old.get(key), new.get(key))
@@ -95,8 +95,8 @@ def _settings(recipe: Recipe) -> Iterator[tuple[str, str]]:
 
 def _flat(key: str, value: Any) -> Iterator[tuple[str, str]]:
     if isinstance(value, dict):
-        for name, each in value.items():
-            yield from _flat(f"{key}.{name}", each)
+        for name, item in value.items():
+            yield from _flat(f"{key}.{name}", item)
     elif isinstance(value, list):
         yield key, ", ".join(map(str, value))
     elif value is not None:

@@ -50,10 +50,10 @@ def state_of(files: RecipeFolder, calibration: Path | None) -> RecipeState:
     except InputError as error:
         return RecipeState(recipe, None, str(error), False, replay)
     if valid is None:
-        said = f"{parts} parts, not replayed since something changed"
+        text = f"{parts} parts, not replayed since something changed"
     elif valid.regressions:
-        said = f"{len(valid.regressions)} of {parts} parts got another verdict"
+        text = f"{len(valid.regressions)} of {parts} parts got another verdict"
     else:
-        said = f"all {parts} parts got their verdict, {readable_utc(valid.utc)}"
+        text = f"all {parts} parts got their verdict, {readable_utc(valid.utc)}"
     has_met = valid is not None and not valid.regressions
-    return RecipeState(recipe, None, said, has_met, replay)
+    return RecipeState(recipe, None, text, has_met, replay)

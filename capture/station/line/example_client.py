@@ -36,8 +36,8 @@ def run_ladder(
             with PlcConnection(host, port) as plc:
                 while unjudged > 0 or ladder.part_id is not None:
                     plc.write(ladder.scan(plc.read(), time.monotonic()))
-                    for each in ladder.judged:
-                        judged(each)
+                    for part in ladder.judged:
+                        judged(part)
                         unjudged -= 1
                     ladder.judged.clear()
                     if ladder.part_id is None:

@@ -78,14 +78,14 @@ class _Server(ModbusTcpServer):
     async def keep(self, where: str) -> None:
         """Count heartbeats, and close connections that are too many or do not read."""
         while True:
-            transports = [each.transport for each in self.active_connections.values()]
-            for number, each in enumerate(transports):
-                if not isinstance(each, asyncio.WriteTransport):
+            transports = [connection.transport for connection in self.active_connections.values()]
+            for number, transport in enumerate(transports):
+                if not isinstance(transport, asyncio.WriteTransport):
                     continue
-                if each.get_write_buffer_size() > _MOST_UNREAD_BYTES:
-                    _reset(each)
+                if transport.get_write_buffer_size() > _MOST_UNREAD_BYTES:
+                    _reset(transport)
                 elif number >= MAX_CONNECTIONS:
-                    each.abort()
+                    transport.abort()
             self._line.tick(len(transports), where)
             await asyncio.sleep(TICK_S)
 

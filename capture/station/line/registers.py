@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from typing import Any, Literal
 
-from capture.station.domain.verdict import Cause, Decision
+from capture.station.domain.verdict import Decision
 from capture.station.run.states import State
 
 PAGE_VERSION = 2  # 2 has SelectRecipe
@@ -200,12 +200,14 @@ PLC_WORDS = PLC[-1].address + PLC[-1].words - PLC_ADDRESS
 def encoded(registers: Sequence[Register], values: Values) -> list[int]:
     """Return the words of a page; numbers modulo their width, text cut to fit."""
     words: list[int] = []
-    for each in registers:
-        value = values[each.name]
-        if each.type == "text":
-            data = value.encode("ascii", "replace")[: 2 * each.words].ljust(2 * each.words, b"\0")
+    for register in registers:
+        value = values[register.name]
+        if register.type == "text":
+            data = value.encode("ascii", "replace")[: 2 * register.words].ljust(
+                2 * register.words, b"\0"
+            )
             words += [data[i] << 8 | data[i + 1] for i in range(0, len(data), 2)]
-        elif each.type == "u32":
+        elif register.type == "u32":
             words += [value >> 16 & 0xFFFF, value & 0xFFFF]
         else:
             words.append(value & 0xFFFF)
@@ -216,46 +218,11 @@ def decoded(registers: Sequence[Register], words: Sequence[int]) -> dict[str, An
     """Return the values of a page, by name."""
     values: dict[str, Any] = {}
     first = registers[0].address
-    for each in registers:
-        own = words[each.address - first :][: each.words]
-        if each.type == "text":
+    for register in registers:
+        own = words[register.address - first :][: register.words]
+        if register.type == "text":
             data = b"".join(word.to_bytes(2, "big") for word in own)
-            values[each.name] = data.decode("ascii", "replace").rstrip("\0 ")
+            values[register.name] = data.decode("ascii", "replace").rstrip("\0 ")
         else:
-            values[each.name] = own[0] << 16 | own[1] if each.type == "u32" else own[0]
+            values[register.name] = own[0] << 16 | own[1] if register.type == "u32" else own[0]
     return values
-
-
-def registers_page() -> str:
-    """Return the page of registers as Markdown, for the reference."""
-    lines = ["| register | name | type | | meaning |", "|---|---|---|---|---|"]
-    for direction, registers in (("station to PLC", STATION), ("PLC to station", PLC)):
-        lines += [
-            f"| {_range(each)} | `{each.name}` | {each.type} | {direction} | {each.meaning} |"
-            for each in registers
-        ]
-    lines += ["", "| bit | of `status` | set while |", "|---|---|---|"]
-    lines += [_bit_row(bit, STATUS_MEANINGS[bit]) for bit in Status]
-    lines += ["", "| bit | of `commands` | meaning |", "|---|---|---|"]
-    lines += [_bit_row(bit, COMMAND_MEANINGS[bit]) for bit in Command]
-    lines += ["", "| `error` | the trigger was refused because |", "|---|---|"]
-    lines += [f"| {code:d} | {meaning} |" for code, meaning in ERROR_MEANINGS.items()]
-    lines += ["", "| `select_error` | the recipe was not loaded because |", "|---|---|"]
-    lines += [f"| {code:d} | {meaning} |" for code, meaning in SELECT_ERROR_MEANINGS.items()]
-    lines += ["", "| code of | values |", "|---|---|"]
-    for name, codes in (("verdict", VERDICTS), ("state", STATES)):
-        values = ", ".join(f"{code} {word}" for word, code in codes.items())
-        lines.append(f"| `{name}` | {values} |")
-    lines += ["", "| `cause` | verdict | | the part did not pass because |", "|---|---|---|---|"]
-    lines += [f"| {row.plc_code} | {row.decision} | {row} | {row.meaning} |" for row in Cause]
-    return "\n".join(lines)
-
-
-def _range(register: Register) -> str:
-    first, last = register.address, register.address + register.words - 1
-    return f"{first}" if first == last else f"{first}-{last}"
-
-
-def _bit_row(bit: Status | Command, meaning: str) -> str:
-    name = "".join(word.capitalize() for word in str(bit.name).split("_"))
-    return f"| {bit.value.bit_length() - 1} | {name} | {meaning} |"

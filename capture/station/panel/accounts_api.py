@@ -26,7 +26,7 @@ def role_of(call: Call) -> Role:
 
 
 def _users(call: Call) -> Response:
-    users = [{"name": each.name, "role": each.role} for each in call.panel.users.all()]
+    users = [{"name": user.name, "role": user.role} for user in call.panel.users.all()]
     return JsonAnswer({"users": users})
 
 
@@ -45,8 +45,8 @@ def _clients(call: Call) -> Response:
     return JsonAnswer(
         {
             "clients": [
-                {"name": each.name, "role": each.role, "created_utc": each.created_utc}
-                for each in call.panel.tokens.all()
+                {"name": client.name, "role": client.role, "created_utc": client.created_utc}
+                for client in call.panel.tokens.all()
             ]
         }
     )

@@ -91,7 +91,7 @@ def _changing(call: Call) -> Iterator[None]:
 def _acknowledge(call: Call) -> Response:
     part_id, live = call.path["part_id"], call.panel.live
     with _changing(call):
-        rejected = {each.result.part_id: each for each in live.snapshot().rejected}
+        rejected = {part.result.part_id: part for part in live.snapshot().rejected}
         if part_id not in rejected:
             raise Denied(404, f"part {part_id[:100]}: is not among the last rejected parts")
         if rejected[part_id].acknowledged_by is None:
@@ -155,7 +155,7 @@ async def _part(call: Call) -> Response:
             events, lost = subscription.take()
             is_over = subscription.is_closed or loop.time() >= ends_s
             # The database is not asked again for events of other parts.
-            is_told = lost > 0 or any(each.fields.get("part_id") == part_id for each in events)
+            is_told = lost > 0 or any(event.fields.get("part_id") == part_id for event in events)
             if is_due or is_told or is_over:
                 try:
                     return JsonAnswer(await run_in_threadpool(lambda: record_of(entry_of(call))))

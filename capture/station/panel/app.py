@@ -56,12 +56,15 @@ def panel_app(panel: Panel) -> Starlette:
     rule = HostRule(frozenset(panel.settings.names))
     app = Starlette(
         routes=[
-            *(Route(each.path, endpoint_of(panel, each), methods=[each.method]) for each in ROUTES),
+            *(
+                Route(route.path, endpoint_of(panel, route), methods=[route.method])
+                for route in ROUTES
+            ),
             Mount(STATIC_PATH, StaticFiles(directory=STATIC)),
         ],
         middleware=[Middleware(SecureHeaders, rule=rule, is_https=panel.settings.is_https)],
         exception_handlers={HTTPException: http_error},
     )
     app.state.routes = ROUTES
-    app.state.menu = [each for each in ROUTES if each.menu]
+    app.state.menu = [route for route in ROUTES if route.menu]
     return app

@@ -51,8 +51,8 @@ class Awaiting:
 
     def _set_all(self) -> None:
         self._is_due = False  # reset first, so that later events wake again
-        for each in self._all:
-            each.set()
+        for event in self._all:
+            event.set()
 
 
 async def gather(subscription: Subscription, changed: asyncio.Event, gather_s: float) -> None:

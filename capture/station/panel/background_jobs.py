@@ -198,12 +198,12 @@ def _work(
         reporter.send_bytes(json.dumps(fields).encode())
 
     def show(items: Iterable[T], total: int, description: str) -> Iterator[T]:
-        taken = 0
-        report(step=description, taken=taken, total=total)
+        done = 0
+        report(step=description, taken=done, total=total)
         for item in items:
             yield item
-            taken += 1
-            report(step=description, taken=taken, total=total)
+            done += 1
+            report(step=description, taken=done, total=total)
 
     def run(show: ShowProgress) -> dict[str, Any]:
         return work(show, *arguments)

@@ -103,7 +103,7 @@ def _missed(live: LiveStation, last: str) -> tuple[list[str], int]:
     if run == live.run and number.isdecimal() and len(number) < 16:
         after = live.events_after(int(number))
         if after is not None:
-            return [_message(run, each) for each in after], int(number) + len(after)
+            return [_message(run, event) for event in after], int(number) + len(after)
     snapshot = live.snapshot()
     return [_snapshot_message(snapshot)], snapshot.event_id
 

@@ -47,16 +47,16 @@ def _history(call: Call) -> Response:
 
 def _statistics(call: Call) -> Response:
     form = FilterForm.of(call, choices(call.panel.results.store))
-    found, message = None, ""
+    statistics, message = None, ""
     try:
         selection = statistics_selection(form.values)
     except InputError as error:
         message = str(error)
     else:
-        found = statistics_of(call.panel, selection)
+        statistics = statistics_of(call.panel, selection)
     answer = page(
-        call, "statistics.html", form=form, statistics=found, message=message, decisions=Decision,
-        most_remarks=_MOST_REMARKS,
+        call, "statistics.html", form=form, statistics=statistics, message=message,
+        decisions=Decision, most_remarks=_MOST_REMARKS,
     )  # fmt: skip
     answer.status_code = 400 if message else 200
     return answer

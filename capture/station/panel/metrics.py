@@ -44,6 +44,6 @@ def _lines(live: LiveSnapshot) -> Iterator[str]:
     yield f"ps4rig_latency_seconds_count {sum(live.announced.values())}"
 
 
-def _family(name: str, kind: str, about: str) -> Iterator[str]:
-    yield f"# HELP ps4rig_{name} {about}"
+def _family(name: str, kind: str, meaning: str) -> Iterator[str]:
+    yield f"# HELP ps4rig_{name} {meaning}"
     yield f"# TYPE ps4rig_{name} {kind}"

@@ -40,8 +40,8 @@ def _operation(route: PanelRoute) -> dict[str, Any]:
         {"name": name, "in": "path", "required": True, "schema": _TEXT}
         for name in re.findall(r"{(\w+)}", route.path)
     ] + [
-        {"name": name, "in": "query", "description": about, "schema": _TEXT}
-        for name, about in route.query.items()
+        {"name": name, "in": "query", "description": meaning, "schema": _TEXT}
+        for name, meaning in route.query.items()
     ]
     operation: dict[str, Any] = {
         "summary": route.about,
@@ -56,8 +56,8 @@ def _operation(route: PanelRoute) -> dict[str, Any]:
     }  # fmt: skip
     if route.fields:
         properties = {
-            name: {"type": route.types.get(name, "string"), "description": about}
-            for name, about in route.fields.items()
+            name: {"type": route.types.get(name, "string"), "description": meaning}
+            for name, meaning in route.fields.items()
         }
         schema = {"type": "object", "properties": properties}
         operation["requestBody"] = {"content": {"application/json": {"schema": schema}}}
@@ -69,7 +69,7 @@ def _document(call: Call) -> Response:
 
 
 def _page(call: Call) -> Response:
-    routes = [each for each in call.request.app.state.routes if each.is_api]
+    routes = [route for route in call.request.app.state.routes if route.is_api]
     return page(call, "api.html", routes=routes)
 
 

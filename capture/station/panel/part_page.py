@@ -52,8 +52,8 @@ def _override(call: Call) -> Response:
 
 def _neighbour(call: Call, entry: HistoryEntry, below_number: int) -> str | None:
     """The last part below a number, None if that is the part itself or there is none."""
-    found = call.panel.results.store.parts(Selection(below_number=below_number), newest=1)
-    part_id = next((each.result.part_id for each in found), None)
+    entries = call.panel.results.store.parts(Selection(below_number=below_number), newest=1)
+    part_id = next((entry.result.part_id for entry in entries), None)
     return None if part_id == entry.result.part_id else part_id
 
 

@@ -59,12 +59,12 @@ def _listing(
             "pictures": [
                 {
                     "name": name,
-                    "title": each.title,
-                    "caption": each.caption,
+                    "title": picture.title,
+                    "caption": picture.caption,
                     "url": f"{V1}/parts/{part_id}/pictures/{name}?size={size}",
                 }
-                | (_content(each) if name in sent else {})
-                for name, each in made.pictures.items()
+                | (_content(picture) if name in sent else {})
+                for name, picture in made.pictures.items()
             ],
             "defects": [
                 asdict(defect) | {"outline": outline}
@@ -94,7 +94,7 @@ async def _picture(call: Call) -> Response:
 
 def _is_known(call: Call, tag: str) -> bool:
     known = call.request.headers.get("if-none-match", "")
-    return tag in (each.strip().removeprefix("W/") for each in known.split(","))
+    return tag in (known_tag.strip().removeprefix("W/") for known_tag in known.split(","))
 
 
 def _size(call: Call) -> str:

@@ -43,8 +43,8 @@ def page(call: "Call", template: str, **values: Any) -> HTMLResponse:
     """Return the page of a template, which gets the names in `about`, and `values`."""
     who = call.who
     menu = [
-        each for each in call.request.app.state.menu
-        if who is not None and who.role.includes(each.role)
+        route for route in call.request.app.state.menu
+        if who is not None and who.role.includes(route.role)
     ]  # fmt: skip
     about = {
         "who": who,

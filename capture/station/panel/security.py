@@ -91,8 +91,8 @@ class SecureHeaders:
                 added = [pair for pair in self._headers if pair[0] not in known]
                 if b"cache-control" not in known:
                     # Files are asked for again by their hash, answers with secrets are not kept.
-                    kept = b"no-cache" if scope["path"].startswith(STATIC_PATH) else b"no-store"
-                    added.append((b"cache-control", kept))
+                    caching = b"no-cache" if scope["path"].startswith(STATIC_PATH) else b"no-store"
+                    added.append((b"cache-control", caching))
                 message["headers"] = [*message["headers"], *added]
             await send(message)
 

@@ -122,12 +122,12 @@ def _yield_figure(periods: Sequence[Period]) -> Iterator[tuple[str, Figure]]:
         return
     rows: tuple[tuple[Cell, ...], ...] = tuple(
         (
-            each.begin,
-            each.parts,
-            *(each.verdicts.get(decision, 0) for decision in Decision),
-            each.verdicts.get(Decision.PASS, 0) / each.parts,
+            period.begin,
+            period.parts,
+            *(period.verdicts.get(decision, 0) for decision in Decision),
+            period.verdicts.get(Decision.PASS, 0) / period.parts,
         )
-        for each in periods
+        for period in periods
     )
     yield (
         "yield",
@@ -145,11 +145,13 @@ def _yield_figure(periods: Sequence[Period]) -> Iterator[tuple[str, Figure]]:
 def _causes_figure(causes: Sequence[CauseCount]) -> Iterator[tuple[str, Figure]]:
     if not causes:
         return
-    total, added = sum(each.parts for each in causes), 0
+    total, added = sum(cause.parts for cause in causes), 0
     rows: list[tuple[Cell, ...]] = []
-    for each in causes:
-        added += each.parts
-        rows.append((each.cause.value, each.parts, each.also, each.parts / total, added / total))
+    for cause in causes:
+        added += cause.parts
+        rows.append(
+            (cause.cause.value, cause.parts, cause.also, cause.parts / total, added / total)
+        )
     yield (
         "causes",
         Figure(
@@ -202,7 +204,7 @@ def _gauge_figure(report: GaugeReport | None) -> Iterator[tuple[str, Figure]]:
     if report is None:
         return
     names = ("effectiveness", "misses", "false_alarms")
-    found = (report.effectiveness, report.misses, report.false_alarms)
+    shares = (report.effectiveness, report.misses, report.false_alarms)
     yield (
         "gauge",
         Figure(
@@ -211,8 +213,16 @@ def _gauge_figure(report: GaugeReport | None) -> Iterator[tuple[str, Figure]]:
             f"{' of parts of a simulated rig' if report.simulated else ''}. {report.lines[-1]}.",
             ("measure", "events", "trials", "share", "bound_95", "acceptable", "rating"),
             tuple(
-                (name, each.events, each.trials, each.share, each.bound, acceptable, report.rating)
-                for name, each, acceptable in zip(names, found, ACCEPTABLE, strict=True)
+                (
+                    name,
+                    share.events,
+                    share.trials,
+                    share.share,
+                    share.bound,
+                    acceptable,
+                    report.rating,
+                )
+                for name, share, acceptable in zip(names, shares, ACCEPTABLE, strict=True)
             ),
             gauge_chart(report),
             report.wrong,

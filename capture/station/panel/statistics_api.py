@@ -32,30 +32,33 @@ def statistics_selection(query: Mapping[str, str]) -> Selection:
 
 
 def _statistics(call: Call) -> Response:
-    found = statistics_of(call.panel, statistics_selection(call.query))
+    statistics = statistics_of(call.panel, statistics_selection(call.query))
     return JsonAnswer(
         {
             "station": call.panel.folder.config.name,
-            "shown": found.shown,
-            **tally_record(found.tally),
+            "shown": statistics.shown,
+            **tally_record(statistics.tally),
             "figures": {
                 name: {
                     "title": figure.title,
                     "note": figure.note,
                     "rows": [dict(zip(figure.columns, row, strict=True)) for row in figure.rows],
                 }
-                for name, figure in found.figures.items()
+                for name, figure in statistics.figures.items()
             },
         }
     )
 
 
 def _figure(call: Call) -> tuple[StationStatistics, Figure]:
-    name, found = call.path["name"], statistics_of(call.panel, statistics_selection(call.query))
-    if name not in found.figures:
-        there = ", ".join(found.figures) or "none"
+    name, statistics = (
+        call.path["name"],
+        statistics_of(call.panel, statistics_selection(call.query)),
+    )
+    if name not in statistics.figures:
+        there = ", ".join(statistics.figures) or "none"
         raise Denied(404, f"figure {name[:100]}: not among those of the selected parts: {there}")
-    return found, found.figures[name]
+    return statistics, statistics.figures[name]
 
 
 def _csv(call: Call) -> Response:
@@ -65,12 +68,12 @@ def _csv(call: Call) -> Response:
 
 
 def _png(call: Call) -> Response:
-    found, figure = _figure(call)
-    selected = found.selection
+    statistics, figure = _figure(call)
+    selected = statistics.selection
     bounds = (("from", selected.since_utc), ("to", selected.until_utc),
               ("texture", selected.label), ("recipe", selected.recipe))  # fmt: skip
     below = [
-        "SIMULATED" if selected.simulated else "production", f"{found.tally.parts} parts",
+        "SIMULATED" if selected.simulated else "production", f"{statistics.tally.parts} parts",
         *(f"{name} {value}" for name, value in bounds if value is not None),
     ]  # fmt: skip
     heading = f"{call.panel.folder.config.name}: {figure.title}"

@@ -26,8 +26,8 @@ class Accounts:
         """Add a user, or give one another role and password; see `Users.put`."""
         require_account(name, password)
         before = self.users.get(name)
-        said = None if before is None else before.role
-        self.changes.record(self.who, f"user {name}", said, f"{role}, new password")
+        old_role = None if before is None else before.role
+        self.changes.record(self.who, f"user {name}", old_role, f"{role}, new password")
         self.users.put(name, role, password, seen)
 
     def remove_user(self, name: str) -> None:
@@ -46,7 +46,7 @@ class Accounts:
 
     def remove_client(self, name: str) -> None:
         """Remove a client; see `Tokens.remove`."""
-        roles = [each.role for each in self.tokens.all() if each.name == name]
+        roles = [client.role for client in self.tokens.all() if client.name == name]
         if not roles:
             raise InputError(f"client {name[:100]}: no such client")
         self.changes.record(self.who, f"client {name}", roles[0])

@@ -183,10 +183,10 @@ def unavailable_if_failing(url: URL) -> Iterator[None]:
     except IntegrityError:
         raise
     except (DBAPIError, PoolTimeoutError) as error:
-        said = " ".join(str(error.orig if isinstance(error, DBAPIError) else error).split())
+        message = " ".join(str(error.orig if isinstance(error, DBAPIError) else error).split())
         is_lost = isinstance(error, OperationalError | InterfaceError)
         raise ResultsUnavailable(
-            f"{shown(url)}: {said or type(error).__name__}",
+            f"{shown(url)}: {message or type(error).__name__}",
             may_pass=is_lost and url.get_backend_name() == "postgresql",
         ) from error
 

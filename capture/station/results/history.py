@@ -161,7 +161,8 @@ def counters(connection: Connection, station: str, selection: Selection) -> Coun
         in_force[row.simulated][Decision(row.in_force)] += row.parts
     refused = _refused(connection, station, selection)
     production, simulated = (
-        Tally(by_station[each], in_force[each], refused.get(each, 0)) for each in (False, True)
+        Tally(by_station[simulated], in_force[simulated], refused.get(simulated, 0))
+        for simulated in (False, True)
     )
     return Counters(production, simulated)
 

@@ -15,7 +15,10 @@ _FIRST = (
     "override", "set_removed_utc", "station_verdict",
 )  # fmt: skip
 _RENAMED = "decision"  # to verdict and station_verdict
-COLUMNS = (*_FIRST, *(each.name for each in results.c if each.name not in (*_FIRST, _RENAMED)))
+COLUMNS = (
+    *_FIRST,
+    *(column.name for column in results.c if column.name not in (*_FIRST, _RENAMED)),
+)
 
 
 def record_of(entry: HistoryEntry) -> dict[str, Any]:
@@ -48,11 +51,11 @@ def csv_pieces(entries: Iterable[HistoryEntry]) -> Iterator[str]:
 
 def json_pieces(station: str, counters: Counters, entries: Iterable[HistoryEntry]) -> Iterator[str]:
     """Yield the JSON of a history in pieces, so that it is never in memory as a whole."""
-    about = {
+    head = {
         "station": station,
         **counts_of(counters),
     }
-    yield json.dumps(about)[:-1] + ', "parts": ['
+    yield json.dumps(head)[:-1] + ', "parts": ['
     for position, entry in enumerate(entries):
         yield (",\n" if position else "\n") + json.dumps(record_of(entry), allow_nan=False)
     yield "\n]}\n"
@@ -74,7 +77,7 @@ def tally_record(tally: Tally) -> dict[str, Any]:
     """Return numbers of parts for JSON."""
     return {
         "parts": tally.parts,
-        "verdicts": {each.value: count for each, count in tally.in_force.items()},
-        "station_verdicts": {each.value: count for each, count in tally.by_station.items()},
+        "verdicts": {decision.value: count for decision, count in tally.in_force.items()},
+        "station_verdicts": {decision.value: count for decision, count in tally.by_station.items()},
         "refused_triggers": tally.refused_triggers,
     }

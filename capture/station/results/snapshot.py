@@ -59,11 +59,11 @@ def _copy_file(path: Path, target: Path) -> None:
             closing(sqlite3.connect(target)) as copy,
         ):
             source.backup(copy)
-            [said] = copy.execute("PRAGMA integrity_check(1)").fetchone()
+            [answer] = copy.execute("PRAGMA integrity_check(1)").fetchone()
     except sqlite3.Error as error:
         raise InputError(f"{path}: cannot be copied: {error}") from error
-    if said != "ok":
-        raise InputError(f"{path}: damaged: {said}; restore a backup")
+    if answer != "ok":
+        raise InputError(f"{path}: damaged: {answer}; restore a backup")
 
 
 def _dump(url: URL, station: str, target: Path) -> ResultsSnapshot:
@@ -77,10 +77,10 @@ def _dump(url: URL, station: str, target: Path) -> ResultsSnapshot:
         # Files and dump are of the same moment.
         connection.exec_driver_sql("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ")
         moment = connection.exec_driver_sql("SELECT pg_export_snapshot()").scalar_one()
-        found = _snapshot(connection, station)
+        snapshot = _snapshot(connection, station)
         options = ("--format=custom", "--no-password", f"--snapshot={moment}", f"--file={target}")
         _run(url, (program, *options), _variables(url))
-    return found
+    return snapshot
 
 
 def _variables(url: URL) -> dict[str, str]:

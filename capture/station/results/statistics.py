@@ -88,10 +88,10 @@ def counted_periods(store: ResultStore, selection: Selection) -> list[Period]:
             .order_by(begin.desc())
             .limit(MOST_PERIODS * len(Decision))
         )
-        found: dict[str, Counter[Decision]] = {}
+        verdicts: dict[str, Counter[Decision]] = {}
         for row in connection.execute(counts):
-            found.setdefault(row.begin, Counter())[Decision(row.decision)] = row.parts
-    return [Period(name, found[name]) for name in sorted(found)[-MOST_PERIODS:]]
+            verdicts.setdefault(row.begin, Counter())[Decision(row.decision)] = row.parts
+    return [Period(name, verdicts[name]) for name in sorted(verdicts)[-MOST_PERIODS:]]
 
 
 def _period_length(first_utc: str, last_utc: str) -> int:
@@ -122,8 +122,8 @@ def counted_causes(store: ResultStore, selection: Selection) -> list[CauseCount]
             first[gravest] += row.parts
             for cause in others:
                 also[cause] += row.parts
-    found = [CauseCount(each, first[each], also[each]) for each in first.keys() | also.keys()]
-    return sorted(found, key=lambda count: (-count.parts, -count.also, count.cause))
+    counts = [CauseCount(cause, first[cause], also[cause]) for cause in first.keys() | also.keys()]
+    return sorted(counts, key=lambda count: (-count.parts, -count.also, count.cause))
 
 
 def newest_measured(

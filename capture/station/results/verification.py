@@ -30,15 +30,15 @@ def verify_station(folder: Path) -> Iterator[FileFinding]:
 
 
 def _results(folder: Path, store: ResultStore) -> Iterator[FileFinding]:
-    wrong = [f"results: {said}; restore a backup" for said in contradictions(store)]
+    wrong = [f"results: {fault}; restore a backup" for fault in contradictions(store)]
     if unfinished := store.unfinished():
         first = unfinished[0].part_id
         wrong.append(
             f"parts without a result: {len(unfinished)}, the first {first}; the station runs, or "
             "its next start ends them"
         )
-    for said in wrong:
-        yield FileFinding(folder / CONFIG, "altered", said)
+    for fault in wrong:
+        yield FileFinding(folder / CONFIG, "altered", fault)
     if not wrong:
         yield FileFinding(folder / CONFIG, "good")
     named = set()
@@ -77,8 +77,8 @@ def contradictions(store: ResultStore) -> Iterator[str]:
         if count != last:
             yield f"{last - count} of {last} numbers of parts are missing"
         if connection.dialect.name == "sqlite":
-            for (said,) in connection.exec_driver_sql("PRAGMA integrity_check"):
-                if said != "ok":
-                    yield said
+            for (answer,) in connection.exec_driver_sql("PRAGMA integrity_check"):
+                if answer != "ok":
+                    yield answer
             for table, row, parent, _ in connection.exec_driver_sql("PRAGMA foreign_key_check"):
                 yield f"row {row} of {table} refers to a row of {parent} that is missing"

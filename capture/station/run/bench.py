@@ -99,8 +99,8 @@ class BenchResult:
             f"{self.parts_per_minute:.0f} parts a minute, exposed {1e3 * _EXPOSURES_S:.0f} ms each",
             f"verdicts on {len(self.latencies_ms)} parts: {decisions}",
             *(
-                f"memory {each:.0f} MB after {share} of the parts"
-                for each, share in zip(self.memory_mb or (), ("a tenth", "all"), strict=False)
+                f"memory {memory:.0f} MB after {share} of the parts"
+                for memory, share in zip(self.memory_mb or (), ("a tenth", "all"), strict=False)
             ),
         ]
 
@@ -214,7 +214,7 @@ def run_bench(
         decisions={
             decision: count
             for decision in Decision
-            if (count := sum(each.verdict.decision is decision for each in results))
+            if (count := sum(result.verdict.decision is decision for result in results))
         },
     )
 
@@ -222,11 +222,13 @@ def run_bench(
 def _steps_ms(announced: Sequence[PartAnnounced]) -> dict[str, tuple[float, ...]]:
     times = [event.result.timings_ms for event in announced]
     names = ("checks", "solve", "match", "defects", "inspect", "save")
-    steps = {name: tuple(each[name] for each in times if name in each) for name in names}
+    steps = {
+        name: tuple(durations[name] for durations in times if name in durations) for name in names
+    }
     steps["record"] = tuple(
-        event.latency_ms - each["checks"] - max(each["inspect"], each["save"])
-        for event, each in zip(announced, times, strict=True)
-        if {"checks", "inspect", "save"} <= each.keys()
+        event.latency_ms - durations["checks"] - max(durations["inspect"], durations["save"])
+        for event, durations in zip(announced, times, strict=True)
+        if {"checks", "inspect", "save"} <= durations.keys()
     )
     return {name: ms for name, ms in steps.items() if ms}
 
@@ -251,17 +253,19 @@ def _inspector(good: Sequence[CapturedSet], other: CapturedSet, classes: int) ->
         MeasuredSurface.of(captured, None, None, None) for captured in (*good[:LEAST_PARTS], other)
     ]
     segment_px = segment_for(surfaces[0].surface.shape)
-    first, last = (observe(each.surface, segment_px) for each in (surfaces[0], surfaces[-1]))
+    first, last = (
+        observe(material.surface, segment_px) for material in (surfaces[0], surfaces[-1])
+    )
     rows = [TrainingRow(_GOOD, first)]
     rows += [TrainingRow(f"{_OTHER} {number}", last) for number in range(1, classes)]
     library = TextureLibrary.from_observations(
         rows, segment_px, method=default_method(len(good[0].images)), planar=PLANAR
     )
-    taught_surfaces = [each.surface for each in surfaces[:LEAST_PARTS]]
-    rings = [ring_levels(library.observe(each)) for each in taught_surfaces]
+    taught_surfaces = [material.surface for material in surfaces[:LEAST_PARTS]]
+    rings = [ring_levels(library.observe(surface)) for surface in taught_surfaces]
     parts = [
-        GoodPart(band_moments(surface), 0.0, each)
-        for surface, each in zip(taught_surfaces, rings, strict=True)
+        GoodPart(band_moments(surface), 0.0, levels)
+        for surface, levels in zip(taught_surfaces, rings, strict=True)
     ]
     model = TextureModels(
         learn_defects(taught_surfaces, [0.0] * LEAST_PARTS),

@@ -107,9 +107,9 @@ class Changeover:
         if not self._one.acquire(timeout=PATIENCE_S):
             raise RecipeRefused("another recipe is being loaded", RecipeRefusal.BUSY)
         try:
-            wanted = WantedRecipe(self._recipes.load(name, by, self._go_on), by)
+            request = WantedRecipe(self._recipes.load(name, by, self._go_on), by)
             self._go_on()
-            yield wanted
+            yield request
         except RecipeRefused as error:
             self._publish(Warned(f"recipe {name} is not loaded for {by.name}: {error}"))
             raise
@@ -120,43 +120,43 @@ class Changeover:
         if self._is_stopping():
             raise RecipeRefused("the station stops", RecipeRefusal.NOT_READY)
 
-    def want(self, wanted: WantedRecipe) -> None:
+    def want(self, request: WantedRecipe) -> None:
         """Let the station take a recipe as soon as no part is in progress, unless it stops."""
         self._go_on()
-        self._wanted = wanted
+        self._wanted = request
 
     def refuse(self, reason: str) -> None:
         """Refuse the recipe that waits, if there is one."""
-        wanted, self._wanted = self._wanted, None
-        if wanted is not None:
-            wanted.answer.set_exception(RecipeRefused(reason, RecipeRefusal.NOT_READY))
+        request, self._wanted = self._wanted, None
+        if request is not None:
+            request.answer.set_exception(RecipeRefused(reason, RecipeRefusal.NOT_READY))
 
     def taken(self) -> WantedRecipe | None:
         """Return the waiting recipe for `take`, or None; `refuse` no longer affects it."""
-        wanted, self._wanted = self._wanted, None
-        return wanted
+        request, self._wanted = self._wanted, None
+        return request
 
-    def take(self, wanted: WantedRecipe, camera: PartCamera, self_test: SelfTest) -> PartJudge:
+    def take(self, request: WantedRecipe, camera: PartCamera, self_test: SelfTest) -> PartJudge:
         """Exchange the recipe while no part is in progress; return the new judge.
 
         After an exception the present recipe stays, the rig is closed, and the asker has the
         reason.
         """
-        recipes, recipe = self._recipes, wanted.recipe
+        recipes, recipe = self._recipes, request.recipe
         assert recipes is not None
         try:
             with self_test.collecting() as require:
                 require(recipes.use(recipe))
                 require(camera.test(is_start=False))
             # Recorded before the announcement: a kill in between leaves a recipe that is usable.
-            recipes.keep(recipe, wanted.by)
+            recipes.keep(recipe, request.by)
         except BaseException as error:
             try:
                 camera.close()
                 recipes.use_present()
             finally:  # The asker waits without a time-out.
                 refused = RecipeRefused(error_text(error), RecipeRefusal.RIG)
-                wanted.answer.set_exception(error if isinstance(error, RecipeRefused) else refused)
+                request.answer.set_exception(error if isinstance(error, RecipeRefused) else refused)
             raise
         self._publish(recipe.loaded)
         return recipe.judge

@@ -156,7 +156,7 @@ class ControlChart:
             low = [_LOW] if level < WARN_LED_LEVEL else []
             for text in series.add(level, low):
                 yield f"{name} at {level:.1%} of its taught level: {text}"
-        log_distance = mean_log_distance(each.distance or 1.0 for each in group)
+        log_distance = mean_log_distance(part.distance or 1.0 for part in group)
         for text in self._distance.add(log_distance):
             distance = math.exp(log_distance)
             yield f"distance {distance:.2f}: {text}; look at focus, light and material"

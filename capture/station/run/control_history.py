@@ -48,16 +48,16 @@ def chart_histories(parts: Iterable[ChartedPart]) -> tuple[ChartHistory, ...]:
     """
     listed = list(parts)
     leds = len(listed[-1].led_levels) if listed else 0
-    measured = [each for each in listed if is_measured(each.distance, each.led_levels, leds)]
+    measured = [part for part in listed if is_measured(part.distance, part.led_levels, leds)]
     groups = [measured[end - GROUP : end] for end in range(GROUP, len(measured) + 1, GROUP)]
     return (
         _history(
             groups,
-            [mean_log_distance(each.distance for each in group) for group in groups],
+            [mean_log_distance(part.distance for part in group) for group in groups],
             math.exp,
         ),
         *(
-            _history(groups, [fmean(each.led_levels[led] for each in group) for group in groups])
+            _history(groups, [fmean(part.led_levels[led] for part in group) for group in groups])
             for led in range(leds)
         ),
     )

@@ -120,13 +120,13 @@ class Station:
 
     def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
         """Load a recipe, which judges all later parts when this returns; or raise RecipeRefused."""
-        with self._changeover.loading(name, by) as wanted:
+        with self._changeover.loading(name, by) as request:
             with self._lock:
                 if self._machine.state not in (State.READY, State.EXECUTING):
                     raise RecipeRefused(f"not ready: {self._reason}", RecipeRefusal.NOT_READY)
-                self._changeover.want(wanted)
+                self._changeover.want(request)
                 self._become_free()
-            return wanted.answer.result()
+            return request.answer.result()
 
     def stop(self, error: BaseException | None = None) -> None:
         """Accept no further trigger; `run` ends after the parts in progress, with `error`."""
@@ -225,18 +225,18 @@ class Station:
     def _change_recipe(self) -> None:
         """Take another recipe as soon as the last part has its result."""
         with self._lock:
-            wanted = None if self._waiting > 0 else self._changeover.taken()
-        if wanted is None:
+            request = None if self._waiting > 0 else self._changeover.taken()
+        if request is None:
             self._stopping.wait(_PAUSE_S)
             return
         try:
-            self._judge = self._changeover.take(wanted, self._camera, self._self_test)
+            self._judge = self._changeover.take(request, self._camera, self._self_test)
         except Exception as error:
             self._fail(error_text(error))
         else:
             with self._lock:
                 self._machine.change(Change.TESTED)
-            wanted.answer.set_result(wanted.recipe.loaded)
+            request.answer.set_result(request.recipe.loaded)
 
     def _stops_within(self, duration_s: float) -> bool:
         """Wait; False if the station does not stop in this time."""

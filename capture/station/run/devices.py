@@ -91,7 +91,7 @@ class DeviceStates:
         self._has_weak_led = False
 
     def _learn(self, checks: Iterable[Check]) -> None:
-        found: dict[str, Device] = {}
+        devices: dict[str, Device] = {}
         counts: Counter[str] = Counter()
         for check in checks:
             prefixes = [prefix for prefix in _CHECKED if check.name.startswith(prefix)]
@@ -100,13 +100,13 @@ class DeviceStates:
                 is_of_one_device = len(_CHECKED.get(check.name, ())) == 1
                 seen = check.seen if is_of_one_device else f"{check.name}: {check.seen}"
                 device = Device(name, check.status, seen)
-                before = found.get(name)
+                before = devices.get(name)
                 if before is None or _GRAVITY.index(device.status) > _GRAVITY.index(before.status):
-                    found[name] = device
-        for name, device in found.items():
+                    devices[name] = device
+        for name, device in devices.items():
             if device.status == "ok" and counts[name] > 1:
-                found[name] = Device(name, "ok", f"{counts[name]} checks are ok")
-        if "lights" in found and "camera" not in found:
+                devices[name] = Device(name, "ok", f"{counts[name]} checks are ok")
+        if "lights" in devices and "camera" not in devices:
             # Light was measured, with the camera.
-            found["camera"] = Device("camera", "ok", "light images were captured")
-        self._tested |= found
+            devices["camera"] = Device("camera", "ok", "light images were captured")
+        self._tested |= devices

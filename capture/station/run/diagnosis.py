@@ -28,8 +28,8 @@ def diagnose_station(folder: Path) -> Iterator[Check]:
     def check_config() -> Iterator[Check]:
         opened.append(StationFolder(folder))
         config = opened[0].config
-        seen = f"{config.name}: recipe {config.recipe}, rig {config.rig}, trigger {config.trigger}"
-        yield Check("station.toml", "ok", seen)
+        text = f"{config.name}: recipe {config.recipe}, rig {config.rig}, trigger {config.trigger}"
+        yield Check("station.toml", "ok", text)
 
     yield from collected("station.toml", check_config)
     if not opened:
@@ -47,8 +47,8 @@ def _check_recipe(station: StationFolder) -> Iterator[Check]:
     path = station.rig_config().calibration
     inspector = Inspector.load(files, None if path is None else Path(path))
     recipe = inspector.recipe
-    seen = f"{recipe.name}, version {recipe.version}: passes {', '.join(recipe.passes)}"
-    yield Check("recipe", "ok", f"{seen}; fails {', '.join(recipe.fails) or 'no known texture'}")
+    text = f"{recipe.name}, version {recipe.version}: passes {', '.join(recipe.passes)}"
+    yield Check("recipe", "ok", f"{text}; fails {', '.join(recipe.fails) or 'no known texture'}")
     if recipe.is_approved and recipe.approval is not None:
         yield Check(
             "approval", "ok", f"by {recipe.approval.by}, {readable_utc(recipe.approval.utc)}"

@@ -35,10 +35,12 @@ def text_lines(event: Event) -> list[str]:
         case StateChanged(state, reason):
             return [f"{state}: {reason}"]
         case SelfTestFinished(checks):
-            found = [each for each in checks if each.status != "ok"]
+            faults = [check for check in checks if check.status != "ok"]
             lines = [
-                f"self-test: {each.name}: {each.status}: {each.seen}; {each.advice}".rstrip("; ")
-                for each in found
+                f"self-test: {check.name}: {check.status}: {check.seen}; {check.advice}".rstrip(
+                    "; "
+                )
+                for check in faults
             ]
             return lines or [f"self-test: {len(checks)} checks are ok"]
         case TriggerRefused(source, part_id, reason, is_recorded):
@@ -52,7 +54,7 @@ def text_lines(event: Event) -> list[str]:
         case Warned(text):
             return [f"warning: {text}"]
         case StationStopped(reason, announced, refused):
-            counts = [f"{announced.get(each, 0)} {each}" for each in Decision]
+            counts = [f"{announced.get(decision, 0)} {decision}" for decision in Decision]
             return [f"stopped: {reason}; {', '.join(counts)}, {refused} triggers refused"]
         case PartBegun() | ExposureComplete():
             return []
@@ -66,7 +68,7 @@ def json_fields(event: Event) -> dict[str, Any]:
         case StateChanged(state, reason):
             return {"event": "state", "state": state, "reason": reason}
         case SelfTestFinished(checks):
-            return {"event": "self-test", "checks": [vars(each) for each in checks]}
+            return {"event": "self-test", "checks": [vars(check) for check in checks]}
         case TriggerRefused(source, part_id, reason, is_recorded):
             return {
                 "event": "refused", "trigger": source, "part_id": part_id, "reason": reason,

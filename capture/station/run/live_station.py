@@ -87,11 +87,11 @@ class LiveSnapshot:
         return dict(vars(self)) | {
             "recipe": None if self.recipe is None else vars(self.recipe),
             "last": last,
-            "announced": {each.value: self.announced.get(each, 0) for each in Decision},
-            "devices": [vars(each) for each in self.devices],
+            "announced": {decision.value: self.announced.get(decision, 0) for decision in Decision},
+            "devices": [vars(device) for device in self.devices],
             "rejected": [
-                {**each.result.row, "acknowledged_by": each.acknowledged_by}
-                for each in self.rejected
+                {**part.result.row, "acknowledged_by": part.acknowledged_by}
+                for part in self.rejected
             ],
         }
 
@@ -178,8 +178,8 @@ class LiveStation:
         """End all subscriptions; no event comes any more."""
         with self._lock:
             self._is_closed = True
-            for each in self._subscriptions:
-                each.close()
+            for subscription in self._subscriptions:
+                subscription.close()
 
     # What interfaces do.
 
@@ -233,12 +233,12 @@ class LiveStation:
     def acknowledge(self, part_id: str, by: str) -> bool:
         """Record that somebody has seen a rejected part; False if it is not among the last."""
         with self._lock:
-            found = [each for each in self._rejected if each.result.part_id == part_id]
-            if not found:
+            rejected = [part for part in self._rejected if part.result.part_id == part_id]
+            if not rejected:
                 return False
-            if found[0].acknowledged_by is None:
-                position = self._rejected.index(found[0])
-                self._rejected[position] = RejectedPart(found[0].result, by)
+            if rejected[0].acknowledged_by is None:
+                position = self._rejected.index(rejected[0])
+                self._rejected[position] = RejectedPart(rejected[0].result, by)
                 self._append({"event": "acknowledged", "part_id": part_id, "by": by})
             return True
 
@@ -295,7 +295,7 @@ class LiveStation:
         with self._lock:
             if not 0 <= event_id <= self._event_id:
                 return None
-            after = [each for each in self._events if each.id > event_id]
+            after = [event for event in self._events if event.id > event_id]
             return after if len(after) == self._event_id - event_id else None
 
     # These methods are called under the lock.
@@ -304,15 +304,17 @@ class LiveStation:
         self._event_id += 1
         event = LiveEvent(self._event_id, utc_text(timespec="milliseconds"), fields)
         self._events.append(event)
-        for each in self._subscriptions:
-            each.put(event)
+        for subscription in self._subscriptions:
+            subscription.put(event)
 
     def _devices_fields(self) -> dict[str, Any]:
-        return {"event": "devices", "devices": [vars(each) for each in self._devices.all()]}
+        return {"event": "devices", "devices": [vars(device) for device in self._devices.all()]}
 
     def _rate(self) -> float:
         now_s = self._now_s()
-        recent = [each for each in self._announced_s if now_s - each <= _RATE_WINDOW_S]
+        recent = [
+            instant_s for instant_s in self._announced_s if now_s - instant_s <= _RATE_WINDOW_S
+        ]
         if len(recent) < 2:
             return 0.0
         return round(60.0 * (len(recent) - 1) / max(now_s - recent[0], 1e-3), 1)
@@ -330,6 +332,8 @@ def _fields(event: Event) -> dict[str, Any]:
         case PartAnnounced(result, _) | PartRecovered(result):
             return {**result.row, **fields}
         case StationStopped():
-            return fields | {"parts": {each.value: n for each, n in event.announced.items()}}
+            return fields | {
+                "parts": {decision.value: n for decision, n in event.announced.items()}
+            }
         case _:
             return fields

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from typing import Any, Protocol, TypeVar
 
@@ -28,8 +28,8 @@ class Inspected(Protocol):
     def verdict(self) -> Verdict:
         """The verdict."""
 
-    def result_fields(self) -> dict[str, Any]:
-        """Fields of a `PartResult`, with the verdict."""
+    def recorded(self, part: PartResult) -> PartResult:
+        """Return the result of a part that was not judged yet, with verdict and measures."""
 
 
 class PartInspector(Protocol):
@@ -54,6 +54,22 @@ class ExposedPart:
     # ``capture``: trigger to end of exposure; ``checks``: from there on.
     timings_ms: dict[str, float]
     notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class SavedSet:
+    """The file of a set, relative to the station, the hash of its pixels, and the time it took."""
+
+    set_file: str
+    set_sha256: str
+    save_ms: float
+
+    def recorded(self, part: PartResult) -> PartResult:
+        """Return a result with the set."""
+        timings_ms = part.timings_ms | {"save": self.save_ms}
+        return replace(
+            part, set_file=self.set_file, set_sha256=self.set_sha256, timings_ms=timings_ms
+        )
 
 
 class PartJudge:
@@ -91,56 +107,65 @@ class PartJudge:
                 failures.append((error, cause))
                 return None
 
-        judged = stored = None
+        unjudged = self._unjudged(part)
+        judged = saved = None
         captured = part.captured
         if captured is not None:
-            saving = tried(lambda: writer.submit(self._stored, part, captured), Cause.STORAGE)
-            judged = tried(lambda: self._judged(captured))
+            saving = tried(lambda: writer.submit(self._saved, part.begun, captured), Cause.STORAGE)
+            judged = tried(lambda: self._judged(captured, unjudged))
             if saving is not None:
-                stored = tried(saving.result, Cause.STORAGE)
-        fields = _joined({"timings_ms": part.timings_ms}, judged, stored)
-        result = None if failures else tried(lambda: self._result(part, fields))
+                saved = tried(saving.result, Cause.STORAGE)
+        result = None if failures else tried(lambda: self._whole(part, judged, saved))
         if result is not None:
             return result, None
         error, cause = failures[0]
-        fields = _joined({"timings_ms": {}}, stored) | {"verdict": error_verdict(error, cause)}
-        return self._result(part, fields), error
+        decided_utc = self._clock.now()
+        result = replace(unjudged, verdict=error_verdict(error, cause), decided_utc=decided_utc)
+        return result if saved is None else saved.recorded(result), error
 
-    def _judged(self, captured: CapturedSet) -> dict[str, Any]:
-        began_s = self._clock.monotonic_s()
-        fields = self._inspector.inspect(captured).result_fields()
-        return _joined(fields, self._timing("inspect", began_s))
-
-    def _stored(self, part: ExposedPart, captured: CapturedSet) -> dict[str, Any]:
-        began_s = self._clock.monotonic_s()
-        set_file = set_file_of(part.begun.part_id, part.begun.triggered_utc)
-        self._save(captured, set_file)
-        about = {"set_file": set_file, "set_sha256": captured.metadata.pixels_sha256}
-        return about | self._timing("save", began_s)
-
-    def _timing(self, step: str, began_s: float) -> dict[str, Any]:
-        return {"timings_ms": {step: 1e3 * (self._clock.monotonic_s() - began_s)}}
-
-    def _result(self, part: ExposedPart, fields: dict[str, Any]) -> PartResult:
+    def _unjudged(self, part: ExposedPart) -> PartResult:
+        """The result of a part before its verdict, which no part keeps."""
         captured = part.captured
         result = PartResult(
             station=self._station,
             exposed_utc=part.exposed_utc,
             decided_utc=self._clock.now(),
+            verdict=Verdict(Decision.ERROR, "the part was not judged", (Cause.UNFORESEEN,)),
             operator=self._operator,
             software_version=_SOFTWARE_VERSION,
             notes=part.notes,
-            **vars(part.begun)
-            | {
-                "simulated": part.begun.simulated
-                if captured is None
-                else captured.metadata.simulated
-            },
+            **vars(part.begun),
             **self._recipe_fields,
-            **fields,
         )
-        result.row  # noqa: B018 - raises for what no row can hold
+        if captured is None:
+            return result
+        return replace(result, simulated=captured.metadata.simulated)
+
+    def _judged(self, captured: CapturedSet, unjudged: PartResult) -> PartResult:
+        began_s = self._clock.monotonic_s()
+        result = self._inspector.inspect(captured).recorded(unjudged)
+        inspect_ms = 1e3 * (self._clock.monotonic_s() - began_s)
+        timings_ms = result.timings_ms | {"inspect": inspect_ms}
+        return replace(result, timings_ms=timings_ms)
+
+    def _whole(
+        self, part: ExposedPart, judged: PartResult | None, saved: SavedSet | None
+    ) -> PartResult:
+        """Return a result with all its timings; raises for values that no row can hold."""
+        if judged is None or saved is None:
+            raise ValueError("the part was not judged, or its set was not saved")
+        result = saved.recorded(judged)
+        timings_ms = part.timings_ms | result.timings_ms
+        result = replace(result, decided_utc=self._clock.now(), timings_ms=timings_ms)
+        result.row  # noqa: B018
         return result
+
+    def _saved(self, begun: BegunPart, captured: CapturedSet) -> SavedSet:
+        began_s = self._clock.monotonic_s()
+        set_file = set_file_of(begun.part_id, begun.triggered_utc)
+        self._save(captured, set_file)
+        sha256 = captured.metadata.pixels_sha256
+        return SavedSet(set_file, sha256, 1e3 * (self._clock.monotonic_s() - began_s))
 
 
 def interrupted_result(
@@ -157,11 +182,3 @@ def interrupted_result(
         **vars(begun),
         **stored,
     )
-
-
-def _joined(*several: dict[str, Any] | None) -> dict[str, Any]:
-    """Join fields; the timings are joined, too."""
-    given = [fields for fields in several if fields is not None]
-    joined = {name: value for fields in given for name, value in fields.items()}
-    timings = [fields.get("timings_ms", {}) for fields in given]
-    return joined | {"timings_ms": {step: ms for each in timings for step, ms in each.items()}}

@@ -86,21 +86,25 @@ class RecipeLoader:
         files = self._folder.recipe_files(first_recipe(self._folder))
         is_there = files.file.exists()
         recipe = read_recipe(files.file) if is_there else Recipe(name=files.name, passes=())
-        found = None
+        calibration = None
         if self._calibration is not None:
-            found = FoundCalibration(self._calibration, read_calibration(self._calibration), ())
+            calibration = FoundCalibration(
+                self._calibration, read_calibration(self._calibration), ()
+            )
         collector = Collector()
-        return UsableRecipe(self._judge(collector, {}, found), recipe, collector.begin, found)
+        return UsableRecipe(
+            self._judge(collector, {}, calibration), recipe, collector.begin, calibration
+        )
 
     def _judge(
-        self, inspector: PartInspector, fields: dict[str, Any], found: FoundCalibration | None
+        self, inspector: PartInspector, fields: dict[str, Any], calibration: FoundCalibration | None
     ) -> PartJudge:
         def save(captured: CapturedSet, set_file: str) -> None:
             """Write the set of a part, with its calibration beside it."""
             path = self._folder.path / set_file
             make_folder(path.parent)
-            if found is not None:
-                keep_beside(found.file, path)
+            if calibration is not None:
+                keep_beside(calibration.file, path)
             captured.save(path, home=path.parent.parent)  # not the folder with all sets of the day
 
         name = self._folder.config.name
@@ -127,20 +131,24 @@ class RunRecipes:
             files = self._folder.recipe_files(name)
             if not files.file.is_file():
                 raise RecipeRefused(f"recipe {name}: no such recipe", RecipeRefusal.UNKNOWN)
-            wanted = self._loader.load(files, by.name, go_on)
-            require_seen(wanted.recipe, by.seen_sha256)
-            require_no_fault(self._checks_of(wanted))
+            usable = self._loader.load(files, by.name, go_on)
+            require_seen(usable.recipe, by.seen_sha256)
+            require_no_fault(self._checks_of(usable))
         except RecipeRefused:
             raise
         except Exception as error:
-            kind = next((kind for each, kind in _KINDS if isinstance(error, each)), None)
+            kind = next(
+                (kind for error_kind, kind in _KINDS if isinstance(error, error_kind)), None
+            )
             raise RecipeRefused(error_text(error), kind or RecipeRefusal.UNFORESEEN) from error
-        return wanted
+        return usable
 
     def use(self, recipe: UsableRecipe) -> list[Check]:
         """Give the rig the settings of a recipe; return the recipe's checks."""
-        found = recipe.calibration
-        self._rig.use(recipe.recipe, None if found is None else found.file, recipe.begin)
+        calibration = recipe.calibration
+        self._rig.use(
+            recipe.recipe, None if calibration is None else calibration.file, recipe.begin
+        )
         return self._checks_of(recipe)
 
     def use_present(self) -> None:
@@ -170,8 +178,8 @@ class RunRecipes:
         file = None if recipe.calibration is None else recipe.calibration.file
         return list(check_calibration_age(file, recipe.recipe.calibration))
 
-    def _record(self, wanted: UsableRecipe, by: Asker) -> None:
-        before, after = _named(self.present.recipe), _named(wanted.recipe)
+    def _record(self, recipe: UsableRecipe, by: Asker) -> None:
+        before, after = _named(self.present.recipe), _named(recipe.recipe)
         record_change(self._store, "loaded recipe", before, after, by=by.name, role=by.role)
 
 

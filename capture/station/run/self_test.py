@@ -33,9 +33,9 @@ class SelfTestFailed(HardwareError):  # noqa: N818 - the state of the station, n
 def require_no_fault(checks: Iterable[Check]) -> None:
     """Raise SelfTestFailed, with every fault, if a check found one."""
     faults = [
-        ": ".join(filter(None, (each.name, each.seen, each.advice)))
-        for each in checks
-        if each.status == "fault"
+        ": ".join(filter(None, (check.name, check.seen, check.advice)))
+        for check in checks
+        if check.status == "fault"
     ]
     if faults:
         raise SelfTestFailed("self-test: " + "; ".join(faults))
@@ -53,17 +53,17 @@ class SelfTest:
         """Yield a function that takes checks and raises as `require_no_fault`."""
         checks: list[Check] = []
 
-        def require(found: list[Check]) -> None:
-            checks.extend(found)
+        def require(results: list[Check]) -> None:
+            checks.extend(results)
             require_no_fault(checks)
 
         try:
             yield require
         finally:
-            found = [f"{each.name} {each.status}" for each in checks]
-            if found != self._published:
+            texts = [f"{check.name} {check.status}" for check in checks]
+            if texts != self._published:
                 self._publish(SelfTestFinished(tuple(checks)))
-            self._published = found
+            self._published = texts
 
 
 def disk_fault(folder: Path, floor_mb: int, sets_bytes: int = 0) -> str | None:
@@ -106,8 +106,8 @@ def check_results(store: ResultStore) -> Iterator[Check]:
     last_at = readable_utc(last.result.decided_utc)
     behind = datetime.fromisoformat(last.result.decided_utc) - datetime.now(UTC)
     if behind > _CLOCK_TOLERANCE:
-        seen = f"{behind.total_seconds():.0f} s behind the last result, of {last_at}"
-        yield Check("clock", "warning", seen, "set the clock; numbers of parts keep their order")
+        text = f"{behind.total_seconds():.0f} s behind the last result, of {last_at}"
+        yield Check("clock", "warning", text, "set the clock; numbers of parts keep their order")
         return
     yield Check("clock", "ok", f"after the last result, of {last_at}")
 
@@ -143,12 +143,12 @@ def check_rig(rig: Rig, sheet: CalibrationFile | None) -> list[Check]:
             yield from checks_of_drift(drift_of_rig(rig, sheet))
 
     for _ in range(MAX_ATTEMPTS):
-        found = collected("rig", checks)
-        if not any(each.status == "fault" for each in found):
+        results = collected("rig", checks)
+        if not any(check.status == "fault" for check in results):
             break
         # A transmission error leaves the line to the controller unusable until it is opened anew.
-        found += collected("light controller", lambda: _recovered(rig))
-    return found
+        results += collected("light controller", lambda: _recovered(rig))
+    return results
 
 
 def _recovered(rig: Rig) -> Iterator[Check]:

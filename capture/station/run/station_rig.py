@@ -115,12 +115,13 @@ class StationRig:
         not.
         """
         lights = self._opened().lights
-        seen, controller = parts_seen(lights), lights.identity.serial_number
+        counted, controller = parts_seen(lights), lights.identity.serial_number
         before, is_known = self._counted, controller == self._controller
-        self._counted, self._controller = seen, controller
+        self._counted, self._controller = counted, controller
         if not is_known:
             return 0
-        return seen - before if seen >= before else seen  # a restarted controller counts from 0
+        # A restarted controller counts from 0.
+        return counted - before if counted >= before else counted
 
     def forget_part(self) -> None:
         """Drop the part that the sensor saw; the LEDs go out."""
@@ -164,8 +165,8 @@ class StationRig:
             del self._parts[next(iter(self._parts))]
 
     def _with_light_of(self, recipe: Recipe) -> RigConfig:
-        wanted = recipe.light.model_dump(exclude_none=True)
-        return self._given.with_changes(camera=wanted) if wanted else self._given
+        settings = recipe.light.model_dump(exclude_none=True)
+        return self._given.with_changes(camera=settings) if settings else self._given
 
     def _place(self, number: int) -> None:
         """Put a part below the camera of a simulated rig."""

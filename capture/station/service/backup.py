@@ -38,18 +38,18 @@ class Backup:
         self,
         folder: Path,
         config: StationConfig,
-        found: ResultsSnapshot,
+        snapshot: ResultsSnapshot,
         database: tuple[str, Path] | None,
     ) -> None:
         self._folder, self._config = folder, config
-        self._found, self._database = found, database
+        self._found, self._database = snapshot, database
         self._recipes = _stamps(folder / RECIPES)
         self._utc = utc_text()
         self.sources: dict[str, Path] = dict(_settings(folder, config))
         if database is not None:
             self.sources[database[0]] = database[1]
         self._missing = []
-        for name in found.set_files:
+        for name in snapshot.set_files:
             path = inside_parts(name)
             if (folder / path).is_file():
                 self.sources[str(path)] = folder / path
@@ -102,14 +102,14 @@ def prepared_backup(folder: Path, path: Path) -> Iterator[Backup]:
         # The copy lies beside the backup, whose disk needs the space in any case.
         temporary_path(path.absolute().parent, path) as copy,
     ):
-        found, database = ResultsSnapshot(0, ()), None
+        snapshot, database = ResultsSnapshot(0, ()), None
         if "://" in results:
-            found, database = copy_results(results, config.name, copy), (DUMP, copy)
+            snapshot, database = copy_results(results, config.name, copy), (DUMP, copy)
         elif Path(results).exists():
             _check_space(folder, config, path, 2 * Path(results).stat().st_size)
-            found = copy_results(results, config.name, copy)
+            snapshot = copy_results(results, config.name, copy)
             database = (_name_of_results(folder, Path(results)), copy)
-        backup = Backup(folder, config, found, database)
+        backup = Backup(folder, config, snapshot, database)
         needed = sum(source.stat().st_size for source in backup.sources.values())
         _check_space(folder, config, path, needed)
         yield backup
@@ -146,15 +146,15 @@ def _settings(folder: Path, config: StationConfig) -> Iterator[tuple[str, Path]]
 
 
 def _files_below(folder: Path) -> Iterator[Path]:
-    seen = set()
+    known_folders = set()
     for home, folders, names in os.walk(folder, followlinks=True):
-        about = Path(home).stat()
-        if (about.st_dev, about.st_ino) in seen:  # a loop of links
+        status = Path(home).stat()
+        if (status.st_dev, status.st_ino) in known_folders:  # a loop of links
             folders.clear()
             continue
-        seen.add((about.st_dev, about.st_ino))
+        known_folders.add((status.st_dev, status.st_ino))
         # Hidden files are those that are being written.
-        for name in sorted(each for each in names if not each.startswith(".")):
+        for name in sorted(file for file in names if not file.startswith(".")):
             path = Path(home) / name
             if path.is_file():
                 yield path
@@ -163,7 +163,7 @@ def _files_below(folder: Path) -> Iterator[Path]:
 def _stamps(recipes: Path) -> dict[Path, tuple[int, int]]:
     """Stamps that change with each file of the recipes, because these files name each other."""
     stats = {path: path.stat() for path in _files_below(recipes)}
-    return {path: (about.st_mtime_ns, about.st_size) for path, about in stats.items()}
+    return {path: (status.st_mtime_ns, status.st_size) for path, status in stats.items()}
 
 
 def _remarks(folder: Path, config: StationConfig, missing: list[str]) -> Iterator[str]:
@@ -193,8 +193,8 @@ def _store(archive: zipfile.ZipFile, name: str, source: Path) -> StoredFile:
     """Copy a file into the archive, up to its present size: a log may grow meanwhile."""
     digest = sha256()
     with open_regular_file(source, _MOST_FILE_BYTES) as file:
-        about = os.fstat(file.fileno())
-        left = about.st_size
+        status = os.fstat(file.fileno())
+        left = status.st_size
         with archive.open(zipfile.ZipInfo(name), "w", force_zip64=True) as member:
             while left and (block := file.read(min(_BLOCK_BYTES, left))):
                 digest.update(block)
@@ -202,7 +202,7 @@ def _store(archive: zipfile.ZipFile, name: str, source: Path) -> StoredFile:
                 left -= len(block)
     return StoredFile(
         path=name,
-        bytes=about.st_size - left,
+        bytes=status.st_size - left,
         sha256=digest.hexdigest(),
-        is_private=not about.st_mode & (stat.S_IRWXG | stat.S_IRWXO),
+        is_private=not status.st_mode & (stat.S_IRWXG | stat.S_IRWXO),
     )

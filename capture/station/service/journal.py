@@ -33,8 +33,8 @@ _OF_DECISION = {Decision.PASS: _INFO, Decision.ERROR: _WARNING}
 
 def is_connected_to_journal(environment: Mapping[str, str], descriptor: int) -> bool:
     """Whether a descriptor leads to the journal: JOURNAL_STREAM of systemd.exec(5) names it."""
-    about = os.fstat(descriptor)
-    return environment.get("JOURNAL_STREAM") == f"{about.st_dev}:{about.st_ino}"
+    status = os.fstat(descriptor)
+    return environment.get("JOURNAL_STREAM") == f"{status.st_dev}:{status.st_ino}"
 
 
 class Journal:
@@ -52,7 +52,7 @@ class Journal:
             *_fields(event),
         ]
         for line in text_lines(event):
-            entry = b"".join(_encoded(*each) for each in (("MESSAGE", line), *fields))
+            entry = b"".join(_encoded(*item) for item in (("MESSAGE", line), *fields))
             with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as journal:
                 journal.settimeout(_PATIENCE_S)
                 journal.sendto(entry, str(self._path))
@@ -63,7 +63,7 @@ def _priority(event: Event) -> int:
         case StateChanged(State.ERROR):
             return _ERROR
         case SelfTestFinished(checks):
-            statuses = {each.status for each in checks}
+            statuses = {check.status for check in checks}
             return _ERROR if "fault" in statuses else _INFO if statuses <= {"ok"} else _WARNING
         case Warned() | TriggerRefused():
             return _WARNING
@@ -76,9 +76,9 @@ def _priority(event: Event) -> int:
 def _fields(event: Event) -> Iterator[tuple[str, str]]:
     """``PS4RIG_PART_ID`` and the like: texts, numbers, and each of a list of texts."""
     for key, value in json_fields(event).items():
-        for each in value if isinstance(value, list) else [value]:
-            if isinstance(each, str | int | float):
-                yield f"PS4RIG_{key.upper()}", str(each)
+        for item in value if isinstance(value, list) else [value]:
+            if isinstance(item, str | int | float):
+                yield f"PS4RIG_{key.upper()}", str(item)
 
 
 def _encoded(name: str, value: str) -> bytes:

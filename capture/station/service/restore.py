@@ -31,7 +31,7 @@ class OpenBackup:
         self._path, self._archive = path, archive
         self.manifest = self._read_manifest()
         members = sorted(info.filename for info in archive.infolist())
-        if members != sorted([MANIFEST, *(each.path for each in self.manifest.files)]):
+        if members != sorted([MANIFEST, *(file.path for file in self.manifest.files)]):
             raise InputError(f"{path}: damaged: its files are not those of its manifest")
 
     def restore(self, folder: Path) -> Iterator[str]:
@@ -41,7 +41,7 @@ class OpenBackup:
             raise InputError(f"{folder}: exists and is not empty; give another folder")
         if not folder.parent.is_dir():
             raise InputError(f"{folder}: cannot be made: there is no folder {folder.parent}")
-        needed = sum(each.bytes for each in self.manifest.files)
+        needed = sum(file.bytes for file in self.manifest.files)
         free = shutil.disk_usage(folder.parent).free
         if free < needed:
             raise InputError(

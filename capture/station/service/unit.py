@@ -72,7 +72,7 @@ def unit_text(station: StationFolder, user: str = USER) -> str:
     if not re.fullmatch(r"[a-z_][a-z0-9_-]{0,30}", user):
         raise InputError(f"--user {user!r}: give the name of a user in lower case")
     rig = station.rig_config()
-    command = " ".join(_word(each) for each in (sys.executable, "-P", "-m", "capture"))
+    command = " ".join(_word(word) for word in (sys.executable, "-P", "-m", "capture"))
     devices, groups = _devices(rig)
     lines = [
         *(f"# {line}".rstrip() for line in _how_to_install(config, folder, user)),
@@ -105,10 +105,10 @@ def unit_text(station: StationFolder, user: str = USER) -> str:
         "Environment=NUMBA_CACHE_DIR=%C/ps4rig XDG_STATE_HOME=%S PYTHONFAULTHANDLER=1",
         "",
         _HARDENING,
-        *(f"DeviceAllow={each} rw" for each in devices),
+        *(f"DeviceAllow={device} rw" for device in devices),
         f"ProtectHome={'read-only' if _lies_in(folder, _HOMES) else 'yes'}",
         f"PrivateTmp={'no' if _lies_in(folder, _TEMPORARY) else 'yes'}",
-        *(f"ReadWritePaths={_path(each)}" for each in _writable(config, folder)),
+        *(f"ReadWritePaths={_path(path)}" for path in _writable(config, folder)),
         *_capabilities(config),
         "",
         "[Install]",
@@ -158,7 +158,7 @@ def _devices(rig: RigConfig) -> tuple[list[str], list[str]]:
     port = rig.lights.port
     if port == AUTO or port.startswith("/"):
         named = re.fullmatch(r"/dev/(tty[A-Za-z]+)\d+", os.path.realpath(port))
-        devices += [f"char-{each}" for each in ([named[1]] if named else _SERIAL)]
+        devices += [f"char-{kind}" for kind in ([named[1]] if named else _SERIAL)]
         groups.append("dialout")
     kind = CAMERA_KINDS[rig.camera.kind]
     return [*devices, *kind.device_classes], [*groups, *kind.groups]

@@ -47,18 +47,18 @@ def checks_of_unit(station: StationFolder, properties: Mapping[str, str]) -> Ite
     """Check the unit of a station by the output of ``systemctl show``."""
     name = unit_name(station.config)
     if not properties.get("FragmentPath"):
-        seen, advice = f"{name} is not installed", _how_to_print(station)
+        text, advice = f"{name} is not installed", _how_to_print(station)
         # From a keyboard only a person can trigger.
         by_hand = station.config.trigger == "enter"
-        yield Check(_NAME, "ok" if by_hand else "warning", seen, f"for a service: {advice}")
+        yield Check(_NAME, "ok" if by_hand else "warning", text, f"for a service: {advice}")
         return
     wrong = [
-        Check(_NAME, "warning", f"{name} {seen}", advice)
-        for seen, advice in _faults(station, properties)
+        Check(_NAME, "warning", f"{name} {text}", advice)
+        for text, advice in _faults(station, properties)
     ]
     active, watchdog = properties.get("ActiveState"), properties.get("WatchdogUSec")
-    seen = f"{name} is installed as printed, enabled, {active}, watchdog {watchdog}"
-    yield from wrong or [Check(_NAME, "ok", seen)]
+    text = f"{name} is installed as printed, enabled, {active}, watchdog {watchdog}"
+    yield from wrong or [Check(_NAME, "ok", text)]
 
 
 def _faults(station: StationFolder, properties: Mapping[str, str]) -> Iterator[tuple[str, str]]:

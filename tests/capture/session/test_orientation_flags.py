@@ -1,6 +1,6 @@
 """How often a session flags mistyped and correct orientations, over many textures.
 
-The figures of capture/README.md, with scanned materials of a folder too:
+With scanned materials of a folder too (the figures of capture/README.md):
 PS4RIG_MATERIALS=DIR PS4RIG_SETS=16 PS4RIG_SIDE_PX=512 pytest -s -m slow FILE
 """
 

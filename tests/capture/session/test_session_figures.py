@@ -1,6 +1,6 @@
 """The cost of a session, and the sets that it accepts from a rig with faults.
 
-The figures of capture/README.md; CI runs a short form:
+Measured at full length by the command below; CI runs a short form:
 PS4RIG_TEXTURES=30 PS4RIG_ORIENTATIONS=18 PS4RIG_SIDE_PX=512 PS4RIG_FAULTS=300 pytest -m slow FILE
 """
 

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from capture.station.domain.config import StationConfig
 from capture.station.domain.folder import StationFolder, make_station
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.verdict import Decision, Verdict
+from capture.station.results.part_result import PartResult
 from capture.station.results.store import ResultStore, open_store
 from capture.station.run.changeover import UsableRecipe
 from capture.station.run.cycle import Station
@@ -40,8 +41,8 @@ class Said:
 
     verdict: Verdict
 
-    def result_fields(self) -> dict[str, Any]:
-        return {"verdict": self.verdict}
+    def recorded(self, part: PartResult) -> PartResult:
+        return replace(part, verdict=self.verdict)
 
 
 class FakeInspector:

@@ -3,18 +3,16 @@
 import os
 import re
 import runpy
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from capture.station.results.store import open_store
+from .results.parts import record_three_days
 
 ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / "capture" / "station" / "README.md").read_text(encoding="utf-8")
-OLD = ROOT / "tests" / "data" / "results" / "version-1.sqlite"
 
 
 def section(heading: str) -> str:
@@ -55,8 +53,7 @@ def test_the_example_counts_verdicts_per_day(
 ) -> None:
     [example] = re.findall(r"```python\n(.*?)```", section("Results"), re.DOTALL)
     (tmp_path / "line-3").mkdir()
-    shutil.copy(OLD, tmp_path / "line-3" / "results.sqlite")
-    open_store(str(tmp_path / "line-3" / "results.sqlite"), "line-1").close()
+    record_three_days(tmp_path / "line-3" / "results.sqlite")
     (tmp_path / "example.py").write_text(example)
     monkeypatch.chdir(tmp_path)
     runpy.run_path("example.py")

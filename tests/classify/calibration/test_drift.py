@@ -286,7 +286,7 @@ def random_rigs(before: Plate) -> Iterator[tuple[str, float, Plate]]:
 @pytest.mark.slow
 @pytest.mark.parametrize("fields", [2, 5, 10, 20])
 def test_changes_are_seldom_missed_or_taken_for_another(fields: int) -> None:
-    """Confusion over random rigs; ``pytest -s`` prints the README's table."""
+    """Confusion over random rigs; ``pytest -s`` prints the table."""
     before = replace(RIG, positions=ring_positions(2.0 * fields))
     calibration = calibrated(before)
     counts: Counter[tuple[str, float, str]] = Counter()

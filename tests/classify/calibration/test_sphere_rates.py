@@ -1,4 +1,4 @@
-"""Errors of lights from many rendered spheres; prints the README's table.
+"""Errors of lights from many rendered spheres; prints the table.
 
 ``pytest -s -m slow tests/classify/calibration/test_sphere_rates.py``
 """

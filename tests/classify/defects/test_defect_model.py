@@ -7,8 +7,7 @@ import pytest
 
 from classify import DefectModel, InputError, SurfaceEstimate, learn_defects, regions_of
 from classify.defects.fields import part_fields
-from classify.defects.good_cells import power_sums
-from classify.defects.halves import unlike_halves
+from classify.defects.good_cells import power_sums, unlike_halves
 from classify.defects.window_statistics import window_statistics
 
 SIDE = 256

@@ -5,7 +5,14 @@ import pytest
 
 from classify.defects.evidence import Evidence
 from classify.defects.good_cells import CENTRES, GoodCells
-from classify.defects.lines import DIRECTIONS, line_responses
+from classify.defects.lines import DIRECTIONS, LENGTHS, line_response
+
+
+def _responses(field: np.ndarray, cell: int, orientation_deg: float) -> np.ndarray:
+    """(directions, lengths, h, w) responses, each alone."""
+    alone = np.eye(DIRECTIONS * LENGTHS, dtype=np.float32)
+    found = np.array([line_response(field, cell, orientation_deg, weights) for weights in alone])
+    return found.reshape(DIRECTIONS, LENGTHS, *found.shape[1:])
 
 
 @pytest.mark.parametrize("cell", [2, 4])
@@ -16,17 +23,24 @@ def test_a_line_of_ones_has_the_sum_of_the_weights_in_its_direction(
     field = np.zeros((160, 96), np.float32)
     field[:, 48] = vertical
     field[80, :] += not vertical
-    found = line_responses(field, cell, 0.0).reshape(DIRECTIONS, 3, 160 // cell, 96 // cell)
-    here = found[:, :, 80 // cell, 48 // cell]
+    here = _responses(field, cell, 0.0)[:, :, 80 // cell, 48 // cell]
     np.testing.assert_array_equal(here[direction], [12.0, 27.0, 45.0])
     assert (np.delete(here, direction, axis=0)[:, 2] <= 0.5 * 45.0).all()
 
 
 def test_lines_turn_with_the_orientation() -> None:
     field = np.random.default_rng(0).normal(size=(64, 64)).astype(np.float32)
-    here, there = line_responses(field, 4, 0.0), line_responses(field, 4, 30.0)
-    expected = np.roll(here.reshape(DIRECTIONS, 3, 16, 16), -2, axis=0).reshape(here.shape)
-    np.testing.assert_allclose(there, expected, rtol=1e-5)
+    here, there = _responses(field, 4, 0.0), _responses(field, 4, 30.0)
+    np.testing.assert_allclose(there, np.roll(here, -2, axis=0), rtol=1e-5)
+
+
+def test_the_response_is_the_largest_of_the_weighted_ones() -> None:
+    rng = np.random.default_rng(0)
+    field = rng.normal(size=(64, 64)).astype(np.float32)
+    weights = rng.uniform(0.5, 2.0, DIRECTIONS * LENGTHS).astype(np.float32)
+    alone = _responses(field, 4, 10.0).reshape(-1, 16, 16)
+    expected = np.max(weights[:, None, None] * alone, axis=0)
+    np.testing.assert_allclose(line_response(field, 4, 10.0, weights), expected, rtol=1e-5)
 
 
 def test_a_cell_between_two_kinds_of_good_cells_is_far_from_both() -> None:

@@ -10,7 +10,7 @@ from classify import InputError, SurfaceEstimate, TextureLibrary
 from classify.base.errors import PieceModelError
 from classify.classifiers.joint import ring_levels
 from classify.pieces.learning import SCALE_STEP, GoodPart, learn_pieces, scaled_surface
-from classify.pieces.moments import band_moments
+from classify.pieces.moments import CELL_PX, band_moments
 from classify.pieces.piece_model import PieceMeasures, PieceModel
 
 SIDE = 256
@@ -110,8 +110,40 @@ def test_missing_texture_is_a_window_unlike_good_ones(
     found = taught.measure(part)
     assert found.window > 1.5
     row, column = np.unravel_index(found.window_map.argmax(), found.window_map.shape)
-    assert 100 // 16 - 2 <= row <= 160 // 16 + 2
-    assert 60 // 16 - 2 <= column <= 120 // 16 + 2
+    assert 100 // CELL_PX - 4 <= row <= 160 // CELL_PX + 4
+    assert 60 // CELL_PX - 4 <= column <= 120 // CELL_PX + 4
+
+
+def raised_cosine() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Height of a dent of 40 px, 1 px deep, and its slopes p and q."""
+    y, x = 128.0 - np.arange(SIDE)[:, None], np.arange(SIDE) - 120.0
+    phase = np.pi * np.minimum(np.hypot(x, y) / 20.0, 1.0)
+    steep = 0.5 * (np.pi / 20.0) ** 2 * np.sinc(phase / np.pi)
+    return -0.5 - 0.5 * np.cos(phase), steep * x, steep * y
+
+
+@pytest.mark.parametrize("depth", [-4.0, 4.0])
+def test_a_dent_is_a_spot_that_its_surroundings_do_not_let_expect(
+    taught: Taught, good: SurfaceEstimate, depth: float
+) -> None:
+    _, p, q = (np.float32(depth) * each.astype(np.float32) for each in raised_cosine())
+    assert worst_place(taught.measure(replace(good, p=good.p + p, q=good.q + q)))
+
+
+@pytest.mark.parametrize("contrast", [-0.3, 0.3])
+def test_a_stain_is_a_spot_that_its_surroundings_do_not_let_expect(
+    taught: Taught, good: SurfaceEstimate, contrast: float
+) -> None:
+    height, _, _ = raised_cosine()
+    stain = (1.0 + contrast * height).astype(np.float32)
+    assert worst_place(taught.measure(replace(good, albedo=stain * good.albedo)))
+
+
+def worst_place(found: PieceMeasures) -> bool:
+    """Whether the worst cell exceeds the limit and lies in the fault."""
+    row, column = np.unravel_index(found.window_map.argmax(), found.window_map.shape)
+    middle = np.hypot(row - 128 / CELL_PX, column - 120 / CELL_PX)
+    return found.window > 1.0 and middle < 4.0
 
 
 def test_a_piece_at_another_orientation_is_a_seam(taught: Taught, good: SurfaceEstimate) -> None:
@@ -140,7 +172,34 @@ def test_a_mirrored_part_has_the_other_handedness(taught: Taught) -> None:
 def test_a_texture_that_is_its_own_mirror_image_has_no_handedness() -> None:
     found = Taught([chiral(seed, second_deg=0.0) for seed in range(LEARNED)])
     assert found.model.handedness is None
+    assert found.model.has_direction
     assert found.measure(chiral(100, second_deg=0.0)).handedness is None
+
+
+def test_a_texture_without_a_direction_looks_alike_at_90_degrees() -> None:
+    good = [chiral(seed) for seed in range(LEARNED)]
+    whole = [round_texture(seed) for seed in range(LEARNED)]
+    assert Taught(good).model.has_direction
+    assert not Taught(whole).model.has_direction
+
+
+def test_three_parts_show_a_direction() -> None:
+    """The limits of three parts are wide; what they look like is known."""
+    assert Taught([chiral(seed) for seed in range(3)]).model.has_direction
+
+
+def round_texture(seed: int) -> SurfaceEstimate:
+    """Waves of all directions."""
+    draw = np.random.default_rng(seed)
+    k = np.hypot(*np.meshgrid(np.fft.fftfreq(SIDE), np.fft.fftfreq(SIDE)))
+    weight = np.exp(-((np.log2(np.maximum(k, 1e-3) * 9.0)) ** 2))
+    height = np.fft.ifft2(weight * np.fft.fft2(draw.normal(size=(SIDE, SIDE)))).real
+    q, p = np.gradient(3.0 * height)
+    noise = draw.normal(0.0, 0.005, (3, SIDE, SIDE))
+    values = (p + noise[0], -q + noise[1], 0.5 + 0.02 * height + noise[2])
+    return SurfaceEstimate(
+        *(each.astype(np.float32) for each in values), np.ones(p.shape, bool), "least_squares"
+    )
 
 
 @pytest.mark.parametrize("depth", [0.7, 1.4])

@@ -3,6 +3,7 @@
 plan        -> textures, defects, numbers of parts
 parts       -> good and defective parts, captured and solved
 comparators -> detectors of one photograph, and of the albedo alone
+learned     -> features of a network, where its weights are installed
 detectors   -> these and the defect map, learned from the same parts
 scores      -> areas under ROC and PRO curves
 measure     -> scores of all parts of one texture by all detectors

@@ -15,12 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.defects.defect_map import CELL_PX
-from classify.defects.good_cells import PowerSums, power_sums
-from classify.defects.halves import unlike_halves
+from classify.defects.good_cells import PowerSums, power_sums, unlike_halves
 from classify.defects.limits import common_limit, tile_maxima
 from classify.surface.estimate import FloatMap
 
-from .parts import Part
+from .parts import CONDITIONS, Part
 
 Features = Callable[[Part, float], FloatMap]
 """(H, W, d) features of a part whose texture is at an orientation, in degrees."""
@@ -84,9 +83,10 @@ class GaussianDetector:
     def _score(self, features: FloatMap) -> FloatMap:
         offset = (features - np.float32(self.mean)) @ np.float32(self.whitening)
         square = np.einsum("hwd,hwd->hw", offset, offset)
-        sigma = _SMOOTHING_PX / _STEP_PX
+        step_px = CONDITIONS.size_px // len(square)
+        sigma = _SMOOTHING_PX / step_px
         square = cv2.GaussianBlur(square, (0, 0), sigma, borderType=cv2.BORDER_REFLECT)
-        rows, cols = (side * _STEP_PX // CELL_PX for side in square.shape)
+        rows, cols = (side * step_px // CELL_PX for side in square.shape)
         return np.asarray(np.sqrt(cv2.resize(square, (cols, rows), interpolation=cv2.INTER_AREA)))
 
 

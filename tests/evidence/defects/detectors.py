@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from classify.defects.learning import learn_defects
 from classify.surface.estimate import FloatMap
 
+from . import learned
 from .comparators import GaussianDetector, albedo_filters, one_photograph
 from .parts import Part
 
@@ -38,4 +39,7 @@ DETECTORS: Mapping[str, Learn] = {
     OURS: _defect_map,
     "one photograph": _gaussian(one_photograph),
     "albedo, PaDiM-like": _gaussian(albedo_filters),
+    **(
+        {"PaDiM, EfficientNet": _gaussian(learned.network_features)} if learned.IS_INSTALLED else {}
+    ),
 }

@@ -23,7 +23,7 @@ _GROUPS: tuple[tuple[str, tuple[DefectKind, ...]], ...] = (
     ("relief", RELIEF_KINDS),
     *((kind, (kind,)) for kind in KINDS),
 )
-_COLOURS = ("#1b7837", "#d6604d", "#4393c3")
+_COLOURS = ("#1b7837", "#d6604d", "#4393c3", "#762a83")
 _PANEL_IN = 2.0
 
 
@@ -51,6 +51,15 @@ def _kinds(
 ) -> Exhibit:
     rows: list[Row] = []
     for title, kinds in _GROUPS:
+        of_kinds = [b for r in results for case, b in r.bounds.items() if case.kind in kinds]
+        bound = (
+            (
+                float(np.median([b.d_prime for b in of_kinds])),
+                _mean_pct(b.is_found for b in of_kinds),
+            )
+            if of_kinds
+            else (None, None)
+        )
         for system in systems:
             measured = [each.measured[system] for each in results]
             rows.append((
@@ -58,6 +67,7 @@ def _kinds(
                 _mean_pct(each.of_kinds(kinds) > 1.0 for each in measured),
                 _mean_pct(each.good > 1.0 for each in measured),
                 _mean_pct(each.of_kinds(kinds) > each.good.max() for each in measured),
+                *bound,
                 _mean_pct(auroc(each.of_kinds(kinds), each.good) for each in measured),
                 _mean_pct(each.pixel_auroc[kind] for each in measured for kind in kinds),
                 _mean_pct(each.aupro[kind] for each in measured for kind in kinds),
@@ -66,7 +76,8 @@ def _kinds(
         "defects",
         (
             "defect", "parts taught", "detector", "found, %", "false alarms, %",
-            "found above all good parts, %", "AUROC of parts, %", "of pixels, %", "AUPRO, %",
+            "found above all good parts, %", "median d'", "bound on that, %", "AUROC of parts, %",
+            "of pixels, %", "AUPRO, %",
         ),
         rows,
         values=values,
@@ -122,7 +133,7 @@ def _strengths(
             shares = [found(kinds, size_px, strength) for strength in strengths]
             lines = [
                 Line(system.detector, strengths, [row[number] for row in shares], colour=colour)
-                for number, (system, colour) in enumerate(zip(systems, _COLOURS, strict=True))
+                for number, (system, colour) in enumerate(zip(systems, _COLOURS, strict=False))
             ]
             panels.append((f"{title}, {size_px:g} px", lines))
     return Exhibit(

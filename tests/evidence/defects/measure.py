@@ -11,13 +11,15 @@ import numpy.typing as npt
 
 from capture.chapter.plan import Texture
 from classify import TextureLibrary
-from rig.config.defect import DefectKind
+from classify.defects.fields import part_fields
+from rig.config.defect import RELIEF_KINDS, DefectKind
 from rig.scene.surfaces import rms_slope
 
+from .bound import Bound, MatchedFilters
 from .detectors import DETECTORS, Score
 from .examples import Example
 from .parts import Part, part_of
-from .plan import FALSE_ALARM_RATE, DefectCase, DefectPlan
+from .plan import FALSE_ALARM_RATE, STAIN, DefectCase, DefectPlan
 from .scores import aupro, auroc
 
 # Pixels between those of the pixel metrics: a quarter of the narrowest defect.
@@ -64,6 +66,7 @@ class TextureResult:
     synthetic: bool
     rms_slope: float
     measured: Mapping[System, Measured]
+    bounds: Mapping[DefectCase, Bound]  # of scratches, dents, bumps and stains
     example: Example | None
 
 
@@ -80,14 +83,22 @@ def measure(task: tuple[DefectPlan, int]) -> TextureResult:
         for count in plan.taught
     }
     collected = {system: _Collected() for system in scores}
+    good = [tested_part(texture, foreign, index, None) for index in range(plan.good)]
+    filters = MatchedFilters(
+        [(part_fields(part.surface), angle) for part, angle in zip(taught, angles, strict=True)],
+        [(part_fields(part.surface), orientation_deg(library, part)) for part in good],
+    )
+    bounds: dict[DefectCase, Bound] = {}
     cases: list[DefectCase | None] = [*[None] * plan.good, *plan.cases]
     example = None
     for index, case in enumerate(cases):
-        part = tested_part(texture, foreign, index, case)
+        part = good[index] if case is None else tested_part(texture, foreign, index, case)
         angle = orientation_deg(library, part)
         maps = {system: score(part, angle) for system, score in scores.items()}
         for system, each in maps.items():
             collected[system].add(case, part, each)
+        if case is not None and case.kind in (*RELIEF_KINDS, *STAIN):
+            bounds[case] = filters.bound(case, part, angle)
         if case is not None and case == plan.examples.get(place):
             best = {s.detector: each for s, each in maps.items() if s.taught == max(plan.taught)}
             example = Example(texture.name, str(case), part.images.images[0], part.mask, best)
@@ -97,6 +108,7 @@ def measure(task: tuple[DefectPlan, int]) -> TextureResult:
         texture.folder is None,
         float(np.median(slopes)),
         {system: each.measured() for system, each in collected.items()},
+        bounds,
         example,
     )
 

@@ -49,11 +49,14 @@ class Part:
         The set, and the surface solved from it.
     mask
         (H, W) pixels of the defect.
+    angle_deg
+        Angle of the defect in the frame.
     """
 
     images: SimulatedSet
     surface: SurfaceEstimate
     mask: npt.NDArray[np.bool_]
+    angle_deg: float = 0.0
 
 
 def part_of(
@@ -83,15 +86,17 @@ def part_of(
     shift_px = _place(surface, texture, role, rng)
     mask = np.zeros((size_px, size_px), np.bool_)
     shown: PeriodicSurface | DefectiveSurface = surface
+    angle_deg = 0.0
     if case is not None:
         defect = _placed(case, rotate_deg, shift_px, foreign, rng)
         others = {} if foreign is None else {foreign.name: _surface_of(foreign, 0)}
         shown = DefectiveSurface(surface, (defect,), others)
         mask = shown.mask(size_px, rotate_deg, shift_px)
+        angle_deg = rotate_deg + defect.angle_deg
     scene = render_frame(shown, Lighting.ring(CONDITIONS.slant_deg), size_px, rotate_deg, shift_px)
     images = expose(scene, CONDITIONS, int(rng.integers(2**31)))
     estimate = solve(images, BEST_SOLVER, planar=True)
-    return Part(images, estimate, mask)
+    return Part(images, estimate, mask, angle_deg)
 
 
 @lru_cache(maxsize=2)

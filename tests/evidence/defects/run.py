@@ -12,6 +12,7 @@ from capture.batch.runner import Batch
 from capture.chapter.output import About, write_page
 from classify.base.durable_file import make_folder
 
+from . import learned
 from .exhibits import defect_exhibits
 from .measure import measure
 from .plan import DefectPlan
@@ -34,6 +35,7 @@ def reproduce_defects(plan: DefectPlan, output: Path, workers: int | None = None
         "textures": ", ".join(texture.name for texture in plan.textures),
         "parts": f"{max(plan.taught)} taught, {plan.good} good and {len(list(plan.cases))} "
         "defective ones of each texture",
+        "learned features": "EfficientNet-Lite0" if learned.IS_INSTALLED else learned.IF_MISSING,
         "duration": f"{(time.monotonic() - started_s) / 60.0:.1f} min on {os.cpu_count()} cores, "
         f"{platform.machine()}",
     }

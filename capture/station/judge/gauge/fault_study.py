@@ -114,6 +114,8 @@ def study_faults(
         for fault in FAULTS:
             if fault.needs_handedness and limits.handedness is None:
                 continue
+            if fault.needs_direction and not inspector.has_direction(texture):
+                continue
             for strength in fault.strengths:
                 if great_only and not (fault.is_local and strength == GREAT):
                     continue

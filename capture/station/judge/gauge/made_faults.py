@@ -41,6 +41,7 @@ class MadeFault:
     # From images, tilts of lights in deg, strength, place; None where the lights forbid it.
     make: Callable[[Images, npt.NDArray[np.float64], float, Place], Images | None]
     needs_handedness: bool = False  # cannot be seen on a texture that looks like its mirror image
+    needs_direction: bool = False  # cannot be seen on a texture that looks alike at 90 degrees
 
     @property
     def is_local(self) -> bool:
@@ -173,7 +174,7 @@ FAULTS: tuple[MadeFault, ...] = (
     MadeFault("worn strip", "of the frame", _SIZES, _strip),
     MadeFault("stain of 30 %", "of the frame", _SIZES, _stain),
     MadeFault("dent", "of the frame", _SIZES, _dent),
-    MadeFault("rotated piece", "of the frame", _SIZES, _rotated),
+    MadeFault("rotated piece", "of the frame", _SIZES, _rotated, needs_direction=True),
     MadeFault("mirrored piece", "of the frame", (0.2, 0.5, 1.0), _mirrored, True),
     MadeFault("other scale", "of the taught value", (1.02, 1.05, 1.1), _scaled),
     MadeFault("darker", "of the taught value", (0.9, 0.75, 0.5), _darker),

@@ -41,6 +41,7 @@ class TaughtPart:
     unmeasured_fraction: float
     albedo: float
     light_signals: tuple[float, ...]
+    mm_per_px: float | None  # by its calibration
 
 
 def solved(kept: KeptSet, region: Region | None) -> tuple[LoadedSet, MeasuredSurface]:
@@ -83,6 +84,7 @@ def taught_part(kept: KeptSet, region: Region | None) -> TaughtPart:
         measured.unmeasured_fraction,
         measured.albedo,
         measured.light_signals,
+        None if loaded.calibration is None else loaded.calibration.mm_per_px,
     )
 
 

@@ -22,12 +22,11 @@ from capture.station.domain.taught import (
 )
 from capture.station.domain.taught_files import TextureModels
 from capture.station.judge.inspector import Inspection, Inspector
-from classify import Match, SurfaceEstimate, TextureLibrary
+from classify import Match, TextureLibrary
 from classify.base.durable_file import make_folder
 from classify.classifiers import Observation, classifier_named
 from classify.classifiers.joint import ring_levels
-from classify.defects.defect_model import DefectModel
-from classify.defects.learning import LEAST_PARTS, MOST_PARTS, learn_defects
+from classify.defects.learning import LEAST_PARTS, MOST_PARTS
 from classify.library.evaluation import leave_one_out
 from classify.library.training import common_lighting
 from classify.methods import default_method
@@ -42,12 +41,8 @@ from .manual_limits import (
     replaced_remarks,
     with_set_limits,
 )
-from .taught_part import (
-    TaughtPart,
-    check_alike,
-    solved,
-    taught_part,
-)
+from .taught_defects import TaughtDefects, mark_remark, teach_defects
+from .taught_part import TaughtPart, check_alike, taught_part
 from .taught_sets import KeptSet, keep_sets, known_sets
 from .teaching_limits import general_limits, limits_of_texture, with_unjudged
 from .teaching_page import write_teaching_page
@@ -155,14 +150,14 @@ def _taught(
     library.save(made.library)
     segment_px = library.segment_px
     matches = leave_one_out([each.row for each in parts], [each.test for each in parts], segment_px)
+    good = {name: [each for each in parts if each.kept.texture == name] for name in recipe.passes}
+    defects = {name: teach_defects(own, library, recipe, show) for name, own in good.items()}
     models = {
-        name: TextureModels(
-            _defect_model(parts, name, library, recipe, show), _piece_model(parts, name, library)
-        )
-        for name in recipe.passes
+        name: TextureModels(each.model, _piece_model(good[name], library))
+        for name, each in defects.items()
     }
     textures = {
-        name: _texture(name, parts, matches, made, recipe, models) for name in library.classes
+        name: _texture(name, parts, matches, made, models, defects) for name in library.classes
     }
     taught = Taught(
         setting=parts[0].setting,
@@ -199,6 +194,16 @@ def _taught(
             for name, each in models.items()
             if each.pieces.handedness is None
         ),
+        *(
+            f"{name} looks alike at 90 degrees: a piece that lies otherwise is not found"
+            for name, each in models.items()
+            if not each.pieces.has_direction
+        ),
+        *(
+            mark_remark(name, len(good[name]), each.mark)
+            for name, each in defects.items()
+            if each.mark is not None
+        ),
     ]
     if known_limits is None:
         remarks += replaced_remarks(before, limits_of)
@@ -227,25 +232,7 @@ def _library(parts: Sequence[TaughtPart]) -> TextureLibrary:
     )
 
 
-def _defect_model(
-    parts: Sequence[TaughtPart],
-    texture: str,
-    library: TextureLibrary,
-    recipe: Recipe,
-    show: ShowProgress,
-) -> DefectModel:
-    good = [part for part in parts if part.kept.texture == texture]
-    named = classifier_named(library.classifier)
-    matches = [library.match(named.signature(part.test, library.parameters)) for part in good]
-
-    def surfaces() -> Iterator[SurfaceEstimate]:
-        for part in show(good, len(good), f"defects of {texture}"):
-            yield solved(part.kept, recipe.region)[1].surface
-
-    return learn_defects(surfaces(), [match.orientation_deg for match in matches])
-
-
-def _piece_model(parts: Sequence[TaughtPart], texture: str, library: TextureLibrary) -> PieceModel:
+def _piece_model(parts: Sequence[TaughtPart], library: TextureLibrary) -> PieceModel:
     named = classifier_named(library.classifier)
 
     def rings(observation: Observation) -> npt.NDArray[np.float64]:
@@ -253,14 +240,13 @@ def _piece_model(parts: Sequence[TaughtPart], texture: str, library: TextureLibr
 
     good, changes = [], []
     for part in parts:
-        if part.kept.texture == texture:
-            signature = named.signature(part.test, library.parameters)
-            own = ring_levels(signature)
-            good.append(GoodPart(part.moments, library.match(signature).orientation_deg, own))
-            changes += [
-                (rings(scaled) - own) / math.log(1.0 + step)
-                for scaled, step in zip(part.scaled, (-SCALE_STEP, SCALE_STEP), strict=True)
-            ]
+        signature = named.signature(part.test, library.parameters)
+        own = ring_levels(signature)
+        good.append(GoodPart(part.moments, library.match(signature).orientation_deg, own))
+        changes += [
+            (rings(scaled) - own) / math.log(1.0 + step)
+            for scaled, step in zip(part.scaled, (-SCALE_STEP, SCALE_STEP), strict=True)
+        ]
     return learn_pieces(good, np.mean(changes, axis=0))
 
 
@@ -269,8 +255,8 @@ def _texture(
     parts: Sequence[TaughtPart],
     matches: Sequence[Match | None],
     made: TaughtFiles,
-    recipe: Recipe,
     models: Mapping[str, TextureModels],
+    learned: Mapping[str, TaughtDefects],
 ) -> TaughtTexture:
     own = [
         (part, match)
@@ -284,7 +270,7 @@ def _texture(
     )
     if texture not in models:
         return about
-    number, model = recipe.passes.index(texture) + 1, models[texture]
+    number, model = list(models).index(texture) + 1, models[texture]
     defects, pieces = made.defects(number), made.pieces(number)
     model.defects.save(defects)
     model.pieces.save(pieces)
@@ -293,6 +279,7 @@ def _texture(
         "defects_sha256": model.defects.sha256,
         "pieces_file": pieces.name,
         "pieces_sha256": model.pieces.sha256,
+        "least_found": learned[texture].least_found,
     }
     return about.model_copy(update=changes)
 

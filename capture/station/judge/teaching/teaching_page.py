@@ -30,6 +30,7 @@ def teaching_page(teaching: Teaching) -> str:
     sections = {
         "To look at": _lines(teaching.remarks) or "<p>Nothing stands out.</p>",
         "What these parts show": _lines(teaching.promises()),
+        "What is found on them": _lines(teaching.least_found()),
         "Textures that overlap": "".join(_overlap(each, teaching) for each in teaching.overlaps),
         "Limits": _limits(recipe),
         "Textures": "".join(

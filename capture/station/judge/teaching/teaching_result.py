@@ -81,6 +81,7 @@ class Teaching:
             ],
             "remarks": list(self.remarks),
             "promises": list(self.promises()),
+            "least_found": self.taught.least_found_fields,
             "report": str(self.files.report),
         }
 
@@ -113,6 +114,11 @@ class Teaching:
                 f"{texture}: the defect map rejects at most {bound:.1%} of good parts, with "
                 f"{CONFIDENCE:.0%} confidence"
             )
+
+    def least_found(self) -> Iterator[str]:
+        """Yield how strong a defect must be to be found, for each texture, kind and size."""
+        for texture, found in self.taught.least_found.items():
+            yield from (f"{texture}: {each}" for each in found)
 
     def _few_parts(self) -> Iterator[str]:
         """Remarks on textures that overlap and have fewer than `ENOUGH_PARTS` parts."""

@@ -46,7 +46,7 @@ def yield_chart(periods: Sequence[Period]) -> Drawing:
 
 def _yield(periods: Sequence[Period]) -> Iterator[Element]:
     yield from _legend(tuple(Decision))
-    most = max(each.parts for each in periods)
+    most = max(period.parts for period in periods)
     up = Scale(0.0, 1.08 * most, HEIGHT - BOTTOM, TOP)
     yield from left_axis(up, most=min(5, max(2, most)))  # no halves of parts
     step = (WIDTH - LEFT - RIGHT) / len(periods)
@@ -65,7 +65,7 @@ def _yield(periods: Sequence[Period]) -> Iterator[Element]:
             share = period.verdicts.get(Decision.PASS, 0) / period.parts
             yield Words(middle, up(below) - 4, f"{share:.0%}", "middle")
     yield bottom_line()
-    yield from _names_below([each.begin for each in periods], step)
+    yield from _names_below([period.begin for period in periods], step)
 
 
 def _names_below(names: Sequence[str], step: float) -> Iterator[Words]:
@@ -110,16 +110,16 @@ def causes_chart(causes: Sequence[CauseCount]) -> Drawing:
 def _causes(causes: Sequence[CauseCount], height: int) -> Iterator[Element]:
     across = Scale(0.0, 100.0, LEFT + _NAMES - 20, WIDTH - _NUMBERS)
     yield from _percent_axis(across, height)
-    total = sum(each.parts for each in causes)
+    total = sum(cause.parts for cause in causes)
     added, curve = 0, []
-    for number, each in enumerate(causes):
+    for number, cause in enumerate(causes):
         y = float(TOP + _ROW * number)
-        added += each.parts
-        end = across(100.0 * each.parts / total)
-        about = f"{each.cause}: {each.parts} parts, also in {each.also}"
+        added += cause.parts
+        end = across(100.0 * cause.parts / total)
+        about = f"{cause.cause}: {cause.parts} parts, also in {cause.also}"
         yield Box("series", across(0.0), y + 3, end - across(0.0), _ROW - 6, about)
-        yield Words(across(0.0) - 6, y + 16, each.cause, "end")
-        yield Words(WIDTH - _NUMBERS + 14, y + 16, f"{each.parts} ({each.parts / total:.0%})")
+        yield Words(across(0.0) - 6, y + 16, cause.cause, "end")
+        yield Words(WIDTH - _NUMBERS + 14, y + 16, f"{cause.parts} ({cause.parts / total:.0%})")
         curve.append((across(100.0 * added / total), y + _ROW / 2))
     yield Line("share", tuple(curve))
     for x, y in curve:
@@ -190,15 +190,15 @@ def _gauge(report: GaugeReport, height: int) -> Iterator[Element]:
     yield Words(across(0.0) + 114, 16, "to its bound")
     yield Box("alarm", across(0.0) + 232, 4, 3, 16)
     yield Words(across(0.0) + 242, 16, "acceptable")
-    found = (report.effectiveness, report.misses, report.false_alarms)
+    shares = (report.effectiveness, report.misses, report.false_alarms)
     names = ("effectiveness", "misses", "false alarms")
-    for number, (name, each, acceptable) in enumerate(zip(names, found, ACCEPTABLE, strict=True)):
+    for number, (name, rated, acceptable) in enumerate(zip(names, shares, ACCEPTABLE, strict=True)):
         y = TOP + 2 * _ROW * number
-        share = 100.0 * (each.share or 0.0)
+        share = 100.0 * (rated.share or 0.0)
         yield Box("series", across(0.0), y + 8, across(share) - across(0.0), _ROW)
         bound_y = y + 8 + _ROW / 2
-        yield Line("share", ((across(share), bound_y), (across(100.0 * each.bound), bound_y)))
+        yield Line("share", ((across(share), bound_y), (across(100.0 * rated.bound), bound_y)))
         yield Box("alarm", across(100.0 * acceptable) - 1.5, y + 4, 3, _ROW + 8)
         yield Words(across(0.0) - 6, y + 24, name, "end")
-        text = "no trials" if each.share is None else f"{each.events} of {each.trials}"
+        text = "no trials" if rated.share is None else f"{rated.events} of {rated.trials}"
         yield Words(WIDTH - _NUMBERS + 14, y + 24, text)

@@ -54,23 +54,26 @@ def _painted(
     normals = pictures.reduced(view.normals, longest_px=longest_px)
     valid = pictures.reduced(view.valid * np.uint8(255), longest_px=longest_px) >= 128
     contrast = pictures.shading_contrast(normals, valid)
-    said = "" if contrast < 1.05 else f" Contrast {contrast:.1f} times that of the shape."
+    remark = "" if contrast < 1.05 else f" Contrast {contrast:.1f} times that of the shape."
     relief = pictures.shaded(normals, contrast)
-    yield "relief", _jpeg("relief", f"The shape alone, lit from the upper left.{said}", relief)
+    yield "relief", _jpeg("relief", f"The shape alone, lit from the upper left.{remark}", relief)
     shadow = pictures.shadow_colours()[view.shadow_count]
     yield "shadow", _jpeg(
         "shadow", "Lights in shadow: grey none, yellow one, to black four.",
         pictures.reduced(shadow, longest_px=longest_px),
     )  # fmt: skip
-    colours, about = pictures.normal_map(normals), "Red to the right, green up, blue to the camera."
-    yield "normals", _jpeg("normals", about, colours)
+    colours, description = (
+        pictures.normal_map(normals),
+        "Red to the right, green up, blue to the camera.",
+    )
+    yield "normals", _jpeg("normals", description, colours)
     none = "none" if view.score is not None else "no defect map"
-    about = f"Outlined defects: {len(view.outlines) or none}; drawn over the albedo."
-    yield "defects", _jpeg("defects", about, _outlined(albedo, view))
+    description = f"Outlined defects: {len(view.outlines) or none}; drawn over the albedo."
+    yield "defects", _jpeg("defects", description, _outlined(albedo, view))
     if view.score is not None:
         score = _outlined(_score_picture(view.score, longest_px), view)
-        about = f"Blue 0, grey 1: the limit, yellow {_TOP_SCORE:g} times the limit and more."
-        yield "defect-map", _jpeg("defect map", about, score)
+        description = f"Blue 0, grey 1: the limit, yellow {_TOP_SCORE:g} times the limit and more."
+        yield "defect-map", _jpeg("defect map", description, score)
     if is_large:
         yield "slopes", PaintedPicture(
             "slopes", "Normals for programs: x and y from -1 to 1 in 12 bit. Red and green are "

@@ -98,9 +98,9 @@ def _scores(
     """The defect map of a part, in units of the limit of its recipe."""
     if judged is None or judged.defect_model is None or result.orientation_deg is None:
         return None
-    found = judged.defect_model.map_of(measured.surface, result.orientation_deg)
+    defect_map = judged.defect_model.map_of(measured.surface, result.orientation_deg)
     limit = judged.recipe.limits_for(result.label or result.nearest or "").defect or 1.0
-    return replace(found, **{kind: getattr(found, kind) / limit for kind in KINDS})
+    return replace(defect_map, **{kind: getattr(defect_map, kind) / limit for kind in KINDS})
 
 
 def _in_pixels(scores: DefectMap) -> FloatMap:
@@ -119,15 +119,15 @@ def _outlines(
     if scores is None:
         return None
     left, top = (0, 0) if region is None else (region.x, region.y)
-    windows = [each for each in defects if each.kind not in KINDS]
-    defects = [each for each in defects if each.kind in KINDS]
-    found = regions_of(scores)[: len(defects)]
+    windows = [defect for defect in defects if defect.kind not in KINDS]
+    defects = [defect for defect in defects if defect.kind in KINDS]
+    regions = regions_of(scores)[: len(defects)]
     boxes = [(left + x, top + y, width, height) for x, y, width, height in
-             (each.box for each in found)]  # fmt: skip
-    if boxes != [(each.column, each.row, each.width, each.height) for each in defects]:
+             (region.box for region in regions)]  # fmt: skip
+    if boxes != [(defect.column, defect.row, defect.width, defect.height) for defect in defects]:
         return None
     corner = np.array([left, top])
-    outlines = [tuple((int(x), int(y)) for x, y in each.outline + corner) for each in found]
+    outlines = [tuple((int(x), int(y)) for x, y in region.outline + corner) for region in regions]
     return (*outlines, *map(_box, windows))
 
 

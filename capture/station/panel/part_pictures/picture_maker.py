@@ -44,7 +44,7 @@ class PartPictures:
     @property
     def size_bytes(self) -> int:
         """Size of its files."""
-        return sum(len(each.content) for each in self.pictures.values())
+        return sum(len(picture.content) for picture in self.pictures.values())
 
 
 _Key = tuple[str, str | None, str]
@@ -93,10 +93,10 @@ class PictureMaker:
         """
         key = (result.part_id, result.set_sha256, size)
         with self._lock:
-            if (kept := self._kept.get(key)) is not None:
+            if (pictures := self._kept.get(key)) is not None:
                 self._kept.move_to_end(key)
                 done: Future[PartPictures] = Future()
-                done.set_result(kept)
+                done.set_result(pictures)
                 return done
             if (waiting := self._waiting.get((key, waits))) is not None:
                 return waiting
@@ -134,7 +134,7 @@ class PictureMaker:
             if made.cancelled() or made.exception() is not None:
                 return
             self._kept[key] = made.result()
-            while sum(each.size_bytes for each in self._kept.values()) > KEPT_BYTES:
+            while sum(pictures.size_bytes for pictures in self._kept.values()) > KEPT_BYTES:
                 self._kept.popitem(last=False)
             late = None if waits else self._waiting.get((key, True))
         if late is not None:

@@ -7,7 +7,9 @@ from starlette.responses import Response
 
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_file import read_recipe
+from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.domain.roles import Role
+from capture.station.domain.taught import read_taught
 from capture.station.judge.approval import approved_states
 from capture.station.judge.challenge_set import challenge_sets
 from capture.station.judge.recipe_changes import RecipeChanges
@@ -51,7 +53,15 @@ def _state(call: Call, changes: RecipeChanges) -> dict[str, Any]:
         "challenge": state.challenge,
         "has_met_challenge": state.has_met_challenge,
         "is_running": loaded is not None and loaded.sha256 == state.recipe.sha256,
+        "least_found": _least_found(changes.files, state.recipe),
     }
+
+
+def _least_found(files: RecipeFolder, recipe: Recipe) -> list[dict[str, Any]]:
+    try:
+        return read_taught(files.version(recipe.version).taught).least_found_fields
+    except InputError:
+        return []
 
 
 def _fields(recipe: Recipe) -> dict[str, Any]:

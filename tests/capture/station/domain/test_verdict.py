@@ -12,7 +12,7 @@ from capture.station.domain.verdict import told_apart
 
 TABLE = Path(verdict.__file__)
 LAST_ROW = next(line for line in TABLE.read_text().splitlines() if line.startswith("    WINDOW ="))
-# The verdict, the code for a PLC, the page of registers and a stored row of a part with the cause.
+# The verdict, the code for a PLC, the reference and a stored row of a part with the cause.
 NEW_CAUSE = """
 import sys, types
 from capture.station import domain
@@ -22,9 +22,9 @@ exec(sys.stdin.read(), vars(module))
 
 from capture.station.domain.recipe import Recipe
 from capture.station.judge.judge import Finding, Measures, verdict_of
-from capture.station.line.registers import registers_page
 from capture.station.results.part_result import PartResult
 from capture.station.results.part_result import result_of
+from tests.reference.registers import cause_lines
 
 cause = module.Cause.named("weight")
 finding = Finding(cause, "9 g, at least 12 g")
@@ -32,7 +32,7 @@ found = verdict_of(Recipe(name="a", passes=("b",)), Measures(), [finding])
 utc = "2026-11-22T17:08:13.042Z"
 result = PartResult("line", "part-1", 1, "timer", utc, None, utc, found, None, False, "1")
 assert result_of(result.row).verdict == found
-assert "| 52 | FAIL | weight | too light |" in registers_page()
+assert "- 52 `weight` FAIL: too light" in cause_lines()
 print(found.decision, found.causes[0].plc_code, found.reason)
 """
 

@@ -132,3 +132,12 @@ def test_the_taught_station_finds_holes_worn_strips_and_stains(files: RecipeFold
     study: FaultStudy = great_faults(files, Inspector.load(files))
     found = {each.fault for each in study.findings if each.is_found}
     assert {"hole", "worn strip", "stain of 30 %"} <= found
+
+
+@pytest.mark.parametrize("has_direction", [False, True])
+def test_a_rotated_piece_is_judged_where_the_texture_has_a_direction(
+    files: RecipeFolder, monkeypatch: pytest.MonkeyPatch, has_direction: bool
+) -> None:
+    monkeypatch.setattr(Inspector, "has_direction", lambda *_: has_direction)
+    study: FaultStudy = great_faults(files, Inspector.load(files))
+    assert ("rotated piece" in {each.fault for each in study.findings}) == has_direction

@@ -23,6 +23,7 @@ from capture.station.judge.teaching.teaching_page import teaching_page
 from capture.station.judge.teaching.teaching_result import Teaching
 from classify.pieces.piece_model import PieceModel
 from rig.config.defect import Defect
+from tests.capture.station.results.parts import minimal
 from tests.capture.station.teaching_sets import SIDE_PX, patch, saved
 from tests.html_page import Page
 
@@ -191,7 +192,7 @@ def test_black_and_saturated_sets_are_errors(files: RecipeFolder) -> None:
         inspection = inspector.inspect(CapturedSet(images, None, captured.metadata))
         assert inspection.verdict.decision is Decision.ERROR
         assert inspection.verdict.causes[0] is Cause.CAPTURE
-        assert inspection.result_fields()["sdq"] is None
+        assert inspection.recorded(minimal()).sdq is None
 
 
 def test_a_dark_hole_that_no_map_can_judge_does_not_pass(files: RecipeFolder) -> None:

@@ -108,7 +108,9 @@ def test_teaching_has_a_row_at_its_begin_and_one_at_its_end(
     station: Path, files: RecipeFolder, ps4rig: Ps4rig
 ) -> None:
     before = read_recipe(files.file)
-    assert ps4rig("station", "teach", station, "--by", "Ada").exit_code == 0
+    taught = ps4rig("station", "teach", station, "--by", "Ada")
+    assert taught.exit_code == 0
+    assert "rock: a scratch 3 px wide " in taught.stdout
     after = read_recipe(files.file)
     assert ps4rig("station", "teach", station, station / "nothing").exit_code == 2
     sets = sorted(files.sets.iterdir())[:1]

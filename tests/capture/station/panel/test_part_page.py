@@ -3,9 +3,8 @@
 import re
 import threading
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -14,7 +13,7 @@ from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.panel.part_pictures import picture_maker
 from capture.station.panel.part_pictures.painting import PaintedPicture, painted
 from capture.station.panel.part_pictures.part_view import PartView
-from capture.station.results.part_result import DefectRecord
+from capture.station.results.part_result import DefectRecord, PartResult
 from capture.station.results.removals import record_removals
 from tests.accessibility import grave_findings
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel
@@ -32,15 +31,16 @@ class Scratched:
 
     verdict: Verdict = BAD
 
-    def result_fields(self) -> dict[str, Any]:
-        return {
-            "verdict": self.verdict,
-            "nearest": "rock",
-            "distance": 1.25,
-            "limit": 1.0,
-            "defect_score": 3.1,
-            "defects": (SCRATCH, STAIN),
-        }
+    def recorded(self, part: PartResult) -> PartResult:
+        return replace(
+            part,
+            verdict=self.verdict,
+            nearest="rock",
+            distance=1.25,
+            limit=1.0,
+            defect_score=3.1,
+            defects=(SCRATCH, STAIN),
+        )
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ from capture.sets.captured_set import CapturedSet
 from capture.station.domain.folder import StationFolder
 from capture.station.domain.recipe import Region
 from capture.station.domain.recipe_file import write_recipe
+from capture.station.domain.verdict import Decision, Verdict
 from capture.station.judge.inspector import Inspector
 from capture.station.panel.part_numbers import measured_numbers
 from capture.station.panel.part_pictures import part_view as part_view_module
@@ -37,14 +38,14 @@ def stained() -> CapturedSet:
 
 def inspected(inspector: Inspector, captured: CapturedSet) -> PartResult:
     """The result of a part, as the station records it."""
-    fields = inspector.inspect(captured).result_fields()
-    return PartResult(
+    part = PartResult(
         station="line-1", part_id="part-000001", number=1, trigger="http", triggered_utc=UTC,
-        exposed_utc=UTC, decided_utc=UTC, operator=None, simulated=True, software_version="1",
+        exposed_utc=UTC, decided_utc=UTC, verdict=Verdict(Decision.PASS, "not judged"),
+        operator=None, simulated=True, software_version="1",
         recipe=inspector.recipe.name, recipe_version=inspector.recipe.version,
         recipe_sha256=inspector.recipe.sha256, set_sha256=captured.metadata.pixels_sha256,
-        **fields,
     )  # fmt: skip
+    return inspector.inspect(captured).recorded(part)
 
 
 @pytest.mark.parametrize("region", [None, Region(x=40, y=24, width=200, height=216)])

@@ -94,6 +94,7 @@ def test_two_textures_are_taught_challenged_and_approved_by_the_keyboard_alone(
     said = until_the_job_ends(page)
     assert "Version 2 was taught." in said
     assert "sand: 0 of 3 good parts were rejected" in said
+    assert "sand: a scratch 3 px wide " in said
     acknowledge_faults(line.panel.folder.recipe_files())
     page.go(f"{line.url}recipes/example/parts")
     use([ids("rock")[3], ids("sand")[3]], "challenge")

@@ -44,6 +44,15 @@ def inspect(store: ResultStore, decision: Decision = Decision.PASS, **more: obje
     return result
 
 
+def minimal(**more: object) -> PartResult:
+    """A result with the fields that each has."""
+    values = {"station": "line-1", "part_id": "part-000001", "number": 1, "trigger": "timer",
+              "triggered_utc": UTC, "exposed_utc": None, "decided_utc": UTC,
+              "verdict": Verdict(Decision.PASS, "like oak"), "operator": None, "simulated": False,
+              "software_version": "0.1.0"}  # fmt: skip
+    return PartResult(**values | more)
+
+
 def record_three_days(path: Path) -> None:
     """Record five parts of station line-1, one simulated and one overridden, and begin a sixth."""
     with open_store(str(path), "line-1", create=True) as store:

@@ -18,7 +18,7 @@ from capture.station.results.part_result import (
 from capture.station.results.store import ResultStore, open_store
 from tests.postgresql_server import PostgresqlServer
 
-from .parts import UTC, begin
+from .parts import UTC, begin, minimal
 
 # What every database takes; the rest becomes an escape sequence.
 texts = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=60)
@@ -62,14 +62,6 @@ results = st.builds(
     timings_ms=st.dictionaries(texts, numbers, max_size=3),
     notes=st.lists(texts, max_size=3).map(tuple),
 )
-
-
-def minimal(**more: object) -> PartResult:
-    values = {"station": "line-1", "part_id": "part-000001", "number": 1, "trigger": "timer",
-              "triggered_utc": UTC, "exposed_utc": None, "decided_utc": UTC,
-              "verdict": Verdict(Decision.PASS, "like oak"), "operator": None, "simulated": False,
-              "software_version": "0.1.0"}  # fmt: skip
-    return PartResult(**values | more)
 
 
 @given(results)

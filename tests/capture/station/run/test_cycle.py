@@ -5,6 +5,7 @@ import sqlite3
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, NoReturn
@@ -15,6 +16,7 @@ from capture.base.errors import CalibrationError, SetRejected
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.results.database import ResultsUnavailable
+from capture.station.results.part_result import PartResult
 from capture.station.run.cycle import Station
 from capture.station.run.events import (
     ExposureComplete,
@@ -355,10 +357,10 @@ def fail_in(station: Bench, stage: str, error: BaseException) -> None:
     elif stage == "fields":
 
         class Failing(Said):
-            def result_fields(self) -> dict[str, Any]:
-                return once_fields(self)
+            def recorded(self, part: PartResult) -> PartResult:
+                return once_recorded(self, part)
 
-        once_fields = once(lambda said: {"verdict": said.verdict})
+        once_recorded = once(Said.recorded)
         station.inspector.inspect = lambda _: Failing(PASSED)
     else:
         station.save = once(station.save)
@@ -405,10 +407,16 @@ def test_an_error_names_its_cause(
     assert station.of(PartAnnounced)[1].result.verdict.causes == (cause,)
 
 
+class Silent(Said):
+    def recorded(self, part: PartResult) -> PartResult:  # noqa: ARG002
+        return None  # type: ignore[return-value]
+
+
 @pytest.mark.parametrize(
     "said",
     [
         None,
+        Silent(PASSED),
         Said(None),  # type: ignore[arg-type]
         Said("PASS"),  # type: ignore[arg-type]
         object(),
@@ -423,8 +431,8 @@ def test_an_inspector_without_a_verdict_passes_nothing(station: Bench, said: Any
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), "text", 1j])
 def test_a_measure_that_no_row_can_hold_passes_nothing(station: Bench, value: Any) -> None:
     class Strange(Said):
-        def result_fields(self) -> dict[str, Any]:
-            return {"verdict": self.verdict, "distance": value}
+        def recorded(self, part: PartResult) -> PartResult:
+            return replace(part, verdict=self.verdict, distance=value)
 
     station.inspector.inspect = lambda _: Strange(PASSED)
     station.run(one_after_the_other(1), count=1)

@@ -1,0 +1,83 @@
+"""Teach the defect map of a texture: its model, what it finds, and a mark on all its parts."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from capture.base.console import ShowProgress
+from capture.station.domain.least_found import LeastFound
+from capture.station.domain.recipe import Recipe, Region
+from classify import SurfaceEstimate, TextureLibrary
+from classify.classifiers import classifier_named
+from classify.defects.defect_model import DefectModel
+from classify.defects.detectability import detectability
+from classify.defects.fixed_marks import FixedMarks
+from classify.defects.learning import learn_defects
+
+from .taught_part import TaughtPart, solved
+
+
+@dataclass(frozen=True, eq=False)
+class TaughtDefects:
+    """What teaching learned of the defects of one texture."""
+
+    model: DefectModel
+    least_found: tuple[LeastFound, ...]
+    mark: Region | None  # in the whole image
+
+
+def teach_defects(
+    good: Sequence[TaughtPart], library: TextureLibrary, recipe: Recipe, show: ShowProgress
+) -> TaughtDefects:
+    """Learn from the good parts of one texture."""
+    named, texture = classifier_named(library.classifier), good[0].kept.texture
+    orientations_deg = [
+        library.match(named.signature(part.test, library.parameters)).orientation_deg
+        for part in good
+    ]
+    marks = FixedMarks()
+
+    def surface_of(part: TaughtPart) -> SurfaceEstimate:
+        return solved(part.kept, recipe.region)[1].surface
+
+    def surfaces() -> Iterator[SurfaceEstimate]:
+        for part in show(good, len(good), f"defects of {texture}"):
+            surface = surface_of(part)
+            marks.add(surface)
+            yield surface
+
+    model = learn_defects(surfaces(), orientations_deg)
+    # Parts from all over the order in which they were captured.
+    order = np.random.default_rng(0).permutation(len(good)).tolist()
+    tried = ((surface_of(good[n]), orientations_deg[n]) for n in order)
+    limit = recipe.limits_for(texture).defect or 1.0
+    least_found = (
+        LeastFound(
+            kind=each.defect.kind,
+            size_px=each.defect.size_px,
+            strength=each.strength,
+            strongest=each.defect.strongest,
+            mm_per_px=good[0].mm_per_px,
+        )
+        for each in show(detectability(model, tried, limit), 1, f"what is found on {texture}")
+    )
+    return TaughtDefects(model, tuple(least_found), _in_image(marks.found(), recipe.region))
+
+
+def mark_remark(texture: str, parts: int, mark: Region) -> str:
+    """Say that all parts have a mark, and what to do."""
+    return (
+        f"{texture}: all {parts} good parts look alike in {mark}, and nowhere else: a printed logo "
+        "or a stamped mark is no texture, and defects on it are not found. Set [region] to leave "
+        "it out, and teach again"
+    )
+
+
+def _in_image(box: tuple[int, int, int, int] | None, region: Region | None) -> Region | None:
+    if box is None:
+        return None
+    x, y, width, height = box
+    left, top = (0, 0) if region is None else (region.x, region.y)
+    # A region has 16 px or more.
+    return Region(x=left + x, y=top + y, width=max(width, 16), height=max(height, 16))

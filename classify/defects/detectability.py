@@ -1,0 +1,300 @@
+"""What a defect map finds: known defects of rising strength, put into good parts."""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final, Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from classify.surface.estimate import FloatMap, SurfaceEstimate
+
+from .defect_map import CELL_PX
+from .defect_model import DefectModel
+from .shapes import Shape, blot, bump, scratch
+
+FOUND_SHARE: Final = 0.9
+"""Share of the places at which a defect of the stated strength is found."""
+MARGIN_PX: Final = 40
+"""Distance of a defect from the border of the frame, near which responses fade."""
+SCRATCH_PX: Final = 40.0
+"""Length of a scratch."""
+
+# Least and most places in which a defect is tried, and the ratio of the two ends of one standard
+# error of its strength at which they are enough. A texture that is alike everywhere needs few.
+_LEAST_PLACES, _MOST_PLACES, _PRECISE = 48, 256, 1.15
+# Side of the piece of a large part that is used: enough for 16 places.
+_SIDE_PX = 512
+# Distance between defects of one part, beyond which one does not change the score of another, and
+# how far they are moved from a grid.
+_SPACING_PX, _MOVED_PX = 112.0, 16.0
+# A cell this far from a defect can show it, and pixels of a place that must be valid.
+_REACH_PX = 16.0
+_LEAST_VALID = 0.95
+# Weakest of the strengths that are tried, as a share of the strongest, and bisections between them.
+_WEAKEST, _STEPS = 1.0 / 128.0, 5
+_LEAST_SCORE = 1e-3
+
+Floats = npt.NDArray[np.float64]
+Kind = Literal["scratch", "dent", "stain"]
+Piece = tuple[slice, slice]
+
+
+class KnownDefect(NamedTuple):
+    """A kind of defect, and its size: width of a scratch, or diameter of a dent or a stain."""
+
+    kind: Kind
+    size_px: float
+    length_px: float = SCRATCH_PX  # of a scratch
+
+    @property
+    def extent_px(self) -> float:
+        """Length of a scratch, or diameter of a dent or a stain."""
+        return self.length_px if self.kind == "scratch" else self.size_px
+
+    @property
+    def strongest(self) -> float:
+        """The strongest that is tried: depth in px, or contrast of a stain."""
+        return {"scratch": self.size_px, "dent": 0.5 * self.size_px, "stain": 0.8}[self.kind]
+
+
+DEFECTS: Final = (
+    *(KnownDefect("scratch", 2.0 * half_px) for half_px in (1.0, 1.5, 2.5, 4.0)),
+    *(KnownDefect("dent", size_px) for size_px in (16.0, 40.0)),
+    *(KnownDefect("stain", size_px) for size_px in (16.0, 40.0)),
+)
+
+
+class Place(NamedTuple):
+    """Column and row of the middle of a defect, and its anticlockwise angle in radians."""
+
+    column: float
+    row: float
+    angle: float
+
+
+@dataclass(frozen=True)
+class Detectability:
+    """How strong a defect must be to be found in 9 of 10 places.
+
+    Attributes
+    ----------
+    strength
+        Depth in px, or contrast of a stain; None if not even the strongest that is tried is found.
+    """
+
+    defect: KnownDefect
+    strength: float | None
+
+
+def detectability(
+    model: DefectModel,
+    parts: Iterable[tuple[SurfaceEstimate, float | None]],
+    limit: float = 1.0,
+    defects: Sequence[KnownDefect] = DEFECTS,
+) -> tuple[Detectability, ...]:
+    """Measure how strong defects must be to be found on one texture.
+
+    Each defect is added to the slopes or the albedo of good parts, in 48 to 256 places and at
+    random angles, `MARGIN_PX` or more from the border. The strength at which the map exceeds its
+    limit there is bisected for each place; 9 of 10 places need at most the stated one. For one
+    filter it is proportional to limit / d', where d'^2 = sum |d(k)|^2 / S(k) is the signal-to-noise
+    ratio of a defect of unit strength d over texture of power S (North 1943).
+
+    Parameters
+    ----------
+    parts
+        Good parts with their orientations, as for `learn_defects`; as many as needed are taken.
+    limit
+        Limit of the score of the map.
+
+    Returns
+    -------
+    One for each defect; empty if no part has a place for it.
+    """
+    draw = np.random.default_rng(0)
+    strengths: dict[KnownDefect, list[float]] = {defect: [] for defect in defects}
+    for whole, orientation_deg in parts:
+        part = _middle_of(whole)
+        rough = [defect for defect, known in strengths.items() if not _is_enough(known)]
+        if not rough:
+            break
+        for defect in rough:
+            places = places_for(part.shape, defect, draw)
+            places = [each for each in places if _is_valid(part, defect, each)]
+            if places:
+                strengths[defect] += _strengths(
+                    model, part, orientation_deg or 0.0, limit, defect, places
+                )
+    return tuple(
+        Detectability(defect, stated_strength(known))
+        for defect, known in strengths.items()
+        if known
+    )
+
+
+def stated_strength(strengths: Sequence[float]) -> float | None:
+    """Strength that `FOUND_SHARE` of the places need at most; None if it is infinite."""
+    strength = float(np.quantile(strengths, FOUND_SHARE, method="higher"))
+    return strength if math.isfinite(strength) else None
+
+
+def is_precise(strengths: Sequence[float]) -> bool:
+    """Whether one standard error of the stated strength is small, by its order statistics."""
+    ordered, count = np.sort(strengths), len(strengths)
+    error = math.sqrt(FOUND_SHARE * (1.0 - FOUND_SHARE) * count)
+    low, high = (
+        ordered[min(int(FOUND_SHARE * count + each), count - 1)] for each in (-error, error)
+    )
+    return bool(np.isinf(low) or high <= _PRECISE * low)
+
+
+def places_for(
+    shape: tuple[int, int], defect: KnownDefect, draw: np.random.Generator
+) -> list[Place]:
+    """Places on a frame that do not disturb each other, at random angles."""
+    free = MARGIN_PX + 0.5 * defect.extent_px + 0.5 * _MOVED_PX
+    rows, columns = (
+        np.linspace(free, side - free, 1 + int((side - 2.0 * free) // _SPACING_PX))
+        for side in shape
+    )
+    moved_px = 0.5 * _MOVED_PX
+    return [
+        Place(
+            column + draw.uniform(-moved_px, moved_px),
+            row + draw.uniform(-moved_px, moved_px),
+            draw.uniform(0.0, 2.0 * np.pi),
+        )
+        for row in rows.tolist()
+        for column in columns.tolist()
+    ]
+
+
+def least_found(
+    scores: Callable[[Floats], Floats],
+    count: int,
+    weakest: float,
+    strongest: float,
+    steps: int,
+) -> Floats:
+    """Bisect the strengths at which the scores in `count` places are 1, and interpolate.
+
+    `scores` is called with a strength for each place. A defect whose strongest is not found gets
+    infinity.
+    """
+
+    def logs(strengths: Floats) -> Floats:
+        return np.log(np.maximum(scores(np.exp(strengths)), _LEAST_SCORE))
+
+    low, high = np.full(count, math.log(weakest)), np.full(count, math.log(strongest))
+    above, below = logs(high), np.full(count, np.nan)
+    is_ever_found = above > 0.0
+    for _ in range(steps):
+        middle = 0.5 * (low + high)
+        found = logs(middle)
+        is_found = found > 0.0
+        below, above = np.where(is_found, below, found), np.where(is_found, found, above)
+        low, high = np.where(is_found, low, middle), np.where(is_found, middle, high)
+    # A place where even the weaker ones are found has no lower score.
+    share = np.where(np.isnan(below), 0.5, -below / np.maximum(above - below, _LEAST_SCORE))
+    return np.where(is_ever_found, np.exp(low + share * (high - low)), np.inf)
+
+
+def scores_at(score: FloatMap, defect: KnownDefect, places: Sequence[Place]) -> Floats:
+    """The highest score of the cells that can show the defect at each place; 0 without any."""
+    reach = 0.5 * defect.extent_px + _REACH_PX
+    found = np.nan_to_num(score)
+    return np.array([found[_piece(score.shape, place, reach, CELL_PX)].max() for place in places])
+
+
+def with_stamps(
+    part: SurfaceEstimate, stamps: Sequence["Stamp"], strengths: Floats
+) -> SurfaceEstimate:
+    """A part with defects of given depths or contrasts."""
+    p, q, albedo = part.p.copy(), part.q.copy(), part.albedo.copy()
+    for stamp, strength in zip(stamps, strengths.astype(np.float32), strict=True):
+        p[stamp.piece] -= strength * stamp.p
+        q[stamp.piece] -= strength * stamp.q
+        albedo[stamp.piece] *= 1 - strength * stamp.weight
+    return replace(part, p=p, q=q, albedo=albedo)
+
+
+def _is_enough(strengths: Sequence[float]) -> bool:
+    count = len(strengths)
+    return count >= _MOST_PLACES or (count >= _LEAST_PLACES and is_precise(strengths))
+
+
+def _middle_of(surface: SurfaceEstimate) -> SurfaceEstimate:
+    rows, columns = (
+        slice(corner, corner + _SIDE_PX)
+        for corner in (max(side - _SIDE_PX, 0) // 2 for side in surface.shape)
+    )
+    p, q, albedo = (each[rows, columns] for each in (surface.p, surface.q, surface.albedo))
+    return SurfaceEstimate(p, q, albedo, surface.valid[rows, columns], surface.method)
+
+
+def _is_valid(part: SurfaceEstimate, defect: KnownDefect, place: Place) -> bool:
+    around = _piece(part.shape, place, 0.5 * defect.extent_px + _REACH_PX)
+    return bool(part.valid[around].mean() >= _LEAST_VALID)
+
+
+def _strengths(
+    model: DefectModel,
+    part: SurfaceEstimate,
+    orientation_deg: float,
+    limit: float,
+    defect: KnownDefect,
+    places: Sequence[Place],
+) -> list[float]:
+    stamps = [Stamp.of(part.shape, defect, place) for place in places]
+
+    def scores(strengths: Floats) -> Floats:
+        found = model.map_of(with_stamps(part, stamps, strengths), orientation_deg)
+        return scores_at(found.score, defect, places) / limit
+
+    strongest = defect.strongest
+    found = least_found(scores, len(places), _WEAKEST * strongest, strongest, _STEPS)
+    return [*found.tolist()]
+
+
+class Stamp(NamedTuple):
+    """The pixels around a place; slopes of a raised defect and weight of a stain, at strength 1."""
+
+    piece: Piece
+    p: FloatMap
+    q: FloatMap
+    weight: FloatMap
+
+    @classmethod
+    def of(cls, frame: tuple[int, int], defect: KnownDefect, place: Place) -> "Stamp":
+        # A groove has ridges beside it.
+        reach = 0.5 * defect.extent_px + 3.0 * defect.size_px * (defect.kind == "scratch")
+        piece = _piece(frame, place, reach)
+        rows, columns = (np.arange(each.start, each.stop) for each in piece)
+        right, up = columns[None, :] - place.column, place.row - rows[:, None]
+        c, s = math.cos(place.angle), math.sin(place.angle)
+        along, across = c * right + s * up, c * up - s * right
+        if defect.kind == "stain":
+            weight = blot(defect.size_px, along, across).value
+            nothing = np.zeros(weight.shape, np.float32)
+            return cls(piece, nothing, nothing, weight.astype(np.float32))
+        shape: Shape = (
+            scratch(defect.length_px, defect.size_px, along, across)
+            if defect.kind == "scratch"
+            else bump(defect.size_px, along, across)
+        )
+        p, q = c * shape.along - s * shape.across, s * shape.along + c * shape.across
+        return cls(piece, p.astype(np.float32), q.astype(np.float32), np.zeros(p.shape, np.float32))
+
+
+def _piece(shape: tuple[int, ...], place: Place, reach_px: float, cell_px: int = 1) -> Piece:
+    """Rows and columns of a map whose cells are within `reach_px` of a place."""
+    rows, columns = (
+        slice(
+            max(int((middle - reach_px) / cell_px), 0),
+            min(int((middle + reach_px) / cell_px) + 1, side),
+        )
+        for middle, side in zip((place.row, place.column), shape[:2], strict=True)
+    )
+    return rows, columns

@@ -1,0 +1,248 @@
+"""What the surroundings of a spot let expect of it, and how far a part departs from that.
+
+A linear regression predicts a spot from rings around it, and another one the size of the error,
+because next to a joint a spot is hard to predict. Both are learned from good parts.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from typing import Self
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from classify.base.compiling import Array, kernel
+from classify.base.threads import run_on_rows
+from classify.surface.estimate import FloatMap
+
+from .features import energy_columns
+from .moments import OCTAVES, PRODUCTS
+
+DEPARTURES = ("missing", "stain", "dent")
+"""Low energies; another log albedo; slopes towards the middle of a spot, or away from it."""
+MARGIN = 3
+"""Cells at the border of a part without a spot."""
+
+_FINE_OCTAVES = OCTAVES - 1  # pixels of the coarsest octave are larger than a cell
+# Columns of the energies: finest octave and others, of slopes, then of log albedo.
+_ENERGIES = [c for n, c in enumerate(energy_columns()) if n % (OCTAVES + 1) < OCTAVES]
+# Radii in cells, of rings whose means are measured; lengths of the vectors of departures along
+# the measured levels, and along the slopes of a dent of 40 px.
+_LEVELS, _SLOPES = ((0.0, 1.0), (1.0, 1.0), (2.0, 1.0)), ((1.0, 1.0), (2.0, 0.6))
+# Radii in cells of the surroundings, and of the places where a joint comes in and leaves. On the
+# materials with even numbers of `python -m tests.evidence.wrong_passes`, three rings found no more.
+_RINGS, _JOINT, _POINTS = (3.5, 5.5), 2.5, 8
+_MEASURED = len(_ENERGIES) + len(_LEVELS) + len(_SLOPES)
+_AROUND = len(_RINGS) * _POINTS * (len(_ENERGIES) + 3) + _POINTS // 2 * _FINE_OCTAVES
+SPOT_VALUES = _MEASURED + _AROUND
+"""Values of a spot: those measured in it, then those of its surroundings."""
+
+# Columns of the energies of slopes, and of their second harmonics, even and odd.
+_DIRECTED = [2 + PRODUCTS * octave + n for n in range(3) for octave in range(_FINE_OCTAVES)]
+_DISC = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.float32) / np.float32(5)
+_BOX = np.full((3, 3), 1 / 9, np.float32)
+_SOFT = np.outer(*[cv2.getGaussianKernel(5, 0.6, cv2.CV_32F)] * 2)
+_PADDING = 4  # cells; more than the largest radius beyond the margin
+_LEAST_ENERGY = np.float32(1e-6)
+_RIDGE = 0.01  # share of the variance of a value that is added to it; more for few spots
+# Share of the mean square that is added to squares before logarithms, and the largest logarithm of
+# the size of an error.
+_FLOOR_SHARE, _MOST_LOG_SIZE = 0.05, 1.5
+
+Floats = npt.NDArray[np.float64]
+
+
+def spot_values(moments: FloatMap, floors: FloatMap, orientation_deg: float) -> FloatMap:
+    """(SPOT_VALUES, h, w) float32 of the cells within the margin, in the frame of the texture."""
+    rows, columns = moments.shape[:2]
+    values = np.empty((SPOT_VALUES, rows - 2 * MARGIN, columns - 2 * MARGIN), np.float32)
+    # A match knows the orientation modulo 180 degrees.
+    turn = np.radians(orientation_deg % 180.0)
+    energies = _planes(moments, _ENERGIES) + floors[_ENERGIES, None, None]
+    means = _planes(moments, [-3, -2, -1])
+    values[: len(_ENERGIES)] = _logs(_inside(_filtered(energies, _DISC)))
+    place = len(_ENERGIES)
+    for radius, _ in _LEVELS:
+        values[place] = _inside(cv2.filter2D(means[2], -1, _ring(radius)[0]))
+        place += 1
+    for radius, _ in _SLOPES:
+        _, x, y = _ring(radius)
+        values[place] = _inside(cv2.filter2D(means[0], -1, x) + cv2.filter2D(means[1], -1, y))
+        place += 1
+    directions = turn + 2.0 * np.pi / _POINTS * np.arange(_POINTS)
+    p, q, level = _filtered(means, _SOFT)
+    c, s = np.float32(np.cos(turn)), np.float32(np.sin(turn))
+    around = [level, c * p + s * q, c * q - s * p, *_logs(_filtered(energies, _BOX))]
+    padded = _padded(around)
+    for radius in _RINGS:
+        for angle in directions:
+            _move(padded, radius, angle, values[place : place + len(padded)])
+            place += len(padded)
+    values[place:] = _joints(_filtered(_planes(moments, _DIRECTED), _DISC), floors, directions)
+    return values
+
+
+def _joints(planes: FloatMap, floors: FloatMap, directions: Floats) -> FloatMap:
+    """The lesser log energy, of opposite places, of slopes across the line through both."""
+    energies, even, odd = np.split(planes, 3)
+    shape = [side - 2 * MARGIN for side in planes.shape[1:]]
+    found = np.empty((_POINTS, _FINE_OCTAVES, *shape), np.float32)
+    for angle, moved in zip(directions, found, strict=True):
+        c, s = np.float32(np.cos(2.0 * angle)), np.float32(np.sin(2.0 * angle))
+        across = np.float32(0.5) * (energies - c * even - s * odd)
+        across = np.maximum(across, 0.0) + floors[_DIRECTED[:_FINE_OCTAVES], None, None]
+        _move(_padded(across), _JOINT, angle, moved)
+    lesser = np.minimum(*np.split(found, 2))
+    return _logs(lesser.reshape(-1, *shape))
+
+
+def _planes(moments: FloatMap, columns: list[int]) -> FloatMap:
+    return np.ascontiguousarray(np.moveaxis(moments[..., columns], -1, 0))
+
+
+def _filtered(planes: FloatMap, kernel_: FloatMap) -> FloatMap:
+    return np.stack([cv2.filter2D(plane, -1, kernel_) for plane in planes])
+
+
+def _logs(energies: FloatMap) -> FloatMap:
+    return np.asarray(np.float32(0.5) * np.log(np.maximum(energies, _LEAST_ENERGY)), np.float32)
+
+
+def _inside(cells: FloatMap) -> FloatMap:
+    return cells[..., MARGIN:-MARGIN, MARGIN:-MARGIN]
+
+
+def _padded(planes: Sequence[FloatMap] | FloatMap) -> FloatMap:
+    sides = (_PADDING,) * 4
+    return np.stack([cv2.copyMakeBorder(each, *sides, cv2.BORDER_REFLECT_101) for each in planes])
+
+
+def _move(padded: FloatMap, radius: float, angle: float, moved: FloatMap) -> None:
+    """Set `moved` to what lies at a radius and an angle from each cell within the margin."""
+    row = MARGIN + _PADDING - radius * np.sin(angle)
+    column = MARGIN + _PADDING + radius * np.cos(angle)
+    top, left = int(row), int(column)
+    y, x = row - top, column - left
+    shares = np.float32([(1 - y) * (1 - x), (1 - y) * x, y * (1 - x), y * x])
+    run_on_rows(partial(_mix, padded, shares, top, left, moved), (moved.shape[1], moved[:, 0].size))
+
+
+@kernel
+def _mix(
+    planes: Array, shares: Array, top: int, left: int, mixed: Array, first: int, stop: int
+) -> None:
+    """Linear interpolation of moved planes; rows of the result."""
+    s0, s1, s2, s3 = shares
+    for n in range(mixed.shape[0]):
+        for r in range(first, stop):
+            y = top + r
+            for c in range(mixed.shape[2]):
+                x = left + c
+                mixed[n, r, c] = (
+                    s0 * planes[n, y, x]
+                    + s1 * planes[n, y, x + 1]
+                    + s2 * planes[n, y + 1, x]
+                    + s3 * planes[n, y + 1, x + 1]
+                )
+
+
+@lru_cache(maxsize=8)
+def _ring(radius: float) -> tuple[FloatMap, FloatMap, FloatMap]:
+    """Kernels of a ring: the mean, and the parts of the mean outward component of a vector."""
+    y, x = np.mgrid[4:-5:-1, -4:5].astype(np.float32)
+    distance = np.hypot(x, y)
+    weight = np.exp(-0.5 * ((distance - radius) / 0.45) ** 2)
+    weight /= weight.sum()
+    share = weight / np.maximum(distance, 1e-3)
+    return weight, share * x, share * y
+
+
+@dataclass(frozen=True, eq=False)
+class SpotModel:
+    """Departures of spots from what their surroundings let expect, in units of their limits.
+
+    Attributes
+    ----------
+    weights, offsets
+        (SPOT_VALUES, 2 k) and (2 k,) float32, from the values of a spot to its k departures, and to
+        the logarithms of what good spots in such surroundings depart by.
+    """
+
+    weights: FloatMap
+    offsets: FloatMap
+
+    @classmethod
+    def of(cls, values: FloatMap) -> Self:
+        """Learn from (SPOT_VALUES, n) values of good spots."""
+        measured, around = np.split(values.T.astype(np.float64), [_MEASURED], axis=1)
+        middle, mean = measured.mean(axis=0), around.mean(axis=0)
+        unit = around.std(axis=0) + 1e-4
+        around, measured = (around - mean) / unit, measured - middle
+        covariance = around.T @ around / len(around)
+        covariance += max(_RIDGE, len(covariance) / len(around)) * np.eye(len(covariance))
+        expected = np.linalg.solve(covariance, around.T @ measured / len(around))
+        to_departures = _to_departures(measured - around @ expected)
+        departures = (measured - around @ expected) @ to_departures
+        squares = departures**2
+        logs = 0.5 * np.log(squares + _FLOOR_SHARE * squares.mean(axis=0) + 1e-12)
+        logs -= logs.mean(axis=0)
+        sizes = np.linalg.solve(covariance, around.T @ logs / len(around))
+        to_departures /= np.sqrt((squares * np.exp(-2.0 * _bounded(around @ sizes))).mean(axis=0))
+        left, right = -(expected @ to_departures) / unit[:, None], sizes / unit[:, None]
+        weights = np.block([[to_departures, np.zeros_like(to_departures)], [left, right]])
+        offsets = -np.concatenate([middle, mean]) @ weights
+        return cls(weights.astype(np.float32), offsets.astype(np.float32))
+
+    def scores(self, values: FloatMap) -> FloatMap:
+        """(k, ...) scores of (SPOT_VALUES, ...) values."""
+        linear = self.weights.T @ values.reshape(SPOT_VALUES, -1) + self.offsets[:, None]
+        departures, sizes = np.split(linear, 2)
+        departures[0] = np.maximum(departures[0], 0.0)
+        scores = np.abs(departures) * np.exp(-_bounded(sizes))
+        return np.asarray(scores.reshape(-1, *values.shape[1:]), np.float32)
+
+    def with_limits(self, limits: Floats) -> "SpotModel":
+        """The model whose scores are in units of these limits."""
+        units = np.concatenate([1.0 / limits, np.ones(len(limits))]).astype(np.float32)
+        return SpotModel(self.weights * units, self.offsets * units)
+
+    def cell_scores(self, values: FloatMap) -> FloatMap:
+        """(rows, columns) largest score of the spots at and beside each cell of a part."""
+        highest = np.pad(self.scores(values).max(axis=0), MARGIN)
+        return np.asarray(cv2.dilate(highest, np.ones((3, 3), np.uint8)), np.float32)
+
+
+def _bounded(logs: Array) -> Array:
+    return np.clip(logs, -_MOST_LOG_SIZE, _MOST_LOG_SIZE)
+
+
+def _to_departures(errors: Floats) -> Floats:
+    """(values, departures) matched filters (North 1943) of the errors of good spots."""
+    covariance = errors.T @ errors / len(errors)
+    covariance += np.diag(0.01 * np.diag(covariance) + 1e-9)
+    low, stain, dent = (np.zeros(_MEASURED) for _ in DEPARTURES)
+    count, last = len(_ENERGIES), _MEASURED - len(_SLOPES)
+    low[:count] = -1.0
+    stain[count:last] = [length for _, length in _LEVELS]
+    dent[last:] = [length for _, length in _SLOPES]
+    # A stain or a dent changes energies, too; what it does to them is not known, and without
+    # texture the level is that of the surroundings.
+    alone = np.zeros(_MEASURED)
+    alone[:count] = np.linalg.solve(covariance[:count, :count], low[:count])
+    return np.column_stack([alone, *(np.linalg.solve(covariance, each) for each in (stain, dent))])
+
+
+def subsampled(values: FloatMap, most: int) -> FloatMap:
+    """About `most` or fewer of the (SPOT_VALUES, h, w) values, evenly spaced: (SPOT_VALUES, n)."""
+    step = max(2, round(np.sqrt(values[0].size / most)))
+    return values[:, ::step, ::step].reshape(SPOT_VALUES, -1)
+
+
+def left_out_models(values: Sequence[FloatMap], folds: int) -> list[SpotModel]:
+    """For each fold the model of the others; part n is in fold n % folds."""
+    return [
+        SpotModel.of(np.hstack([each for n, each in enumerate(values) if n % folds != fold]))
+        for fold in range(folds)
+    ]

@@ -1,0 +1,63 @@
+"""How well the best linear detector sees a stain or a dent of known shape on a material."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from rig.config.defect import Defect
+from rig.scene.material_folder import load_material
+from rig.scene.surfaces import Surface
+from rig.simulation.defective_surface import DefectiveSurface
+
+from .faulty_parts import SIDE_PX, Fault, defect_of
+
+LEAST_SEEN = 3.0
+"""Signal-to-noise ratio d' below which a fault is counted as one that cannot be seen."""
+
+_GOOD, _PLACES = 25, 3
+# Standard deviation of slopes and relative albedo from noise; shadows would add to it.
+_NOISE = 0.01
+
+Fields = npt.NDArray[np.float64]
+
+
+def detectability(material: Path, fault: Fault) -> float:
+    """Signal-to-noise ratio d' of a matched filter (North 1943) that knows fault and texture.
+
+    d'^2 is the sum of d^H S^-1 d over frequencies, with the spectra d of what the fault changes in
+    slopes and log albedo, and the 3 x 3 power spectra S of the texture.
+    """
+    draw = np.random.default_rng([1, *material.name.encode()])
+    base = load_material(material)
+    window = np.outer(*[np.hanning(SIDE_PX // 2 + 2)[1:-1]] * 2)
+    window /= np.sqrt((window**2).mean())
+    power: Fields | npt.NDArray[np.complex128] = np.zeros((1, 1, 3, 3))
+    for _ in range(_GOOD):
+        fields = _fields(base, tuple(draw.uniform(-2000.0, 2000.0, 2).tolist()))
+        fields += draw.normal(0.0, 0.5 * _NOISE, fields.shape)
+        fields -= fields.mean(axis=(1, 2), keepdims=True)
+        spectra = np.fft.fft2(fields * window)
+        power = power + np.einsum("iyx,jyx->yxij", spectra, spectra.conj()) / _GOOD
+    smooth = [np.roll(power, (y, x), (0, 1)) for y in (-1, 0, 1) for x in (-1, 0, 1)]
+    inverse = np.linalg.inv(sum(smooth) / len(smooth))
+    found = []
+    for _ in range(_PLACES):
+        shift = tuple(draw.uniform(-2000.0, 2000.0, 2).tolist())
+        defect: Defect = defect_of(fault, shift, draw.uniform(0.0, 180.0))
+        change = _fields(DefectiveSurface(base, (defect,), {}), shift) - _fields(base, shift)
+        spectra = np.fft.fft2(change)
+        found.append(np.einsum("iyx,yxij,jyx->", spectra.conj(), inverse, spectra).real)
+    return float(np.sqrt(np.median(found)))
+
+
+def _fields(surface: Surface, shift_px: tuple[float, ...]) -> Fields:
+    """(3, h, w) slopes and log albedo at half resolution."""
+    patch = surface.patch(SIDE_PX, 0.0, (shift_px[0], shift_px[1]))
+    half = (SIDE_PX // 2, SIDE_PX // 2)
+    p, q, albedo = (
+        cv2.resize(plane, half, interpolation=cv2.INTER_AREA)
+        for plane in (patch.p, patch.q, patch.albedo)
+    )
+    return np.stack([p, q, np.log(np.maximum(albedo, 1e-2))]).astype(np.float64)
