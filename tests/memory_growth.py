@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import pytest
 
-from capture.base.memory import resident_bytes
+from capture.base.process_settings import resident_bytes
 
 
 def growth_bytes(work: Callable[[int, int], object], first: int, full: int, last: int) -> int:

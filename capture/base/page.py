@@ -75,3 +75,11 @@ def image_html(address: str, name: str, caption: str = "") -> str:
     """Return the image at an address, such as a data URI; name and caption are escaped."""
     below = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
     return f'<figure><img alt="{escape(name)}" src="{address}">{below}</figure>'
+
+
+_COLOURS = ("#2166ac", "#b2182b", "#1b7837", "#762a83", "#e08214", "#01665e", "#555555", "#c51b7d")
+
+
+def curve_colour(number: int) -> str:
+    """Return the colour of a curve, numbered from 0; they repeat after eight."""
+    return _COLOURS[number % len(_COLOURS)]

@@ -1,9 +1,11 @@
-"""Memory and thread settings of a process that works on many frames."""
+"""Memory, threads and priority of a process that works on many frames."""
 
 import ctypes
 import gc
 import os
 import sys
+from contextlib import suppress
+from pathlib import Path
 
 from classify.base.threads import bind_workers, thread_count
 
@@ -67,3 +69,46 @@ def settle_station() -> None:
     gc.freeze()
     cv2.setNumThreads(1)
     bind_workers()
+
+
+_LOWEST = 19
+
+
+def yield_processors() -> None:
+    """Compute from now on only while no other process wants the processor.
+
+    Call it before the process starts threads.
+    """
+    if hasattr(os, "setpriority"):
+        os.setpriority(os.PRIO_PROCESS, 0, _LOWEST)
+    if hasattr(os, "SCHED_IDLE"):  # gives way at once; the lowest priority goes on for up to 3 ms
+        with suppress(OSError):  # a sandbox may forbid it
+            os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+
+
+_PROCESS, _MACHINE = Path("/proc/self/status"), Path("/proc/meminfo")
+
+
+def resident_bytes() -> int | None:
+    """Resident memory of this process; None on systems without ``/proc``."""
+    return _bytes(_PROCESS, "VmRSS")
+
+
+def peak_bytes() -> int | None:
+    """Largest resident memory of this process so far; None on systems without ``/proc``."""
+    return _bytes(_PROCESS, "VmHWM")
+
+
+def available_bytes() -> int | None:
+    """Memory of the machine that is free without swapping; None on systems without ``/proc``."""
+    return _bytes(_MACHINE, "MemAvailable")
+
+
+def _bytes(path: Path, field: str) -> int | None:
+    if not path.exists():
+        return None
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+        name, value = line.split(":", 1)
+        if name == field:
+            return 1024 * int(value.split()[0])  # "kB" in /proc is 1024 bytes
+    return None

@@ -12,7 +12,7 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import NoReturn, TypeVar
 
-from capture.base.priority import yield_processors
+from capture.base.process_settings import yield_processors
 
 # Time for an interrupted worker to remove its temporary files, which takes milliseconds.
 _CLEANUP_S = 1

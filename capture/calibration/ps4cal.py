@@ -18,7 +18,7 @@ from pydantic import Field, FiniteFloat, JsonValue
 from capture.base.errors import CalibrationError
 from classify.base.array_archive import ArchiveKind, ArrayArchive, open_archive, write_archive
 from classify.base.errors import InputError
-from classify.base.section import Record
+from classify.base.models import Record
 from classify.calibration.calibration import Calibration
 from classify.calibration.dark import measured_at
 from rig.set_file import fields_sha256

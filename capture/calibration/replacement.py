@@ -11,7 +11,7 @@ import numpy as np
 from classify.base.errors import CalibrationRejected
 from classify.calibration.dark import Dark, measured_at
 from classify.calibration.lights import CalibratedLights
-from classify.calibration.noise import Noise
+from classify.calibration.photon_transfer import Noise
 from classify.calibration.response import Response
 from classify.calibration.scale import Scale
 from classify.lights.flat_field import FlatField

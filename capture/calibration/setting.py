@@ -8,7 +8,7 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, FiniteFloat
 
-from classify.base.section import Record
+from classify.base.models import Record
 from classify.calibration.dark import SAME_EXPOSURE
 from rig import CameraInfo, Rig
 

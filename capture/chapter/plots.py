@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from capture.base.colours import curve_colour
+from capture.base.page import curve_colour
 
 from .exhibit import Row, as_text
 

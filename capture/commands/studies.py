@@ -18,7 +18,7 @@ def demo(
     force: options.Force = False,
 ) -> None:
     """Capture, train and classify on the simulated rig, and write a report."""
-    from capture.demo.run import run_demo
+    from capture.chapter.demo import run_demo
 
     run_demo(output, force=force)
 

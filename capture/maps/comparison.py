@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from capture.base.field_differences import FieldDifference, field_differences
+from capture.maps.differences import FieldDifference, field_differences
 from classify.base.errors import InputError
-from classify.library.texture_pair import TexturePair, compare_textures
-from classify.texture.orientation_profile import LEAST_SHARPNESS
+from classify.library.dissimilarity import TexturePair, compare_textures
+from classify.texture.orientation import LEAST_SHARPNESS
 
 from .compared_side import Side
 from .differences import MapDifference, map_difference, normal_angles_deg

@@ -12,7 +12,7 @@ from capture.base.outputs import is_input
 from capture.calibration.lookup import FoundCalibration
 from capture.sets.captured_set import CapturedSet
 from classify import Lighting, SurfaceEstimate
-from classify.base.durable_folder import durable_folder
+from classify.base.durable_file import durable_folder
 from classify.base.errors import InputError
 
 from . import pictures

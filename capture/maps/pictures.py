@@ -1,7 +1,8 @@
-"""Maps as pictures: 8-bit RGB arrays, and PNG files of them."""
+"""Maps as pictures: 8-bit RGB arrays, PNG files, and addresses in an HTML page."""
 
 from __future__ import annotations
 
+import base64
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,6 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from capture.base.page import image_html
 from capture.sets.captured_set import CapturedSet
 from classify import Lighting
 from classify.shadow_rule import NO_DROPPED_LIGHT
@@ -222,3 +224,23 @@ def png_bytes(picture: Picture) -> bytes:
     if not done:
         raise ValueError(f"not a picture: {picture.shape} {picture.dtype}")
     return buffer.tobytes()
+
+
+TILE_PX = 176  # longer side of a tile; six fit into a row of the page
+
+
+def data_uri(picture: Picture) -> str:
+    """Return a picture as a JPEG in the text of an address."""
+    return "data:image/jpeg;base64," + base64.b64encode(jpeg_bytes(picture)).decode("ascii")
+
+
+def tile_uri(picture: Picture) -> str:
+    """Return a picture at the size of a tile, as the text of an address."""
+    scale = TILE_PX / max(picture.shape[:2])
+    size = [max(1, round(scale * side)) for side in picture.shape[1::-1]]
+    return data_uri(cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.uint8))
+
+
+def tile_html(name: str, picture: Picture) -> str:
+    """Return a picture as a small figure with its name below it."""
+    return image_html(tile_uri(picture), name, name)

@@ -10,8 +10,7 @@ import tifffile
 
 from capture.sets.captured_set import CapturedSet
 from capture.sets.light_list import write_light_list
-from classify.base.durable_file import durable_file
-from classify.base.durable_folder import durable_folder
+from classify.base.durable_file import durable_file, durable_folder
 from classify.base.errors import InputError
 
 LIGHTS, _AMBIENT, _MASK, _METADATA = "lights.lp", "ambient.tif", "mask.tif", "metadata.json"

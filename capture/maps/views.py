@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from capture.maps.pictures import data_uri
 from classify.shadow_rule import NO_DROPPED_LIGHT
 
 from . import pictures
-from .figures import data_uri
 from .pictures import ColourScale, Picture
 from .surface_maps import SurfaceMaps
 

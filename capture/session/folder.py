@@ -9,7 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from capture.base.folder_lock import LOCK_FILE_SUFFIX, folder_lock
-from capture.base.log_file import append_line
+from capture.base.outputs import append_line
 from capture.base.utc_time import utc_text
 from capture.calibration.lookup import FOLDER as CALIBRATION
 from capture.sets.archive import JOURNAL, REPLACED

@@ -12,9 +12,8 @@ from capture.sets.description import FIELDS
 from capture.sets.metadata import Property, SetMetadata
 from classify.base.durable_file import durable_file
 from classify.base.errors import InputError
+from classify.base.models import Record, first_fault
 from classify.base.regular_file import read_regular_file
-from classify.base.section import Record
-from classify.base.validation_message import first_fault
 
 from .plan import PlannedSet
 

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from functools import partial
 from threading import Event, Thread
 
-from capture.preview.loop import Preview, show_lights
+from capture.session.preview_loop import Preview, show_lights
 from classify.base.errors import InputError, Ps4rigError
 from rig import HardwareError, Rig
 

@@ -10,7 +10,7 @@ from capture.sets.loaded_set import LoadedSet
 from classify import SurfaceEstimate, TextureLibrary
 from classify.base.errors import InputError
 from classify.lighting import orientation_near
-from classify.texture.orientation_profile import LEAST_SHARPNESS
+from classify.texture.orientation import LEAST_SHARPNESS
 from rig.acceptance import MAX_SATURATED_SHARE
 
 from .journal import SetMeasures

@@ -8,7 +8,7 @@ from typing import Self
 
 import numpy as np
 
-from capture.preview.outline import Outline, outline_of
+from capture.session.preview_outline import Outline, outline_of
 from capture.sets.loaded_set import LoadedSet
 from classify import Lighting, photometric_stereo
 from classify.base.errors import InputError

@@ -24,8 +24,7 @@ from capture.sets.metadata import Property
 from capture.sets.ome_tiff import SUFFIX
 from classify.base.errors import InputError
 from classify.base.labels import checked_label
-from classify.base.section import Degrees, Section
-from classify.base.toml_file import read_toml_as
+from classify.base.models import Degrees, Section, read_toml_as
 
 # A year of captures at one a minute.
 _MAX_SETS = 500_000

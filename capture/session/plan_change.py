@@ -9,11 +9,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from capture.base.field_differences import field_differences
+from capture.maps.differences import field_differences
 from classify.base.durable_file import durable_file
 from classify.base.errors import InputError
+from classify.base.models import MAX_TOML_BYTES
 from classify.base.regular_file import read_regular_file
-from classify.base.toml_file import MAX_TOML_BYTES
 from rig import RigConfig
 
 from .folder import PLAN, SETS, SessionFolder

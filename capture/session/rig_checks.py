@@ -1,13 +1,20 @@
-"""Check that a rig suits the plan of a session and its captured sets."""
+"""The rig of a session: checks, comparison with its calibration, exposure, turntable."""
 
+import math
+import subprocess
 from pathlib import Path
 
 from capture.calibration.lookup import read_calibration
 from capture.calibration.ps4cal import CalibrationFile
+from capture.procedures.rig_check import checks_of_drift, drift_of_rig, lays_sheet_down
+from capture.session.events import Answer, Ask, PlaceSheet, Publish, RigCompared
 from capture.sets.ome_tiff import read_header
-from classify.base.errors import InputError
+from classify.base.errors import CalibrationRejected, InputError
 from classify.calibration.dark import Dark, measured_at
-from rig import RigConfig
+from rig import HardwareError, Rig, RigConfig, list_cameras, open_rig
+from rig.doctor.cameras import exposure_range_ms
+from rig.doctor.check import Check
+from rig.doctor.light_images import capture_light_images, rate_exposure
 from rig.simulation.scenes import require_surface
 
 from .folder import PLAN, SessionFolder
@@ -122,3 +129,97 @@ def _check_frame(folder: SessionFolder, config: RigConfig) -> None:
             f"{config.name} gives {camera.width_px} x {camera.height_px}; set it as before, or "
             "give another name in the plan for a new session"
         )
+
+
+def turn_specimen(plan: SessionPlan, orientation_deg: float) -> None:
+    """Let the turntable of a plan, if it has one, turn the specimen."""
+    if plan.turntable is None:
+        return
+    command = plan.turntable_command(orientation_deg)
+    try:
+        subprocess.run(
+            command, check=True, timeout=plan.turntable_timeout_s,
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+        )  # fmt: skip
+    except (OSError, subprocess.SubprocessError) as error:
+        raise HardwareError(f"turntable {' '.join(command)}: {_cause(error)}") from error
+
+
+def _cause(error: OSError | subprocess.SubprocessError) -> str:
+    if isinstance(error, subprocess.TimeoutExpired):
+        return f"did not end within {error.timeout:g} s"
+    if isinstance(error, subprocess.CalledProcessError):
+        said = (error.stderr or b"").decode(errors="replace").strip()
+        return f"ended with status {error.returncode}" + (f": {said[-200:]}" if said else "")
+    return getattr(error, "strerror", None) or str(error)
+
+
+# Each round makes a saturated image 2.5 times darker: six rounds reach 1/100 of the first exposure.
+_ROUNDS = 6
+# Below the shortest exposure of common cameras, 0.02 ms.
+_SHORTEST_MS = 0.01
+
+
+def find_exposure_ms(config: RigConfig) -> float:
+    """Find an exposure in ms that `rate_exposure` calls good, beginning with that of `config`.
+
+    A dark specimen gets the longest exposure that fits into a frame, even if that is not good.
+    """
+    listed = [] if config.is_simulated else list_cameras()
+    exposure_ms = config.camera.exposure_ms
+    for _ in range(_ROUNDS):
+        with open_rig(config.with_changes(camera={"exposure_ms": exposure_ms})) as rig:
+            rating = rate_exposure(capture_light_images(rig))
+            shortest_ms, longest_ms = exposure_range_ms(rig.camera, listed, config.camera)
+        if rating.is_good:
+            return exposure_ms
+        # To whole microseconds, rounded down: the longest still has to fit into a frame.
+        wanted_us = math.floor(1e3 * min(exposure_ms * rating.factor, longest_ms) + 1e-6)
+        if rating.factor > 1.0 and wanted_us / 1e3 <= exposure_ms:
+            return exposure_ms  # dark, but nothing longer fits into a frame
+        if wanted_us / 1e3 < max(shortest_ms, _SHORTEST_MS):
+            break
+        exposure_ms = wanted_us / 1e3
+    raise InputError(
+        f"no exposure down to {exposure_ms:g} ms suits the specimen; dim the LEDs, or close the "
+        "aperture"
+    )
+
+
+_NOT_COMPARED = Check(
+    "sheet",
+    "unknown",
+    "the rig was not compared with it",
+    "run ps4rig rig doctor --sheet with a white sheet below the camera",
+)
+
+
+def compare_rig(rig: Rig, known: CalibrationFile, ask: Ask, publish: Publish) -> Answer:
+    """Compare a rig with its calibration by a white sheet, and publish the result.
+
+    Return GO, or STOP if the person stops before the first comparison; raise CalibrationRejected on
+    a fault.
+    """
+    cause: str | None = None
+    is_alone = lays_sheet_down(rig)
+    while True:
+        answer = Answer.GO if is_alone else ask(PlaceSheet(cause))
+        if answer is Answer.SKIP:
+            publish(RigCompared((_NOT_COMPARED,)))
+            return Answer.GO
+        if answer is Answer.STOP:
+            if cause is None:
+                return Answer.STOP
+            raise CalibrationRejected(cause)
+        try:
+            checks = tuple(checks_of_drift(drift_of_rig(rig, known)))
+        except CalibrationRejected as error:
+            cause = str(error)
+        else:
+            faults = [f"{each.seen}: {each.advice}" for each in checks if each.status == "fault"]
+            if not faults:
+                publish(RigCompared(checks))
+                return Answer.GO
+            cause = "; ".join(faults)
+        if is_alone:
+            raise CalibrationRejected(cause)

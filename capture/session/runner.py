@@ -12,6 +12,7 @@ from capture.acquisition.attempts import capture_set
 from capture.base.errors import SetRejected
 from capture.base.utc_time import utc_text
 from capture.calibration.lookup import FoundCalibration, keep_beside, read_calibration
+from capture.session.rig_checks import compare_rig, find_exposure_ms, turn_specimen
 from capture.sets.captured_set import CapturedSet, calibration_of
 from capture.sets.description import described
 from capture.sets.loaded_set import LoadedSet
@@ -35,15 +36,12 @@ from .events import (
     State,
     StateChanged,
 )
-from .exposure import find_exposure_ms
 from .folder import SessionFolder
 from .journal import FinishReason, RunRecord, SetEntry
 from .measures import SpecimenReference, measures_of_first
 from .plan import SEARCH, PlannedSet
 from .plan_change import rig_changes, rig_settings
 from .rig_checks import check_rig
-from .rig_comparison import compare_rig
-from .turntable import turn_specimen
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, FiniteFloat, StrictBool, StrictInt
 
 from classify import Lighting
-from classify.base.section import Record
+from classify.base.models import Record
 from classify.images.noise import ROUNDING_VARIANCE, SensorNoise
 from rig import Placement
 

@@ -9,9 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.base.errors import InputError
-from classify.images.colour import linear_from_srgb, luminance
 from rig.image_file import read_image_file
-from rig.image_metadata import ImageMetadata
+from rig.image_metadata import ImageMetadata, linear_from_srgb, luminance
 
 Gamma = Literal["linear", "srgb"]
 GammaSource = Literal["stated", "given", "assumed"]

@@ -1,14 +1,14 @@
-"""Write files so that no reader, even after a power cut, sees a partial one."""
+"""Write files and folders so that no reader, even after a power cut, sees a partial one."""
 
 import errno
 import os
 import secrets
 import shutil
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from .errors import InputError
+from classify.base.errors import InputError
 
 TEMPORARY_PREFIX = ".writing-"
 """Of a file or folder that is being written; that of a killed program stays."""
@@ -102,3 +102,33 @@ def _sync(path: Path, flags: int) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+@contextmanager
+def durable_folder(folder: Path, names: Collection[str], first: str) -> Iterator[Path]:
+    """Yield a temporary folder whose files move to `folder` when the block ends well.
+
+    Of a folder that exists, the old files called `names` are removed, `first` first, and the new
+    ones are moved in, `first` last: a folder with the file `first` is complete.
+    """
+    folder = folder.resolve()
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: cannot be made: File exists")
+    make_folder(folder.parent)
+    is_new = not folder.exists()
+    # Inside a folder that exists, which may be a mount point.
+    with temporary_path(folder.parent if is_new else folder, folder, is_folder=True) as temporary:
+        yield temporary
+        for path in (*temporary.iterdir(), temporary):
+            sync(path)
+        if is_new:
+            temporary.rename(folder)
+            sync(folder.parent)
+            return
+        order = sorted(names, key=lambda name: name != first)
+        for name in order:
+            (folder / name).unlink(missing_ok=True)
+        for name in reversed(order):
+            if (temporary / name).exists():
+                (temporary / name).rename(folder / name)
+        sync(folder)

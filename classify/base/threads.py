@@ -7,8 +7,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TypeVar
 
+from classify.base.workers import bound_to, usable_processors
+
 from .errors import InputError
-from .processors import bound_to, usable_processors
 from .workers import Workers
 
 Item = TypeVar("Item")

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.base.errors import InputError
+from classify.calibration.photon_transfer import Noise
 from classify.images.noise import SensorNoise
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
@@ -23,7 +24,6 @@ from .correction import (
 )
 from .dark import Dark
 from .lights import CalibratedLights
-from .noise import Noise
 from .response import Response
 from .scale import Scale
 

@@ -11,11 +11,23 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from classify.base.errors import CalibrationRejected
+from classify.base.errors import CalibrationRejected, InputError
 from classify.images.noise import ROUNDING_VARIANCE, SensorNoise
 
 from .block_levels import BlockLevels
-from .noise import Noise
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Shot and read noise of a camera, in its own pixel values."""
+
+    sensor: SensorNoise
+    error: float  # rms error of the fitted variance, as a share of it
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.error < float("inf"):
+            raise InputError(f"the noise has an error of {self.error:g}; give a share of 0 or more")
+
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.base.errors import InputError
+from classify.images.stack import IndexArray, sample_pixels
 from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
 
-from .sampling import IndexArray, sample_pixels
 from .stack import ImageStack
 
 FloatArray = npt.NDArray[np.float32]

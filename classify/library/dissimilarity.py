@@ -1,6 +1,7 @@
-"""Dissimilarities of trained textures, their grouping, and a map of sets."""
+"""Dissimilarities of trained textures or of two surfaces, their grouping, and a map of sets."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,11 @@ from scipy.spatial.distance import squareform
 
 from classify.base.errors import InputError
 from classify.classifiers import classifier_named
+from classify.library.match import Match
+from classify.library.training import TrainingRow, observe
+from classify.methods import DEFAULT_CLASSIFIER
+from classify.surface.estimate import SurfaceEstimate
+from classify.texture.spectra import segment_for
 
 from .texture_library import TextureLibrary
 
@@ -71,3 +77,31 @@ def embedding(distances: Matrix, dissimilarities: Matrix) -> Matrix:
             towards = vectors[:, index] / np.sqrt(values[index])
             places[:, axis] = -0.5 * (np.square(distances) - means) @ towards
     return places
+
+
+@dataclass(frozen=True)
+class TexturePair:
+    """How two textures differ."""
+
+    distance: float  # mean of both ways; 0 equal, 1 as two quarters of one frame
+    angle_deg: float  # from the first to the second, anticlockwise, [-90, 90)
+    sharpness: float  # of the angle: 0 not determined, 1 exactly
+    blur_px: float  # sigma of the Gaussian by which the second is blurrier; negative: sharper
+
+
+def compare_textures(first: SurfaceEstimate, second: SurfaceEstimate) -> TexturePair:
+    """Compare two surfaces as the joint classifier does, without any training."""
+    segment_px = min(segment_for(first.shape), segment_for(second.shape))
+    there, back = _match(first, second, segment_px), _match(second, first, segment_px)
+    return TexturePair(
+        distance=0.5 * (there.distance + back.distance),
+        angle_deg=((there.orientation_deg or 0.0) + 90.0) % 180.0 - 90.0,
+        sharpness=there.sharpness or 0.0,
+        blur_px=there.blur_px or 0.0,
+    )
+
+
+def _match(known: SurfaceEstimate, test: SurfaceEstimate, segment_px: int) -> Match:
+    row = TrainingRow("known", observe(known, segment_px, DEFAULT_CLASSIFIER), 0.0)
+    library = TextureLibrary.from_observations([row], segment_px, planar=known.planar)
+    return library.match(library.observe(test))

@@ -16,7 +16,7 @@ from classify.lighting import Lighting
 from classify.methods import DEFAULT_CLASSIFIER, METHODS, Method
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 from classify.texture.blur import blurred_surface
-from classify.texture.orientation_profile import OrientationProfile
+from classify.texture.orientation import OrientationProfile
 from classify.texture.spectra import segment_for
 
 from . import ps4lib

@@ -19,8 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.images.noise import SIGMA_PER_MAD
-from classify.images.sampling import sample_pixels
-from classify.images.stack import ImageStack
+from classify.images.stack import ImageStack, sample_pixels
 from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.base.threads import run_on_rows
-from classify.images.sampling import sample_pixels
+from classify.images.stack import sample_pixels
 from classify.lighting import Lighting
 
 from .problem import Maps, Problem

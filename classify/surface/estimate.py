@@ -9,8 +9,7 @@ import numpy.typing as npt
 
 from classify.base.errors import InputError
 from classify.base.threads import run_on_rows
-from classify.images.sampling import sample_pixels
-from classify.images.stack import ImageStack
+from classify.images.stack import ImageStack, sample_pixels
 from classify.lighting import Lighting
 from classify.lights.flat_field import DividedStack, FlatField
 from classify.lights.near_light import Shear, middle_px

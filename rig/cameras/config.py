@@ -5,7 +5,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from classify.base.section import Section
+from classify.base.models import Section
 
 from .camera import ListedCamera
 

@@ -6,7 +6,7 @@ from typing import Any, Generic, TypeVar
 
 from pydantic import ValidationError
 
-from classify.base.validation_message import explained, toml_text, validation_message
+from classify.base.models import explained, toml_text, validation_message
 
 from .camera import Camera, ListedCamera
 from .config import CameraConfig

@@ -4,7 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, FiniteFloat, model_validator
 
-from classify.base.section import Degrees, Section
+from classify.base.models import Degrees, Section
 
 DefectKind = Literal["scratch", "dent", "bump", "stain", "missing", "foreign"]
 RELIEF_KINDS: tuple[DefectKind, ...] = ("scratch", "dent", "bump")

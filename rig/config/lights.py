@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field, FiniteFloat, field_validator, model_validator
 
 from classify import Lighting
-from classify.base.section import Degrees, Section
+from classify.base.models import Degrees, Section
 from classify.lighting import RING_TILTS_DEG
 from firmware_sim.firmware import WATCHDOG_DEFAULT_MS, WATCHDOG_MAX_MS, WATCHDOG_MIN_MS
 

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, FiniteFloat
 
-from classify.base.section import Degrees, Section
+from classify.base.models import Degrees, Section
 
 from .defect import Defect
 from .fault_plan import FaultPlan

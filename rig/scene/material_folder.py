@@ -21,7 +21,7 @@ from pydantic import BaseModel, ConfigDict, PositiveFloat, ValidationError
 
 from classify.base.errors import InputError
 from classify.base.regular_file import read_regular_file
-from classify.images.colour import linear_from_srgb, luminance
+from rig.image_metadata import linear_from_srgb, luminance
 
 from .surfaces import MAX_SIDE_PX, FloatImage, PeriodicSurface, rms_slope, spectral_gradients
 

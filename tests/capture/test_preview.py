@@ -20,10 +20,10 @@ import cv2
 import numpy as np
 import pytest
 
-from capture.preview.loop import Preview, run_preview
-from capture.preview.outline import Outline
-from capture.preview.preview_image import preview_image
-from capture.preview.server import MAX_REQUESTS, serving
+from capture.session.preview_image import preview_image
+from capture.session.preview_loop import Preview, run_preview
+from capture.session.preview_outline import Outline
+from capture.session.preview_server import MAX_REQUESTS, serving
 from classify.base.errors import InputError
 from firmware_sim import RealClock, SimulatedBoard, SimulatedController, serve_pty
 from rig import Frame, RigConfig, open_rig

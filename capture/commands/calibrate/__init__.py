@@ -1,6 +1,6 @@
 """``ps4rig calibrate``: one file per command, registered here; `flow` is what they share."""
 
-from capture.commands.group import command_group
+from capture.base.console import command_group
 
 from . import dark, lights, plate, response, scale, show
 

@@ -1,6 +1,6 @@
 """``ps4rig rig``: one file per command, registered here."""
 
-from capture.commands.group import command_group
+from capture.base.console import command_group
 
 from . import doctor, flash, init, latency, lights, preview, simulate, timing
 

@@ -40,9 +40,9 @@ def preview(
     import threading
     from functools import partial
 
-    from capture.preview.loop import Preview, run_preview
-    from capture.preview.server import serving
     from capture.session.placement_guide import PlacementGuide
+    from capture.session.preview_loop import Preview, run_preview
+    from capture.session.preview_server import serving
     from rig.config.rig import config_of
 
     config = config_of(rig)

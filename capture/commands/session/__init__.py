@@ -1,6 +1,6 @@
 """``ps4rig session``: one file for each group of commands, registered here."""
 
-from capture.commands.group import command_group
+from capture.base.console import command_group
 
 from . import new, report, run, status
 

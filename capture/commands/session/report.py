@@ -20,8 +20,8 @@ def report(
     A damaged set is named, also in DIR/sets.csv, and the others are reported.
     """
     from capture.session.folder import REPORT, read_session, session_folder
-    from capture.session.report.analysis import analyse
-    from capture.session.report.page import report_page
+    from capture.session.report_analysis import analyse
+    from capture.session.report_page import report_page
     from classify.base.durable_file import durable_file
 
     session = read_session(folder)

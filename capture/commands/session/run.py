@@ -15,9 +15,9 @@ from capture.commands import options
 from classify.base.errors import InputError
 
 if TYPE_CHECKING:
-    from capture.preview.loop import Preview
     from capture.session.folder import SessionFolder
     from capture.session.plan import SessionPlan
+    from capture.session.preview_loop import Preview
     from rig import RigConfig
 
 Yes = Annotated[
@@ -178,7 +178,7 @@ def _go(
 
 def _serve(preview: Preview, stack: ExitStack) -> None:
     """Serve the page of the placements on the port of ``rig preview``, or on a free one."""
-    from capture.preview.server import serving
+    from capture.session.preview_server import serving
 
     try:
         server = stack.enter_context(serving(preview, options.PREVIEW_PORT))

@@ -1,6 +1,6 @@
 """``ps4rig station``: one file for each command, registered here."""
 
-from capture.commands.group import command_group
+from capture.base.console import command_group
 
 from . import backup, bench, challenge, doctor, gauge, history, init, run, teach, unit, user
 

@@ -2,7 +2,7 @@
 
 from capture.base.console import reported
 from capture.commands import options
-from capture.commands.checks import print_checks
+from capture.commands.rig.doctor import print_checks
 
 from .teach import Station
 

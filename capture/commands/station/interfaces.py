@@ -82,7 +82,7 @@ def panel_of(
 def panel_settings(configured: PanelConfig, host: str | None, port: int | None) -> PanelConfig:
     """Return the settings with what the command line changed."""
     from capture.station.domain.interface_config import PanelConfig
-    from classify.base.toml_file import validated
+    from classify.base.models import validated
 
     given = {key: value for key, value in (("host", host), ("port", port)) if value is not None}
     return validated(configured.model_dump() | given, PanelConfig, "--host, --port")

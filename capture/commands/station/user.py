@@ -8,9 +8,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from capture.base.console import new_table, out, print_table, reported
+from capture.base.console import command_group, new_table, out, print_table, reported
 from capture.base.utc_time import readable_utc
-from capture.commands.group import command_group
 
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the station.")]
 UserName = Annotated[str, typer.Argument(metavar="NAME", help="Name of the user.")]

@@ -7,8 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, FiniteFloat, model_validator
 
 from capture.session.plan import Name, Text
-from classify.base.section import Degrees, Section
-from classify.base.toml_file import read_toml_as
+from classify.base.models import Degrees, Section, read_toml_as
 from rig.config.defect import DefectKind
 
 from .interface_config import ModbusConfig, MqttConfig, PanelConfig

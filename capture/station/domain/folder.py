@@ -8,15 +8,14 @@ from typing import Literal
 from pydantic import ValidationError
 
 from capture.base.folder_lock import folder_lock
-from capture.base.log_file import append_line
+from capture.base.outputs import append_line
 from capture.base.utc_time import utc_text
 from capture.session.plan import Name, file_name
 from capture.sets.ome_tiff import SUFFIX
 from classify.base.durable_file import durable_file, make_folder
 from classify.base.errors import InputError
+from classify.base.models import Record, first_fault
 from classify.base.regular_file import read_regular_file
-from classify.base.section import Record
-from classify.base.validation_message import first_fault
 from rig.config.rig import RigConfig, config_of
 
 from .config import CONFIG, StationConfig, example_config, read_config

@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from capture.session.plan import Name
-from classify.base.section import Section
+from classify.base.models import Section
 
 from .errors import CannotListen
 

@@ -4,7 +4,7 @@ from typing import Any, Literal
 
 from pydantic import FiniteFloat, NonNegativeFloat, PositiveFloat
 
-from classify.base.section import Record
+from classify.base.models import Record
 
 
 class LeastFound(Record):

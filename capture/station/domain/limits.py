@@ -10,7 +10,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from classify.base.section import Section
+from classify.base.models import Section
 
 from .verdict import Cause, told_apart
 

@@ -12,8 +12,8 @@ from pydantic import BaseModel
 from capture.base.folder_lock import file_lock
 from classify.base.durable_file import durable_file
 from classify.base.errors import InputError
+from classify.base.models import validated
 from classify.base.regular_file import read_regular_file
-from classify.base.toml_file import validated
 
 # A thousand users or clients have 200 kB.
 _MAX_BYTES = 1 << 20

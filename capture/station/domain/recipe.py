@@ -7,7 +7,7 @@ from pydantic import ConfigDict, Field, FiniteFloat, model_validator
 
 from capture.session.plan import Label, Name, Text
 from capture.station.domain.errors import NotApproved
-from classify.base.section import Section
+from classify.base.models import Section
 from rig.set_file import fields_sha256
 
 from .limits import GeneralLimits, Limits

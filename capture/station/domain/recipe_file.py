@@ -6,8 +6,7 @@ from pathlib import Path
 
 from capture.station.domain.errors import RecipeError
 from classify.base.durable_file import durable_file
-from classify.base.section import Section
-from classify.base.toml_file import read_toml_as
+from classify.base.models import Section, read_toml_as
 
 from .limits import Limits
 from .recipe import Approval, CalibrationRule, Light, Orientation, Recipe, Region

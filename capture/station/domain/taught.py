@@ -13,9 +13,8 @@ from capture.session.plan import Label, Name
 from capture.station.domain.errors import RecipeError
 from classify.base.durable_file import durable_file
 from classify.base.errors import InputError
+from classify.base.models import Record, first_fault
 from classify.base.regular_file import read_regular_file
-from classify.base.section import Record
-from classify.base.validation_message import first_fault
 from rig.set_file import fields_sha256
 
 from .least_found import LeastFound

@@ -9,8 +9,7 @@ from pydantic import Field
 from capture.base.utc_time import utc_text
 from capture.session.plan import Name
 from classify.base.errors import InputError
-from classify.base.section import Section
-from classify.base.toml_file import validated
+from classify.base.models import Section, validated
 
 from .private_file import PrivateFile
 from .roles import Role, require_name

@@ -11,7 +11,7 @@ from pydantic import Field, field_validator
 
 from capture.session.plan import Name
 from classify.base.errors import InputError
-from classify.base.section import Section
+from classify.base.models import Section
 
 from .private_file import PrivateFile
 from .roles import Role, require_name

@@ -10,7 +10,7 @@ from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.judge.gauge.fault_study import require_great_faults_found
 from capture.station.judge.inspector import Inspector
 from classify.base.errors import InputError
-from classify.base.toml_file import read_toml_as, validated
+from classify.base.models import read_toml_as, validated
 
 Record = Callable[[Recipe, Recipe], None]
 """Called with the old and the new recipe before a change is written; an exception prevents it."""

@@ -15,8 +15,7 @@ from capture.station.domain.errors import RecipeError
 from capture.station.domain.verdict import Decision
 from classify.base.durable_file import durable_file, make_folder
 from classify.base.errors import InputError
-from classify.base.section import Section
-from classify.base.toml_file import read_toml_as, validated
+from classify.base.models import Section, read_toml_as, validated
 
 FILE = "challenge.toml"
 _LOCK = "challenge.lock"

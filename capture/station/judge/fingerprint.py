@@ -11,7 +11,7 @@ from typing import Self
 from capture.calibration.ps4cal import CalibrationFile
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.taught import Taught
-from classify.base.section import Record
+from classify.base.models import Record
 
 _PACKAGES = ("capture", "classify", "firmware_sim", "rig")
 # Packages that compute the measures. `opencv-python-headless` is cv2.

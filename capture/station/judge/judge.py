@@ -9,7 +9,7 @@ from capture.station.domain.recipe import Orientation, Recipe
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from classify import Match
 from classify.library.match import LEAST_MARGIN
-from classify.texture.orientation_profile import LEAST_SHARPNESS
+from classify.texture.orientation import LEAST_SHARPNESS
 from rig.acceptance import MAX_SATURATED_SHARE
 
 STOP_LED_LEVEL = 0.85

@@ -10,7 +10,7 @@ from capture.station.domain.errors import RecipeError
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_file import read_recipe, write_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
-from classify.base.validation_message import messages_by_place
+from classify.base.models import messages_by_place
 
 from .approval import Record, require_seen
 

@@ -12,8 +12,7 @@ import numpy as np
 
 from capture.acquisition.attempts import capture_set
 from capture.acquisition.set_checks import check_set
-from capture.base.memory import resident_bytes
-from capture.base.process_settings import settle_station
+from capture.base.process_settings import resident_bytes, settle_station
 from capture.sets.captured_set import CapturedSet
 from capture.sets.image_checks import LightImages
 from capture.sets.loaded_set import PLANAR

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from classify.base.section import Record
+from classify.base.models import Record
 
 MANIFEST = "backup.json"
 MOST_FILES = 2_000_000

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from capture.base.log_file import append_line
+from capture.base.outputs import append_line
 from classify import InputError
 
 

@@ -21,7 +21,7 @@ from classify import InputError, Lighting, SensorNoise
 from classify.calibration.calibration import Calibration
 from classify.calibration.dark import Dark
 from classify.calibration.lights import CalibratedLights
-from classify.calibration.noise import Noise
+from classify.calibration.photon_transfer import Noise
 from classify.calibration.response import Response
 from classify.calibration.scale import Scale
 from classify.lights.flat_field import FlatField

@@ -17,7 +17,7 @@ from classify import Lighting
 from classify.base.errors import CalibrationRejected
 from classify.calibration.dark import Dark
 from classify.calibration.lights import CalibratedLights
-from classify.calibration.noise import Noise
+from classify.calibration.photon_transfer import Noise
 from classify.calibration.response import Response
 from classify.calibration.scale import Scale
 from classify.images.noise import SensorNoise

@@ -5,8 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture.base.field_differences import FieldDifference, field_differences
-from capture.maps.differences import map_difference, normal_angles_deg
+from capture.maps.differences import (
+    FieldDifference,
+    field_differences,
+    map_difference,
+    normal_angles_deg,
+)
 
 ALL = np.ones((4, 5), np.bool_)
 values = st.recursive(

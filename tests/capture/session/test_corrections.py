@@ -11,7 +11,7 @@ import pytest
 
 from capture.session.events import without_questions
 from capture.session.folder import SessionFolder, make_session, session_folder
-from capture.session.report.analysis import analyse
+from capture.session.report_analysis import analyse
 from capture.session.runner import run_session
 from rig import RigConfig
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from capture import capture_set
-from capture.session.exposure import find_exposure_ms
+from capture.session.rig_checks import find_exposure_ms
 from classify.base.errors import InputError
 from rig import RigConfig, open_rig
 

@@ -18,7 +18,7 @@ from capture import CapturedSet
 from capture.session.measures import SpecimenReference
 from capture.sets.loaded_set import LoadedSet
 from classify import Lighting, TextureLibrary
-from classify.texture.orientation_profile import LEAST_SHARPNESS
+from classify.texture.orientation import LEAST_SHARPNESS
 from rig.scene.material_folder import bundled_materials, load_material
 from rig.scene.render import Lens, render_frame
 from rig.scene.surfaces import PeriodicSurface

@@ -13,8 +13,8 @@ import pytest
 from capture import CapturedSet
 from capture.session.events import without_questions
 from capture.session.folder import make_session, session_folder
-from capture.session.report.analysis import analyse
-from capture.session.report.page import report_page
+from capture.session.report_analysis import analyse
+from capture.session.report_page import report_page
 from capture.session.runner import run_session
 from rig import RigConfig
 

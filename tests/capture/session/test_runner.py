@@ -30,7 +30,7 @@ from capture.session.events import (
 )
 from capture.session.folder import SessionFolder, make_session, session_folder
 from capture.session.plan_change import use_plan
-from capture.session.rig_comparison import compare_rig
+from capture.session.rig_checks import compare_rig
 from capture.session.runner import run_session
 from capture.session.verification import files_below, verify_file
 from classify.base.errors import CalibrationRejected, InputError

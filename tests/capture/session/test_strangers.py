@@ -9,7 +9,7 @@ import pytest
 from capture.session.events import without_questions
 from capture.session.folder import make_session, session_folder
 from capture.session.journal import Description, SetEntry
-from capture.session.report.analysis import Separation, analyse, strangers
+from capture.session.report_analysis import Separation, analyse, strangers
 from capture.session.runner import run_session
 from classify.library.dissimilarity import dendrogram
 from rig import RigConfig

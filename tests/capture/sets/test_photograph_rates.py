@@ -21,8 +21,8 @@ from capture.sets.image_checks import LightImages
 from capture.sets.photograph_checks import check_photographs
 from classify import Lighting
 from classify.calibration.calibration import Calibration
-from classify.images.colour import linear_from_srgb
 from classify.lights.shading import shading_of, shading_order
+from rig.image_metadata import linear_from_srgb
 
 DATA = Path(__file__).parents[2] / "data"
 FOLDER = Path(os.environ.get("PS4RIG_PHOTOGRAPHS", DATA))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from classify.base.durable_folder import durable_folder
+from classify.base.durable_file import durable_folder
 from classify.base.errors import InputError
 
 NAMES = ("index", "a", "b")

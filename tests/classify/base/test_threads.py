@@ -10,7 +10,6 @@ from functools import partial
 import pytest
 
 from classify.base.errors import InputError
-from classify.base.processors import bound_to
 from classify.base.threads import (
     beside,
     map_in_threads,
@@ -18,7 +17,7 @@ from classify.base.threads import (
     set_thread_count,
     thread_count,
 )
-from classify.base.workers import Task
+from classify.base.workers import Task, bound_to
 
 
 @pytest.fixture(autouse=True)
@@ -168,7 +167,7 @@ def test_a_processor_that_is_not_there_binds_nothing() -> None:
 def test_bound_threads_have_processors_of_their_own() -> None:
     code = """
 import os, threading
-from classify.base.processors import usable_processors
+from classify.base.workers import usable_processors
 from classify.base.threads import beside_workers, bind_workers, map_in_threads, thread_count
 everywhere = os.sched_getaffinity(0)
 with beside_workers():

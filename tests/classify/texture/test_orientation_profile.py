@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from classify import Lighting, TextureLibrary, photometric_stereo
 from classify.texture.angular_harmonics import agreement_by_shift, harmonics, least_error
-from classify.texture.orientation_profile import OrientationProfile
+from classify.texture.orientation import OrientationProfile
 from rig import synthetic_surface
 from rig.scene.render import render_frame
 

@@ -10,7 +10,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from capture.base.console import progress
-from capture.base.memory import peak_bytes, resident_bytes
+from capture.base.process_settings import peak_bytes, resident_bytes
 from classify import Method, TextureLibrary
 from classify.surface.estimate import FloatMap
 from rig.simulation.simulated_set import SimulatedSet

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from capture.base.console import out, print_json
-from capture.base.memory import available_bytes
+from capture.base.process_settings import available_bytes
 from classify.base.threads import thread_count
 from classify.defects.whitening import MIN_SIDE_PX
 

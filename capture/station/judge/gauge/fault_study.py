@@ -17,8 +17,8 @@ from capture.station.judge.fingerprint import Fingerprint
 from capture.station.judge.inspector import Inspector
 from classify.base.durable_file import durable_file
 from classify.base.errors import InputError
+from classify.base.models import Record
 from classify.base.regular_file import read_regular_file
-from classify.base.section import Record
 
 from .made_faults import (
     FAULTS,

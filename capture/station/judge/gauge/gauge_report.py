@@ -11,9 +11,8 @@ from capture.base.utc_time import utc_text
 from capture.station.domain.recipe import Sha256
 from classify.base.durable_file import durable_file
 from classify.base.errors import InputError
+from classify.base.models import Record, first_fault
 from classify.base.regular_file import read_regular_file
-from classify.base.section import Record
-from classify.base.validation_message import first_fault
 
 from .gauge import GaugeStudy, Rating, Share
 

@@ -6,7 +6,7 @@ from capture.station.domain.limits import ROWS, Limits
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_folder import RecipeFolder
 from classify.base.errors import InputError
-from classify.base.toml_file import read_toml_as
+from classify.base.models import read_toml_as
 
 LimitsOf = Mapping[str, Limits]
 

@@ -27,7 +27,7 @@ from classify.base.durable_file import make_folder
 from classify.classifiers import Observation, classifier_named
 from classify.classifiers.joint import ring_levels
 from classify.defects.learning import LEAST_PARTS, MOST_PARTS
-from classify.library.leave_one_out import leave_one_out
+from classify.library.evaluation import leave_one_out
 from classify.library.training import common_lighting
 from classify.methods import default_method
 from classify.pieces.learning import SCALE_STEP, GoodPart, learn_pieces

@@ -5,7 +5,7 @@ from html import escape
 
 from capture.base.page import page_html, simulated_notice, table_html
 from capture.maps import pictures
-from capture.maps.figures import tile_html
+from capture.maps.pictures import tile_html
 from capture.station.domain.limits import RANGES
 from capture.station.domain.recipe import Recipe
 from classify.base.durable_file import durable_file

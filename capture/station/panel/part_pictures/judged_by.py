@@ -15,7 +15,7 @@ from capture.station.results.history import HistoryEntry
 from capture.station.results.part_result import PartResult
 from classify import Method, TextureLibrary
 from classify.base.errors import InputError
-from classify.base.toml_file import read_toml_as
+from classify.base.models import read_toml_as
 from classify.defects.defect_model import DefectModel
 
 

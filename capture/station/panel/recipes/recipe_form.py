@@ -8,7 +8,7 @@ from capture.station.domain.limits import RANGES, ROWS, GeneralLimits, Limits
 from capture.station.domain.recipe import CalibrationRule, Light, Orientation, Recipe, Region
 from capture.station.domain.recipe_file import COMMENTS, SECTIONS
 from capture.station.judge.recipe_settings import Place, dotted
-from classify.base.section import Section
+from classify.base.models import Section
 
 _MODELS: dict[str, type[Section]] = {
     "orientation": Orientation,

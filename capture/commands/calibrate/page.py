@@ -29,7 +29,7 @@ def calibration_page(path: Path, file: CalibrationFile, benefit: Benefit, now: d
     """Return the page as HTML."""
     calibration = file.calibration
     return rendered(
-        "calibration_page/page.html",
+        "commands/calibrate/page.html",
         title=path.name,
         facts=_facts(file),
         simulated_sheet=any(record.setting.simulated for record in file.records.values()),

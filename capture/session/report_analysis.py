@@ -14,7 +14,12 @@ import numpy.typing as npt
 from capture.session.folder import SessionFolder
 from capture.session.journal import SetEntry
 from capture.sets.loaded_set import LoadedSet
-from classify import Spectra, SurfaceEstimate, TextureLibrary, surface_spectra
+from classify import (
+    Spectra,
+    SurfaceEstimate,
+    TextureLibrary,
+    surface_spectra,
+)
 from classify.base.errors import InputError
 from classify.library.dissimilarity import (
     Dendrogram,

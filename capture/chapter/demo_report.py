@@ -8,9 +8,14 @@ from markupsafe import Markup
 
 from capture.base.page import rendered
 from capture.maps import pictures
-from capture.maps.figures import TILE_PX, tile_uri
+from capture.maps.pictures import TILE_PX, tile_uri
 from capture.sets.captured_set import CapturedSet
-from classify import Evaluation, Spectra, SurfaceEstimate, Trial
+from classify import (
+    Evaluation,
+    Spectra,
+    SurfaceEstimate,
+    Trial,
+)
 from classify.base.durable_file import durable_file
 from classify.surface.estimate import FloatMap
 from rig import ControllerIdentity, RigConfig
@@ -43,7 +48,7 @@ def write_report(
 ) -> None:
     """Write the report as a whole or not at all."""
     page = rendered(
-        "demo/report.html",
+        "chapter/demo_report.html",
         title="ps4rig demo",
         controller=controller,
         config=config,

@@ -11,12 +11,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from capture.base.colours import curve_colour
+from capture.base.page import curve_colour
 from capture.session.journal import SetEntry
 from classify import Spectra
 from classify.lighting import orientation_near
 
-from .analysis import Separation
+from .report_analysis import Separation
 
 _MARKS = "osD^v<>Ph*"
 _GRID = "#dddddd"

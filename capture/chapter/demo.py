@@ -5,15 +5,38 @@ from dataclasses import replace
 from pathlib import Path
 
 from capture.acquisition.attempts import capture_set
-from capture.base.console import new_table, out, print_table, progress
+from capture.base.console import (
+    new_table,
+    out,
+    print_table,
+    progress,
+)
 from capture.base.outputs import check_output
 from capture.sets.captured_set import CapturedSet
 from capture.sets.ome_tiff import SUFFIX
-from classify import Spectra, TextureLibrary, Trial, evaluate, surface_spectra
+from classify import (
+    Spectra,
+    TextureLibrary,
+    Trial,
+    evaluate,
+    surface_spectra,
+)
 from classify.base.durable_file import make_folder
-from rig import Placement, Rig, RigConfig, open_rig, surface_names
+from rig import (
+    Placement,
+    Rig,
+    RigConfig,
+    open_rig,
+    surface_names,
+)
 
-from .report import ANGLE_NOTE, COLUMNS, ReportEntry, cells_of, write_report
+from .demo_report import (
+    ANGLE_NOTE,
+    COLUMNS,
+    ReportEntry,
+    cells_of,
+    write_report,
+)
 
 FRAME_PX = 256
 # Two test patches of each surface: seed, rotation and shift. They share at most a corner with the

@@ -8,19 +8,19 @@ from typing import Any
 from capture.base.page import rendered
 from capture.base.utc_time import readable_utc
 from capture.maps import pictures
-from capture.maps.figures import tile_uri
+from capture.maps.pictures import tile_uri
 from capture.session.folder import SessionFolder
 from capture.sets.description import plain
 
-from . import figures
-from .analysis import SessionAnalysis, SpecimenResult
+from . import report_figures as figures
+from .report_analysis import SessionAnalysis, SpecimenResult
 
 
 def report_page(folder: SessionFolder, found: SessionAnalysis) -> str:
     """Return the page as HTML."""
     damaged = [(file, f"cannot be read: {error}") for file, error in found.damaged.items()]
     return rendered(
-        "session/report/report.html",
+        "session/report.html",
         title=folder.plan.name,
         is_simulated=any(run.simulated for run in folder.journal.runs),
         facts=_facts(folder, found),

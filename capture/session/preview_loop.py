@@ -7,13 +7,19 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from classify.base.errors import Ps4rigError
-from rig import Frame, HardwareError, Rig, RigConfig, open_rig
+from rig import (
+    Frame,
+    HardwareError,
+    Rig,
+    RigConfig,
+    open_rig,
+)
 from rig.acceptance import MAX_SATURATED_SHARE
 from rig.fresh_frame import fresh_frame
 
-from .layout import Places, places_of
-from .outline import Outline
 from .preview_image import PreviewImage, preview_image
+from .preview_layout import Places, places_of
+from .preview_outline import Outline
 
 Measure = Callable[[Sequence[Frame]], str | None]
 # Pause before the rig is opened again: time to plug in a cable.

@@ -13,7 +13,7 @@ from typing import Any
 
 from classify.base.errors import InputError
 
-from .loop import Preview
+from .preview_loop import Preview
 
 _ADDRESS = "127.0.0.1"
 # Simultaneous requests, each with a thread; a page makes up to six. Further ones are closed.
@@ -22,8 +22,8 @@ MAX_REQUESTS = 32
 _DEADLINE_S = 5.0
 _HERE = Path(__file__).parent
 _FILES = {
-    "/": ("page.html", "text/html; charset=utf-8"),
-    "/page.js": ("page.js", "text/javascript; charset=utf-8"),
+    "/": ("preview.html", "text/html; charset=utf-8"),
+    "/page.js": ("preview.js", "text/javascript; charset=utf-8"),
 }
 _HEADERS = {
     "Cache-Control": "no-store",

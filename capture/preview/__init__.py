@@ -1,1 +1,0 @@
-"""``ps4rig rig preview``: light after light on the rig, and a page that shows it."""

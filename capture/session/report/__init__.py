@@ -1,1 +1,0 @@
-"""The report of a session: figures of the capture and of the textures."""
