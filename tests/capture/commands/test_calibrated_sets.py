@@ -178,7 +178,7 @@ def test_a_set_without_its_calibration_is_refused_by_every_command(
     ):
         line = refused(*command)
         assert "was captured with the calibration" in line
-        assert "give --calibration CAL, or solve --raw" in line
+        assert "give --calibration CAL (solve, compare and export" in line
         assert ps4rig(*command, "--calibration", lab / "rig.ps4cal").exit_code == 0
     choice = ("--raw", "--calibration", lab / "rig.ps4cal")
     for command in (

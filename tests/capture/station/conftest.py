@@ -1,7 +1,9 @@
 """A station that was taught rock as good and sand as bad, with its challenge set."""
 
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
+from unittest import mock
 
 import pytest
 
@@ -14,7 +16,15 @@ from capture.station.judge.gauge.fault_study import great_faults
 from capture.station.judge.inspector import Inspector
 from capture.station.judge.teaching.teaching import teach
 from capture.station.judge.teaching.teaching_result import Teaching
+from classify.defects import detectability
 from tests.capture.station.teaching_sets import SIDE_PX, saved
+
+
+@pytest.fixture(scope="session", autouse=True)
+def few_places() -> Iterator[None]:
+    """Teach faster: strengths that are found are tested in `tests/classify/defects`."""
+    with mock.patch.multiple(detectability, _LEAST_PLACES=4, _MOST_PLACES=4):
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -166,7 +166,11 @@ def test_the_user_of_the_system_is_not_that_of_the_environment(
         assert "boss" not in who.name
 
 
-@pytest.mark.parametrize("damage", ["lost", "later", "no database", "no server"])
+@pytest.mark.parametrize(
+    "damage",
+    # Each command waits for the server.
+    ["lost", "later", "no database", pytest.param("no server", marks=pytest.mark.slow)],
+)
 def test_no_change_is_made_when_the_results_cannot_be_written(
     station: Path, files: RecipeFolder, ps4rig: Ps4rig, damage: str
 ) -> None:
