@@ -85,7 +85,7 @@ def test_code_of_an_older_source_is_neither_run_nor_kept(program: Program) -> No
 
 
 @pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
-@pytest.mark.parametrize("left", [0.0, 0.9])
+@pytest.mark.parametrize("left", [0.0, pytest.param(0.9, marks=pytest.mark.slow)])
 def test_files_that_were_not_written_to_the_end_are_written_again(
     program: Program, suffix: str, left: float
 ) -> None:

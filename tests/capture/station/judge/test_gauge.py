@@ -116,6 +116,7 @@ def test_about_half_of_the_simulated_parts_are_bad() -> None:
     assert parts == known_parts(SimulatedParts(), 100, 256)
 
 
+@pytest.mark.slow
 def test_the_command_presents_parts_of_the_simulated_rig(
     station: Path, small_rig: Path, ps4rig: Callable[..., Any]
 ) -> None:
