@@ -278,6 +278,8 @@ def open_store(
     try:
         if create:
             store.write(lambda connection: make_tables(connection, shown(url)))
+        elif alone:  # the connection that writes takes the lock of the station
+            store.write(lambda connection: require_tables(connection, shown(url)))
         else:  # a program that only reads may have no permission to write
             with store.reading() as connection:
                 require_tables(connection, shown(url))
