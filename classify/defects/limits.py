@@ -21,9 +21,9 @@ _LONGEST_TAIL = 0.2
 # Responses are of order 1; that to an albedo which is exactly constant on all good parts is 0.
 _LEAST_LIMIT = 1e-3
 
-# Upper confidence bound of the limit, in standard errors: 84 %. With 95 %, 4 % fewer foreign
-# patches were found on the even textures of `python -m tests.evidence.defects`, for 1 alarm of 325.
-_CONFIDENCE_BOUND = 1.0
+# Quantile of the normal distribution at 95 %. With one standard error 5 of 96 good parts had an
+# alarm in `tests/evidence/test_defects.py`, where 1 % is asked.
+_CONFIDENCE_BOUND = 1.645
 # Prior of the standard deviation of the parts' log maxima, and the number of parts that it counts
 # as. The deviation was 0.2 to 0.3 on most textures of `python -m tests.evidence.defects`.
 _PRIOR_SPREAD, _PRIOR_FREEDOM = 0.25, 4
@@ -76,7 +76,7 @@ def common_limit(maxima: Maxima, false_alarm_rate: float) -> float:
 
     Tiles of one part are alike: N parts tell the level of the limit no better than to a standard
     error of s / sqrt(N), where s is the standard deviation of the logarithms of the parts' highest
-    scores. The limit is the extrapolated one and a standard error. No limit of fewer
+    scores. The limit is the upper 95 % confidence bound of the extrapolated one. No limit of fewer
     parts than 1 / rate is below the highest score of a good part.
     """
     limit = float(limits_of(maxima[:, None], false_alarm_rate)[0])
