@@ -198,6 +198,7 @@ def least_found(
         low, high = np.where(is_found, low, middle), np.where(is_found, middle, high)
     # A place where even the weaker ones are found has no lower score.
     share = np.where(np.isnan(below), 0.5, -below / np.maximum(above - below, _LEAST_SCORE))
+    share = np.clip(share, 0.0, 1.0)  # beyond it only where nothing is found
     return np.where(is_ever_found, np.exp(low + share * (high - low)), np.inf)
 
 
