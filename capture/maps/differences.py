@@ -30,9 +30,6 @@ def field_differences(
             yield FieldDifference(path, one, other)
 
 
-Facts = Mapping[str, Any]
-
-
 @dataclass(frozen=True)
 class MapDifference:
     """The second map less the first, over the pixels that are valid in both."""

@@ -36,8 +36,6 @@ On 30,000 references mixed as in ``tests.evidence.benchmark``, nine in ten queri
 references at most; 10 and 24 directions make them 75, and reading the bounds a fifth longer.
 """
 
-_REACHES = 6  # of `blur_coordinates`
-
 # Relative error of the norm of the difference of two vectors of single precision.
 _ROUNDING = np.float32(2e-6)
 
