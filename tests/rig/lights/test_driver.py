@@ -365,8 +365,9 @@ def test_half_a_reply_is_never_accepted(damaged_line: Line) -> None:
     with LightController(damaged_line(only("LED:SEL 1", cut)), timeouts=SHORT) as lights:
         with pytest.raises(LightControllerError, match="no answer"):
             lights.select(1)
-        # The other half precedes the next reply, whose checksum then fails.
-        with pytest.raises(LightControllerError, match="garbled"):
+        # The first half precedes the next reply, whose checksum then fails; where it does not, once
+        # in 256 sequence numbers, the number is that of the earlier command.
+        with pytest.raises(LightControllerError, match="garbled|no answer"):
             lights.select(2)
         assert lights.select(3).led == 3
 
