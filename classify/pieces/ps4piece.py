@@ -15,7 +15,7 @@ SUFFIX = ".ps4piece"
 _KIND = ArchiveKind(
     noun="piece model",
     header="pieces.json",
-    versions=(2,),
+    versions=(3,),
     if_missing="make one with ps4rig station teach",
     remedy="teach it again",
     error=PieceModelError,
@@ -30,7 +30,7 @@ Array = npt.NDArray[Any]
 class _Header(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
     format: Literal["ps4piece"] = "ps4piece"
-    version: Literal[2] = 2
+    version: Literal[3] = 3
     sha256: str
 
 

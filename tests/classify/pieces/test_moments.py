@@ -47,6 +47,17 @@ def test_features_of_a_window_turn_with_the_texture() -> None:
     np.testing.assert_allclose(features[0][strong], features[1][strong], atol=0.05)
 
 
+def test_the_level_of_a_joint_hardly_depends_on_where_it_crosses_the_cells() -> None:
+    """A joint near the pixel axes runs along the border of cells, and then along their middle."""
+    x, y = np.arange(SIDE) - SIDE / 2, SIDE / 2 - np.arange(SIDE)[:, None]
+    angle = np.radians(9.0)
+    across = np.sin(angle) * x - np.cos(angle) * y
+    flat = np.zeros((SIDE, SIDE))
+    levels = band_moments(estimate(flat, flat, 0.5 - 0.2 * np.exp(-0.125 * across**2)))[..., -1]
+    darkest = levels[:, 2:-2].min(axis=0)
+    assert darkest.std() < 0.14 * abs(darkest.mean())
+
+
 def test_a_part_that_is_no_multiple_of_a_cell_has_whole_cells_alone() -> None:
     random = np.random.default_rng(1).normal(0.0, 0.1, (2, 300, 171))
     surface = estimate(*random, np.full(random[0].shape, 0.5))
