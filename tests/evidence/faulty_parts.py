@@ -128,42 +128,50 @@ def _mirrored(surface: PeriodicSurface) -> PeriodicSurface:
     return PeriodicSurface(height, -p, q, albedo, surface.name)
 
 
-def captured_parts(material: Path, fault: Fault, count: int, seed: int) -> Iterator[CapturedSet]:
-    """Capture parts at random places and orientations, with shadows and noise."""
+def placements(
+    material: Path, fault: Fault, count: int, seed: int
+) -> Iterator[tuple[Surface, Placement]]:
+    """Parts at random places and orientations: what is shown, and where."""
     names = [each.name for each in (GOOD, *FAULTS)]
     draw = np.random.default_rng([seed, names.index(fault.name), *material.name.encode()])
     base = load_material(material)
     if fault.kind == "mirrored":
         base = _mirrored(base)
-    surfaces: dict[str, Surface] = {str(material): base}
+    for number in range(count):
+        shift_px = tuple(draw.uniform(-2000.0, 2000.0, 2).tolist())
+        x_px, y_px = (np.array(shift_px) + draw.uniform(-_MIDDLE_PX, _MIDDLE_PX, 2)).tolist()
+        angle_deg, offset_px = draw.uniform(0.0, 180.0), draw.uniform(-60.0, 60.0)
+        defects: tuple[Defect, ...] = ()
+        surface: Surface = base
+        if fault.kind in ("missing", "stain", "dent"):
+            defects = (defect_of(fault, (x_px, y_px), angle_deg),)
+        elif fault.kind not in (None, "mirrored"):
+            surface = _ChangedSurface(base, fault, angle_deg, offset_px)
+        yield (
+            surface,
+            Placement(
+                surface=f"{material} {number}",
+                rotate_deg=draw.uniform(0.0, 360.0),
+                shift_px=shift_px,
+                seed=int(draw.integers(1, 2**31)),
+                defects=defects,
+            ),
+        )
+
+
+def captured_parts(material: Path, fault: Fault, count: int, seed: int) -> Iterator[CapturedSet]:
+    """Capture the parts of these placements, with shadows and noise."""
+    surfaces: dict[str, Surface] = {str(material): load_material(material)}
     config = RigConfig().with_changes(
         camera={"width_px": SIDE_PX, "height_px": SIDE_PX},
         simulation={"placement": {"surface": str(material)}},
     )
     with _surfaces(surfaces), open_rig(config) as rig:
         assert rig.simulation is not None
-        for number in range(count):
-            shift_px = tuple(draw.uniform(-2000.0, 2000.0, 2).tolist())
-            x_px, y_px = (np.array(shift_px) + draw.uniform(-_MIDDLE_PX, _MIDDLE_PX, 2)).tolist()
-            angle_deg, offset_px = draw.uniform(0.0, 180.0), draw.uniform(-60.0, 60.0)
-            defects: tuple[Defect, ...] = ()
-            surface: Surface = base
-            if fault.kind in ("missing", "stain", "dent"):
-                defects = (defect_of(fault, (x_px, y_px), angle_deg),)
-            elif fault.kind not in (None, "mirrored"):
-                surface = _ChangedSurface(base, fault, angle_deg, offset_px)
-            name = f"{material} {number}"
+        for surface, placement in placements(material, fault, count, seed):
             surfaces.clear()
-            surfaces[name] = surface
-            rig.simulation.place(
-                Placement(
-                    surface=name,
-                    rotate_deg=draw.uniform(0.0, 360.0),
-                    shift_px=shift_px,
-                    seed=int(draw.integers(1, 2**31)),
-                    defects=defects,
-                )
-            )
+            surfaces[placement.surface] = surface
+            rig.simulation.place(placement)
             yield capture_set(rig, label=material.name)
 
 

@@ -1,26 +1,54 @@
-"""How well the best linear detector sees a stain or a dent of known shape on a material."""
+"""Whether faults can be seen: stains and dents by a linear detector, holes by their change."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from scipy.special import ndtri
 
 from rig.config.defect import Defect
 from rig.scene.material_folder import load_material
-from rig.scene.surfaces import Surface
+from rig.scene.surfaces import PeriodicSurface, Surface, SurfacePatch
 from rig.simulation.defective_surface import DefectiveSurface
 
-from .faulty_parts import SIDE_PX, Fault, defect_of
+from .faulty_parts import SIDE_PX, Fault, defect_of, placements
 
-LEAST_SEEN = 3.0
-"""Signal-to-noise ratio d' below which a fault is counted as one that cannot be seen."""
-
+# Share of good parts that may be rejected, and of faulty ones that may pass.
+_REJECTED, _PASSED = 0.01, 0.01
+# Least change in a hole, as a share of the texture's root mean square: a hole within a flat tile
+# changes 3 to 16 % of the tile's joints, and one across a joint 74 % and more.
+_LEAST_REMOVED = 0.25
 _GOOD, _PLACES = 25, 3
 # Standard deviation of slopes and relative albedo from noise; shadows would add to it.
 _NOISE = 0.01
 
 Fields = npt.NDArray[np.float64]
+
+
+def least_seen(fault: Fault) -> float:
+    """D' at which a linear detector finds 99 % of the faults, wherever they are in a part.
+
+    Its limit is one that 1 % of good parts exceed in any of the places in which a fault of this
+    size fits beside others.
+    """
+    places = (SIDE_PX / fault.strength) ** 2
+    return float(-ndtri(_REJECTED / places) - ndtri(_PASSED))
+
+
+def holes_seen(material: Path, fault: Fault, count: int, seed: int) -> Iterator[bool]:
+    """For each part whether its hole removes texture, of slopes or of albedo."""
+    for surface, placement in placements(material, fault, count, seed):
+        assert isinstance(surface, PeriodicSurface)
+        faulty = DefectiveSurface(surface, placement.defects, {})
+        place = (SIDE_PX, placement.rotate_deg, placement.shift_px)
+        hole = faulty.mask(*place)
+        good = _fields_of(surface.patch(*place))
+        change = (_fields_of(faulty.patch(*place)) - good)[:, hole]
+        whole = [float(np.hypot(*good[:2].std(axis=(1, 2)))), float(good[2].std())]
+        removed = [np.sqrt((each**2).sum(axis=0).mean()) for each in (change[:2], change[2:])]
+        yield max(np.divide(removed, whole)) >= _LEAST_REMOVED
 
 
 def detectability(material: Path, fault: Fault) -> float:
@@ -56,8 +84,17 @@ def _fields(surface: Surface, shift_px: tuple[float, ...]) -> Fields:
     """(3, h, w) slopes and log albedo at half resolution."""
     patch = surface.patch(SIDE_PX, 0.0, (shift_px[0], shift_px[1]))
     half = (SIDE_PX // 2, SIDE_PX // 2)
-    p, q, albedo = (
-        cv2.resize(plane, half, interpolation=cv2.INTER_AREA)
-        for plane in (patch.p, patch.q, patch.albedo)
+    return _fields_of(
+        SurfacePatch(
+            *(
+                cv2.resize(plane, half, interpolation=cv2.INTER_AREA)
+                for plane in (patch.height, patch.p, patch.q, patch.albedo)
+            )
+        )
     )
-    return np.stack([p, q, np.log(np.maximum(albedo, 1e-2))]).astype(np.float64)
+
+
+def _fields_of(patch: SurfacePatch) -> Fields:
+    """(3, h, w) slopes and log albedo."""
+    albedo = np.log(np.maximum(patch.albedo, 1e-2))
+    return np.stack([patch.p, patch.q, albedo]).astype(np.float64)

@@ -6,9 +6,10 @@
 MATERIALS is a folder with one folder for each material. On the first 12 in alphabetical order a
 recipe is taught from 25 good parts of 512 px; other parts, captured with shadows and noise, are
 then judged by the inspector. Constants were chosen on materials 1, 3, 5 ... (even, from 0);
-targets hold for the others, and where a fault can be seen: for stains and dents where d' of the
-best linear detector is 3 or more, for seams where the texture has a direction. Captured sets are
-kept in the folder of temporary files.
+targets hold for the others, and where a fault can be seen: stains and dents where a linear
+detector that knows them finds 99 %, holes where they remove texture, seams where the texture has a
+direction.
+Captured sets are kept in the folder of temporary files.
 """
 
 import argparse
@@ -27,7 +28,7 @@ from capture.station.judge.inspector import Inspector
 from capture.station.judge.teaching.teaching import teach
 
 from .faulty_parts import FAULTS, GOOD, LOCAL, Fault, kept_parts
-from .visibility import LEAST_SEEN, detectability
+from .visibility import detectability, holes_seen, least_seen
 
 TEXTURES = 12
 _TAUGHT = 25
@@ -36,11 +37,10 @@ _MOST_REJECTED = 0.01
 
 
 class _Judged(NamedTuple):
-    """Parts of a material with a fault that pass; whether the fault can be seen there."""
+    """A part of a material: whether it passes, and whether its fault can be seen."""
 
     number: int
-    passed: int
-    parts: int
+    passes: bool
     seen: bool
 
 
@@ -53,16 +53,15 @@ def taught(material: Path, kept: Path, folder: Path, seed: int, parts: int) -> I
     return Inspector.load(files)
 
 
-def passed(inspector: Inspector, paths: Sequence[Path], shown: list[str]) -> int:
-    """Number of parts that pass; `shown` gets the causes of the others."""
-    count = 0
+def passed(inspector: Inspector, paths: Sequence[Path], shown: list[str]) -> list[bool]:
+    """Whether each part passes; `shown` gets the causes of the others."""
+    passes = []
     for path in progress(paths, len(paths), path_name(paths)):
         verdict = inspector.inspect(CapturedSet.load(path)).verdict
-        if verdict.decision is Decision.PASS:
-            count += 1
-        else:
+        passes.append(verdict.decision is Decision.PASS)
+        if not passes[-1]:
             shown.append(", ".join(verdict.causes))
-    return count
+    return passes
 
 
 def path_name(paths: Sequence[Path]) -> str:
@@ -104,17 +103,21 @@ def main(arguments: Sequence[str]) -> int:
                 else:
                     paths = kept_parts(kept, material, fault, faulty, given.seed)
                 causes: list[str] = []
-                count = passed(inspector, paths, causes)
-                d = math.inf
+                passes = passed(inspector, paths, causes)
+                d, seen = math.inf, [True] * len(paths)
                 if fault.kind in ("stain", "dent"):
                     d = detectability(material, fault)
-                seen = d >= LEAST_SEEN
-                if fault.kind == "seam":
-                    seen = inspector.has_direction(material.name)
-                rows[fault.name].append(_Judged(number, count, len(paths), seen))
+                    seen = [d >= least_seen(fault)] * len(paths)
+                elif fault.kind == "missing":
+                    seen = list(holes_seen(material, fault, len(paths), given.seed))
+                elif fault.kind == "seam":
+                    seen = [inspector.has_direction(material.name)] * len(paths)
+                judged = zip(passes, seen, strict=True)
+                rows[fault.name] += [_Judged(number, *each) for each in judged]
                 print(
-                    f"{material.name:24} {fault.name:24} {count:4} of {len(paths):4} pass  "
-                    + f"d' {d:.1f}  " * math.isfinite(d)
+                    f"{material.name:24} {fault.name:24} {sum(passes):4} of {len(paths):4} pass  "
+                    + f"d' {d:.1f} ({least_seen(fault):.1f})  " * math.isfinite(d)
+                    + f"{sum(seen)} can be seen  " * (not all(seen))
                     + (f"{_counted(causes)}" if given.causes else ""),
                     flush=True,
                 )
@@ -131,7 +134,7 @@ def _row(fault: Fault, judged: Sequence[_Judged]) -> bool:
 
     def counts(odd: int, *, seen: bool = False) -> tuple[int, int]:
         own = [each for each in judged if each.number % 2 == odd and each.seen >= seen]
-        return sum(each.passed for each in own), sum(each.parts for each in own)
+        return sum(each.passes for each in own), len(own)
 
     shares = [counts(0), counts(1)]
     count, total = counts(int(shares[1][1] > 0), seen=True)
