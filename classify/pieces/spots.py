@@ -135,17 +135,15 @@ def _mix(
 ) -> None:
     """Linear interpolation of moved planes; rows of the result."""
     s0, s1, s2, s3 = shares
+    width = mixed.shape[2]
     for n in range(mixed.shape[0]):
         for r in range(first, stop):
-            y = top + r
-            for c in range(mixed.shape[2]):
-                x = left + c
-                mixed[n, r, c] = (
-                    s0 * planes[n, y, x]
-                    + s1 * planes[n, y, x + 1]
-                    + s2 * planes[n, y + 1, x]
-                    + s3 * planes[n, y + 1, x + 1]
-                )
+            # Slices from 0, because an index that may be negative prevents vectorisation.
+            upper = planes[n, top + r, left : left + width + 1]
+            lower = planes[n, top + r + 1, left : left + width + 1]
+            out = mixed[n, r]
+            for c in range(width):
+                out[c] = s0 * upper[c] + s1 * upper[c + 1] + s2 * lower[c] + s3 * lower[c + 1]
 
 
 @lru_cache(maxsize=8)
