@@ -13,7 +13,6 @@ Captured sets are kept in the folder of temporary files.
 """
 
 import argparse
-import math
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -104,10 +103,10 @@ def main(arguments: Sequence[str]) -> int:
                     paths = kept_parts(kept, material, fault, faulty, given.seed)
                 causes: list[str] = []
                 passes = passed(inspector, paths, causes)
-                d, seen = math.inf, [True] * len(paths)
+                about, seen = "", [True] * len(paths)
                 if fault.kind in ("stain", "dent"):
-                    d = detectability(material, fault)
-                    seen = [d >= least_seen(fault)] * len(paths)
+                    d, least = detectability(material, fault), least_seen(fault)
+                    about, seen = f"d' {d:.1f} of {least:.1f}  ", [d >= least] * len(paths)
                 elif fault.kind == "missing":
                     seen = list(holes_seen(material, fault, len(paths), given.seed))
                 elif fault.kind == "seam":
@@ -116,7 +115,7 @@ def main(arguments: Sequence[str]) -> int:
                 rows[fault.name] += [_Judged(number, *each) for each in judged]
                 print(
                     f"{material.name:24} {fault.name:24} {sum(passes):4} of {len(paths):4} pass  "
-                    + f"d' {d:.1f} ({least_seen(fault):.1f})  " * math.isfinite(d)
+                    + about
                     + f"{sum(seen)} can be seen  " * (not all(seen))
                     + (f"{_counted(causes)}" if given.causes else ""),
                     flush=True,
