@@ -19,9 +19,10 @@ PRODUCTS = 8
 MOMENTS = 2 + PRODUCTS * OCTAVES + 3
 MIN_SIDE_PX = 128
 
-# Pixels at half resolution over which p, q and a are averaged before their means in cells. Without
-# it the level of a joint depends on how the cells cut it, most beside the pixel axes: 4 of 20 good
-# tiles had a spot beyond its limit, and none with it.
+# Pixels at half resolution over which a is averaged before its means in cells. Without it the level
+# of a joint depends on how the cells cut it, most beside the pixel axes: 4 of 20 good tiles had a
+# spot beyond its limit, and none with it. Wider ones, or also of p and q, found no more on the even
+# materials of `python -m tests.evidence.wrong_passes`.
 _OVERLAP = (5, 5)
 _TINY = np.float32(1e-12)
 _LEAST_ALBEDO = np.float32(1e-2)
@@ -32,8 +33,8 @@ def band_moments(surface: SurfaceEstimate) -> FloatMap:
 
     First the energies of slopes and of log albedo a in the finest octave. Then for each octave,
     with g = p + i q: |g|^2, real and imaginary parts of g^2 and of g^4 / |g|^2, a^2, and p a and
-    q a. Last the means of p, q and a, of cells that overlap. A pixel of the coarsest octave covers
-    2 x 2 cells. Rows and columns beyond the last two whole cells are left out.
+    q a. Last the means of p, q and a, those of a in cells that overlap. A pixel of the coarsest
+    octave covers 2 x 2 cells. Rows and columns beyond the last two whole cells are left out.
 
     Raises
     ------
@@ -64,9 +65,8 @@ def band_moments(surface: SurfaceEstimate) -> FloatMap:
         run_on_rows(partial(_sum_products, *levels, *smooth, products), (rows, levels[0].size))
         cells[...] = products if rows == h else products.repeat(2, axis=0).repeat(2, axis=1)
         levels = coarser
-    for index, plane in enumerate(planes):
-        smooth_plane = cv2.blur(plane, _OVERLAP)
-        moments[..., index - 3] = cv2.resize(smooth_plane, (w, h), interpolation=cv2.INTER_AREA)
+    for index, plane in enumerate([*planes[:2], cv2.blur(planes[2], _OVERLAP)]):
+        moments[..., index - 3] = cv2.resize(plane, (w, h), interpolation=cv2.INTER_AREA)
     return moments
 
 
