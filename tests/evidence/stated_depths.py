@@ -3,11 +3,11 @@
     python -m tests.evidence.stated_depths MATERIALS [--quick] [--textures N] [--places N]
 
 MATERIALS is a folder with one folder for each material, of which 8 are used, evenly in alphabetical
-order. A recipe is taught from 25 good parts of 512 px. The depth of a scratch or dent, or the
-contrast of a stain, that the defect map finds in 9 of 10 places is then measured: in places of
-other parts each defect is captured, solved and judged in several strengths, down to the weakest
-that is found. The table has the stated and the measured one, and their ratio. `-` stands for a
-defect that is not found, even as strong as was tried.
+order. A defect model learns 25 good parts of 512 px, and states strengths, as teaching does. The
+depth of a scratch or dent, or the contrast of a stain, that the defect map finds in 9 of 10 places
+is then measured: in places of other parts each defect is captured, solved and judged in several
+strengths, down to the weakest that is found. The table has the stated and the measured one, and
+their ratio. `-` stands for a defect that is not found, even as strong as was tried.
 """
 
 import argparse
@@ -21,15 +21,15 @@ import numpy as np
 
 from capture.sets.captured_set import CapturedSet
 from capture.sets.loaded_set import PLANAR, LoadedSet
-from capture.station.domain.least_found import LeastFound
-from capture.station.domain.recipe_folder import RecipeFolder, TaughtFiles
-from capture.station.judge.teaching.teaching import teach
-from classify import DefectModel, TextureLibrary
+from classify import DefectModel, SurfaceEstimate, TextureLibrary, learn_defects
 from classify.defects.defect_map import DefectMap
 from classify.defects.detectability import (
+    DEFECTS,
+    Detectability,
     Floats,
     KnownDefect,
     Place,
+    detectability,
     is_precise,
     least_found,
     places_for,
@@ -53,16 +53,18 @@ _TOLERANCE = 0.15
 
 
 def measured(
-    stated: LeastFound,
+    stated: Detectability,
     capture: Callable[[Placement], CapturedSet],
     map_of: Callable[[CapturedSet], DefectMap],
     places: int,
     draw: np.random.Generator,
 ) -> list[float]:
     """The least strength that is found in each place; infinity beyond the range."""
-    defect = KnownDefect(stated.kind, stated.size_px)
-    middle = stated.strength or stated.strongest
-    strongest = min(middle * _RANGE, _DARKEST) if stated.is_stain else middle * _RANGE
+    defect = stated.defect
+    middle = stated.strength or defect.strongest
+    strongest = middle * _RANGE
+    if defect.kind == "stain":
+        strongest = min(strongest, _DARKEST)
     found: list[float] = []
     while len(found) < places or (len(found) < _MORE * places and not is_precise(found)):
         here = places_for((SIDE_PX, SIDE_PX), defect, draw)
@@ -84,15 +86,9 @@ def measured(
     return found
 
 
-def _map_of(files: TaughtFiles) -> Callable[[CapturedSet], DefectMap]:
-    """The defect map of a part, even if so many defects make the station refuse its images."""
-    library, model = TextureLibrary.load(files.library), DefectModel.load(files.defects(1))
-
-    def map_of(captured: CapturedSet) -> DefectMap:
-        surface = LoadedSet(captured, None).solve_texture(None, planar=PLANAR)
-        return model.map_of(surface, library.classify(surface).orientation_deg)
-
-    return map_of
+def _surface(captured: CapturedSet) -> SurfaceEstimate:
+    """The surface of a part, even if so many defects make the station refuse its images."""
+    return LoadedSet(captured, None).solve_texture(None, planar=PLANAR)
 
 
 def _placed(defect: KnownDefect, place: Place, strength: float, part: Placement) -> Defect:
@@ -128,12 +124,25 @@ def main(arguments: Sequence[str]) -> int:
     print(f"{'texture':24} {'defect':8} {'px':>4} {'stated':>7} {'measured':>8} {'ratio':>6}")
     for material in chosen:
         draw = np.random.default_rng([given.seed, *material.name.encode()])
-        with tempfile.TemporaryDirectory() as folder, camera_over(material) as capture:
-            files = RecipeFolder(Path(folder) / "line.toml", Path(folder) / "line")
-            teaching = teach(files, kept_parts(kept, material, GOOD, _TAUGHT, given.seed))
-            map_of = _map_of(teaching.files)
-            every = teaching.taught.least_found[material.name]
-            for stated in every[1::2] if given.quick else every:
+        paths = kept_parts(kept, material, GOOD, _TAUGHT, given.seed)
+        surfaces = [_surface(CapturedSet.load(path)) for path in paths]
+        library = TextureLibrary.train([(material.name, surfaces[0])])
+        angles = [library.classify(each).orientation_deg for each in surfaces]
+        model = learn_defects(surfaces, angles)
+
+        def map_of(
+            captured: CapturedSet,
+            library: TextureLibrary = library,
+            model: DefectModel = model,
+        ) -> DefectMap:
+            surface = _surface(captured)
+            return model.map_of(surface, library.classify(surface).orientation_deg)
+
+        order = np.random.default_rng(0).permutation(len(surfaces)).tolist()
+        tried = [(surfaces[n], angles[n]) for n in order]
+        known = DEFECTS[1::2] if given.quick else DEFECTS
+        with camera_over(material) as capture:
+            for stated in detectability(model, tried, defects=known):
                 strengths = measured(stated, capture, map_of, given.places, draw)
                 ratios.append(_row(material.name, stated, stated_strength(strengths)))
     off = [each for each in ratios if not abs(each - 1.0) <= _TOLERANCE]
@@ -144,18 +153,17 @@ def main(arguments: Sequence[str]) -> int:
     return int(bool(off))
 
 
-def _row(texture: str, stated: LeastFound, strength: float | None) -> float:
+def _row(texture: str, stated: Detectability, strength: float | None) -> float:
     """Print a line; return stated over measured strength."""
     if stated.strength is None:
         # Stated is that more than the strongest is needed.
-        ratio = max(stated.strongest / strength, 1.0) if strength else 1.0
+        ratio = max(stated.defect.strongest / strength, 1.0) if strength else 1.0
     else:
         ratio = stated.strength / strength if strength else 0.0
     cells = ["-" if each is None else f"{each:.3g}" for each in (stated.strength, strength)]
+    kind, size_px, _ = stated.defect
     print(
-        f"{texture:24} {stated.kind:8} {stated.size_px:4.0f} {cells[0]:>7} {cells[1]:>8} "
-        f"{ratio:6.2f}",
-        flush=True,
+        f"{texture:24} {kind:8} {size_px:4.0f} {cells[0]:>7} {cells[1]:>8} {ratio:6.2f}", flush=True
     )
     return ratio
 
