@@ -10,7 +10,7 @@ from scipy.special import ndtri
 
 from rig.config.defect import Defect
 from rig.scene.material_folder import load_material
-from rig.scene.surfaces import PeriodicSurface, Surface, SurfacePatch
+from rig.scene.surfaces import FloatImage, Surface
 from rig.simulation.defective_surface import DefectiveSurface
 
 from .faulty_parts import SIDE_PX, Fault, defect_of, placements
@@ -40,13 +40,15 @@ def least_seen(fault: Fault) -> float:
 def holes_seen(material: Path, fault: Fault, count: int, seed: int) -> Iterator[bool]:
     """For each part whether its hole removes texture, of slopes or of albedo."""
     for surface, placement in placements(material, fault, count, seed):
-        assert isinstance(surface, PeriodicSurface)
         faulty = DefectiveSurface(surface, placement.defects, {})
         place = (SIDE_PX, placement.rotate_deg, placement.shift_px)
         hole = faulty.mask(*place)
-        good = _fields_of(surface.patch(*place))
-        change = (_fields_of(faulty.patch(*place)) - good)[:, hole]
-        whole = [float(np.hypot(*good[:2].std(axis=(1, 2)))), float(good[2].std())]
+        good, bad = (
+            _stacked(patch.p, patch.q, patch.albedo)
+            for patch in (surface.patch(*place), faulty.patch(*place))
+        )
+        change = (bad - good)[:, hole]
+        whole = [np.hypot(*good[:2].std(axis=(1, 2))) + _NOISE, good[2].std() + _NOISE]
         removed = [np.sqrt((each**2).sum(axis=0).mean()) for each in (change[:2], change[2:])]
         yield max(np.divide(removed, whole)) >= _LEAST_REMOVED
 
@@ -84,17 +86,13 @@ def _fields(surface: Surface, shift_px: tuple[float, ...]) -> Fields:
     """(3, h, w) slopes and log albedo at half resolution."""
     patch = surface.patch(SIDE_PX, 0.0, (shift_px[0], shift_px[1]))
     half = (SIDE_PX // 2, SIDE_PX // 2)
-    return _fields_of(
-        SurfacePatch(
-            *(
-                cv2.resize(plane, half, interpolation=cv2.INTER_AREA)
-                for plane in (patch.height, patch.p, patch.q, patch.albedo)
-            )
-        )
+    p, q, albedo = (
+        np.asarray(cv2.resize(plane, half, interpolation=cv2.INTER_AREA), np.float32)
+        for plane in (patch.p, patch.q, patch.albedo)
     )
+    return _stacked(p, q, albedo)
 
 
-def _fields_of(patch: SurfacePatch) -> Fields:
+def _stacked(p: FloatImage, q: FloatImage, albedo: FloatImage) -> Fields:
     """(3, h, w) slopes and log albedo."""
-    albedo = np.log(np.maximum(patch.albedo, 1e-2))
-    return np.stack([patch.p, patch.q, albedo]).astype(np.float64)
+    return np.stack([p, q, np.log(np.maximum(albedo, 1e-2))]).astype(np.float64)
