@@ -4,7 +4,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
+
+from classify.base.arrays import Floats
 
 from .calibration.calibration import Calibration
 from .calibration.drift_model import led_strength
@@ -12,8 +13,6 @@ from .calibration.response import Response
 from .lighting import Lighting
 from .lights.flat_field import coordinates
 from .solvers.solver import photometric_stereo
-
-FloatArray = npt.NDArray[np.float64]
 
 # The part is an egg crate of this slope. Its period is no multiple of a pixel, so that all slopes
 # occur.
@@ -58,9 +57,9 @@ def errors_left(
 class _Part:
     """A surface under the true lights, seen by the true camera."""
 
-    slopes: FloatArray  # (2, H, W) p and q
+    slopes: Floats  # (2, H, W) p and q
     lighting: Lighting  # in the small frame
-    sheet: FloatArray  # (N, H, W) light on a white sheet
+    sheet: Floats  # (N, H, W) light on a white sheet
     calibration: Calibration
 
     @classmethod
@@ -88,7 +87,7 @@ class _Part:
         cosines = np.einsum("chw,hwc->hw", true, solved.normals.astype(np.float64))
         return float(np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))[solved.valid].mean())
 
-    def _images(self) -> tuple[FloatArray, FloatArray]:
+    def _images(self) -> tuple[Floats, Floats]:
         """(N, H, W) light images and (H, W) ambient image as shares of full scale."""
         light = self.sheet * self._shading()
         light *= _BRIGHTEST / light.max()
@@ -105,7 +104,7 @@ class _Part:
         )
         return raw, raw_ambient
 
-    def _shading(self) -> FloatArray:
+    def _shading(self) -> Floats:
         """(N, H, W) light on the part as a multiple of that on a level sheet."""
         (p, q), (height, width) = self.slopes, self.slopes.shape[1:]
         steepness = np.sqrt(1.0 + p * p + q * q)
@@ -115,7 +114,7 @@ class _Part:
             x, y, z = self.lighting.positions_px.T[..., None, None]
             x = x - (np.arange(width) - 0.5 * (width - 1))
             y = y - (0.5 * (height - 1) - np.arange(height))[:, None]
-        shading: FloatArray = np.maximum(1.0 - (p * x + q * y) / z, 0.0) / steepness
+        shading: Floats = np.maximum(1.0 - (p * x + q * y) / z, 0.0) / steepness
         return shading
 
 
@@ -129,9 +128,7 @@ def _scaled(lighting: Lighting, scale: float) -> Lighting:
     return Lighting.near(lighting.positions_px * scale)
 
 
-def _ideal_sheet(
-    lighting: Lighting, calibration: Calibration, shape: tuple[int, int]
-) -> FloatArray:
+def _ideal_sheet(lighting: Lighting, calibration: Calibration, shape: tuple[int, int]) -> Floats:
     """(N, H, W) light of equal LEDs on a white sheet."""
     if lighting.positions_px is None:
         return np.broadcast_to(lighting.directions[:, 2, None, None], (len(lighting), *shape))

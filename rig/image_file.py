@@ -22,6 +22,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import Array
 from classify.base.errors import InputError
 from classify.base.regular_file import read_regular_file
 
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     import tifffile
 
 Image = npt.NDArray[np.uint8 | np.uint16]
-Decoded = tuple[npt.NDArray[Any], ImageMetadata]
+Decoded = tuple[Array, ImageMetadata]
 _MAX_BYTES = 2**31
 _MAX_SIDE_PX = 32768
 # A file may declare this many bytes of pixels, or this many times its own length if that is more.
@@ -285,7 +286,7 @@ def _tiff(content: bytes, is_raw: bool = False) -> Decoded:
         return _tiff_pixels(page), metadata
 
 
-def _tiff_pixels(page: "tifffile.TiffPage") -> npt.NDArray[Any]:
+def _tiff_pixels(page: "tifffile.TiffPage") -> Array:
     import tifffile
 
     kind = tifffile.PHOTOMETRIC(page.photometric).name

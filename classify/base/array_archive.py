@@ -16,17 +16,17 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, TypeVar
+from typing import BinaryIO, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import BaseModel, ValidationError
+
+from classify.base.arrays import Array
 
 from .durable_file import durable_file
 from .errors import InputError
 from .regular_file import open_regular_file
 
-Array = npt.NDArray[Any]
 Header = TypeVar("Header", bound=BaseModel)
 
 # Members are stored, not packed; a copy packed by another program is smaller by half. A file whose

@@ -5,13 +5,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import numpy.typing as npt
 from numba import njit
 
+from .arrays import Array as Array
 from .kernel_cache import KernelCache
-
-Array = npt.NDArray[Any]
-"""An argument of a kernel, of the type that its function states."""
 
 # NaN and infinity stay exact, and so does the order of sums: with "reassoc" a kernel that numba
 # has just compiled and the same kernel from the cache differ in the last digits

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import BoolArray
 from classify.base.errors import InputError
 from classify.calibration.photon_transfer import Noise
 from classify.images.noise import SensorNoise
@@ -106,7 +106,7 @@ class Calibration:
             stack = undistorted(stack, self.scale, full_scale)
         return stack
 
-    def corrected_mask(self, mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    def corrected_mask(self, mask: BoolArray) -> BoolArray:
         """Return an (H, W) mask of the frame that fits images which are `corrected`."""
         if self.scale is None or self.scale.distortion is None:
             return mask

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy import optimize
 
+from classify.base.arrays import Array, Floats
 from classify.base.errors import CalibrationRejected, InputError
 
 from .scale import Scale, nominal_camera_matrix
-
-FloatArray = npt.NDArray[np.float64]
 
 # Inner corners along a side: fewer show no distortion, OpenCV needs three.
 _CORNERS = (3, 64)
@@ -51,12 +49,12 @@ class CheckerboardScale:
     """The scale from a checkerboard."""
 
     scale: Scale
-    tilts_deg: FloatArray  # (J,) of each placement from the image plane, known to about 3 degrees
+    tilts_deg: Floats  # (J,) of each placement from the image plane, known to about 3 degrees
     distortion_px: float  # the most by which distortion moves a pixel of the frame
     covered: float  # share of the diagonal that the corners reach from the middle
 
 
-def find_corners(image: npt.NDArray[Any], corners: tuple[int, int]) -> FloatArray:
+def find_corners(image: Array, corners: tuple[int, int]) -> Floats:
     """(n, 2) columns and rows of the inner corners of a checkerboard in an (H, W) picture."""
     if not all(_CORNERS[0] <= each <= _CORNERS[1] for each in corners):
         raise InputError(
@@ -81,7 +79,7 @@ def find_corners(image: npt.NDArray[Any], corners: tuple[int, int]) -> FloatArra
     )
 
 
-def _corners(image: npt.NDArray[np.uint8], corners: tuple[int, int]) -> FloatArray | None:
+def _corners(image: npt.NDArray[np.uint8], corners: tuple[int, int]) -> Floats | None:
     flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
     is_found, at = cv2.findChessboardCornersSB(image, corners, flags=flags)
     if not is_found:
@@ -97,7 +95,7 @@ def _corners(image: npt.NDArray[np.uint8], corners: tuple[int, int]) -> FloatArr
 
 
 def scale_of_boards(
-    boards: Sequence[FloatArray],
+    boards: Sequence[Floats],
     corners: tuple[int, int],
     square_mm: float,
     frame: tuple[int, int],
@@ -167,29 +165,27 @@ def scale_of_boards(
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    homographies: FloatArray  # (J, 3, 3), from mm on the board to pixels without distortion
-    radial: FloatArray  # (2,) k1 and k2
+    homographies: Floats  # (J, 3, 3), from mm on the board to pixels without distortion
+    radial: Floats  # (2,) k1 and k2
     cost: float  # sum of squared residuals in px
     freedom: int
     residual_px: float
 
 
-def _fitted(
-    boards: Sequence[FloatArray], board: FloatArray, camera: FloatArray, radial: int
-) -> _Fit:
+def _fitted(boards: Sequence[Floats], board: Floats, camera: Floats, radial: int) -> _Fit:
     """Fit a homography to each placement, and `radial` distortion coefficients to all."""
     starts = [cv2.findHomography(board, each)[0] for each in boards]
     if any(each is None for each in starts):
         raise CalibrationRejected("the corners do not form a board; take the picture again")
     start = np.concatenate([np.zeros(radial), *(each.ravel()[:8] / each[2, 2] for each in starts)])
 
-    def parts(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def parts(values: Floats) -> tuple[Floats, Floats]:
         bent = np.zeros(2)
         bent[:radial] = values[:radial]
         rows = values[radial:].reshape(-1, 8)
         return bent, np.concatenate([rows, np.ones((len(rows), 1))], axis=1).reshape(-1, 3, 3)
 
-    def residuals(values: FloatArray) -> FloatArray:
+    def residuals(values: Floats) -> Floats:
         bent, homographies = parts(values)
         off = [
             _distorted(_mapped(homography, board), bent, camera) - each
@@ -207,12 +203,12 @@ def _fitted(
     return _Fit(homographies, bent, cost, freedom, residual_px)
 
 
-def _mapped(homography: FloatArray, points: FloatArray) -> FloatArray:
+def _mapped(homography: Floats, points: Floats) -> Floats:
     x, y, w = (points @ homography[:, :2].T + homography[:, 2]).T
     return np.stack([x / w, y / w], axis=1)
 
 
-def _distorted(points: FloatArray, radial: FloatArray, camera: FloatArray) -> FloatArray:
+def _distorted(points: Floats, radial: Floats, camera: Floats) -> Floats:
     """Pixels (n, 2) where a lens with k1 and k2 of OpenCV's model shows these pixels."""
     middle = np.array([camera[0, 2], camera[1, 2]])
     squared = (((points - middle) / camera[0, 0]) ** 2).sum(axis=1)
@@ -220,7 +216,7 @@ def _distorted(points: FloatArray, radial: FloatArray, camera: FloatArray) -> Fl
     return np.asarray(middle + (points - middle) * gain[:, None])
 
 
-def _largest_shift_px(radial: FloatArray, camera: FloatArray, frame: tuple[int, int]) -> float:
+def _largest_shift_px(radial: Floats, camera: Floats, frame: tuple[int, int]) -> float:
     corner = np.array([float(frame[1] - 1), float(frame[0] - 1)])
     middle = np.array([camera[0, 2], camera[1, 2]])
     points = middle + np.linspace(0.0, 1.0, 65)[:, None] * (corner - middle)
@@ -228,13 +224,13 @@ def _largest_shift_px(radial: FloatArray, camera: FloatArray, frame: tuple[int, 
     return float(shift.max())
 
 
-def _tilts_deg(fit: _Fit, middle: FloatArray) -> FloatArray:
+def _tilts_deg(fit: _Fit, middle: Floats) -> Floats:
     """Tilt of each placement, by how much it is shortened across the axis of the tilt."""
     stretches = np.array([_stretch(each, middle) for each in fit.homographies])
     return np.asarray(np.degrees(np.arccos(np.clip(stretches[:, 1] / stretches[:, 0], 0.0, 1.0))))
 
 
-def _stretch(homography: FloatArray, at_px: FloatArray) -> FloatArray:
+def _stretch(homography: Floats, at_px: Floats) -> Floats:
     """Largest and smallest px per mm of the board in the middle of the frame."""
     place = np.linalg.solve(homography, [*at_px, 1.0])
     x, y = place[:2] / place[2]
@@ -244,7 +240,7 @@ def _stretch(homography: FloatArray, at_px: FloatArray) -> FloatArray:
 
 
 def _focal_length(
-    boards: Sequence[FloatArray], board: FloatArray, frame: tuple[int, int]
+    boards: Sequence[Floats], board: Floats, frame: tuple[int, int]
 ) -> tuple[float, float] | None:
     """Focal length in px and its relative standard error; None if not determined."""
     objects = [np.column_stack([board, np.zeros(len(board))]).astype(np.float32)] * len(boards)

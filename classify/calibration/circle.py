@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from classify.base.arrays import Floats
 
 _SECTORS = 8
 
@@ -20,7 +19,7 @@ class Circle(NamedTuple):
     radius: float
 
 
-def fitted_circle(points: FloatArray, weights: FloatArray, start: Circle) -> Circle:
+def fitted_circle(points: Floats, weights: Floats, start: Circle) -> Circle:
     """Fit a circle to (n, 2) points by geometric distance (Gauss-Newton)."""
     column, row, radius = start
     root = np.sqrt(weights)
@@ -33,7 +32,7 @@ def fitted_circle(points: FloatArray, weights: FloatArray, start: Circle) -> Cir
     return Circle(float(column), float(row), float(radius))
 
 
-def centre_error(rim: FloatArray, weights: FloatArray, circle: Circle) -> float:
+def centre_error(rim: Floats, weights: Floats, circle: Circle) -> float:
     """Standard error of the centre, from fits that leave out one sector each.
 
     Errors of an outline are correlated over long arcs, so the scatter of its points is too small.
@@ -48,7 +47,7 @@ def centre_error(rim: FloatArray, weights: FloatArray, circle: Circle) -> float:
     return float(np.sqrt(variance.max()))
 
 
-def circles_through(points: FloatArray) -> FloatArray:
+def circles_through(points: Floats) -> Floats:
     """Circles (n, 3) through (n, 3, 2) points; not finite for three in a line."""
     first = points[:, 0]
     a, b = points[:, 1] - first, points[:, 2] - first

@@ -6,13 +6,11 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage
 
-from .circle import Circle
+from classify.base.arrays import FloatMap, Floats
 
-FloatArray = npt.NDArray[np.float64]
-Image = npt.NDArray[np.float32]
+from .circle import Circle
 
 # Gradients point to the centre within about this angle, in radians.
 _VOTE_SCATTER = 0.05
@@ -22,7 +20,7 @@ _RADIUS_STEP = 1.05
 _CANDIDATES = 12
 
 
-def voted_circles(images: Sequence[Image], smallest_radius_px: float) -> list[Circle]:
+def voted_circles(images: Sequence[FloatMap], smallest_radius_px: float) -> list[Circle]:
     """Return circles in (H, W) images that many edges are on, the likeliest first."""
     points, gradients, weights = _edges(images)
     height, width = images[0].shape
@@ -62,7 +60,7 @@ def voted_circles(images: Sequence[Image], smallest_radius_px: float) -> list[Ci
     return kept
 
 
-def _edges(images: Sequence[Image]) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _edges(images: Sequence[FloatMap]) -> tuple[Floats, Floats, Floats]:
     """(n, 2) columns and rows, unit gradients, and (n,) weights of edge pixels."""
     found = []
     for image in images:

@@ -1,18 +1,15 @@
 """The steps of `Calibration.corrected`."""
 
-from typing import Any
-
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import Array, BoolArray, FloatMap
 from classify.images.stack import ImageStack
 
 from .dark import Dark
 from .response import Response
 from .scale import Scale
-
-Array = npt.NDArray[Any]
 
 _NEIGHBOURS = [(row, column) for row in (-1, 0, 1) for column in (-1, 0, 1) if row or column]
 
@@ -44,7 +41,7 @@ def linear(stack: ImageStack, response: Response, full_scale: float) -> ImageSta
     return ImageStack(response.linearise(stack.images, full_scale), ambient)
 
 
-def without_offset(images: Array, offset: float, full_scale: float) -> npt.NDArray[np.float32]:
+def without_offset(images: Array, offset: float, full_scale: float) -> FloatMap:
     """Subtract `offset` from images; saturated pixels stay saturated."""
     raw = images.astype(np.float32)
     return np.where(raw < full_scale, raw - np.float32(offset), raw)
@@ -77,7 +74,7 @@ def undistorted(stack: ImageStack, scale: Scale, full_scale: float) -> ImageStac
     return ImageStack(np.stack([remap(image) for image in stack.images]), ambient)
 
 
-def undistorted_mask(mask: npt.NDArray[np.bool_], scale: Scale) -> npt.NDArray[np.bool_]:
+def undistorted_mask(mask: BoolArray, scale: Scale) -> BoolArray:
     """The (H, W) mask moved like the images; false beyond the frame."""
     rows, columns = mask.shape
     maps = _source_of_pixels(scale, (rows, columns))

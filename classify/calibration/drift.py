@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Floats
 from classify.base.errors import InputError
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
@@ -18,7 +18,6 @@ from .led_positions import Aim, fit_led_positions
 from .plate import check_evenness, check_sheet, is_known
 from .plate_blocks import BLOCKS, PlateBlocks
 
-FloatArray = npt.NDArray[np.float64]
 DriftKind = Kind | Literal["unexplained"]
 Status = Literal["ok", "warning", "fault"]
 
@@ -65,7 +64,7 @@ class Drift:
     """A rig compared with its calibration."""
 
     causes: tuple[DriftCause, ...]  # beyond the limit of a warning, the worst first
-    level_changes: FloatArray  # (N,) relative to the common change; -0.1 for 10 % less light
+    level_changes: Floats  # (N,) relative to the common change; -0.1 for 10 % less light
     brightness: float | None  # common to all lights, a multiple of the calibration's, if known
     sheet_tilt_deg: float
     error_deg: float  # rms tilt of a level part, solved with this calibration
@@ -120,9 +119,7 @@ def plate_drift(
     )
 
 
-def _leds(
-    expected: FloatArray, blocks: PlateBlocks, lighting: Lighting
-) -> tuple[FloatArray, float, Aim]:
+def _leds(expected: Floats, blocks: PlateBlocks, lighting: Lighting) -> tuple[Floats, float, Aim]:
     """Positions of the LEDs, exponent and aim of their lobes, from a flat field.
 
     Where the flat field does not tell directions, those of `lighting` are used.
@@ -138,7 +135,7 @@ def _leds(
     return distances * lighting.directions, found.lobe_exponent, found.aim
 
 
-def _joined(blocks: PlateBlocks, expected: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _joined(blocks: PlateBlocks, expected: Floats) -> tuple[Floats, Floats, Floats]:
     """The change of each light (N, B) in larger blocks, and their (B,) x and y."""
     usable = blocks.usable[0]
     y, x = np.meshgrid(blocks.y, blocks.x, indexing="ij")
@@ -149,7 +146,7 @@ def _joined(blocks: PlateBlocks, expected: FloatArray) -> tuple[FloatArray, Floa
     return means[:-2], means[-2], means[-1]
 
 
-def _block_sums(values: FloatArray) -> FloatArray:
+def _block_sums(values: Floats) -> Floats:
     size = BLOCKS // _JOINED
     parts = values.reshape(*values.shape[:-2], _JOINED, size, _JOINED, size)
     return np.asarray(parts.sum(axis=(-1, -3)), np.float64)
@@ -167,11 +164,11 @@ def _status(amount: float, limits: tuple[float, float]) -> Status:
     return "fault" if amount > limits[1] else "warning" if amount > limits[0] else "ok"
 
 
-def _tilt_deg(slope: FloatArray) -> float:
+def _tilt_deg(slope: Floats) -> float:
     return math.degrees(math.atan(math.hypot(*slope)))
 
 
-def _error_deg(change: FloatArray, slope: FloatArray, lighting: Lighting) -> float:
+def _error_deg(change: Floats, slope: Floats, lighting: Lighting) -> float:
     """Rms tilt of the sheet as it would be solved, without the tilt that it has."""
     flat = lighting.directions[:, 2, None] * np.exp(change)
     b = np.linalg.pinv(lighting.directions) @ flat
@@ -222,9 +219,7 @@ def _causes(
         yield DriftCause("unexplained", None, status, seen, advice)
 
 
-def _light_moved(
-    cause: PossibleCause, numbers: FloatArray, model: DriftModel
-) -> Iterator[DriftCause]:
+def _light_moved(cause: PossibleCause, numbers: Floats, model: DriftModel) -> Iterator[DriftCause]:
     if cause.light is None:
         return
     before = model.positions[cause.light]
@@ -243,7 +238,7 @@ def _light_moved(
         yield DriftCause("light moved", cause.light, status, seen, advice)
 
 
-def _camera_moved(numbers: FloatArray) -> Iterator[DriftCause]:
+def _camera_moved(numbers: Floats) -> Iterator[DriftCause]:
     right, up = 0.5 * numbers[:2]
     rotated_deg = math.degrees(numbers[2])
     status = _worst(
@@ -260,7 +255,7 @@ def _camera_moved(numbers: FloatArray) -> Iterator[DriftCause]:
         yield DriftCause("camera moved", None, status, seen, advice)
 
 
-def _lens(numbers: FloatArray) -> Iterator[DriftCause]:
+def _lens(numbers: Floats) -> Iterator[DriftCause]:
     magnification = math.exp(numbers[0])
     corner = math.expm1(numbers[1] + numbers[2])
     status = _worst(

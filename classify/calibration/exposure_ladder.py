@@ -11,15 +11,13 @@ does not change is light of the scene.
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import BSpline
 from scipy.optimize import lsq_linear
 
+from classify.base.arrays import Floats
 from classify.base.errors import CalibrationRejected, InputError
 
 from .response import STEPS, Response
-
-FloatArray = npt.NDArray[np.float64]
 
 # Cubic pieces between the lowest and the highest value. With 8, gamma, sRGB and filmic curves come
 # out within 0.5 % of full scale (tests/classify/calibration/test_exposure_ladder.py).
@@ -71,7 +69,7 @@ class ExposureLadder:
     highest: float  # pixel value; the curve above it is a continuation
 
 
-def response_of(values: FloatArray, exposures_ms: FloatArray, full_scale: float) -> ExposureLadder:
+def response_of(values: Floats, exposures_ms: Floats, full_scale: float) -> ExposureLadder:
     """Fit the response to (E, n) mean values of blocks, NaN if clipped, at (E,) exposures."""
     values, times = np.asarray(values, np.float64), np.asarray(exposures_ms, np.float64)
     if values.ndim != 2 or times.shape != values.shape[:1]:
@@ -109,7 +107,7 @@ def response_of(values: FloatArray, exposures_ms: FloatArray, full_scale: float)
 _GRID = np.linspace(0.0, 1.0, STEPS + 1)
 
 
-def _check_levels(levels: FloatArray, times: FloatArray) -> None:
+def _check_levels(levels: Floats, times: Floats) -> None:
     """Reject values that show no response at all."""
     usable = np.isfinite(levels).any(axis=1)
     if not usable.any():
@@ -160,11 +158,11 @@ class _Fit:
     lowest: float
     highest: float
     base: float  # light at `lowest`, without the offset of the camera
-    strengths: FloatArray  # (n,) light of each block per unit of exposure time
-    residuals: FloatArray  # (E, n) differences of the levels from the fit; NaN where a level is
+    strengths: Floats  # (n,) light of each block per unit of exposure time
+    residuals: Floats  # (E, n) differences of the levels from the fit; NaN where a level is
 
     @classmethod
-    def of(cls, levels: FloatArray, times: FloatArray) -> "_Fit":
+    def of(cls, levels: Floats, times: Floats) -> "_Fit":
         """Fit a spline with even knots, then one with knots evenly along that curve.
 
         A curve with a shoulder has most of its light in few levels.
@@ -179,7 +177,7 @@ class _Fit:
         return cls._with_knots(levels, times, knots)
 
     @classmethod
-    def _with_knots(cls, levels: FloatArray, times: FloatArray, ends: FloatArray) -> "_Fit":
+    def _with_knots(cls, levels: Floats, times: Floats, ends: Floats) -> "_Fit":
         """Fit by least squares in the levels, with weights from the slope of the curve."""
         seen = np.isfinite(levels)
         lowest, highest = float(ends[0]), float(ends[-1])
@@ -231,7 +229,7 @@ class _Fit:
         return float(np.sqrt(np.nanmean(np.square(self.residuals))))
 
     @property
-    def medians(self) -> FloatArray:
+    def medians(self) -> Floats:
         """(E,) median residual of each exposure; 0 where it has no levels."""
         medians = np.zeros(len(self.residuals))
         seen = np.isfinite(self.residuals).any(axis=1)
@@ -243,12 +241,12 @@ class _Fit:
         """Whether one curve explains all exposures."""
         return bool(np.abs(self.medians).max() <= _MAX_MEDIAN and self.error <= _MAX_ERROR)
 
-    def exposure_of(self, levels: FloatArray) -> float:
+    def exposure_of(self, levels: Floats) -> float:
         """The exposure, relative to the longest, that explains (n,) levels of the blocks."""
         light = self.base + self.spline(np.clip(levels, self.lowest, self.highest))
         return float(np.nanmedian(light / self.strengths))
 
-    def curve(self) -> tuple[FloatArray, float]:
+    def curve(self) -> tuple[Floats, float]:
         """(257,) curve from 0 to 1, and the level without light.
 
         Below the lowest level it goes on as a power of the level, with the exponent of the lowest
@@ -271,7 +269,7 @@ class _Fit:
         return light / light[-1], dark
 
 
-def _cause(levels: FloatArray, times: FloatArray, fit: _Fit) -> str:
+def _cause(levels: Floats, times: Floats, fit: _Fit) -> str:
     """Describe why no curve explains the values: one exposure, or all."""
     seen = np.flatnonzero(np.isfinite(levels).any(axis=1))
     # The wrong exposure is the one without which the others agree best.

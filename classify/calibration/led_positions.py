@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import least_squares
 
-FloatArray = npt.NDArray[np.float64]
+from classify.base.arrays import Floats
+
 Aim = Literal["centre", "down"]
 
 # Distances in half of the longer side from which the fit starts, and the slant; it converges from
@@ -38,18 +38,16 @@ _MARGIN = 1.4
 class LedPositions:
     """Positions of N LEDs as fitted, with their uncertainties."""
 
-    positions: FloatArray  # (N, 3) in half of the longer side, from the middle of the frame
-    direction_errors_deg: FloatArray  # (N,) standard errors
-    distance_errors: FloatArray  # (N,) relative standard errors
+    positions: Floats  # (N, 3) in half of the longer side, from the middle of the frame
+    direction_errors_deg: Floats  # (N,) standard errors
+    distance_errors: Floats  # (N,) relative standard errors
     lobe_exponent: float  # m of the strength cos^m at an angle to the axis of an LED
     aim: Aim  # where the axes point
     residual: float  # rms deviation of the logarithms of the ratios from the model
-    residuals: FloatArray  # (N, 16, 16) excess over the model, also of blocks without weight
+    residuals: Floats  # (N, 16, 16) excess over the model, also of blocks without weight
 
 
-def fit_led_positions(
-    ratios: FloatArray, weights: FloatArray, x: FloatArray, y: FloatArray
-) -> LedPositions:
+def fit_led_positions(ratios: Floats, weights: Floats, x: Floats, y: Floats) -> LedPositions:
     """Fit N >= 3 LEDs to (N, n, n) log ratios of each light to the geometric mean of all.
 
     The (n,) coordinates of the blocks are in half of the longer side, y upwards.
@@ -96,13 +94,13 @@ class _Model:
     Parameters: v of each light, log levels of all but the first light relative to it, and m.
     """
 
-    x: FloatArray
-    y: FloatArray
-    data: FloatArray
-    root_weights: FloatArray
+    x: Floats
+    y: Floats
+    data: Floats
+    root_weights: Floats
     aim: Aim
 
-    def starts(self) -> list[FloatArray]:
+    def starts(self) -> list[Floats]:
         """Parameters from which to start: light comes from where it is brighter."""
         plane = np.stack([np.ones_like(self.x), self.x, self.y], axis=1)
         level, *gradient = np.linalg.lstsq(plane, self.data.T, rcond=None)[0]
@@ -113,7 +111,7 @@ class _Model:
         levels = level[1:] - level[0]
         return [np.concatenate([(unit / each).ravel(), levels, [1.0]]) for each in _STARTS]
 
-    def fitted(self, start: FloatArray) -> Any:
+    def fitted(self, start: Floats) -> Any:
         """Result of scipy's least squares."""
         low, high = np.full(start.size, -np.inf), np.full(start.size, np.inf)
         low[2 : 3 * len(self.data) : 3] = 0.0
@@ -124,7 +122,7 @@ class _Model:
             bounds=(low, high), x_scale="jac", max_nfev=200,
         )  # fmt: skip
 
-    def errors(self, found: Any) -> tuple[FloatArray, FloatArray]:
+    def errors(self, found: Any) -> tuple[Floats, Floats]:
         """(N,) standard errors of v along itself and across; infinite if undetermined.
 
         Clustered by parts of the frame (Cameron and Miller 2015, equation 11): the residuals are
@@ -149,7 +147,7 @@ class _Model:
             across[light] = max(np.trace(covariance[own, own]) - along[light], 0.0)
         return _MARGIN * np.sqrt(along), _MARGIN * np.sqrt(across)
 
-    def evaluated(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def evaluated(self, parameters: Floats) -> tuple[Floats, Floats]:
         """Weighted differences (N n,) and their derivatives (N n, parameters)."""
         lights = len(self.data)
         inverted, exponent = parameters[: 3 * lights].reshape(lights, 3), parameters[-1]
@@ -186,13 +184,13 @@ class _Model:
         return difference.ravel(), derivatives.reshape(-1, parameters.size)
 
 
-def _sums(values: FloatArray, size: int) -> FloatArray:
+def _sums(values: Floats, size: int) -> Floats:
     """(..., size, size) sums of neighbouring blocks."""
     step = values.shape[-1] // size
     blocks = values.reshape(*values.shape[:-2], size, step, size, step)
     return np.asarray(blocks.sum(axis=(-3, -1)), np.float64)
 
 
-def _means(values: FloatArray, size: int) -> FloatArray:
+def _means(values: Floats, size: int) -> Floats:
     """(..., size, size) means of neighbouring blocks."""
     return np.asarray(_sums(values, size) / (values.shape[-1] // size) ** 2, np.float64)

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Floats
 from classify.base.errors import InputError
 from classify.lighting import Lighting
 
@@ -18,8 +18,8 @@ class CalibratedLights:
 
     lighting: Lighting  # directions from the middle of the frame; positions where known
     source: Source  # what they were measured with; "list" for a file of directions
-    direction_errors_deg: npt.NDArray[np.float64]  # (N,) standard errors
-    distance_errors: npt.NDArray[np.float64] | None  # (N,) relative; None for distant lights
+    direction_errors_deg: Floats  # (N,) standard errors
+    distance_errors: Floats | None  # (N,) relative; None for distant lights
     residual: float  # rms misfit of the model, as a share of the signal
     lobe_exponent: float | None  # m of the strength cos^m at an angle to an LED's axis
 

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy import optimize
 
+from classify.base.arrays import Array, BoolArray, Floats
 from classify.base.errors import CalibrationRejected
 from classify.images.noise import SIGMA_PER_MAD
 
-from .sphere import FloatArray, Sphere
+from .sphere import Sphere
 
 # Share of the radius that is used. Near the outline its error changes the normal most: 0.2 px of
 # 50 px are 1.4 degrees at 0.9 of the radius, and 4 degrees at 0.99.
@@ -44,8 +43,8 @@ _WORST_RESIDUAL = 0.12
 
 
 def matte_directions(
-    images: npt.NDArray[Any], sphere: Sphere, full_scale: float, vignetting: float | None = None
-) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    images: Array, sphere: Sphere, full_scale: float, vignetting: float | None = None
+) -> tuple[Floats, Floats, Floats, float]:
     """(N, 3) directions of lights by their shading of a matt sphere, errors, levels, residual.
 
     Shading, a cubic in n . l, times vignetting by radius^2 is fitted to each (H, W) light image;
@@ -93,25 +92,25 @@ class _Samples:
     """Pixels of the sphere in one light image."""
 
     light: int
-    normals: FloatArray
-    values: FloatArray
-    squared: FloatArray  # squared distance from the middle of the frame; 1 in its corners
+    normals: Floats
+    values: Floats
+    squared: Floats  # squared distance from the middle of the frame; 1 in its corners
 
-    def only(self, kept: npt.NDArray[np.bool_]) -> _Samples:
+    def only(self, kept: BoolArray) -> _Samples:
         return _Samples(self.light, self.normals[kept], self.values[kept], self.squared[kept])
 
-    def flat(self, vignetting: float) -> FloatArray:
+    def flat(self, vignetting: float) -> Floats:
         """The values without vignetting."""
         return self.values / (1.0 - vignetting * self.squared)
 
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    direction: FloatArray
+    direction: Floats
     vignetting: float
     level: float  # value of a surface that faces the light
     residual: float  # rms, as a share of the range of values
-    lit: npt.NDArray[np.bool_]  # the pixels that were used
+    lit: BoolArray  # the pixels that were used
 
 
 def _fit(samples: _Samples, vignetting: float | None) -> _Fit:
@@ -139,9 +138,7 @@ def _fit(samples: _Samples, vignetting: float | None) -> _Fit:
     return _Fit(direction, share, level, residual, lit)
 
 
-def _kept(
-    samples: _Samples, direction: FloatArray, vignetting: float, lit: npt.NDArray[np.bool_]
-) -> npt.NDArray[np.bool_]:
+def _kept(samples: _Samples, direction: Floats, vignetting: float, lit: BoolArray) -> BoolArray:
     """Pixels that face the light and fit the shading to three robust deviations."""
     cosine, values = samples.normals @ direction, samples.flat(vignetting)
     coefficients, off = _shading(cosine[lit], values[lit])
@@ -156,23 +153,21 @@ def _kept(
     return kept
 
 
-def _shading(cosine: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _shading(cosine: Floats, values: Floats) -> tuple[Floats, Floats]:
     """Coefficients of the shading as a function of n . l, and the residuals."""
     coefficients = np.polyfit(cosine, values, _POWERS)
     return coefficients, values - np.polyval(coefficients, cosine)
 
 
-def _refined(
-    samples: _Samples, start: FloatArray, vignetting: float | None
-) -> tuple[FloatArray, float]:
+def _refined(samples: _Samples, start: Floats, vignetting: float | None) -> tuple[Floats, float]:
     """Direction near `start` and vignetting with the least residual of the shading."""
     side = np.linalg.svd(start[None])[2][1:]  # two vectors across the direction
 
-    def stepped(step: FloatArray) -> FloatArray:
+    def stepped(step: Floats) -> Floats:
         direction = start + step @ side
         return np.asarray(direction / np.linalg.norm(direction))
 
-    def off(values: FloatArray) -> FloatArray:
+    def off(values: Floats) -> Floats:
         share = float(values[2]) if vignetting is None else vignetting
         return _shading(samples.normals @ stepped(values[:2]), samples.flat(share))[1]
 

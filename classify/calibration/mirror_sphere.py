@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage
 
+from classify.base.arrays import Array, Floats
 from classify.base.errors import CalibrationRejected
 from classify.images.noise import SIGMA_PER_MAD
 
-from .sphere import FloatArray, Sphere
+from .sphere import Sphere
 
 # A pixel belongs to a highlight if more than this share of it shows the lamp. The share is higher
 # for a highlight at full scale, which lit walls beside the lamp approach (to 0.7 in a test).
@@ -39,8 +38,8 @@ _PIXEL = 0.15
 
 
 def mirror_directions(
-    images: npt.NDArray[Any], sphere: Sphere, ambient: npt.NDArray[Any] | None = None
-) -> tuple[FloatArray, FloatArray, FloatArray, list[str]]:
+    images: Array, sphere: Sphere, ambient: Array | None = None
+) -> tuple[Floats, Floats, Floats, list[str]]:
     """(N, 3) directions of lights by a mirror sphere, errors_deg, (N, 3) points, doubts.
 
     l = 2 (n . v) n - v is averaged over the highlight, weighted by the light: equal areas of the
@@ -101,14 +100,14 @@ def mirror_directions(
     return np.array(directions), np.array(errors), np.array(points), doubts
 
 
-def _room(others: Sequence[FloatArray], values: FloatArray) -> FloatArray:
+def _room(others: Sequence[Floats], values: Floats) -> Floats:
     """The room without this light: median of the other light images, minimum of up to two."""
     if not others:
         return np.full(values.shape, np.median(values))
     return np.asarray(np.median(others, axis=0) if len(others) > 2 else np.min(others, axis=0))
 
 
-def _lit_share(values: FloatArray, room: FloatArray, light: int) -> tuple[FloatArray, float]:
+def _lit_share(values: Floats, room: Floats, light: int) -> tuple[Floats, float]:
     """Share of each pixel, 0 to 1, that shows the light, and the limit of a highlight.
 
     The change is divided by the room's difference from full scale, where highlights are clipped.

@@ -2,11 +2,10 @@
 
 from collections.abc import Sequence
 from itertools import combinations
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Array
 from classify.base.errors import InputError
 from classify.lights.flat_field import TERMS, FlatField, powers
 
@@ -18,7 +17,7 @@ from .plate_blocks import PlateBlocks
 _ALIKE = 0.7
 
 
-def check_placements_differ(images: Sequence[npt.NDArray[Any]]) -> None:
+def check_placements_differ(images: Sequence[Array]) -> None:
     """Refuse placements with the same light images: their errors are the same."""
     for (first, one), (second, other) in combinations(enumerate(images, start=1), 2):
         if np.array_equal(one, other):

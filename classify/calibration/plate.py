@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import BoolArray, Floats
 from classify.base.errors import CalibrationRejected, InputError
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
@@ -15,9 +15,6 @@ from .led_positions import LedPositions, fit_led_positions
 from .lights import CalibratedLights
 from .placements import are_moved, check_placements_differ
 from .plate_blocks import PlateBlocks
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 # Limits of the checks; "What a sheet is refused for" in classify/DECISIONS.md has the figures of
 # sheets, parts and textures.
@@ -54,7 +51,7 @@ class MeasuredPlate:
     flat_field: FittedFlatField
     lights: CalibratedLights | None  # with positions; None where the ratios do not give them
     no_lights_because: str | None
-    tilts_deg: FloatArray  # (S,) of the sheet from the mean of all placements
+    tilts_deg: Floats  # (S,) of the sheet from the mean of all placements
     brightness: float  # geometric mean of the pixel values, as a share of full scale
     is_moved: bool  # between placements; if not, they count as one
 
@@ -173,7 +170,7 @@ def _why_unknown(positions: LedPositions) -> str:
     )
 
 
-def _tilts_deg(offsets: FloatArray, lighting: Lighting) -> FloatArray:
+def _tilts_deg(offsets: Floats, lighting: Lighting) -> Floats:
     """(S,) tilts of the sheet from the (S, N) changes of the lights' log brightness.
 
     A sheet of slopes a = (p, q) makes a light in the direction l brighter by 1 - a . l_xy / l_z.
@@ -187,7 +184,7 @@ def _tilts_deg(offsets: FloatArray, lighting: Lighting) -> FloatArray:
 
 
 def _checked_tilt_deg(
-    tilts_deg: FloatArray, fitted: FittedFlatField, measured: Lighting | None, given: Lighting
+    tilts_deg: Floats, fitted: FittedFlatField, measured: Lighting | None, given: Lighting
 ) -> float:
     """Check the tilts; return the one that all share, by measured less configured lights."""
     if tilts_deg.max() > _MOST_TILTED_DEG:
@@ -221,12 +218,12 @@ def _common_tilt_deg(measured: Lighting, given: Lighting) -> float:
     return float(np.degrees(np.hypot(rotation[0], rotation[1])))
 
 
-def _cross(vector: FloatArray) -> FloatArray:
+def _cross(vector: Floats) -> Floats:
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
-def _tilt_of_levels_deg(levels: FloatArray, given: Lighting) -> float:
+def _tilt_of_levels_deg(levels: Floats, given: Lighting) -> float:
     """Tilt of the sheet that explains the levels of distant lights; 0 if none does."""
     if len(given) == 3:
         return 0.0  # a tilt explains any three levels

@@ -1,11 +1,10 @@
 """The response of a camera: linear light as a function of its pixel value."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Array, FloatMap, Floats
 from classify.base.errors import InputError
 
 STEPS = 256
@@ -15,7 +14,7 @@ STEPS = 256
 class Response:
     """Linear light for each pixel value of a camera."""
 
-    curve: npt.NDArray[np.float64]  # (257,) light, 0 to 1, at k/256 of full scale; never falls
+    curve: Floats  # (257,) light, 0 to 1, at k/256 of full scale; never falls
     error: float  # rms error of `curve`, as a share of full scale
     linear: bool  # whether pixel values count as linear, and `curve` is not applied
 
@@ -33,7 +32,7 @@ class Response:
         if not 0.0 <= self.error < np.inf:
             raise InputError(f"the response has an error of {self.error:g}; give a share of 0 to 1")
 
-    def linearise(self, image: npt.NDArray[Any], full_scale: float) -> npt.NDArray[np.float32]:
+    def linearise(self, image: Array, full_scale: float) -> FloatMap:
         """Pixel values of any shape as linear light with the same full scale, by `curve`."""
         levels = np.linspace(0.0, full_scale, STEPS + 1)
         if image.dtype.kind == "u":

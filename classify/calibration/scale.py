@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Floats
 from classify.base.errors import InputError
 
 
@@ -14,8 +14,8 @@ class Scale:
 
     mm_per_px: float
     error: float  # standard error of `mm_per_px`, as a share of it
-    camera_matrix: npt.NDArray[np.float64]  # (3, 3) of OpenCV's camera model, in pixels
-    distortion: npt.NDArray[np.float64] | None  # (5,) k1, k2, p1, p2, k3; None if below 0.5 px
+    camera_matrix: Floats  # (3, 3) of OpenCV's camera model, in pixels
+    distortion: Floats | None  # (5,) k1, k2, p1, p2, k3; None if below 0.5 px
     residual_px: float  # rms distance of the corners of the checkerboard from the model
     focal_error: float | None = None  # as a share; None for `nominal_camera_matrix`
 
@@ -48,7 +48,7 @@ class Scale:
             )
 
 
-def nominal_camera_matrix(frame: tuple[int, int]) -> npt.NDArray[np.float64]:
+def nominal_camera_matrix(frame: tuple[int, int]) -> Floats:
     """Camera matrix with twice the longer side for an unknown focal length."""
     rows, columns = frame
     focal_px = 2.0 * max(rows, columns)

@@ -7,21 +7,16 @@ ray.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage
 
+from classify.base.arrays import Array, BoolArray, FloatMap, Floats
 from classify.base.errors import CalibrationRejected
 
 from .circle import Circle, centre_error, circles_through, fitted_circle
 from .circle_votes import voted_circles
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
-Image = npt.NDArray[np.float32]
 
 # The search reduces frames to this longer side, the last fit reduces spheres to this radius: 0.1 px
 # is then 0.03 degrees of a normal.
@@ -73,7 +68,7 @@ class Outline:
     """The outline of a sphere in a light image."""
 
     circle: Circle  # best fit
-    rim: FloatArray  # (n, 2) columns and rows of points on it
+    rim: Floats  # (n, 2) columns and rows of points on it
     error_px: float  # standard error of the circle's centre
     score: float  # visible share of the circumference, 0 to 1; 1 for a mask
 
@@ -118,7 +113,7 @@ def outline_of_mask(mask: BoolArray) -> Outline:
     return Outline(circle, rim, error_px, 1.0)
 
 
-def find_outline(images: npt.NDArray[Any], *, is_mirror: bool = True) -> Outline:
+def find_outline(images: Array, *, is_mirror: bool = True) -> Outline:
     """Find the outline of the one sphere in (N, H, W) light images under N lights.
 
     On a matt sphere the differences between lights are largest at attached shadows, and are not
@@ -171,7 +166,7 @@ def _scaled(circle: Circle, factor: float) -> Circle:
     return Circle(column, row, circle.radius * factor)
 
 
-def _features(images: npt.NDArray[Any], *, is_mirror: bool) -> list[Image]:
+def _features(images: Array, *, is_mirror: bool) -> list[FloatMap]:
     """Roots of the mean, largest and smallest value over the lights, and a ratio.
 
     In the ratio of a pixel's brighter half of the lights (without the brightest, perhaps a
@@ -193,12 +188,12 @@ def _features(images: npt.NDArray[Any], *, is_mirror: bool) -> list[Image]:
     return [*roots, brighter - darker]
 
 
-def _share(image: npt.NDArray[Any], top: float) -> Image:
+def _share(image: Array, top: float) -> FloatMap:
     """The image as a share of `top`, above zero."""
     return np.asarray(np.maximum(image.astype(np.float32) / top, 0.0) + _FLOOR, np.float32)
 
 
-def _reduced(features: list[Image], factor: float) -> list[Image]:
+def _reduced(features: list[FloatMap], factor: float) -> list[FloatMap]:
     if factor == 1.0:
         return features
     height, width = features[0].shape
@@ -239,8 +234,8 @@ def _doubt_px(found: list[Outline], best: Outline) -> float:
 
 
 def _radial_edges(
-    features: list[Image], circle: Circle, band_px: float
-) -> tuple[FloatArray, FloatArray]:
+    features: list[FloatMap], circle: Circle, band_px: float
+) -> tuple[Floats, Floats]:
     """(rays, k, 2) points of steepest slope along rays, and their weights 0 to 1."""
     step = 0.5
     radii = np.arange(max(circle.radius - band_px, 1.0), circle.radius + band_px, step)
@@ -269,7 +264,7 @@ def _radial_edges(
 
 
 def _fitted(
-    features: list[Image], start: Circle, rounds: tuple[tuple[float, float], ...]
+    features: list[FloatMap], start: Circle, rounds: tuple[tuple[float, float], ...]
 ) -> Outline:
     """Fit the circle near `start` with edges on most rays (RANSAC, least squares)."""
     rng = np.random.default_rng(0)
@@ -302,20 +297,18 @@ def _fitted(
     return Outline(circle, rim, error_px, score)
 
 
-def _off(points: FloatArray, circles: FloatArray) -> FloatArray:
+def _off(points: Floats, circles: Floats) -> Floats:
     """Distances (circles, rays, k) of points outside circles; negative inside."""
     x, y, radius = circles.astype(np.float32).T[:, :, None, None]
     near = points.astype(np.float32)
     return np.asarray(np.sqrt((near[..., 0] - x) ** 2 + (near[..., 1] - y) ** 2) - radius)
 
 
-def _nearness(off: FloatArray, tolerance: float) -> FloatArray:
+def _nearness(off: Floats, tolerance: float) -> Floats:
     return np.asarray(np.maximum(1.0 - (off / tolerance) ** 2, 0.0))
 
 
-def _scores(
-    points: FloatArray, weights: FloatArray, circles: FloatArray, tolerance: float
-) -> FloatArray:
+def _scores(points: Floats, weights: Floats, circles: Floats, tolerance: float) -> Floats:
     """Share of each circle with edges, less half of those just outside; 1 all around.
 
     Reflections crowd just inside a mirror's outline; roots favour circles with edges on all sides.

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Array, BoolArray, Floats
 from classify.base.errors import CalibrationRejected, InputError
 from classify.lighting import Lighting
 
@@ -17,7 +17,7 @@ from .matte_sphere import SATURATED, matte_directions
 from .mirror_sphere import mirror_directions
 from .placements import check_placements_differ
 from .scale import Scale, nominal_camera_matrix
-from .sphere import FloatArray, Sphere
+from .sphere import Sphere
 from .sphere_outline import find_outline, outline_of_mask
 
 SphereKind = Literal["mirror", "matte"]
@@ -37,10 +37,10 @@ _WORST_ERROR_DEG = 10.0
 class SphereImages:
     """Light images of a sphere at one place, under each light."""
 
-    images: npt.NDArray[Any]  # (N, H, W)
+    images: Array  # (N, H, W)
     full_scale: float  # value of saturation
-    ambient: npt.NDArray[Any] | None = None  # (H, W) with all lights off
-    mask: npt.NDArray[np.bool_] | None = None  # (H, W) true on the sphere; None to find it
+    ambient: Array | None = None  # (H, W) with all lights off
+    mask: BoolArray | None = None  # (H, W) true on the sphere; None to find it
     vignetting: float | None = None  # share of light missing in the corners; None if unknown
 
 
@@ -109,7 +109,7 @@ def lights_from_spheres(
     if positions is not None:
         at, across, along = positions
         lighting = Lighting(at, intensities, positions_px=at)
-        distance_errors: FloatArray | None = along
+        distance_errors: Floats | None = along
     else:
         lighting, across, distance_errors = Lighting(mean, intensities), mean_error, None
     worst = int(np.argmax(across))
@@ -145,7 +145,7 @@ def scale_of_spheres(spheres: Sequence[Sphere], diameter_mm: float) -> Scale:
     )
 
 
-def _without_ambient(sphere: SphereImages) -> npt.NDArray[Any]:
+def _without_ambient(sphere: SphereImages) -> Array:
     """The light images less the ambient one; pixels at full scale stay there."""
     if sphere.ambient is None:
         return sphere.images
@@ -154,7 +154,7 @@ def _without_ambient(sphere: SphereImages) -> npt.NDArray[Any]:
     return np.where(images >= SATURATED * sphere.full_scale, np.float32(sphere.full_scale), lit)
 
 
-def _mean_directions(directions: FloatArray, errors: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _mean_directions(directions: Floats, errors: Floats) -> tuple[Floats, Floats]:
     """Mean over placements, weighted by errors in radians, and its error.
 
     The error is the larger of those by `errors` and by the scatter of the placements.
@@ -171,8 +171,8 @@ def _mean_directions(directions: FloatArray, errors: FloatArray) -> tuple[FloatA
 
 
 def positions_of_rays(
-    points: FloatArray, directions: FloatArray, errors: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    points: Floats, directions: Floats, errors: Floats
+) -> tuple[Floats, Floats, Floats] | None:
     """(N, 3) positions where (J, N, 3) rays meet, and errors across (rad) and along (a share).
 
     Minimises for each light the sum over rays of |(I - d d^T)(P - X)|^2 / (error |P - X|)^2; None

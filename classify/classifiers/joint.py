@@ -8,9 +8,8 @@ reference the last number is the factor of its class's limit; in a test it divid
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
-from classify.surface.estimate import FloatMap
+from classify.base.arrays import FloatMap, Floats, Indices
 from classify.texture.angular_harmonics import (
     HARMONICS,
     Complex,
@@ -26,7 +25,6 @@ from .classifier import Classifier, Comparison, Parameters
 from .joint_bounds import BLUR_BASIS, blur_coordinates, bounds
 from .joint_features import (
     SERIES,
-    Distances,
     JointObservation,
     JointTraining,
     blur_curve,
@@ -40,7 +38,7 @@ from .joint_features import (
     statistics_rows,
 )
 from .joint_learning import learn, parameter_shapes
-from .joint_limits import Indices, class_limits, scatter_factor
+from .joint_limits import class_limits, scatter_factor
 
 # A less sharp orientation can be off by 90 degrees; it gets no heading.
 _LEAST_SHARPNESS = 0.5
@@ -53,7 +51,7 @@ _HEADING = slice(-1 - HEADING_FLOATS, -1)
 _RINGS = slice(0, _SERIES_FLOATS, 2 * HARMONICS)  # the real part of harmonic 0
 
 
-def ring_levels(signature: FloatMap) -> npt.NDArray[np.float64]:
+def ring_levels(signature: FloatMap) -> Floats:
     """(SERIES,) means of the rings of the spectra in a signature: relief, albedo, coherence."""
     return signature[_RINGS].astype(np.float64)
 
@@ -116,7 +114,7 @@ def _compare(test: FloatMap, references: FloatMap, parameters: Parameters) -> Co
     return Comparison(total, found.shifts_deg, found.sharpness, headings, blurs_px)
 
 
-def _agreement(test: FloatMap, references: FloatMap) -> npt.NDArray[np.float64]:
+def _agreement(test: FloatMap, references: FloatMap) -> Floats:
     return agreement_by_shift(_series_of(test[None])[0], _series_of(references))
 
 
@@ -127,7 +125,7 @@ def _limits(
     tests[:, -1] = 1.0
     invariants = _invariants(tests, parameters)
 
-    def lower_bounds(index: int, others: Indices) -> Distances:
+    def lower_bounds(index: int, others: Indices) -> Floats:
         return bounds(invariants[index], invariants[others], parameters)
 
     def nearest(index: int, others: Indices) -> float:

@@ -10,11 +10,8 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
-from classify.surface.estimate import FloatMap
-
-from .joint_features import Distances
+from classify.base.arrays import BoolArray, FloatMap, Floats, Indices
 
 # The limit of a class grows with this power of its scatter: the distance between two patches does
 # with power 0.7 to 1, the distance to other classes does not.
@@ -45,10 +42,8 @@ _SUFFICIENT_PX = 256
 _MAX_SETS = 200
 _MAX_REFERENCES = 256
 
-Indices = npt.NDArray[np.intp]
 
-
-def scatter_factor(distances: Distances) -> float:
+def scatter_factor(distances: Floats) -> float:
     """Factor of the limit of a class, from distances between the quarters of a set."""
     scatter = max(float(distances.mean()), _LEAST_SCATTER)
     return float(min(scatter**_SCATTER_POWER, _LARGEST_FACTOR))
@@ -85,7 +80,7 @@ def class_limits(
     labels: Sequence[str],
     sets: Sequence[int],
     single: FloatMap,
-    lower_bounds: Callable[[int, Indices], Distances],
+    lower_bounds: Callable[[int, Indices], Floats],
     nearest: Callable[[int, Indices], float],
 ) -> dict[str, float]:
     """Limit of each class, at most the distance to the nearest other class.
@@ -95,7 +90,7 @@ def class_limits(
     numbers, classes = np.array(sets), np.array(labels)
     firsts = np.unique(numbers, return_index=True)[1]
 
-    def least(index: int, others: npt.NDArray[np.bool_]) -> float:
+    def least(index: int, others: BoolArray) -> float:
         indices = np.flatnonzero(others)
         if len(indices) > _MAX_REFERENCES:
             lowest = np.argpartition(lower_bounds(index, indices), _MAX_REFERENCES)

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from classify.surface.estimate import FloatMap, SurfaceEstimate
+from classify.base.arrays import FloatMap
+from classify.surface.estimate import SurfaceEstimate
 from classify.texture.filter_bank import RESPONSES, mr8_responses
 from classify.texture.textons import chi_squared, learn_textons, texton_histogram
 

@@ -5,10 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from classify.classifiers import Bounds, Comparison
-
-Indices = npt.NDArray[np.intp]
-
+from classify.base.arrays import Floats, Indices
+from classify.classifiers import Comparison
 
 # References of the lowest bounds that are compared first, and then as many of other classes.
 FIRST = 64
@@ -18,7 +16,7 @@ MOST = 4096
 
 
 def nearest_references(
-    classes: npt.NDArray[np.integer], bounds: Bounds, compare: Callable[[Indices], Comparison]
+    classes: npt.NDArray[np.integer], bounds: Floats, compare: Callable[[Indices], Comparison]
 ) -> tuple[Indices, Comparison]:
     """Compare all references that may be the nearest or runner-up, `MOST` at most.
 
@@ -46,7 +44,7 @@ def nearest_references(
     return indices[order], _joined(found, compare(more), order)
 
 
-def _lowest(values: Bounds, count: int) -> Indices:
+def _lowest(values: Floats, count: int) -> Indices:
     """Indices of the `count` lowest values, in any order; of all if there are fewer."""
     if len(values) <= count:
         return np.arange(len(values))
@@ -54,7 +52,7 @@ def _lowest(values: Bounds, count: int) -> Indices:
 
 
 def _joined(first: Comparison, second: Comparison, order: Indices) -> Comparison:
-    def both(one: Bounds | None, other: Bounds | None) -> Bounds | None:
+    def both(one: Floats | None, other: Floats | None) -> Floats | None:
         return None if one is None or other is None else np.concatenate([one, other])[order]
 
     return Comparison(

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Floats
 from classify.classifiers import Comparison
 from classify.texture.blur import MAX_BLURRIER_PX, MAX_SHARPER_PX
 from classify.texture.heading import LEAST_SCORE
@@ -72,7 +72,7 @@ class Match:
 def match_of(
     found: Comparison,
     labels: Sequence[str],
-    orientations_deg: npt.NDArray[np.float64],
+    orientations_deg: Floats,
     limits: Mapping[str, float],
     *,
     blurred_px: float = 0.0,

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Final, Literal, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -19,6 +18,7 @@ from pydantic import (
 )
 
 from classify.base.array_archive import ArchiveKind, ArrayArchive, open_archive, write_archive
+from classify.base.arrays import Array
 from classify.base.durable_file import require_folder
 from classify.base.errors import InputError, LibraryError
 from classify.lighting import Lighting
@@ -70,7 +70,6 @@ Label = Annotated[str, Field(min_length=1), AfterValidator(_printable)]
 Limits = Annotated[dict[str, float], PlainValidator(_checked_limits)]
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 Library = TypeVar("Library", bound="TextureLibrary")
-Array = npt.NDArray[Any]
 
 
 class _Header(BaseModel):

@@ -10,17 +10,18 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import FloatMap, Floats, Indices
 from classify.base.errors import InputError, LibraryError
 from classify.classifiers import Comparison, Parameters, classifier_named
 from classify.lighting import Lighting
 from classify.methods import DEFAULT_CLASSIFIER, METHODS, Method
-from classify.surface.estimate import FloatMap, SurfaceEstimate
+from classify.surface.estimate import SurfaceEstimate
 from classify.texture.blur import blurred_surface
 from classify.texture.orientation import OrientationProfile
 from classify.texture.spectra import segment_for
 
 from . import ps4lib
-from .candidates import Indices, nearest_references
+from .candidates import nearest_references
 from .match import LEAST_MARGIN, Match, match_of
 from .training import SAME_LIGHT_DEG, TrainingRow, common_lighting, learn_references, observe
 
@@ -71,7 +72,7 @@ class TextureLibrary:
 
     classifier: str
     labels: tuple[str, ...]
-    orientations_deg: npt.NDArray[np.float64]
+    orientations_deg: Floats
     signatures: FloatMap
     parameters: Parameters
     segment_px: int

@@ -2,19 +2,16 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import Array, FloatMap, Floats, Indices
 from classify.base.compiling import kernel
 from classify.base.errors import InputError
 from classify.base.threads import run_on_rows
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
-
-Array = npt.NDArray[Any]
-FloatArray = npt.NDArray[np.float64]
 
 # Powers of a coordinate that the kernel takes: degree 6, which LEDs at two fields of view need
 # (tests/classify/calibration/test_flat_field.py).
@@ -32,8 +29,8 @@ class FlatField:
     y points up, and the unit is half of the longer side, from the middle of the frame.
     """
 
-    coefficients: FloatArray  # (N, T, T) factors of y^i x^j in the logarithm, T at most 7
-    bounds: FloatArray  # (N, 2) lowest and highest logarithm; no extrapolation beyond
+    coefficients: Floats  # (N, T, T) factors of y^i x^j in the logarithm, T at most 7
+    bounds: Floats  # (N, 2) lowest and highest logarithm; no extrapolation beyond
 
     def __post_init__(self) -> None:
         lights, *terms = self.coefficients.shape or (0,)
@@ -64,14 +61,12 @@ class FlatField:
         """Value of saturated pixels after `divide`; no others reach it."""
         return np.float32(full_scale * np.exp(max(0.0, -self.bounds.min())))
 
-    def strengths(
-        self, rows: npt.NDArray[np.intp], columns: npt.NDArray[np.intp], shape: tuple[int, int]
-    ) -> FloatArray:
+    def strengths(self, rows: Indices, columns: Indices, shape: tuple[int, int]) -> Floats:
         """(N, rows, columns) strengths at these rows and columns of a frame."""
-        strengths: FloatArray = np.exp(self.logarithms(*coordinates(rows, columns, shape)))
+        strengths: Floats = np.exp(self.logarithms(*coordinates(rows, columns, shape)))
         return strengths
 
-    def logarithms(self, x: FloatArray, y: FloatArray) -> FloatArray:
+    def logarithms(self, x: Floats, y: Floats) -> Floats:
         """(N, m, n) logarithms of the strengths at the (n,) `x` and (m,) `y` coordinates."""
         terms = self.coefficients.shape[1]
         logarithms = powers(y, terms) @ self.coefficients @ powers(x, terms).T
@@ -136,7 +131,7 @@ class DividedStack(ImageStack):
         ambient = None if self.ambient is None else self.ambient.astype(np.float32)
         return ImageStack(images, ambient)
 
-    def raw_at(self, pixels: npt.NDArray[np.intp]) -> npt.NDArray[np.float32]:
+    def raw_at(self, pixels: Indices) -> FloatMap:
         raw = super().raw_at(pixels)
         dark = np.zeros(1, np.float32)
         if self.ambient is not None:
@@ -144,9 +139,7 @@ class DividedStack(ImageStack):
         _multiply_at(pixels, raw, dark, *self._division)
         return raw
 
-    def float_rows(
-        self, first: int, last: int
-    ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    def float_rows(self, first: int, last: int) -> tuple[FloatMap, FloatMap]:
         block = np.empty((len(self.images), last - first, self.shape[1]), np.float32)
         dark = self.dark_rows if self.ambient is None else self.ambient[first:last]
         dark = dark.astype(np.float32)
@@ -263,20 +256,18 @@ def _factor(factors: Array, low: np.float32, high: np.float32, x: np.float32) ->
     return factor
 
 
-def coordinates(
-    rows: npt.NDArray[Any], columns: npt.NDArray[Any], shape: tuple[int, int]
-) -> tuple[FloatArray, FloatArray]:
+def coordinates(rows: Array, columns: Array, shape: tuple[int, int]) -> tuple[Floats, Floats]:
     """X of the columns and y of the rows, from the middle in half of the longer side."""
     x, y = columns - 0.5 * (shape[1] - 1), 0.5 * (shape[0] - 1) - rows
     return (2.0 / max(shape) * x).astype(float), (2.0 / max(shape) * y).astype(float)
 
 
-def powers(values: FloatArray, terms: int) -> FloatArray:
+def powers(values: Floats, terms: int) -> Floats:
     """(n, terms) powers 0, 1, 2, ..."""
     return np.vander(values, terms, increasing=True)
 
 
-def exponents(degree: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+def exponents(degree: int) -> tuple[Indices, Indices]:
     """Exponents i and j of the terms y^i x^j with i + j up to `degree`."""
     i, j = np.nonzero(np.add.outer(np.arange(degree + 1), np.arange(degree + 1)) <= degree)
     return i, j

@@ -5,10 +5,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import BoolArray, FloatMap
 from classify.base.errors import InputError
-from classify.surface.estimate import FloatMap, SurfaceEstimate
+from classify.surface.estimate import SurfaceEstimate
 
 CURVATURE_SCALE_PX = 1.0
 # A narrower Gaussian gives next to no weight to the neighbouring pixels.
@@ -102,7 +102,7 @@ def surface_curvature(
 
 
 def _curvature(
-    p: FloatMap, q: FloatMap, valid: npt.NDArray[np.bool_], scale_px: float, reach: int
+    p: FloatMap, q: FloatMap, valid: BoolArray, scale_px: float, reach: int
 ) -> tuple[FloatMap, FloatMap]:
     p, q = np.where(valid, p, np.float32(0.0)), np.where(valid, q, np.float32(0.0))
     if not (np.isfinite(p).all() and np.isfinite(q).all()):

@@ -3,9 +3,9 @@
 import numpy as np
 import scipy.fft
 
+from classify.base.arrays import FloatMap
 from classify.base.errors import InputError
 from classify.base.threads import thread_count
-from classify.surface.estimate import FloatMap
 
 
 def integrate_gradients(p: FloatMap, q: FloatMap) -> FloatMap:

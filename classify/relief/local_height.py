@@ -1,12 +1,11 @@
 """Relief above or below the surroundings, without the form of the part."""
 
 import numpy as np
-import numpy.typing as npt
 import scipy.fft
 
+from classify.base.arrays import BoolArray, FloatMap
 from classify.base.errors import InputError
 from classify.base.threads import thread_count
-from classify.surface.estimate import FloatMap
 
 # With this the Gaussian of ISO 16610 passes one half at the cut-off wavelength.
 _ALPHA = np.sqrt(np.log(2.0) / np.pi)
@@ -20,7 +19,7 @@ def default_cutoff_px(shape: tuple[int, int]) -> float:
 
 
 def local_relief(
-    height: FloatMap, valid: npt.NDArray[np.bool_] | None = None, *, cutoff_px: float | None = None
+    height: FloatMap, valid: BoolArray | None = None, *, cutoff_px: float | None = None
 ) -> FloatMap:
     """Relative height above the Gaussian mean of the surroundings.
 

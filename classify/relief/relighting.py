@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from classify.base.arrays import FloatMap
 from classify.lighting import Lighting
-from classify.surface.estimate import FloatMap, SurfaceEstimate
+from classify.surface.estimate import SurfaceEstimate
 
 
 def relight(surface: SurfaceEstimate, lighting: Lighting) -> FloatMap:

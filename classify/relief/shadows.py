@@ -1,16 +1,14 @@
 """Cast shadows of a height field under a distant light, by one horizon sweep."""
 
 import math
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import Array, BoolArray, FloatMap
 from classify.base.compiling import kernel
 from classify.base.errors import InputError
 from classify.base.threads import run_on_rows
-
-Array = npt.NDArray[Any]
 
 # A point in shadow lies at least this far below the light's ray: heights are rounded to float32,
 # and a plane must not shadow itself.
@@ -18,7 +16,7 @@ _TOLERANCE_PX = 1e-3
 _NO_HORIZON = -1e30
 
 
-def cast_shadow(height: npt.NDArray[np.float32], direction: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+def cast_shadow(height: FloatMap, direction: npt.ArrayLike) -> BoolArray:
     """(H, W) points of a height in px that the rest of the surface hides from the light.
 
     x is shadowed if z(x + d) - z(x) > d cot(slant) for some d > 0 along the light's azimuth, by the

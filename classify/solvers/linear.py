@@ -4,11 +4,9 @@ A kernel goes from raw images to gradients, albedo and validity row by row, whil
 cache. A row is solved in several short loops without branches, which the compiler vectorises.
 """
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Array
 from classify.base.compiling import kernel
 from classify.images.stack import ImageStack
 from classify.lights.algebra import least_squares_weights, three_of_ring
@@ -26,8 +24,6 @@ from .strips import solve_strips
 # Smallest eigenvalue of L^T L, the square of the smallest singular value of L, that still
 # determines a normal; the limit of `algebra`.
 _MIN_EIGENVALUE = 1e-6
-
-Array = npt.NDArray[Any]
 
 
 def solve_least_squares(problem: Problem) -> Maps:

@@ -4,20 +4,17 @@
 """
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Array, FloatMap
 from classify.base.compiling import kernel
 from classify.images.stack import ImageStack
 from classify.lights.near_light import Shear
 from classify.shadow_rule import MIN_NORMAL_Z
 
 from .problem import Maps, Problem
-
-Array = npt.NDArray[Any]
-FloatArray = npt.NDArray[np.float32]
 
 # The excess of lights out of one plane, times half the diagonal of the frame, is the largest share
 # of the albedo that it can add to an image. Below the first limit it is not subtracted: it changes
@@ -35,9 +32,9 @@ class NearRows:
 
     problem: Problem  # of the whole frame
     shear: Shear  # of the whole frame
-    x: FloatArray  # of the columns, px
-    y: FloatArray  # of these rows, px
-    inner: FloatArray  # b . X of each row if the excess is large; else one row of scratch, or none
+    x: FloatMap  # of the columns, px
+    y: FloatMap  # of these rows, px
+    inner: FloatMap  # b . X of each row if the excess is large; else one row of scratch, or none
     excess_is_large: bool  # whether the images need `subtract_rest_of_excess`
 
     @classmethod

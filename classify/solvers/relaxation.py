@@ -4,11 +4,10 @@ Each kernel runs over a list of pixels. The number of threads changes no bit of 
 """
 
 from functools import partial
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Array
 from classify.base.compiling import kernel
 
 from .unsolved import (
@@ -20,8 +19,6 @@ from .unsolved import (
     Unsolved,
     neighbour_factors,
 )
-
-Array = npt.NDArray[Any]
 
 # Largest distance from a solved pixel at which slopes are filled in, with one light or none and
 # with two. The error grows with it; test_ps4_robust.py limits the error of the slopes.

@@ -1,10 +1,8 @@
 """Five lights or more, without the lowest and the highest value of each pixel."""
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Array
 from classify.base.compiling import kernel
 from classify.images.stack import ImageStack
 from classify.lights.algebra import drop_two_inverses, least_squares_weights
@@ -13,8 +11,6 @@ from classify.shadow_rule import NO_DROPPED_LIGHT
 from .linear import by_fours, judge_row, solve_lights
 from .problem import Maps, Problem
 from .strips import solve_strips
-
-Array = npt.NDArray[Any]
 
 
 def solve_rushmeier(problem: Problem) -> Maps:

@@ -3,11 +3,10 @@
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Array, BoolArray
 from classify.base.errors import InputError
 from classify.images.noise import SensorNoise
 from classify.images.stack import Images, ImageStack
@@ -48,13 +47,13 @@ def photometric_stereo(
     lighting: Lighting,
     method: Method | None = None,
     *,
-    ambient: npt.NDArray[Any] | None = None,
+    ambient: Array | None = None,
     full_scale: float | None = None,
     noise: SensorNoise | None = None,
     flat_field: FlatField | None = None,
     lobe_exponent: float | None = None,
     planar: bool = False,
-    mask: npt.NDArray[np.bool_] | None = None,
+    mask: BoolArray | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> SurfaceEstimate:
     """Gradients and albedo of a Lambertian surface from images under known lights.

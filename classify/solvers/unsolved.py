@@ -2,15 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Array
 from classify.base.compiling import kernel
 from classify.base.threads import run_on_rows
-
-Array = npt.NDArray[Any]
 
 # Marks of `Maps.unlit`: noise makes the slope too uncertain, or a light is saturated. The four
 # lowest bits are the lights in shadow or saturated.

@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
-from classify.base.compiling import Array, kernel
+from classify.base.arrays import Array, FloatMap, Floats
+from classify.base.compiling import kernel
 from classify.base.threads import run_on_rows
-from classify.surface.estimate import FloatMap
 
 from .orientation import refined_minima
 
@@ -29,15 +29,14 @@ _STEP_DEG = 180.0 / _SHIFTS
 _LEAST_CURVATURE = 1e-9
 
 Complex = npt.NDArray[np.complex64]
-Floats = npt.NDArray[np.float64]
 
 
 class LeastError(NamedTuple):
     """Least squared difference over all shifts, of one stack of maps and n references."""
 
-    errors: npt.NDArray[np.float64]  # (n,)
-    shifts_deg: npt.NDArray[np.float64]  # (n,) from reference to test, anticlockwise, [0, 180)
-    sharpness: npt.NDArray[np.float64]  # (n,) share of directional energy that agrees, 0 to 1
+    errors: Floats  # (n,)
+    shifts_deg: Floats  # (n,) from reference to test, anticlockwise, [0, 180)
+    sharpness: Floats  # (n,) share of directional energy that agrees, 0 to 1
 
 
 def harmonics(polar: npt.NDArray[np.floating[Any]]) -> Complex:
@@ -63,7 +62,7 @@ def least_error(test: Complex, references: Complex) -> LeastError:
     return LeastError(np.maximum(least, 0.0), shifts_deg, sharpness)
 
 
-def agreement_by_shift(test: Complex, references: Complex) -> npt.NDArray[np.float64]:
+def agreement_by_shift(test: Complex, references: Complex) -> Floats:
     """(n, 180) share of the energy of harmonics but 0 that agrees, at shifts of 0 to 179 deg."""
     correlations, zeroth, energies = _correlations(test, references)
     return _agreed(correlations.T, zeroth, energies).T
@@ -99,7 +98,7 @@ def shift_invariant_norms(series: Complex) -> FloatMap:
     return np.concatenate([series[..., 0].real, others], axis=-1, dtype=np.float32)
 
 
-def _squares(series: Complex) -> npt.NDArray[np.float32]:
+def _squares(series: Complex) -> FloatMap:
     return series.real**2 + series.imag**2
 
 

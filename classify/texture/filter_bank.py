@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
+from classify.base.arrays import FloatMap
 from classify.base.errors import InputError
-from classify.surface.estimate import FloatMap
 
 FILTER_PX = 49
 """Side of the filters."""

@@ -9,8 +9,8 @@ as likely one way as the other has no heading.
 import numpy as np
 import numpy.typing as npt
 
-from classify.base.compiling import Array, kernel
-from classify.surface.estimate import FloatMap
+from classify.base.arrays import Array, FloatMap, Floats
+from classify.base.compiling import kernel
 
 LEAST_SCORE = 4.0
 """Least score of a heading, in standard deviations; test_heading.py tests for false ones."""
@@ -27,7 +27,6 @@ _SPINS = np.tile([1.0, 1.0, 1.0, 1.0, 1.0, 3.0], _MAX_LEVELS)
 _LEAST_SIGNIFICANCE = 2.0
 
 Complex = npt.NDArray[np.complex128]
-Floats = npt.NDArray[np.float64]
 
 
 @kernel

@@ -6,11 +6,11 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
+from classify.base.arrays import Floats
+
 from .spectra import ANGLES
 
 STEP_DEG = 180.0 / ANGLES
-
-Floats = npt.NDArray[np.float64]
 
 
 def squared_errors_by_shift(
@@ -74,7 +74,7 @@ LEAST_SHARPNESS = 0.45
 class OrientationProfile:
     """Agreement of a surface with a reference, by orientation."""
 
-    agreement: npt.NDArray[np.float64]  # (180,) at 0 to 179 degrees; 1 equal, 0 unrelated
+    agreement: Floats  # (180,) at 0 to 179 degrees; 1 equal, 0 unrelated
 
     def best(self, near_deg: float = 0.0, within_deg: float = 90.0) -> tuple[float, float]:
         """Return the best orientation near `near_deg`, in [0, 180), and its agreement."""

@@ -6,10 +6,10 @@ from functools import lru_cache, partial
 import cv2
 import numpy as np
 
-from classify.base.compiling import Array, kernel
+from classify.base.arrays import Array, FloatMap
+from classify.base.compiling import kernel
 from classify.base.errors import InputError
 from classify.base.threads import map_in_threads
-from classify.surface.estimate import FloatMap
 
 from .fields import TextureFields
 

@@ -5,12 +5,12 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import scipy.fft
 
-from classify.base.compiling import Array, kernel
+from classify.base.arrays import Array, FloatMap, Floats
+from classify.base.compiling import kernel
 from classify.base.errors import InputError
-from classify.surface.estimate import FloatMap, SurfaceEstimate
+from classify.surface.estimate import SurfaceEstimate
 
 from .fields import TextureFields, texture_fields
 from .segment_powers import segment_powers
@@ -57,7 +57,7 @@ class Spectra:
     segment_px: int
 
     @property
-    def radii_cpp(self) -> npt.NDArray[np.float64]:
+    def radii_cpp(self) -> Floats:
         """(R,) frequency of each row, cycles per pixel."""
         return polar_radii_px(self.segment_px) / self.segment_px
 
@@ -154,7 +154,7 @@ def _wave_directions(side: int) -> FloatMap:
 
 
 @lru_cache(maxsize=8)
-def polar_radii_px(side: int) -> npt.NDArray[np.float64]:
+def polar_radii_px(side: int) -> Floats:
     """(R,) radii of the polar grid in DFT bins of a segment."""
     return np.geomspace(_FIRST_BIN, _LAST_NYQUIST * side / 2.0, RADII)
 

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.cluster.vq import kmeans2
 
+from classify.base.arrays import FloatMap
 from classify.base.errors import InputError
-from classify.surface.estimate import FloatMap
 
 from .filter_bank import RESPONSES
 

@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import BoolArray, Floats, Indices
 from classify.base.errors import ConfigError
 from rig.cameras.config import CameraConfig, StampedCameraConfig
 from rig.config.rig import RigConfig
@@ -123,9 +123,7 @@ def _camera_keys(
     }
 
 
-def _complete_change(
-    done: npt.NDArray[np.bool_], after_s: npt.NDArray[np.float64], of_step: npt.NDArray[np.intp]
-) -> CompleteChange:
+def _complete_change(done: BoolArray, after_s: Floats, of_step: Indices) -> CompleteChange:
     times_s, frames = [], []
     for step in np.unique(of_step):
         chosen = np.flatnonzero(of_step == step)

@@ -17,9 +17,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-Floats = npt.NDArray[np.float64]
+from classify.base.arrays import BoolArray, Floats
 
 # Shares of light in a band whose exposure contains the step; beyond them noise dominates its time.
 _CAUGHT = (0.03, 0.97)
@@ -43,7 +42,7 @@ class Steps:
     """Frames around steps of one LED."""
 
     reported_s: Floats  # (F,) exposure start of each frame, after its step
-    rising: npt.NDArray[np.bool_]  # (F,) whether the LED was switched on
+    rising: BoolArray  # (F,) whether the LED was switched on
     shares: Floats  # (F, B) of the LED's full light in each band of rows
     bands: Floats  # (B,) position of each band: 0 is the first row, 1 the last
     exposure_s: float

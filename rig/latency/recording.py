@@ -5,8 +5,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import BoolArray, Floats, Indices
 from rig.acceptance import MAX_SATURATED_SHARE
 from rig.cameras.camera import Frame, FrameFlag
 from rig.errors import CameraError
@@ -14,8 +14,6 @@ from rig.fresh_frame import frames_until_fresh, next_fresh_frame, switch_to
 from rig.rig import Rig
 
 from .fit import StepFit, Steps, fit_steps
-
-Floats = npt.NDArray[np.float64]
 
 # Bands of rows in a frame: more make the fit slower, fewer the readout less certain.
 _BANDS = 32
@@ -51,7 +49,7 @@ class Evaluation:
 
     steps: Steps
     fit: StepFit
-    of_step: npt.NDArray[np.intp]  # (F,) number of each frame's switch
+    of_step: Indices  # (F,) number of each frame's switch
     after_s: Floats  # (F,) arrival of each frame after the acknowledge
     delay_s: float  # from the command to the switch
     unknown_s: float  # uncertainty of the times of the switches
@@ -126,7 +124,7 @@ def evaluate(rig: Rig, recording: Recording) -> Evaluation:
     )
 
 
-def _band_edges(rows: int) -> npt.NDArray[np.intp]:
+def _band_edges(rows: int) -> Indices:
     """First row of each band, and the number of rows."""
     return np.linspace(0, rows, min(_BANDS, rows) + 1).round().astype(np.intp)
 
@@ -162,8 +160,8 @@ def _switch_times(asked: Floats, answered: Floats, theirs: Floats) -> tuple[Floa
 
 
 def _shares(
-    levels: Floats, of_step: npt.NDArray[np.intp], rising: npt.NDArray[np.bool_], values: int
-) -> tuple[Floats, npt.NDArray[np.bool_]]:
+    levels: Floats, of_step: Indices, rising: BoolArray, values: int
+) -> tuple[Floats, BoolArray]:
     """(F, B) share of the LED's light in each band, and which of all bands show it."""
     last = np.append(np.diff(of_step) > 0, True)
     lit = np.median(levels[last & rising[of_step]], axis=0)

@@ -19,11 +19,12 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, PositiveFloat, ValidationError
 
+from classify.base.arrays import FloatMap
 from classify.base.errors import InputError
 from classify.base.regular_file import read_regular_file
 from rig.image_metadata import linear_from_srgb, luminance
 
-from .surfaces import MAX_SIDE_PX, FloatImage, PeriodicSurface, rms_slope, spectral_gradients
+from .surfaces import MAX_SIDE_PX, PeriodicSurface, rms_slope, spectral_gradients
 
 DEFAULT_ALBEDO = 0.8  # of a material without an albedo map
 DEFAULT_RMS_SLOPE = 0.30  # of a height of unknown relief; scanned materials have 0.1 to 0.9
@@ -101,7 +102,7 @@ def _only_file(folder: Path, stem: str, endings: tuple[str, ...]) -> Path | None
     return files[0] if files else None
 
 
-def _read(file: Path) -> FloatImage:
+def _read(file: Path) -> FloatMap:
     """Read an image as (H, W, 3) float32 in R, G, B, within 0 to 1."""
     # Imported here because most rigs never need the decoders.
     from rig.image_file import read_image
@@ -118,7 +119,7 @@ def _read(file: Path) -> FloatImage:
     return np.asarray(image / white, np.float32)
 
 
-def _slopes(rgb: FloatImage, file: Path) -> tuple[FloatImage, FloatImage]:
+def _slopes(rgb: FloatMap, file: Path) -> tuple[FloatMap, FloatMap]:
     """Slopes p and q of a normal map."""
     x, y, z = np.moveaxis(2.0 * rgb - 1.0, -1, 0)
     if np.median(z) <= 0.0:
@@ -132,9 +133,7 @@ def _slopes(rgb: FloatImage, file: Path) -> tuple[FloatImage, FloatImage]:
     return np.asarray(-x * limit, np.float32), np.asarray(-y * limit, np.float32)
 
 
-def _fitted_scale(
-    units: npt.NDArray[np.floating], p: FloatImage, q: FloatImage, folder: Path
-) -> float:
+def _fitted_scale(units: npt.NDArray[np.floating], p: FloatMap, q: FloatMap, folder: Path) -> float:
     """Pixels per unit of height, fitted to p and q by least squares."""
     unit_p, unit_q = spectral_gradients(np.asarray(units, np.float32))
     slope = rms_slope(unit_p, unit_q)

@@ -9,10 +9,10 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 
-Frequencies = npt.NDArray[np.float64]
-PowerSpectrum = Callable[[Frequencies, Frequencies], Frequencies]
+from classify.base.arrays import Floats
+
+PowerSpectrum = Callable[[Floats, Floats], Floats]
 
 
 def fractal(exponent: float) -> PowerSpectrum:
@@ -33,7 +33,7 @@ def ogilvy(cutoff_x_cpp: float, cutoff_y_cpp: float) -> PowerSpectrum:
 def ripples(frequency_cpp: float, width_along: float, width_across: float) -> PowerSpectrum:
     """Gaussian lobes at +-frequency along x, with widths along and across in cycles/px."""
 
-    def spectrum(u: Frequencies, v: Frequencies) -> Frequencies:
+    def spectrum(u: Floats, v: Floats) -> Floats:
         across = np.exp(-0.5 * (v / width_across) ** 2)
         right = np.exp(-0.5 * ((u - frequency_cpp) / width_along) ** 2)
         left = np.exp(-0.5 * ((u + frequency_cpp) / width_along) ** 2)

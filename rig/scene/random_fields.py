@@ -12,13 +12,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
+from classify.base.arrays import Floats
 from classify.base.threads import thread_count
 
 from .power_spectra import PowerSpectrum
 from .surfaces import round_band_limit
 
-Image = npt.NDArray[np.float64]
-Field = Callable[[np.random.Generator, int], Image]
+Field = Callable[[np.random.Generator, int], Floats]
 
 
 def gaussian(power: PowerSpectrum) -> Field:
@@ -29,7 +29,7 @@ def gaussian(power: PowerSpectrum) -> Field:
 def shot_noise(power: PowerSpectrum, spacing_px: float) -> Field:
     """One bump at each of one random point per spacing^2: skewed, with the spectrum `power`."""
 
-    def field(rng: np.random.Generator, side: int) -> Image:
+    def field(rng: np.random.Generator, side: int) -> Floats:
         impulses = rng.poisson(spacing_px**-2.0, (side, side)).astype(np.float64)
         # A tile without a bump has no slope that could be scaled.
         impulses[0, 0] += not impulses.any()
@@ -43,7 +43,7 @@ def cells(spacing_px: float) -> Field:
     # P(r > 3 spacing) = exp(-9 pi) = 5e-13 for a Poisson process.
     reach_px = round(3.0 * spacing_px)
 
-    def field(rng: np.random.Generator, side: int) -> Image:
+    def field(rng: np.random.Generator, side: int) -> Floats:
         elsewhere = (rng.random((side, side)) >= spacing_px**-2.0).astype(np.uint8)
         elsewhere[0, 0] &= not elsewhere.all()
         periodic = np.pad(elsewhere, reach_px, mode="wrap")
@@ -64,7 +64,7 @@ def ridged(field: Field) -> Field:
 def crested(field: Field) -> Field:
     """High narrow crests and wide flat troughs: exp(0.7 g / std(g)), of skewness 2.9."""
 
-    def crests(rng: np.random.Generator, side: int) -> Image:
+    def crests(rng: np.random.Generator, side: int) -> Floats:
         values = field(rng, side)
         return _filtered(np.exp(0.7 * values / values.std()))
 
@@ -79,7 +79,7 @@ def inverted(field: Field) -> Field:
 def phase_randomised(field: Field) -> Field:
     """Gaussian field with the amplitudes of a realisation of `field` and random phases."""
 
-    def twin(rng: np.random.Generator, side: int) -> Image:
+    def twin(rng: np.random.Generator, side: int) -> Floats:
         amplitude = np.abs(fft.rfft2(field(rng, side), workers=thread_count()))
         phases = fft.rfft2(rng.standard_normal((side, side)), workers=thread_count())
         phases *= amplitude / np.maximum(np.abs(phases), 1e-300)
@@ -88,12 +88,12 @@ def phase_randomised(field: Field) -> Field:
     return twin
 
 
-def shaded(values: Image, contrast: float) -> Image:
+def shaded(values: Floats, contrast: float) -> Floats:
     """Shades of mean 0: tanh(contrast g / std(g)), band-limited, which overshoots +-1 a little."""
     return _filtered(np.tanh((contrast / values.std()) * values))
 
 
-def _filtered(values: Image, power: PowerSpectrum | None = None) -> Image:
+def _filtered(values: Floats, power: PowerSpectrum | None = None) -> Floats:
     """Subtract the mean, low-pass, and multiply by sqrt(power) if given."""
     side = len(values)
     gain = round_band_limit(side, side).astype(np.float64)
@@ -105,5 +105,5 @@ def _filtered(values: Image, power: PowerSpectrum | None = None) -> Image:
     return _inverse(fft.rfft2(values, workers=thread_count()) * gain, side)
 
 
-def _inverse(spectrum: npt.NDArray[np.complex128], side: int) -> Image:
+def _inverse(spectrum: npt.NDArray[np.complex128], side: int) -> Floats:
     return np.asarray(fft.irfft2(spectrum, s=(side, side), workers=thread_count()))

@@ -11,12 +11,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
+from classify.base.arrays import FloatMap
 from classify.base.errors import InputError
 from classify.base.threads import thread_count
 
 from .resampling import sample_rotated, spline_coefficients
-
-FloatImage = npt.NDArray[np.float32]
 
 MAX_SIDE_PX = 8192
 """Largest side of a frame or a tile: the spline coefficients of one need 4 GB."""
@@ -26,10 +25,10 @@ MAX_SIDE_PX = 8192
 class SurfacePatch:
     """A piece of surface in front of the camera, one surface pixel per camera pixel."""
 
-    height: FloatImage
-    p: FloatImage
-    q: FloatImage
-    albedo: FloatImage
+    height: FloatMap
+    p: FloatMap
+    q: FloatMap
+    albedo: FloatMap
     plane_px: float | None = None
 
 
@@ -57,10 +56,10 @@ class PeriodicSurface:
     than a height map.
     """
 
-    height: FloatImage  # (H, W), px towards the camera
-    p: FloatImage  # (H, W), dz/dx
-    q: FloatImage  # (H, W), dz/dy with y up
-    albedo: FloatImage  # (H, W), 1 is white
+    height: FloatMap  # (H, W), px towards the camera
+    p: FloatMap  # (H, W), dz/dx
+    q: FloatMap  # (H, W), dz/dy with y up
+    albedo: FloatMap  # (H, W), 1 is white
     name: str
 
     def __post_init__(self) -> None:
@@ -119,7 +118,7 @@ class PeriodicSurface:
         return float(np.ptp(self.height))
 
     @cached_property
-    def _coefficients(self) -> FloatImage:
+    def _coefficients(self) -> FloatMap:
         """Spline coefficients of height, p, q and albedo, computed once for all patches."""
         return spline_coefficients(np.stack([self.height, self.p, self.q, self.albedo]))
 
@@ -162,7 +161,7 @@ class PeriodicSurface:
         return SurfacePatch(height, cos * p - sin * q, sin * p + cos * q, albedo)
 
 
-def spectral_gradients(height: FloatImage) -> tuple[FloatImage, FloatImage]:
+def spectral_gradients(height: FloatMap) -> tuple[FloatMap, FloatMap]:
     """Differentiate a periodic, band-limited height exactly: p and q, both (H, W) float32."""
     rows, cols = height.shape
     spectrum = fft.rfft2(height.astype(np.float64), workers=thread_count())
@@ -172,7 +171,7 @@ def spectral_gradients(height: FloatImage) -> tuple[FloatImage, FloatImage]:
     return p.astype(np.float32), q.astype(np.float32)
 
 
-def periodic_height(p: FloatImage, q: FloatImage) -> FloatImage:
+def periodic_height(p: FloatMap, q: FloatMap) -> FloatMap:
     """Integrate p and q to a periodic height by least squares (Frankot and Chellappa 1988)."""
     rows, cols = p.shape
     along_x, along_y = _derivative_factors(rows, cols)
@@ -184,7 +183,7 @@ def periodic_height(p: FloatImage, q: FloatImage) -> FloatImage:
     return np.asarray(height, np.float32)
 
 
-def round_band_limit(rows: int, cols: int) -> npt.NDArray[np.float32]:
+def round_band_limit(rows: int, cols: int) -> FloatMap:
     """Low-pass (rows, cols // 2 + 1): 1 up to 0.40 cycles/px, a raised cosine down to 0 at 0.48.
 
     The cubic spline is within 0.6 % up to 0.40 (`test_spline_error_between_pixels`).
@@ -194,7 +193,7 @@ def round_band_limit(rows: int, cols: int) -> npt.NDArray[np.float32]:
     return np.asarray(0.5 + 0.5 * np.cos(np.pi * along), np.float32)
 
 
-def rms_slope(p: FloatImage, q: FloatImage) -> float:
+def rms_slope(p: FloatMap, q: FloatMap) -> float:
     """Root mean square of the steepest slope at each point: sqrt(mean(p^2 + q^2))."""
     return float(np.sqrt(np.mean(np.square(p, dtype=np.float64) + np.square(q, dtype=np.float64))))
 

@@ -16,8 +16,8 @@ import zlib
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Floats
 from classify.base.errors import InputError
 
 from .power_spectra import fractal, mulvaney, ogilvy, ring, ripples, rotated, summed
@@ -50,9 +50,7 @@ class _Pattern:
     field: Field | None
     contrast: float
 
-    def albedo(
-        self, height: npt.NDArray[np.float64], rng: np.random.Generator
-    ) -> npt.NDArray[np.float64]:
+    def albedo(self, height: Floats, rng: np.random.Generator) -> Floats:
         values = height if self.field is None else self.field(rng, len(height))
         # A few pixels in a million overshoot the range of reflectances (see `shaded`).
         pattern = PATTERN_ALBEDO + PATTERN_SWING * shaded(values, self.contrast)

@@ -10,14 +10,14 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import FloatMap, Floats
 from classify.base.errors import InputError
 
 from .power_spectra import mulvaney
 from .random_fields import gaussian
 from .render import Gloss, SceneImages
-from .surfaces import FloatImage, PeriodicSurface, Surface, SurfacePatch
+from .surfaces import PeriodicSurface, Surface, SurfacePatch
 
 TARGETS = ("plate", "mirror_sphere", "matte_sphere", "checkerboard", "lens_cap")
 CHECKERBOARD_CORNERS = (9, 6)
@@ -207,7 +207,7 @@ class Checkerboard:
         return SurfacePatch(flat, flat, flat, albedo)
 
 
-def _dust(rng: np.random.Generator) -> npt.NDArray[np.float64]:
+def _dust(rng: np.random.Generator) -> Floats:
     """Share of light that specks of dust leave, (_TILE_PX, _TILE_PX)."""
     image = np.ones((_TILE_PX, _TILE_PX))
     count = round((_TILE_PX / _DUST_SPACING_PX) ** 2)
@@ -221,7 +221,7 @@ def _dust(rng: np.random.Generator) -> npt.NDArray[np.float64]:
     return image
 
 
-def _from_centre(side_px: int) -> tuple[FloatImage, FloatImage]:
+def _from_centre(side_px: int) -> tuple[FloatMap, FloatMap]:
     """Coordinates of pixels from the centre of the frame: x (1, side) and y (side, 1)."""
     x = np.arange(side_px, dtype=np.float32) - np.float32(0.5 * (side_px - 1))
     return x[None, :], -x[:, None]
@@ -233,7 +233,7 @@ def part_coordinates(
     shift_px: tuple[float, float],
     margin_px: int,
     magnification: float,
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+) -> tuple[Floats, Floats]:
     """Coordinates on the part of each pixel: R(-rotate) x / magnification + shift."""
     x, y = (
         each.astype(np.float64) / magnification for each in _from_centre(size_px + 2 * margin_px)

@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import FloatMap
 from firmware_sim import Clock, SimulatedBoard
 from rig.cameras.camera import CameraInfo, Frame
 from rig.cameras.frame_time import require_exposure
@@ -29,10 +29,10 @@ class LitScene(Protocol):
     """Light from a scene: (N, H, W) of each LED alone, and (H, W) with all LEDs off."""
 
     @property
-    def lights(self) -> npt.NDArray[np.float32]: ...
+    def lights(self) -> FloatMap: ...
 
     @property
-    def ambient(self) -> npt.NDArray[np.float32]: ...
+    def ambient(self) -> FloatMap: ...
 
 
 class SimulatedCamera:
@@ -166,9 +166,7 @@ class SimulatedCamera:
             sequence=sequence,
         )
 
-    def _lit_ms(
-        self, led: int, start_s: float, rows: int
-    ) -> np.float32 | npt.NDArray[np.float32] | None:
+    def _lit_ms(self, led: int, start_s: float, rows: int) -> np.float32 | FloatMap | None:
         """Output of an LED over the exposure of each row (rows, 1), or of all; None if zero."""
         shutter = self.exposures.shutter
         all_rows_s = self._board.output_integral_s(led, start_s, start_s + shutter.all_rows_s)

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import BoolArray
 from classify.defects.shapes import Image, Shape, blot, bump, scratch
 from rig.config.defect import RELIEF_KINDS, Defect
 from rig.scene.surfaces import Surface, SurfacePatch
@@ -70,7 +70,7 @@ class DefectiveSurface:
 
     def mask(
         self, size_px: int, rotate_deg: float = 0.0, shift_px: tuple[float, float] = (0.0, 0.0)
-    ) -> npt.NDArray[np.bool_]:
+    ) -> BoolArray:
         """Pixels of a frame within the outline of a defect, (size_px, size_px)."""
         x, y = part_coordinates(size_px, rotate_deg, shift_px, 0, 1.0)
         inside = np.zeros(x.shape, np.bool_)
