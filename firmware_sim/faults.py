@@ -7,10 +7,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from .board import SimulatedBoard
+from .board import Led, LedLight, SimulatedBoard
 from .clock import Clock
 from .controller import SimulatedController
-from .led import Led, LedLight
 
 # Parts of a flicker period over which the light counts as steady; at 16 the integral over a whole
 # period is exact to rounding, since a sine sampled evenly sums to zero.
@@ -141,7 +140,7 @@ class LedFault:
         return self.share if stuck else 0.0
 
 
-class FaultyLed:
+class _FaultyLed:
     """An LED with faults in its light."""
 
     def __init__(self, led: Led, faults: Sequence[LedFault], seed: int, started_s: float) -> None:
@@ -201,7 +200,7 @@ def faulty_leds(
     result: list[LedLight] = []
     for index, led in enumerate(leds):
         own = [fault for fault in faults if fault.led == index and fault.kind != "swapped"]
-        result.append(FaultyLed(led, own, seed + index, started_s) if own else led)
+        result.append(_FaultyLed(led, own, seed + index, started_s) if own else led)
     cabled = list(range(len(leds)))
     for fault in faults:
         if fault.other is not None:

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     import tifffile
 
 Image = npt.NDArray[np.uint8 | np.uint16]
-Decoded = tuple[Array, ImageMetadata]
+_Decoded = tuple[Array, ImageMetadata]
 _MAX_BYTES = 2**31
 _MAX_SIDE_PX = 32768
 # A file may declare this many bytes of pixels, or this many times its own length if that is more.
@@ -86,7 +86,7 @@ def read_exposure_ms(path: Path) -> float | None:
 
 def read_image_file(path: Path) -> tuple[Image, ImageMetadata]:
     """Read an image as `read_image`, with its metadata."""
-    readers: dict[str, tuple[str, Callable[[bytes], Decoded]]] = {
+    readers: dict[str, tuple[str, Callable[[bytes], _Decoded]]] = {
         ".png": ("PNG", _png), ".jpg": ("JPEG", _jpeg), ".jpeg": ("JPEG", _jpeg),
         ".tif": ("TIFF", _tiff), ".tiff": ("TIFF", _tiff), ".tga": ("TGA", _tga),
         ".dng": ("DNG", partial(_tiff, is_raw=True)),
@@ -120,7 +120,7 @@ def _require_size(rows: int, columns: int, declared_bytes: int, held_bytes: int)
         )
 
 
-def _jpeg(content: bytes) -> Decoded:
+def _jpeg(content: bytes) -> _Decoded:
     import simplejpeg
     from PIL.JpegImagePlugin import JpegImageFile
 
@@ -145,7 +145,7 @@ def _jpeg(content: bytes) -> Decoded:
     return image[:, :, 0] if grey else image, metadata
 
 
-def _png(content: bytes) -> Decoded:
+def _png(content: bytes) -> _Decoded:
     """Check all chunks and the length of the pixels, then decode the critical chunks.
 
     No ancillary chunk changes a pixel value, and libpng prints warnings about them.
@@ -232,7 +232,7 @@ def _check_png_pixels(chunks: list[tuple[bytes, bytes]], held_bytes: int) -> boo
     return indexed
 
 
-def _tga(content: bytes) -> Decoded:
+def _tga(content: bytes) -> _Decoded:
     from PIL.TgaImagePlugin import TgaImageFile
 
     if (content[2] & ~8, content[16]) not in ((2, 24), (2, 32), (3, 8)):
@@ -255,7 +255,7 @@ def _tga(content: bytes) -> Decoded:
     return pixels if pixels.ndim == 2 else pixels[:, :, :3], metadata
 
 
-def _tiff(content: bytes, is_raw: bool = False) -> Decoded:
+def _tiff(content: bytes, is_raw: bool = False) -> _Decoded:
     """Decode the only image of full resolution."""
     # Imported here, so that a simulated rig opens without it.
     import tifffile

@@ -9,7 +9,7 @@ from .errors import LightControllerError
 from .lights.discovery import SerialPort, identify
 from .lights.link import ControllerIdentity
 
-Controllers = Sequence[tuple[SerialPort, ControllerIdentity]]
+_Controllers = Sequence[tuple[SerialPort, ControllerIdentity]]
 
 
 def answering_controllers(
@@ -25,7 +25,7 @@ def answering_controllers(
     return controllers
 
 
-def initial_config(controllers: Controllers, cameras: Sequence[ListedCamera]) -> str:
+def initial_config(controllers: _Controllers, cameras: Sequence[ListedCamera]) -> str:
     """A ``rig.toml`` for the first controller and camera that work, with the others in comments."""
     return "\n".join(
         [
@@ -52,7 +52,7 @@ def initial_config(controllers: Controllers, cameras: Sequence[ListedCamera]) ->
     )
 
 
-def _port_lines(controllers: Controllers) -> list[str]:
+def _port_lines(controllers: _Controllers) -> list[str]:
     lines = [
         f"# Found: light controller {who.serial_number} ({who.model}, firmware "
         f"{who.firmware_version}) at {port.by_id or port.device}"

@@ -27,9 +27,9 @@ from capture.sets.metadata import (
 )
 from capture.sets.pixel_hash import PixelHash
 from classify.base.errors import InputError, Ps4rigError
-from classify.base.labels import checked_label
 from classify.calibration.calibration import Calibration
 from classify.lights.agreement import like_signed
+from classify.methods import checked_label
 from rig import CameraInfo, HardwareError, Rig
 
 from .frame_mean import SetImage

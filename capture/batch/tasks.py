@@ -22,12 +22,11 @@ from capture.sets.loaded_set import PLANAR, LoadedSet, named
 from capture.sets.metadata import SetMetadata
 from classify import Lighting, Match, Method, TextureLibrary
 from classify.base.errors import InputError
-from classify.base.labels import checked_label
 from classify.classifiers import Observation
 from classify.images.stack import ImageStack
 from classify.library.training import observe
 from classify.lights.fall_off import fall_off
-from classify.methods import DEFAULT_CLASSIFIER, default_method, suits
+from classify.methods import DEFAULT_CLASSIFIER, checked_label, default_method, suits
 from classify.texture.spectra import segment_for
 
 

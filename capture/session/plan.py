@@ -23,8 +23,8 @@ from capture.sets.description import checked_properties, checked_text
 from capture.sets.metadata import Property
 from capture.sets.ome_tiff import SUFFIX
 from classify.base.errors import InputError
-from classify.base.labels import checked_label
 from classify.base.models import Degrees, Section, read_toml_as
+from classify.methods import checked_label
 
 # A year of captures at one a minute.
 _MAX_SETS = 500_000

@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args
 
 from capture.base.utc_time import utc_text
 from classify.base.errors import InputError
-from classify.base.labels import checked_label
+from classify.methods import checked_label
 
 from .captured_set import CapturedSet
 from .metadata import PROPERTY_PREFIX, CorrectionRecord, Property, SetMetadata

@@ -10,9 +10,9 @@ from capture.base.errors import SetRejected
 from capture.base.utc_time import utc_text
 from classify import Lighting
 from classify.base.errors import InputError
-from classify.base.labels import checked_label
 from classify.calibration.calibration import Calibration
 from classify.lights.algebra import require_solvable
+from classify.methods import checked_label
 from rig.set_file import pixels_sha256
 
 from .captured_set import CapturedSet

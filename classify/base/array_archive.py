@@ -27,7 +27,7 @@ from .durable_file import durable_file
 from .errors import InputError
 from .regular_file import open_regular_file
 
-Header = TypeVar("Header", bound=BaseModel)
+_Header = TypeVar("_Header", bound=BaseModel)
 
 # Members are stored, not packed; a copy packed by another program is smaller by half. A file whose
 # members declare more than this multiple of its size would fill the memory: see test_ps4lib.py.
@@ -80,7 +80,7 @@ class ArrayArchive:
         """Return an error of a file that no version of this program wrote."""
         return self._kind.error(f"{what}; the file is damaged, {self._kind.remedy}")
 
-    def header(self, model: type[Header]) -> Header:
+    def header(self, model: type[_Header]) -> _Header:
         """Return the validated header; `model` has a field `version`."""
         kind = self._kind
         info = self._member(kind.header)

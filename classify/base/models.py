@@ -37,7 +37,7 @@ class Section(Record):
 
 MAX_TOML_BYTES = 1 << 20  # a complete rig.toml has about 3 kB, a plan of 10 000 specimens 700 kB
 
-Model = TypeVar("Model", bound=BaseModel)
+_Model = TypeVar("_Model", bound=BaseModel)
 
 
 def read_toml(path: Path, if_missing: str) -> dict[str, Any]:
@@ -52,7 +52,7 @@ def read_toml(path: Path, if_missing: str) -> dict[str, Any]:
         raise ConfigError(f"{path}: not valid TOML: {error}") from error
 
 
-def validated(values: dict[str, Any], model: type[Model], source: str) -> Model:
+def validated(values: dict[str, Any], model: type[_Model], source: str) -> _Model:
     """Return `values` as a `model`; a `ConfigError` names `source`, key and value."""
     try:
         return model.model_validate(values)
@@ -60,7 +60,7 @@ def validated(values: dict[str, Any], model: type[Model], source: str) -> Model:
         raise ConfigError(f"{source}: {validation_message(error, model)}") from error
 
 
-def read_toml_as(path: Path, model: type[Model], if_missing: str) -> Model:
+def read_toml_as(path: Path, model: type[_Model], if_missing: str) -> _Model:
     """Read a TOML file as a `model`; see `read_toml` and `validated`."""
     return validated(read_toml(path, if_missing), model, str(path))
 

@@ -38,7 +38,7 @@ _INNER = (0.1, 0.9)
 # Range of the exponent by which the curve goes on beyond the measured values.
 _EXPONENTS = (0.25, 4.0)
 # Gamma and sRGB curves need five exposures; one more is left to contradict a wrong one.
-LEAST_EXPOSURES = 6
+_LEAST_EXPOSURES = 6
 _LEAST_RATIO = 4.0
 # Share of full scale that the ladder must reach; the curve above is a continuation. The white sheet
 # reaches 60 % on a rig whose parts are well exposed, see rig/doctor/light_images.py.
@@ -116,10 +116,10 @@ def _check_levels(levels: Floats, times: Floats) -> None:
             "open the aperture"
         )
     seen = np.unique(times[usable])
-    if len(seen) < LEAST_EXPOSURES or seen[-1] < _LEAST_RATIO * seen[0]:
+    if len(seen) < _LEAST_EXPOSURES or seen[-1] < _LEAST_RATIO * seen[0]:
         raise CalibrationRejected(
             f"{len(seen)} different exposures from {seen[0]:g} to {seen[-1]:g} ms are neither "
-            f"saturated nor black; give at least {LEAST_EXPOSURES}, the longest "
+            f"saturated nor black; give at least {_LEAST_EXPOSURES}, the longest "
             f"{_LEAST_RATIO:g} times the shortest"
         )
     rises = np.diff(levels, axis=0)
@@ -274,7 +274,7 @@ def _cause(levels: Floats, times: Floats, fit: _Fit) -> str:
     seen = np.flatnonzero(np.isfinite(levels).any(axis=1))
     # The wrong exposure is the one without which the others agree best.
     best = fit
-    for left_out in seen if len(seen) > LEAST_EXPOSURES else ():
+    for left_out in seen if len(seen) > _LEAST_EXPOSURES else ():
         kept = np.delete(np.arange(len(times)), left_out)
         enough = np.isfinite(levels[kept]).sum(axis=0) > 1
         rest = _Fit.of(levels[np.ix_(kept, enough)], times[kept])

@@ -9,7 +9,7 @@ from classify.base.arrays import Floats
 from classify.base.errors import InputError
 from classify.lighting import Lighting
 
-Source = Literal["plate", "mirror sphere", "matte sphere", "list"]
+_Source = Literal["plate", "mirror sphere", "matte sphere", "list"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,16 +17,16 @@ class CalibratedLights:
     """The N lights of a rig with their uncertainties."""
 
     lighting: Lighting  # directions from the middle of the frame; positions where known
-    source: Source  # what they were measured with; "list" for a file of directions
+    source: _Source  # what they were measured with; "list" for a file of directions
     direction_errors_deg: Floats  # (N,) standard errors
     distance_errors: Floats | None  # (N,) relative; None for distant lights
     residual: float  # rms misfit of the model, as a share of the signal
     lobe_exponent: float | None  # m of the strength cos^m at an angle to an LED's axis
 
     def __post_init__(self) -> None:
-        if self.source not in get_args(Source):
+        if self.source not in get_args(_Source):
             raise InputError(
-                f"lights from {self.source!r}; known are {', '.join(get_args(Source))}"
+                f"lights from {self.source!r}; known are {', '.join(get_args(_Source))}"
             )
         for name, errors in (
             ("direction errors", self.direction_errors_deg),

@@ -15,8 +15,7 @@ from scipy import ndimage
 from classify.base.arrays import Array, BoolArray, FloatMap, Floats
 from classify.base.errors import CalibrationRejected
 
-from .circle import Circle, centre_error, circles_through, fitted_circle
-from .circle_votes import voted_circles
+from .circle import Circle, centre_error, circles_through, fitted_circle, voted_circles
 
 # The search reduces frames to this longer side, the last fit reduces spheres to this radius: 0.1 px
 # is then 0.03 degrees of a normal.

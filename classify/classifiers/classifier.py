@@ -15,7 +15,7 @@ class Observation:
 
 
 Tested = TypeVar("Tested", bound=Observation)
-Trained = TypeVar("Trained", bound=Observation)
+_Trained = TypeVar("_Trained", bound=Observation)
 
 Parameters = Mapping[str, Floats]
 """What a classifier learns from all training sets together, such as floors and weights."""
@@ -38,21 +38,21 @@ class Comparison(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Classifier(Generic[Tested, Trained]):
+class Classifier(Generic[Tested, _Trained]):
     """A way to tell textures apart, as functions on arrays."""
 
     name: str
     observe: Callable[[SurfaceEstimate, int], Tested]
     # A training observation may hold more than one of a test.
-    observe_training: Callable[[SurfaceEstimate, int], Trained]
+    observe_training: Callable[[SurfaceEstimate, int], _Trained]
     # An array of fixed shape.
     signature: Callable[[Tested, Parameters], FloatMap]
     # (k, ...) signatures of one training set.
-    references: Callable[[Trained, Parameters], FloatMap]
+    references: Callable[[_Trained, Parameters], FloatMap]
     # A signature with (n, ...) references.
     compare: Callable[[FloatMap, FloatMap, Parameters], Comparison]
     # From the observations of all training sets and their labels.
-    learn: Callable[[Sequence[Trained], Sequence[str]], Parameters] = lambda _trained, _labels: {}
+    learn: Callable[[Sequence[_Trained], Sequence[str]], Parameters] = lambda _trained, _labels: {}
     # By `segment_px`.
     parameter_shapes: Callable[[int], Mapping[str, Shape]] = lambda _segment_px: {}
     # From label and set number of each reference, (n, ...) references: the distance beyond which

@@ -21,15 +21,14 @@ from classify.texture.orientation import OrientationProfile
 from classify.texture.spectra import segment_for
 
 from . import ps4lib
-from .candidates import nearest_references
-from .match import LEAST_MARGIN, Match, match_of
+from .match import LEAST_MARGIN, Match, match_of, nearest_references
 from .training import SAME_LIGHT_DEG, TrainingRow, common_lighting, learn_references, observe
 
 # The first comparison extrapolates the statistics of a training set to those of a sharper surface.
 # On 22 materials this adds 0.002 to the distance at 0.5 px, 0.05 at 0.7 px and 0.13 at 0.9 px.
 _LEAST_SHARPER_PX = 0.5
 
-TrainingSample = tuple[str, SurfaceEstimate] | tuple[str, SurfaceEstimate, float | None]
+_TrainingSample = tuple[str, SurfaceEstimate] | tuple[str, SurfaceEstimate, float | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +125,9 @@ class TextureLibrary:
         return np.concatenate(parts)
 
     @classmethod
-    def train(cls, samples: Iterable[TrainingSample], classifier: str = DEFAULT_CLASSIFIER) -> Self:
+    def train(
+        cls, samples: Iterable[_TrainingSample], classifier: str = DEFAULT_CLASSIFIER
+    ) -> Self:
         """Learn from any number of surfaces per class.
 
         Parameters

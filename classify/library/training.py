@@ -8,10 +8,9 @@ import numpy as np
 
 from classify.base.arrays import FloatMap, Floats
 from classify.base.errors import LibraryError
-from classify.base.labels import checked_label
 from classify.classifiers import Classifier, Observation, Parameters, classifier_named
 from classify.lighting import Lighting
-from classify.methods import DEFAULT_CLASSIFIER
+from classify.methods import DEFAULT_CLASSIFIER, checked_label
 from classify.surface.estimate import SurfaceEstimate
 from classify.texture.heading import LEAST_SCORE
 

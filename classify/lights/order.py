@@ -17,7 +17,7 @@ from classify.shadow_rule import MAYBE_SHADOW
 from .algebra import drop_one_constants
 
 Order = tuple[int, ...]
-Join = Callable[[Array, Array], Array]
+_Join = Callable[[Array, Array], Array]
 
 _ORDERS: tuple[Order, ...] = tuple(itertools.permutations(range(4)))
 _GIVEN = _ORDERS[0]
@@ -139,7 +139,7 @@ def _mean_of_four(plane: Array, half: FloatMap) -> None:
             half[r, c] = share * (line[2 * c] + line[2 * c + 1])
 
 
-def _halved(plane: Array, join: Join) -> Array:
+def _halved(plane: Array, join: _Join) -> Array:
     """Half of the rows and columns, symmetric about the middle; odd numbers join three."""
     for _ in range(2):
         if len(plane) % 2 == 0:

@@ -12,7 +12,7 @@ from classify.surface.estimate import SurfaceEstimate
 
 CURVATURE_SCALE_PX = 1.0
 # A narrower Gaussian gives next to no weight to the neighbouring pixels.
-MIN_CURVATURE_SCALE_PX = 0.5
+_MIN_CURVATURE_SCALE_PX = 0.5
 # Weights beyond this many standard deviations are below 4e-4 of the middle one.
 _REACH = 4.0
 # Pixels of one strip of rows: its maps stay in the cache, and memory does not grow with the image.
@@ -83,10 +83,10 @@ def surface_curvature(
     (normalized differential convolution, Knutsson and Westin 1993). Inside the frame this is the
     derivative of a Gaussian; at its border and beside invalid pixels it is exact where n is linear.
     """
-    if not MIN_CURVATURE_SCALE_PX <= scale_px < np.inf:
+    if not _MIN_CURVATURE_SCALE_PX <= scale_px < np.inf:
         raise InputError(
             f"scale_px is {scale_px}; derivatives need a Gaussian of at least "
-            f"{MIN_CURVATURE_SCALE_PX} px"
+            f"{_MIN_CURVATURE_SCALE_PX} px"
         )
     rows, columns = surface.shape
     reach = int(np.ceil(_REACH * scale_px))

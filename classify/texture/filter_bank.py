@@ -21,7 +21,7 @@ FILTER_PX = 49
 RESPONSES = 8
 """Edges at three scales, bars at three scales, Gaussian, Laplacian of Gaussian."""
 
-MIN_IMAGE_PX = 64
+_MIN_IMAGE_PX = 64
 """Shortest side of an image: 16 x 16 pixels then have a whole filter around them."""
 
 _SCALES_PX = (1.0, 2.0, 4.0)
@@ -82,10 +82,10 @@ def mr8_responses(image: npt.NDArray[np.generic]) -> FloatMap:
 
 
 def _normalised(image: npt.NDArray[np.generic]) -> FloatMap:
-    if image.ndim != 2 or min(image.shape) < MIN_IMAGE_PX:
+    if image.ndim != 2 or min(image.shape) < _MIN_IMAGE_PX:
         raise InputError(
             f"an image of shape {image.shape} for the filter bank; give (rows, columns) of at "
-            f"least {MIN_IMAGE_PX} each"
+            f"least {_MIN_IMAGE_PX} each"
         )
     values = image.astype(np.float32)
     if not np.isfinite(values).all():

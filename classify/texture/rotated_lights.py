@@ -10,8 +10,7 @@ from collections.abc import Iterator
 from classify.lighting import Lighting
 from classify.methods import METHODS
 from classify.relief.height import integrate_gradients
-from classify.relief.relighting import relight
-from classify.relief.shadows import cast_shadow
+from classify.relief.relighting import cast_shadow, relight
 from classify.solvers.solver import photometric_stereo
 from classify.surface.estimate import SurfaceEstimate
 

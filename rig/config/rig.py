@@ -12,9 +12,13 @@ from pydantic import BeforeValidator, Field, SerializeAsAny, model_validator
 from classify.base.durable_file import durable_file
 from classify.base.errors import ConfigError
 from classify.base.models import Section, read_toml, validated
-from rig.cameras.config import CameraConfig, DeviceCameraConfig, StampedCameraConfig
+from rig.cameras.config import (
+    CameraConfig,
+    DeviceCameraConfig,
+    SimulatedCameraConfig,
+    StampedCameraConfig,
+)
 from rig.cameras.kinds import CAMERA_KINDS, camera_config
-from rig.cameras.simulated import SimulatedCameraConfig
 
 from .lights import SIMULATED, LightsConfig
 from .sequence_plan import SequencePlan, plan_sequence

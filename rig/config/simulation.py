@@ -9,9 +9,9 @@ from classify.base.models import Degrees, Section
 from .defect import Defect
 from .fault_plan import FaultPlan
 
-PassTime = Annotated[FiniteFloat, Field(ge=1.0, le=1e6)]
-Shift = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
-LedLevel = Annotated[FiniteFloat, Field(ge=0.01, le=100.0)]
+_PassTime = Annotated[FiniteFloat, Field(ge=1.0, le=1e6)]
+_Shift = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
+_LedLevel = Annotated[FiniteFloat, Field(ge=0.01, le=100.0)]
 
 
 class Placement(Section):
@@ -24,7 +24,7 @@ class Placement(Section):
     rotate_deg
         Anticlockwise, about the centre of the frame.
     shift_px
-        Shift of the frame's centre over the periodic surface, right and up, before the rotation.
+        _Shift of the frame's centre over the periodic surface, right and up, before the rotation.
     seed
         Of the noise, and of the realisation of a synthetic texture or a plate.
     size_mm
@@ -36,7 +36,7 @@ class Placement(Section):
 
     surface: str = "rock"
     rotate_deg: Degrees = 0.0
-    shift_px: tuple[Shift, Shift] = Field(default=(0.0, 0.0), strict=False)
+    shift_px: tuple[_Shift, _Shift] = Field(default=(0.0, 0.0), strict=False)
     seed: int = Field(default=1, ge=0, lt=2**63)
     size_mm: float | None = Field(default=None, ge=1e-3, le=1e4)
     defects: tuple[Defect, ...] = Field(default=(), strict=False, max_length=100)
@@ -54,7 +54,7 @@ class SimulationConfig(Section):
     led_distance_px: float | None = Field(
         default=None, ge=16.0, le=1e6, description="from the centre of the frame; else distant LEDs"
     )
-    led_levels: tuple[LedLevel, ...] = Field(
+    led_levels: tuple[_LedLevel, ...] = Field(
         default=(), strict=False, description="true levels, which the rig is not told"
     )
     vignetting_percent: float = Field(
@@ -69,7 +69,7 @@ class SimulationConfig(Section):
     )
     led_rise_ms: float = Field(default=0.5, gt=0.0, le=100.0, description="10 to 90 %")
     led_fall_ms: float = Field(default=0.3, gt=0.0, le=100.0, description="90 to 10 %")
-    controller_turn_us: tuple[PassTime, PassTime] = Field(
+    controller_turn_us: tuple[_PassTime, _PassTime] = Field(
         default=(50.0, 200.0),
         strict=False,
         description="shortest and longest pass of the controller's main loop",

@@ -25,7 +25,7 @@ from .discovery import SerialPort, identify, list_serial_ports_if_possible
 from .link import ControllerIdentity, ControllerLink
 from .port_holders import port_holders
 
-T = TypeVar("T")
+_Result = TypeVar("_Result")
 _PICO_WITH_MICROPYTHON = "2e8a:0005"
 _UNFINISHED = ".new"
 # Longest time of one step of mpremote; copying all files takes a few seconds.
@@ -145,7 +145,7 @@ def _running_controller(port: str, *, stop: bool) -> ControllerIdentity | None:
     return link.identity
 
 
-def _until_ready(attempt: Callable[[], T]) -> T:
+def _until_ready(attempt: Callable[[], _Result]) -> _Result:
     """Repeat `attempt` until it succeeds or a board would have restarted."""
     deadline_s = time.monotonic() + _RESTART_TIMEOUT_S
     while True:

@@ -1,10 +1,14 @@
-"""Stationary random fields on a periodic tile, for relief and albedo.
+"""Stationary random fields on a periodic tile, for relief and albedo, and their power spectra.
 
 A field draws one realisation from a generator: (side, side) float64, up to a factor. All lengths
 are in pixels, so the statistics do not depend on the side of the tile. All fields are limited to
 the frequencies of `round_band_limit`, so that they can be rotated.
+
+A spectrum gives the power up to a factor for the frequencies u (along x) and v (along y) in cycles
+per pixel. It is even in u and in v; only `rotated` depends on the direction of y, and takes y up.
 """
 
+import math
 from collections.abc import Callable
 
 import cv2
@@ -15,18 +19,65 @@ from scipy import fft
 from classify.base.arrays import Floats
 from classify.base.threads import thread_count
 
-from .power_spectra import PowerSpectrum
 from .surfaces import round_band_limit
+
+_PowerSpectrum = Callable[[Floats, Floats], Floats]
+
+
+def fractal(exponent: float) -> _PowerSpectrum:
+    """Isotropic fractal: w^-(2 H + 2) for the Hurst exponent H, infinite at 0."""
+    return lambda u, v: np.asarray(np.hypot(u, v) ** -exponent)
+
+
+def mulvaney(cutoff_cpp: float) -> _PowerSpectrum:
+    """Isotropic, after Mulvaney (1989): (w^2 / cutoff^2 + 1)^(-3/2)."""
+    return lambda u, v: np.asarray(((u**2 + v**2) / cutoff_cpp**2 + 1.0) ** -1.5)
+
+
+def ogilvy(cutoff_x_cpp: float, cutoff_y_cpp: float) -> _PowerSpectrum:
+    """After Ogilvy (1991): 1 / ((u^2 + u_c^2) (v^2 + v_c^2)); grain along the lower cut-off."""
+    return lambda u, v: 1.0 / ((u**2 + cutoff_x_cpp**2) * (v**2 + cutoff_y_cpp**2))
+
+
+def ripples(frequency_cpp: float, width_along: float, width_across: float) -> _PowerSpectrum:
+    """Gaussian lobes at +-frequency along x, with widths along and across in cycles/px."""
+
+    def spectrum(u: Floats, v: Floats) -> Floats:
+        across = np.exp(-0.5 * (v / width_across) ** 2)
+        right = np.exp(-0.5 * ((u - frequency_cpp) / width_along) ** 2)
+        left = np.exp(-0.5 * ((u + frequency_cpp) / width_along) ** 2)
+        return np.asarray(across * (right + left))
+
+    return spectrum
+
+
+def ring(frequency_cpp: float, width_cpp: float) -> _PowerSpectrum:
+    """Isotropic with one scale: a Gaussian about one radius."""
+    return lambda u, v: np.asarray(
+        np.exp(-0.5 * ((np.hypot(u, v) - frequency_cpp) / width_cpp) ** 2)
+    )
+
+
+def rotated(spectrum: _PowerSpectrum, rotate_deg: float) -> _PowerSpectrum:
+    """Spectrum of the surface rotated anticlockwise, on a grid whose rows run down."""
+    cos, sin = math.cos(math.radians(rotate_deg)), math.sin(math.radians(rotate_deg))
+    return lambda u, v: spectrum(cos * u - sin * v, -sin * u - cos * v)
+
+
+def summed(*spectra: _PowerSpectrum) -> _PowerSpectrum:
+    """Spectrum of the sum of independent surfaces."""
+    return lambda u, v: np.sum([spectrum(u, v) for spectrum in spectra], axis=0)
+
 
 Field = Callable[[np.random.Generator, int], Floats]
 
 
-def gaussian(power: PowerSpectrum) -> Field:
+def gaussian(power: _PowerSpectrum) -> Field:
     """Gaussian field with the power spectrum `power`: filtered white noise."""
     return lambda rng, side: _filtered(rng.standard_normal((side, side)), power)
 
 
-def shot_noise(power: PowerSpectrum, spacing_px: float) -> Field:
+def shot_noise(power: _PowerSpectrum, spacing_px: float) -> Field:
     """One bump at each of one random point per spacing^2: skewed, with the spectrum `power`."""
 
     def field(rng: np.random.Generator, side: int) -> Floats:
@@ -93,7 +144,7 @@ def shaded(values: Floats, contrast: float) -> Floats:
     return _filtered(np.tanh((contrast / values.std()) * values))
 
 
-def _filtered(values: Floats, power: PowerSpectrum | None = None) -> Floats:
+def _filtered(values: Floats, power: _PowerSpectrum | None = None) -> Floats:
     """Subtract the mean, low-pass, and multiply by sqrt(power) if given."""
     side = len(values)
     gain = round_band_limit(side, side).astype(np.float64)

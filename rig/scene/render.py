@@ -13,14 +13,14 @@ import numpy.typing as npt
 from classify.base.arrays import BoolArray, FloatMap, Floats
 from classify.base.errors import InputError
 from classify.lighting import Lighting
-from classify.relief.shadows import cast_shadow
+from classify.relief.relighting import cast_shadow
 
 from .surfaces import Surface, SurfacePatch
 
 AMBIENT = 0.02
 """Default ambient light as a share of the light of one LED: what a shrouded rig lets in."""
 
-Vector = tuple[FloatMap | np.float32, FloatMap | np.float32, FloatMap | np.float32]
+_Vector = tuple[FloatMap | np.float32, FloatMap | np.float32, FloatMap | np.float32]
 """x, y and z of a direction, the same at every pixel or of shape (H, W)."""
 
 DISTANT = math.inf
@@ -158,7 +158,7 @@ def _point_light(
     distance_px: float,
     height: FloatMap,
     lobe_exponent: float,
-) -> tuple[Vector, FloatMap | np.float32]:
+) -> tuple[_Vector, FloatMap | np.float32]:
     """Unit vector towards a light from points, and strength relative to the centre."""
     if math.isinf(distance_px):
         x, y, z = direction.astype(np.float32)
@@ -181,13 +181,13 @@ def _point_light(
     return (x, y, z), fall_off
 
 
-def _cosine(p: FloatMap, q: FloatMap, towards: Vector) -> FloatMap:
+def _cosine(p: FloatMap, q: FloatMap, towards: _Vector) -> FloatMap:
     """(n . l) sqrt(1 + p^2 + q^2), of either sign."""
     x, y, z = towards
     return np.asarray(z - x * p - y * q, np.float32)
 
 
-def _lobe(p: FloatMap, q: FloatMap, towards: Vector, gloss: Gloss) -> FloatMap:
+def _lobe(p: FloatMap, q: FloatMap, towards: _Vector, gloss: Gloss) -> FloatMap:
     x, y, z = towards
     halfway = (x, y, z + np.float32(1.0))
     length = np.sqrt(2.0 * halfway[2])  # |l + v| with v = (0, 0, 1)

@@ -14,8 +14,7 @@ import numpy as np
 from classify.base.arrays import FloatMap, Floats
 from classify.base.errors import InputError
 
-from .power_spectra import mulvaney
-from .random_fields import gaussian
+from .random_fields import gaussian, mulvaney
 from .render import Gloss, SceneImages
 from .surfaces import PeriodicSurface, Surface, SurfacePatch
 

@@ -19,10 +19,10 @@ from rig.config.defect import RELIEF_KINDS, Defect
 from rig.scene.surfaces import Surface, SurfacePatch
 from rig.scene.targets import part_coordinates
 
-Number = TypeVar("Number", float, Image)
+_Number = TypeVar("_Number", float, Image)
 
-Window = tuple[slice, slice]
-Placed = tuple[int, float, tuple[float, float], int, float]
+_Window = tuple[slice, slice]
+_View = tuple[int, float, tuple[float, float], int, float]
 """Size, rotation, shift, margin and magnification, as in `PeriodicSurface.patch`."""
 
 _MAPS = ("height", "p", "q", "albedo")
@@ -88,7 +88,7 @@ class DefectiveSurface:
         return inside
 
     def _with_defect(
-        self, defect: Defect, piece: SurfacePatch, x: Image, y: Image, near: Window, placed: Placed
+        self, defect: Defect, piece: SurfacePatch, x: Image, y: Image, near: _Window, placed: _View
     ) -> SurfacePatch:
         """The pixels `near` a defect with it; x and y are their coordinates on the part."""
         angle_deg, magnification = placed[1] + defect.angle_deg, placed[4]
@@ -114,7 +114,7 @@ class DefectiveSurface:
         )
 
     def _filling(
-        self, defect: Defect, along: Image, across: Image, near: Window, placed: Placed
+        self, defect: Defect, along: Image, across: Image, near: _Window, placed: _View
     ) -> SurfacePatch:
         """The mean plane of the replaced texture, with the relief of the foreign one."""
         size_px, rotate_deg, shift_px, margin_px, magnification = placed
@@ -178,7 +178,7 @@ def _blended(
     )
 
 
-def _window(defect: Defect, x: Image, y: Image) -> Window:
+def _window(defect: Defect, x: Image, y: Image) -> _Window:
     """Rows and columns of the pixels that a defect can change; empty if it is outside."""
     reach_px = 0.5 * (defect.size_px + _GROOVE_REACH * defect.width_px)
     near = (abs(x - defect.x_px) <= reach_px) & (abs(y - defect.y_px) <= reach_px)
@@ -195,7 +195,7 @@ def _from_defect(defect: Defect, x: Image, y: Image) -> tuple[Image, Image]:
     return cos * right + sin * up, cos * up - sin * right
 
 
-def _rotated(x: Number, y: Number, angle_deg: float) -> tuple[Number, Number]:
+def _rotated(x: _Number, y: _Number, angle_deg: float) -> tuple[_Number, _Number]:
     cos, sin = _cos_sin(angle_deg)
     return cos * x - sin * y, sin * x + cos * y
 

@@ -20,7 +20,7 @@ from rig.scene.targets import TARGETS, Sphere, target_named
 
 from .defective_surface import DefectiveSurface
 
-Kept = TypeVar("Kept")
+_Value = TypeVar("_Value")
 
 # One scene of 1024 x 1024 px and four lights, or many small ones.
 _CACHE_BYTES = 64_000_000
@@ -46,16 +46,16 @@ def require_surface(name: str) -> None:
         )
 
 
-class BoundedCache(Generic[Kept]):
+class BoundedCache(Generic[_Value]):
     """A thread-safe cache of at most `limit_bytes`; the least recently used value goes first."""
 
-    def __init__(self, bytes_of: Callable[[Kept], int], limit_bytes: int = _CACHE_BYTES) -> None:
+    def __init__(self, bytes_of: Callable[[_Value], int], limit_bytes: int = _CACHE_BYTES) -> None:
         self._bytes_of, self._limit_bytes = bytes_of, limit_bytes
-        self._kept: OrderedDict[Hashable, Kept] = OrderedDict()
+        self._kept: OrderedDict[Hashable, _Value] = OrderedDict()
         self._kept_bytes = 0
         self._lock = Lock()
 
-    def get(self, key: Hashable, make: Callable[[], Kept]) -> Kept:
+    def get(self, key: Hashable, make: Callable[[], _Value]) -> _Value:
         """The value of `key`, made if it is not kept."""
         with self._lock:
             if key not in self._kept:

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_sim import SimulatedBoard, VirtualClock
+from firmware_sim.board import Led
 from firmware_sim.faults import FaultyLine, LedFault, LineFault, When, faulty_leds
-from firmware_sim.led import Led
 
 
 def line_with(*faults: LineFault, seed: int = 1) -> FaultyLine:

@@ -13,7 +13,7 @@ from capture.base.console import new_table, out, print_json, print_table, progre
 from capture.commands import options
 
 if TYPE_CHECKING:
-    from rig.latency.camera import CameraLatency
+    from rig.latency import CameraLatency
 
 _MAX_STEPS = 1000
 
@@ -39,7 +39,7 @@ def latency(
     """
     from rig import ConfigError, open_rig
     from rig.config.rig import config_of, store_values
-    from rig.latency.camera import measure_latency, without_timing
+    from rig.latency import measure_latency, without_timing
 
     config = config_of(rig)
     if led >= len(config.lights.tilts_deg):

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from classify import Match, TextureLibrary
 from classify.classifiers import CLASSIFIERS, Comparison
-from classify.library.candidates import FIRST, MOST, nearest_references
-from classify.library.match import match_of
+from classify.library.match import FIRST, MOST, match_of, nearest_references
 from classify.texture.angular_harmonics import HARMONICS
 from classify.texture.heading import HEADING_FLOATS
 from classify.texture.spectra import RADII

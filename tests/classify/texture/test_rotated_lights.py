@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from classify import Lighting, SurfaceEstimate, photometric_stereo
-from classify.relief.shadows import cast_shadow
+from classify.relief.relighting import cast_shadow
 from classify.texture.rotated_lights import under_rotated_lights
 
 

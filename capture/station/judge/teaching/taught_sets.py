@@ -13,7 +13,7 @@ from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.domain.taught import read_taught
 from classify.base.durable_file import durable_file, make_folder
 from classify.base.errors import InputError
-from classify.base.labels import checked_label
+from classify.methods import checked_label
 
 _DIGITS = 16  # of the hash of the pixels in a file name
 

@@ -9,8 +9,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from rig import CameraError, ConfigError, Frame, Rig, RigConfig, open_rig
-from rig.latency.camera import CameraLatency, measure_latency, without_timing
-from rig.latency.fit import lit_share
+from rig.latency import CameraLatency, measure_latency, without_timing
+from rig.step_fit import lit_share
 
 SIZE = {"width_px": 32, "height_px": 48}
 

@@ -7,8 +7,13 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from classify.base.errors import InputError
+from classify.classifiers.varma_zisserman import (
+    TEXTONS_PER_CLASS,
+    chi_squared,
+    learn_textons,
+    texton_histogram,
+)
 from classify.texture.filter_bank import mr8_responses
-from classify.texture.textons import TEXTONS_PER_CLASS, chi_squared, learn_textons, texton_histogram
 
 HISTOGRAMS = arrays(np.float32, (3, 12), elements=st.integers(0, 20)).map(
     lambda counts: (counts + np.eye(3, 12)) / (counts + np.eye(3, 12)).sum(axis=1, keepdims=True)

@@ -24,7 +24,7 @@ from classify.base.arrays import BoolArray, Floats
 _CAUGHT = (0.03, 0.97)
 # The fit starts from the best point of a grid over the first and the last band: D in steps of this
 # many periods, R in this many values, tau of a common LED driver. The grid only has to lead to the
-# right minimum, which tests/rig/latency/test_camera.py checks for random cameras.
+# right minimum, which tests/rig/test_latency.py checks for random cameras.
 _GRID_PERIODS = 0.04
 _GRID_READOUTS = 9
 _GRID_BANDS = [0, -1]
