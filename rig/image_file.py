@@ -1,8 +1,7 @@
 """Read a PNG, JPEG, TIFF, TGA or DNG: damage is an error, memory is bounded.
 
-The tags of a file are checked before its pixels are decoded. OpenCV fills the missing part of a
-truncated JPEG with grey, and libpng prints warnings. So a JPEG is decoded by simplejpeg, which
-makes warnings errors, and a PNG is checked before it is decoded.
+The tags of a file are checked before its pixels are decoded. simplejpeg and imagecodecs decode JPEG
+and PNG, because OpenCV fills the missing part of a truncated JPEG with grey.
 """
 
 import io
@@ -18,7 +17,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -53,21 +51,10 @@ _TIFF_COMPRESSIONS = (
     "NONE", "LZW", "ADOBE_DEFLATE", "DEFLATE", "PACKBITS", "LZMA", "ZSTD", "WEBP", "JPEGXL",
 )  # fmt: skip
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-# Samples per pixel, and the allowed bits of a sample, for each colour type of a PNG (section 11.2.2
-# of its specification).
-_PNG_COLOUR_TYPES = {
-    0: (1, (1, 2, 4, 8, 16)), 2: (3, (8, 16)), 3: (1, (1, 2, 4, 8)), 4: (2, (8, 16)),
-    6: (4, (8, 16)),
-}  # fmt: skip
+_PNG_SAMPLES = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # of a pixel, by colour type
 _PNG_PALETTE, _PNG_GREY_ALPHA = 3, 4
 _PNG_TEXTS = (b"EXt", b"TXt")
 _PNG_METADATA = ("eXIf", "XML:com.adobe.xmp", "exif:Orientation", "iCCP", "sRGB", "gAMA", "cICP")
-# First column and row, and steps between columns and rows, of the passes of a PNG.
-_ONE_PASS = ((0, 0, 1, 1),)
-_ADAM7 = (
-    (0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2),
-    (0, 1, 1, 2),
-)  # fmt: skip
 
 
 def read_image(path: Path) -> Image:
@@ -146,24 +133,25 @@ def _jpeg(content: bytes) -> _Decoded:
 
 
 def _png(content: bytes) -> _Decoded:
-    """Check all chunks and the length of the pixels, then decode the critical chunks.
+    """Check all chunks and the declared size, then decode the critical chunks.
 
     No ancillary chunk changes a pixel value, and libpng prints warnings about them.
     """
+    import imagecodecs
     from PIL.PngImagePlugin import PngImageFile
 
     chunks = list(_png_chunks(content))
     kinds = {chunk[4:8]: chunk[8:-4] for chunk in chunks}
-    indexed = _check_png_pixels([(chunk[4:8], chunk[8:-4]) for chunk in chunks], len(content))
+    colour_type = _check_png_header(chunks, len(content))
     if b"acTL" in kinds:
         raise InputError("an animation; save one image")
     names = [each[8:].split(b"\0")[0] if each[5:8] in _PNG_TEXTS else each[4:8] for each in chunks]
     for name in (each.decode("latin-1") for each, count in Counter(names).items() if count > 1):
         if name in _PNG_METADATA or name.startswith("Raw profile type "):
             raise InputError(f"holds {name} twice; remove one of them")
-    critical = (b"IHDR", b"IDAT", b"IEND", *((b"PLTE",) if indexed else ()))
+    critical = (b"IHDR", b"IDAT", b"IEND", *((b"PLTE",) if colour_type == _PNG_PALETTE else ()))
     plain = _PNG_SIGNATURE + b"".join(each for each in chunks if each[4:8] in critical)
-    image: Any = cv2.imdecode(np.frombuffer(plain, np.uint8), cv2.IMREAD_UNCHANGED)
+    image: Any = imagecodecs.png_decode(plain)
     # Pillow reads what stands in front of the pixels.
     chunks.sort(key=lambda chunk: chunk[4:8] in (b"IDAT", b"IEND"))
     info = PngImageFile(io.BytesIO(_PNG_SIGNATURE + b"".join(chunks))).info
@@ -172,9 +160,9 @@ def _png(content: bytes) -> _Decoded:
     known = {b"\x08\0\1": "linear", b"\x0d\0\1": "srgb"}
     stated = known.get(code, f"colour space {[*code]}")
     metadata = metadata_of_info(info, *[stated] * (b"cICP" in kinds))
-    if image.ndim == 2 or kinds[b"IHDR"][9] == _PNG_GREY_ALPHA:
+    if image.ndim == 2 or colour_type == _PNG_GREY_ALPHA:
         return np.atleast_3d(image)[:, :, 0], metadata
-    return image[:, :, 2::-1], metadata
+    return image[:, :, :3], metadata
 
 
 def _png_chunks(content: bytes) -> Iterator[bytes]:
@@ -193,43 +181,14 @@ def _png_chunks(content: bytes) -> Iterator[bytes]:
     raise ValueError("the end is missing")
 
 
-def _check_png_pixels(chunks: list[tuple[bytes, bytes]], held_bytes: int) -> bool:
-    """Check header, palette and pixel data; return whether the pixels are palette indices."""
-    kind, header = chunks[0]
-    if kind != b"IHDR" or len(header) != 13:
+def _check_png_header(chunks: list[bytes], held_bytes: int) -> int:
+    """Check the header and the size that it declares; return the colour type."""
+    if not chunks or chunks[0][4:8] != b"IHDR" or len(chunks[0]) != 25:
         raise ValueError("no header")
-    columns, rows, depth, colour_type, compression, filtering, interlace = struct.unpack(
-        ">IIBBBBB", header
-    )
-    samples, depths = _PNG_COLOUR_TYPES.get(colour_type, (0, ()))
-    if depth not in depths or compression or filtering or interlace > 1:
-        raise ValueError("the header is invalid")
-    bits = samples * depth
-    passes = [
-        (math.ceil((rows - y) / step_y), math.ceil((columns - x) / step_x))
-        for x, y, step_x, step_y in (_ADAM7 if interlace else _ONE_PASS)
-    ]
-    sizes = [(h, 1 + math.ceil(w * bits / 8)) for h, w in passes if h > 0 and w > 0]
-    declared = sum(h * row_bytes for h, row_bytes in sizes)
-    _require_size(rows, columns, declared, held_bytes)
-    inflate = zlib.decompressobj()
-    try:
-        packed = b"".join(data for kind, data in chunks if kind == b"IDAT")
-        raw = inflate.decompress(packed, declared + 1)
-    except zlib.error as error:
-        raise ValueError(f"pixel data: {error}") from error
-    if len(raw) != declared or not inflate.eof or inflate.unused_data:
-        raise ValueError("the pixel data do not have the length that the header declares")
-    start = 0
-    for h, row_bytes in sizes:
-        if max(raw[start : start + h * row_bytes : row_bytes]) > 4:
-            raise ValueError("a row has an unknown filter type")
-        start += h * row_bytes
-    palettes = [data for kind, data in chunks if kind == b"PLTE"]
-    indexed = bool(colour_type == _PNG_PALETTE)
-    if indexed and (len(palettes) != 1 or len(palettes[0]) not in range(3, 769, 3)):
-        raise ValueError("the palette is missing or invalid")
-    return indexed
+    columns, rows, depth, colour_type = struct.unpack(">IIBB", chunks[0][8:18])
+    samples = _PNG_SAMPLES.get(colour_type, 0)
+    _require_size(rows, columns, rows * columns * samples * depth // 8, held_bytes)
+    return int(colour_type)
 
 
 def _tga(content: bytes) -> _Decoded:
