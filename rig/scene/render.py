@@ -15,7 +15,7 @@ from classify.base.errors import InputError
 from classify.lighting import Lighting
 from classify.relief.relighting import cast_shadow
 
-from .surfaces import Surface, SurfacePatch
+from .surfaces import Surface, SurfacePatch, View
 
 AMBIENT = 0.02
 """Default ambient light as a share of the light of one LED: what a shrouded rig lets in."""
@@ -127,7 +127,7 @@ def render_frame(
     """Render a square frame of a shifted, rotated surface; shadows may enter it."""
     reach_px = surface.relief_px * math.tan(math.radians(float(lighting.slants_deg.max())))
     margin_px = min(math.ceil(magnification * reach_px), size_px)
-    patch = surface.patch(size_px, rotate_deg, shift_px, margin_px, magnification)
+    patch = surface.patch(View(size_px, rotate_deg, shift_px, margin_px, magnification))
     return render_scene(
         patch,
         lighting,

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from rig.config.defect import Defect
 from rig.scene.material_folder import load_material
-from rig.scene.surfaces import Surface
+from rig.scene.surfaces import Surface, View
 from rig.simulation.defective_surface import DefectiveSurface
 
 from .faulty_parts import SIDE_PX, Fault, defect_of
@@ -54,7 +54,7 @@ def detectability(material: Path, fault: Fault) -> float:
 
 def _fields(surface: Surface, shift_px: tuple[float, ...]) -> Fields:
     """(3, h, w) slopes and log albedo at half resolution."""
-    patch = surface.patch(SIDE_PX, 0.0, (shift_px[0], shift_px[1]))
+    patch = surface.patch(View(SIDE_PX, 0.0, (shift_px[0], shift_px[1])))
     half = (SIDE_PX // 2, SIDE_PX // 2)
     p, q, albedo = (
         cv2.resize(plane, half, interpolation=cv2.INTER_AREA)
