@@ -79,8 +79,7 @@ class ShadingOrder:
     """Whether the shading fits the order of the lights."""
 
     verdict: Literal["confirmed", "undecided", "refuted"]
-    order: Order | None = None  # the better order, if refuted and not `mirrored`
-    mirrored: bool = False  # whether the images fit the lights with y pointing down
+    order: Order | None = None  # the better one, if refuted; None for lights with y pointing down
 
 
 def shading_of(
@@ -150,7 +149,7 @@ def shading_order(shading: Shading, lighting: Lighting) -> ShadingOrder:
     better &= as_good
     if better.any():
         best = orders[int(np.where(better, residual * curl, np.inf).argmin())]
-        return ShadingOrder("refuted", best, mirrored=best is None)
+        return ShadingOrder("refuted", best)
     exchanged = _exchanged(shading, tangents)
     if exchanged is not None:
         return ShadingOrder("refuted", exchanged)
