@@ -20,10 +20,7 @@ _OPCODE_LISTS, _RESPONSE_OPCODES = (51008, 51009), (7, 8, 10, 11, 12, 13)
 
 
 def linear_raw(content: bytes, page: Any) -> npt.NDArray[np.uint16]:
-    """Raw image (H, W) or (H, W, 3) of a `tifffile` page as linear camera RGB, 0 to 65535.
-
-    There is no white balance and no colour matrix, so that a pixel depends on the light in it only.
-    """
+    """Raw image (H, W) or (H, W, 3) of a `tifffile` page as linear camera RGB, 0 to 65535."""
     try:
         import rawpy
     except ImportError:
@@ -76,9 +73,9 @@ def _from_black_to_white(values: Array, page: Any) -> npt.NDArray[np.uint16]:
 
 
 def _numbers(page: Any, tag: int, *default: float) -> FloatMap:
-    found = page.tags.get(tag)
-    numbers = np.ravel(default if found is None else found.value).astype(np.float32)
-    return numbers[::2] / numbers[1::2] if found is not None and found.dtype in (5, 10) else numbers
+    entry = page.tags.get(tag)
+    numbers = np.ravel(default if entry is None else entry.value).astype(np.float32)
+    return numbers[::2] / numbers[1::2] if entry is not None and entry.dtype in (5, 10) else numbers
 
 
 def _opcodes(content: bytes) -> Iterator[int]:

@@ -145,12 +145,14 @@ def _png(content: bytes) -> _Decoded:
     colour_type = _check_png_header(chunks, len(content))
     if b"acTL" in kinds:
         raise InputError("an animation; save one image")
-    names = [each[8:].split(b"\0")[0] if each[5:8] in _PNG_TEXTS else each[4:8] for each in chunks]
-    for name in (each.decode("latin-1") for each, count in Counter(names).items() if count > 1):
+    names = [
+        chunk[8:].split(b"\0")[0] if chunk[5:8] in _PNG_TEXTS else chunk[4:8] for chunk in chunks
+    ]
+    for name in (name.decode("latin-1") for name, count in Counter(names).items() if count > 1):
         if name in _PNG_METADATA or name.startswith("Raw profile type "):
             raise InputError(f"holds {name} twice; remove one of them")
     critical = (b"IHDR", b"IDAT", b"IEND", *((b"PLTE",) if colour_type == _PNG_PALETTE else ()))
-    plain = _PNG_SIGNATURE + b"".join(each for each in chunks if each[4:8] in critical)
+    plain = _PNG_SIGNATURE + b"".join(chunk for chunk in chunks if chunk[4:8] in critical)
     image: Any = imagecodecs.png_decode(plain)
     # Pillow reads what stands in front of the pixels.
     chunks.sort(key=lambda chunk: chunk[4:8] in (b"IDAT", b"IEND"))
@@ -221,11 +223,11 @@ def _tiff(content: bytes, is_raw: bool = False) -> _Decoded:
 
     tifffile.logger().addHandler(logging.NullHandler())  # else its warnings go to stderr
     with tifffile.TiffFile(io.BytesIO(content)) as tiff:
-        pages: list[tuple[Any, Any]] = [(each, each) for each in tiff.pages]
-        pages += [(each, parent) for parent, _ in pages for each in parent.pages or ()]
+        pages: list[tuple[Any, Any]] = [(child, child) for child in tiff.pages]
+        pages += [(child, parent) for parent, _ in pages for child in parent.pages or ()]
         if not pages:
             raise ValueError("it holds no image")
-        full = [each for each in pages if not each[0].subfiletype & ~_ONE_OF_SEVERAL]
+        full = [candidate for candidate in pages if not candidate[0].subfiletype & ~_ONE_OF_SEVERAL]
         if len(full) != 1:
             raise InputError(f"holds {len(full)} images of full resolution; save one in a file")
         page, parent = full[0]
@@ -237,7 +239,9 @@ def _tiff(content: bytes, is_raw: bool = False) -> _Decoded:
         _require_size(page.imagelength, page.imagewidth, declared, len(content))
         # Each file of an OME-TIFF lists the images of all of them.
         stacks = [] if tiff.is_ome else [each for each in tiff.series if each.keyframe is page]
-        if page.imagedepth > 1 or any(each.size != page.size or each.transform for each in stacks):
+        if page.imagedepth > 1 or any(
+            series.size != page.size or series.transform for series in stacks
+        ):
             raise InputError("holds a stack of images; save one in a file")
         metadata = metadata_of_pages(*dict.fromkeys((parent, page)))
         if is_raw:

@@ -107,13 +107,13 @@ def _evaluate(rig: Rig, recording: _Recording) -> _Evaluation:
         np.array, zip(*recording.switches, strict=True)
     )
     switched_s, unknown_s = _switch_times(asked_s, acknowledged_s, controller_s)
-    shares, kept = _shares(np.array(recording.levels), of_step, rising, 1 << info.bit_depth)
+    shares, lit_bands = _shares(np.array(recording.levels), of_step, rising, 1 << info.bit_depth)
     edges = _band_edges(info.height_px)
     steps = Steps(
         reported_s=np.array(recording.reported_s) - switched_s[of_step],
         rising=rising[of_step],
         shares=shares,
-        bands=((edges[:-1] + edges[1:] - 1.0) / 2.0 / (info.height_px - 1))[kept],
+        bands=((edges[:-1] + edges[1:] - 1.0) / 2.0 / (info.height_px - 1))[lit_bands],
         exposure_s=info.exposure_s,
         period_s=info.frame_period_s,
     )
@@ -167,15 +167,15 @@ def _shares(
 ) -> tuple[Floats, BoolArray]:
     """(F, B) share of the LED's light in each band, and which of all bands show it."""
     last = np.append(np.diff(of_step) > 0, True)
-    lit = np.median(levels[last & rising[of_step]], axis=0)
+    brightest = np.median(levels[last & rising[of_step]], axis=0)
     dark = np.median(levels[last & ~rising[of_step]], axis=0)
-    kept = lit - dark > _MIN_CONTRAST * values
-    if np.count_nonzero(kept) < 2:
+    lit_bands = brightest - dark > _MIN_CONTRAST * values
+    if np.count_nonzero(lit_bands) < 2:
         raise CameraError(
             "the LED makes no difference in the frames; choose an LED that works, and put a bright "
             "surface below the camera"
         )
-    return (levels[:, kept] - dark[kept]) / (lit - dark)[kept], kept
+    return (levels[:, lit_bands] - dark[lit_bands]) / (brightest - dark)[lit_bands], lit_bands
 
 
 # Largest rms residual of the shares of light: more than with stamps that jitter by 3 ms, less than
@@ -238,8 +238,8 @@ def measure_latency(
 ) -> CameraLatency:
     """Switch an LED on and off `steps` times, and measure when the frames show it."""
     recording = _record_steps(rig, led, each(range(2 * steps)), 2 * steps)
-    found = _evaluate(rig, recording)
-    fit = found.fit
+    evaluation = _evaluate(rig, recording)
+    fit = evaluation.fit
     if fit.misfit > _MAX_MISFIT:
         raise CameraError(
             f"the frames do not follow LED {led}: their light differs from the model by "
@@ -252,14 +252,16 @@ def measure_latency(
             "are needed; use more --steps, or lengthen the exposure"
         )
     # Only the first half of the switches are at all phases of the frames.
-    anywhere = found.of_step < steps
-    shares, rising = found.steps.shares[anywhere], found.steps.rising[anywhere, None]
+    anywhere = evaluation.of_step < steps
+    shares, rising = evaluation.steps.shares[anywhere], evaluation.steps.rising[anywhere, None]
     is_complete = np.where(rising, shares, 1.0 - shares) >= _COMPLETE
-    after_s, of_step = found.after_s[anywhere], found.of_step[anywhere]
+    after_s, of_step = evaluation.after_s[anywhere], evaluation.of_step[anywhere]
     rows = (-1, 0) if fit.bottom_up else (0, -1)
     first_row, last_row = (_complete_change(is_complete[:, row], after_s, of_step) for row in rows)
     return CameraLatency(
-        camera=_camera_keys(rig.config.camera, fit, found.unknown_s, found.steps.period_s),
+        camera=_camera_keys(
+            rig.config.camera, fit, evaluation.unknown_s, evaluation.steps.period_s
+        ),
         settle_ms=_rounded_up(1e3 * _SETTLED_PER_RISE * max(fit.rise_s, fit.fall_s)),
         first_row=first_row,
         last_row=last_row,

@@ -91,7 +91,7 @@ def fit_steps(steps: Steps) -> StepFit:
         key=lambda values: float(np.abs(_misfit(few, values)).sum()),
     )
     span = 4.0 * steps.period_s
-    found = least_squares(
+    solution = least_squares(
         lambda values: _misfit(steps, values).ravel(),
         begin,
         loss="soft_l1",
@@ -99,15 +99,15 @@ def fit_steps(steps: Steps) -> StepFit:
         x_scale=(1e-3, 1e-3, 0.3, 0.3),
         bounds=([-span, -span, low, low], [span, span, high, high]),
     )
-    start_s, readout_s = (float(value) for value in found.x[:2])
-    rise_s, fall_s = (math.exp(float(value)) for value in found.x[2:])
+    start_s, readout_s = (float(value) for value in solution.x[:2])
+    rise_s, fall_s = (math.exp(float(value)) for value in solution.x[2:])
     offsets = _frame_offsets(steps, start_s, readout_s, rise_s, fall_s)
-    residual = _misfit(steps, found.x).ravel()
+    residual = _misfit(steps, solution.x).ravel()
     if len(offsets):
         start_s += float(np.median(offsets))
         offsets = offsets - np.median(offsets)
     # The bands of one frame share the error of its stamp, so that they count as one.
-    readout_error_s = math.sqrt(len(steps.bands)) * _error_of(1, found.jac, residual)
+    readout_error_s = math.sqrt(len(steps.bands)) * _error_of(1, solution.jac, residual)
     return StepFit(
         start_s=start_s + min(readout_s, 0.0),
         deviation_s=float(np.abs(offsets).max() + np.std(offsets)) if len(offsets) else 0.0,
@@ -152,8 +152,8 @@ def _frame_offsets(
         for frame, left in zip(shares, expected[chosen], strict=True):
             caught = (frame > _CAUGHT[0]) & (frame < _CAUGHT[1])
             if caught.any():
-                seen = np.interp(frame[caught], curve, table_s)
-                differences.append(float(np.median(seen - left[caught])))
+                after_s = np.interp(frame[caught], curve, table_s)
+                differences.append(float(np.median(after_s - left[caught])))
     return np.array(differences)
 
 

@@ -91,10 +91,7 @@ _FASTMATH = {"contract", "arcp", "nsz"}
 
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a function when it is first called, cached on disk, and release the GIL.
-
-    `numba.prange` is not used: it takes three to four times as long to compile.
-    """
+    """Compile a function when it is first called, cached on disk, and release the GIL."""
     compiled: Callable[..., Any] = njit(nogil=True, fastmath=_FASTMATH, error_model="numpy")(
         function
     )
@@ -105,10 +102,7 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def kernel_cache_folder() -> Path | None:
-    """Folder in which compiled kernels are cached, or None if they are not.
-
-    The first that can be written to: in `NUMBA_CACHE_DIR`, `__pycache__` here, the user's cache.
-    """
+    """Folder in which compiled kernels are cached, or None if they are not."""
     path = _probe.stats.cache_path  # type: ignore[attr-defined]
     return None if path is None else Path(path)
 

@@ -73,7 +73,7 @@ def explained(message: str) -> PydanticCustomError:
 def validation_message(error: ValidationError, root: type[BaseModel], section: str = "") -> str:
     """Describe an error of `root`; a misspelt key precedes the key that it should have been."""
     errors = error.errors(include_url=False)
-    first = next((each for each in errors if each["type"] == "extra_forbidden"), errors[0])
+    first = next((fault for fault in errors if fault["type"] == "extra_forbidden"), errors[0])
     location, value, cause = first["loc"], first["input"], first["msg"]
     field = ".".join(map(str, [*filter(None, [section]), *location]))
     match first["type"]:
@@ -109,7 +109,7 @@ def first_fault(error: ValidationError) -> str:
 
 def messages_by_place(error: ValidationError) -> dict[tuple[str | int, ...], str]:
     """Return what is wrong with each value, by its place, for a form that shows the value."""
-    return {each["loc"]: _in_words(each["msg"]) for each in error.errors(include_url=False)}
+    return {fault["loc"]: _in_words(fault["msg"]) for fault in error.errors(include_url=False)}
 
 
 def _in_words(cause: str) -> str:

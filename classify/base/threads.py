@@ -176,11 +176,7 @@ def set_thread_count(count: int | None) -> None:
 
 
 def bind_workers(*, is_bound: bool = True) -> None:
-    """Bind each kept thread of this process to a processor of its own from now on.
-
-    Some operating systems let threads that have slept share one processor while another is idle;
-    capture/DECISIONS.md has the gain.
-    """
+    """Bind each kept thread of this process to a processor of its own from now on."""
     global _is_bound
     if is_bound != _is_bound:
         _is_bound = is_bound

@@ -30,11 +30,7 @@ class BlockLevels:
 def block_levels(
     frames: Frames, full_scale: float, hot_pixels: npt.NDArray[np.int32] | None = None
 ) -> BlockLevels:
-    """Return the levels of 16 x 16 blocks of (F, H, W) frames of one still scene.
-
-    Each block of each frame has its own mean, which removes flicker; (n, 2) `hot_pixels` do not
-    count.
-    """
+    """Return the levels of 16 x 16 blocks of (F, H, W) frames of one still scene."""
     blocks: Frames = in_blocks(frames)
     usable = np.ones(frames.shape[1:], np.bool_)
     if hot_pixels is not None:

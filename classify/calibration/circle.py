@@ -36,10 +36,7 @@ def fitted_circle(points: Floats, weights: Floats, start: Circle) -> Circle:
 
 
 def centre_error(rim: Floats, weights: Floats, circle: Circle) -> float:
-    """Standard error of the centre, from fits that leave out one sector each.
-
-    Errors of an outline are correlated over long arcs, so the scatter of its points is too small.
-    """
+    """Standard error of the centre, from fits that leave out one sector each."""
     angles = np.arctan2(rim[:, 1] - circle.row, rim[:, 0] - circle.column)
     sector = np.floor((angles / (2.0 * np.pi) + 0.5) * _SECTORS).astype(int) % _SECTORS
     fits = np.array([
@@ -74,7 +71,7 @@ def voted_circles(images: Sequence[FloatMap], smallest_radius_px: float) -> list
     """Return circles in (H, W) images that many edges are on, the likeliest first."""
     points, gradients, weights = _edges(images)
     height, width = images[0].shape
-    found: list[tuple[float, Circle]] = []
+    candidates: list[tuple[float, Circle]] = []
     radius = max(smallest_radius_px, 8.0)
     while radius <= 0.55 * min(height, width):
         votes = np.zeros(height * width)
@@ -91,28 +88,28 @@ def voted_circles(images: Sequence[FloatMap], smallest_radius_px: float) -> list
         # Standard deviations above what edges in random places give.
         score = (count - expected) / np.sqrt(expected + 0.2 * radius)
         peaks = (score == cv2.dilate(score, np.ones((5, 5)))) & (score > 0.0)
-        found += [
+        candidates += [
             (float(score[row, column]), Circle(float(column), float(row), radius))
             for row, column in np.argwhere(peaks)
         ]
         radius *= _RADIUS_STEP
-    found.sort(key=lambda each: -each[0])
-    kept: list[Circle] = []
-    for _, each in found:
+    candidates.sort(key=lambda circle: -circle[0])
+    distinct: list[Circle] = []
+    for _, circle in candidates:
         if all(
-            np.hypot(each.column - other.column, each.row - other.row)
-            + abs(each.radius - other.radius) > 0.1 * each.radius
-            for other in kept
+            np.hypot(circle.column - other.column, circle.row - other.row)
+            + abs(circle.radius - other.radius) > 0.1 * circle.radius
+            for other in distinct
         ):  # fmt: skip
-            kept.append(each)
-            if len(kept) == _CANDIDATES:
+            distinct.append(circle)
+            if len(distinct) == _CANDIDATES:
                 break
-    return kept
+    return distinct
 
 
 def _edges(images: Sequence[FloatMap]) -> tuple[Floats, Floats, Floats]:
     """(n, 2) columns and rows, unit gradients, and (n,) weights of edge pixels."""
-    found = []
+    edges_by_image = []
     for image in images:
         smooth = cv2.GaussianBlur(image, (0, 0), 1.0)
         gx, gy = (cv2.Scharr(smooth, cv2.CV_32F, dx, 1 - dx) for dx in (1, 0))
@@ -129,6 +126,6 @@ def _edges(images: Sequence[FloatMap]) -> tuple[Floats, Floats, Floats]:
         )
         weight = here / (here + 4.0 * typical)
         edges = np.stack([columns, rows, ux, uy, weight], axis=1)
-        found.append(edges[(here >= before) & (here > after)])
-    edges = np.concatenate(found).astype(np.float64)
+        edges_by_image.append(edges[(here >= before) & (here > after)])
+    edges = np.concatenate(edges_by_image).astype(np.float64)
     return edges[:, :2], edges[:, 2:4], edges[:, 4]

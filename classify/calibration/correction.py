@@ -56,10 +56,7 @@ def offset_in_light(dark: Dark, response: Response | None, full_scale: float) ->
 
 
 def undistorted(stack: ImageStack, scale: Scale, full_scale: float) -> ImageStack:
-    """The images of a lens without distortion, by bilinear interpolation.
-
-    A pixel that is interpolated from a saturated one is saturated.
-    """
+    """The images of a lens without distortion, by bilinear interpolation."""
     maps = _source_of_pixels(scale, stack.shape)
 
     def remap(image: Array) -> Array:

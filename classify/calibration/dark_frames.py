@@ -48,10 +48,7 @@ class DarkFrames:
 
 
 def dark_of(frames: Frames, full_scale: float, lit: Frames | None = None) -> DarkFrames:
-    """Measure offset, noise and hot pixels from (F, H, W) frames with the lens covered.
-
-    The (n, H, W) `lit` frames are under the LEDs, with the lens covered too, and must be as dark.
-    """
+    """Measure offset, noise and hot pixels from (F, H, W) frames with the lens covered."""
     if len(frames) < 2 or frames.dtype not in (np.uint8, np.uint16):
         count = "one frame" if len(frames) == 1 else f"{len(frames)} frames"
         raise InputError(

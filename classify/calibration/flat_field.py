@@ -40,24 +40,20 @@ class FittedFlatField:
 
 
 def fit_flat_field(blocks: PlateBlocks) -> FittedFlatField:
-    """Fit polynomials to the logarithms of the blocks: to the lights' ratios, and their mean.
-
-    Placements rotated by 180 degrees cancel a tilt of the sheet and a reflectance that rises along
-    it.
-    """
+    """Fit polynomials to the logarithms of the blocks: to the lights' ratios, and their mean."""
     common = blocks.logs.mean(axis=1, keepdims=True)
     ratio, mean = (_Fit.of(values, blocks) for values in (blocks.logs - common, common))
     coefficients = ratio.coefficients + mean.coefficients
-    x, y = (_edges(each) for each in (blocks.x, blocks.y))
-    seen = np.zeros((BLOCKS + 1, BLOCKS + 1), np.bool_)
+    x, y = (_edges(centres) for centres in (blocks.x, blocks.y))
+    covered = np.zeros((BLOCKS + 1, BLOCKS + 1), np.bool_)
     usable = blocks.usable.any(axis=0)
     for rows in (slice(None, -1), slice(1, None)):
         for columns in (slice(None, -1), slice(1, None)):
-            seen[rows, columns] |= usable
+            covered[rows, columns] |= usable
     coefficients[:, 0, 0] -= (powers(blocks.y, TERMS) @ coefficients @ powers(blocks.x, TERMS).T)[
         :, usable
     ].mean()
-    logs = (powers(y, TERMS) @ coefficients @ powers(x, TERMS).T)[:, seen]
+    logs = (powers(y, TERMS) @ coefficients @ powers(x, TERMS).T)[:, covered]
     return FittedFlatField(
         FlatField(coefficients, np.stack([logs.min(axis=1), logs.max(axis=1)], axis=1)),
         (ratio.degree, mean.degree),
@@ -101,8 +97,10 @@ class _Fit:
             coefficients = _refined(coefficients, chosen, bases[chosen], targets, usable)
         fitted = _evaluated(coefficients, chosen, bases[chosen])
         means, weights, offsets, scale = _combined(targets - fitted, usable)
-        seen = np.maximum(usable.sum(axis=0), 1.0)
-        plain = ((targets - fitted - offsets[..., None, None]) * usable[:, None]).sum(axis=0) / seen
+        counts = np.maximum(usable.sum(axis=0), 1.0)
+        plain = ((targets - fitted - offsets[..., None, None]) * usable[:, None]).sum(
+            axis=0
+        ) / counts
         counted = float(weights.sum()) / max(float(weights.max()), _TINY)
         terms = bases[chosen].shape[-1]
         return cls(
@@ -142,10 +140,7 @@ def _evaluated(coefficients: Floats, degree: int, basis: Floats) -> Floats:
 
 
 def _combined(residuals: Floats, usable: Floats) -> tuple[Floats, Floats, Floats, float]:
-    """Robust means (C, folds, blocks) over the placements, weights, offsets and scale.
-
-    A placement shifts all values of a light by an offset; the (S, C) offsets have the mean 0.
-    """
+    """Robust means (C, folds, blocks) over the placements, weights, offsets and scale."""
     offsets = np.zeros(residuals.shape[:2])
     weights = usable
     for _ in range(2):
@@ -153,8 +148,8 @@ def _combined(residuals: Floats, usable: Floats) -> tuple[Floats, Floats, Floats
         offsets = (residuals * weights[:, None]).sum(axis=(-1, -2)) / total
         offsets -= offsets.mean(axis=0)
         squares = np.square(residuals - offsets[..., None, None]).mean(axis=1)
-        seen = squares[usable > 0.0]
-        variance = float(np.median(seen)) / MEDIAN_SQUARE if seen.size else _TINY
+        used = squares[usable > 0.0]
+        variance = float(np.median(used)) / MEDIAN_SQUARE if used.size else _TINY
         limit = max(TUKEY**2 * variance, _TINY)
         weights = np.square(np.maximum(1.0 - squares / limit, 0.0)) * usable
     totals = weights.sum(axis=0)

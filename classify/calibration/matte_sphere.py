@@ -68,16 +68,16 @@ def matte_directions(
         samples.append(_Samples(light, normals[usable], values[usable], squared[usable]))
     # The lens is the same in all light images.
     if vignetting is None:
-        vignetting = float(np.median([_fit(each, None).vignetting for each in samples]))
-    fits = [_fit(each, vignetting) for each in samples]
+        vignetting = float(np.median([_fit(sample, None).vignetting for sample in samples]))
+    fits = [_fit(sample, vignetting) for sample in samples]
     errors = []
-    for each, fit in zip(samples, fits, strict=True):
+    for sample, fit in zip(samples, fits, strict=True):
         if fit.residual > _WORST_RESIDUAL:
             raise CalibrationRejected(
-                f"light image {each.light}: the shading is {fit.residual:.0%} off that of a matt "
+                f"light image {sample.light}: the shading is {fit.residual:.0%} off that of a matt "
                 "sphere; use a matt ball, and --sphere mirror for a polished one"
             )
-        scatter = _jackknife_deg(each.only(fit.lit), fit)
+        scatter = _jackknife_deg(sample.only(fit.lit), fit)
         # A shifted outline turns all normals; those that face the camera by the least.
         outline = np.degrees(sphere.error_px / sphere.radius_px) / max(fit.direction[2], 0.3)
         errors.append(float(np.linalg.norm([scatter, outline, _MODEL_DEG])))
@@ -96,8 +96,8 @@ class _Samples:
     values: Floats
     squared: Floats  # squared distance from the middle of the frame; 1 in its corners
 
-    def only(self, kept: BoolArray) -> _Samples:
-        return _Samples(self.light, self.normals[kept], self.values[kept], self.squared[kept])
+    def only(self, chosen: BoolArray) -> _Samples:
+        return _Samples(self.light, self.normals[chosen], self.values[chosen], self.squared[chosen])
 
     def flat(self, vignetting: float) -> Floats:
         """The values without vignetting."""
@@ -173,11 +173,11 @@ def _refined(samples: _Samples, start: Floats, vignetting: float | None) -> tupl
 
     free = 3 if vignetting is None else 2
     low, high = [-1.0, -1.0, _VIGNETTING[0]][:free], [1.0, 1.0, _VIGNETTING[1]][:free]
-    found = optimize.least_squares(
+    solution = optimize.least_squares(
         off, np.zeros(free), bounds=(low, high), diff_step=1e-4, x_scale=[0.01, 0.01, 0.1][:free],
         max_nfev=20,
     )  # fmt: skip
-    return stepped(found.x[:2]), float(found.x[2]) if vignetting is None else vignetting
+    return stepped(solution.x[:2]), float(solution.x[2]) if vignetting is None else vignetting
 
 
 def _jackknife_deg(samples: _Samples, fit: _Fit) -> float:

@@ -108,10 +108,7 @@ def _room(others: Sequence[Floats], values: Floats) -> Floats:
 
 
 def _lit_share(values: Floats, room: Floats, light: int) -> tuple[Floats, float]:
-    """Share of each pixel, 0 to 1, that shows the light, and the limit of a highlight.
-
-    The change is divided by the room's difference from full scale, where highlights are clipped.
-    """
+    """Share of each pixel, 0 to 1, that shows the light, and the limit of a highlight."""
     change = values - room
     highest = float(change.max())
     middle = float(np.median(change))

@@ -60,14 +60,10 @@ def photon_transfer(
     full_scale: float,
     dark_noise_dn: float | None = None,
 ) -> PhotonTransfer:
-    """Fit gain and read noise to the levels of several exposures of a still scene.
-
-    The camera must be linear, which `response_of` decides: with a gamma of 2 all variances are
-    equal, and lie on a line too.
-    """
-    means = np.concatenate([each.means for each in levels]) - black_level_dn
-    variances = np.concatenate([each.variances for each in levels])
-    freedom = np.concatenate([np.full(each.means.shape, each.freedom) for each in levels])
+    """Fit gain and read noise of a linear camera to levels of several exposures of a scene."""
+    means = np.concatenate([level.means for level in levels]) - black_level_dn
+    variances = np.concatenate([level.variances for level in levels])
+    freedom = np.concatenate([np.full(level.means.shape, level.freedom) for level in levels])
     highest = _HIGHEST * (full_scale - black_level_dn)
     usable = (means <= highest) & (variances >= 0.0)  # false for NaN
     means, variances, freedom = means[usable], variances[usable], freedom[usable]
@@ -78,15 +74,15 @@ def photon_transfer(
     # then by the line.
     selected = _smoothed(means, variances) >= _LEAST_VARIANCE
     for _ in range(2):
-        seen = means[selected]
-        if len(seen) < _GROUPS or np.ptp(seen) < _LEAST_SPAN * highest:
+        lit = means[selected]
+        if len(lit) < _GROUPS or np.ptp(lit) < _LEAST_SPAN * highest:
             raise CalibrationRejected(
                 f"the noise has a variance of at most {variances.max(initial=0.0):.2g} in pixel "
                 f"values, where rounding hides it below {_LEAST_VARIANCE:g}, or too few levels are "
                 "lit; use a camera format with more bits, or longer exposures"
             )
-        line, covariance = _fit(seen, variances[selected], freedom[selected], known)
-        error = _departure(seen, variances[selected], line)
+        line, covariance = _fit(lit, variances[selected], freedom[selected], known)
+        error = _departure(lit, variances[selected], line)
         selected = line[0] + line[1] * means >= _LEAST_VARIANCE
     if not (line[1] > 0.0 and error <= _MAX_ERROR):
         raise CalibrationRejected(

@@ -62,20 +62,16 @@ def measure_plate(
     lighting: Lighting,
     mask: BoolArray | None = None,
 ) -> MeasuredPlate:
-    """Measure flat field and LED positions on a white matt sheet in the (H, W) `mask`.
-
-    Two placements, rotated by 180 degrees, cancel its tilt; of `lighting`, the lights as
-    configured, only directions that disagree by a common tilt are refused.
-    """
+    """Measure flat field and LED positions on a white matt sheet in the (H, W) `mask`."""
     if len(lighting) < 3:
         raise InputError(f"{len(lighting)} lights; a sheet shows the positions of three or more")
-    shapes = {each.images.shape for each in placements}
+    shapes = {placement.images.shape for placement in placements}
     if len(shapes) != 1 or next(iter(shapes))[0] != len(lighting):
         raise InputError(
             f"the sets of the sheet differ in size or in lights: shapes {sorted(shapes)} for "
             f"{len(lighting)} lights; capture them alike"
         )
-    check_placements_differ([each.images for each in placements])
+    check_placements_differ([placement.images for placement in placements])
     blocks = PlateBlocks.of(placements, full_scale, mask)
     check_sheet(blocks, lighting)
     fitted = fit_flat_field(blocks)
@@ -184,7 +180,7 @@ def _tilts_deg(offsets: Floats, lighting: Lighting) -> Floats:
 
 
 def _checked_tilt_deg(
-    tilts_deg: Floats, fitted: FittedFlatField, measured: Lighting | None, given: Lighting
+    tilts_deg: Floats, fitted: FittedFlatField, measured: Lighting | None, configured: Lighting
 ) -> float:
     """Check the tilts; return the one that all share, by measured less configured lights."""
     if tilts_deg.max() > _MOST_TILTED_DEG:
@@ -193,10 +189,10 @@ def _checked_tilt_deg(
             f"{_MOST_TILTED_DEG:g} degrees"
         )
     if measured is not None:
-        alone_deg, most_deg = _common_tilt_deg(measured, given), _MOST_TILTED_ALONE_DEG
+        alone_deg, most_deg = _common_tilt_deg(measured, configured), _MOST_TILTED_ALONE_DEG
     else:
         levels = fitted.flat_field.coefficients[:, 0, 0]
-        alone_deg = _tilt_of_levels_deg(levels - levels.mean(), given)
+        alone_deg = _tilt_of_levels_deg(levels - levels.mean(), configured)
         most_deg = _MOST_TILTED_BY_LEVELS_DEG
     if alone_deg > most_deg:
         raise CalibrationRejected(
@@ -206,11 +202,11 @@ def _checked_tilt_deg(
     return alone_deg
 
 
-def _common_tilt_deg(measured: Lighting, given: Lighting) -> float:
+def _common_tilt_deg(measured: Lighting, configured: Lighting) -> float:
     """Tilt of the sheet that explains how all directions differ; 0 if none does."""
-    change = measured.directions - given.directions
+    change = measured.directions - configured.directions
     # A small rotation w adds w x l to every direction l.
-    design = np.concatenate([-_cross(each) for each in given.directions])
+    design = np.concatenate([-_cross(direction) for direction in configured.directions])
     rotation, *_ = np.linalg.lstsq(design, change.ravel(), rcond=None)
     left = change.ravel() - design @ rotation
     if np.square(left).sum() > _LEFT_OF_DIRECTIONS * np.square(change).sum():
@@ -223,11 +219,11 @@ def _cross(vector: Floats) -> Floats:
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
-def _tilt_of_levels_deg(levels: Floats, given: Lighting) -> float:
+def _tilt_of_levels_deg(levels: Floats, configured: Lighting) -> float:
     """Tilt of the sheet that explains the levels of distant lights; 0 if none does."""
-    if len(given) == 3:
+    if len(configured) == 3:
         return 0.0  # a tilt explains any three levels
-    tangents = given.directions[:, :2] / given.directions[:, 2:]
+    tangents = configured.directions[:, :2] / configured.directions[:, 2:]
     centred = tangents - tangents.mean(axis=0)
     slopes, *_ = np.linalg.lstsq(-centred, levels, rcond=None)
     left = levels + centred @ slopes
@@ -249,7 +245,7 @@ def _check_surface(fitted: FittedFlatField) -> None:
 def _check_gloss(positions: LedPositions, blocks: PlateBlocks, lighting: Lighting) -> None:
     """Reject a sheet that is brighter on the side of each light, as a mirror is."""
     size = positions.residuals.shape[-1]
-    x, y = (each.reshape(size, -1).mean(axis=1) for each in (blocks.x, blocks.y))
+    x, y = (axis.reshape(size, -1).mean(axis=1) for axis in (blocks.x, blocks.y))
     shiny = []
     for light, excess in enumerate(positions.residuals):
         hot = np.where(

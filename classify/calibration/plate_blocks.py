@@ -43,10 +43,10 @@ class PlateBlocks:
     ) -> "PlateBlocks":
         """Blocks of the placements; only pixels of the (H, W) `mask` count."""
         shape = placements[0].shape
-        found = (_of_placement(each, full_scale, mask) for each in placements)
+        maps = (_of_placement(placement, full_scale, mask) for placement in placements)
         rows, columns = ((np.arange(BLOCKS) + 0.5) * length / BLOCKS - 0.5 for length in shape)
         x, y = coordinates(rows, columns, shape)
-        logs, usable, relief, grain, saturated, levels = map(np.stack, zip(*found, strict=True))
+        logs, usable, relief, grain, saturated, levels = map(np.stack, zip(*maps, strict=True))
         return cls(logs, usable, relief, grain, saturated, levels, x, y, shape)
 
     @property
@@ -79,9 +79,9 @@ def _of_placement(
     unevenness = _deviation(common, good)
     grain = SIGMA_PER_MAD * np.nan_to_num(_median(np.abs(unevenness)))
     clean = good & (np.abs(unevenness) <= _DUST * grain[..., None] + 1e-9)
-    for each in away:
-        spread = SIGMA_PER_MAD * np.nan_to_num(_median(np.abs(each)))[..., None]
-        clean &= np.abs(each) <= _DUST * spread + 1e-9
+    for light in away:
+        spread = SIGMA_PER_MAD * np.nan_to_num(_median(np.abs(light)))[..., None]
+        clean &= np.abs(light) <= _DUST * spread + 1e-9
     count = clean.sum(axis=-1)
     means = (values * clean).sum(axis=-1) / np.maximum(count, 1)
     usable = count >= _USABLE * clean.shape[-1]
@@ -92,7 +92,7 @@ def _of_placement(
         relief,
         grain,
         (saturated & part).sum(axis=(1, 2)) / inside,
-        np.array([np.median(each[good]) if good.any() else 0.0 for each in values]) / full_scale,
+        np.array([np.median(light[good]) if good.any() else 0.0 for light in values]) / full_scale,
     )
 
 
@@ -112,8 +112,8 @@ def _in_blocks(cells: FloatMap) -> FloatMap:
 
 def _deviation(values: Floats, good: BoolArray) -> Floats:
     """Differences of good cells from the median of their block; NaN for the others."""
-    seen = np.where(good, values, np.nan)
-    deviation: Floats = seen - _median(seen)[..., None]
+    masked = np.where(good, values, np.nan)
+    deviation: Floats = masked - _median(masked)[..., None]
     return deviation
 
 

@@ -60,10 +60,7 @@ class Sphere:
         return cls(centre, float(radius), outline.error_px, focal_px, frame)
 
     def surface_at(self, columns: npt.ArrayLike, rows: npt.ArrayLike) -> tuple[Floats, Floats]:
-        """(n, 3) unit normals, and unit vectors to the camera, at pixels of the sphere.
-
-        Pixels beyond the outline get the normal at the outline.
-        """
+        """(n, 3) unit normals, and unit vectors to the camera, at pixels of the sphere."""
         at_column, at_row = np.asarray(columns, np.float64), np.asarray(rows, np.float64)
         if self.focal_px is None:
             height, width = self.frame

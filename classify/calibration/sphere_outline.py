@@ -113,25 +113,21 @@ def outline_of_mask(mask: BoolArray) -> Outline:
 
 
 def find_outline(images: Array, *, is_mirror: bool = True) -> Outline:
-    """Find the outline of the one sphere in (N, H, W) light images under N lights.
-
-    On a matt sphere the differences between lights are largest at attached shadows, and are not
-    used.
-    """
+    """Find the outline of the one sphere in (N, H, W) light images under N lights."""
     features = _features(images, is_mirror=is_mirror)
     height, width = features[0].shape
     factor = min(1.0, _SEARCH_PX / max(height, width))
     small = _reduced(features, factor)
-    found = [
-        _fitted(small, each, _COARSE[:1])
-        for each in voted_circles(small, factor * _SMALLEST_RADIUS_PX)
+    outlines = [
+        _fitted(small, circle, _COARSE[:1])
+        for circle in voted_circles(small, factor * _SMALLEST_RADIUS_PX)
     ]
-    found = sorted(found, key=_rank)[-_FINALISTS:]
-    found = [_fitted(small, each.circle, _COARSE[1:]) for each in found]
-    if max((each.score for each in found), default=0.0) <= 0.0:
+    outlines = sorted(outlines, key=_rank)[-_FINALISTS:]
+    outlines = [_fitted(small, outline.circle, _COARSE[1:]) for outline in outlines]
+    if max((outline.score for outline in outlines), default=0.0) <= 0.0:
         raise CalibrationRejected(_NO_SPHERE)
-    best = _chosen(found)
-    near, doubt_px = _scaled(best.circle, 1.0 / factor), _doubt_px(found, best) / factor
+    best = _chosen(outlines)
+    near, doubt_px = _scaled(best.circle, 1.0 / factor), _doubt_px(outlines, best) / factor
     factor = min(1.0, _FIT_RADIUS_PX / near.radius)
     fine = _fitted(_reduced(features, factor), _scaled(near, factor), _FINE)
     if max(best.score, fine.score) < _LOWEST_SCORE or fine.score < _LOWEST_FINE_SCORE:
@@ -161,7 +157,7 @@ _NO_SPHERE = (
 
 def _scaled(circle: Circle, factor: float) -> Circle:
     """The circle in a frame scaled by `factor`; pixel centres are whole numbers."""
-    column, row = ((each + 0.5) * factor - 0.5 for each in circle[:2])
+    column, row = ((axis + 0.5) * factor - 0.5 for axis in circle[:2])
     return Circle(column, row, circle.radius * factor)
 
 
@@ -171,11 +167,11 @@ def _features(images: Array, *, is_mirror: bool) -> list[FloatMap]:
     In the ratio of a pixel's brighter half of the lights (without the brightest, perhaps a
     highlight) to its darker half, the albedo of the background cancels.
     """
-    each = (images.mean(axis=0, dtype=np.float32), images.max(axis=0), images.min(axis=0))
-    top = max(float(image.max()) for image in each) or 1.0
+    planes = (images.mean(axis=0, dtype=np.float32), images.max(axis=0), images.min(axis=0))
+    top = max(float(image.max()) for image in planes) or 1.0
     if not is_mirror:
-        return [np.sqrt(np.maximum(image.astype(np.float32) / top, 0.0)) for image in each]
-    roots = [np.sqrt(_share(image, top)) for image in each]
+        return [np.sqrt(np.maximum(image.astype(np.float32) / top, 0.0)) for image in planes]
+    roots = [np.sqrt(_share(image, top)) for image in planes]
     if len(images) < _RATIO_LIGHTS:
         return roots
     ordered = np.sort(images, axis=0)
@@ -198,8 +194,8 @@ def _reduced(features: list[FloatMap], factor: float) -> list[FloatMap]:
     height, width = features[0].shape
     size = (round(width * factor), round(height * factor))
     return [
-        np.asarray(cv2.resize(each, size, interpolation=cv2.INTER_AREA), np.float32)
-        for each in features
+        np.asarray(cv2.resize(feature, size, interpolation=cv2.INTER_AREA), np.float32)
+        for feature in features
     ]
 
 
@@ -208,26 +204,26 @@ def _rank(outline: Outline) -> float:
     return outline.score * float(outline.circle.radius**0.25)
 
 
-def _chosen(found: list[Outline]) -> Outline:
-    best = max(found, key=_rank)
+def _chosen(outlines: list[Outline]) -> Outline:
+    best = max(outlines, key=_rank)
 
-    def is_around(each: Outline) -> bool:
-        dx, dy, growth = (a - b for a, b in zip(each.circle, best.circle, strict=True))
-        apart, ratio = float(np.hypot(dx, dy)), each.circle.radius / best.circle.radius
-        is_larger = apart < growth + 0.02 * each.circle.radius and ratio > _OUTER_RADIUS
-        has_same_centre = apart < _SAME_CENTRE * each.circle.radius and ratio > _LARGER
-        return (is_larger or has_same_centre) and each.score > _OUTER_SHARE * best.score
+    def is_around(outline: Outline) -> bool:
+        dx, dy, growth = (a - b for a, b in zip(outline.circle, best.circle, strict=True))
+        apart, ratio = float(np.hypot(dx, dy)), outline.circle.radius / best.circle.radius
+        is_larger = apart < growth + 0.02 * outline.circle.radius and ratio > _OUTER_RADIUS
+        has_same_centre = apart < _SAME_CENTRE * outline.circle.radius and ratio > _LARGER
+        return (is_larger or has_same_centre) and outline.score > _OUTER_SHARE * best.score
 
-    return max(filter(is_around, found), key=lambda each: each.score, default=best)
+    return max(filter(is_around, outlines), key=lambda outline: outline.score, default=best)
 
 
-def _doubt_px(found: list[Outline], best: Outline) -> float:
+def _doubt_px(outlines: list[Outline], best: Outline) -> float:
     """Half the largest difference of `best` from a circle that may be the outline too."""
     rivals = [
-        np.subtract(each.circle, best.circle)
-        for each in found
-        if each.score > _RIVAL_SHARE * best.score
-        and 1.0 / _RIVAL_RADIUS < each.circle.radius / best.circle.radius < _RIVAL_RADIUS
+        np.subtract(outline.circle, best.circle)
+        for outline in outlines
+        if outline.score > _RIVAL_SHARE * best.score
+        and 1.0 / _RIVAL_RADIUS < outline.circle.radius / best.circle.radius < _RIVAL_RADIUS
     ]
     return 0.5 * max(max(float(np.hypot(x, y)), abs(float(r))) for x, y, r in rivals)
 
@@ -257,8 +253,8 @@ def _radial_edges(
     before, here, after = weights[ray, at - 1], weights[ray, at], weights[ray, at + 1]
     curvature = np.minimum(before - 2.0 * here + after, -1e-12)
     # The top of the parabola through three values.
-    found = radii[at] + step * np.clip(0.5 * (before - after) / curvature, -0.5, 0.5)
-    points = np.array(circle[:2]) + found[..., None] * rays[:, None, :]
+    radius = radii[at] + step * np.clip(0.5 * (before - after) / curvature, -0.5, 0.5)
+    points = np.array(circle[:2]) + radius[..., None] * rays[:, None, :]
     return points, peaks[ray, at - 1]
 
 
@@ -308,10 +304,7 @@ def _nearness(off: Floats, tolerance: float) -> Floats:
 
 
 def _scores(points: Floats, weights: Floats, circles: Floats, tolerance: float) -> Floats:
-    """Share of each circle with edges, less half of those just outside; 1 all around.
-
-    Reflections crowd just inside a mirror's outline; roots favour circles with edges on all sides.
-    """
+    """Share of each circle with edges, less half of those just outside; 1 all around."""
     off = _off(points, circles)
     on = (weights * _nearness(off, tolerance)).max(axis=2)
     outside = np.where((off > tolerance) & (off < 8.0 * tolerance), weights, 0.0).max(axis=2)

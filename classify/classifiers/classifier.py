@@ -25,10 +25,7 @@ Shape = tuple[int, ...]
 
 
 class Comparison(NamedTuple):
-    """One signature compared with n references, as (n,) arrays.
-
-    Arrays are None where the classifier finds no orientation or no blur.
-    """
+    """One signature compared with n references, as (n,) arrays."""
 
     distances: Floats  # 0 equal
     orientations_deg: Floats | None = None  # anticlockwise, [0, 180)

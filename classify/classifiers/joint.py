@@ -97,21 +97,21 @@ def _vector(
 
 
 def _compare(test: FloatMap, references: FloatMap, parameters: Parameters) -> Comparison:
-    found = least_error(_series_of(test[None])[0], _series_of(references))
+    spectral = least_error(_series_of(test[None])[0], _series_of(references))
     own, others = _levels(test[None], parameters)[0], _levels(references, parameters)
     # Blur changes neither the other harmonics nor the shift.
     curve, curves = _curves(test[None], parameters)[0], _curves(references, parameters)
     penalty = blur_penalty(float(parameters["pixels"]))
     least, variances = least_over_blurs(own, curve, others, curves, SERIES, penalty)
     rings = np.square(others - own)[:, :SERIES].sum(axis=1, dtype=np.float64)
-    total = np.maximum(found.errors - rings, 0.0) + least
+    total = np.maximum(spectral.errors - rings, 0.0) + least
     blurs_px = np.sign(variances) * np.sqrt(np.abs(variances))
     total /= test[-1]
-    headings = heading_scores(test[_HEADING], references[:, _HEADING], found.shifts_deg)
+    headings = heading_scores(test[_HEADING], references[:, _HEADING], spectral.shifts_deg)
     # The moments of a smaller frame scatter more.
     headings /= np.sqrt(test[-1])
-    headings[found.sharpness < _LEAST_SHARPNESS] = 0.0
-    return Comparison(total, found.shifts_deg, found.sharpness, headings, blurs_px)
+    headings[spectral.sharpness < _LEAST_SHARPNESS] = 0.0
+    return Comparison(total, spectral.shifts_deg, spectral.sharpness, headings, blurs_px)
 
 
 def _agreement(test: FloatMap, references: FloatMap) -> Floats:

@@ -119,10 +119,7 @@ def _polar(spectra: Spectra) -> FloatMap:
 
 
 def spectral_series(polar: FloatMap, parameters: Parameters) -> Complex:
-    """(..., SERIES, 16) weighted series of log relief, log albedo, coherence (..., 3, R, A).
-
-    The floor is added to each density: logarithms of errors would vary like those of textures.
-    """
+    """(..., SERIES, 16) weighted series of log relief, log albedo, coherence (..., 3, R, A)."""
     return harmonics(_channels(polar, parameters))
 
 

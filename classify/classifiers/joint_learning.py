@@ -138,10 +138,7 @@ def _spectral_unit(distances: Floats) -> float:
 
 
 def _whitening(quarters: Floats, levels: int) -> Floats:
-    """(d, d) W of (sets, 4, d) quarters: |W (x - y)|^2 is a squared Mahalanobis distance.
-
-    The fewer sets, the nearer are variances to their geometric mean and correlations to 0.
-    """
+    """(d, d) W of (sets, 4, d) quarters: |W (x - y)|^2 is a squared Mahalanobis distance."""
     deviations = (quarters - quarters.mean(axis=1, keepdims=True)).reshape(-1, quarters.shape[-1])
     degrees = len(quarters) * (QUARTERS - 1)
     covariance = deviations.T @ deviations / degrees

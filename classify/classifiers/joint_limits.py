@@ -63,7 +63,7 @@ def limit_of_sets(limit: float, distances: Sequence[float]) -> float:
     """
     spread = math.hypot(_CLASS_SPREAD, _PATCH_SPREAD)
     expected = math.log(limit) - _DEVIATIONS * spread
-    logs = [math.log(each) for each in distances if each > math.exp(expected - 2.0 * spread)]
+    logs = [math.log(value) for value in distances if value > math.exp(expected - 2.0 * spread)]
     if not logs:
         return limit
     nearest, deviation = _LEAST_NORMAL[min(len(logs), len(_LEAST_NORMAL)) - 1]
@@ -71,7 +71,7 @@ def limit_of_sets(limit: float, distances: Sequence[float]) -> float:
         _CLASS_SPREAD, deviation * _PATCH_SPREAD
     )
     trust = 1.0 - 1.0 / (1.0 + len(logs) * (_CLASS_SPREAD / _PATCH_SPREAD) ** 2)
-    above = trust * sum(max(each - expected, -spread) for each in logs) / len(logs)
+    above = trust * sum(max(value - expected, -spread) for value in logs) / len(logs)
     remaining = math.hypot(_CLASS_SPREAD * math.sqrt(1.0 - trust), _PATCH_SPREAD)
     return math.exp(expected + min(above + _DEVIATIONS * remaining, most))
 
@@ -83,10 +83,7 @@ def class_limits(
     lower_bounds: Callable[[int, Indices], Floats],
     nearest: Callable[[int, Indices], float],
 ) -> dict[str, float]:
-    """Limit of each class, at most the distance to the nearest other class.
-
-    `single` (n,) is the limit of each reference's set alone.
-    """
+    """Limit of each class, at most the distance to the nearest other class."""
     numbers, classes = np.array(sets), np.array(labels)
     firsts = np.unique(numbers, return_index=True)[1]
 

@@ -22,10 +22,7 @@ class PolarSpectra(Observation):
 
 
 def _observe(surface: SurfaceEstimate, segment_px: int) -> PolarSpectra:
-    """Spectra M and A times frequency squared: slope^2 and albedo^2 per octave.
-
-    The thesis does not specify the weights of frequencies and of gradient against albedo.
-    """
+    """Spectra M and A times frequency squared: slope^2 and albedo^2 per octave."""
     spectra = surface_spectra(surface, segment_px)
     density = np.stack([spectra.gradient, spectra.albedo])
     return PolarSpectra(density * np.square(spectra.radii_cpp).astype(np.float32)[:, None])

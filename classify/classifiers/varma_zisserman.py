@@ -111,7 +111,7 @@ def _parameter_shapes(_segment_px: int) -> Mapping[str, Shape]:
 
 def _histograms(observation: _FilterResponses, parameters: Parameters) -> FloatMap:
     textons = parameters["textons"].astype(np.float32)
-    return np.stack([texton_histogram(each, textons) for each in observation.responses])
+    return np.stack([texton_histogram(response, textons) for response in observation.responses])
 
 
 def _histogram(observation: _FilterResponses, parameters: Parameters) -> FloatMap:

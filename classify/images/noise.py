@@ -79,10 +79,7 @@ class SensorNoise:
 
 
 def noise_of_sensor(sensor: SensorNoise, ambient: Array | None, gains: FloatMap) -> float:
-    """Standard deviation of a pixel without light, in units of images times gains.
-
-    A subtracted ambient image adds the same noise again; its level counts as black.
-    """
+    """Standard deviation of a pixel without light, in units of images times gains."""
     frames = 1.0 if ambient is None else 2.0
     variance = float(sensor.coefficients()[0]) * frames
     return math.sqrt(variance * float(np.mean(np.square(gains, dtype=np.float64))))

@@ -126,10 +126,7 @@ def _check_values(image: FloatMap, name: str) -> None:
 
 @lru_cache(maxsize=32)
 def sample_pixels(shape: tuple[int, int], most: int, margin: int = 0) -> Indices:
-    """Flat indices of about `most` pixels, evenly spread, without `margin` px at the sides.
-
-    The grid is symmetric about the middle: a rotated or mirrored frame has the same samples.
-    """
+    """Flat indices of about `most` pixels, even and symmetric, `margin` px from the sides."""
     rows, columns = (max(0, side - 2 * margin) for side in shape)
     step = max(1, math.ceil(math.sqrt(rows * columns / most)))
     grid = (margin + symmetric_samples(rows, step)), (margin + symmetric_samples(columns, step))

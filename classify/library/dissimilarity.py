@@ -61,10 +61,7 @@ def dendrogram(dissimilarities: Floats) -> Dendrogram:
 
 
 def embedding(distances: Floats, dissimilarities: Floats) -> Floats:
-    """(n, 2) map of sets by landmark multidimensional scaling (de Silva and Tenenbaum 2004).
-
-    The classes are the landmarks, placed by classical scaling of their (C, C) dissimilarities.
-    """
+    """(n, 2) map of sets by landmark multidimensional scaling (de Silva and Tenenbaum 2004)."""
     squares = np.square(dissimilarities)
     means = squares.mean(axis=0)
     centred = -0.5 * (squares - means - means[:, None] + squares.mean())

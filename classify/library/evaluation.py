@@ -41,18 +41,18 @@ class Trial:
     @property
     def nearest_orientation_error_deg(self) -> float | None:
         """Error modulo 180, 0 to 90; None where unknown or the nearest class is wrong."""
-        found_deg = self.match.orientation_deg
-        if self.orientation_deg is None or found_deg is None or not self.nearest_is_correct:
+        estimated_deg = self.match.orientation_deg
+        if self.orientation_deg is None or estimated_deg is None or not self.nearest_is_correct:
             return None
-        return abs(orientation_near(found_deg, self.orientation_deg) - self.orientation_deg)
+        return abs(orientation_near(estimated_deg, self.orientation_deg) - self.orientation_deg)
 
     @property
     def is_reversed(self) -> bool | None:
         """Whether the heading is off by more than 90 degrees; None if not known."""
-        found_deg = self.match.heading_deg
-        if self.orientation_deg is None or found_deg is None or not self.is_correct:
+        estimated_deg = self.match.heading_deg
+        if self.orientation_deg is None or estimated_deg is None or not self.is_correct:
             return None
-        return abs((found_deg - self.orientation_deg + 180.0) % 360.0 - 180.0) > 90.0
+        return abs((estimated_deg - self.orientation_deg + 180.0) % 360.0 - 180.0) > 90.0
 
 
 def nearest_accuracy(trials: Iterable[Trial]) -> float | None:
@@ -158,7 +158,7 @@ def evaluate(trials: Sequence[Trial], classes: Collection[str]) -> Evaluation:
         )
         for label, group in sorted(by_class.items())
     }
-    blurs_px = [each.match.blur_px for each in trials if each.match.blur_px is not None]
+    blurs_px = [trial.match.blur_px for trial in trials if trial.match.blur_px is not None]
     reversals = [trial.is_reversed for trial in trials if trial.is_reversed is not None]
     return Evaluation(
         sets=len(trials),
@@ -189,10 +189,7 @@ def leave_one_out(
     classifier: str = DEFAULT_CLASSIFIER,
     rounds: int = 30,
 ) -> list[Match | None]:
-    """Return the match of each set with a library that was not trained on it.
-
-    More than `rounds` sets are left out in groups; a match is None where no set is left.
-    """
+    """Match of each set with a library that was trained without its group; None without others."""
     named = classifier_named(classifier)
     # Sets of one class are neighbours in `rows`, so that they come into different groups.
     groups = [number % rounds for number in range(len(rows))]

@@ -71,7 +71,7 @@ class Match:
 
 
 def match_of(
-    found: Comparison,
+    comparison: Comparison,
     labels: Sequence[str],
     orientations_deg: Floats,
     limits: Mapping[str, float],
@@ -80,21 +80,21 @@ def match_of(
 ) -> Match:
     """Make a match from the comparison of a surface, blurred by `blurred_px`, with n references."""
     best_of_class: dict[str, int] = {}
-    for index in np.argsort(found.distances, kind="stable").tolist():
+    for index in np.argsort(comparison.distances, kind="stable").tolist():
         best_of_class.setdefault(labels[index], index)
         if len(best_of_class) == 2:
             break
     ranked = list(best_of_class.items())
     nearest, winner = ranked[0]
-    distance = float(found.distances[winner])
+    distance = float(comparison.distances[winner])
     runner_up, second = ranked[1] if len(ranked) > 1 else (None, None)
-    runner_up_distance = None if second is None else float(found.distances[second])
+    runner_up_distance = None if second is None else float(comparison.distances[second])
     margin = None
     if runner_up_distance is not None:
         margin = 1.0 - distance / runner_up_distance if runner_up_distance > 0.0 else 0.0
     limit = limits.get(nearest)
     label: str | None = nearest
-    compared_px = 0.0 if found.blurs_px is None else float(found.blurs_px[winner])
+    compared_px = 0.0 if comparison.blurs_px is None else float(comparison.blurs_px[winner])
     blur_px = _blur_without(blurred_px, compared_px)
     focus = f"{abs(blur_px):.1f} px {'blurrier' if blur_px > 0.0 else 'sharper'}"
     if margin == 0.0:
@@ -116,15 +116,15 @@ def match_of(
                 label = None
                 reason += ", too close to decide"
     orientation_deg = heading_deg = sharpness = None
-    if found.orientations_deg is not None:
-        sum_deg = float(orientations_deg[winner] + found.orientations_deg[winner])
+    if comparison.orientations_deg is not None:
+        sum_deg = float(orientations_deg[winner] + comparison.orientations_deg[winner])
         # Rounded first: -1e-12 is 0, not 180 - 1e-12.
         orientation_deg = round(sum_deg, 6) % 180.0
-        heading = 0.0 if found.headings is None else float(found.headings[winner])
+        heading = 0.0 if comparison.headings is None else float(comparison.headings[winner])
         if abs(heading) >= LEAST_SCORE:
             heading_deg = round(sum_deg + 180.0 * (heading < 0.0), 6) % 360.0
-    if found.sharpness is not None:
-        sharpness = float(found.sharpness[winner])
+    if comparison.sharpness is not None:
+        sharpness = float(comparison.sharpness[winner])
     return Match(
         label=label,
         nearest=nearest,
@@ -137,7 +137,7 @@ def match_of(
         sharpness=sharpness,
         reason=reason,
         heading_deg=heading_deg,
-        blur_px=None if found.blurs_px is None else blur_px,
+        blur_px=None if comparison.blurs_px is None else blur_px,
     )
 
 
@@ -168,19 +168,19 @@ def nearest_references(
     lowest = _lowest(bounds, FIRST)
     rest = np.flatnonzero(classes != classes[lowest[0]])
     first = np.union1d(lowest, rest[_lowest(bounds[rest], FIRST)])
-    found = compare(first)
-    best = int(np.argmin(found.distances))
+    comparison = compare(first)
+    best = int(np.argmin(comparison.distances))
     others = classes != classes[first[best]]
-    second_best = found.distances[others[first]].min(initial=np.inf)
-    within = bounds <= np.where(others, second_best, found.distances[best])
+    second_best = comparison.distances[others[first]].min(initial=np.inf)
+    within = bounds <= np.where(others, second_best, comparison.distances[best])
     within[first] = False
     more = np.flatnonzero(within)
     more = more[_lowest(bounds[more], MOST)]
     if not len(more):
-        return first, found
+        return first, comparison
     indices = np.concatenate([first, more])
     order = np.argsort(indices)
-    return indices[order], _joined(found, compare(more), order)
+    return indices[order], _joined(comparison, compare(more), order)
 
 
 def _lowest(values: Floats, count: int) -> Indices:

@@ -91,11 +91,11 @@ class TextureLibrary:
         for name, shape in classifier.parameter_shapes(self.segment_px).items():
             if name not in self.parameters:
                 raise LibraryError(f"{self.classifier} needs a parameter {name}; train it again")
-            found = self.parameters[name].shape
-            fits = all(n == m or m < 0 < n for n, m in zip(found, shape, strict=False))
-            if len(found) != len(shape) or not fits:
+            shape_found = self.parameters[name].shape
+            fits = all(n == m or m < 0 < n for n, m in zip(shape_found, shape, strict=False))
+            if len(shape_found) != len(shape) or not fits:
                 raise LibraryError(
-                    f"parameter {name} has shape {found}, that of {self.classifier} {shape}; "
+                    f"parameter {name} has shape {shape_found}, that of {self.classifier} {shape}; "
                     "train it again"
                 )
 
@@ -240,12 +240,12 @@ class TextureLibrary:
                 f"{self.classifier} {signature.shape}; train it again"
             )
         with np.errstate(all="ignore"):  # the result is tested instead
-            indices, found = self.candidates(signature)
-        if not np.isfinite(found.distances).all():
+            indices, comparison = self.candidates(signature)
+        if not np.isfinite(comparison.distances).all():
             raise LibraryError("the library contains NaN or infinity; train it again")
         labels = [self.labels[index] for index in indices.tolist()]
         return match_of(
-            found, labels, self.orientations_deg[indices], self.limits, blurred_px=blurred_px
+            comparison, labels, self.orientations_deg[indices], self.limits, blurred_px=blurred_px
         )
 
     def classify(self, surface: SurfaceEstimate) -> Match:
@@ -284,9 +284,11 @@ class TextureLibrary:
         Raises as `observe`. Unlike `classify` it compares all references.
         """
         signature, classifier = self.observe(surface), classifier_named(self.classifier)
-        found = classifier.compare(signature, self.signatures, self.parameters).distances
+        nearest_distances = classifier.compare(
+            signature, self.signatures, self.parameters
+        ).distances
         nearest = dict.fromkeys(self.classes, np.inf)
-        for label, distance in zip(self.labels, found.tolist(), strict=True):
+        for label, distance in zip(self.labels, nearest_distances.tolist(), strict=True):
             nearest[label] = min(nearest[label], distance)
         return nearest
 
@@ -298,8 +300,8 @@ class TextureLibrary:
         signature, classifier = self.observe(surface), classifier_named(self.classifier)
         if classifier.agreement is None:
             return None
-        indices, found = self.candidates(signature)
-        nearest = int(indices[np.argmin(found.distances)])
+        indices, comparison = self.candidates(signature)
+        nearest = int(indices[np.argmin(comparison.distances)])
         (agreement,) = classifier.agreement(signature, self.signatures[nearest : nearest + 1])
         # From the zero of the reference to that of the training sets.
         degrees = np.arange(180) - self.orientations_deg[nearest]

@@ -40,10 +40,7 @@ class Learned(NamedTuple):
 def observe(
     surface: SurfaceEstimate, segment_px: int, classifier: str = DEFAULT_CLASSIFIER
 ) -> Observation:
-    """Observe one training surface, for `TextureLibrary.from_observations`.
-
-    A pure function with a small result, so that other processes can observe sets.
-    """
+    """Observe one training surface, for `TextureLibrary.from_observations`."""
     observation: Observation = classifier_named(classifier).observe_training(surface, segment_px)
     return observation
 

@@ -62,10 +62,7 @@ class LightAgreement:
 
 
 def like_signed(lighting: Lighting) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Split the lights by the sign of their redundancy weight; halve them if not four.
-
-    In a ring of four, opposite lights are in one group.
-    """
+    """Split the lights by the sign of their redundancy weight; halve them if not four."""
     lights = range(len(lighting))
     try:
         null = drop_one_constants(lighting, "like_signed")[1]
@@ -228,10 +225,7 @@ def image_difference(
     signal: float,
     noise: SensorNoise | None,
 ) -> float:
-    """Rms difference beyond noise of two images of one scene, as a share of `signal`.
-
-    Without `noise` it is estimated from steps between neighbours of similar brightness.
-    """
+    """Rms difference beyond noise of two images of one scene, as a share of `signal`."""
     columns = _spread_out(first.shape[1])
     a, b = (image.take(columns, axis=1).astype(np.float32) for image in (first, second))
     if noise is None:

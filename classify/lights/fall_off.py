@@ -55,11 +55,7 @@ def fall_off(
     full_scale: float | None,
     mask: BoolArray | None = None,
 ) -> FlatField | None:
-    """Fit the fall-off of the lights over a planar part; None if too little is lit.
-
-    The degree is 2, or 4 where that predicts left-out parts of the frame clearly better and the
-    redundancy of the lights shows that they do fall off.
-    """
+    """Fit the fall-off of the lights over a planar part; None if too little is lit."""
     samples = _Samples.of(stack, lighting, full_scale, mask)
     even = np.zeros((len(lighting), _TERMS, _TERMS))
     coefficients = samples.refined(even, _DEGREE)
@@ -72,8 +68,10 @@ def fall_off(
     )
     if high < _CLEARLY_BETTER * low and _no_relief(lighting, *samples.residuals(even)):
         coefficients = samples.refined(coefficients, _HIGHER_DEGREE)
-    seen = [each[samples.usable] for each in samples.grid.polynomials(coefficients)]
-    return FlatField(coefficients, np.array([(each.min(), each.max()) for each in seen]))
+    logarithms = [values[samples.usable] for values in samples.grid.polynomials(coefficients)]
+    return FlatField(
+        coefficients, np.array([(values.min(), values.max()) for values in logarithms])
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,18 +144,15 @@ class _Samples:
         return cls(grid, values, usable)
 
     def residuals(self, coefficients: Floats) -> tuple[Floats, Floats]:
-        """(N, folds, blocks) means of ratio / strength - 1, and their weights.
-
-        Tukey's biweight is one for all lights of a pixel, so that no direction is preferred.
-        """
+        """(N, folds, blocks) means of ratio / strength - 1, and Tukey's weights."""
         factors = (-self.grid.y_powers @ coefficients).astype(np.float32)
         residuals = np.empty_like(self.values)
         squares = np.empty(self.usable.shape, np.float32)
         x = self.grid.x_powers[:, 1].astype(np.float32)
         _find_residuals(self.values, self.usable, factors, x, residuals, squares)
         # The upper median, in a tenth of the time of the mean of the middle two.
-        seen = squares[squares < np.inf]
-        middle = np.partition(seen, seen.size // 2)[seen.size // 2] if seen.size else _TINY
+        lit = squares[squares < np.inf]
+        middle = np.partition(lit, lit.size // 2)[lit.size // 2] if lit.size else _TINY
         limit = np.float32(max(TUKEY**2 / MEDIAN_SQUARE * middle, _TINY))
         sums = np.empty((1 + len(residuals), _BLOCKS, _BLOCKS))
         _sum_blocks(residuals, squares, limit, sums)

@@ -91,10 +91,7 @@ class FlatField:
         return FlatField(coefficients, bounds)
 
     def facing(self, lighting: Lighting) -> "FlatField":
-        """The flat field of a sheet that faces each light, not the camera; the mean stays.
-
-        The images of the sheet are proportional to the z of the directions.
-        """
+        """The flat field of a sheet that faces each light, not the camera; the mean stays."""
         if len(self.coefficients) != len(lighting):
             raise InputError(
                 f"the flat field is of {len(self.coefficients)} lights, the images are of "
@@ -113,10 +110,7 @@ class FlatField:
 
 @dataclass(frozen=True, eq=False)
 class DividedStack(ImageStack):
-    """Images, kept as taken, that `FlatField.divide` divides when they are read.
-
-    A copy of five megapixels takes longer to write than to make again while it is in the cache.
-    """
+    """Images, kept as taken, that `FlatField.divide` divides when they are read."""
 
     flat_field: FlatField
     full_scale: float | None  # value of saturated pixels before division

@@ -88,10 +88,7 @@ def shading_of(
     full_scale: float = np.inf,
     mask: BoolArray | None = None,
 ) -> Shading:
-    """Compute the `Shading` of images (N, H, W) that are linear in light.
-
-    Pixels of `full_scale` in any image, and those outside `mask`, do not count.
-    """
+    """Compute the `Shading` of images (N, H, W) that are linear in light."""
     u, usable, lit = _contrasts(images, ambient, full_scale, mask)
     contrasts, noises, shadings, steps = [], [], [], []
     noise = np.array([_noise_variance(plane, usable) for plane in u])
@@ -109,10 +106,7 @@ def shading_of(
 
 
 def explained_detail(shading: Shading) -> Floats:
-    """(N,) share of each image's detail that the others explain; 1 without detail.
-
-    The square of the multiple correlation, at the scale at which it is largest.
-    """
+    """(N,) squared multiple correlation of each image with the others; 1 without detail."""
     explained = []
     for moments, noise in zip(shading.contrasts, shading.noises, strict=True):
         own = np.diag(moments)
@@ -126,10 +120,7 @@ def explained_detail(shading: Shading) -> Floats:
 
 
 def shading_order(shading: Shading, lighting: Lighting) -> ShadingOrder:
-    """Compare the given order of the lights with others, by residual and curl.
-
-    The scale at which an order explains the images best decides.
-    """
+    """Compare the given order of the lights with others, by residual and curl."""
     count = len(lighting)
     if not shading.shadings or count < 3:
         return ShadingOrder("undecided")

@@ -55,10 +55,7 @@ def integrate_gradients(p: FloatMap, q: FloatMap) -> FloatMap:
 
 
 def _second_difference(length: int) -> FloatMap:
-    """Eigenvalues of the second difference with free ends, 2 cos(pi k / length) - 2.
-
-    As the square of a sine: a float32 cosine near 1 has too few digits for the lowest frequencies.
-    """
+    """Eigenvalues 2 cos(pi k / length) - 2 of the second difference, exact in float32."""
     sine = np.sin(0.5 * np.pi * np.arange(length) / length)
     return (-4.0 * sine * sine).astype(np.float32)
 

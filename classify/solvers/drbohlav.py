@@ -42,10 +42,7 @@ def solve_drbohlav(problem: Problem) -> Maps:
 
 
 def gates(lights: int) -> FloatMap:
-    """(N + 1,) limits of the sum of squared residuals of n lights, in variances.
-
-    The 99.7 % quantile of chi-squared with n - 3 degrees of freedom; infinite for three lights.
-    """
+    """(N + 1,) 99.7 % quantiles of chi-squared of n - 3 degrees of freedom; infinite to n = 3."""
     limits = [np.inf if n < 4 else chi_squared(n - 3, BEYOND_NOISE) for n in range(lights + 1)]
     return np.array(limits, np.float32)
 

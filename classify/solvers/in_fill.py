@@ -64,8 +64,8 @@ def in_fill(problem: Problem, maps: Maps, strip_px: int) -> None:
     grow(unsolved, albedo_weight, part)
     relax(unsolved, albedo_weight, curl_weight, part)
     reached = unsolved.depth != NOT_REACHED
-    for plane, found in zip((maps.p, maps.q), unsolved.values.T, strict=False):
-        plane.ravel()[pixels] = found
+    for plane, slopes in zip((maps.p, maps.q), unsolved.values.T, strict=False):
+        plane.ravel()[pixels] = slopes
     pixels, bits = pixels[reached], bits[reached]
     maps.albedo.ravel()[pixels] = unsolved.values[reached, 2]
     maps.repaired.ravel()[pixels] = True
@@ -77,15 +77,15 @@ def in_fill(problem: Problem, maps: Maps, strip_px: int) -> None:
 def _pixels_to_fill(unlit: npt.NDArray[np.uint8], strip_px: int) -> Indices:
     """Flat indices of the pixels that may be filled in."""
     columns = unlit.shape[1]
-    found: dict[int, Indices] = {}
+    pixels: dict[int, Indices] = {}
 
     def find(first: int, last: int) -> None:
         part = unlit[first:last].ravel()
         marked = np.flatnonzero(part != 0)
-        found[first] = first * columns + marked[part[marked] != LOST]
+        pixels[first] = first * columns + marked[part[marked] != LOST]
 
     run_on_rows(find, unlit.shape, strip_px)
-    return np.concatenate([found[first] for first in sorted(found)])
+    return np.concatenate([pixels[first] for first in sorted(pixels)])
 
 
 def _lines_of_two_lights(

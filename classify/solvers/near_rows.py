@@ -46,8 +46,8 @@ class NearRows:
         x, y = problem.plane_px
         largest = float(np.abs(problem.shear.excess).max()) * 0.5 * float(np.hypot(rows, columns))
         is_large = largest >= _LARGE_EXCESS
-        kept = 0 if largest < _LEAST_EXCESS else height if is_large else 1
-        inner = np.zeros((kept, columns), np.float32)
+        rows_kept = 0 if largest < _LEAST_EXCESS else height if is_large else 1
+        inner = np.zeros((rows_kept, columns), np.float32)
         return cls(problem, problem.shear, x, y[first : first + height], inner, is_large)
 
     def subtract_excess(self, stack: ImageStack) -> None:
@@ -114,22 +114,22 @@ def _subtract_excess(
     cx, cy, _ = plane
     one = np.float32(1.0)
     lights, rows, columns = images.shape
-    found = np.empty(columns, np.float32)
+    along = np.empty(columns, np.float32)
     for r in range(rows):
         dark_row = dark[min(r, len(dark) - 1)]
-        found[:] = np.float32(0.0)
+        along[:] = np.float32(0.0)
         for k in range(lights):
             wx, wy = weights[0, k], weights[1, k] * y[r]
             for c in range(columns):
-                found[c] += (wx * x[c] + wy) * (images[k, r, c] - dark_row[c])
+                along[c] += (wx * x[c] + wy) * (images[k, r, c] - dark_row[c])
         for c in range(columns):
-            found[c] /= max(one - cx * x[c] - cy * y[r], _NEAR_PLANE)
+            along[c] /= max(one - cx * x[c] - cy * y[r], _NEAR_PLANE)
         for k in range(lights):
             e = excess[k]
             for c in range(columns):
                 raw = images[k, r, c]
-                images[k, r, c] = raw - e * found[c] if raw < saturation else raw
-        inner[min(r, len(inner) - 1)] = found
+                images[k, r, c] = raw - e * along[c] if raw < saturation else raw
+        inner[min(r, len(inner) - 1)] = along
 
 
 @kernel

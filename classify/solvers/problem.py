@@ -109,11 +109,7 @@ class Problem:
 
     @cached_property
     def dark_level(self) -> np.float32:
-        """Mean of the values of a pixel, in units of the albedo, below which it is dark.
-
-        A share of the frame's mean, weighted by the pixels' own values, so that a dark backdrop of
-        any size hardly changes it.
-        """
+        """Mean of the values of a pixel, in units of the albedo, below which it is dark."""
         values = self.stack.values_at(sample_pixels(self.shape, _SAMPLES)) * self.gains[:, None]
         typical = np.maximum(_median(values), 0.0)
         total = float(typical.sum())

@@ -76,10 +76,7 @@ def _first_on_line(
     lines: Array, n: int, d: Array,
     P: np.float32, Q: np.float32, A: np.float32, albedo_weight: np.float32,
 ) -> tuple[np.float32, np.float32, np.float32]:  # fmt: skip
-    """Find the point of a line that is nearest to slopes P, Q and albedo A.
-
-    The distance in albedo has two minima on a line, one on each side of b0: hence the search.
-    """
+    """Find the point of a line that is nearest to slopes P, Q and albedo A."""
     one = np.float32(1.0)
     x, y, z = lines[n, 0], lines[n, 1], lines[n, 2]
     # b0 is perpendicular to d, so that |b|^2 = |b0|^2 + t^2.

@@ -147,13 +147,13 @@ def photometric_stereo(
     if divided_by is not None:
         stack = DividedStack(stack.images, stack.ambient, divided_by, full_scale)
         saturation = divided_by.saturation(float(saturation))
-    found = None
+    fitted_fall_off = None
     if planar:
         stack = stack.materialised()
-        found = fall_off(stack, used, float(saturation), mask)
-    if found is not None:
-        stack = found.divide(stack, float(saturation))
-        saturation = found.saturation(float(saturation))
+        fitted_fall_off = fall_off(stack, used, float(saturation), mask)
+    if fitted_fall_off is not None:
+        stack = fitted_fall_off.divide(stack, float(saturation))
+        saturation = fitted_fall_off.saturation(float(saturation))
         # What remains of the levels of the LEDs is not estimated again.
         used = replace(used, intensities=used.intensities)
     problem = Problem(stack, used, full_scale, noise, saturation, on_progress)
@@ -171,7 +171,7 @@ def photometric_stereo(
         planar=planar,
         divided_by=None if planar else divided_by,
         saturation=float(saturation) if planar else full_scale,
-        fall_off=found,
+        fall_off=fitted_fall_off,
         led_levels=None if maps.lighting is used else maps.lighting.intensities,
         left_out=maps.left_out,
         highlights=maps.highlights,

@@ -22,12 +22,7 @@ _MISSING = 3.0
 def _judge_dark_pixels(
     problem: Problem, stack: ImageStack, maps: Maps, first: int, last: int
 ) -> None:
-    """Invalidate dark pixels of rows `first` to `last` at which a light is missing.
-
-    A dark pixel (`Problem.dark_level`) gets much of its light from the lens and its surroundings,
-    so there a missing light is no evidence of shadow; the problem must hold the solver's
-    intensities.
-    """
+    """Invalidate dark pixels at which a light is missing, in rows `first` to `last`."""
     part = maps.rows(first, last)
     if not part.dark_counts.any():
         return

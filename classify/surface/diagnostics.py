@@ -93,11 +93,7 @@ def highlight_limits(
     values: Array, directions: Array, inverse_distances: Array, x: Array, y: Array,
     p: Array, q: Array, albedo: Array,
 ) -> FloatMap:  # fmt: skip
-    """(N,) multiples of the prediction of (N, n) `values`, from which a light is a highlight.
-
-    A light that is brighter than assumed, or falls off, exceeds the prediction at many pixels: the
-    typical ratio to the prediction and its spread raise the limit.
-    """
+    """(N,) multiples of the prediction of (N, n) `values`, from which a light is a highlight."""
     predicted = directions @ np.stack([-p, -q, np.ones_like(p)])
     predicted += inverse_distances[:, None] * (p * x + q * y)
     predicted *= albedo

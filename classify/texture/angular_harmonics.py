@@ -40,10 +40,7 @@ class LeastError(NamedTuple):
 
 
 def harmonics(polar: npt.NDArray[np.floating[Any]]) -> Complex:
-    """(..., 16) complex64 series of (..., A) real maps over 180 degrees.
-
-    The sum of |c|^2 is the sum of squares over the angles, without finer harmonics (Parseval).
-    """
+    """(..., 16) complex64 series of (..., A) real maps over 180 degrees."""
     series = scipy.fft.rfft(polar, norm="ortho")[..., :HARMONICS]
     # A real map has negative harmonics of the same modulus.
     series[..., 1:] *= np.sqrt(2.0)
@@ -89,11 +86,7 @@ def _correlations(test: Complex, references: Complex) -> tuple[Floats, Floats, F
 
 
 def shift_invariant_norms(series: Complex) -> FloatMap:
-    """(..., K, 16) series to (..., 2 K) harmonics 0, and norms of all others.
-
-    The distance of two of these vectors is at most the least error of their maps (triangle
-    inequality).
-    """
+    """(..., K, 16) series to (..., 2 K) norms, whose distance bounds the least error."""
     others = np.sqrt(_squares(series[..., 1:]).sum(axis=-1))
     return np.concatenate([series[..., 0].real, others], axis=-1, dtype=np.float32)
 

@@ -40,10 +40,7 @@ def best_shift(errors: Floats) -> Floats:
 
 
 def refined_minima(errors: Floats, flat_below: Floats) -> tuple[Floats, Floats]:
-    """(n,) positions and values of the minima of (n, A) periodic errors, by a parabola.
-
-    Where the curvature is at most `flat_below`, rounding decides: the lowest error is returned.
-    """
+    """(n,) positions and values of the minima of (n, A) periodic errors, by a parabola."""
     count = errors.shape[-1]
     lowest = np.argmin(errors, axis=-1)
     row = np.arange(len(errors))

@@ -128,11 +128,7 @@ def field_spectra(fields: TextureFields, segment_px: int) -> Spectra:
 
 
 def image_spectrum(image: Array, segment_px: int) -> FloatMap:
-    """(R, 90) float32 power spectrum of one image, on the polar grid of `Spectra`.
-
-    It contains the factor cos^2(theta - tilt) of its light, so that it does not rotate with the
-    surface (thesis chapter 6; chapters 7 to 9 use gradients instead).
-    """
+    """(R, 90) power spectrum of one image (thesis chapter 6), which depends on its light."""
     mean = float(image.mean())
     if mean <= 0.0:
         raise InputError("the image is black; check exposure and lights")
@@ -174,10 +170,7 @@ def _polar_map(side: int) -> tuple[FloatMap, FloatMap]:
 
 @kernel
 def _amplitudes(powers: Array, directions: Array) -> Array:
-    """(side, side // 2 + 1, 4) roots of M, A, relief and signed co-spectrum.
-
-    Amplitudes are interpolated instead of powers, because they vary less between bins.
-    """
+    """(side, side // 2 + 1, 4) roots of M, A, relief and signed co-spectrum."""
     side, _, columns = powers.shape
     amplitudes = np.empty((side, columns, 4), np.float32)
     half, zero = np.float32(0.5), np.float32(0.0)

@@ -84,7 +84,7 @@ def local_statistics(fields: TextureFields, levels: int) -> LocalStatistics:
         sums.append(_of_quarters(row_sums))
         if level:
             odd_sums.append(_of_quarters(odd))
-        energies = [cv2.pyrDown(each) for each in energies] if level else []
+        energies = [cv2.pyrDown(energies_before) for energies_before in energies] if level else []
         energies.append(energy)
     powers = np.stack(sums, axis=1)
     moments = _central(powers)
@@ -197,11 +197,7 @@ def _copy_rows(plane: Array, r: int, target: Array) -> None:
 
 @kernel
 def _respond_row(p: Array, q: Array, albedo: Array, responses: Array) -> None:
-    """Relief, albedo and curl responses of the middle of three rows.
-
-    Derivatives of Scharr (2000), Laplacian of nine points: 3 x 3 stencils that are nearly
-    isotropic.
-    """
+    """Relief, albedo and curl responses, by derivatives of Scharr (2000) and a 9-point Laplacian."""
     near, far = np.float32(10.0 / 32.0), np.float32(3.0 / 32.0)
     for left in range(p.shape[1] - 2):
         c, right = left + 1, left + 2
@@ -258,5 +254,5 @@ def _energy_covariances(energies: Array) -> Floats:
     sides = (slice(None, columns // 2), slice(columns // 2, None))
     parts = [logs, *(logs[half, side] for half in halves for side in sides)]
     samples = [part.reshape(-1, logs.shape[2]) for part in parts]
-    centred = [each - each.mean(axis=0) for each in samples]
-    return np.stack([(each.T @ each).astype(np.float64) / len(each) for each in centred])
+    centred = [sample - sample.mean(axis=0) for sample in samples]
+    return np.stack([(sample.T @ sample).astype(np.float64) / len(sample) for sample in centred])

@@ -96,7 +96,7 @@ class RigConfig(Section):
                 f"{pixels} pixels; set at most {pixels // 2}"
             )
         if simulation.placement.size_mm is not None and simulation.mm_per_px is None:
-            yield "simulation.placement.size_mm needs simulation.mm_per_px; give the size of a pixel"
+            yield "simulation.placement.size_mm needs simulation.mm_per_px, the size of a pixel"
         needed_ms = lights.settle_ms + 3.0 * period_ms + camera.exposure_ms
         if lights.watchdog_ms < needed_ms:
             yield (

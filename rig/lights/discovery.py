@@ -110,16 +110,20 @@ def identify(
 
 def find_controller(lights: LightsConfig, ports: Sequence[SerialPort], ask: _Ask = identify) -> str:
     """Find the controller for ``lights.port = "auto"``, as rig/README.md describes."""
-    wanted = lights.serial_number
+    serial_number = lights.serial_number
     if lights.usb_id is None:
         candidates = [port for port in ports if port.may_be_a_microcontroller]
     else:
         candidates = [port for port in ports if port.usb_id == lights.usb_id]
-    by_usb = [port for port in ports if wanted is not None and _same(port.serial_number, wanted)]
+    by_usb = [
+        port
+        for port in ports
+        if serial_number is not None and _same(port.serial_number, serial_number)
+    ]
     if lights.usb_id is not None:
         by_usb = [port for port in by_usb if port in candidates]
     candidates = by_usb or candidates
-    if len(candidates) == 1 and (by_usb or wanted is None):
+    if len(candidates) == 1 and (by_usb or serial_number is None):
         return candidates[0].device  # opening it identifies the controller
     answered: list[tuple[SerialPort, ControllerIdentity]] = []
     silent: list[str] = []
@@ -129,7 +133,7 @@ def find_controller(lights: LightsConfig, ports: Sequence[SerialPort], ask: _Ask
         except LightControllerError as error:
             silent.append(str(error))
             continue
-        if wanted is None or by_usb or _same(identity.serial_number, wanted):
+        if serial_number is None or by_usb or _same(identity.serial_number, serial_number):
             answered.append((port, identity))
         else:
             silent.append(f"{port.device}: light controller {identity.serial_number}")
@@ -143,7 +147,7 @@ def find_controller(lights: LightsConfig, ports: Sequence[SerialPort], ask: _Ask
 def known_port(port: str, ports: Iterable[SerialPort]) -> SerialPort:
     """Find a port among `ports` by any of its names; an unlisted port gets only its name."""
     path = Path(port).resolve()
-    same = (each for each in ports if Path(each.device).resolve() == path)
+    same = (listed for listed in ports if Path(listed.device).resolve() == path)
     return replace(next(same, SerialPort(port)), device=port)
 
 

@@ -86,10 +86,7 @@ def flash_port(port: str, files: Sequence[Path], *, dry_run: bool = False) -> Fl
 
 
 def find_board(ports: Sequence[SerialPort]) -> str:
-    """Return the port of the only Raspberry Pi Pico with MicroPython among `ports`.
-
-    Other boards are never chosen, because flashing interrupts the program that runs there.
-    """
+    """Return the port of the only Raspberry Pi Pico with MicroPython among `ports`."""
     boards = [port for port in ports if port.usb_id == _PICO_WITH_MICROPYTHON]
     if len(boards) == 1:
         return boards[0].device

@@ -62,11 +62,7 @@ class KeepAliveThread:
 
 
 class KeepAliveClock:
-    """A clock whose sleeps also keep a controller alive, for simulated time.
-
-    A thread would be too slow, and a tick of a virtual clock must not wait for a reply that takes
-    simulated time. The simulated hardware uses the inner clock.
-    """
+    """A clock whose sleeps also keep a controller alive, for simulated time."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock

@@ -175,8 +175,8 @@ def _point_light(
         from_axis = (direction[0] * x + direction[1] * y + direction[2] * z) / distance
         fall_off = fall_off * np.maximum(from_axis, 0.0) ** lobe_exponent
     x, y, z, fall_off = (
-        np.asarray(each, np.float32)
-        for each in (x / distance, y / distance, z / distance, fall_off)
+        np.asarray(values, np.float32)
+        for values in (x / distance, y / distance, z / distance, fall_off)
     )
     return (x, y, z), fall_off
 

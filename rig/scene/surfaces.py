@@ -81,11 +81,7 @@ class Surface(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class PeriodicSurface:
-    """One period of a surface that repeats in both directions.
-
-    Shading uses the gradients, cast shadow the height, because a normal map often has finer detail
-    than a height map.
-    """
+    """One period of a surface that repeats in both directions."""
 
     height: FloatMap  # (H, W), px towards the camera
     p: FloatMap  # (H, W), dz/dx

@@ -158,10 +158,7 @@ Pits are inverted domes. The other has the amplitudes of cobbles with random pha
 
 
 def tile_side_px(size_px: int) -> int:
-    """Side of the tile: a power of two, at least twice the frame so that no part shows twice.
-
-    At most 4096, whose spline coefficients take a gigabyte.
-    """
+    """Side of the tile: a power of two, at least twice the frame so that no part shows twice."""
     side_px = 1 << max(2 * size_px - 1, 1).bit_length()
     return min(max(side_px, _SMALLEST_TILE_PX), _LARGEST_TILE_PX)
 

@@ -80,10 +80,7 @@ class LitScene(Protocol):
 
 
 class SimulatedCamera:
-    """Camera with a global or a rolling shutter, and a queue of a few buffers as with V4L2.
-
-    The light of each row is the integral of the LEDs' true output over the row's exposure.
-    """
+    """Camera with a global or a rolling shutter, and a queue of a few buffers as with V4L2."""
 
     def __init__(
         self,

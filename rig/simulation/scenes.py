@@ -85,7 +85,7 @@ class SceneRenderer:
 
     def render(self, placement: Placement) -> SceneImages:
         """The scene of a placed surface, in the size of the camera's frames."""
-        named = {placement.surface, *(each.surface for each in placement.defects)}
+        named = {placement.surface, *(defect.surface for defect in placement.defects)}
         if not named <= {*SYNTHETIC_TEXTURES, *bundled_materials(), *TARGETS, None}:
             return self._render(placement)
         camera, simulated = self._config.camera, self._config.simulation
@@ -128,7 +128,7 @@ class SceneRenderer:
     def _with_defects(self, surface: Surface, placement: Placement, size_px: int) -> Surface:
         if not placement.defects:
             return surface
-        names = {each.surface for each in placement.defects if each.surface is not None}
+        names = {defect.surface for defect in placement.defects if defect.surface is not None}
         foreign = {name: _load(name, placement.seed, size_px) for name in names}
         return DefectiveSurface(surface, placement.defects, foreign)
 
@@ -156,7 +156,7 @@ def _bytes_of(scene: SceneImages) -> int:
 def _bytes_of_surface(surface: PeriodicSurface) -> int:
     maps = (surface.height, surface.p, surface.q, surface.albedo)
     # The spline coefficients have twice as many rows and columns.
-    return 5 * sum(each.nbytes for each in maps)
+    return 5 * sum(plane.nbytes for plane in maps)
 
 
 _SHARED_CACHE = SceneCache()
