@@ -24,7 +24,7 @@ class Placement(Section):
     rotate_deg
         Anticlockwise, about the centre of the frame.
     shift_px
-        _Shift of the frame's centre over the periodic surface, right and up, before the rotation.
+        Shift of the frame's centre over the periodic surface, right and up, before the rotation.
     seed
         Of the noise, and of the realisation of a synthetic texture or a plate.
     size_mm
