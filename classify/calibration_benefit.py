@@ -8,8 +8,8 @@ import numpy as np
 from classify.base.arrays import Floats
 
 from .calibration.calibration import Calibration
+from .calibration.correction import Response
 from .calibration.drift_model import led_strength
-from .calibration.response import Response
 from .lighting import Lighting
 from .lights.flat_field import coordinates
 from .solvers.solver import photometric_stereo

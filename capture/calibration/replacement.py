@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 
 from classify.base.errors import CalibrationRejected
+from classify.calibration.calibration import CalibratedLights
+from classify.calibration.correction import Response, Scale
 from classify.calibration.dark import Dark, measured_at
-from classify.calibration.lights import CalibratedLights
 from classify.calibration.photon_transfer import Noise
-from classify.calibration.response import Response
-from classify.calibration.scale import Scale
 from classify.lights.flat_field import FlatField
 
 from .lookup import OLD_DAYS

@@ -13,7 +13,7 @@ from capture.sets.captured_set import CapturedSet
 from capture.sets.photographs import Photographs, read_mask
 from classify.base.errors import InputError
 from classify.calibration.calibration import Calibration
-from classify.calibration.scale import Scale
+from classify.calibration.correction import Scale
 from classify.calibration.spheres import (
     SphereImages,
     SphereKind,

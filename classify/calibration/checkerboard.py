@@ -13,7 +13,7 @@ from scipy import optimize
 from classify.base.arrays import Array, Floats
 from classify.base.errors import CalibrationRejected, InputError
 
-from .scale import Scale, nominal_camera_matrix
+from .correction import Scale, nominal_camera_matrix
 
 # Inner corners along a side: fewer show no distortion, OpenCV needs three.
 _CORNERS = (3, 64)

@@ -5,12 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from classify.base.arrays import Floats
-from classify.lights.flat_field import TERMS, FlatField, exponents, powers
-from classify.lights.polynomial_fit import (
+from classify.lights.flat_field import (
     MEDIAN_SQUARE,
+    TERMS,
     TUKEY,
+    FlatField,
     by_fold,
+    exponents,
     normal_equations,
+    powers,
     prediction_error,
     solved,
 )

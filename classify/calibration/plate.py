@@ -10,9 +10,9 @@ from classify.base.errors import CalibrationRejected, InputError
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
 
+from .calibration import CalibratedLights
 from .flat_field import FittedFlatField, fit_flat_field
 from .led_positions import LedPositions, fit_led_positions
-from .lights import CalibratedLights
 from .placements import are_moved, check_placements_differ
 from .plate_blocks import PlateBlocks
 

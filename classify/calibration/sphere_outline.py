@@ -1,6 +1,6 @@
 """Find the sphere in light images of it: its outline, to a fraction of a pixel.
 
-The circles that edges vote for (`circle_votes`) are compared by the edges that lie on them, ray by
+The circles that edges vote for (`circle.voted_circles`) are compared by the edges that lie on them, ray by
 ray.
 """
 

@@ -12,11 +12,11 @@ from classify.base.arrays import Array, BoolArray, Floats
 from classify.base.errors import CalibrationRejected, InputError
 from classify.lighting import Lighting
 
-from .lights import CalibratedLights
+from .calibration import CalibratedLights
+from .correction import Scale, nominal_camera_matrix
 from .matte_sphere import SATURATED, matte_directions
 from .mirror_sphere import mirror_directions
 from .placements import check_placements_differ
-from .scale import Scale, nominal_camera_matrix
 from .sphere import Sphere
 from .sphere_outline import find_outline, outline_of_mask
 

@@ -10,15 +10,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from classify.base.arrays import FloatMap, Floats, Indices
-from classify.texture.angular_harmonics import (
+from classify.texture.blur import KNOTS_PX2, blur_penalty, least_over_blurs
+from classify.texture.heading import HEADING_FLOATS, heading_numbers, heading_scores
+from classify.texture.orientation import (
     HARMONICS,
     Complex,
     agreement_by_shift,
     least_error,
     shift_invariant_norms,
 )
-from classify.texture.blur import KNOTS_PX2, blur_penalty, least_over_blurs
-from classify.texture.heading import HEADING_FLOATS, heading_numbers, heading_scores
 from classify.texture.statistics import LocalStatistics
 
 from .classifier import Classifier, Comparison, Parameters

@@ -12,11 +12,11 @@ import numpy as np
 
 from classify.base.arrays import FloatMap, Floats
 from classify.base.threads import beside
+from classify.relief.relighting import under_rotated_lights
 from classify.surface.estimate import SurfaceEstimate
-from classify.texture.angular_harmonics import Complex, harmonics
 from classify.texture.blur import KNOTS_PX2, blur_gains, blurred_fields
 from classify.texture.fields import TextureFields, texture_fields
-from classify.texture.rotated_lights import under_rotated_lights
+from classify.texture.orientation import Complex, harmonics
 from classify.texture.segment_powers import require_segment
 from classify.texture.spectra import RADII, Spectra, field_spectra, polar_radii_px
 from classify.texture.statistics import (

@@ -17,16 +17,21 @@ from classify.base.arrays import Array, BoolArray, FloatMap, Floats, Indices
 from classify.base.compiling import kernel
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
-from classify.lights.flat_field import FlatField, coordinates, exponential, exponents, powers
-from classify.lights.polynomial_fit import (
+from classify.shadow_rule import MAYBE_SHADOW
+
+from .flat_field import (
     MEDIAN_SQUARE,
     TUKEY,
+    FlatField,
     by_fold,
+    coordinates,
+    exponential,
+    exponents,
     normal_equations,
+    powers,
     prediction_error,
     solved,
 )
-from classify.shadow_rule import MAYBE_SHADOW
 
 # Along each side of the frame. Means of blocks are fitted: relief finer than a block averages out.
 # classify/DECISIONS.md compares 64 samples.

@@ -1,6 +1,7 @@
-"""Images of a solved surface under other lights, and cast shadows of a height."""
+"""Images of a solved surface under other lights, cast shadows, and rotated lights."""
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 import numpy.typing as npt
@@ -10,7 +11,11 @@ from classify.base.compiling import kernel
 from classify.base.errors import InputError
 from classify.base.threads import run_on_rows
 from classify.lighting import Lighting
+from classify.methods import METHODS
+from classify.solvers.solver import photometric_stereo
 from classify.surface.estimate import SurfaceEstimate
+
+from .height import integrate_gradients
 
 # A point in shadow lies at least this far below the light's ray: heights are rounded to float32,
 # and a plane must not shadow itself.
@@ -149,3 +154,33 @@ def relight(surface: SurfaceEstimate, lighting: Lighting) -> FloatMap:
         image *= scaled
         image *= intensity
     return images
+
+
+_STEPS = 4
+# With less of the surface in shadow, noise causes most errors, whatever the orientation.
+_LEAST_SHADOW = 0.01
+
+
+def under_rotated_lights(surface: SurfaceEstimate) -> Iterator[SurfaceEstimate]:
+    """Yield estimates of the same pixels as if the part were rotated, three times.
+
+    Each step is a quarter of the angle between lights; yields nothing without lighting, by PS3, or
+    where less than 1 % of the surface is in shadow.
+    """
+    lighting = surface.lighting
+    # PS3 chooses lights by their tilt: rotated, it would choose others.
+    if lighting is None or surface.method not in METHODS or surface.method.startswith("ps3"):
+        return
+    if surface.shadow_mask.mean() < _LEAST_SHADOW:
+        return
+    height = integrate_gradients(surface.p, surface.q)
+    step_deg = 360.0 / len(lighting) / _STEPS
+    for step in range(1, _STEPS):
+        rotated = Lighting.from_angles(
+            list(lighting.tilts_deg - step * step_deg), list(lighting.slants_deg)
+        )
+        images = relight(surface, rotated)
+        for image, direction in zip(images, rotated.directions, strict=True):
+            image[cast_shadow(height, direction)] = 0.0
+        # The surface contains the noise of its own images; none is added.
+        yield photometric_stereo(images, rotated, surface.method)

@@ -197,7 +197,7 @@ def _copy_rows(plane: Array, r: int, target: Array) -> None:
 
 @kernel
 def _respond_row(p: Array, q: Array, albedo: Array, responses: Array) -> None:
-    """Relief, albedo and curl responses, by derivatives of Scharr (2000) and a 9-point Laplacian."""
+    """Relief, albedo and curl responses, by Scharr derivatives (2000) and a 9-point Laplacian."""
     near, far = np.float32(10.0 / 32.0), np.float32(3.0 / 32.0)
     for left in range(p.shape[1] - 2):
         c, right = left + 1, left + 2

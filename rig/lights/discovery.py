@@ -11,8 +11,7 @@ from rig.config.lights import AUTO, LightsConfig
 from rig.errors import LightControllerError
 
 from .link import DEFAULT_TIMEOUTS, ControllerIdentity, ControllerLink, LinkTimeouts
-from .port_holders import port_holders
-from .serial_line import pyserial
+from .serial_line import port_holders, pyserial
 
 _BY_ID = Path("/dev/serial/by-id")
 _TRIES = 3  # to list the ports

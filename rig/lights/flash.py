@@ -23,7 +23,7 @@ from rig.errors import LightControllerError
 
 from .discovery import SerialPort, identify, list_serial_ports_if_possible
 from .link import ControllerIdentity, ControllerLink
-from .port_holders import port_holders
+from .serial_line import port_holders
 
 _Result = TypeVar("_Result")
 _PICO_WITH_MICROPYTHON = "2e8a:0005"

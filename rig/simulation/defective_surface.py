@@ -15,7 +15,7 @@ import numpy as np
 
 from classify.base.arrays import BoolArray
 from classify.defects.shapes import Image, Shape, blot, bump, scratch
-from rig.config.defect import RELIEF_KINDS, Defect
+from rig.config.simulation import RELIEF_KINDS, Defect
 from rig.scene.surfaces import Surface, SurfacePatch, View
 
 _Number = TypeVar("_Number", float, Image)

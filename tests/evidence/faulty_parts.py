@@ -13,7 +13,7 @@ import numpy as np
 
 from capture import CapturedSet, capture_set
 from rig import Placement, RigConfig, open_rig
-from rig.config.defect import Defect, DefectKind
+from rig.config.simulation import Defect, DefectKind
 from rig.scene.material_folder import load_material
 from rig.scene.surfaces import PeriodicSurface, Surface, SurfacePatch, View
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from rig.config.defect import Defect
+from rig.config.simulation import Defect
 from rig.scene.material_folder import load_material
 from rig.scene.surfaces import Surface, View
 from rig.simulation.defective_surface import DefectiveSurface

@@ -7,10 +7,9 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 
+from classify.calibration.calibration import CalibratedLights
+from classify.calibration.correction import Response, Scale
 from classify.calibration.dark import Dark
-from classify.calibration.lights import CalibratedLights
-from classify.calibration.response import Response
-from classify.calibration.scale import Scale
 
 FloatArray = npt.NDArray[np.float64]
 

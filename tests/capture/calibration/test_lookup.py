@@ -17,9 +17,9 @@ from capture.calibration.ps4cal import CalibrationFile, PartRecord
 from capture.calibration.setting import Setting
 from capture.sets.captured_set import calibration_of
 from classify import Lighting
+from classify.calibration.calibration import CalibratedLights
+from classify.calibration.correction import Scale
 from classify.calibration.dark import Dark
-from classify.calibration.lights import CalibratedLights
-from classify.calibration.scale import Scale
 from rig import Rig
 
 SHAPE = (24, 32)

@@ -18,12 +18,10 @@ from capture.calibration.parts import PART_NAMES, put_together, taken_apart
 from capture.calibration.ps4cal import VERSION, CalibrationFile, PartRecord
 from capture.calibration.setting import Setting
 from classify import InputError, Lighting, SensorNoise
-from classify.calibration.calibration import Calibration
+from classify.calibration.calibration import CalibratedLights, Calibration
+from classify.calibration.correction import Response, Scale
 from classify.calibration.dark import Dark
-from classify.calibration.lights import CalibratedLights
 from classify.calibration.photon_transfer import Noise
-from classify.calibration.response import Response
-from classify.calibration.scale import Scale
 from classify.lights.flat_field import FlatField
 
 RING = Lighting.ring(45.0)

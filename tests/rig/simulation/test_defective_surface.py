@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from classify.lighting import Lighting
 from rig import ConfigError, Defect, Placement, RigConfig, load_config
-from rig.config.defect import RELIEF_KINDS, DefectKind
+from rig.config.simulation import RELIEF_KINDS, DefectKind
 from rig.scene.render import render_frame
 from rig.scene.surfaces import PeriodicSurface, View
 from rig.scene.synthetic import synthetic_surface

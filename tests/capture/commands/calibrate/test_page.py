@@ -15,9 +15,8 @@ from capture.calibration.ps4cal import CalibrationFile
 from capture.commands.calibrate.page import calibration_page
 from capture.commands.calibrate.summary import benefit_of, part_summaries
 from classify import Lighting
+from classify.calibration.correction import Response, Scale
 from classify.calibration.dark import Dark
-from classify.calibration.response import Response
-from classify.calibration.scale import Scale
 from tests.html_page import Page
 
 NOW = datetime(2026, 11, 22, tzinfo=UTC)
