@@ -1,7 +1,6 @@
 """Find the sphere in light images of it: its outline, to a fraction of a pixel.
 
-The circles that edges vote for (`circle.voted_circles`) are compared by the edges that lie on them, ray by
-ray.
+Circles that edges vote for (`circle.voted_circles`) are compared by the edges on them, ray by ray.
 """
 
 from __future__ import annotations
