@@ -34,7 +34,7 @@ _LEAST_DISTORTION_PX = 0.5
 _SIGNIFICANT = 11.0
 # Distortion counts if it moves a corner of the board by this many times the residual: errors of
 # corners in a small picture of the board grow into pixels at the corners of the frame.
-_SEEN = 3.0
+_VISIBLE_DISTORTION = 3.0
 # The focal length is kept if its standard error is at most this: spheres then have their view
 # directions to 5 % of the angle.
 _KNOWN_FOCAL = 0.05
@@ -120,8 +120,8 @@ def scale_of_boards(
         moved = np.concatenate(
             [_distorted(points, better.radial, camera) - points for points in boards]
         )
-        is_seen = np.abs(moved).max() > _SEEN * better.residual_px
-        if is_seen and fit.cost - better.cost > _SIGNIFICANT * better.cost / better.freedom:
+        is_visible = np.abs(moved).max() > _VISIBLE_DISTORTION * better.residual_px
+        if is_visible and fit.cost - better.cost > _SIGNIFICANT * better.cost / better.freedom:
             fit = better
     if fit.residual_px > _WORST_RESIDUAL_PX:
         raise CalibrationRejected(
@@ -147,12 +147,12 @@ def scale_of_boards(
     noise = fit.residual_px / np.sqrt(len(board)) / extent_px
     shortened = 0.5 * (1.0 - float((smallest / largest).min()))
     spread = float(lengths.std()) / px_per_mm
-    traded = _WITH_DISTORTION if fit.radial.any() else 0.0
+    with_distortion = _WITH_DISTORTION if fit.radial.any() else 0.0
     is_bent = distortion_px > _LEAST_DISTORTION_PX
     reach = max(float(np.linalg.norm(points - middle, axis=1).max()) for points in boards)
     scale = Scale(
         mm_per_px=1.0 / px_per_mm,
-        error=float(np.sqrt(noise**2 + shortened**2 + spread**2 + traded**2)),
+        error=float(np.sqrt(noise**2 + shortened**2 + spread**2 + with_distortion**2)),
         camera_matrix=camera,
         distortion=np.array([*fit.radial, 0.0, 0.0, 0.0]) if is_bent else None,
         residual_px=fit.residual_px,

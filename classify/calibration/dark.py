@@ -144,7 +144,7 @@ class Dark:
 
 
 def measured_at(dark: Dark) -> str:
-    """Say at which exposures dark frames were measured."""
+    """Describe the measured exposures, for messages."""
     times = [f"{time_ms:g}" for time_ms in dark.exposures_ms if time_ms is not None]
     if len(times) < 2:
         return f"were measured at {times[0]} ms only" if times else "were measured"

@@ -32,13 +32,13 @@ _TILT_SPREAD, _BOW_SPREAD = 0.009, 0.01
 # Level of an LED, gradient and curvature of its light, without a cause worth a warning: its
 # temperature, another paper's sheen.
 _LEVEL_SPREAD, _GRADIENT_SPREAD, _CURVATURE_SPREAD = 0.01, 0.001, 0.0005
-# Natural logarithm of the odds against a cause, and against a tilted sheet: one on a table seldom
-# is. test_drift.py counts which causes are mistaken for others.
-_AGAINST, _AGAINST_TILT = 3.0, 6.0
+# Natural logarithm of the odds against a cause, and against a tilted sheet, rare on a table.
+# test_drift.py counts which causes are mistaken for others.
+_LOG_ODDS, _LOG_ODDS_TILT = 3.0, 6.0
 _MOST_CAUSES = 3
 # Gauss-Newton, in standard deviations of the numbers: step of derivatives and of convergence,
 # longest step; and the largest number of steps.
-_SHIFT, _LONGEST_STEP, _MOST_STEPS = 1e-3, 1.0, 12
+_STEP, _LONGEST_STEP, _MOST_STEPS = 1e-3, 1.0, 12
 _NO_SLOPE: Floats = np.zeros(2)
 _LOWEST_LIGHT = 0.02  # least z of a unit vector: no light of a fit sinks below the plane
 
@@ -134,21 +134,23 @@ class DriftModel:
         """Minus twice the log evidence of causes, up to a constant, and their numbers."""
         spreads = np.array([spread for cause in causes for spread in cause.spreads])
         scaled, here = start / spreads, self._change(causes, start)
-        odds = sum(_AGAINST_TILT if cause.kind == "sheet tilted" else _AGAINST for cause in causes)
+        odds = sum(
+            _LOG_ODDS_TILT if cause.kind == "sheet tilted" else _LOG_ODDS for cause in causes
+        )
         left, volume = self._whitener @ (change - here).ravel(), 0.0
         for _ in range(_MOST_STEPS if causes else 0):
             slopes = [
                 self._whitener @ (self._change(causes, (scaled + shift) * spreads) - here).ravel()
-                for shift in _SHIFT * np.eye(len(spreads))
+                for shift in _STEP * np.eye(len(spreads))
             ]
-            jacobian = np.stack(slopes, axis=1) / _SHIFT
+            jacobian = np.stack(slopes, axis=1) / _STEP
             precision = jacobian.T @ jacobian + np.eye(len(spreads))
             step = np.linalg.solve(precision, jacobian.T @ left - scaled)
             volume = float(np.linalg.slogdet(precision)[1])
             scaled = scaled + np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
             here = self._change(causes, scaled * spreads)
             left = self._whitener @ (change - here).ravel()
-            if np.abs(step).max() < _SHIFT:
+            if np.abs(step).max() < _STEP:
                 break
         return float(left @ left + scaled @ scaled) + 2.0 * odds + volume, scaled * spreads
 

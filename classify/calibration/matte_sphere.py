@@ -127,10 +127,10 @@ def _fit(samples: _Samples, vignetting: float | None) -> _Fit:
                 f"light image {samples.light}: the sphere is not shaded; is a light on?"
             )
         direction = np.asarray(scaled[:3] / length, np.float64)
-        lit = _kept(samples, direction, share, lit)
+        lit = _fitting_pixels(samples, direction, share, lit)
     for _ in range(2):
         direction, share = _refined(samples.only(lit), direction, vignetting)
-        lit = _kept(samples, direction, share, lit)
+        lit = _fitting_pixels(samples, direction, share, lit)
     coefficients, off = _shading(normals[lit] @ direction, samples.flat(share)[lit])
     level = max(float(np.polyval(coefficients, 1.0)), 1e-9)
     span = float(np.ptp(np.polyval(coefficients, np.linspace(_LIT, 1.0, 16))))
@@ -138,19 +138,21 @@ def _fit(samples: _Samples, vignetting: float | None) -> _Fit:
     return _Fit(direction, share, level, residual, lit)
 
 
-def _kept(samples: _Samples, direction: Floats, vignetting: float, lit: BoolArray) -> BoolArray:
+def _fitting_pixels(
+    samples: _Samples, direction: Floats, vignetting: float, lit: BoolArray
+) -> BoolArray:
     """Pixels that face the light and fit the shading to three robust deviations."""
     cosine, values = samples.normals @ direction, samples.flat(vignetting)
     coefficients, off = _shading(cosine[lit], values[lit])
     spread = SIGMA_PER_MAD * float(np.median(np.abs(off))) + 1e-3 * float(np.ptp(values))
     far = np.abs(values - np.polyval(coefficients, np.clip(cosine, 0.0, 1.0))) > 3.0 * spread
-    kept = np.asarray((cosine > _LIT) & ~far)
-    if kept.mean() < _LEAST_USED:
+    fitting = np.asarray((cosine > _LIT) & ~far)
+    if fitting.mean() < _LEAST_USED:
         raise CalibrationRejected(
-            f"light image {samples.light}: {kept.mean():.0%} of the sphere shows the shading of a "
-            "matt sphere; use a matt ball (--sphere mirror is for a polished one), lit from above"
+            f"light image {samples.light}: {fitting.mean():.0%} of the sphere shows the shading of "
+            "a matt sphere; use a matt ball (--sphere mirror is for a polished one), lit from above"
         )
-    return kept
+    return fitting
 
 
 def _shading(cosine: Floats, values: Floats) -> tuple[Floats, Floats]:

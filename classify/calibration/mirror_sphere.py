@@ -17,13 +17,13 @@ from .sphere import Sphere
 # for a highlight at full scale, which lit walls beside the lamp approach (to 0.7 in a test).
 _HIGHLIGHT, _CLIPPED_HIGHLIGHT = 0.5, 0.8
 # Least share in the brightest pixel of a highlight; a lit wall or a glossy table does not reach it.
-_ALL_LIGHT = 0.9
+_LEAST_PEAK = 0.9
 # Share of the radius that is used; beyond it the blurred outline and the background mix in.
 _INSIDE = 0.97
 # Least ratio of a highlight's peak to the changes of the rest of the sphere, by their robust
 # scatter. Noise alone gives 4.5; a lamp that lights a bright room unevenly leaves 5.7
 # (test_sphere_rates.py).
-_LEAST_CONTRAST, _SEEN = 5.0, 2.0
+_LEAST_CONTRAST, _LEAST_CHANGE = 5.0, 2.0
 # A second reflection with this share of the light of the first makes the choice doubtful.
 _DOUBTFUL = 0.5
 # Lights this low and lower are reflections from below, such as of the table: z of their direction.
@@ -63,7 +63,7 @@ def mirror_directions(
         blobs = []
         for each in range(1, int(label.max()) + 1):
             at = np.flatnonzero(label == each)
-            if share[at].max() < _ALL_LIGHT:
+            if share[at].max() < _LEAST_PEAK:
                 continue
             weights = share[at] - least
             direction = weights @ towards[at]
@@ -123,6 +123,6 @@ def _lit_share(values: Floats, room: Floats, light: int) -> tuple[Floats, float]
     bright = values[change >= 0.5 * highest]
     is_clipped = (bright == bright.max()).sum() > 1
     share = change / (np.maximum(bright.max() - room, 1e-9) if is_clipped else highest)
-    is_seen = change > _SEEN * noise + middle
+    is_changed = change > _LEAST_CHANGE * noise + middle
     least = _CLIPPED_HIGHLIGHT if is_clipped else _HIGHLIGHT
-    return np.where(is_seen, np.clip(share, 0.0, 1.0), 0.0), least
+    return np.where(is_changed, np.clip(share, 0.0, 1.0), 0.0), least

@@ -28,7 +28,7 @@ _SHINIEST, _ON_ITS_SIDE, _MANY = 0.01, 0.2, 0.6
 # like 6 degrees.
 _MOST_TILTED_DEG, _MOST_TILTED_ALONE_DEG, _MOST_TILTED_BY_LEVELS_DEG = 4.0, 7.0, 12.0
 # A tilt explains differences of directions, or of levels, if it leaves at most this share of them.
-_LEFT_OF_DIRECTIONS, _LEFT_OF_LEVELS = 0.5, 0.05
+_MOST_UNEXPLAINED_DIRECTIONS, _MOST_UNEXPLAINED_LEVELS = 0.5, 0.05
 # Positions with larger standard errors are no better than the configured directions. An error of
 # 20 % in the distance changes normals less than an error of 3 degrees in the direction does.
 _WORST_DIRECTION_DEG, _WORST_DISTANCE = 3.0, 0.2
@@ -37,9 +37,9 @@ _WORST_DIRECTION_DEG, _WORST_DISTANCE = 3.0, 0.2
 _WORST_RESIDUAL = 0.015
 # cos(88 degrees): no solver can use lights below this elevation.
 _LOWEST = 0.035
-# A sheet on a table is taken to be level to this. Rotated by half a turn to within 10 degrees, it
-# leaves a sixth of its tilt. A single placement may be tilted by the last value.
-_TABLE_DEG, _TURN = 0.3, 0.17
+# Assumed tilt of a sheet on a table; share of it that two placements 180 +- 10 degrees apart leave;
+# assumed tilt of a single placement.
+_TABLE_DEG, _REMAINING_TILT = 0.3, 0.17
 _SINGLE_TILT_DEG = 1.0
 _REPEATED = "ps4rig calibrate dark, which adds the exposure, and this command"
 
@@ -89,7 +89,7 @@ def measure_plate(
         reason = _why_unknown(positions)
         return MeasuredPlate(fitted, None, reason, tilts_deg, brightness, is_moved)
     if is_moved:
-        level_deg = np.hypot(_TABLE_DEG, _TURN * tilts_deg.max())
+        level_deg = np.hypot(_TABLE_DEG, _REMAINING_TILT * tilts_deg.max())
     else:
         level_deg = np.hypot(_SINGLE_TILT_DEG, common_deg)
     lights = CalibratedLights(
@@ -209,7 +209,7 @@ def _common_tilt_deg(measured: Lighting, configured: Lighting) -> float:
     design = np.concatenate([-_cross(direction) for direction in configured.directions])
     rotation, *_ = np.linalg.lstsq(design, change.ravel(), rcond=None)
     left = change.ravel() - design @ rotation
-    if np.square(left).sum() > _LEFT_OF_DIRECTIONS * np.square(change).sum():
+    if np.square(left).sum() > _MOST_UNEXPLAINED_DIRECTIONS * np.square(change).sum():
         return 0.0
     return float(np.degrees(np.hypot(rotation[0], rotation[1])))
 
@@ -227,7 +227,7 @@ def _tilt_of_levels_deg(levels: Floats, configured: Lighting) -> float:
     centred = tangents - tangents.mean(axis=0)
     slopes, *_ = np.linalg.lstsq(-centred, levels, rcond=None)
     left = levels + centred @ slopes
-    if np.square(left).sum() > _LEFT_OF_LEVELS * np.square(levels).sum():
+    if np.square(left).sum() > _MOST_UNEXPLAINED_LEVELS * np.square(levels).sum():
         return 0.0
     return float(np.degrees(np.arctan(np.linalg.norm(slopes))))
 

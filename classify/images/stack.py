@@ -57,7 +57,7 @@ class ImageStack:
         return values
 
     def materialised(self) -> ImageStack:
-        """An equal stack whose `images` hold what `raw_at` and `float_rows` return."""
+        """The stack with values that `DividedStack` divides on access written into its images."""
         return self
 
     def rows(self, first: int, last: int) -> ImageStack:

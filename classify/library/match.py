@@ -13,7 +13,7 @@ from classify.texture.blur import MAX_BLURRIER_PX, MAX_SHARPER_PX
 from classify.texture.heading import LEAST_SCORE
 
 # A smaller blur is not mentioned in the reason: sets in equal focus differ by 0.0 to 0.3 px.
-_LEAST_SAID_PX = 0.3
+_LEAST_REPORTED_PX = 0.3
 # Least margin of a known surface, for classifiers with limits. classify/DECISIONS.md has how often
 # the nearest class is wrong below and above it.
 LEAST_MARGIN = 0.15
@@ -108,7 +108,7 @@ def match_of(
             reason += f" exceeds its limit {limit:.2f}"
         elif limit is not None:
             reason += f", limit {limit:.2f}"
-        if abs(blur_px) >= _LEAST_SAID_PX:
+        if abs(blur_px) >= _LEAST_REPORTED_PX:
             reason += f", {focus}"
         if margin is not None and runner_up is not None and runner_up_distance is not None:
             reason += f"; next is {runner_up} at {runner_up_distance:.2f}"

@@ -51,20 +51,20 @@ class BoundedCache(Generic[_Value]):
 
     def __init__(self, bytes_of: Callable[[_Value], int], limit_bytes: int = _CACHE_BYTES) -> None:
         self._bytes_of, self._limit_bytes = bytes_of, limit_bytes
-        self._kept: OrderedDict[Hashable, _Value] = OrderedDict()
-        self._kept_bytes = 0
+        self._values: OrderedDict[Hashable, _Value] = OrderedDict()
+        self._total_bytes = 0
         self._lock = Lock()
 
     def get(self, key: Hashable, make: Callable[[], _Value]) -> _Value:
         """The value of `key`, made if it is not kept."""
         with self._lock:
-            if key not in self._kept:
-                self._kept[key] = make()
-                self._kept_bytes += self._bytes_of(self._kept[key])
-            self._kept.move_to_end(key)
-            value = self._kept[key]
-            while self._kept_bytes > self._limit_bytes:
-                self._kept_bytes -= self._bytes_of(self._kept.popitem(last=False)[1])
+            if key not in self._values:
+                self._values[key] = make()
+                self._total_bytes += self._bytes_of(self._values[key])
+            self._values.move_to_end(key)
+            value = self._values[key]
+            while self._total_bytes > self._limit_bytes:
+                self._total_bytes -= self._bytes_of(self._values.popitem(last=False)[1])
             return value
 
 
