@@ -1,7 +1,7 @@
 """The commented ``rig.toml`` that ``ps4rig rig init`` writes for found devices."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from .cameras.camera import ListedCamera
 from .config.lights import AUTO
@@ -13,13 +13,13 @@ _Controllers = Sequence[tuple[SerialPort, ControllerIdentity]]
 
 
 def answering_controllers(
-    ports: Sequence[SerialPort], ask: Callable[[str], ControllerIdentity] = identify
+    ports: Sequence[SerialPort],
 ) -> list[tuple[SerialPort, ControllerIdentity]]:
     """The light controllers that answer at `ports`, in their order."""
     controllers = []
     for port in ports:
         try:
-            controllers.append((port, ask(port.device)))
+            controllers.append((port, identify(port.device)))
         except LightControllerError:
             continue
     return controllers

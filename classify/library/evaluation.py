@@ -14,6 +14,9 @@ from classify.methods import DEFAULT_CLASSIFIER
 
 from .match import Match
 
+# Groups of sets that `leave_one_out` leaves out together, at most.
+_GROUPS = 30
+
 
 @dataclass(frozen=True)
 class Trial:
@@ -186,22 +189,20 @@ def leave_one_out(
     rows: Sequence[TrainingRow],
     tests: Sequence[Observation],
     segment_px: int,
-    classifier: str = DEFAULT_CLASSIFIER,
-    rounds: int = 30,
 ) -> list[Match | None]:
     """Match of each set with a library that was trained without its group; None without others."""
-    named = classifier_named(classifier)
+    classifier = classifier_named(DEFAULT_CLASSIFIER)
     # Sets of one class are neighbours in `rows`, so that they come into different groups.
-    groups = [number % rounds for number in range(len(rows))]
+    groups = [number % _GROUPS for number in range(len(rows))]
     matches: dict[int, Match | None] = {}
-    for group in range(min(rounds, len(rows))):
+    for group in range(min(_GROUPS, len(rows))):
         others = [row for row, other in zip(rows, groups, strict=True) if other != group]
         library = None
         if others:
-            library = TextureLibrary.from_observations(others, segment_px, classifier)
-        for number in range(group, len(rows), rounds):
+            library = TextureLibrary.from_observations(others, segment_px)
+        for number in range(group, len(rows), _GROUPS):
             match = None
             if library is not None:
-                match = library.match(named.signature(tests[number], library.parameters))
+                match = library.match(classifier.signature(tests[number], library.parameters))
             matches[number] = match
     return [matches[number] for number in range(len(rows))]
