@@ -17,7 +17,7 @@ from capture.base.page import rendered
 from classify.base.durable_file import durable_file
 
 from . import plots
-from .exhibit import Exhibit, as_text
+from .exhibit import Exhibit, Text, as_text, read_texts
 
 _DPI = 130  # text of 7 points stays readable on the page
 # Longer lists of numbers are in the CSV files only.
@@ -33,21 +33,29 @@ _Table = list[list[tuple[str, str]]]
 
 @dataclass(frozen=True)
 class About:
-    """Name of a page, the HTML file of its introduction, and what its numbers are."""
+    """Name of a page, the HTML file of its introduction, and what its numbers are.
+
+    The texts of the exhibits are in ``notes.toml`` beside the introduction.
+    """
 
     page: str
     introduction: Path
     simulated: bool
     quick: bool = False
 
+    @property
+    def texts(self) -> dict[str, Text]:
+        """Texts of the exhibits, by their keys."""
+        return read_texts(self.introduction.with_name("notes.toml"))
 
-def write_exhibit(exhibit: Exhibit, folder: Path) -> bytes:
+
+def _write_exhibit(exhibit: Exhibit, folder: Path) -> bytes:
     """Write KEY.csv and KEY.png; returns the PNG."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(exhibit.columns)
     writer.writerows(exhibit.rows)
-    write_text(folder / f"{exhibit.key}.csv", text.getvalue())
+    _write_text(folder / f"{exhibit.key}.csv", text.getvalue())
     png = _drawn(exhibit)
     with durable_file(folder / f"{exhibit.key}.png") as temporary:
         temporary.write_bytes(png)
@@ -59,29 +67,30 @@ def write_page(
 ) -> Path:
     """Write the files of all exhibits, `results.json` and the page; returns the page."""
     drawn = [
-        (each, write_exhibit(each, folder)) for each in progress(exhibits, len(exhibits), "draw")
+        (each, _write_exhibit(each, folder)) for each in progress(exhibits, len(exhibits), "draw")
     ]
-    write_numbers(exhibits, about, folder / "results.json")
+    _write_numbers(exhibits, about, folder / "results.json")
     path = folder / f"{about.page}.html"
-    write_text(path, page(drawn, facts, about))
+    _write_text(path, page(drawn, facts, about))
     return path
 
 
-def write_numbers(exhibits: Sequence[Exhibit], about: About, path: Path) -> None:
+def _write_numbers(exhibits: Sequence[Exhibit], about: About, path: Path) -> None:
     """Write the numbers of all exhibits into one JSON file."""
+    texts = about.texts
     contents = {
         "version": version("ps4rig"),
         "simulated": about.simulated,
         "quick": about.quick,
         "exhibits": {
-            each.key: {"title": each.text.title, "columns": each.columns, "rows": each.rows}
+            each.key: {"title": texts[each.key].title, "columns": each.columns, "rows": each.rows}
             for each in exhibits
         },
     }
-    write_text(path, json.dumps(contents, indent=1, allow_nan=False) + "\n")
+    _write_text(path, json.dumps(contents, indent=1, allow_nan=False) + "\n")
 
 
-def write_text(path: Path, text: str) -> None:
+def _write_text(path: Path, text: str) -> None:
     """Write a text file as a whole or not at all."""
     with durable_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
@@ -89,10 +98,12 @@ def write_text(path: Path, text: str) -> None:
 
 def page(exhibits: Sequence[tuple[Exhibit, bytes]], facts: Mapping[str, str], about: About) -> str:
     """HTML of the page from each exhibit and its PNG, in this order."""
-    sections: dict[str, list[tuple[Exhibit, str, _Table]]] = {}
+    texts = about.texts
+    sections: dict[str, list[tuple[Exhibit, Text, str, _Table]]] = {}
     for exhibit, png in exhibits:
-        shown = exhibit, base64.b64encode(png).decode("ascii"), _table(exhibit)
-        sections.setdefault(exhibit.text.section, []).append(shown)
+        text = exhibit.text_from(texts)
+        shown = exhibit, text, base64.b64encode(png).decode("ascii"), _table(exhibit)
+        sections.setdefault(text.section, []).append(shown)
     introduction = Template(about.introduction.read_text(encoding="utf-8"))
     return rendered(
         "chapter/page.html",

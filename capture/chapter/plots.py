@@ -52,7 +52,6 @@ def draw_lines(
     y_label: str,
     *,
     levels: Sequence[tuple[float, str]] = (),
-    log_x: bool = False,
 ) -> None:
     """Draw the curves of each titled panel; `levels` are (value, name) of horizontal lines."""
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
@@ -72,8 +71,6 @@ def draw_lines(
         ax.set_title(title, fontsize=10)
         ax.set_xlabel(x_label)
         ax.grid(visible=True, color="#eeeeee")
-        if log_x:
-            ax.set_xscale("symlog", linthresh=1.0)
     axes[0].set_ylabel(y_label)
     _legend(figure, axes[-1])
 

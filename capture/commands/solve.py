@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from classify import Lighting
 
 _RELIT = "135,45"
-# Fall-off of the near LEDs in the table of faults of `ps4rig reproduce`; without --planar,
+# Fall-off of the near LEDs in the table of faults of `tests.evidence.textures`; without --planar,
 # textures under them are confused.
 _PLAIN_FALL_OFF = 0.25
 
