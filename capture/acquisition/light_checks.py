@@ -14,20 +14,7 @@ from capture.sets.metadata import ChecksRecord
 from classify import Lighting
 from classify.lights.agreement import LightAgreement, image_difference
 from classify.lights.order import LightOrder, light_order
-from rig.acceptance import (
-    DEAD_LED_SHARE,
-    LED_LEVEL_STANDARD_ERRORS,
-    MAX_AMBIENT_CHANGE,
-    MAX_AMBIENT_SHARE,
-    MAX_LED_LEVEL_DIFFERENCE,
-    MAX_LED_LEVEL_ERROR,
-    MAX_REDUNDANCY_RESIDUAL,
-    MAX_RETAKE_CHANGE,
-    MAX_SATURATED_SHARE,
-    MIN_COMPARED_ROWS,
-    MIN_SIGNAL_SHARE,
-    WEAK_LED_SHARE,
-)
+from rig import acceptance
 
 # Correlation of the ambient image with an LED's shading from which the LED is named as the one
 # that stays on; test_fault_matrix.py has LEDs stuck on at a third of their level. It only changes
@@ -39,7 +26,7 @@ def check_images(images: LightImages) -> None:
     """Reject images that are saturated or dark, by the limits of `rig.acceptance`."""
     causes: list[str] = []
     full_scale, ambient_mean = images.full_scale, images.ambient_mean
-    if ambient_mean > MAX_AMBIENT_SHARE * full_scale:
+    if ambient_mean > acceptance.MAX_AMBIENT_SHARE * full_scale:
         causes.append(
             f"ambient light fills {ambient_mean / full_scale:.0%} of the range; shield the rig"
         )
@@ -47,20 +34,20 @@ def check_images(images: LightImages) -> None:
     brightest = float(signals.max())
     shares = images.saturated_shares()
     for name, saturated, signal in zip(images.names, shares, signals, strict=True):
-        if saturated > MAX_SATURATED_SHARE:
+        if saturated > acceptance.MAX_SATURATED_SHARE:
             causes.append(
                 f"{name}: {saturated:.1%} of the pixels are saturated (limit "
-                f"{MAX_SATURATED_SHARE:.0%}); shorten the exposure"
+                f"{acceptance.MAX_SATURATED_SHARE:.0%}); shorten the exposure"
             )
-        elif signal < MIN_SIGNAL_SHARE * full_scale:
+        elif signal < acceptance.MIN_SIGNAL_SHARE * full_scale:
             causes.append(
                 f"{name}: dark, {signal:.1f} of {full_scale} above ambient light: the LED is dead "
                 "or always on, or the exposure too short; run ps4rig rig doctor"
             )
-        elif signal < DEAD_LED_SHARE * brightest:
+        elif signal < acceptance.DEAD_LED_SHARE * brightest:
             causes.append(
                 f"{name}: only {signal / brightest:.0%} of the brightest light (limit "
-                f"{DEAD_LED_SHARE:.0%}); uncover or replace the LED"
+                f"{acceptance.DEAD_LED_SHARE:.0%}); uncover or replace the LED"
             )
     if causes:
         raise SetRejected("set rejected: " + "; ".join(causes))
@@ -72,11 +59,12 @@ def check_ambient(images: LightImages) -> float | None:
         return None
     signal = max(1.0, float(images.signals.max()))
     change = image_difference(images.ambient, images.later_ambient, signal, images.noise)
-    if change > MAX_AMBIENT_CHANGE:
+    if change > acceptance.MAX_AMBIENT_CHANGE:
         raise SetRejected(
             f"set rejected: the two ambient images differ by {change:.1%} of an LED's light (limit "
-            f"{MAX_AMBIENT_CHANGE:.0%}): an LED stays on, a frame was black, torn or older than "
-            "its time stamp, or other light changed; shield the rig, then run ps4rig rig doctor"
+            f"{acceptance.MAX_AMBIENT_CHANGE:.0%}): an LED stays on, a frame was black, torn or "
+            "older than its time stamp, or other light changed; shield the rig, then run ps4rig "
+            "rig doctor"
         )
     return change
 
@@ -88,7 +76,7 @@ def check_target(images: LightImages) -> ChecksRecord:
     sheet has no shading: the procedures of the calibration judge these.
     """
     check_different(images)
-    bright = float(images.signals.max()) >= MIN_SIGNAL_SHARE * images.full_scale
+    bright = float(images.signals.max()) >= acceptance.MIN_SIGNAL_SHARE * images.full_scale
     return ChecksRecord(
         ambient_change=check_ambient(images) if bright else None,
         redundancy_residual=None,
@@ -104,13 +92,13 @@ def retake_reasons(agreement: LightAgreement | None) -> tuple[str, ...]:
     if agreement is None:
         return ("the redundancy needs four lights in general position",)
     causes, residual = [], agreement.redundancy_residual
-    if residual > MAX_REDUNDANCY_RESIDUAL:
+    if residual > acceptance.MAX_REDUNDANCY_RESIDUAL:
         causes.append(f"the redundancy residual is {residual:.1%} of the signal")
-    if agreement.compared_rows < MIN_COMPARED_ROWS:
+    if agreement.compared_rows < acceptance.MIN_COMPARED_ROWS:
         causes.append(f"all lights together reach {agreement.compared_rows:.0%} of the rows")
     if agreement.levels is None:
         causes.append("no LED levels explain the light images")
-    elif agreement.level_error > MAX_LED_LEVEL_ERROR:
+    elif agreement.level_error > acceptance.MAX_LED_LEVEL_ERROR:
         causes.append(f"LED levels are known to {agreement.level_error:.1%} only")
     return tuple(causes)
 
@@ -123,12 +111,12 @@ def check_retake(images: LightImages, retaken: Images) -> None:
     ):
         change = image_difference(first, second, signal, images.noise)
         change = max(change, abs(float(second.mean()) - ambient - signal) / signal)
-        if change > MAX_RETAKE_CHANGE:
+        if change > acceptance.MAX_RETAKE_CHANGE:
             raise SetRejected(
                 f"set rejected: the retake under {name} differs by {change:.1%} (limit "
-                f"{MAX_RETAKE_CHANGE:.0%}): the LED flickers, the exposure drifts, a frame was "
-                "torn or showed another light, or the part moved; keep the part still, then run "
-                "ps4rig rig doctor"
+                f"{acceptance.MAX_RETAKE_CHANGE:.0%}): the LED flickers, the exposure drifts, a "
+                "frame was torn or showed another light, or the part moved; keep the part still, "
+                "then run ps4rig rig doctor"
             )
 
 
@@ -137,10 +125,11 @@ def check_signals(images: LightImages) -> None:
     shares = images.signals / images.lighting.intensities
     shares /= np.median(shares)
     for name, share in zip(images.names, shares.tolist(), strict=True):
-        if share < WEAK_LED_SHARE:
+        if share < acceptance.WEAK_LED_SHARE:
             raise SetRejected(
                 f"set rejected: {name} gives {share:.0%} of the others' light (limit "
-                f"{WEAK_LED_SHARE:.0%}); uncover or replace the LED, or move the part out of shadow"
+                f"{acceptance.WEAK_LED_SHARE:.0%}); uncover or replace the LED, or move the part "
+                "out of shadow"
             )
 
 
@@ -181,7 +170,10 @@ def check_levels(agreement: LightAgreement | None, images: LightImages) -> None:
     """Reject light images that do not fit together, by their agreement."""
     if agreement is None or agreement.levels is None:
         return
-    limit = max(MAX_LED_LEVEL_DIFFERENCE, LED_LEVEL_STANDARD_ERRORS * agreement.level_error)
+    limit = max(
+        acceptance.MAX_LED_LEVEL_DIFFERENCE,
+        acceptance.LED_LEVEL_STANDARD_ERRORS * agreement.level_error,
+    )
     causes = [
         f"{name} gives {level:.0%} of the others' light{_stays_on(images, light)}"
         for light, (name, level) in enumerate(zip(images.names, agreement.levels, strict=True))

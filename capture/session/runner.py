@@ -19,23 +19,9 @@ from capture.sets.loaded_set import LoadedSet
 from classify.base.errors import InputError, Ps4rigError
 from rig import HardwareError, Placement, Rig, RigConfig, open_rig
 
+from . import events
 from .corrections import enter_corrections
-from .events import (
-    Answer,
-    Ask,
-    DecideFailure,
-    DecideWarnings,
-    PlaceSpecimen,
-    Publish,
-    RigChanged,
-    SessionFinished,
-    SetAdopted,
-    SetCaptured,
-    SetDamaged,
-    SetFailed,
-    State,
-    StateChanged,
-)
+from .events import Answer, Ask, Publish, State
 from .folder import SessionFolder
 from .journal import FinishReason, RunRecord, SetEntry
 from .measures import SpecimenReference, measures_of_first
@@ -61,8 +47,13 @@ class _Stopped(Exception):  # noqa: N818 - a decision of the operator, no error
 
 
 def run_session(
-    folder: SessionFolder, config: RigConfig, ask: Ask, publish: Publish, *, left_out: bool = False
-) -> SessionFinished:
+    folder: SessionFolder,
+    config: RigConfig,
+    ask: Ask,
+    publish: Publish,
+    *,
+    left_out: bool = False,
+) -> events.SessionFinished:
     """Capture the missing sets of a session.
 
     Each set is in its file before its entry is in the journal, and there before the next one
@@ -80,7 +71,7 @@ def run_session(
     new_runner = _Runner(folder, config, ask, publish, left_out)
     folder.reserve()
     if changes := rig_changes(folder.journal, config):
-        publish(RigChanged(tuple(changes)))
+        publish(events.RigChanged(tuple(changes)))
     folder.update(folder.journal.with_run(run))
     with new_runner as runner:
         try:
@@ -104,12 +95,12 @@ def run_session(
 
 def _end(
     folder: SessionFolder, end: Finish, publish: Publish, runner: "_Runner"
-) -> SessionFinished:
+) -> events.SessionFinished:
     folder.release()
     folder.update(folder.journal.with_run_ended(utc_text(), end.finish, end.reason))
     missing, left_out = len(folder.missing()), len(folder.left_out())
-    finished = SessionFinished(end.finish, end.reason, runner.captured, missing, left_out)
-    publish(StateChanged(State.FINISHED, None))
+    finished = events.SessionFinished(end.finish, end.reason, runner.captured, missing, left_out)
+    publish(events.StateChanged(State.FINISHED, None))
     publish(finished)
     return finished
 
@@ -118,7 +109,12 @@ class _Runner:
     """The open rig of a run, and the reference of the specimen below it."""
 
     def __init__(
-        self, folder: SessionFolder, config: RigConfig, ask: Ask, publish: Publish, left_out: bool
+        self,
+        folder: SessionFolder,
+        config: RigConfig,
+        ask: Ask,
+        publish: Publish,
+        left_out: bool,
     ) -> None:
         self._folder, self._config = folder, config
         self._ask, self._publish, self._left_out = ask, publish, left_out
@@ -140,7 +136,7 @@ class _Runner:
 
     def read_again(self) -> None:
         """Set damaged files aside, and enter what was corrected in the others."""
-        self._publish(StateChanged(State.READING, None))
+        self._publish(events.StateChanged(State.READING, None))
         planned_sets, intact = set(self._folder.plan.sets()), []
         for planned, found in self._folder.read_again():
             if isinstance(found, InputError):
@@ -149,7 +145,7 @@ class _Runner:
             if isinstance(found, str):
                 if planned in planned_sets:
                     self._folder.give_up(planned)
-                    self._publish(SetDamaged(planned, found))
+                    self._publish(events.SetDamaged(planned, found))
             elif entry is not None:
                 intact.append((entry, found))
         enter_corrections(self._folder, intact)
@@ -164,14 +160,14 @@ class _Runner:
             file = path.relative_to(self._folder.path).as_posix()
             entry = entry.model_copy(update={"file": file})
             self._folder.update(self._folder.journal.with_entry(entry))
-            self._publish(SetAdopted(entry))
+            self._publish(events.SetAdopted(entry))
 
     def compare_rig(self) -> None:
         """Compare the rig with its calibration, if it has one, by a white sheet."""
         known = None if self._calibration is None else self._calibration.file
         if known is None or known.calibration.flat_field is None or not self._missing():
             return
-        self._publish(StateChanged(State.COMPARING, None))
+        self._publish(events.StateChanged(State.COMPARING, None))
         self._rig = self._closing.enter_context(open_rig(self._config))
         if compare_rig(self._rig, known, self._ask, self._publish) is Answer.STOP:
             raise _Stopped(Finish("stopped"))
@@ -183,7 +179,7 @@ class _Runner:
         while index < len(placements):
             first = placements[index][0]
             self._state(State.PLACING, first)
-            match self._ask(PlaceSpecimen(first, partial(self._live_rig, first))):
+            match self._ask(events.PlaceSpecimen(first, partial(self._live_rig, first))):
                 case Answer.STOP:
                     raise _Stopped(Finish("stopped"))
                 case Answer.REPEAT:
@@ -225,7 +221,7 @@ class _Runner:
             warnings = entry.measures.warnings if entry.measures else ()
             if warnings:
                 self._state(State.ASKING, planned)
-                answer = self._ask(DecideWarnings(planned, warnings))
+                answer = self._ask(events.DecideWarnings(planned, warnings))
                 if answer is Answer.REPEAT:
                     continue
                 if answer is Answer.SKIP:
@@ -237,7 +233,7 @@ class _Runner:
                 self._reference = None  # the first set of its specimen is replaced
             kept = self._folder.keep(planned, captured, entry)
             self.captured += 1
-            self._publish(SetCaptured(kept))
+            self._publish(events.SetCaptured(kept))
             return
 
     def _fails(self, planned: PlannedSet, error: Ps4rigError) -> Answer:
@@ -245,9 +241,9 @@ class _Runner:
         lost_rig = isinstance(error, HardwareError)
         if lost_rig:
             self._close_rig()
-        self._publish(SetFailed(planned, str(error)))
+        self._publish(events.SetFailed(planned, str(error)))
         self._state(State.ASKING, planned)
-        answer = self._ask(DecideFailure(planned, str(error), lost_rig))
+        answer = self._ask(events.DecideFailure(planned, str(error), lost_rig))
         if answer is Answer.STOP:
             raise _Stopped(Finish("failed", str(error), error) if lost_rig else Finish("stopped"))
         if answer is Answer.SKIP:
@@ -355,7 +351,7 @@ class _Runner:
         self._closing.close()
 
     def _state(self, state: State, planned: PlannedSet) -> None:
-        self._publish(StateChanged(state, planned))
+        self._publish(events.StateChanged(state, planned))
 
 
 def _placement(planned: PlannedSet) -> tuple[str, float]:

@@ -13,20 +13,7 @@ from capture.base.console import progress, reported
 from capture.commands import options
 from classify.base.errors import CalibrationRejected, InputError
 
-from .flow import (
-    CalibrationPath,
-    PhotographGamma,
-    Replace,
-    RigToCalibrate,
-    Target,
-    Yes,
-    calibration_at,
-    from_files,
-    keep_parts,
-    photographs_of,
-    photographs_or_sets,
-    place_target,
-)
+from . import flow
 
 if TYPE_CHECKING:
     from capture.calibration.ps4cal import MeasuredPart
@@ -34,16 +21,16 @@ if TYPE_CHECKING:
     from classify.calibration.calibration import Calibration
     from rig import Rig
 
-_SHEET = Target("a white matt sheet", "plate")
+_SHEET = flow.Target("a white matt sheet", "plate")
 
 
 @reported
 def response(
-    calibration: CalibrationPath,
-    rig: RigToCalibrate = None,
+    calibration: flow.CalibrationPath,
+    rig: flow.RigToCalibrate = None,
     given: Annotated[
         list[Path] | None,
-        from_files(
+        flow.from_files(
             "Photograph or captured set of one still scene at one of six exposures or more, "
             "instead of a rig, or a folder of photographs. Repeat the option."
         ),
@@ -57,9 +44,9 @@ def response(
             metavar="T,T,...",
         ),
     ] = None,
-    gamma: PhotographGamma = None,
-    replace: Replace = False,
-    yes: Yes = False,
+    gamma: flow.PhotographGamma = None,
+    replace: flow.Replace = False,
+    yes: flow.Yes = False,
     json: options.Json = False,
 ) -> None:
     """Measure linearity and noise of the camera by a ladder of exposures of a white sheet.
@@ -69,7 +56,7 @@ def response(
     """
     if (rig is None) == (not given):
         raise InputError("give --rig RIG to capture a ladder of exposures, or --from IMG|SET of it")
-    file = calibration_at(calibration, given or ())
+    file = flow.calibration_at(calibration, given or ())
     if rig is None:
         parts = _of_files(given or [], exposures_ms, gamma, file.calibration)
     else:
@@ -79,7 +66,7 @@ def response(
             raise InputError("--exposures-ms and --gamma are for photographs; leave them out")
         with open_rig(rig) as opened:
             parts = _of_rig(opened, file.calibration, yes)
-    keep_parts(calibration, file, parts, replace=replace, json=json)
+    flow.keep_parts(calibration, file, parts, replace=replace, json=json)
 
 
 def _of_files(
@@ -95,11 +82,11 @@ def _of_files(
     )
     from capture.sets.captured_set import CapturedSet
 
-    photographs, sets = photographs_or_sets(given)
+    photographs, sets = flow.photographs_or_sets(given)
     names = [path.name for path in (*photographs, *sets)]
     if photographs:
         times_ms = _exposures_ms(photographs, exposures_ms)
-        read = photographs_of(photographs, gamma)
+        read = flow.photographs_of(photographs, gamma)
         rungs = rungs_of_photographs(read, times_ms, calibration)
         shape = read.planes[0].shape
         setting = Setting.of_photographs(shape, read.bit_depth, read.gamma)
@@ -152,6 +139,6 @@ def _of_rig(rig: Rig, calibration: Calibration, yes: bool) -> list[MeasuredPart]
 
     require_free_running(rig)
     setting = Setting.of_rig(rig)
-    place_target(rig, _SHEET, yes=yes)
+    flow.place_target(rig, _SHEET, yes=yes)
     rungs = rungs_of_rig(rig, calibration, partial(progress, description="exposures"))
     return response_parts(rungs, calibration, setting, ("captured",))
