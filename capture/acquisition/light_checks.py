@@ -4,6 +4,7 @@ The redundancy of four light images of a matt surface shows faults. Where it can
 compared with a retake in the opposite order, in which a passing fault has other effects.
 """
 
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -11,15 +12,43 @@ import numpy as np
 from capture.base.errors import SetRejected
 from capture.sets.image_checks import Images, LightImages
 from capture.sets.metadata import ChecksRecord
-from classify import Lighting
+from classify.calibration.calibration import Calibration
 from classify.lights.agreement import LightAgreement, image_difference
-from classify.lights.order import LightOrder, light_order
+from classify.lights.order import light_order
 from rig import acceptance
 
 # Correlation of the ambient image with an LED's shading from which the LED is named as the one
 # that stays on; test_fault_matrix.py has LEDs stuck on at a third of their level. It only changes
 # the wording of a message.
 _STAYS_ON_CORRELATION = 0.3
+
+
+def check_set(
+    images: LightImages, known: Calibration, retake: Callable[[], Images]
+) -> ChecksRecord:
+    """Check the images of a set; undecided checks call `retake` once, which captures them again."""
+    calibrated = images.calibrated(known)
+    ambient_change = _check_ambient(images)
+    check_images(images)
+    _check_different(images)
+    agreement = calibrated.agreement()
+    _check_levels(agreement, calibrated)
+    undecided = _retake_reasons(agreement)
+    if undecided:
+        _check_retake(images, retake())
+        if agreement is None or agreement.levels is None:
+            _check_signals(calibrated)
+    light_order = _checked_order(calibrated)
+    levels = None if agreement is None else agreement.levels
+    return ChecksRecord(
+        ambient_change=ambient_change,
+        redundancy_residual=None if agreement is None else agreement.redundancy_residual,
+        light_levels=levels,
+        light_levels_error=None if agreement is None or levels is None else agreement.level_error,
+        retaken=bool(undecided),
+        light_order=light_order,
+        undecided=undecided,
+    )
 
 
 def check_images(images: LightImages) -> None:
@@ -53,7 +82,7 @@ def check_images(images: LightImages) -> None:
         raise SetRejected("set rejected: " + "; ".join(causes))
 
 
-def check_ambient(images: LightImages) -> float | None:
+def _check_ambient(images: LightImages) -> float | None:
     """Difference of the ambient images as a share of the brightest light's signal; None of one."""
     if images.later_ambient is None:
         return None
@@ -75,10 +104,10 @@ def check_target(images: LightImages) -> ChecksRecord:
     Uncalibrated lights are unequal and near, a mirror sphere is dark but for its highlight, and a
     sheet has no shading: the procedures of the calibration judge these.
     """
-    check_different(images)
+    _check_different(images)
     bright = float(images.signals.max()) >= acceptance.MIN_SIGNAL_SHARE * images.full_scale
     return ChecksRecord(
-        ambient_change=check_ambient(images) if bright else None,
+        ambient_change=_check_ambient(images) if bright else None,
         redundancy_residual=None,
         light_levels=None,
         light_levels_error=None,
@@ -87,7 +116,7 @@ def check_target(images: LightImages) -> ChecksRecord:
     )
 
 
-def retake_reasons(agreement: LightAgreement | None) -> tuple[str, ...]:
+def _retake_reasons(agreement: LightAgreement | None) -> tuple[str, ...]:
     """Reasons for a retake, in words, by the agreement of the images; empty if none."""
     if agreement is None:
         return ("the redundancy needs four lights in general position",)
@@ -103,7 +132,7 @@ def retake_reasons(agreement: LightAgreement | None) -> tuple[str, ...]:
     return tuple(causes)
 
 
-def check_retake(images: LightImages, retaken: Images) -> None:
+def _check_retake(images: LightImages, retaken: Images) -> None:
     """Reject light images that a retake does not confirm."""
     ambient, signals = images.ambient_mean, images.signals
     for name, first, second, signal in zip(
@@ -120,7 +149,7 @@ def check_retake(images: LightImages, retaken: Images) -> None:
             )
 
 
-def check_signals(images: LightImages) -> None:
+def _check_signals(images: LightImages) -> None:
     """Reject light images of which one is far darker than the others."""
     shares = images.signals / images.lighting.intensities
     shares /= np.median(shares)
@@ -133,19 +162,14 @@ def check_signals(images: LightImages) -> None:
             )
 
 
-def order_of(images: LightImages) -> LightOrder | None:
-    """Order of the lights by the shading; None for another number than four."""
-    if len(images.lighting) != 4:
-        return None
-    return light_order(
-        images.images, images.lighting, ambient=images.ambient, full_scale=images.full_scale
-    )
-
-
-def check_order(order: LightOrder | None, lighting: Lighting) -> Literal["confirmed", "undecided"]:
-    """Whether the shading confirms the order of the lights, by the result of `order_of`."""
-    if order is None:
+def _checked_order(images: LightImages) -> Literal["confirmed", "undecided"]:
+    """Whether the shading confirms the order of the lights; undecided for other than four."""
+    lighting = images.lighting
+    if len(lighting) != 4:
         return "undecided"
+    order = light_order(
+        images.images, lighting, ambient=images.ambient, full_scale=images.full_scale
+    )
     if order.is_refuted:
         best = ", ".join(f"{tilt:g}" for tilt in lighting.tilts_deg[list(order.plausible[0])])
         raise SetRejected(
@@ -156,7 +180,7 @@ def check_order(order: LightOrder | None, lighting: Lighting) -> Literal["confir
     return "confirmed" if order.is_confirmed else "undecided"
 
 
-def check_different(images: LightImages) -> None:
+def _check_different(images: LightImages) -> None:
     """Reject images of the camera of which two hold the same frame."""
     for earlier, later, equal, _ in images.equal_rows():
         raise SetRejected(
@@ -166,7 +190,7 @@ def check_different(images: LightImages) -> None:
         )
 
 
-def check_levels(agreement: LightAgreement | None, images: LightImages) -> None:
+def _check_levels(agreement: LightAgreement | None, images: LightImages) -> None:
     """Reject light images that do not fit together, by their agreement."""
     if agreement is None or agreement.levels is None:
         return

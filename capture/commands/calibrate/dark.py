@@ -65,8 +65,7 @@ def dark(
 
 
 def _of_rig(rig: Rig, yes: bool) -> MeasuredPart:
-    from capture.acquisition.camera_calibration import dark_of_rig
-    from capture.acquisition.frame_series import frame_series, require_free_running
+    from capture.acquisition.frame_series import dark_of_rig, frame_series, require_free_running
     from capture.calibration.setting import Setting
     from capture.procedures.camera_parts import dark_part
     from classify.calibration.dark_frames import with_ambient

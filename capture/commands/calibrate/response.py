@@ -132,8 +132,7 @@ def _exposures_ms(photographs: list[Path], given: str | None) -> list[float]:
 
 
 def _of_rig(rig: Rig, calibration: Calibration, yes: bool) -> list[MeasuredPart]:
-    from capture.acquisition.camera_calibration import rungs_of_rig
-    from capture.acquisition.frame_series import require_free_running
+    from capture.acquisition.frame_series import require_free_running, rungs_of_rig
     from capture.calibration.setting import Setting
     from capture.procedures.camera_parts import response_parts
 

@@ -1,13 +1,117 @@
-"""``ps4rig session report``."""
+"""Commands that read a session: session status, session report."""
+
+from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capture.base.console import ItemProgress, out, print_json, progress, reported
+from capture.base.console import (
+    ItemProgress,
+    new_table,
+    out,
+    print_json,
+    print_table,
+    progress,
+    reported,
+)
+from capture.base.utc_time import readable_utc
 from capture.commands import options
 from classify.base.errors import InputError
+
+if TYPE_CHECKING:
+    from capture.session.plan import PlannedSet
+
+
+@reported
+def status(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the session.")],
+    json: options.Json = False,
+) -> None:
+    """Show what a session has captured, and what is missing; each set is read and hashed."""
+    from capture.session.folder import read_session
+    from capture.session.plan_change import unplanned_text
+
+    from .terminal import left_out_text
+
+    session = read_session(folder)
+    gone = set(session.missing())
+    read = progress(session.read_again(), len(session.plan) - len(gone), "sets")
+    unread = {planned: why for planned, why in read if isinstance(why, str | InputError)}
+    damaged = {planned: why for planned, why in unread.items() if isinstance(why, str)}
+    unreadable = {planned: why for planned, why in unread.items() if planned not in damaged}
+    missing = [each for each in session.plan.sets() if each in gone or each in damaged]
+    found = {each: session.journal.entry_of(each) for each in session.plan.sets()}
+    entries = [entry for entry in found.values() if entry is not None]
+    skipped = session.left_out()
+    warned = [entry for entry in entries if entry.measures and entry.measures.warnings]
+    if json:
+        print_json(
+            {
+                "session": str(folder),
+                "planned": len(session.plan),
+                "missing": [_as_json(each) for each in missing],
+                "damaged": [
+                    {**_as_json(each), "reason": reason} for each, reason in damaged.items()
+                ],
+                "unreadable": [
+                    {**_as_json(each), "reason": str(why)} for each, why in unreadable.items()
+                ],
+                "skipped": [entry.model_dump(mode="json") for entry in skipped],
+                "unplanned": [entry.model_dump(mode="json") for entry in session.unplanned()],
+                "warned": [entry.model_dump(mode="json") for entry in warned],
+                "runs": [run.model_dump(mode="json") for run in session.journal.runs],
+            }
+        )  # fmt: skip
+        return
+    out.print(
+        f"{folder}: {len(session.plan)} sets planned, "
+        f"{len(session.plan) - len(missing) - len(skipped)} captured, {len(skipped)} left out, "
+        f"{len(missing)} missing",
+    )
+    table = new_table("specimen", "captured", "missing at degrees", prose="missing at degrees")
+    for specimen in session.plan.specimen:
+        angles = dict.fromkeys(
+            f"{each.orientation_deg:g}" for each in missing if each.specimen == specimen.id
+        )
+        captured = sum(
+            entry is not None and entry.file is not None and planned not in missing
+            for planned, entry in found.items()
+            if planned.specimen == specimen.id
+        )
+        table.add_row(specimen.id, str(captured), ", ".join(angles) or "-")
+    print_table(table)
+    for run in session.journal.runs:
+        ended = ", killed or still running"
+        if run.ended_utc is not None:
+            ended = f" to {readable_utc(run.ended_utc)}"
+        out.print(
+            f"run {readable_utc(run.started_utc)}{ended}: {run.finish or '-'}"
+            + (f" ({run.reason})" if run.reason else ""),
+        )
+    for line in unplanned_text(session.unplanned()):
+        out.print(line)
+    for entry in skipped:
+        planned = session.plan.planned(*entry.key)
+        out.print(f"{planned}: {entry.skipped}")
+    if skipped:
+        out.print(left_out_text(session))
+    for planned, reason in damaged.items():
+        out.print(f"{planned}: its file is damaged: {reason}")
+    for planned, why in unreadable.items():
+        out.print(f"{planned}: {why}")
+    for entry in warned:
+        assert entry.measures is not None
+        out.print(f"{entry.file}: {'; '.join(entry.measures.warnings)}")
+
+
+def _as_json(planned: PlannedSet) -> dict[str, Any]:
+    return {
+        "specimen": planned.specimen,
+        "orientation_deg": planned.orientation_deg,
+        "repeat": planned.repeat,
+    }
 
 
 @reported

@@ -1,4 +1,4 @@
-"""``ps4rig session run`` and ``resume``."""
+"""Commands that plan and capture a session: session new, run, resume."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from capture.base.console import complain, out, print_json, reported
+from capture.base.outputs import check_output
 from capture.commands import options
 from classify.base.errors import InputError
 
@@ -19,6 +20,23 @@ if TYPE_CHECKING:
     from capture.session.plan import SessionPlan
     from capture.session.preview_loop import Preview
     from rig import RigConfig
+
+
+@reported
+def new(
+    plan: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="The file to write.")],
+    force: options.Force = False,
+) -> None:
+    """Write a commented example of a plan."""
+    from capture.session.plan import example_plan, read_plan
+    from classify.base.durable_file import durable_file
+
+    check_output(plan, suffix=".toml", force=force)
+    with durable_file(plan) as temporary:
+        temporary.write_text(example_plan(plan.stem), encoding="utf-8")
+        read_plan(temporary)  # a stem that cannot name a session is refused
+    out.print(f"{plan}: edit it, then run ps4rig session run {plan} --dry-run")
+
 
 Yes = Annotated[
     bool,

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from capture.calibration.ps4cal import CalibrationFile
-from capture.commands.calibrate.page import calibration_page
-from capture.commands.calibrate.summary import benefit_of, part_summaries
+from capture.commands.calibrate.page import benefit_of, calibration_page, part_summaries
 from classify import Lighting
 from classify.calibration.dark import Dark
 from classify.calibration.response import Response
