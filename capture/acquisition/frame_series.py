@@ -31,10 +31,10 @@ _DARK_FRAMES = 16
 # Frames at each exposure. Their differences show the noise, with three degrees of freedom.
 _LADDER_FRAMES = 4
 
-Series = tuple[float, Pixels]
+_Series = tuple[float, Pixels]
 
 
-def _unshown(items: Iterator[Series], _: int) -> Iterable[Series]:
+def _unshown(items: Iterator[_Series], _: int) -> Iterable[_Series]:
     return items
 
 
@@ -48,7 +48,7 @@ def dark_of_rig(rig: Rig) -> DarkFrames:
 def rungs_of_rig(
     rig: Rig,
     calibration: Calibration,
-    shown: Callable[[Iterator[Series], int], Iterable[Series]] = _unshown,
+    shown: Callable[[Iterator[_Series], int], Iterable[_Series]] = _unshown,
 ) -> list[Rung]:
     """Capture a ladder of exposures of a white sheet, and restore the exposure.
 

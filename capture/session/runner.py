@@ -31,7 +31,7 @@ from .rig_checks import check_rig
 
 
 @dataclass(frozen=True)
-class Finish:
+class _Finish:
     """The end of a run, with the reason if it is not evident."""
 
     finish: FinishReason
@@ -42,7 +42,7 @@ class Finish:
 class _Stopped(Exception):  # noqa: N818 - a decision of the operator, no error
     """Raised to leave the loop over the sets."""
 
-    def __init__(self, finish: Finish) -> None:
+    def __init__(self, finish: _Finish) -> None:
         self.finish = finish
 
 
@@ -79,14 +79,14 @@ def run_session(
             runner.adopt()
             runner.compare_rig()
             runner.capture_all()
-            end = Finish("incomplete" if folder.missing() else "complete")
+            end = _Finish("incomplete" if folder.missing() else "complete")
         except _Stopped as stopped:
             end = stopped.finish
         except KeyboardInterrupt:
-            _end(folder, Finish("interrupted"), publish, runner)
+            _end(folder, _Finish("interrupted"), publish, runner)
             raise
         except Ps4rigError as error:
-            end = Finish("failed", str(error), error)
+            end = _Finish("failed", str(error), error)
     finished = _end(folder, end, publish, runner)
     if end.error is not None:
         raise end.error
@@ -94,7 +94,7 @@ def run_session(
 
 
 def _end(
-    folder: SessionFolder, end: Finish, publish: Publish, runner: "_Runner"
+    folder: SessionFolder, end: _Finish, publish: Publish, runner: "_Runner"
 ) -> events.SessionFinished:
     folder.release()
     folder.update(folder.journal.with_run_ended(utc_text(), end.finish, end.reason))
@@ -170,7 +170,7 @@ class _Runner:
         self._publish(events.StateChanged(State.COMPARING, None))
         self._rig = self._closing.enter_context(open_rig(self._config))
         if compare_rig(self._rig, known, self._ask, self._publish) is Answer.STOP:
-            raise _Stopped(Finish("stopped"))
+            raise _Stopped(_Finish("stopped"))
 
     def capture_all(self) -> None:
         """Capture the missing sets, placement after placement."""
@@ -181,7 +181,7 @@ class _Runner:
             self._state(State.PLACING, first)
             match self._ask(events.PlaceSpecimen(first, partial(self._live_rig, first))):
                 case Answer.STOP:
-                    raise _Stopped(Finish("stopped"))
+                    raise _Stopped(_Finish("stopped"))
                 case Answer.REPEAT:
                     # The previous placement once more, if there was one.
                     if last is not None:
@@ -228,7 +228,7 @@ class _Runner:
                     self._leave_out([planned], "; ".join(warnings))
                     return
                 if answer is Answer.STOP:
-                    raise _Stopped(Finish("stopped"))
+                    raise _Stopped(_Finish("stopped"))
             if self._reference is not None and self._reference[0] == path:
                 self._reference = None  # the first set of its specimen is replaced
             kept = self._folder.keep(planned, captured, entry)
@@ -245,7 +245,7 @@ class _Runner:
         self._state(State.ASKING, planned)
         answer = self._ask(events.DecideFailure(planned, str(error), lost_rig))
         if answer is Answer.STOP:
-            raise _Stopped(Finish("failed", str(error), error) if lost_rig else Finish("stopped"))
+            raise _Stopped(_Finish("failed", str(error), error) if lost_rig else _Finish("stopped"))
         if answer is Answer.SKIP:
             self._leave_out([planned], str(error))
         return answer

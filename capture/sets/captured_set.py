@@ -95,7 +95,7 @@ class CapturedSet:
     @property
     def setting(self) -> Setting:
         """The setting of rig and camera that a calibration of the set must have."""
-        return setting_of(self.metadata, self.images.shape[1:])
+        return _setting_of(self.metadata, self.images.shape[1:])
 
     def with_calibration(self, file: CalibrationFile) -> CapturedSet:
         """Return the set with a calibration, which its metadata name.
@@ -217,11 +217,11 @@ def calibration_of(
     way_out: str = "give --calibration CAL (solve, compare and export can leave it out with --raw)",
 ) -> FoundCalibration | None:
     """Find the calibration of the set at `path` with images of `shape`; see `find_calibration`."""
-    ids, setting = metadata.calibration_ids, setting_of(metadata, shape)
+    ids, setting = metadata.calibration_ids, _setting_of(metadata, shape)
     return find_calibration(path, ids, setting, metadata.created_utc, given, way_out)
 
 
-def setting_of(metadata: SetMetadata, shape: tuple[int, ...]) -> Setting:
+def _setting_of(metadata: SetMetadata, shape: tuple[int, ...]) -> Setting:
     """Return the setting of a captured or imported set with images of `shape` (rows, columns)."""
     camera = metadata.camera
     stated = {} if camera is None else camera.model_dump(include=_OF_THE_CAMERA)

@@ -15,7 +15,7 @@ from rig import Placement
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 # Wider than the range of any camera; squares and quotients stay finite in float32.
 Gain = Annotated[float, Field(ge=1e-6, le=1e6)]
-PixelValue = Annotated[float, Field(ge=0.0, le=65535.0)]
+_PixelValue = Annotated[float, Field(ge=0.0, le=65535.0)]
 
 
 def _printable(text: str | None) -> str | None:
@@ -90,8 +90,8 @@ class CameraRecord(Record):
     exposure_ms: FiniteFloat
     frame_rate_hz: FiniteFloat
     gain_e_per_dn: Gain | None
-    read_noise_dn: PixelValue | None
-    black_level_dn: PixelValue | None
+    read_noise_dn: _PixelValue | None
+    black_level_dn: _PixelValue | None
     gain: FiniteFloat | None
     gamma: FiniteFloat | None
     pixel_value_controls: dict[str, FiniteFloat]

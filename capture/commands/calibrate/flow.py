@@ -79,7 +79,7 @@ def calibration_at(path: Path, inputs: Sequence[Path] = ()) -> CalibrationFile:
     return CalibrationFile.read(path) if path.exists() else CalibrationFile()
 
 
-def sets_given(places: Sequence[Path]) -> tuple[list[CapturedSet], tuple[str, ...]]:
+def _sets_given(places: Sequence[Path]) -> tuple[list[CapturedSet], tuple[str, ...]]:
     """Return the sets of ``--from``, and their names for the record of a part."""
     from capture.sets.archive import find_sets
     from capture.sets.captured_set import CapturedSet
@@ -144,7 +144,7 @@ def target_sets(
     if (rig is None) == (not given):
         raise InputError("give --rig RIG to capture the target, or --from SET with sets of it")
     if given:
-        return sets_given(given)
+        return _sets_given(given)
     assert rig is not None
     with open_rig(rig) as opened:
         return list(captured_targets(opened, target, rotations_deg, average, yes)), ("captured",)

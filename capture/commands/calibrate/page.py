@@ -104,7 +104,7 @@ def summary_json(
     }
 
 
-def light_rows(file: CalibrationFile) -> list[dict[str, float | None]]:
+def _light_rows(file: CalibrationFile) -> list[dict[str, float | None]]:
     """Return tilt, slant and distance of each light with their errors; [] if not measured."""
     lights, scale = file.calibration.lights, file.calibration.scale
     if lights is None:
@@ -135,7 +135,7 @@ def _lights_json(file: CalibrationFile) -> dict[str, Any] | None:
     if lights is None:
         return None
     fit = {"source": lights.source, "residual": lights.residual}
-    return {**fit, "lobe_exponent": lights.lobe_exponent, "each": light_rows(file)}
+    return {**fit, "lobe_exponent": lights.lobe_exponent, "each": _light_rows(file)}
 
 
 def calibration_page(path: Path, file: CalibrationFile, benefit: Benefit, now: datetime) -> str:
@@ -153,7 +153,7 @@ def calibration_page(path: Path, file: CalibrationFile, benefit: Benefit, now: d
         else _flat_field_views(calibration.flat_field, file.records["flat_field"].setting),
         lights=calibration.lights,
         light_drawings=list(_light_drawings(file)),
-        light_rows=light_rows(file),
+        light_rows=_light_rows(file),
         camera_drawings=list(_camera_drawings(file)),
     )
 

@@ -44,7 +44,7 @@ Yes = Annotated[
         "--yes", help="Ask nothing: for the simulated rig and turntables. What fails stays missing."
     ),
 ]
-NewPlan = Annotated[
+_NewPlan = Annotated[
     bool,
     typer.Option("--new-plan", help="Take the plan as it was edited since, without a question."),
 ]
@@ -62,7 +62,7 @@ def run(
         bool, typer.Option("--dry-run", help="Show what the plan means, and capture nothing.")
     ] = False,
     yes: Yes = False,
-    new_plan: NewPlan = False,
+    new_plan: _NewPlan = False,
     json: options.Json = False,
 ) -> None:
     """Capture the sets of a plan that are missing, into a folder beside it.
@@ -104,7 +104,7 @@ def resume(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the session.")],
     rig: options.Rig = "rig.toml",
     yes: Yes = False,
-    new_plan: NewPlan = False,
+    new_plan: _NewPlan = False,
     left_out: Annotated[
         bool, typer.Option("--left-out", help="Capture the sets that were left out, too.")
     ] = False,
