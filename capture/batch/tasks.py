@@ -190,7 +190,7 @@ def solve_set(
 ) -> SolvedSet:
     """Solve a set and write its maps; see `LoadedSet.of` and `CapturedSet.solve`."""
     loaded = LoadedSet.of(task.path, calibration, raw=raw)
-    captured, known, found = loaded.captured, loaded.calibration, loaded.found
+    captured, known, calibration_file = loaded.captured, loaded.calibration, loaded.found
     with named(task.path):
         surface = captured.solve(
             method, planar=planar, calibration=known, raw=raw, on_progress=on_progress
@@ -218,9 +218,9 @@ def solve_set(
         task.folder,
         light=light,
         mm_per_px=mm_per_px,
-        calibration=found,
+        calibration=calibration_file,
         raw_residual=raw_residual,
-        inputs=[task.path, *([] if found is None else [found.path])],
+        inputs=[task.path, *([] if calibration_file is None else [calibration_file.path])],
     )
     return SolvedSet(
         files=tuple(path.name for path in written),
@@ -233,7 +233,7 @@ def solve_set(
         simulated=captured.metadata.simulated,
         lights=len(captured.images),
         mm_per_px=mm_per_px,
-        calibration=None if found is None else str(found.path),
+        calibration=None if calibration_file is None else str(calibration_file.path),
         residual=surface.residual_share,
         raw_residual=raw_residual,
         warnings=loaded.warnings,

@@ -70,8 +70,8 @@ class PartRecord(Record):
 
 def utc_of(date: str) -> datetime:
     """Return an ISO 8601 date, in UTC if it names no zone; ValueError for another text."""
-    found = datetime.fromisoformat(date)
-    return found if found.tzinfo is not None else found.replace(tzinfo=UTC)
+    moment = datetime.fromisoformat(date)
+    return moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +164,7 @@ class CalibrationFile:
 
     def without_part(self, name: PartName) -> CalibrationFile:
         """Return this calibration without a part that no longer holds."""
-        records = {each: record for each, record in self.records.items() if each != name}
+        records = {part: record for part, record in self.records.items() if part != name}
         return CalibrationFile(replace(self.calibration, **{name: None}), records)
 
     def differences(self, name: PartName, setting: Setting) -> list[str]:
@@ -192,8 +192,10 @@ class CalibrationFile:
         old = [name.replace("_", " ") for name in self.outdated]
         if not old:
             return []
-        what = f"{' and '.join(old)} measured before the response, which changes their light images"
-        return [f"{what}; run ps4rig calibrate plate again"]
+        cause = (
+            f"{' and '.join(old)} measured before the response, which changes their light images"
+        )
+        return [f"{cause}; run ps4rig calibrate plate again"]
 
     def write(self, path: str | Path) -> None:
         """Write the file, whole or not at all; an existing one is replaced.
@@ -230,7 +232,7 @@ class CalibrationFile:
                 for name, part in header.parts.items()
             }
         records = {name: part.record for name, part in header.parts.items()}
-        members = {f"{name}/{key}": each for name in arrays for key, each in arrays[name].items()}
+        members = {f"{name}/{key}": array for name in arrays for key, array in arrays[name].items()}
         return cls(Calibration(**parts), records, path, _Encoded(header, members))
 
 
@@ -269,8 +271,8 @@ def _part(
 
 def _sha256(array: npt.NDArray[Any]) -> str:
     plain = np.ascontiguousarray(array)
-    about = f"{plain.dtype.str} {array.shape} ".encode()
-    return hashlib.sha256(about + plain.tobytes()).hexdigest()
+    description = f"{plain.dtype.str} {array.shape} ".encode()
+    return hashlib.sha256(description + plain.tobytes()).hexdigest()
 
 
 def stated_error(share: float, decimals: int) -> str:

@@ -118,7 +118,7 @@ def _known(file: CalibrationFile, new: MeasuredPart) -> _Known | None:
         return None
     part, record = getattr(file.calibration, new.name), file.records[new.name]
     if new.name == "dark":
-        same = (each for each in part.exposures if each.holds_at(new.part.exposure_ms))
+        same = (dark for dark in part.exposures if dark.holds_at(new.part.exposure_ms))
         part = None if _other_camera_setting(file, new) else next(same, None)
         return None if part is None else _Known(part, record)
     outdated = new.name in file.outdated or file.differences(new.name, new.record.setting)
@@ -194,7 +194,7 @@ def _flat_field(known: _Known, measured: _Known) -> Iterator[Difference]:
     now: FlatField = measured.part
     changes = now.logarithms(x, y) - before.logarithms(x, y)
     changes -= np.median(changes)  # the exposure, not the one light that changed
-    errors = [each.figure("error_percent") / 100.0 for each in (known, measured)]
+    errors = [part.figure("error_percent") / 100.0 for part in (known, measured)]
     for light, change in enumerate(np.abs(changes).max(axis=(1, 2)).tolist()):
         limit = _limit(_FLOOR_FLAT_FIELD, *errors)
         yield Difference(f"light {light} of another strength", math.expm1(change), limit)
@@ -204,7 +204,7 @@ def _response(known: _Known, measured: _Known) -> Iterator[Difference]:
     before: Response = known.part
     now: Response = measured.part
     straight = np.linspace(0.0, 1.0, len(before.curve))
-    curves = [straight if each.linear else each.curve for each in (before, now)]
+    curves = [straight if response.linear else response.curve for response in (before, now)]
     size = float(np.abs(curves[1] - curves[0]).max())
     yield Difference("another curve", size, _limit(_FLOOR_RESPONSE, before.error, now.error))
 
@@ -213,11 +213,11 @@ def _noise(known: _Known, measured: _Known) -> Iterator[Difference]:
     before: Noise = known.part
     now: Noise = measured.part
     gains = before.sensor.gain_e_per_dn, now.sensor.gain_e_per_dn
-    errors = [each.figure("gain_error_share") for each in (known, measured)]
+    errors = [part.figure("gain_error_share") for part in (known, measured)]
     text = f"{gains[1]:.4g} electrons per pixel value instead of {gains[0]:.4g}"
     yield Difference(text, _apart(*gains), _limit(_FLOOR_GAIN, *errors))
     reads = before.sensor.read_noise_dn, now.sensor.read_noise_dn
-    errors = [each.figure("read_noise_error_dn") / max(*reads, 1.0) for each in (known, measured)]
+    errors = [part.figure("read_noise_error_dn") / max(*reads, 1.0) for part in (known, measured)]
     text = f"a read noise of {reads[1]:.3g} instead of {reads[0]:.3g}"
     size = abs(reads[1] - reads[0]) / max(*reads, 1.0)
     yield Difference(text, size, _limit(_FLOOR_NOISE, *errors))
@@ -246,12 +246,12 @@ _DIFFERENCES: dict[PartName, Callable[[_Known, _Known], Iterator[Difference]]] =
 }
 # Errors of the parts, for the comparison of two of one kind.
 _ERRORS: dict[PartName, Callable[[_Known], float]] = {
-    "dark": lambda each: each.figure("frames") ** -0.5 if each.figure("frames") else 0.0,
-    "response": lambda each: float(each.part.error),
-    "noise": lambda each: each.figure("gain_error_share"),
-    "flat_field": lambda each: each.figure("error_percent") / 100.0,
-    "lights": lambda each: _error_of_lights(each.part),
-    "scale": lambda each: float(each.part.error),
+    "dark": lambda known: known.figure("frames") ** -0.5 if known.figure("frames") else 0.0,
+    "response": lambda known: float(known.part.error),
+    "noise": lambda known: known.figure("gain_error_share"),
+    "flat_field": lambda known: known.figure("error_percent") / 100.0,
+    "lights": lambda known: _error_of_lights(known.part),
+    "scale": lambda known: float(known.part.error),
 }
 # Errors that are all the same to the normals and lengths of a part.
 _SMALL: dict[PartName, float] = {
@@ -259,9 +259,12 @@ _SMALL: dict[PartName, float] = {
 }  # fmt: skip
 # What one part of a kind may have and another lack.
 _EXTRAS: dict[PartName, tuple[str, Callable[[_Known], bool]]] = {
-    "scale": ("a focal length", lambda each: each.part.focal_px is not None),
-    "lights": (_POSITIONS, lambda each: each.part.distance_errors is not None),
-    "flat_field": ("two placements of the sheet", lambda each: each.figure("placements") > 1.0),
+    "scale": ("a focal length", lambda known: known.part.focal_px is not None),
+    "lights": (_POSITIONS, lambda known: known.part.distance_errors is not None),
+    "flat_field": (
+        "two placements of the sheet",
+        lambda known: known.figure("placements") > 1.0,
+    ),
 }
 
 

@@ -43,13 +43,6 @@ class Exhibit:
         return Text(section, title, filled)
 
 
-def as_text(cell: Cell, digits: int) -> str:
-    """Text of a cell; a dash for None."""
-    if cell is None:
-        return "-"
-    return f"{cell:.{digits}f}" if isinstance(cell, float) else str(cell)
-
-
 def read_texts(path: Path) -> dict[str, Text]:
     """Read the texts of exhibits, by their keys, from a ``notes.toml``."""
     sections = tomllib.loads(path.read_text(encoding="utf-8"))

@@ -18,7 +18,7 @@ from rig import SYNTHETIC_TEXTURES
 from .chapter_accuracy import accuracy_exhibits
 from .chapter_surface import surface_exhibits
 from .exhibit import Exhibit
-from .output import About, write_page
+from .output import PageInfo, write_page
 from .plan import Plan
 from .results import Results, Trials
 from .runs import match_patch, patch_tasks, train, training_tasks
@@ -54,8 +54,8 @@ def reproduce(
         f"{platform.machine()}",
     }
     introduction = Path(__file__).with_name("chapter.html")
-    about = About("reproduction", introduction, simulated=True, quick=plan.quick)
-    return write_page(exhibits, facts, about, output)
+    info = PageInfo("reproduction", introduction, simulated=True, quick=plan.quick)
+    return write_page(exhibits, facts, info, output)
 
 
 def measure(

@@ -55,8 +55,8 @@ def polar_spectra(rotate_deg: float, size_px: int) -> Polar:
     fields[TRUTH] = TextureFields(scene.p, scene.q, scene.albedo)
     segment_px = segment_for(scene.p.shape)
     return {
-        name: [float(value) for value in field_spectra(each, segment_px).polar[0]]
-        for name, each in fields.items()
+        name: [float(value) for value in field_spectra(fields_of_map, segment_px).polar[0]]
+        for name, fields_of_map in fields.items()
     }
 
 

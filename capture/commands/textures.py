@@ -92,8 +92,8 @@ def train(
     trained.save(library)
     if json:
         solved = {"method": trained.method, "planar": trained.planar}
-        about = {"classes": classes, **solved, "simulated": trained.simulated}
-        print_json({"library": str(library), **about})
+        facts = {"classes": classes, **solved, "simulated": trained.simulated}
+        print_json({"library": str(library), **facts})
     else:
         note = " (simulated)" if trained.simulated else ""
         counts = f"classes {len(classes)}, sets {len(paths)}"

@@ -65,8 +65,8 @@ class SpecimenReference:
             )
         if blur_px is not None and blur_px > _MAX_BLUR_PX:
             warnings.append(f"{blur_px:.1f} px blurrier than the first set of the specimen")
-        found = {"estimated_deg": estimated_deg, "blur_px": blur_px}
-        return measures.model_copy(update={**found, "warnings": tuple(warnings)})
+        estimates = {"estimated_deg": estimated_deg, "blur_px": blur_px}
+        return measures.model_copy(update={**estimates, "warnings": tuple(warnings)})
 
     def orientation_deg(
         self, surface: SurfaceEstimate, entered_deg: float | None = None

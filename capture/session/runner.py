@@ -138,16 +138,16 @@ class _Runner:
         """Set damaged files aside, and enter what was corrected in the others."""
         self._publish(events.StateChanged(State.READING, None))
         planned_sets, intact = set(self._folder.plan.sets()), []
-        for planned, found in self._folder.read_again():
-            if isinstance(found, InputError):
-                raise found
+        for planned, state in self._folder.read_again():
+            if isinstance(state, InputError):
+                raise state
             entry = self._folder.journal.entry_of(planned)
-            if isinstance(found, str):
+            if isinstance(state, str):
                 if planned in planned_sets:
                     self._folder.give_up(planned)
-                    self._publish(events.SetDamaged(planned, found))
+                    self._publish(events.SetDamaged(planned, state))
             elif entry is not None:
-                intact.append((entry, found))
+                intact.append((entry, state))
         enter_corrections(self._folder, intact)
 
     def adopt(self) -> None:
@@ -155,8 +155,8 @@ class _Runner:
         for planned, captured in self._folder.orphans():
             path = self._folder.file_of(planned)
             shape = captured.images.shape[1:]
-            found = calibration_of(path, captured.metadata, shape)
-            entry = self._entry(planned, LoadedSet(captured, found))
+            calibration = calibration_of(path, captured.metadata, shape)
+            entry = self._entry(planned, LoadedSet(captured, calibration))
             file = path.relative_to(self._folder.path).as_posix()
             entry = entry.model_copy(update={"file": file})
             self._folder.update(self._folder.journal.with_entry(entry))
@@ -231,9 +231,9 @@ class _Runner:
                     raise _Stopped(_Finish("stopped"))
             if self._reference is not None and self._reference[0] == path:
                 self._reference = None  # the first set of its specimen is replaced
-            kept = self._folder.keep(planned, captured, entry)
+            entered = self._folder.keep(planned, captured, entry)
             self.captured += 1
-            self._publish(events.SetCaptured(kept))
+            self._publish(events.SetCaptured(entered))
             return
 
     def _fails(self, planned: PlannedSet, error: Ps4rigError) -> Answer:
@@ -336,15 +336,15 @@ class _Runner:
         config = self._config
         if placement is not None:
             config = config.with_changes(simulation={"placement": placement.model_dump()})
-        wanted = self._folder.plan.exposure_ms
-        if wanted is None:
+        exposure_ms = self._folder.plan.exposure_ms
+        if exposure_ms is None:
             return config
-        if wanted == SEARCH:
+        if exposure_ms == SEARCH:
             if specimen not in self._exposures_ms:
                 self._close_rig()
                 self._exposures_ms[specimen] = find_exposure_ms(config)
-            wanted = self._exposures_ms[specimen]
-        return config.with_changes(camera={"exposure_ms": wanted})
+            exposure_ms = self._exposures_ms[specimen]
+        return config.with_changes(camera={"exposure_ms": exposure_ms})
 
     def _close_rig(self) -> None:
         self._rig = None

@@ -52,8 +52,10 @@ class LightingRecord(Record):
     def to_lighting(self) -> Lighting:
         """Return the `Lighting` of the record."""
         positions = None if self.positions_px is None else np.array(self.positions_px)
-        given = self.intensities_given or any(each != 1.0 for each in self.intensities)
-        intensities = np.array(self.intensities if given else ())
+        are_given = self.intensities_given or any(
+            intensity != 1.0 for intensity in self.intensities
+        )
+        intensities = np.array(self.intensities if are_given else ())
         return Lighting(np.array(self.directions), intensities, positions)
 
 

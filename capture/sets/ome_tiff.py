@@ -130,7 +130,7 @@ def _channels(metadata: SetMetadata) -> list[tuple[str, int]]:
 
 def _ome_colour(rgb: tuple[float, float, float]) -> int:
     """Return red, green and blue, 0 to 1, as the opaque colour number of OME-XML."""
-    rgba = bytes([*(round(255.0 * each) for each in rgb), 255])
+    rgba = bytes([*(round(255.0 * share) for share in rgb), 255])
     return int.from_bytes(rgba, "big", signed=True)
 
 

@@ -103,9 +103,9 @@ def _levels(images: LightImages, mask: npt.NDArray[np.bool_] | None) -> Iterator
     }
     brightest = max(0.0, *signals.values())
     dark = {
-        name: each
-        for name, each in signals.items()
-        if each <= acceptance.DEAD_LED_SHARE * brightest
+        name: signal
+        for name, signal in signals.items()
+        if signal <= acceptance.DEAD_LED_SHARE * brightest
     }
     if dark:
         least = max(0.0, min(dark.values())) / max(brightest, 1e-9)
@@ -168,8 +168,10 @@ def _four_lights(images: LightImages, agreement: LightAgreement | None) -> Itera
     )
     for name, level in zip(images.names, agreement.levels, strict=True):
         if abs(level - 1.0) > limit:
-            given = (
+            reference = (
                 "of the given intensity" if images.lighting.intensities_given else "of the others"
             )
-            text = f"{name}: by the redundancy of the images its light gives {level:.0%} {given}"
+            text = (
+                f"{name}: by the redundancy of the images its light gives {level:.0%} {reference}"
+            )
             yield ImportFinding(ImportCause.RESIDUAL, text, False)

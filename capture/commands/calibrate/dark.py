@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 def dark(
     calibration: flow.CalibrationPath,
     rig: flow.RigToCalibrate = None,
-    given: Annotated[
+    sources: Annotated[
         list[Path] | None,
         flow.from_files(
             "Photograph with the lens covered, instead of a rig, or a folder of them; two or "
@@ -49,11 +49,11 @@ def dark(
     They hold for the exposure at which they were measured. Another exposure is added; then they
     hold between the shortest and the longest one.
     """
-    if (rig is None) == (not given):
+    if (rig is None) == (not sources):
         raise InputError("give --rig RIG, or --from IMG with photographs of the covered lens")
-    file = flow.calibration_at(calibration, given or ())
+    file = flow.calibration_at(calibration, sources or ())
     if rig is None:
-        part = _of_photographs(given or [], gamma, bits)
+        part = _of_photographs(sources or [], gamma, bits)
     else:
         from rig import open_rig
 
@@ -89,7 +89,7 @@ def _of_rig(rig: Rig, yes: bool) -> MeasuredPart:
     return dark_part(measured, dark, Setting.of_rig(rig), ("captured",))
 
 
-def _of_photographs(given: list[Path], gamma: Gamma | None, bits: int | None) -> MeasuredPart:
+def _of_photographs(sources: list[Path], gamma: Gamma | None, bits: int | None) -> MeasuredPart:
     import numpy as np
 
     from capture.calibration.setting import Setting
@@ -98,7 +98,7 @@ def _of_photographs(given: list[Path], gamma: Gamma | None, bits: int | None) ->
     from capture.sets.photographs import DNG
     from classify.calibration.dark_frames import dark_of, with_ambient
 
-    images, set_paths = flow.files_given(given)
+    images, set_paths = flow.source_files(sources)
     if not images:
         raise InputError("--from names no photographs of the covered lens; give two or more")
     sets = [CapturedSet.load(path) for path in set_paths]

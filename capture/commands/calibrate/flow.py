@@ -79,7 +79,7 @@ def calibration_at(path: Path, inputs: Sequence[Path] = ()) -> CalibrationFile:
     return CalibrationFile.read(path) if path.exists() else CalibrationFile()
 
 
-def _sets_given(places: Sequence[Path]) -> tuple[list[CapturedSet], tuple[str, ...]]:
+def _sets_of(places: Sequence[Path]) -> tuple[list[CapturedSet], tuple[str, ...]]:
     """Return the sets of ``--from``, and their names for the record of a part."""
     from capture.sets.archive import find_sets
     from capture.sets.captured_set import CapturedSet
@@ -88,7 +88,7 @@ def _sets_given(places: Sequence[Path]) -> tuple[list[CapturedSet], tuple[str, .
     return [CapturedSet.load(path) for path in paths], tuple(path.name for path in paths)
 
 
-def files_given(places: Sequence[Path]) -> tuple[list[Path], list[Path]]:
+def source_files(places: Sequence[Path]) -> tuple[list[Path], list[Path]]:
     """Return the photographs and the sets among the files of ``--from`` and in its folders."""
     from capture.sets.light_list import PHOTOGRAPH_SUFFIXES
     from capture.sets.ome_tiff import SUFFIX
@@ -107,8 +107,8 @@ def files_given(places: Sequence[Path]) -> tuple[list[Path], list[Path]]:
 
 
 def photographs_or_sets(places: Sequence[Path]) -> tuple[list[Path], list[Path]]:
-    """Return photographs and sets as `files_given`; one of the two lists is empty."""
-    photographs, sets = files_given(places)
+    """Return photographs and sets as `source_files`; one of the two lists is empty."""
+    photographs, sets = source_files(places)
     if photographs and sets:
         raise InputError("--from names photographs and sets; give one kind of them")
     return photographs, sets
@@ -128,7 +128,7 @@ def photographs_of(
 
 def target_sets(
     rig: str | None,
-    given: Sequence[Path] | None,
+    sources: Sequence[Path] | None,
     target: Target,
     *,
     rotations_deg: Sequence[float] = (0.0,),
@@ -141,10 +141,10 @@ def target_sets(
     """
     from rig import open_rig
 
-    if (rig is None) == (not given):
+    if (rig is None) == (not sources):
         raise InputError("give --rig RIG to capture the target, or --from SET with sets of it")
-    if given:
-        return _sets_given(given)
+    if sources:
+        return _sets_of(sources)
     assert rig is not None
     with open_rig(rig) as opened:
         return list(captured_targets(opened, target, rotations_deg, average, yes)), ("captured",)

@@ -42,7 +42,7 @@ def lights(
         typer.Option(help="A polished ball, such as of a ball bearing, or a white matt one."),
     ],
     rig: flow.RigToCalibrate = None,
-    given: Annotated[
+    sources: Annotated[
         list[Path] | None,
         flow.from_files(
             "Photographs of the sphere, one per light, or captured sets of it, instead of a "
@@ -104,7 +104,7 @@ def lights(
     from capture.sets.light_list import require_light_list_name, write_light_list
     from rig import open_rig
 
-    calibration, photographs = _calibration_and_photographs(paths, given, mask)
+    calibration, photographs = _calibration_and_photographs(paths, sources, mask)
     if (rig is None) == (not photographs):
         raise InputError("give --rig RIG to capture the sphere, or --from IMG... or SET with it")
     file = flow.calibration_at(calibration, photographs)
@@ -153,7 +153,7 @@ def lights(
 
 
 def _calibration_and_photographs(
-    paths: Sequence[Path], given: Sequence[Path] | None, masks: Sequence[Path] | None
+    paths: Sequence[Path], sources: Sequence[Path] | None, masks: Sequence[Path] | None
 ) -> tuple[Path, list[Path]]:
     """Separate the calibration from the photographs of ``--from photo*.png``, without the mask.
 
@@ -167,14 +167,14 @@ def _calibration_and_photographs(
     names = {path.resolve() for path in masks or ()}
     photographs = [
         path
-        for path in (*(given or ()), *(path for path in paths if path.suffix != SUFFIX))
+        for path in (*(sources or ()), *(path for path in paths if path.suffix != SUFFIX))
         if path.resolve() not in names
     ]
     return files[0], photographs
 
 
 def _of_files(
-    given: list[Path],
+    sources: list[Path],
     masks: Sequence[Path],
     count: int | None,
     gamma: Literal["linear", "srgb"] | None,
@@ -184,7 +184,7 @@ def _of_files(
     from capture.procedures.sphere_parts import images_of_photographs, images_of_sets
     from capture.sets.captured_set import CapturedSet
 
-    photographs, sets = flow.photographs_or_sets(given)
+    photographs, sets = flow.photographs_or_sets(sources)
     if photographs:
         # The position of a highlight does not depend on gamma.
         coding = gamma or ("linear" if sphere == "mirror" else None)

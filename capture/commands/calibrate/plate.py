@@ -29,7 +29,7 @@ _FRAMES = 16
 def plate(
     calibration: flow.CalibrationPath,
     rig: flow.RigToCalibrate = None,
-    given: flow.FromSets = None,
+    sources: flow.FromSets = None,
     mask: Annotated[
         Path | None,
         typer.Option(
@@ -48,10 +48,10 @@ def plate(
     """
     if mask is not None and rig is not None:
         raise InputError("--mask is for the sets of --from; let the sheet fill the frame of a rig")
-    inputs = [*(given or ()), *([] if mask is None else [mask])]
+    inputs = [*(sources or ()), *([] if mask is None else [mask])]
     file = flow.calibration_at(calibration, inputs)
     sets, source = flow.target_sets(
-        rig, given, _SHEET, rotations_deg=_ROTATIONS_DEG, average=_FRAMES, yes=yes
+        rig, sources, _SHEET, rotations_deg=_ROTATIONS_DEG, average=_FRAMES, yes=yes
     )
     from capture.procedures.plate_parts import near_lights_are_refuted, plate_parts
     from capture.sets.photographs import read_mask

@@ -28,7 +28,7 @@ _SHEET = flow.Target("a white matt sheet", "plate")
 def response(
     calibration: flow.CalibrationPath,
     rig: flow.RigToCalibrate = None,
-    given: Annotated[
+    sources: Annotated[
         list[Path] | None,
         flow.from_files(
             "Photograph or captured set of one still scene at one of six exposures or more, "
@@ -54,11 +54,11 @@ def response(
     A camera that is not linear gets the inverse of its curve. Neither the sheet nor the light of
     the room may change meanwhile. Two photographs or sets of each exposure show the noise too.
     """
-    if (rig is None) == (not given):
+    if (rig is None) == (not sources):
         raise InputError("give --rig RIG to capture a ladder of exposures, or --from IMG|SET of it")
-    file = flow.calibration_at(calibration, given or ())
+    file = flow.calibration_at(calibration, sources or ())
     if rig is None:
-        parts = _of_files(given or [], exposures_ms, gamma, file.calibration)
+        parts = _of_files(sources or [], exposures_ms, gamma, file.calibration)
     else:
         from rig import open_rig
 
@@ -70,7 +70,7 @@ def response(
 
 
 def _of_files(
-    given: list[Path], exposures_ms: str | None, gamma: Gamma | None, calibration: Calibration
+    sources: list[Path], exposures_ms: str | None, gamma: Gamma | None, calibration: Calibration
 ) -> list[MeasuredPart]:
     from capture.calibration.setting import Setting
     from capture.procedures.camera_parts import (
@@ -82,7 +82,7 @@ def _of_files(
     )
     from capture.sets.captured_set import CapturedSet
 
-    photographs, sets = flow.photographs_or_sets(given)
+    photographs, sets = flow.photographs_or_sets(sources)
     names = [path.name for path in (*photographs, *sets)]
     if photographs:
         times_ms = _exposures_ms(photographs, exposures_ms)
@@ -107,10 +107,10 @@ def _of_files(
     return response_parts(rungs, calibration, captured[0].setting, names)
 
 
-def _exposures_ms(photographs: list[Path], given: str | None) -> list[float]:
+def _exposures_ms(photographs: list[Path], text: str | None) -> list[float]:
     from rig.image_file import read_exposure_ms
 
-    if given is None:
+    if text is None:
         exposures = [(path, read_exposure_ms(path)) for path in photographs]
         missing = next((path for path, exposure_ms in exposures if exposure_ms is None), None)
         if missing is not None:
@@ -120,12 +120,12 @@ def _exposures_ms(photographs: list[Path], given: str | None) -> list[float]:
             )
         return [exposure_ms for _, exposure_ms in exposures if exposure_ms is not None]
     try:
-        times_ms = [float(time_ms) for time_ms in given.split(",")]
+        times_ms = [float(time_ms) for time_ms in text.split(",")]
     except ValueError as error:
-        raise InputError(f"--exposures-ms {given}: give numbers separated by commas") from error
+        raise InputError(f"--exposures-ms {text}: give numbers separated by commas") from error
     if len(times_ms) != len(photographs) or not all(0.0 < time_ms < 1e7 for time_ms in times_ms):
         raise InputError(
-            f"--exposures-ms {given}: give a positive exposure for each of {len(photographs)} "
+            f"--exposures-ms {text}: give a positive exposure for each of {len(photographs)} "
             "photographs"
         )
     return times_ms

@@ -36,7 +36,7 @@ def scale(
     ],
     square_mm: Annotated[float, typer.Option(min=1e-3, max=1e4, help="Side of a square.")],
     rig: flow.RigToCalibrate = None,
-    given: Annotated[
+    sources: Annotated[
         list[Path] | None,
         flow.from_files(
             "Photograph or captured set of the board, instead of a rig. Repeat the option for "
@@ -66,13 +66,13 @@ def scale(
     from rig import open_rig
 
     corners = _corners(checkerboard)
-    if (rig is None) == (not given):
+    if (rig is None) == (not sources):
         raise InputError("give --rig RIG to capture the board, or --from IMG|SET of it")
-    file = flow.calibration_at(calibration, given or ())
+    file = flow.calibration_at(calibration, sources or ())
     if rig is None and placements > 1:
         raise InputError("--placements is for a rig; give each picture of the board to --from")
     if rig is None:
-        pictures, setting, source = _of_files(given or ())
+        pictures, setting, source = _of_files(sources or ())
     else:
         target = flow.Target(
             "a checkerboard",
@@ -96,13 +96,13 @@ def _corners(text: str) -> tuple[int, int]:
     return int(numbers[1]), int(numbers[2])
 
 
-def _of_files(given: Sequence[Path]) -> tuple[list[npt.NDArray[Any]], Setting, list[str]]:
+def _of_files(sources: Sequence[Path]) -> tuple[list[npt.NDArray[Any]], Setting, list[str]]:
     from capture.calibration.setting import Setting
     from capture.procedures.scale_part import board_of_set
     from capture.sets.captured_set import CapturedSet
     from capture.sets.photographs import read_photographs
 
-    photographs, sets = flow.photographs_or_sets(given)
+    photographs, sets = flow.photographs_or_sets(sources)
     source = [path.name for path in (*photographs, *sets)]
     if photographs:
         # The position of a corner does not depend on gamma.

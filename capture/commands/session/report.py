@@ -41,9 +41,9 @@ def status(
     unread = {planned: why for planned, why in read if isinstance(why, str | InputError)}
     damaged = {planned: why for planned, why in unread.items() if isinstance(why, str)}
     unreadable = {planned: why for planned, why in unread.items() if planned not in damaged}
-    missing = [each for each in session.plan.sets() if each in gone or each in damaged]
-    found = {each: session.journal.entry_of(each) for each in session.plan.sets()}
-    entries = [entry for entry in found.values() if entry is not None]
+    missing = [planned for planned in session.plan.sets() if planned in gone or planned in damaged]
+    entry_by_set = {planned: session.journal.entry_of(planned) for planned in session.plan.sets()}
+    entries = [entry for entry in entry_by_set.values() if entry is not None]
     skipped = session.left_out()
     warned = [entry for entry in entries if entry.measures and entry.measures.warnings]
     if json:
@@ -51,12 +51,12 @@ def status(
             {
                 "session": str(folder),
                 "planned": len(session.plan),
-                "missing": [_as_json(each) for each in missing],
+                "missing": [_as_json(planned) for planned in missing],
                 "damaged": [
-                    {**_as_json(each), "reason": reason} for each, reason in damaged.items()
+                    {**_as_json(planned), "reason": reason} for planned, reason in damaged.items()
                 ],
                 "unreadable": [
-                    {**_as_json(each), "reason": str(why)} for each, why in unreadable.items()
+                    {**_as_json(planned), "reason": str(why)} for planned, why in unreadable.items()
                 ],
                 "skipped": [entry.model_dump(mode="json") for entry in skipped],
                 "unplanned": [entry.model_dump(mode="json") for entry in session.unplanned()],
@@ -73,11 +73,11 @@ def status(
     table = new_table("specimen", "captured", "missing at degrees", prose="missing at degrees")
     for specimen in session.plan.specimen:
         angles = dict.fromkeys(
-            f"{each.orientation_deg:g}" for each in missing if each.specimen == specimen.id
+            f"{planned.orientation_deg:g}" for planned in missing if planned.specimen == specimen.id
         )
         captured = sum(
             entry is not None and entry.file is not None and planned not in missing
-            for planned, entry in found.items()
+            for planned, entry in entry_by_set.items()
             if planned.specimen == specimen.id
         )
         table.add_row(specimen.id, str(captured), ", ".join(angles) or "-")
@@ -131,23 +131,23 @@ def report(
     session = read_session(folder)
     path = folder / REPORT
     share = ItemProgress()
-    (found,) = progress((analyse(session, share) for _ in range(1)), 1, "report", share)
+    (analysis,) = progress((analyse(session, share) for _ in range(1)), 1, "report", share)
     with durable_file(path) as temporary:
-        temporary.write_text(report_page(session, found), encoding="utf-8")
+        temporary.write_text(report_page(session, analysis), encoding="utf-8")
     try:
         with session_folder(folder) as opened:
-            opened.write_table(found.damaged)
+            opened.write_table(analysis.damaged)
     except InputError as error:
         if not isinstance(error.__cause__, BlockingIOError):
             raise  # a session in use keeps its table itself
     if json:
-        damaged = [{"set": file, "error": error} for file, error in found.damaged.items()]
-        remarks = [{"set": file, "remark": said} for file, said in found.remarks]
-        counts = {"report": str(path), "sets": len(found.entries)}
+        damaged = [{"set": file, "error": error} for file, error in analysis.damaged.items()]
+        remarks = [{"set": file, "remark": remark} for file, remark in analysis.remarks]
+        counts = {"report": str(path), "sets": len(analysis.entries)}
         print_json({**counts, "damaged": damaged, "remarks": remarks})
         return
-    for file, said in found.damaged.items():
-        out.print(f"{file}: cannot be read: {said}")
-    for file, said in found.remarks:
-        out.print(f"{file}: {said}")
-    out.print(f"{path}: {len(found.entries)} sets")
+    for file, remark in analysis.damaged.items():
+        out.print(f"{file}: cannot be read: {remark}")
+    for file, remark in analysis.remarks:
+        out.print(f"{file}: {remark}")
+    out.print(f"{path}: {len(analysis.entries)} sets")

@@ -75,20 +75,20 @@ def run(
     from capture.sets.archive import JOURNAL
     from rig.config.rig import config_of
 
-    config, wanted = config_of(rig), read_plan(plan)
-    check_plan(wanted, plan, config)
-    options.check_orientations(f"{plan}: orientations_deg", *wanted.orientations_deg)
-    path = plan.absolute().parent / wanted.name
-    if warning := search_warning(wanted, config):
+    config, session_plan = config_of(rig), read_plan(plan)
+    check_plan(session_plan, plan, config)
+    options.check_orientations(f"{plan}: orientations_deg", *session_plan.orientations_deg)
+    path = plan.absolute().parent / session_plan.name
+    if warning := search_warning(session_plan, config):
         complain(f"warning: {plan}: {warning}")
     if dry_run:
-        missing = len(wanted)
+        missing = len(session_plan)
         if (path / JOURNAL).is_file():
-            missing = len(read_session(path).missing(wanted))
-        _show_plan(plan, wanted, missing, config, json=json)
+            missing = len(read_session(path).missing(session_plan))
+        _show_plan(plan, session_plan, missing, config, json=json)
         return
     if not (path / JOURNAL).is_file():
-        _check_disk(path.parent, _needed_bytes(len(wanted), config))
+        _check_disk(path.parent, _needed_bytes(len(session_plan), config))
     make_session(plan)
     with session_folder(path) as folder:
         if not _take(plan, folder, config, new_plan=new_plan, yes=yes):
@@ -219,7 +219,7 @@ def _show_plan(
         for specimen in plan.specimen:
             surface = f", surface {specimen.surface}" if specimen.surface else ""
             out.print(f"{specimen.id}: class {specimen.label or specimen.id}{surface}")
-        orientations = ", ".join(f"{each:g}" for each in plan.orientations_deg)
+        orientations = ", ".join(f"{angle_deg:g}" for angle_deg in plan.orientations_deg)
         repeats = f", {plan.repeats} sets each" if plan.repeats > 1 else ""
         out.print(f"each at {orientations} degrees{repeats}")
         sets = f"{len(plan)} sets"

@@ -162,16 +162,16 @@ def _line_of(entry: SetEntry) -> str:
     if measures is None:
         return f"{entry.file}: captured"
     levels = " ".join(f"{level:.1%}" for level in measures.led_levels)
-    said = [
+    phrases = [
         f"{entry.file}: levels {levels}",
         f"saturated {measures.saturated:.1%}",
         f"shadow {measures.shadowed:.1%}",
     ]
     if measures.estimated_deg is not None:
-        said.append(f"at {measures.estimated_deg:.1f} degrees")
+        phrases.append(f"at {measures.estimated_deg:.1f} degrees")
     if measures.blur_px is not None:
-        said.append(f"focus {round(-measures.blur_px, 1) + 0.0:+.1f} px")
-    return ", ".join([*said, *measures.warnings])
+        phrases.append(f"focus {round(-measures.blur_px, 1) + 0.0:+.1f} px")
+    return ", ".join([*phrases, *measures.warnings])
 
 
 def _line(prompt: str) -> str:

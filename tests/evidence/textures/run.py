@@ -9,7 +9,7 @@ from pathlib import Path
 
 from capture.base.console import progress
 from capture.batch.runner import Batch
-from capture.chapter.output import About, write_page
+from capture.chapter.output import PageInfo, write_page
 from capture.chapter.runs import System, patch_tasks, train, training_tasks
 from classify.base.durable_file import make_folder
 
@@ -40,8 +40,8 @@ def reproduce_textures(plan: TexturePlan, output: Path, workers: int | None = No
         f"{platform.machine()}",
     }
     introduction = Path(__file__).with_name("page.html")
-    about = About("textures", introduction, simulated=True, quick=plan.quick)
-    return write_page(exhibits, facts, about, output)
+    info = PageInfo("textures", introduction, simulated=True, quick=plan.quick)
+    return write_page(exhibits, facts, info, output)
 
 
 def measure(
