@@ -34,7 +34,7 @@ _LADDER_FRAMES = 4
 _Series = tuple[float, Pixels]
 
 
-def _unshown(items: Iterator[_Series], _: int) -> Iterable[_Series]:
+def _without_progress(items: Iterator[_Series], _: int) -> Iterable[_Series]:
     return items
 
 
@@ -48,7 +48,7 @@ def dark_of_rig(rig: Rig) -> DarkFrames:
 def rungs_of_rig(
     rig: Rig,
     calibration: Calibration,
-    shown: Callable[[Iterator[_Series], int], Iterable[_Series]] = _unshown,
+    shown: Callable[[Iterator[_Series], int], Iterable[_Series]] = _without_progress,
 ) -> list[Rung]:
     """Capture a ladder of exposures of a white sheet, and restore the exposure.
 

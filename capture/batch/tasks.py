@@ -190,7 +190,11 @@ def solve_set(
 ) -> SolvedSet:
     """Solve a set and write its maps; see `LoadedSet.of` and `CapturedSet.solve`."""
     loaded = LoadedSet.of(task.path, calibration, raw=raw)
-    captured, known, calibration_file = loaded.captured, loaded.calibration, loaded.found
+    captured, known, calibration_file = (
+        loaded.captured,
+        loaded.calibration,
+        loaded.found_calibration,
+    )
     with named(task.path):
         surface = captured.solve(
             method, planar=planar, calibration=known, raw=raw, on_progress=on_progress

@@ -21,7 +21,7 @@ PartName = Literal["dark", "response", "noise", "flat_field", "lights", "scale"]
 PART_NAMES: Final[tuple[PartName, ...]] = get_args(PartName)
 
 
-def taken_apart(part: Any) -> tuple[Values, dict[str, Array]]:
+def flattened(part: Any) -> tuple[Values, dict[str, Array]]:
     """The plain values and the arrays of a part, each by the path of its field."""
     values: Values = {}
     arrays: dict[str, Array] = {}
@@ -29,7 +29,7 @@ def taken_apart(part: Any) -> tuple[Values, dict[str, Array]]:
     def take(owner: Any, path: str) -> None:
         for field in fields(owner):
             value, name = getattr(owner, field.name), path + field.name
-            # Intensities that are all 1 because none were given.
+            # Intensities that were not given are all 1, and are not stored.
             absent = isinstance(owner, Lighting) and field.name == "intensities"
             if not field.init or (absent and not owner.intensities_given):
                 continue
@@ -44,8 +44,8 @@ def taken_apart(part: Any) -> tuple[Values, dict[str, Array]]:
     return values, arrays
 
 
-def put_together(name: PartName, values: Values, arrays: dict[str, Array]) -> Any:
-    """Return the part of `taken_apart`."""
+def rebuilt(name: PartName, values: Values, arrays: dict[str, Array]) -> Any:
+    """Return the part of `flattened`."""
     left = {*values, *arrays}
     if max((field_path.count(".") for field_path in left), default=0) > _MOST_LEVELS:
         raise InputError(f"fields are nested more than {_MOST_LEVELS} times")

@@ -23,7 +23,7 @@ from classify.calibration.calibration import Calibration
 from classify.calibration.dark import measured_at
 from rig.set_file import fields_sha256
 
-from .parts import PART_NAMES, PartName, put_together, taken_apart
+from .parts import PART_NAMES, PartName, flattened, rebuilt
 from .setting import Setting
 
 SUFFIX = ".ps4cal"
@@ -39,7 +39,7 @@ _KIND = ArchiveKind(
     max_bytes=64 * 2**20,
     max_header_bytes=2**20,
 )
-_SEEN_THROUGH_THE_RESPONSE: tuple[PartName, ...] = ("flat_field", "lights")
+_DEPEND_ON_RESPONSE: tuple[PartName, ...] = ("flat_field", "lights")
 _DTYPES = ("<f8", "<f4", "<i4", "|b1", "|u1", "<u2")
 
 
@@ -184,7 +184,7 @@ class CalibrationFile:
         response, records = self.calibration.response, self.records
         if response is None or response.linear:
             return []
-        curved = [name for name in _SEEN_THROUGH_THE_RESPONSE if name in records]
+        curved = [name for name in _DEPEND_ON_RESPONSE if name in records]
         return [name for name in curved if records[name].date < records["response"].date]
 
     def warnings(self) -> list[str]:
@@ -243,7 +243,7 @@ def _encode(calibration: Calibration, records: Mapping[PartName, PartRecord]) ->
         part = getattr(calibration, name)
         if part is None:
             continue
-        values, arrays = taken_apart(part)
+        values, arrays = flattened(part)
         hashes = {key: _sha256(array) for key, array in arrays.items()}
         parts[name] = _PartHeader(record=records[name], values=values, arrays=hashes)
         members |= {f"{name}/{key}": array for key, array in arrays.items()}
@@ -264,7 +264,7 @@ def _part(
     archive: ArrayArchive, name: PartName, header: _PartHeader, arrays: dict[str, npt.NDArray[Any]]
 ) -> Any:
     try:
-        return put_together(name, dict(header.values), arrays)
+        return rebuilt(name, dict(header.values), arrays)
     except InputError as error:
         raise archive.error(f"{name}: {error}") from error
 

@@ -22,15 +22,15 @@ from .ps4cal import CalibrationFile, MeasuredPart, PartRecord
 
 # A difference of three standard errors is no chance: normal errors reach it once in 370.
 _FACTOR = 3.0
-# Errors from some ten residuals are themselves known to 20 %.
+# An error that is estimated from ten residuals is itself known to 20 %.
 _WORSE = 1.25
-# Differences below these are none, because errors of the targets and of their places are not in
-# the standard errors: a board 10 mm too high at 1 m, lights and LEDs that are warm.
+# Smallest differences that count. Standard errors lack the errors of a target and of its place, such
+# as a board 10 mm too high at 1 m, and those of warm lights.
 _FLOOR_SCALE, _FLOOR_FOCAL, _FLOOR_DISTANCE = 0.01, 0.02, 0.03
 _FLOOR_DIRECTION_DEG = 1.0
 _FLOOR_FLAT_FIELD, _FLOOR_RESPONSE = 0.05, 0.02
 _FLOOR_GAIN, _FLOOR_NOISE, _FLOOR_OFFSET = 0.05, 0.25, 0.005
-_POSITIONS = "positions"  # a near light without one points elsewhere at the edge of the frame
+_POSITIONS = "positions"  # without them, near lights have wrong directions at the frame's edge
 # Places of a side of the frame at which flat fields are compared.
 _PLACES = 9
 
@@ -253,11 +253,11 @@ _ERRORS: dict[PartName, Callable[[_Known], float]] = {
     "lights": lambda known: _error_of_lights(known.part),
     "scale": lambda known: float(known.part.error),
 }
-# Errors that are all the same to the normals and lengths of a part.
+# Errors too small to change the normals and lengths of a part.
 _SMALL: dict[PartName, float] = {
     "dark": 0.0, "response": 5e-4, "noise": 5e-3, "flat_field": 1e-3, "lights": 2e-3, "scale": 5e-4,
 }  # fmt: skip
-# What one part of a kind may have and another lack.
+# What some parts of a kind have and others lack.
 _EXTRAS: dict[PartName, tuple[str, Callable[[_Known], bool]]] = {
     "scale": ("a focal length", lambda known: known.part.focal_px is not None),
     "lights": (_POSITIONS, lambda known: known.part.distance_errors is not None),

@@ -42,7 +42,7 @@ class HeightMap:
     def of(cls, loaded: LoadedSet) -> HeightMap:
         """Solve a set with its calibration, and integrate its slopes."""
         metadata = loaded.captured.metadata
-        found, known = loaded.found, loaded.calibration
+        found, known = loaded.found_calibration, loaded.calibration
         if found is None or known is None or known.mm_per_px is None:
             raise InputError(
                 "has no calibrated scale, and the file holds lengths; measure it with "

@@ -61,7 +61,7 @@ class LiveView:
         try:
             if rig.config.lights.synchronisation != "software":
                 raise InputError("live images need lights.synchronisation = 'software' in rig.toml")
-            measure = None if guide is None else partial(guide.said_of, rig.lighting)
+            measure = None if guide is None else partial(guide.orientation_text, rig.lighting)
             show_lights(rig, self.preview, stopping, measure)
             rig.lights.off()
         except (HardwareError, InputError) as error:

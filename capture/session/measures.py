@@ -44,7 +44,7 @@ class SpecimenReference:
     def measures(self, loaded: LoadedSet) -> SetMeasures:
         """Compare a set of the same specimen; `orientation_deg` of its metadata was entered."""
         captured, surface = loaded.captured, _solved(loaded)
-        measures, warnings = _alone(captured, surface)
+        measures, warnings = _own_measures(captured, surface)
         signal = sum(measures.led_levels)
         if abs(signal / self._signal - 1.0) > _MAX_SIGNAL_CHANGE:
             warnings.append(
@@ -102,7 +102,7 @@ class SpecimenReference:
 
 def measures_of_first(loaded: LoadedSet) -> SetMeasures:
     """Measure the first set of a specimen."""
-    measures, warnings = _alone(loaded.captured, _solved(loaded))
+    measures, warnings = _own_measures(loaded.captured, _solved(loaded))
     return measures.model_copy(update={"warnings": tuple(warnings)})
 
 
@@ -110,7 +110,7 @@ def _solved(loaded: LoadedSet) -> SurfaceEstimate:
     return loaded.solve_texture(None, planar=True)
 
 
-def _alone(captured: CapturedSet, surface: SurfaceEstimate) -> tuple[SetMeasures, list[str]]:
+def _own_measures(captured: CapturedSet, surface: SurfaceEstimate) -> tuple[SetMeasures, list[str]]:
     saturated, shadowed = float(surface.saturated.mean()), float(surface.shadow_mask.mean())
     warnings = []
     if saturated > MAX_SATURATED_SHARE:

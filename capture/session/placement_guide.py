@@ -36,7 +36,7 @@ class PlacementGuide:
         asked_deg = first_deg if asked_deg is None else asked_deg
         return cls(outline.rotated(asked_deg - first_deg), reference, asked_deg)
 
-    def said_of(self, lighting: Lighting, frames: Sequence[Frame]) -> str | None:
+    def orientation_text(self, lighting: Lighting, frames: Sequence[Frame]) -> str | None:
         """Say at which orientation a part lies, from a frame under each light; None if
         undetermined.
         """

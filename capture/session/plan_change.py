@@ -20,8 +20,8 @@ from .folder import PLAN, SETS, SessionFolder
 from .journal import Journal, SetEntry
 from .plan import SessionPlan, read_plan
 
-# These fields add and remove planned sets, which are counted by themselves.
-_OF_NO_SET = ("orientations_deg", "repeats", "file_name", "turntable", "turntable_timeout_s")
+# Fields that add and remove planned sets; captured sets do not depend on them.
+_PLANNING_FIELDS = ("orientations_deg", "repeats", "file_name", "turntable", "turntable_timeout_s")
 
 
 def plan_beside(folder: Path) -> Path | None:
@@ -57,7 +57,7 @@ def plan_changes(plan: SessionPlan, folder: SessionFolder) -> list[str]:
     )
     lines = []
     for line, field in _changes(before, after):
-        lines.append(line + _unchanged(captured.total() * (field not in _OF_NO_SET)))
+        lines.append(line + _unchanged(captured.total() * (field not in _PLANNING_FIELDS)))
     for name in dict.fromkeys([*old, *new]):
         if name not in old or name not in new:
             lines.append(f"specimen {name}: " + ("new" if name in new else "removed"))

@@ -187,10 +187,10 @@ def _remarks(entries: list[SetEntry], separation: Separation | None) -> Iterator
         first_files.setdefault(entry.pixels_sha256, entry.file)
     if separation is None:
         return
-    yield from strangers(separation)
+    yield from outliers(separation)
 
 
-def strangers(separation: Separation) -> Iterator[tuple[str, str]]:
+def outliers(separation: Separation) -> Iterator[tuple[str, str]]:
     """Sets that look like another class, or like none.
 
     A set is far if it is beyond the limit of its specimen, and by more than sets of the session

@@ -231,7 +231,7 @@ def keep_parts(
     for warning in (*(text for part in parts for text in part.warnings), *merged.warnings()):
         complain(f"warning: {path}: {warning}")
     if json:
-        answers = [_answer(path, part, merged, reasons[part.name]) for part in parts]
+        answers = [_part_json(path, part, merged, reasons[part.name]) for part in parts]
         print_json(answers if len(answers) > 1 else answers[0])
         return merged
     for part in parts:
@@ -245,7 +245,7 @@ def keep_parts(
     return merged
 
 
-def _answer(
+def _part_json(
     path: Path, part: MeasuredPart, kept: CalibrationFile, reason: str | None
 ) -> dict[str, Any]:
     """The part as it is in the calibration; `kept_because` is the reason why the new one is not."""

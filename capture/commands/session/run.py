@@ -91,12 +91,12 @@ def run(
         _check_disk(path.parent, _needed_bytes(len(session_plan), config))
     make_session(plan)
     with session_folder(path) as folder:
-        if not _take(plan, folder, config, new_plan=new_plan, yes=yes):
+        if not _use_changed_plan(plan, folder, config, new_plan=new_plan, yes=yes):
             raise InputError(
                 f"{plan}: differs from the plan of {path}; give --new-plan to take it, or go on "
                 f"with the old one by ps4rig session resume {path}"
             )
-        _go(folder, config, yes=yes, json=json)
+        _capture_missing(folder, config, yes=yes, json=json)
 
 
 @reported
@@ -121,7 +121,9 @@ def resume(
             plan = plan_beside(folder)
             if plan is None and new_plan:
                 raise InputError(f"{folder}: no plan with name = {folder.name!r} beside it")
-            if plan is not None and not _take(plan, opened, config, new_plan=new_plan, yes=yes):
+            if plan is not None and not _use_changed_plan(
+                plan, opened, config, new_plan=new_plan, yes=yes
+            ):
                 complain(
                     f"warning: {folder}: goes on with its old plan; ps4rig session resume {folder} "
                     "--new-plan takes the new one"
@@ -130,10 +132,10 @@ def resume(
             if new_plan:
                 raise
             complain(f"warning: {error}; {folder} goes on with its old plan")
-        _go(opened, config, yes=yes, json=json, left_out=left_out)
+        _capture_missing(opened, config, yes=yes, json=json, left_out=left_out)
 
 
-def _take(
+def _use_changed_plan(
     source: Path, folder: SessionFolder, config: RigConfig, *, new_plan: bool, yes: bool
 ) -> bool:
     """Show how a plan differs from that of a session, and take it if that is wanted."""
@@ -160,7 +162,7 @@ def _take(
     return True
 
 
-def _go(
+def _capture_missing(
     folder: SessionFolder, config: RigConfig, *, yes: bool, json: bool, left_out: bool = False
 ) -> None:
     from capture.session.events import without_questions
