@@ -24,8 +24,8 @@ from .ps4cal import CalibrationFile, MeasuredPart, PartRecord
 _FACTOR = 3.0
 # An error that is estimated from ten residuals is itself known to 20 %.
 _WORSE = 1.25
-# Smallest differences that count. Standard errors lack the errors of a target and of its place, such
-# as a board 10 mm too high at 1 m, and those of warm lights.
+# Smallest differences that count. Standard errors lack the errors of a target and of its place,
+# such as a board 10 mm too high at 1 m, and those of warm lights.
 _FLOOR_SCALE, _FLOOR_FOCAL, _FLOOR_DISTANCE = 0.01, 0.02, 0.03
 _FLOOR_DIRECTION_DEG = 1.0
 _FLOOR_FLAT_FIELD, _FLOOR_RESPONSE = 0.05, 0.02
