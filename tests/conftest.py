@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 from collections.abc import Callable
 from functools import partial
 
@@ -26,6 +27,10 @@ _FIGURES = "figures"
 # Test frames are small: a second OpenBLAS thread gains nothing and waits for a busy core.
 # OpenBLAS reads this when it is loaded.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# Hundreds of tests start the program, which would compile its modules anew in each process.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # Background jobs of a shell ignore these signals, and so would the processes that tests interrupt.
 signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -1,5 +1,6 @@
 """Fixtures of a small simulated rig, of captured sets on disk and of the command line."""
 
+import functools
 import logging
 import os
 import subprocess
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from typer.testing import CliRunner
+import typer.testing
 
 from capture import CapturedSet, SetMetadata, capture_set
 from capture.calibration.ps4cal import CalibrationFile, PartRecord
@@ -27,6 +28,8 @@ from rig import Rig, RigConfig, open_rig
 from rig.set_file import pixels_sha256
 
 _LOG = logging.getLogger(__name__)
+# All commands are built anew for each call otherwise, which takes longer than most of them run.
+typer.testing._get_command = functools.cache(typer.testing._get_command)
 COMMAND = (sys.executable, "-m", "capture")
 Images = npt.NDArray[np.uint16]
 
@@ -119,7 +122,9 @@ def ps4rig() -> Callable[..., Any]:
     """Run the command in this process; the result has exit_code, stdout and stderr."""
 
     def run(*arguments: object, typed: str | None = None) -> Any:
-        result = CliRunner().invoke(app, [str(argument) for argument in arguments], input=typed)
+        result = typer.testing.CliRunner().invoke(
+            app, [str(argument) for argument in arguments], input=typed
+        )
         if result.exit_code:  # shown with a test that fails
             _LOG.warning("status %d: %s", result.exit_code, result.stderr)
         return result
