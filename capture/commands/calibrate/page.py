@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from markupsafe import Markup
 
-from capture.base.page import number_text, rendered
+from capture.base.page import number_text, rendered, svg_uri
 from capture.calibration.parts import PART_NAMES, PartName
 from capture.calibration.ps4cal import CalibrationFile, PartRecord
 from capture.calibration.setting import Setting
@@ -26,7 +25,7 @@ from . import drawings
 
 _MAP_PX = 256  # longer side of the maps of a flat field, which is smooth
 _NOT_KNOWN = "-"
-Drawing = tuple[Markup, str, str]  # with its title and caption
+Drawing = tuple[str, str, str]  # address, title and caption
 # What a part is for, and the command that measures it.
 _USES: dict[PartName, tuple[str, str]] = {
     "dark": ("hot pixels, and the offset of sets without an ambient image", "dark"),
@@ -216,8 +215,8 @@ def _light_drawings(file: CalibrationFile) -> Iterator[Drawing]:
     if lights.lighting.positions_px is None:
         caption = "Distant lights: directions, on a dome of radius 1."
     above, side = drawings.lights_from_above, drawings.lights_from_the_side
-    yield above(lights, scale, frame), "from above: x to the right, y up", caption
-    yield side(lights, scale, frame), "from the side: x to the right, z up", caption
+    yield svg_uri(above(lights, scale, frame)), "from above: x to the right, y up", caption
+    yield svg_uri(side(lights, scale, frame)), "from the side: x to the right, z up", caption
 
 
 def _camera_drawings(file: CalibrationFile) -> Iterator[Drawing]:
@@ -225,7 +224,7 @@ def _camera_drawings(file: CalibrationFile) -> Iterator[Drawing]:
     if calibration.response is not None:
         response = calibration.response
         use = "Taken as linear; the curve is not applied." if response.linear else "Undone."
-        yield drawings.response_curve(response), "response", f"{use} Grey: linear."
+        yield svg_uri(drawings.response_curve(response)), "response", f"{use} Grey: linear."
     if calibration.dark is not None:
         frame = _frame(file.records["dark"].setting)
         for dark in calibration.dark.exposures:
@@ -234,11 +233,7 @@ def _camera_drawings(file: CalibrationFile) -> Iterator[Drawing]:
                 f"{len(dark.hot_pixels)} hot pixels. Offset {dark.offset:.4g}, noise "
                 f"{dark.noise:.3g} of {dark.full_scale:g}."
             )
-            yield (
-                drawings.hot_pixel_map(dark, frame),
-                f"dark frames{exposure}",
-                caption,
-            )
+            yield svg_uri(drawings.hot_pixel_map(dark, frame)), f"dark frames{exposure}", caption
 
 
 def _frame(setting: Setting) -> npt.NDArray[np.float64]:
