@@ -77,7 +77,7 @@ def kept_because(file: CalibrationFile, new: MeasuredPart) -> str | None:
             )
     if (known.record.age_days(datetime.now(UTC)) or 0) > OLD_DAYS:
         return None
-    lost, gained = _lack(new.name, known, measured), _lack(new.name, measured, known)
+    lost, gained = _advantage(new.name, known, measured), _advantage(new.name, measured, known)
     if lost is not None:
         return f"it has {lost}, which the new one lacks"
     before, now = (_ERRORS[new.name](one) for one in (known, measured))
@@ -134,7 +134,7 @@ def _limit(floor: float, *errors: float) -> float:
     return max(floor, _FACTOR * math.hypot(*errors))
 
 
-def _apart(known: float, measured: float) -> float:
+def _relative_change(known: float, measured: float) -> float:
     """Difference of two positive values as a share."""
     return math.expm1(abs(math.log(measured / known)))
 
@@ -144,13 +144,13 @@ def _scale(known: _Known, measured: _Known) -> Iterator[Difference]:
     now: Scale = measured.part
     yield Difference(
         f"{now.mm_per_px:.5g} mm per px instead of {before.mm_per_px:.5g}",
-        _apart(before.mm_per_px, now.mm_per_px),
+        _relative_change(before.mm_per_px, now.mm_per_px),
         _limit(_FLOOR_SCALE, before.error, now.error),
     )
     if before.focal_px and now.focal_px:
         yield Difference(
             f"a focal length of {now.focal_px:.5g} px instead of {before.focal_px:.5g}",
-            _apart(before.focal_px, now.focal_px),
+            _relative_change(before.focal_px, now.focal_px),
             _limit(_FLOOR_FOCAL, before.focal_error or 0.0, now.focal_error or 0.0),
         )
 
@@ -180,7 +180,7 @@ def _lights(known: _Known, measured: _Known) -> Iterator[Difference]:
     for light, (first_px, second_px) in enumerate(zip(*distances, strict=True)):
         limit = _limit(_FLOOR_DISTANCE, before.distance_errors[light], now.distance_errors[light])
         text = f"light {light} at {second_px:.4g} px instead of {first_px:.4g}"
-        yield Difference(text, _apart(first_px, second_px), limit)
+        yield Difference(text, _relative_change(first_px, second_px), limit)
 
 
 def _flat_field(known: _Known, measured: _Known) -> Iterator[Difference]:
@@ -215,7 +215,7 @@ def _noise(known: _Known, measured: _Known) -> Iterator[Difference]:
     gains = before.sensor.gain_e_per_dn, now.sensor.gain_e_per_dn
     errors = [part.figure("gain_error_share") for part in (known, measured)]
     text = f"{gains[1]:.4g} electrons per pixel value instead of {gains[0]:.4g}"
-    yield Difference(text, _apart(*gains), _limit(_FLOOR_GAIN, *errors))
+    yield Difference(text, _relative_change(*gains), _limit(_FLOOR_GAIN, *errors))
     reads = before.sensor.read_noise_dn, now.sensor.read_noise_dn
     errors = [part.figure("read_noise_error_dn") / max(*reads, 1.0) for part in (known, measured)]
     text = f"a read noise of {reads[1]:.3g} instead of {reads[0]:.3g}"
@@ -268,7 +268,7 @@ _EXTRAS: dict[PartName, tuple[str, Callable[[_Known], bool]]] = {
 }
 
 
-def _lack(name: PartName, one: _Known, other: _Known) -> str | None:
+def _advantage(name: PartName, one: _Known, other: _Known) -> str | None:
     """What `one` has and `other` lacks."""
     if name not in _EXTRAS:
         return None

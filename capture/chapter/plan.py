@@ -30,9 +30,9 @@ ONE_SEGMENT, OF_28_IMAGES = ", one segment", ", 28 images"
 
 # Seven sets of four images are the 28 training images of each class in table 9.1.
 _ORIENTATIONS_OF_28_IMAGES_DEG = tuple(180.0 * i / 7 for i in range(7))
-# The other 22 of the 30 and the 8 bundled materials make the 30 textures of the chapter. Each of
-# these eight differs little from another one of the 30.
-_NOT_AMONG_22 = (
+# Synthetic textures that differ little from another one. The other 22 and the 8 bundled materials are
+# the 30 textures of the chapter.
+_NEAR_DUPLICATES = (
     "rock_smooth", "malv_near", "ripples_near", "ripples_wavy", "lattice", "rock_speckled",
     "sand_striped", "ridged_tinted",
 )  # fmt: skip
@@ -210,7 +210,7 @@ def material_textures() -> tuple[Texture, ...]:
 
 def thirty_textures(quick: bool) -> tuple[Texture, ...]:
     """22 synthetic textures and the 8 bundled materials; every fourth of them if quick."""
-    synthetic = [name for name in SYNTHETIC_30 if name not in _NOT_AMONG_22]
+    synthetic = [name for name in SYNTHETIC_30 if name not in _NEAR_DUPLICATES]
     textures = synthetic_textures(synthetic) + material_textures()
     return textures[::4] if quick else textures
 

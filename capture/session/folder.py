@@ -133,9 +133,9 @@ class SessionFolder:
         self.set_aside(planned)
         make_folder(path.parent)
         captured.save(path)
-        kept = entry.model_copy(update={"file": f"{SETS}/{path.name}"})
-        self.update(self.journal.with_entry(kept))
-        return kept
+        stored = entry.model_copy(update={"file": f"{SETS}/{path.name}"})
+        self.update(self.journal.with_entry(stored))
+        return stored
 
     def set_aside(self, planned: PlannedSet) -> None:
         """Move the file of a planned set to ``replaced``, if there is one."""

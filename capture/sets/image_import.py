@@ -115,7 +115,7 @@ def import_images(
         checks=checks,
         gamma=photographs.gamma,
         gamma_source=photographs.gamma_source,
-        photographed=photographs.taken,
+        photographed=photographs.date,
         crop=crop,
         mask_file=None if mask is None else mask.name.encode("utf-8", "backslashreplace").decode(),
         warnings=(

@@ -34,7 +34,7 @@ class Photographs:
     gamma_source: GammaSource
     frame: tuple[int, int]  # rows and columns before the crop
     orientation: int  # that was turned upright
-    taken: str | None
+    date: str | None
     warnings: tuple[str, ...]  # about the response
 
 

@@ -246,12 +246,12 @@ def keep_parts(
 
 
 def _part_json(
-    path: Path, part: MeasuredPart, kept: CalibrationFile, reason: str | None
+    path: Path, part: MeasuredPart, calibration: CalibrationFile, reason: str | None
 ) -> dict[str, Any]:
     """The part as it is in the calibration; `kept_because` is the reason why the new one is not."""
-    record = kept.records[part.name]
+    record = calibration.records[part.name]
     return {
         "calibration": str(path), "part": part.name, "warnings": [*part.warnings],
         "kept_because": reason, "quality": record.quality, "figures": record.figures,
-        "source": record.source, "calibration_id": kept.hash,
+        "source": record.source, "calibration_id": calibration.hash,
     }  # fmt: skip

@@ -133,8 +133,8 @@ def lights(
         )
         names = [path.name for path in photographs]
     parts = sphere_parts(spheres, sphere, file, setting, names, diameter_mm)
-    kept = flow.keep_parts(calibration, file, parts, replace=replace, json=json)
-    estimate = kept.calibration.lights
+    merged = flow.keep_parts(calibration, file, parts, replace=replace, json=json)
+    estimate = merged.calibration.lights
     assert estimate is not None
     if list_file is not None:
         write_light_list(list_file, estimate.lighting, image_names)
