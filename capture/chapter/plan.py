@@ -30,8 +30,8 @@ ONE_SEGMENT, OF_28_IMAGES = ", one segment", ", 28 images"
 
 # Seven sets of four images are the 28 training images of each class in table 9.1.
 _ORIENTATIONS_OF_28_IMAGES_DEG = tuple(180.0 * i / 7 for i in range(7))
-# Synthetic textures that differ little from another one. The other 22 and the 8 bundled materials are
-# the 30 textures of the chapter.
+# Synthetic textures that differ little from another one. The other 22 and the 8 bundled materials
+# are the 30 textures of the chapter.
 _NEAR_DUPLICATES = (
     "rock_smooth", "malv_near", "ripples_near", "ripples_wavy", "lattice", "rock_speckled",
     "sand_striped", "ridged_tinted",
