@@ -122,6 +122,7 @@ def test_rotated_and_mirrored_photographs_have_the_rotated_and_mirrored_slopes(
     np.testing.assert_allclose(mirrored.q, still.q[:, ::-1], atol=1e-4)
 
 
+@pytest.mark.slow
 def test_objects_are_recognised_and_refused_where_they_are_not_taught(
     photographs: PhotographSet,
 ) -> None:
@@ -226,6 +227,7 @@ def test_photographs_are_found_as_a_list_of_lights_finds_them(folder: Path, codi
     assert len(load_photographs(folder).images) == 8
 
 
+@pytest.mark.slow
 def test_a_bad_folder_is_left_out_with_a_warning_and_on_the_page(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

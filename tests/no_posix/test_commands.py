@@ -233,6 +233,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_work_goes_to_other_processes_which_end_with_it(tmp_path: Path) -> None:
     (tmp_path / "work.py").write_text(WORKERS)
     with start("work.py", folder=tmp_path) as process:

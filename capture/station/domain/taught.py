@@ -65,15 +65,19 @@ class Taught(Record):
     @property
     def least_found(self) -> dict[str, tuple[LeastFound, ...]]:
         """How strong defects must be to be found, for each texture that passes."""
-        return {name: each.least_found for name, each in self.textures.items() if each.least_found}
+        return {
+            name: texture.least_found
+            for name, texture in self.textures.items()
+            if texture.least_found
+        }
 
     @property
     def least_found_fields(self) -> list[dict[str, Any]]:
         """The same as fields of JSON."""
         return [
-            {"texture": name} | each.fields()
+            {"texture": name} | least_found.fields()
             for name, found in self.least_found.items()
-            for each in found
+            for least_found in found
         ]
 
     @property

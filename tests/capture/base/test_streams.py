@@ -16,6 +16,7 @@ def outcome(process: Any) -> tuple[int, str | None, str]:
     return process.returncode, stdout, stderr
 
 
+@pytest.mark.slow
 def test_a_reader_that_goes_away_does_not_stop_the_work(spawn: Spawn, tmp_path: Path) -> None:
     reading, writing = os.pipe()
     os.close(reading)

@@ -148,6 +148,7 @@ def test_what_is_missing_is_named_and_captured_by_resume(ps4rig: Command, plan: 
     assert json.loads(ps4rig("session", "status", "fabrics", "--json").stdout)["missing"] == []
 
 
+@pytest.mark.slow
 def test_a_rig_of_three_lights_takes_a_session(ps4rig: Command, plan: Path) -> None:
     """Its sets are solved and compared by least squares without being asked."""
     rig = plan.with_name("three.toml")
@@ -306,6 +307,7 @@ def test_status_counts_planned_sets_whose_file_is_there(ps4rig: Command, plan: P
     ).stdout.replace("\n", " ")
 
 
+@pytest.mark.slow
 def test_an_operator_answers_on_a_terminal(
     spawn: Callable[..., subprocess.Popen[str]], ps4rig: Command, plan: Path
 ) -> None:

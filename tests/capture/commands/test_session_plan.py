@@ -56,7 +56,10 @@ def test_resume_says_that_the_plan_was_edited_and_keeps_the_old_one(
     assert len(SessionFolder(Path("stones")).missing()) == 0
 
 
-@pytest.mark.parametrize("command", [("resume", "stones"), ("run", "any-name.toml")])
+@pytest.mark.parametrize(
+    "command",
+    [("resume", "stones"), pytest.param(("run", "any-name.toml"), marks=pytest.mark.slow)],
+)
 def test_a_new_plan_is_taken_without_a_terminal_and_no_set_is_lost(
     ps4rig: Command, plan: Path, command: tuple[str, str]
 ) -> None:
@@ -135,6 +138,7 @@ def test_a_rig_that_was_changed_is_named(ps4rig: Command, plan: Path) -> None:
     assert "differs" not in ps4rig("session", "resume", "stones", "--yes").stdout
 
 
+@pytest.mark.slow
 def test_a_terminal_is_asked_whether_to_take_the_new_plan(spawn: Command, plan: Path) -> None:
     plan.write_text(PLAN.replace("[0, 30]", "[0]"))
     for answer, sets in ((b"n\n", 4), (b"y\n", 2)):

@@ -108,6 +108,7 @@ def test_a_property_is_corrected(
     assert rows()[0]["corrected"] == f"properties.{name}"
 
 
+@pytest.mark.slow
 def test_the_report_shows_each_value_of_a_property(ps4rig: Command, plan: Path) -> None:
     plan.write_text(plan.read_text().replace("orientations_deg = [0]", "orientations_deg = [0, 9]"))
     assert ps4rig("session", "run", plan, "--yes").exit_code == 0

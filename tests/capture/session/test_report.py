@@ -168,6 +168,7 @@ def test_one_specimen_is_reported_without_a_comparison(mixed: Path) -> None:
         assert "It takes two specimens" in report_page(session, found)
 
 
+@pytest.mark.slow
 def test_a_session_without_sets_or_of_two_rigs_is_reported(mixed: Path) -> None:
     with session_folder(mixed) as session:
         entries = session.journal.entries

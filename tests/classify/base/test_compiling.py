@@ -33,6 +33,7 @@ def run(program: str = PROGRAM, **variables: str) -> str:
     return done.stdout.strip()
 
 
+@pytest.mark.slow
 def test_kernels_are_cached_in_the_folder_of_the_environment(tmp_path: Path) -> None:
     folder = Path(run(NUMBA_CACHE_DIR=str(tmp_path)))
     assert folder.parent == tmp_path

@@ -64,6 +64,7 @@ def test_a_kernel_is_compiled_once_for_each_type(program: Program) -> None:
     assert program.run() == f"{FIRST} 1 1"
 
 
+@pytest.mark.slow
 def test_code_of_another_type_is_not_run(program: Program) -> None:
     """As when two programs compile at once, and each overwrites what the other has written."""
     program.run()
@@ -75,6 +76,7 @@ def test_code_of_another_type_is_not_run(program: Program) -> None:
     assert program.run() == f"{FIRST} 1 1"
 
 
+@pytest.mark.slow
 def test_code_of_an_older_source_is_neither_run_nor_kept(program: Program) -> None:
     program.run()
     old = program.files(".nbc")
@@ -84,8 +86,9 @@ def test_code_of_an_older_source_is_neither_run_nor_kept(program: Program) -> No
     assert len(program.files(".nbc")) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
-@pytest.mark.parametrize("left", [0.0, pytest.param(0.9, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("left", [0.0, 0.9])
 def test_files_that_were_not_written_to_the_end_are_written_again(
     program: Program, suffix: str, left: float
 ) -> None:

@@ -181,6 +181,7 @@ def test_two_changes_at_once_are_both_named(calibration: tuple[Calibration, floa
     assert kinds(drift_of(rig, calibration)) == {("led level", 0), ("light moved", 3)}
 
 
+@pytest.mark.slow
 def test_what_no_cause_explains_is_a_fault(calibration: tuple[Calibration, float]) -> None:
     """The shadow of a hand under one light."""
     stack = replace(RIG, seed=25).stack

@@ -135,6 +135,7 @@ def test_automatic_exposure_is_refused() -> None:
 
 @settings(max_examples=10)
 @given(st.integers(0, 99))
+@pytest.mark.slow
 def test_gain_that_changes_by_itself_is_refused(seed: int) -> None:
     gain = np.random.default_rng(seed).uniform(0.8, 1.0, len(EXPOSURES_MS))
     with pytest.raises(CalibrationRejected, match=r"automatic|does not keep"):

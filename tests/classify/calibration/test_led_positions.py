@@ -54,6 +54,7 @@ def irregular_lights(draw: st.DrawFn) -> Array:
     specks=st.integers(0, 40),
     seed=st.integers(0, 999),
 )
+@pytest.mark.slow
 def test_errors_are_within_three_times_those_stated(
     positions: Array, lobe: float, aim: str, tilt: tuple[float, float], specks: int, seed: int
 ) -> None:

@@ -122,6 +122,7 @@ def test_a_stain_is_outlined(model, good, share: float) -> None:
     assert np.hypot(y - MIDDLE[0], x - MIDDLE[1]) < 12.0
 
 
+@pytest.mark.slow
 def test_parts_of_two_batches_are_scored_by_the_other_batch(stationary) -> None:
     def part(seed: int, scale: float) -> SurfaceEstimate:
         each = stationary(TEXTURE, seed=seed, side=SIDE)

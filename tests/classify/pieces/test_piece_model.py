@@ -176,6 +176,7 @@ def test_a_texture_that_is_its_own_mirror_image_has_no_handedness() -> None:
     assert found.measure(chiral(100, second_deg=0.0)).handedness is None
 
 
+@pytest.mark.slow
 def test_a_texture_without_a_direction_looks_alike_at_90_degrees() -> None:
     good = [chiral(seed) for seed in range(LEARNED)]
     whole = [round_texture(seed) for seed in range(LEARNED)]

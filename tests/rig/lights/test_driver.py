@@ -367,7 +367,7 @@ def test_half_a_reply_is_never_accepted(damaged_line: Line) -> None:
             lights.select(1)
         # The first half precedes the next reply, whose checksum then fails; where it does not, once
         # in 256 sequence numbers, the number is that of the earlier command.
-        with pytest.raises(LightControllerError, match="garbled|no answer"):
+        with pytest.raises(LightControllerError, match=r"garbled|no answer"):
             lights.select(2)
         assert lights.select(3).led == 3
 

@@ -68,27 +68,29 @@ class FaultStudy(Record):
     def passing(self, recipe: Recipe) -> tuple[FaultFinding, ...]:
         """Faults of `GREAT` size that pass and that a recipe does not acknowledge."""
         return tuple(
-            each
-            for each in self.findings
-            if each.unit == "of the frame"
-            and each.strength == GREAT
-            and not each.is_found
-            and each.fault not in recipe.acknowledged
+            finding
+            for finding in self.findings
+            if finding.unit == "of the frame"
+            and finding.strength == GREAT
+            and not finding.is_found
+            and finding.fault not in recipe.acknowledged
         )
 
     def lines(self) -> list[str]:
         """From which strength on each fault is found, one line for each texture and fault."""
         lines = []
-        for texture, fault in dict.fromkeys((each.texture, each.fault) for each in self.findings):
+        for texture, fault in dict.fromkeys(
+            (finding.texture, finding.fault) for finding in self.findings
+        ):
             rows = [f for f in self.findings if (f.texture, f.fault) == (texture, fault)]
             least = next(
-                (n for n in range(len(rows)) if all(each.is_found for each in rows[n:])), None
+                (n for n in range(len(rows)) if all(row.is_found for row in rows[n:])), None
             )
-            said = "is not found with 90 %"
+            outcome = "is not found with 90 %"
             if least is not None:
-                said = f"is found with 90 % from {rows[least].strength:g} {rows[least].unit} on"
+                outcome = f"is found with 90 % from {rows[least].strength:g} {rows[least].unit} on"
             counts = ", ".join(f"{f.strength:g}: {f.found} of {f.parts}" for f in rows)
-            lines.append(f"{texture}: {fault} {said} ({counts})")
+            lines.append(f"{texture}: {fault} {outcome} ({counts})")
         return lines
 
 
@@ -103,8 +105,8 @@ def study_faults(
     draw = random.Random(1)
     for texture in inspector.recipe.passes:
         good: list[tuple[LoadedSet, Inspector]] = []
-        for each in taught.textures[texture].sets:
-            path = files.sets / each.file
+        for taught_set in taught.textures[texture].sets:
+            path = files.sets / taught_set.file
             if len(good) < parts and path.is_file():
                 loaded = LoadedSet.of(path)
                 own = inspector.with_calibration(loaded.found_calibration)
@@ -118,7 +120,7 @@ def study_faults(
                 if great_only and not (fault.is_local and strength == GREAT):
                     continue
                 verdicts = [_passes(own, loaded, fault, strength, draw) for loaded, own in good]
-                judged = [each for each in verdicts if each is not None]
+                judged = [verdict for verdict in verdicts if verdict is not None]
                 finding = FaultFinding(
                     texture=texture,
                     fault=fault.name,
@@ -188,7 +190,7 @@ def require_great_faults_found(files: RecipeFolder, inspector: Inspector) -> Non
     recipe = inspector.recipe
     passing = great_faults(files, inspector).passing(recipe)
     if passing:
-        names = ", ".join(dict.fromkeys(f'"{each.fault}"' for each in passing))
+        names = ", ".join(dict.fromkeys(f'"{finding.fault}"' for finding in passing))
         raise RecipeError(
             f"recipe {recipe.name}: passes parts with {'; '.join(map(str, passing))}; narrow its "
             f"limits, teach more parts, or set acknowledged = [{names}] in its file"

@@ -126,8 +126,10 @@ class GaugeStudy:
         """Return a line for each part with a wrong verdict: how often, and the first reason."""
         lines = []
         for part, is_good in self._wrong_parts().items():
-            of_part = [each for each in self.presentations if each.part == part]
-            wrong = [each for each in of_part if not each.is_right]
+            of_part = [
+                presentation for presentation in self.presentations if presentation.part == part
+            ]
+            wrong = [presentation for presentation in of_part if not presentation.is_right]
             kind, first = "good" if is_good else "bad", wrong[0]
             lines.append(
                 f"{part}, {kind}, {len(wrong)} of {len(of_part)} times wrong: {first.decision}, "
@@ -136,16 +138,22 @@ class GaugeStudy:
         return lines
 
     def _parts(self) -> dict[str, bool]:
-        return {each.part: each.is_good for each in self.presentations}
+        return {presentation.part: presentation.is_good for presentation in self.presentations}
 
     def _wrong_parts(self) -> dict[str, bool]:
-        return {each.part: each.is_good for each in self.presentations if not each.is_right}
+        return {
+            presentation.part: presentation.is_good
+            for presentation in self.presentations
+            if not presentation.is_right
+        }
 
     def _wrong_of(self, *, is_good: bool) -> Share:
-        shown = [each for each in self.presentations if each.is_good == is_good]
-        parts = sum(each == is_good for each in self._parts().values())
-        wrong = sum(each == is_good for each in self._wrong_parts().values())
-        events = sum(not each.is_right for each in shown)
+        shown = [
+            presentation for presentation in self.presentations if presentation.is_good == is_good
+        ]
+        parts = sum(truth == is_good for truth in self._parts().values())
+        wrong = sum(truth == is_good for truth in self._wrong_parts().values())
+        events = sum(not presentation.is_right for presentation in shown)
         return Share(events, len(shown), share_at_most(wrong, parts))
 
 

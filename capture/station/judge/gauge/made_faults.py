@@ -85,7 +85,7 @@ def _blended(images: Images, other: Images, weight: Images) -> Images:
 
 
 def _smooth(images: Images, sigma_px: float) -> Images:
-    return np.stack([cv2.GaussianBlur(each, (0, 0), sigma_px) for each in images])
+    return np.stack([cv2.GaussianBlur(image, (0, 0), sigma_px) for image in images])
 
 
 def _hole(images: Images, _: Any, size: float, place: Place) -> Images:
@@ -154,9 +154,9 @@ def _scaled(images: Images, _: Any, factor: float, __: Place) -> Images:
     matrix = cv2.getRotationMatrix2D((0.5 * (columns - 1), 0.5 * (rows - 1)), 0.0, factor)
     return np.stack([
         cv2.warpAffine(
-            each, matrix, (columns, rows), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101
+            image, matrix, (columns, rows), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101
         )
-        for each in images
+        for image in images
     ])  # fmt: skip
 
 

@@ -51,9 +51,10 @@ def kept_remarks(measured: LimitsOf, by_people: LimitsOf) -> Iterator[str]:
     for texture, limits in by_people.items():
         shown = dict(measured.get(texture, Limits()))
         for name, value in limits.model_dump(exclude_none=True).items():
-            said = "" if shown[name] is None else f"; the taught parts give {_text(shown[name])}"
+            replaced = shown[name]
+            note = "" if replaced is None else f"; the taught parts give {_text(replaced)}"
             yield (
-                f"limits_of.{texture}.{name} = {_text(value)} was set by somebody and stays{said}. "
+                f"limits_of.{texture}.{name} = {_text(value)} was set by somebody and stays{note}. "
                 "Remove it from the recipe and teach again to undo that"
             )
 

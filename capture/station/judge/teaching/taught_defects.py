@@ -54,13 +54,13 @@ def teach_defects(
     limit = recipe.limits_for(texture).defect or 1.0
     least_found = (
         LeastFound(
-            kind=each.defect.kind,
-            size_px=each.defect.size_px,
-            strength=each.strength,
-            strongest=each.defect.strongest,
+            kind=detectable.defect.kind,
+            size_px=detectable.defect.size_px,
+            strength=detectable.strength,
+            strongest=detectable.defect.strongest,
             mm_per_px=good[0].mm_per_px,
         )
-        for each in show(detectability(model, tried, limit), 1, f"what is found on {texture}")
+        for detectable in show(detectability(model, tried, limit), 1, f"what is found on {texture}")
     )
     return TaughtDefects(model, tuple(least_found), _in_image(marks.found(), recipe.region))
 

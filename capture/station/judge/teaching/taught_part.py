@@ -56,7 +56,7 @@ def solved(kept: KeptSet, region: Region | None) -> tuple[LoadedSet, MeasuredSur
 def taught_part(kept: KeptSet, region: Region | None) -> TaughtPart:
     """Measure a kept set, whose region must show a texture."""
     loaded, measured = solved(kept, region)
-    surface, about = measured.surface, loaded.captured.metadata
+    surface, metadata = measured.surface, loaded.captured.metadata
     try:
         segment_px = segment_for(surface.shape)
         observation = observe(surface, segment_px)
@@ -73,7 +73,7 @@ def taught_part(kept: KeptSet, region: Region | None) -> TaughtPart:
         kept,
         loaded.captured.setting,
         loaded.found_calibration is not None,
-        TrainingRow(kept.texture, observation, about.orientation_deg),
+        TrainingRow(kept.texture, observation, metadata.orientation_deg),
         test,
         scaled,
         moments,

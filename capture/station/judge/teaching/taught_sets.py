@@ -31,11 +31,11 @@ def known_sets(files: RecipeFolder, recipe: Recipe) -> Iterator[KeptSet]:
     """Yield the sets that a recipe was taught, except those whose file was removed."""
     if recipe.taught is None:
         return
-    for texture, about in read_taught(files.version(recipe.version).taught).textures.items():
-        for each in about.sets:
-            path = files.sets / each.file
+    for texture, taught in read_taught(files.version(recipe.version).taught).textures.items():
+        for taught_set in taught.sets:
+            path = files.sets / taught_set.file
             if path.is_file():
-                yield KeptSet(texture, path, each.pixels_sha256)
+                yield KeptSet(texture, path, taught_set.pixels_sha256)
 
 
 def keep_sets(
@@ -49,16 +49,16 @@ def keep_sets(
     kept = []
     for path in paths:
         loaded = LoadedSet.of(path)
-        about = loaded.captured.metadata
-        copy = folder / f"{about.pixels_sha256[:_DIGITS]}{SUFFIX}"
+        metadata = loaded.captured.metadata
+        copy = folder / f"{metadata.pixels_sha256[:_DIGITS]}{SUFFIX}"
         if not copy.exists():
             with durable_file(copy) as temporary:
                 shutil.copyfile(path, temporary)
         if loaded.found_calibration is not None:
             keep_beside(loaded.found_calibration.file, copy)
         try:
-            name = checked_label(texture or about.label or default)
+            name = checked_label(texture or metadata.label or default)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
-        kept.append(KeptSet(name, copy, about.pixels_sha256))
+        kept.append(KeptSet(name, copy, metadata.pixels_sha256))
     return kept

@@ -66,7 +66,7 @@ def teach(
         known = [] if before is None else list(known_sets(files, before))
         given = keep_sets(paths, files.sets, bad_texture or good_texture, files.name)
         sets = _by_texture([*known, *given])
-        textures = list(dict.fromkeys(each.texture for each in given))
+        textures = list(dict.fromkeys(kept.texture for kept in given))
         recipe = _next_version(files, before, textures, bad=bad_texture is not None)
         _check_good_parts(recipe, sets)
         known_limits = {} if before is None else limits_measured_before(files, before)
@@ -74,8 +74,8 @@ def teach(
         write_taught(teaching.files.taught, teaching.taught)
         measured = teaching.recipe.model_copy(update={"limits_of": teaching.measured})
         write_recipe(teaching.files.measured, measured)
-        for each in show((teaching,), 1, "pictures"):
-            write_teaching_page(each)
+        for result in show((teaching,), 1, "pictures"):
+            write_teaching_page(result)
         write_recipe(files.file, teaching.recipe)
         return teaching
 
@@ -83,14 +83,14 @@ def teach(
 def _by_texture(sets: Sequence[KeptSet]) -> list[KeptSet]:
     """All different sets, ordered by texture."""
     by_pixels: dict[str, KeptSet] = {}
-    for each in sets:
-        other = by_pixels.setdefault(each.pixels_sha256, each)
-        if other.texture != each.texture:
+    for kept in sets:
+        other = by_pixels.setdefault(kept.pixels_sha256, kept)
+        if other.texture != kept.texture:
             raise RecipeError(
-                f"{each.path}: was taught as {other.texture!r} and cannot be {each.texture!r} too; "
+                f"{kept.path}: was taught as {other.texture!r} and cannot be {kept.texture!r} too; "
                 "remove the file to teach it anew"
             )
-    return sorted(by_pixels.values(), key=lambda each: each.texture)
+    return sorted(by_pixels.values(), key=lambda kept: kept.texture)
 
 
 def _next_version(
@@ -122,7 +122,7 @@ def _next_version(
 
 def _check_good_parts(recipe: Recipe, sets: Sequence[KeptSet]) -> None:
     for texture in recipe.passes:
-        count = sum(each.texture == texture for each in sets)
+        count = sum(kept.texture == texture for kept in sets)
         if count < LEAST_PARTS:
             raise RecipeError(
                 f"{count} good parts of {texture!r}; give {LEAST_PARTS} or more, 30 are better"
@@ -141,7 +141,7 @@ def _taught(
     known_limits: LimitsOf | None,
     show: ShowProgress,
 ) -> Teaching:
-    solving = (taught_part(each, recipe.region) for each in sets)
+    solving = (taught_part(kept, recipe.region) for kept in sets)
     parts = list(show(solving, len(sets), "solve"))
     check_alike(parts)
     made = files.version(recipe.version)
@@ -149,12 +149,12 @@ def _taught(
     library = _library(parts)
     library.save(made.library)
     segment_px = library.segment_px
-    matches = leave_one_out([each.row for each in parts], [each.test for each in parts], segment_px)
-    good = {name: [each for each in parts if each.kept.texture == name] for name in recipe.passes}
+    matches = leave_one_out([part.row for part in parts], [part.test for part in parts], segment_px)
+    good = {name: [part for part in parts if part.kept.texture == name] for name in recipe.passes}
     defects = {name: teach_defects(own, library, recipe, show) for name, own in good.items()}
     models = {
-        name: TextureModels(each.model, _piece_model(good[name], library))
-        for name, each in defects.items()
+        name: TextureModels(learned.model, _piece_model(good[name], library))
+        for name, learned in defects.items()
     }
     textures = {
         name: _texture(name, parts, matches, made, models, defects) for name in library.classes
@@ -175,8 +175,8 @@ def _taught(
             limits,
             recipe.limits,
             [
-                each.measures.unjudged_px or 0
-                for part, each in zip(parts, inspections, strict=True)
+                inspection.measures.unjudged_px or 0
+                for part, inspection in zip(parts, inspections, strict=True)
                 if part.kept.texture == name
             ],
         )
@@ -186,23 +186,14 @@ def _taught(
     if limits_of != recipe.limits_of:
         recipe = recipe.model_copy(update={"limits_of": limits_of})
         inspections = _inspections(recipe, taught, library, models, parts, show)
-    bounds = {name: each.defects.false_alarm_bound for name, each in models.items()}
+    bounds = {name: model.defects.false_alarm_bound for name, model in models.items()}
     remarks = [
         *kept_remarks(measured, by_people),
+        *_blind_spots(models),
         *(
-            f"{name} looks like its mirror image: a mirrored part is not found"
-            for name, each in models.items()
-            if each.pieces.handedness is None
-        ),
-        *(
-            f"{name} looks alike at 90 degrees: a piece that lies otherwise may not be found"
-            for name, each in models.items()
-            if not each.pieces.has_direction
-        ),
-        *(
-            mark_remark(name, len(good[name]), each.mark)
-            for name, each in defects.items()
-            if each.mark is not None
+            mark_remark(name, len(good[name]), learned.mark)
+            for name, learned in defects.items()
+            if learned.mark is not None
         ),
     ]
     if known_limits is None:
@@ -218,6 +209,15 @@ def _taught(
         measured,
         tuple(remarks),
     )
+
+
+def _blind_spots(models: Mapping[str, TextureModels]) -> Iterator[str]:
+    """Remarks on the faults that a texture itself hides."""
+    for name, model in models.items():
+        if model.pieces.handedness is None:
+            yield f"{name} looks like its mirror image: a mirrored part is not found"
+        if not model.pieces.has_direction:
+            yield f"{name} looks alike at 90 degrees: a piece that lies otherwise may not be found"
 
 
 def _library(parts: Sequence[TaughtPart]) -> TextureLibrary:
@@ -264,12 +264,12 @@ def _texture(
         if part.kept.texture == texture
     ]
     signals = [part.light_signals for part, _ in own]
-    means = tuple(sum(each) / len(own) for each in zip(*signals, strict=True))
-    about = TaughtTexture(
+    means = tuple(sum(levels) / len(own) for levels in zip(*signals, strict=True))
+    taught = TaughtTexture(
         sets=tuple(_set(part.kept, match) for part, match in own), light_signals=means
     )
     if texture not in models:
-        return about
+        return taught
     number, model = list(models).index(texture) + 1, models[texture]
     defects, pieces = made.defects(number), made.pieces(number)
     model.defects.save(defects)
@@ -281,7 +281,7 @@ def _texture(
         "pieces_sha256": model.pieces.sha256,
         "least_found": learned[texture].least_found,
     }
-    return about.model_copy(update=changes)
+    return taught.model_copy(update=changes)
 
 
 def _set(kept: KeptSet, match: Match | None) -> TaughtSet:

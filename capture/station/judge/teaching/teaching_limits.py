@@ -46,7 +46,7 @@ def limits_of_texture(
     log_limit = max(_limit(logs, 0.0), *logs) if len(logs) > 1 else math.inf
     least = max(0.0, -_limit([-sdq for sdq in sdqs]))
     albedo = statistics.fmean(albedos)
-    darker = max(0.0, min(-_limit([-each for each in albedos]), (1.0 - _LEAST_ALBEDO) * albedo))
+    darker = max(0.0, min(-_limit([-value for value in albedos]), (1.0 - _LEAST_ALBEDO) * albedo))
     brighter = max(_limit(albedos), (1.0 + _LEAST_ALBEDO) * albedo)
     factor = tolerance_factor(len(albedos))
     scale = math.exp(max(factor * scale_deviation, _LEAST_SCALE))
@@ -71,7 +71,7 @@ def with_unjudged(limits: Limits, general: GeneralLimits, found_px: Sequence[int
 
 def general_limits(limits: GeneralLimits, of_textures: Mapping[str, Limits]) -> GeneralLimits:
     """Return general limits whose `unmeasured_fraction` no texture exceeds."""
-    shares = [each.unmeasured_fraction or 0.0 for each in of_textures.values()]
+    shares = [texture_limits.unmeasured_fraction or 0.0 for texture_limits in of_textures.values()]
     most = max([limits.unmeasured_fraction, *shares])
     return limits.model_copy(update={"unmeasured_fraction": most})
 

@@ -31,7 +31,9 @@ def teaching_page(teaching: Teaching) -> str:
         "To look at": _lines(teaching.remarks) or "<p>Nothing stands out.</p>",
         "What these parts show": _lines(teaching.promises()),
         "What is found on them": _lines(teaching.least_found()),
-        "Textures that overlap": "".join(_overlap(each, teaching) for each in teaching.overlaps),
+        "Textures that overlap": "".join(
+            _overlap(overlap, teaching) for overlap in teaching.overlaps
+        ),
         "Limits": _limits(recipe),
         "Textures": "".join(
             f"<h3>{escape(name)}</h3>{_pictures(_sets_of(teaching, name)[:1], teaching)}"
@@ -88,7 +90,9 @@ def _limits(recipe: Recipe) -> str:
     rows = []
     for name in recipe.passes:
         for key, value in recipe.limits_for(name).model_dump(exclude_none=True).items():
-            text = " to ".join(f"{each:.4g}" for each in value) if key in RANGES else f"{value:.4g}"
+            text = (
+                " to ".join(f"{bound:.4g}" for bound in value) if key in RANGES else f"{value:.4g}"
+            )
             rows.append(f"<tr><td>{escape(name)}</td><td>{key}</td><td>{text}</td></tr>")
     return table_html(("texture", "limit", "value"), rows)
 

@@ -74,10 +74,10 @@ class Teaching:
             "recipe": self.recipe.name,
             "version": self.recipe.version,
             "sha256": self.recipe.sha256,
-            "sets": {name: len(each.sets) for name, each in self.taught.textures.items()},
+            "sets": {name: len(texture.sets) for name, texture in self.taught.textures.items()},
             "overlaps": [
-                {"texture": each.texture, "other": each.other, "sets": len(each.sets)}
-                for each in self.overlaps
+                {"texture": overlap.texture, "other": overlap.other, "sets": len(overlap.sets)}
+                for overlap in self.overlaps
             ],
             "remarks": list(self.remarks),
             "promises": list(self.promises()),
@@ -118,12 +118,12 @@ class Teaching:
     def least_found(self) -> Iterator[str]:
         """Yield how strong a defect must be to be found, for each texture, kind and size."""
         for texture, found in self.taught.least_found.items():
-            yield from (f"{texture}: {each}" for each in found)
+            yield from (f"{texture}: {remark}" for remark in found)
 
     def _few_parts(self) -> Iterator[str]:
         """Remarks on textures that overlap and have fewer than `ENOUGH_PARTS` parts."""
         overlapping = dict.fromkeys(
-            name for each in self.overlaps for name in (each.texture, each.other)
+            name for overlap in self.overlaps for name in (overlap.texture, overlap.other)
         )
         for texture in overlapping:
             parts = len(self.taught.textures[texture].sets)
@@ -145,16 +145,16 @@ class Teaching:
 
 
 def _overlaps(sets: Sequence[KeptSet], matches: Sequence[Match | None]) -> Iterator[Overlap]:
-    textures = [each.texture for each in sets]
+    textures = [kept.texture for kept in sets]
     pairs: dict[tuple[str, str], list[KeptSet]] = {}
-    for each, match in zip(sets, matches, strict=True):
+    for kept, match in zip(sets, matches, strict=True):
         if match is None:
             continue
-        other = match.nearest if match.nearest != each.texture else match.runner_up
+        other = match.nearest if match.nearest != kept.texture else match.runner_up
         undecided = match.margin is not None and match.margin < LEAST_MARGIN
         # The library without a set does not contain a texture that has this set alone.
-        confused = match.nearest != each.texture and textures.count(each.texture) > 1
+        confused = match.nearest != kept.texture and textures.count(kept.texture) > 1
         if other is not None and (confused or undecided or match.label == other):
-            pairs.setdefault((each.texture, other), []).append(each)
+            pairs.setdefault((kept.texture, other), []).append(kept)
     for (texture, other), found in pairs.items():
         yield Overlap(texture, other, tuple(found), textures.count(texture))

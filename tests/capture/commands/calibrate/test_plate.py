@@ -64,6 +64,7 @@ def test_a_rig_gets_its_flat_field_and_positions(ps4rig: Run, tmp_path: Path) ->
     assert kept.lighting.within(1.5, Lighting(true))
 
 
+@pytest.mark.slow
 def test_positions_of_an_older_sheet_do_not_outlast_distant_lights(
     ps4rig: Run, refused: Callable[..., str], tmp_path: Path
 ) -> None:

@@ -124,6 +124,7 @@ def test_a_list_tells_photographs_of_one_name_by_their_folders(
     assert off_deg(listed.directions, LIGHTS[[3, 1]]).max() < 0.5
 
 
+@pytest.mark.slow
 def test_a_jpeg_of_a_mirror_needs_no_gamma(ps4rig: Run, photographs: Path, tmp_path: Path) -> None:
     images = sorted(photographs.glob("*.jpg"))
     cal = tmp_path / "out.ps4cal"
@@ -217,6 +218,7 @@ def test_a_checkerboard_on_the_simulated_rig_gives_the_scale(ps4rig: Run, tmp_pa
     assert done.exit_code == 2
 
 
+@pytest.mark.slow
 def test_a_good_scale_is_not_replaced_by_a_mistyped_or_a_worse_one(
     ps4rig: Run, refused: Callable[..., str], tmp_path: Path
 ) -> None:

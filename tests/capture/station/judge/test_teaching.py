@@ -245,6 +245,7 @@ def _taught_of(files: RecipeFolder) -> dict[str, object]:
     return dict(read_taught(files.version(2).taught).textures)
 
 
+@pytest.mark.slow
 def test_a_state_that_was_approved_comes_back_and_later_versions_stay(
     files: RecipeFolder,
 ) -> None:
@@ -265,6 +266,7 @@ def test_a_state_that_was_approved_comes_back_and_later_versions_stay(
     assert again.recipe.version == 3
 
 
+@pytest.mark.slow
 def test_approvals_within_a_second_keep_their_order(files: RecipeFolder) -> None:
     recipe = read_recipe(files.file)
     for note in (None, "other", None, "other"):
@@ -294,6 +296,7 @@ def test_a_limit_that_somebody_changed_stays_until_it_is_removed(files: RecipeFo
     assert teach(files, []).recipe.limits_of["rock"].sdq == measured.sdq
 
 
+@pytest.mark.slow
 def test_a_replaced_limit_is_named_where_nobody_knows_whether_it_was_taught(
     files: RecipeFolder,
 ) -> None:

@@ -104,6 +104,7 @@ def test_changes_of_the_challenge_set_have_rows(
     ]
 
 
+@pytest.mark.slow
 def test_teaching_has_a_row_at_its_begin_and_one_at_its_end(
     station: Path, files: RecipeFolder, ps4rig: Ps4rig
 ) -> None:

@@ -70,6 +70,7 @@ def test_commands_take_the_recipe_with_which_the_next_run_begins(
     assert str(Path("recipes", "brass.toml")) in result.stdout + result.stderr
 
 
+@pytest.mark.slow
 def test_a_gauge_study_counts_the_parts_that_its_recipe_judged(
     station: Path, tmp_path: Path, ps4rig: Callable[..., Any]
 ) -> None:
