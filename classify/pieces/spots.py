@@ -235,7 +235,7 @@ def _to_departures(errors: Floats) -> Floats:
 
 
 def subsampled(values: FloatMap, most: int) -> FloatMap:
-    """PageInfo `most` or fewer of the (SPOT_VALUES, h, w) values, evenly spaced: (SPOT_VALUES, n)."""
+    """About `most` or fewer of the (SPOT_VALUES, h, w) values, evenly spaced: (SPOT_VALUES, n)."""
     step = max(2, round(np.sqrt(values[0].size / most)))
     return values[:, ::step, ::step].reshape(SPOT_VALUES, -1)
 
