@@ -54,8 +54,8 @@ def keep_sets(
         if not copy.exists():
             with durable_file(copy) as temporary:
                 shutil.copyfile(path, temporary)
-        if loaded.found is not None:
-            keep_beside(loaded.found.file, copy)
+        if loaded.found_calibration is not None:
+            keep_beside(loaded.found_calibration.file, copy)
         try:
             name = checked_label(texture or metadata.label or default)
         except InputError as error:

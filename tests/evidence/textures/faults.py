@@ -39,7 +39,7 @@ class Faults:
     ambient: float = 0.0
     vignetting: float = 0.0
 
-    def render(
+    def __call__(
         self,
         surface: PeriodicSurface,
         slant_deg: float,
@@ -66,7 +66,6 @@ class Faults:
         return replace(seen, lights=seen.lights + np.float32(self.ambient) * seen.albedo)
 
 
-NO_FAULTS = Faults()
 OUT_OF_FOCUS = Faults(blur_px=(0.5, 1.1))
 NEAR_LEDS = Faults(fall_off=0.25)
 OTHER_RIG = Faults(weak_leds=0.08, slant_deg=3.0, magnification=1.05, ambient=0.05, vignetting=0.2)

@@ -6,25 +6,21 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
+from capture.chapter import plots
+from capture.chapter.exhibit import Cell, Exhibit, Row
+from capture.chapter.plan import BEST_SOLVER, OURS, SOLVERS, THESIS, TestRun
+from capture.chapter.results import CLASSIFIER_TITLES, SOLVER_TITLES
+from capture.chapter.runs import System
 from classify.library.evaluation import unknown_share
 
-from . import plots
-from .exhibit import Cell, Exhibit, Row
-from .plan import BEST_SOLVER, OURS, SOLVERS, THESIS, TestRun
-from .results import (
-    CLASSIFIER_TITLES,
-    DIRECTIONAL_SHARPNESS,
-    SOLVER_TITLES,
-    Results,
-    percent,
-)
-from .runs import System
+from .plan import OpenSetRun
+from .results import DIRECTIONAL_SHARPNESS, TextureResults
 
 _ORDER = {title: place for place, title in enumerate(CLASSIFIER_TITLES.values())}
 _SOLVER_COLUMNS = tuple(f"{SOLVER_TITLES[solver]}, %" for solver in SOLVERS)
 
 
-def comparison_exhibits(results: Results) -> Iterator[Exhibit]:
+def comparison_exhibits(results: TextureResults) -> Iterator[Exhibit]:
     """Make the exhibits in the order of the page."""
     yield _synthetic(results)
     yield _twins_and_small(results)
@@ -33,9 +29,9 @@ def comparison_exhibits(results: Results) -> Iterator[Exhibit]:
     yield _robustness(results)
 
 
-def _synthetic(results: Results) -> Exhibit:
+def _synthetic(results: TextureResults) -> Exhibit:
     experiment = results.plan.synthetic
-    tests = [test for test in experiment.tests if test.training.tests_unknown]
+    tests = [test for test in experiment.tests if isinstance(test.training, OpenSetRun)]
     classifiers = tests[0].training.classifiers
     names = [CLASSIFIER_TITLES[name] for name in classifiers]
     rows: list[Row] = []
@@ -60,10 +56,10 @@ def _synthetic(results: Results) -> Exhibit:
     )
 
 
-def _twins_and_small(results: Results) -> Exhibit:
+def _twins_and_small(results: TextureResults) -> Exhibit:
     rows: list[Row] = []
     for test in results.plan.synthetic.tests:
-        if test.training.tests_unknown:
+        if isinstance(test.training, OpenSetRun):
             continue
         patches = f"{test.conditions.size_px} px"
         if test.name.endswith("twins"):
@@ -80,11 +76,11 @@ def _twins_and_small(results: Results) -> Exhibit:
     )
 
 
-def _of_solvers(results: Results, test: TestRun, classifier: str) -> list[float | None]:
-    return [results.accuracy_pct("synthetic", test.name, s, classifier) for s in SOLVERS]
+def _of_solvers(results: TextureResults, test: TestRun, classifier: str) -> list[float | None]:
+    return [results.trials.accuracy_pct("synthetic", test.name, s, classifier) for s in SOLVERS]
 
 
-def _materials(results: Results) -> Exhibit:
+def _materials(results: TextureResults) -> Exhibit:
     experiment = results.plan.materials
     training = experiment.training[0]
     rows: list[Row] = []
@@ -92,7 +88,7 @@ def _materials(results: Results) -> Exhibit:
         for name in training.classifiers:
             for solver in training.solvers:
                 accuracies = (
-                    results.accuracy_pct("materials", test.name, solver, name, protocol)
+                    results.trials.accuracy_pct("materials", test.name, solver, name, protocol)
                     for test in experiment.tests
                 )
                 rows.append((protocol, CLASSIFIER_TITLES[name], SOLVER_TITLES[solver], *accuracies))
@@ -105,12 +101,12 @@ def _materials(results: Results) -> Exhibit:
     )
 
 
-def _orientation(results: Results) -> Exhibit:
+def _orientation(results: TextureResults) -> Exhibit:
     plan = results.plan
     systems = {
         f"synthetic, {test.name}": System("synthetic", test.name, BEST_SOLVER, OURS)
         for test in plan.synthetic.tests
-        if test.training.tests_unknown
+        if isinstance(test.training, OpenSetRun)
     }
     systems |= {
         f"chapter's textures, {test.name}": System("thirty", test.name, BEST_SOLVER, OURS)
@@ -126,7 +122,7 @@ def _orientation(results: Results) -> Exhibit:
     for title, ours in systems.items():
         for name in (OURS, THESIS):
             errors = results.orientation_errors_deg(ours._replace(classifier=name))
-            beyond = [percent(float(np.mean(errors > deg))) for deg in (10.0, 80.0) if errors.size]
+            beyond = [100.0 * float(np.mean(errors > deg)) for deg in (10.0, 80.0) if errors.size]
             cells = (*_median_and_p95(errors), *(beyond or (None, None)))
             rows.append((title, CLASSIFIER_TITLES[name], len(errors), *cells))
     columns = ("textures", "classifier", "tests")
@@ -139,15 +135,17 @@ def _orientation(results: Results) -> Exhibit:
     )
 
 
-def _robustness(results: Results) -> Exhibit:
+def _robustness(results: TextureResults) -> Exhibit:
     experiment = results.plan.robustness
     rows: list[Row] = []
     for test in experiment.tests:
         ours = System("robustness", test.name, BEST_SOLVER, OURS)
-        unknown_pct = percent(unknown_share(results.trials(ours)))
+        unknown_pct = 100.0 * (unknown_share(results.trials[ours]) or 0.0)
         errors = _median_and_p95(results.orientation_errors_deg(ours))
-        thesis_pct = results.accuracy_pct(*ours._replace(classifier=THESIS))
-        rows.append((test.name, results.accuracy_pct(*ours), unknown_pct, *errors, thesis_pct))
+        ours_pct, thesis_pct = (
+            results.trials.accuracy_pct(*ours._replace(classifier=name)) for name in (OURS, THESIS)
+        )
+        rows.append((test.name, ours_pct, unknown_pct, *errors, thesis_pct))
     columns = ("joint (ours), %", "called unknown, %", "orientation: median, °", "95 %, °")
     return Exhibit(
         "robustness",

@@ -6,12 +6,14 @@ from functools import partial
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.figure import Figure
 
-from . import plots
-from .exhibit import Exhibit, Row
-from .plan import OURS, THESIS
-from .results import Results, answers_pct
-from .runs import Outcome
+from capture.chapter import plots
+from capture.chapter.exhibit import Exhibit, Row
+from capture.chapter.plan import OURS, THESIS
+
+from .open_set import Outcome, answers_pct
+from .results import TextureResults
 
 _TITLES = {OURS: "joint distance over the limit of the class", THESIS: "2D spectra of the thesis"}
 # Share of known tests that the limit of the table rejects.
@@ -24,7 +26,7 @@ Scores = npt.NDArray[np.float64]
 """Distances to the nearest class over the limit of that class, if the classifier has limits."""
 
 
-def rejection_exhibits(results: Results) -> Iterator[Exhibit]:
+def rejection_exhibits(results: TextureResults) -> Iterator[Exhibit]:
     """The table at 1 % false rejection, and the curves of both scores."""
     groups = _groups(results)
     if groups:
@@ -46,7 +48,7 @@ def rejection_curve(known: Scores, unknown: Scores) -> tuple[list[float], list[f
     return (100.0 * rejected).tolist(), (100.0 * accepted).tolist()
 
 
-def _groups(results: Results) -> Groups:
+def _groups(results: TextureResults) -> Groups:
     """Outcomes on disjoint patches by test run and classifier."""
     groups: dict[str, dict[str, list[Outcome]]] = {}
     for system, outcomes in results.outcomes.items():
@@ -109,12 +111,12 @@ def _curves(groups: Groups) -> Exhibit:
         "unknown_curves",
         ("tests", "score", "known_rejected_pct", "unknown_accepted_pct"),
         rows,
-        draw=partial(
-            plots.draw_lines,
-            panels=panels,
-            log_x=True,
-            x_label="known rejected, %",
-            y_label="unknown accepted, %",
-        ),
+        draw=partial(_draw, panels=panels),
         size_in=(13.0, 4.2),
     )
+
+
+def _draw(figure: Figure, panels: Sequence[tuple[str, Sequence[plots.Line]]]) -> None:
+    plots.draw_lines(figure, panels, "known rejected, %", "unknown accepted, %")
+    for ax in figure.axes:
+        ax.set_xscale("symlog", linthresh=1.0)

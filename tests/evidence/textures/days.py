@@ -2,17 +2,18 @@
 
 from collections.abc import Iterator
 
+from capture.chapter.exhibit import Exhibit, Row
+from capture.chapter.plan import BEST_SOLVER, OURS, Experiment, TestRun
+from capture.chapter.runs import System
 from classify.library.evaluation import nearest_accuracy
 
-from .exhibit import Exhibit, Row
-from .plan import BEST_SOLVER, OURS, Experiment, TestRun
-from .results import Results, answers_pct, percent
-from .runs import Outcome, System
+from .open_set import Outcome, answers_pct
+from .results import TextureResults
 
 _SHARES = ("nearest right, %", "right, %", "refused, %", "wrong, %", "unknown accepted, %")
 
 
-def days_exhibits(results: Results) -> Iterator[Exhibit]:
+def days_exhibits(results: TextureResults) -> Iterator[Exhibit]:
     """The table of faults, and the table of unknown textures by size and number of sets."""
     days, small = results.plan.days, results.plan.small_frames
     first = days.training[0]
@@ -34,10 +35,10 @@ def days_exhibits(results: Results) -> Iterator[Exhibit]:
     yield Exhibit("open_set", columns, rows, values=values)
 
 
-def _outcomes(results: Results, experiment: Experiment, test: TestRun) -> list[Outcome]:
+def _outcomes(results: TextureResults, experiment: Experiment, test: TestRun) -> list[Outcome]:
     return results.outcomes[System(experiment.name, test.name, BEST_SOLVER, OURS)]
 
 
 def _shares_pct(outcomes: list[Outcome]) -> Row:
-    nearest = percent(nearest_accuracy([each.trial for each in outcomes]))
-    return (nearest, *answers_pct(outcomes))
+    nearest = nearest_accuracy([outcome.trial for outcome in outcomes])
+    return (None if nearest is None else 100.0 * nearest, *answers_pct(outcomes))
