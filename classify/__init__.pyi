@@ -10,8 +10,7 @@ from .library.texture_library import TextureLibrary
 from .lighting import Lighting
 from .methods import CLASSIFIER_NAMES, METHODS, Method
 from .relief.curvature import Curvature, surface_curvature
-from .relief.height import integrate_gradients
-from .relief.local_height import local_relief
+from .relief.height import integrate_gradients, local_relief
 from .relief.relighting import relight
 from .relief.roughness import Roughness, surface_roughness
 from .solvers.solver import photometric_stereo

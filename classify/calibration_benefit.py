@@ -4,16 +4,15 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
+
+from classify.base.arrays import Floats
 
 from .calibration.calibration import Calibration
+from .calibration.correction import Response
 from .calibration.drift_model import led_strength
-from .calibration.response import Response
 from .lighting import Lighting
 from .lights.flat_field import coordinates
 from .solvers.solver import photometric_stereo
-
-FloatArray = npt.NDArray[np.float64]
 
 # The part is an egg crate of this slope. Its period is no multiple of a pixel, so that all slopes
 # occur.
@@ -34,23 +33,20 @@ def errors_left(
     shape: tuple[int, int],
     flat_field_error: float = 0.0,
 ) -> tuple[tuple[str, float], ...]:
-    """Mean angular errors in degrees of a simulated part: uncalibrated, then by added part.
-
-    `configured` are the lights without calibration: distant, and of equal strength.
-    """
+    """Mean angular errors in degrees of a simulated part: uncalibrated, then by added part."""
     scale = _LONGER_SIDE_PX / max(shape)
     small = (max(1, round(shape[0] * scale)), max(1, round(shape[1] * scale)))
     part = _Part.of(_scaled(calibration.lighting_of(configured), scale), calibration, small)
     rigs = list(_draws(part, flat_field_error))
-    given, lighting = Calibration(), configured
-    steps = [("without calibration", _mean_error_deg(rigs, given, lighting))]
+    applied, lighting = Calibration(), configured
+    steps = [("without calibration", _mean_error_deg(rigs, applied, lighting))]
     for name, words in _STEPS:
-        found = getattr(calibration, name)
-        if found is None or (isinstance(found, Response) and found.linear):
+        measured = getattr(calibration, name)
+        if measured is None or (isinstance(measured, Response) and measured.linear):
             continue
-        given = replace(given, **{name: found})
+        applied = replace(applied, **{name: measured})
         lighting = part.lighting if name == "lights" else lighting
-        steps.append((words, _mean_error_deg(rigs, given, lighting)))
+        steps.append((words, _mean_error_deg(rigs, applied, lighting)))
     return tuple(steps)
 
 
@@ -58,15 +54,15 @@ def errors_left(
 class _Part:
     """A surface under the true lights, seen by the true camera."""
 
-    slopes: FloatArray  # (2, H, W) p and q
+    slopes: Floats  # (2, H, W) p and q
     lighting: Lighting  # in the small frame
-    sheet: FloatArray  # (N, H, W) light on a white sheet
+    sheet: Floats  # (N, H, W) light on a white sheet
     calibration: Calibration
 
     @classmethod
     def of(cls, lighting: Lighting, calibration: Calibration, shape: tuple[int, int]) -> "_Part":
         rows, columns = (np.arange(length) for length in shape)
-        p, q = (_SLOPE * np.sin(2.0 * np.pi / _PERIOD_PX * each) for each in (columns, rows))
+        p, q = (_SLOPE * np.sin(2.0 * np.pi / _PERIOD_PX * axis) for axis in (columns, rows))
         slopes = np.stack(np.broadcast_arrays(p, q[:, None]))
         field = calibration.flat_field
         if field is None:
@@ -75,20 +71,22 @@ class _Part:
             sheet = field.strengths(rows, columns, shape)
         return cls(slopes, lighting, sheet, calibration)
 
-    def error_deg(self, given: Calibration, lighting: Lighting) -> float:
+    def error_deg(self, applied: Calibration, lighting: Lighting) -> float:
         """Mean angle between the true normals and those solved with the given parts."""
-        images, ambient = (each.astype(np.float32) for each in self._images())
-        if given.response is not None:
-            images, ambient = (given.response.linearise(each, 1.0) for each in (images, ambient))
+        images, ambient = (image.astype(np.float32) for image in self._images())
+        if applied.response is not None:
+            images, ambient = (
+                applied.response.linearise(image, 1.0) for image in (images, ambient)
+            )
         solved = photometric_stereo(
-            images, lighting, "least_squares", ambient=ambient, flat_field=given.flat_field
+            images, lighting, "least_squares", ambient=ambient, flat_field=applied.flat_field
         )
         true = np.concatenate([-self.slopes, np.ones_like(self.slopes[:1])])
         true /= np.linalg.norm(true, axis=0)
         cosines = np.einsum("chw,hwc->hw", true, solved.normals.astype(np.float64))
         return float(np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))[solved.valid].mean())
 
-    def _images(self) -> tuple[FloatArray, FloatArray]:
+    def _images(self) -> tuple[Floats, Floats]:
         """(N, H, W) light images and (H, W) ambient image as shares of full scale."""
         light = self.sheet * self._shading()
         light *= _BRIGHTEST / light.max()
@@ -101,11 +99,11 @@ class _Part:
         if dark is not None:
             ambient = np.asarray(response.linearise(ambient, 1.0), np.float64)
         raw, raw_ambient = (
-            np.interp(each, response.curve, levels) for each in (light + ambient, ambient)
+            np.interp(image, response.curve, levels) for image in (light + ambient, ambient)
         )
         return raw, raw_ambient
 
-    def _shading(self) -> FloatArray:
+    def _shading(self) -> Floats:
         """(N, H, W) light on the part as a multiple of that on a level sheet."""
         (p, q), (height, width) = self.slopes, self.slopes.shape[1:]
         steepness = np.sqrt(1.0 + p * p + q * q)
@@ -115,12 +113,12 @@ class _Part:
             x, y, z = self.lighting.positions_px.T[..., None, None]
             x = x - (np.arange(width) - 0.5 * (width - 1))
             y = y - (0.5 * (height - 1) - np.arange(height))[:, None]
-        shading: FloatArray = np.maximum(1.0 - (p * x + q * y) / z, 0.0) / steepness
+        shading: Floats = np.maximum(1.0 - (p * x + q * y) / z, 0.0) / steepness
         return shading
 
 
-def _mean_error_deg(rigs: Sequence[_Part], given: Calibration, lighting: Lighting) -> float:
-    return float(np.mean([rig.error_deg(given, lighting) for rig in rigs]))
+def _mean_error_deg(rigs: Sequence[_Part], applied: Calibration, lighting: Lighting) -> float:
+    return float(np.mean([rig.error_deg(applied, lighting) for rig in rigs]))
 
 
 def _scaled(lighting: Lighting, scale: float) -> Lighting:
@@ -129,14 +127,12 @@ def _scaled(lighting: Lighting, scale: float) -> Lighting:
     return Lighting.near(lighting.positions_px * scale)
 
 
-def _ideal_sheet(
-    lighting: Lighting, calibration: Calibration, shape: tuple[int, int]
-) -> FloatArray:
+def _ideal_sheet(lighting: Lighting, calibration: Calibration, shape: tuple[int, int]) -> Floats:
     """(N, H, W) light of equal LEDs on a white sheet."""
     if lighting.positions_px is None:
         return np.broadcast_to(lighting.directions[:, 2, None, None], (len(lighting), *shape))
     x, y = coordinates(np.arange(shape[0]), np.arange(shape[1]), shape)
-    grid = [each.ravel() for each in np.meshgrid(x, y)]
+    grid = [axis.ravel() for axis in np.meshgrid(x, y)]
     lights = calibration.lights
     lobe = 1.0 if lights is None or lights.lobe_exponent is None else lights.lobe_exponent
     positions = lighting.positions_px * (2.0 / max(shape))

@@ -20,12 +20,12 @@ def share_at_most(events: int, trials: int, confidence: float = CONFIDENCE) -> f
     return 1.0 if events == trials else float(betaincinv(events + 1, trials - events, confidence))
 
 
-def share_at_least(events: int, trials: int, confidence: float = CONFIDENCE) -> float:
+def share_at_least(events: int, trials: int) -> float:
     """Return the exact lower bound of a share; 0 without trials. See `share_at_most`."""
-    return 1.0 - share_at_most(trials - events, trials, confidence)
+    return 1.0 - share_at_most(trials - events, trials)
 
 
-def trials_to_show(share: float, confidence: float = CONFIDENCE) -> int:
+def trials_to_show(share: float) -> int:
     """Return how many trials without an event show that its share is at most `share`.
 
     >>> trials_to_show(0.02)
@@ -33,10 +33,10 @@ def trials_to_show(share: float, confidence: float = CONFIDENCE) -> int:
     """
     if not 0.0 < share < 1.0:
         raise InputError(f"a share of {share}: give one between 0 and 1")
-    return math.ceil(math.log(1.0 - confidence) / math.log(1.0 - share))
+    return math.ceil(math.log(1.0 - CONFIDENCE) / math.log(1.0 - share))
 
 
-def tolerance_factor(count: int, coverage: float = 0.99, confidence: float = CONFIDENCE) -> float:
+def tolerance_factor(count: int, coverage: float = 0.99) -> float:
     """Return k of the one-sided tolerance limit mean + k sigma of `count` values (Owen 1968).
 
     >>> [round(tolerance_factor(count), 2) for count in (3, 10, 30)]
@@ -45,7 +45,7 @@ def tolerance_factor(count: int, coverage: float = 0.99, confidence: float = CON
     if count < 2:
         raise InputError(f"{count} values have no spread; give two or more")
     root = math.sqrt(count)
-    return float(nctdtrit(count - 1, ndtri(coverage) * root, confidence) / root)
+    return float(nctdtrit(count - 1, ndtri(coverage) * root, CONFIDENCE) / root)
 
 
 def _check(events: int, trials: int) -> None:

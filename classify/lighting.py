@@ -13,12 +13,14 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import Floats
+
 from .base.errors import InputError
 
 RING_TILTS_DEG = (0.0, 90.0, 180.0, 270.0)
 
 
-def light_vectors(tilts_deg: npt.ArrayLike, slants_deg: npt.ArrayLike) -> npt.NDArray[np.float64]:
+def light_vectors(tilts_deg: npt.ArrayLike, slants_deg: npt.ArrayLike) -> Floats:
     """Unit vectors towards the lights, (N, 3): (cos t sin s, sin t sin s, cos s)."""
     tilt, slant = np.broadcast_arrays(np.radians(tilts_deg), np.radians(slants_deg))
     vectors = (np.cos(tilt) * np.sin(slant), np.sin(tilt) * np.sin(slant), np.cos(slant))
@@ -60,10 +62,10 @@ class Lighting:
         or not in the direction of its light.
     """
 
-    directions: npt.NDArray[np.float64]
-    intensities: npt.NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    directions: Floats
+    intensities: Floats = field(default_factory=lambda: np.empty(0))
     intensities_given: bool = field(init=False)
-    positions_px: npt.NDArray[np.float64] | None = None
+    positions_px: Floats | None = None
 
     def __post_init__(self) -> None:
         directions = _numbers(self.directions, "light directions")
@@ -151,13 +153,13 @@ class Lighting:
         return hash(tuple(map(_bytes, arrays)))
 
     @property
-    def tilts_deg(self) -> npt.NDArray[np.float64]:
+    def tilts_deg(self) -> Floats:
         """(N,) tilts in degrees, [0, 360), rounded to a billionth of a degree."""
         x, y = self.directions[:, 0], self.directions[:, 1]
         return _rounded(np.degrees(np.arctan2(y, x))) % 360.0
 
     @property
-    def slants_deg(self) -> npt.NDArray[np.float64]:
+    def slants_deg(self) -> Floats:
         """(N,) slants in degrees from the z axis, rounded to a billionth of a degree."""
         across = np.hypot(self.directions[:, 0], self.directions[:, 1])
         return _rounded(np.degrees(np.arctan2(across, self.directions[:, 2])))
@@ -214,16 +216,14 @@ def orientation_near(orientation_deg: float, near_deg: float) -> float:
     return near_deg + (orientation_deg - near_deg + 90.0) % 180.0 - 90.0
 
 
-def _numbers(values: npt.ArrayLike, name: str) -> npt.NDArray[np.float64]:
+def _numbers(values: npt.ArrayLike, name: str) -> Floats:
     try:
         return np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(f"{name} {values!r} are not all numbers") from error
 
 
-def _positions(
-    positions_px: npt.ArrayLike, directions: npt.NDArray[np.float64]
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def _positions(positions_px: npt.ArrayLike, directions: Floats) -> tuple[Floats, Floats]:
     """Checked positions, and the exact directions towards them."""
     positions = _numbers(positions_px, "light positions") + 0.0
     if positions.shape != directions.shape:
@@ -246,10 +246,10 @@ def _positions(
     return positions, exact
 
 
-def _bytes(array: npt.NDArray[np.float64] | None) -> bytes:
+def _bytes(array: Floats | None) -> bytes:
     return b"" if array is None else array.tobytes()
 
 
-def _rounded(degrees: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _rounded(degrees: Floats) -> Floats:
     # Directions are exact to 1e-16; without rounding, 90 degrees would be 90.00000000000001.
     return np.asarray(np.round(degrees, 9), dtype=np.float64)

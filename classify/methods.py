@@ -1,6 +1,9 @@
-"""Names of solvers and classifiers, in a file that loads no numerics."""
+"""Names of solvers, classifiers and texture classes, in a file that loads no numerics."""
 
+import unicodedata
 from typing import Literal, get_args
+
+from classify.base.errors import InputError
 
 Method = Literal[
     "ps3a", "ps3b", "ps3c", "ps3d", "ps4", "least_squares", "rushmeier", "drbohlav", "ps4_robust"
@@ -26,3 +29,15 @@ ClassifierName = Literal[
 ]  # fmt: skip
 CLASSIFIER_NAMES: tuple[ClassifierName, ...] = get_args(ClassifierName)
 DEFAULT_CLASSIFIER: ClassifierName = "joint"
+
+
+def checked_label(label: str) -> str:
+    """Return `label` if it prints and is not "unknown", the word for a surface of no class."""
+    if not label.isprintable():
+        raise InputError(f"label {label!r}: use printable characters only")
+    if unicodedata.normalize("NFKC", label).strip().casefold() == "unknown":
+        raise InputError(
+            f"label {label!r}: 'unknown' stands for a surface that matches no class; "
+            "choose another label"
+        )
+    return label

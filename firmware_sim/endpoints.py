@@ -42,7 +42,7 @@ class Endpoint:
         """Close all descriptors and remove the files that were made."""
 
 
-class SocketEndpoint(Endpoint):
+class _SocketEndpoint(Endpoint):
     """A bound and listening socket; its file `path` is removed at the end."""
 
     def __init__(self, listener: socket.socket, address: str, path: Path | None = None) -> None:
@@ -93,21 +93,21 @@ class _SocketLine:
         self.write = host.send
 
 
-def unix_endpoint(path: Path) -> SocketEndpoint:
+def unix_endpoint(path: Path) -> _SocketEndpoint:
     """Listen on a unix socket, at a path that does not exist yet."""
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     _listen(listener, str(path))
-    return SocketEndpoint(listener, str(path), path)
+    return _SocketEndpoint(listener, str(path), path)
 
 
-def tcp_endpoint(port: int) -> SocketEndpoint:
+def tcp_endpoint(port: int) -> _SocketEndpoint:
     """Listen on a TCP port of 127.0.0.1; 0 chooses a free one."""
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     if os.name == "posix":  # elsewhere it would let two programs have one port
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     _listen(listener, ("127.0.0.1", port))
     host, port = listener.getsockname()
-    return SocketEndpoint(listener, f"socket://{host}:{port}")
+    return _SocketEndpoint(listener, f"socket://{host}:{port}")
 
 
 def _listen(listener: socket.socket, where: str | tuple[str, int]) -> None:

@@ -4,48 +4,45 @@ import itertools
 import math
 import random
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Literal, Self
 
-from .board import SimulatedBoard
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from .board import Led, LedLight, SimulatedBoard
 from .clock import Clock
 from .controller import SimulatedController
-from .led import Led, LedLight
 
 # Parts of a flicker period over which the light counts as steady; at 16 the integral over a whole
 # period is exact to rounding, since a sine sampled evenly sums to zero.
 _PIECES_PER_PERIOD = 16
 
 
-def require(holds: bool, cause: str) -> None:
-    """Raise ValueError with a cause unless a condition holds."""
-    if not holds:
-        raise ValueError(cause)
+class _FaultModel(BaseModel):
+    """A frozen table of a fault plan; unknown keys, and truth values as numbers, are refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
 
-@dataclass(frozen=True)
-class When:
+def _require_duration(from_s: float, until_s: float) -> None:
+    if not from_s < until_s:
+        raise ValueError(f"from_s is {from_s:g}; give a time before until_s, {until_s:g}")
+
+
+class When(_FaultModel):
     """Conditions for the events that a fault affects; all that are given must hold."""
 
-    nth: Annotated[int | None, "only this event, counted from 1 at from_s"] = None
-    times: Annotated[int, "and the events after it, this many in all"] = 1
-    from_s: Annotated[float, "on the simulation's clock, which starts at 0"] = 0.0
-    until_s: Annotated[float, "no end by default"] = math.inf
-    probability: Annotated[float, "of each of these events"] = 1.0
+    nth: int | None = Field(
+        default=None, ge=1, description="only this event, counted from 1 at from_s"
+    )
+    times: int = Field(default=1, ge=1, description="and the events after it, this many in all")
+    from_s: float = Field(default=0.0, description="on the simulation's clock, which starts at 0")
+    until_s: float = Field(default=math.inf, description="no end by default")
+    probability: float = Field(default=1.0, gt=0.0, le=1.0, description="of each of these events")
 
-    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - unknown keys are refused
-
-    def __post_init__(self) -> None:
-        require(self.nth is None or self.nth >= 1, f"nth is {self.nth}; give 1 or more")
-        require(self.times >= 1, f"times is {self.times}; give 1 or more")
-        require(
-            self.from_s < self.until_s,
-            f"from_s is {self.from_s:g}; give a time before until_s, {self.until_s:g}",
-        )
-        require(
-            0.0 < self.probability <= 1.0,
-            f"probability is {self.probability:g}; give more than 0, up to 1",
-        )
+    @model_validator(mode="after")
+    def _has_a_duration(self) -> Self:
+        _require_duration(self.from_s, self.until_s)
+        return self
 
     def covers(self, at_s: float) -> bool:
         """Whether `at_s` is between `from_s` and `until_s`."""
@@ -58,68 +55,62 @@ class When:
         return self.probability == 1.0 or rng.random() < self.probability
 
 
-@dataclass(frozen=True)
-class LineFault:
+class LineFault(_FaultModel):
     """A fault of lines on the serial line."""
 
-    kind: Annotated[
-        Literal[
-            "lose", "garble", "truncate", "double", "lose_byte", "double_byte", "delay", "late",
-            "reboot",
-        ],
-        "garble: one to three wrong bytes; truncate: the end is missing; late: comes with the next "
-        "line; reboot: the controller restarts instead",
-    ]  # fmt: skip
-    direction: Annotated[
-        Literal["to_controller", "to_host"], "commands, or the replies to them"
-    ] = "to_controller"
-    containing: Annotated[str, "only commands with this text, and their replies"] = ""
-    delay_ms: Annotated[float, "of kind delay"] = 50.0
-    when: Annotated[When, "the events that are affected, by default all"] = When()
+    kind: Literal[
+        "lose", "garble", "truncate", "double", "lose_byte", "double_byte", "delay", "late",
+        "reboot",
+    ] = Field(
+        description="garble: one to three wrong bytes; truncate: the end is missing; late: comes "
+        "with the next line; reboot: the controller restarts instead"
+    )  # fmt: skip
+    direction: Literal["to_controller", "to_host"] = Field(
+        default="to_controller", description="commands, or the replies to them"
+    )
+    containing: str = Field(
+        default="", description="only commands with this text, and their replies"
+    )
+    delay_ms: float = Field(default=50.0, ge=0.0, le=60_000.0, description="of kind delay")
+    when: When = Field(default=When(), description="the events that are affected, by default all")
 
-    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012
-
-    def __post_init__(self) -> None:
-        require(0.0 <= self.delay_ms <= 60_000.0, f"delay_ms is {self.delay_ms:g}; give 0 to 60000")
-        require(
-            self.kind != "reboot" or self.direction == "to_controller",
-            "a reboot happens at a line to the controller",
-        )
+    @model_validator(mode="after")
+    def _reboots_at_a_command(self) -> Self:
+        if self.kind == "reboot" and self.direction != "to_controller":
+            raise ValueError("a reboot happens at a line to the controller")
+        return self
 
 
-@dataclass(frozen=True)
-class LedFault:
+class LedFault(_FaultModel):
     """A fault in the light of one LED, during a time."""
 
-    kind: Annotated[
-        Literal["dead", "dim", "stuck_on", "flicker", "unsteady", "swapped"],
-        "flicker: a sine; unsteady: at random; swapped: its cable is exchanged with that of other",
-    ]
-    led: Annotated[int, "counted from 0"]
-    share: Annotated[float, "of the light that is missing; stuck_on: that stays"] = 0.5
-    frequency_hz: Annotated[float, "of flicker and unsteady"] = 50.0
-    other: Annotated[int | None, "of swapped"] = None
-    from_s: Annotated[float, "on the simulation's clock, which starts at 0"] = 0.0
-    until_s: Annotated[float, "no end by default"] = math.inf
+    kind: Literal["dead", "dim", "stuck_on", "flicker", "unsteady", "swapped"] = Field(
+        description="flicker: a sine; unsteady: at random; swapped: its cable is exchanged with "
+        "that of other"
+    )
+    led: int = Field(ge=0, description="counted from 0")
+    share: float = Field(
+        default=0.5,
+        ge=0.0,
+        le=1.0,
+        description="of the light that is missing; stuck_on: that stays",
+    )
+    frequency_hz: float = Field(
+        default=50.0, ge=0.001, le=1e5, description="of flicker and unsteady"
+    )
+    other: int | None = Field(default=None, description="of swapped")
+    from_s: float = Field(default=0.0, description="on the simulation's clock, which starts at 0")
+    until_s: float = Field(default=math.inf, description="no end by default")
 
-    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012
-
-    def __post_init__(self) -> None:
-        require(self.led >= 0, f"led is {self.led}; give 0 or more")
-        require(0.0 <= self.share <= 1.0, f"share is {self.share:g}; give 0 to 1")
-        require(
-            0.001 <= self.frequency_hz <= 1e5,
-            f"frequency_hz is {self.frequency_hz:g}; give 0.001 to 1e5",
-        )
-        require(
-            self.from_s < self.until_s,
-            f"from_s is {self.from_s:g}; give a time before until_s, {self.until_s:g}",
-        )
-        require(
-            (self.kind == "swapped") == (self.other is not None),
-            f"kind is {self.kind!r} and other is {self.other}; other is the LED that this one is "
-            "swapped with, and belongs to kind 'swapped'",
-        )
+    @model_validator(mode="after")
+    def _is_consistent(self) -> Self:
+        _require_duration(self.from_s, self.until_s)
+        if (self.kind == "swapped") != (self.other is not None):
+            raise ValueError(
+                f"kind is {self.kind!r} and other is {self.other}; other is the LED that this one "
+                "is swapped with, and belongs to kind 'swapped'"
+            )
+        return self
 
     def gain(self, at_s: float, rng_key: str) -> float:
         """The share of the LED's light that remains at a time."""
@@ -141,7 +132,7 @@ class LedFault:
         return self.share if stuck else 0.0
 
 
-class FaultyLed:
+class _FaultyLed:
     """An LED with faults in its light."""
 
     def __init__(self, led: Led, faults: Sequence[LedFault], seed: int, started_s: float) -> None:
@@ -201,7 +192,7 @@ def faulty_leds(
     result: list[LedLight] = []
     for index, led in enumerate(leds):
         own = [fault for fault in faults if fault.led == index and fault.kind != "swapped"]
-        result.append(FaultyLed(led, own, seed + index, started_s) if own else led)
+        result.append(_FaultyLed(led, own, seed + index, started_s) if own else led)
     cabled = list(range(len(leds)))
     for fault in faults:
         if fault.other is not None:

@@ -15,7 +15,7 @@ PROTOCOL_VERSION = 2
 
 MAX_LINE_BYTES = 64  # without its terminator
 MAX_SEQUENCE = 65535
-QUEUE_DEPTH = 8
+_QUEUE_DEPTH = 8
 STROBE_BUFFER_EDGES = 16  # capacity of a board between two passes of the main loop
 WATCHDOG_DEFAULT_MS = 5000
 WATCHDOG_MIN_MS = 100
@@ -23,7 +23,7 @@ WATCHDOG_MAX_MS = 60000
 MAX_STEPS = 16
 MAX_STEP_US = 60000000
 DARK = -1  # no LED
-AT_ONCE = -1  # no wait for the part sensor
+_AT_ONCE = -1  # no wait for the part sensor
 
 MESSAGES: dict[int, str] = {}
 
@@ -34,25 +34,25 @@ def _message(code: int, message: str) -> int:
 
 
 NO_ERROR = _message(0, "No error")
-WATCHDOG_TRIPPED = _message(100, "Watchdog: LEDs off")
-ON_TIME_EXCEEDED = _message(110, "On-time limit: LEDs off")
-LED_RESTS = _message(111, "LED must rest")
-SEQUENCE_RUNS = _message(120, "Sequence is running")
-STROBE_MISSING = _message(121, "Strobe missing: LEDs off")
-SEQUENCE_ABORTED = _message(122, "Sequence aborted")
+_WATCHDOG_TRIPPED = _message(100, "Watchdog: LEDs off")
+_ON_TIME_EXCEEDED = _message(110, "On-time limit: LEDs off")
+_LED_RESTS = _message(111, "LED must rest")
+_SEQUENCE_RUNS = _message(120, "Sequence is running")
+_STROBE_MISSING = _message(121, "Strobe missing: LEDs off")
+_SEQUENCE_ABORTED = _message(122, "Sequence aborted")
 # Negative numbers and their texts are those of SCPI.
-INVALID_CHARACTER = _message(-101, "Invalid character")
-SYNTAX_ERROR = _message(-102, "Syntax error")
-PARAMETER_NOT_ALLOWED = _message(-108, "Parameter not allowed")
-MISSING_PARAMETER = _message(-109, "Missing parameter")
-UNDEFINED_HEADER = _message(-113, "Undefined header")
-OUT_OF_RANGE = _message(-222, "Data out of range")
-QUEUE_OVERFLOW = _message(-350, "Queue overflow")
-CRC_MISMATCH = _message(-360, "Communication error")
-LINE_TOO_LONG = _message(-363, "Input buffer overrun")
+_INVALID_CHARACTER = _message(-101, "Invalid character")
+_SYNTAX_ERROR = _message(-102, "Syntax error")
+_PARAMETER_NOT_ALLOWED = _message(-108, "Parameter not allowed")
+_MISSING_PARAMETER = _message(-109, "Missing parameter")
+_UNDEFINED_HEADER = _message(-113, "Undefined header")
+_OUT_OF_RANGE = _message(-222, "Data out of range")
+_QUEUE_OVERFLOW = _message(-350, "Queue overflow")
+_CRC_MISMATCH = _message(-360, "Communication error")
+_LINE_TOO_LONG = _message(-363, "Input buffer overrun")
 
 
-class CommandError(Exception):
+class _CommandError(Exception):
     """The error of a line that cannot be executed; its argument is the error code."""
 
 
@@ -66,7 +66,7 @@ def crc8(data: bytes) -> int:
     return crc
 
 
-class Lamps:
+class _Lamps:
     """The LEDs: at most one is lit, and each spends and restores a budget of time."""
 
     def __init__(self, board: "Board") -> None:
@@ -129,7 +129,7 @@ class Sequence:
     def __init__(
         self,
         board: "Board",
-        lamps: Lamps,
+        lamps: _Lamps,
         triggers: bool,
         delay_us: int,
         settle_us: int,
@@ -148,7 +148,7 @@ class Sequence:
         self._delay_us = delay_us
         self._due_us = -1  # of the first step, once the sensor has seen a part
         self.started_us = self.ended_us = self._edge_us = board.micros()
-        if delay_us == AT_ONCE:
+        if delay_us == _AT_ONCE:
             self.started_us = self.ended_us = self._start_step()
 
     def see_part(self, at_us: int) -> None:
@@ -214,7 +214,7 @@ class Firmware:
     def __init__(self, board: "Board") -> None:
         self._board = board
         self._line = b""
-        self._lamps = Lamps(board)
+        self._lamps = _Lamps(board)
         self._errors: list[int] = []
         self._watchdog_ms = WATCHDOG_DEFAULT_MS
         self._fed_us = board.micros()
@@ -252,7 +252,7 @@ class Firmware:
             self._part_us = at_us
             self.sequence.see_part(at_us)
         if not self.sequence.advance():
-            self._darken(STROBE_MISSING)
+            self._darken(_STROBE_MISSING)
         data = self._board.read()
         if data:
             self._receive(data)
@@ -260,9 +260,9 @@ class Firmware:
             return
         now_us = self._board.micros()
         if self._lamps.selected != DARK and now_us >= self._lamps.exhausted_us:
-            self._darken(ON_TIME_EXCEEDED)
+            self._darken(_ON_TIME_EXCEEDED)
         elif now_us - self._fed_us >= 1000 * self._watchdog_ms:
-            self._darken(WATCHDOG_TRIPPED)
+            self._darken(_WATCHDOG_TRIPPED)
 
     # Lines
 
@@ -288,7 +288,7 @@ class Firmware:
     def _reply_to(self, line: bytes) -> str:
         """Check and remove the checksum of a line; the reply gets one if the line had one."""
         if len(line) > MAX_LINE_BYTES:
-            return self._error(LINE_TOO_LONG)
+            return self._error(_LINE_TOO_LONG)
         line = line.rstrip(b" ")
         mark = line.rfind(b"~")
         if mark < 0:
@@ -297,7 +297,7 @@ class Firmware:
         if line[mark + 1 :].upper() == f"{crc8(message):02X}".encode():
             reply = self._answer(message)
         else:
-            reply = self._error(CRC_MISMATCH)  # without a sequence id, which may be damaged too
+            reply = self._error(_CRC_MISMATCH)  # without a sequence id, which may be damaged too
         return f"{reply}~{crc8(reply.encode()):02X}"
 
     def _answer(self, message: bytes) -> str:
@@ -310,15 +310,15 @@ class Firmware:
             blank = len(message)
         sequence = message[1:blank]
         if not sequence.isdigit():
-            return self._error(SYNTAX_ERROR)
+            return self._error(_SYNTAX_ERROR)
         if int(sequence.decode()) > MAX_SEQUENCE:
-            return self._error(OUT_OF_RANGE)
+            return self._error(_OUT_OF_RANGE)
         return "#" + sequence.decode() + " " + self._run(message[blank:].strip(b" "))
 
     def _run(self, command: bytes) -> str:
         try:
             fields = self._execute(command)
-        except CommandError as error:
+        except _CommandError as error:
             return self._error(error.args[0])
         self._fed_us = self._board.micros()  # only accepted commands feed the watchdog
         return "OK " + fields if fields else "OK"
@@ -327,14 +327,14 @@ class Firmware:
         """Execute a command such as b"led:lev 2,50"; return the fields of its reply."""
         for byte in command:
             if byte < 0x20 or byte > 0x7E:
-                raise CommandError(INVALID_CHARACTER)
+                raise _CommandError(_INVALID_CHARACTER)
         text = command.decode().upper()
         if not text:
-            raise CommandError(SYNTAX_ERROR)
+            raise _CommandError(_SYNTAX_ERROR)
         blank = text.find(" ")
         header = text if blank < 0 else text[:blank]
         if header not in self._commands:
-            raise CommandError(UNDEFINED_HEADER)
+            raise _CommandError(_UNDEFINED_HEADER)
         least, most, handler = self._commands[header]
         return handler(*_numbers(text[len(header) :].strip(), least, most))
 
@@ -343,10 +343,10 @@ class Firmware:
         return "ERR " + _describe(code)
 
     def _queue(self, code: int) -> None:
-        if len(self._errors) < QUEUE_DEPTH:
+        if len(self._errors) < _QUEUE_DEPTH:
             self._errors.append(code)
         else:
-            self._errors[-1] = QUEUE_OVERFLOW
+            self._errors[-1] = _QUEUE_OVERFLOW
 
     # Commands
 
@@ -359,8 +359,8 @@ class Firmware:
         self._lamps.levels_percent = [100] * self._board.led_count
         self._errors = []
         # No steps: puts the LEDs out.
-        self.sequence = Sequence(self._board, self._lamps, False, AT_ONCE, 0, 0)
-        self._delay_us = AT_ONCE  # of the next sequence
+        self.sequence = Sequence(self._board, self._lamps, False, _AT_ONCE, 0, 0)
+        self._delay_us = _AT_ONCE  # of the next sequence
         self._watchdog_ms = WATCHDOG_DEFAULT_MS
         return ""
 
@@ -387,7 +387,7 @@ class Firmware:
 
     def _off(self) -> str:
         if self.sequence.running:
-            self.sequence.end(SEQUENCE_ABORTED)
+            self.sequence.end(_SEQUENCE_ABORTED)
         return f"{DARK},{self._lamps.light(DARK)}"
 
     def _set_level(self, led: int, percent: int) -> str:
@@ -417,7 +417,7 @@ class Firmware:
             if led != DARK:
                 self._require_led(led)
             self._require_free(led)
-        delay_us, self._delay_us = self._delay_us, AT_ONCE
+        delay_us, self._delay_us = self._delay_us, _AT_ONCE
         self.sequence = Sequence(
             self._board, self._lamps, triggers, delay_us, settle_us, wait_us, *order
         )
@@ -451,9 +451,9 @@ class Firmware:
 
     def _require_free(self, led: int) -> None:
         if self.sequence.running:
-            raise CommandError(SEQUENCE_RUNS)
+            raise _CommandError(_SEQUENCE_RUNS)
         if not self._lamps.has_rested(led):
-            raise CommandError(LED_RESTS)
+            raise _CommandError(_LED_RESTS)
 
     def _darken(self, code: int) -> None:
         if self.sequence.running:
@@ -466,18 +466,18 @@ def _numbers(text: str, least: int, most: int) -> list[int]:
     """Parse decimal integers such as "2,50"; the only negative one is -1, for DARK."""
     words = [word.strip() for word in text.split(",")] if text else []
     if len(words) > most:
-        raise CommandError(PARAMETER_NOT_ALLOWED)
+        raise _CommandError(_PARAMETER_NOT_ALLOWED)
     if len(words) < least or "" in words:
-        raise CommandError(MISSING_PARAMETER)
+        raise _CommandError(_MISSING_PARAMETER)
     for word in words:
         if word != "-1" and not word.isdigit():  # int() accepts signs, blanks and underscores
-            raise CommandError(SYNTAX_ERROR)
+            raise _CommandError(_SYNTAX_ERROR)
     return [int(word) for word in words]
 
 
 def _require(in_range: bool) -> None:
     if not in_range:
-        raise CommandError(OUT_OF_RANGE)
+        raise _CommandError(_OUT_OF_RANGE)
 
 
 def _fields(numbers: list[int]) -> str:

@@ -1,10 +1,9 @@
 from .cameras.camera import Camera, CameraInfo, Frame, FrameFlag, ListedCamera
 from .cameras.kinds import list_cameras
-from .config.defect import Defect
 from .config.fault_plan import FaultPlan
 from .config.rig import RigConfig, load_config
 from .config.sequence_plan import SequencePlan
-from .config.simulation import Placement
+from .config.simulation import Defect, Placement
 from .errors import CameraError, ConfigError, HardwareError, LightControllerError
 from .lights.driver import LightController, Switch
 from .lights.link import ControllerIdentity

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import Array, FloatMap
 from classify.base.errors import InputError
 
 _CFA, _LINEAR_RAW, _UNSIGNED = 32803, 34892, 1
@@ -19,10 +20,7 @@ _OPCODE_LISTS, _RESPONSE_OPCODES = (51008, 51009), (7, 8, 10, 11, 12, 13)
 
 
 def linear_raw(content: bytes, page: Any) -> npt.NDArray[np.uint16]:
-    """Raw image (H, W) or (H, W, 3) of a `tifffile` page as linear camera RGB, 0 to 65535.
-
-    There is no white balance and no colour matrix, so that a pixel depends on the light in it only.
-    """
+    """Raw image (H, W) or (H, W, 3) of a `tifffile` page as linear camera RGB, 0 to 65535."""
     try:
         import rawpy
     except ImportError:
@@ -48,7 +46,7 @@ def linear_raw(content: bytes, page: Any) -> npt.NDArray[np.uint16]:
             return levels if samples == 3 else levels[:, :, 0]
         # LibRaw fills in the missing colours of these levels, and does nothing else.
         raw.raw_image_visible[:] = levels[:, :, 0]
-        rgb: npt.NDArray[Any] = raw.postprocess(
+        rgb: Array = raw.postprocess(
             gamma=(1, 1), no_auto_bright=True, no_auto_scale=True, adjust_maximum_thr=0.0,
             output_bps=16, output_color=rawpy.ColorSpace.raw, user_flip=0, user_black=0,
             user_cblack=[0] * 4, user_sat=65535, user_wb=[1.0] * 4,
@@ -57,7 +55,7 @@ def linear_raw(content: bytes, page: Any) -> npt.NDArray[np.uint16]:
     return np.asarray(rgb, np.uint16)
 
 
-def _from_black_to_white(values: npt.NDArray[Any], page: Any) -> npt.NDArray[np.uint16]:
+def _from_black_to_white(values: Array, page: Any) -> npt.NDArray[np.uint16]:
     rows, columns = values.shape[:2]
     down, across = _numbers(page, _BLACK_REPEAT, 1, 1).astype(int)
     pattern = _numbers(page, _BLACK, 0).reshape(down, across, -1)
@@ -74,10 +72,10 @@ def _from_black_to_white(values: npt.NDArray[Any], page: Any) -> npt.NDArray[np.
     return np.asarray(np.rint(65535.0 * share), np.uint16)
 
 
-def _numbers(page: Any, tag: int, *default: float) -> npt.NDArray[np.float32]:
-    found = page.tags.get(tag)
-    numbers = np.ravel(default if found is None else found.value).astype(np.float32)
-    return numbers[::2] / numbers[1::2] if found is not None and found.dtype in (5, 10) else numbers
+def _numbers(page: Any, tag: int, *default: float) -> FloatMap:
+    entry = page.tags.get(tag)
+    numbers = np.ravel(default if entry is None else entry.value).astype(np.float32)
+    return numbers[::2] / numbers[1::2] if entry is not None and entry.dtype in (5, 10) else numbers
 
 
 def _opcodes(content: bytes) -> Iterator[int]:

@@ -29,10 +29,7 @@ class FrameKind(Enum):
 
 
 class NoFreshFrameError(CameraError):
-    """The camera delivers frames, but no fresh one.
-
-    `found` has the counts of the other frames and the waiting time, as text.
-    """
+    """The camera delivers frames, but no fresh one."""
 
     def __init__(self, counts: Counter[FrameKind], waited_s: float) -> None:
         received = ", ".join(f"{count} {kind.value}" for kind, count in counts.items())

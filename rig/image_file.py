@@ -1,8 +1,7 @@
 """Read a PNG, JPEG, TIFF, TGA or DNG: damage is an error, memory is bounded.
 
-The tags of a file are checked before its pixels are decoded. OpenCV fills the missing part of a
-truncated JPEG with grey, and libpng prints warnings. So a JPEG is decoded by simplejpeg, which
-makes warnings errors, and a PNG is checked before it is decoded.
+The tags of a file are checked before its pixels are decoded. simplejpeg and imagecodecs decode JPEG
+and PNG, because OpenCV fills the missing part of a truncated JPEG with grey.
 """
 
 import io
@@ -18,10 +17,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import Array
 from classify.base.errors import InputError
 from classify.base.regular_file import read_regular_file
 
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
     import tifffile
 
 Image = npt.NDArray[np.uint8 | np.uint16]
-Decoded = tuple[npt.NDArray[Any], ImageMetadata]
+_Decoded = tuple[Array, ImageMetadata]
 _MAX_BYTES = 2**31
 _MAX_SIDE_PX = 32768
 # A file may declare this many bytes of pixels, or this many times its own length if that is more.
@@ -52,21 +51,10 @@ _TIFF_COMPRESSIONS = (
     "NONE", "LZW", "ADOBE_DEFLATE", "DEFLATE", "PACKBITS", "LZMA", "ZSTD", "WEBP", "JPEGXL",
 )  # fmt: skip
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-# Samples per pixel, and the allowed bits of a sample, for each colour type of a PNG (section 11.2.2
-# of its specification).
-_PNG_COLOUR_TYPES = {
-    0: (1, (1, 2, 4, 8, 16)), 2: (3, (8, 16)), 3: (1, (1, 2, 4, 8)), 4: (2, (8, 16)),
-    6: (4, (8, 16)),
-}  # fmt: skip
+_PNG_SAMPLES = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # of a pixel, by colour type
 _PNG_PALETTE, _PNG_GREY_ALPHA = 3, 4
 _PNG_TEXTS = (b"EXt", b"TXt")
 _PNG_METADATA = ("eXIf", "XML:com.adobe.xmp", "exif:Orientation", "iCCP", "sRGB", "gAMA", "cICP")
-# First column and row, and steps between columns and rows, of the passes of a PNG.
-_ONE_PASS = ((0, 0, 1, 1),)
-_ADAM7 = (
-    (0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2),
-    (0, 1, 1, 2),
-)  # fmt: skip
 
 
 def read_image(path: Path) -> Image:
@@ -85,7 +73,7 @@ def read_exposure_ms(path: Path) -> float | None:
 
 def read_image_file(path: Path) -> tuple[Image, ImageMetadata]:
     """Read an image as `read_image`, with its metadata."""
-    readers: dict[str, tuple[str, Callable[[bytes], Decoded]]] = {
+    readers: dict[str, tuple[str, Callable[[bytes], _Decoded]]] = {
         ".png": ("PNG", _png), ".jpg": ("JPEG", _jpeg), ".jpeg": ("JPEG", _jpeg),
         ".tif": ("TIFF", _tiff), ".tiff": ("TIFF", _tiff), ".tga": ("TGA", _tga),
         ".dng": ("DNG", partial(_tiff, is_raw=True)),
@@ -119,7 +107,7 @@ def _require_size(rows: int, columns: int, declared_bytes: int, held_bytes: int)
         )
 
 
-def _jpeg(content: bytes) -> Decoded:
+def _jpeg(content: bytes) -> _Decoded:
     import simplejpeg
     from PIL.JpegImagePlugin import JpegImageFile
 
@@ -144,25 +132,28 @@ def _jpeg(content: bytes) -> Decoded:
     return image[:, :, 0] if grey else image, metadata
 
 
-def _png(content: bytes) -> Decoded:
-    """Check all chunks and the length of the pixels, then decode the critical chunks.
+def _png(content: bytes) -> _Decoded:
+    """Check all chunks and the declared size, then decode the critical chunks.
 
     No ancillary chunk changes a pixel value, and libpng prints warnings about them.
     """
+    import imagecodecs
     from PIL.PngImagePlugin import PngImageFile
 
     chunks = list(_png_chunks(content))
     kinds = {chunk[4:8]: chunk[8:-4] for chunk in chunks}
-    indexed = _check_png_pixels([(chunk[4:8], chunk[8:-4]) for chunk in chunks], len(content))
+    colour_type = _check_png_header(chunks, len(content))
     if b"acTL" in kinds:
         raise InputError("an animation; save one image")
-    names = [each[8:].split(b"\0")[0] if each[5:8] in _PNG_TEXTS else each[4:8] for each in chunks]
-    for name in (each.decode("latin-1") for each, count in Counter(names).items() if count > 1):
+    names = [
+        chunk[8:].split(b"\0")[0] if chunk[5:8] in _PNG_TEXTS else chunk[4:8] for chunk in chunks
+    ]
+    for name in (name.decode("latin-1") for name, count in Counter(names).items() if count > 1):
         if name in _PNG_METADATA or name.startswith("Raw profile type "):
             raise InputError(f"holds {name} twice; remove one of them")
-    critical = (b"IHDR", b"IDAT", b"IEND", *((b"PLTE",) if indexed else ()))
-    plain = _PNG_SIGNATURE + b"".join(each for each in chunks if each[4:8] in critical)
-    image: Any = cv2.imdecode(np.frombuffer(plain, np.uint8), cv2.IMREAD_UNCHANGED)
+    critical = (b"IHDR", b"IDAT", b"IEND", *((b"PLTE",) if colour_type == _PNG_PALETTE else ()))
+    plain = _PNG_SIGNATURE + b"".join(chunk for chunk in chunks if chunk[4:8] in critical)
+    image: Any = imagecodecs.png_decode(plain)
     # Pillow reads what stands in front of the pixels.
     chunks.sort(key=lambda chunk: chunk[4:8] in (b"IDAT", b"IEND"))
     info = PngImageFile(io.BytesIO(_PNG_SIGNATURE + b"".join(chunks))).info
@@ -171,9 +162,9 @@ def _png(content: bytes) -> Decoded:
     known = {b"\x08\0\1": "linear", b"\x0d\0\1": "srgb"}
     stated = known.get(code, f"colour space {[*code]}")
     metadata = metadata_of_info(info, *[stated] * (b"cICP" in kinds))
-    if image.ndim == 2 or kinds[b"IHDR"][9] == _PNG_GREY_ALPHA:
+    if image.ndim == 2 or colour_type == _PNG_GREY_ALPHA:
         return np.atleast_3d(image)[:, :, 0], metadata
-    return image[:, :, 2::-1], metadata
+    return image[:, :, :3], metadata
 
 
 def _png_chunks(content: bytes) -> Iterator[bytes]:
@@ -192,46 +183,17 @@ def _png_chunks(content: bytes) -> Iterator[bytes]:
     raise ValueError("the end is missing")
 
 
-def _check_png_pixels(chunks: list[tuple[bytes, bytes]], held_bytes: int) -> bool:
-    """Check header, palette and pixel data; return whether the pixels are palette indices."""
-    kind, header = chunks[0]
-    if kind != b"IHDR" or len(header) != 13:
+def _check_png_header(chunks: list[bytes], held_bytes: int) -> int:
+    """Check the header and the size that it declares; return the colour type."""
+    if not chunks or chunks[0][4:8] != b"IHDR" or len(chunks[0]) != 25:
         raise ValueError("no header")
-    columns, rows, depth, colour_type, compression, filtering, interlace = struct.unpack(
-        ">IIBBBBB", header
-    )
-    samples, depths = _PNG_COLOUR_TYPES.get(colour_type, (0, ()))
-    if depth not in depths or compression or filtering or interlace > 1:
-        raise ValueError("the header is invalid")
-    bits = samples * depth
-    passes = [
-        (math.ceil((rows - y) / step_y), math.ceil((columns - x) / step_x))
-        for x, y, step_x, step_y in (_ADAM7 if interlace else _ONE_PASS)
-    ]
-    sizes = [(h, 1 + math.ceil(w * bits / 8)) for h, w in passes if h > 0 and w > 0]
-    declared = sum(h * row_bytes for h, row_bytes in sizes)
-    _require_size(rows, columns, declared, held_bytes)
-    inflate = zlib.decompressobj()
-    try:
-        packed = b"".join(data for kind, data in chunks if kind == b"IDAT")
-        raw = inflate.decompress(packed, declared + 1)
-    except zlib.error as error:
-        raise ValueError(f"pixel data: {error}") from error
-    if len(raw) != declared or not inflate.eof or inflate.unused_data:
-        raise ValueError("the pixel data do not have the length that the header declares")
-    start = 0
-    for h, row_bytes in sizes:
-        if max(raw[start : start + h * row_bytes : row_bytes]) > 4:
-            raise ValueError("a row has an unknown filter type")
-        start += h * row_bytes
-    palettes = [data for kind, data in chunks if kind == b"PLTE"]
-    indexed = bool(colour_type == _PNG_PALETTE)
-    if indexed and (len(palettes) != 1 or len(palettes[0]) not in range(3, 769, 3)):
-        raise ValueError("the palette is missing or invalid")
-    return indexed
+    columns, rows, depth, colour_type = struct.unpack(">IIBB", chunks[0][8:18])
+    samples = _PNG_SAMPLES.get(colour_type, 0)
+    _require_size(rows, columns, rows * columns * samples * depth // 8, held_bytes)
+    return int(colour_type)
 
 
-def _tga(content: bytes) -> Decoded:
+def _tga(content: bytes) -> _Decoded:
     from PIL.TgaImagePlugin import TgaImageFile
 
     if (content[2] & ~8, content[16]) not in ((2, 24), (2, 32), (3, 8)):
@@ -254,18 +216,18 @@ def _tga(content: bytes) -> Decoded:
     return pixels if pixels.ndim == 2 else pixels[:, :, :3], metadata
 
 
-def _tiff(content: bytes, is_raw: bool = False) -> Decoded:
+def _tiff(content: bytes, is_raw: bool = False) -> _Decoded:
     """Decode the only image of full resolution."""
     # Imported here, so that a simulated rig opens without it.
     import tifffile
 
     tifffile.logger().addHandler(logging.NullHandler())  # else its warnings go to stderr
     with tifffile.TiffFile(io.BytesIO(content)) as tiff:
-        pages: list[tuple[Any, Any]] = [(each, each) for each in tiff.pages]
-        pages += [(each, parent) for parent, _ in pages for each in parent.pages or ()]
+        pages: list[tuple[Any, Any]] = [(child, child) for child in tiff.pages]
+        pages += [(child, parent) for parent, _ in pages for child in parent.pages or ()]
         if not pages:
             raise ValueError("it holds no image")
-        full = [each for each in pages if not each[0].subfiletype & ~_ONE_OF_SEVERAL]
+        full = [candidate for candidate in pages if not candidate[0].subfiletype & ~_ONE_OF_SEVERAL]
         if len(full) != 1:
             raise InputError(f"holds {len(full)} images of full resolution; save one in a file")
         page, parent = full[0]
@@ -277,7 +239,9 @@ def _tiff(content: bytes, is_raw: bool = False) -> Decoded:
         _require_size(page.imagelength, page.imagewidth, declared, len(content))
         # Each file of an OME-TIFF lists the images of all of them.
         stacks = [] if tiff.is_ome else [each for each in tiff.series if each.keyframe is page]
-        if page.imagedepth > 1 or any(each.size != page.size or each.transform for each in stacks):
+        if page.imagedepth > 1 or any(
+            series.size != page.size or series.transform for series in stacks
+        ):
             raise InputError("holds a stack of images; save one in a file")
         metadata = metadata_of_pages(*dict.fromkeys((parent, page)))
         if is_raw:
@@ -285,7 +249,7 @@ def _tiff(content: bytes, is_raw: bool = False) -> Decoded:
         return _tiff_pixels(page), metadata
 
 
-def _tiff_pixels(page: "tifffile.TiffPage") -> npt.NDArray[Any]:
+def _tiff_pixels(page: "tifffile.TiffPage") -> Array:
     import tifffile
 
     kind = tifffile.PHOTOMETRIC(page.photometric).name

@@ -13,9 +13,9 @@ from datetime import datetime
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from PIL import ExifTags, Image
 
+from classify.base.arrays import FloatMap
 from classify.base.errors import InputError
 
 # An attribute or an element of an XMP packet, and its value.
@@ -48,10 +48,7 @@ class ImageMetadata:
 def metadata_of_info(
     info: Mapping[Any, Any], *responses: str, segments: Sequence[bytes] = ()
 ) -> ImageMetadata:
-    """Return what Pillow's `info` of a JPEG or PNG states, and segments with EXIF data or XMP.
-
-    `responses` go before those of `info`.
-    """
+    """Return what Pillow's `info` of a JPEG or PNG states, and segments with EXIF data or XMP."""
     texts = [text for name, text in info.items() if str(name).startswith("Raw profile type ")]
     blobs = [info.get("exif"), info.get("xmp"), str(info.get("XML:com.adobe.xmp", "")).encode()]
     # ImageMagick writes profiles into a PNG as name, length and hexadecimal digits, and the tags
@@ -70,9 +67,9 @@ def metadata_of_info(
 def metadata_of_pages(*pages: Any) -> ImageMetadata:
     """Return what the tags of `tifffile` pages state."""
     directories = [{tag.name: tag.value for tag in page.tags} for page in pages]
-    directories += [each["ExifTag"] for each in directories if "ExifTag" in each]
-    profiles = [each["InterColorProfile"] for each in directories if "InterColorProfile" in each]
-    blobs = [bytes(each[name]) for each in directories for name in _TIFF_BLOBS if name in each]
+    directories += [ifd["ExifTag"] for ifd in directories if "ExifTag" in ifd]
+    profiles = [ifd["InterColorProfile"] for ifd in directories if "InterColorProfile" in ifd]
+    blobs = [bytes(ifd[name]) for ifd in directories for name in _TIFF_BLOBS if name in ifd]
     more, packets, _ = _contents(blobs)
     return _metadata([*directories, *more], packets, [*map(_profile_response, profiles)])
 
@@ -83,15 +80,15 @@ def _contents(blobs: Iterable[bytes]) -> tuple[list[Mapping[Any, Any]], list[byt
     packets, profiles = [], []
     for blob in blobs:
         resources = [*_PHOTOSHOP_RESOURCE.finditer(blob)]
-        ends = [each.end() + int.from_bytes(each[1], "big") for each in resources]
-        parts = [blob[each.end() : end] for each, end in zip(resources, ends, strict=True)]
+        ends = [match.end() + int.from_bytes(match[1], "big") for match in resources]
+        parts = [blob[match.end() : end] for match, end in zip(resources, ends, strict=True)]
         for part in parts or [blob]:
             data = _EXIF_NAME.sub(b"", part)
             if data.startswith((b"II*\0", b"MM\0*")):
                 exif = Image.Exif()
                 exif.load(data)
-                for directory in (exif, exif.get_ifd(ExifTags.IFD.Exif)):
-                    named = {ExifTags.TAGS.get(tag): value for tag, value in directory.items()}
+                for ifd in (exif, exif.get_ifd(ExifTags.IFD.Exif)):
+                    named = {ExifTags.TAGS.get(tag): value for tag, value in ifd.items()}
                     directories.append(named)
             elif data[36:40] == b"acsp":
                 profiles.append(data)
@@ -103,8 +100,8 @@ def _contents(blobs: Iterable[bytes]) -> tuple[list[Mapping[Any, Any]], list[byt
 def _metadata(
     directories: Sequence[Mapping[Any, Any]], packets: Sequence[bytes], responses: Sequence[str]
 ) -> ImageMetadata:
-    stated = [("Orientation", each.get("Orientation", 0)) for each in directories]
-    stated += [("ColorSpace", each["ColorSpace"]) for each in directories if "ColorSpace" in each]
+    stated = [("Orientation", ifd.get("Orientation", 0)) for ifd in directories]
+    stated += [("ColorSpace", ifd["ColorSpace"]) for ifd in directories if "ColorSpace" in ifd]
     for packet in packets:
         found = _XMP_NUMBER.findall(packet.replace(b"\0", b""))
         stated += [(name.decode(), number.decode(errors="replace")) for name, number in found]
@@ -113,7 +110,7 @@ def _metadata(
     if len(orientations) > 1 or not orientations <= {*range(1, 9)}:
         listed = " and ".join(map(str, sorted(orientations)))
         raise InputError(f"its EXIF and XMP data state orientation {listed}; remove the wrong one")
-    tags = {name: value for each in directories for name, value in each.items()}
+    tags = {name: value for ifd in directories for name, value in ifd.items()}
     responses = [*responses, *(f"a {name}" for name in _RESPONSE_TAGS if name in tags)]
     for space in {_whole(value) for name, value in stated if name == "ColorSpace"}:
         if space != _UNCALIBRATED:
@@ -187,12 +184,12 @@ def _date(date: str, offset: str) -> str | None:
 _BT709_WEIGHTS = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
 
 
-def linear_from_srgb(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def linear_from_srgb(values: FloatMap) -> FloatMap:
     """Linear light, float32 from 0 to 1, of sRGB values from 0 to 1 (IEC 61966-2-1)."""
     linear = np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
     return linear.astype(np.float32)
 
 
-def luminance(rgb: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def luminance(rgb: FloatMap) -> FloatMap:
     """(H, W) luminance of linear red, green, blue (H, W, 3) float32 (ITU-R BT.709)."""
     return np.asarray(rgb @ _BT709_WEIGHTS, np.float32)

@@ -1,7 +1,7 @@
 """The commented ``rig.toml`` that ``ps4rig rig init`` writes for found devices."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from .cameras.camera import ListedCamera
 from .config.lights import AUTO
@@ -9,23 +9,23 @@ from .errors import LightControllerError
 from .lights.discovery import SerialPort, identify
 from .lights.link import ControllerIdentity
 
-Controllers = Sequence[tuple[SerialPort, ControllerIdentity]]
+_Controllers = Sequence[tuple[SerialPort, ControllerIdentity]]
 
 
 def answering_controllers(
-    ports: Sequence[SerialPort], ask: Callable[[str], ControllerIdentity] = identify
+    ports: Sequence[SerialPort],
 ) -> list[tuple[SerialPort, ControllerIdentity]]:
     """The light controllers that answer at `ports`, in their order."""
     controllers = []
     for port in ports:
         try:
-            controllers.append((port, ask(port.device)))
+            controllers.append((port, identify(port.device)))
         except LightControllerError:
             continue
     return controllers
 
 
-def initial_config(controllers: Controllers, cameras: Sequence[ListedCamera]) -> str:
+def initial_config(controllers: _Controllers, cameras: Sequence[ListedCamera]) -> str:
     """A ``rig.toml`` for the first controller and camera that work, with the others in comments."""
     return "\n".join(
         [
@@ -52,7 +52,7 @@ def initial_config(controllers: Controllers, cameras: Sequence[ListedCamera]) ->
     )
 
 
-def _port_lines(controllers: Controllers) -> list[str]:
+def _port_lines(controllers: _Controllers) -> list[str]:
     lines = [
         f"# Found: light controller {who.serial_number} ({who.model}, firmware "
         f"{who.firmware_version}) at {port.by_id or port.device}"

@@ -14,6 +14,7 @@ from .cameras.kinds import CAMERA_KINDS
 from .config.lights import AUTO
 from .config.rig import RigConfig, config_of
 from .lights.discovery import (
+    Whereabouts,
     find_controller,
     known_port,
     list_serial_ports,
@@ -22,7 +23,6 @@ from .lights.discovery import (
 )
 from .lights.driver import LightController
 from .lights.link import DEFAULT_TIMEOUTS, LinkTimeouts
-from .lights.recovery import Whereabouts
 from .lights.sequence import require_one_line
 from .signals import signals_held_back
 from .simulation.rig import Simulation

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import tifffile
 
+from classify.base.arrays import BoolArray
 from classify.base.errors import InputError
 from classify.base.regular_file import open_regular_file
 
@@ -53,7 +54,7 @@ def read_set_header(path: Path) -> tuple[dict[str, Any], tuple[int, int, int]]:
 
 
 def pixels_sha256(
-    images: Planes, ambient: Planes | None = None, mask: npt.NDArray[np.bool_] | None = None
+    images: Planes, ambient: Planes | None = None, mask: BoolArray | None = None
 ) -> str:
     """SHA-256 of all pixels, in the order of the pages, as little-endian 16-bit rows."""
     digest = hashlib.sha256()
@@ -67,9 +68,7 @@ def hash_page(digest: "hashlib._Hash", plane: Planes) -> None:
     digest.update(np.ascontiguousarray(plane, dtype="<u2").data)
 
 
-def pages(
-    images: Planes, ambient: Planes | None, mask: npt.NDArray[np.bool_] | None
-) -> list[Planes]:
+def pages(images: Planes, ambient: Planes | None, mask: BoolArray | None) -> list[Planes]:
     """Return the pages of a file; a mask is 65535 inside and 0 outside."""
     last = [] if mask is None else [np.where(mask, np.uint16(65535), np.uint16(0))]
     return [*images, *(() if ambient is None else (ambient,)), *last]

@@ -49,6 +49,7 @@ STOREYS = {
         {"initial_config", "simulation"},
         {"rig"},
         {"fresh_frame"},
+        {"step_fit"},
         {"latency"},
         {"doctor"},
     ),

@@ -27,18 +27,17 @@ from capture.sets.metadata import (
 )
 from capture.sets.pixel_hash import PixelHash
 from classify.base.errors import InputError, Ps4rigError
-from classify.base.labels import checked_label
 from classify.calibration.calibration import Calibration
 from classify.lights.agreement import like_signed
+from classify.methods import checked_label
 from rig import CameraInfo, HardwareError, Rig
 
 from .frame_mean import SetImage
 from .fresh_frames import FrameHistory, light_name
 from .hardware_set import images_in_sequence
-from .light_checks import check_target
+from .light_checks import check_set, check_target
 from .light_images import images_under
 from .part_sensor import ArrivedPart
-from .set_checks import check_set
 
 # Keeps the sum of 16-bit frames far within 32 bits.
 MAX_AVERAGE = 1024

@@ -1,13 +1,16 @@
-"""Frames of one still scene at one exposure or several, for a calibration."""
+"""Frames for the calibration of a camera: lens covered, and exposure ladder."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from capture.procedures.camera_parts import Rung, levels_of
 from classify.base.errors import ConfigError
+from classify.calibration.calibration import Calibration
+from classify.calibration.dark_frames import DarkFrames, dark_of
 from rig import Frame, Rig
 from rig.cameras.camera import EXPOSURE_LAG_FRAMES, Pixels
 from rig.errors import CameraError
@@ -23,6 +26,45 @@ _RATIOS = (*[1.12] * 6, *[1.25] * 5, *[1.6] * 5)
 # Divisor of the exposure while more than half of the frame is saturated.
 _SHORTER = 1.4
 _SATURATED = 0.5
+# Hot pixels are those beyond the noise of one frame, which 16 frames average away.
+_DARK_FRAMES = 16
+# Frames at each exposure. Their differences show the noise, with three degrees of freedom.
+_LADDER_FRAMES = 4
+
+_Series = tuple[float, Pixels]
+
+
+def _without_progress(items: Iterator[_Series], _: int) -> Iterable[_Series]:
+    return items
+
+
+def dark_of_rig(rig: Rig) -> DarkFrames:
+    """Measure frames of a rig with its lens covered; its LEDs must not change them."""
+    frames = frame_series(rig, None, _DARK_FRAMES)
+    lit = np.concatenate([frame_series(rig, light, 1) for light in range(len(rig.lighting))])
+    return dark_of(frames, (1 << rig.camera.info.bit_depth) - 1, lit)
+
+
+def rungs_of_rig(
+    rig: Rig,
+    calibration: Calibration,
+    shown: Callable[[Iterator[_Series], int], Iterable[_Series]] = _without_progress,
+) -> list[Rung]:
+    """Capture a ladder of exposures of a white sheet, and restore the exposure.
+
+    `shown` draws a progress bar: it gets the frames of all exposures and their number, and yields
+    the frames.
+    """
+    bit_depth = rig.camera.info.bit_depth
+    full_scale = (1 << bit_depth) - 1
+    with restored_exposure(rig):
+        light = brightest_light(rig)
+        exposures_ms = ladder_ms(rig, light)
+        series = ladder_frames(rig, light, exposures_ms, _LADDER_FRAMES)
+        return [
+            Rung(exposure_ms, levels_of(frames, full_scale, bit_depth, calibration))
+            for exposure_ms, frames in shown(series, len(exposures_ms))
+        ]
 
 
 def frame_series(rig: Rig, light: int | None, count: int) -> Pixels:

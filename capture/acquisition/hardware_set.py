@@ -18,7 +18,6 @@ from rig import (
     SequenceReport,
 )
 from rig.cameras.config import StampedCameraConfig
-from rig.cameras.frame_time import start_known_to_s
 from rig.fresh_frame import begin_sequence
 
 from .frame_mean import FrameMean, SetImage
@@ -136,7 +135,7 @@ def _tolerance_s(rig: Rig, report: SequenceReport) -> float:
         )
     camera = rig.config.camera
     assert isinstance(camera, StampedCameraConfig)  # RigConfig plans a sequence for no other
-    return min(most_s, start_known_to_s(camera) + _TOLERANCE_S) + report.clock.uncertainty_s
+    return min(most_s, camera.start_known_to_s + _TOLERANCE_S) + report.clock.uncertainty_s
 
 
 def _exposures_s(rig: Rig, plan: SequencePlan, report: SequenceReport) -> list[float]:

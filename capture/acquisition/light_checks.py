@@ -4,6 +4,7 @@ The redundancy of four light images of a matt surface shows faults. Where it can
 compared with a retake in the opposite order, in which a passing fault has other effects.
 """
 
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -11,23 +12,10 @@ import numpy as np
 from capture.base.errors import SetRejected
 from capture.sets.image_checks import Images, LightImages
 from capture.sets.metadata import ChecksRecord
-from classify import Lighting
+from classify.calibration.calibration import Calibration
 from classify.lights.agreement import LightAgreement, image_difference
-from classify.lights.order import LightOrder, light_order
-from rig.acceptance import (
-    DEAD_LED_SHARE,
-    LED_LEVEL_STANDARD_ERRORS,
-    MAX_AMBIENT_CHANGE,
-    MAX_AMBIENT_SHARE,
-    MAX_LED_LEVEL_DIFFERENCE,
-    MAX_LED_LEVEL_ERROR,
-    MAX_REDUNDANCY_RESIDUAL,
-    MAX_RETAKE_CHANGE,
-    MAX_SATURATED_SHARE,
-    MIN_COMPARED_ROWS,
-    MIN_SIGNAL_SHARE,
-    WEAK_LED_SHARE,
-)
+from classify.lights.order import light_order
+from rig import acceptance
 
 # Correlation of the ambient image with an LED's shading from which the LED is named as the one
 # that stays on; test_fault_matrix.py has LEDs stuck on at a third of their level. It only changes
@@ -35,11 +23,39 @@ from rig.acceptance import (
 _STAYS_ON_CORRELATION = 0.3
 
 
+def check_set(
+    images: LightImages, known: Calibration, retake: Callable[[], Images]
+) -> ChecksRecord:
+    """Check the images of a set; undecided checks call `retake` once, which captures them again."""
+    calibrated = images.calibrated(known)
+    ambient_change = _check_ambient(images)
+    check_images(images)
+    _check_different(images)
+    agreement = calibrated.agreement()
+    _check_levels(agreement, calibrated)
+    undecided = _retake_reasons(agreement)
+    if undecided:
+        _check_retake(images, retake())
+        if agreement is None or agreement.levels is None:
+            _check_signals(calibrated)
+    light_order = _checked_order(calibrated)
+    levels = None if agreement is None else agreement.levels
+    return ChecksRecord(
+        ambient_change=ambient_change,
+        redundancy_residual=None if agreement is None else agreement.redundancy_residual,
+        light_levels=levels,
+        light_levels_error=None if agreement is None or levels is None else agreement.level_error,
+        retaken=bool(undecided),
+        light_order=light_order,
+        undecided=undecided,
+    )
+
+
 def check_images(images: LightImages) -> None:
     """Reject images that are saturated or dark, by the limits of `rig.acceptance`."""
     causes: list[str] = []
     full_scale, ambient_mean = images.full_scale, images.ambient_mean
-    if ambient_mean > MAX_AMBIENT_SHARE * full_scale:
+    if ambient_mean > acceptance.MAX_AMBIENT_SHARE * full_scale:
         causes.append(
             f"ambient light fills {ambient_mean / full_scale:.0%} of the range; shield the rig"
         )
@@ -47,36 +63,37 @@ def check_images(images: LightImages) -> None:
     brightest = float(signals.max())
     shares = images.saturated_shares()
     for name, saturated, signal in zip(images.names, shares, signals, strict=True):
-        if saturated > MAX_SATURATED_SHARE:
+        if saturated > acceptance.MAX_SATURATED_SHARE:
             causes.append(
                 f"{name}: {saturated:.1%} of the pixels are saturated (limit "
-                f"{MAX_SATURATED_SHARE:.0%}); shorten the exposure"
+                f"{acceptance.MAX_SATURATED_SHARE:.0%}); shorten the exposure"
             )
-        elif signal < MIN_SIGNAL_SHARE * full_scale:
+        elif signal < acceptance.MIN_SIGNAL_SHARE * full_scale:
             causes.append(
                 f"{name}: dark, {signal:.1f} of {full_scale} above ambient light: the LED is dead "
                 "or always on, or the exposure too short; run ps4rig rig doctor"
             )
-        elif signal < DEAD_LED_SHARE * brightest:
+        elif signal < acceptance.DEAD_LED_SHARE * brightest:
             causes.append(
                 f"{name}: only {signal / brightest:.0%} of the brightest light (limit "
-                f"{DEAD_LED_SHARE:.0%}); uncover or replace the LED"
+                f"{acceptance.DEAD_LED_SHARE:.0%}); uncover or replace the LED"
             )
     if causes:
         raise SetRejected("set rejected: " + "; ".join(causes))
 
 
-def check_ambient(images: LightImages) -> float | None:
+def _check_ambient(images: LightImages) -> float | None:
     """Difference of the ambient images as a share of the brightest light's signal; None of one."""
     if images.later_ambient is None:
         return None
     signal = max(1.0, float(images.signals.max()))
     change = image_difference(images.ambient, images.later_ambient, signal, images.noise)
-    if change > MAX_AMBIENT_CHANGE:
+    if change > acceptance.MAX_AMBIENT_CHANGE:
         raise SetRejected(
             f"set rejected: the two ambient images differ by {change:.1%} of an LED's light (limit "
-            f"{MAX_AMBIENT_CHANGE:.0%}): an LED stays on, a frame was black, torn or older than "
-            "its time stamp, or other light changed; shield the rig, then run ps4rig rig doctor"
+            f"{acceptance.MAX_AMBIENT_CHANGE:.0%}): an LED stays on, a frame was black, torn or "
+            "older than its time stamp, or other light changed; shield the rig, then run ps4rig "
+            "rig doctor"
         )
     return change
 
@@ -87,10 +104,10 @@ def check_target(images: LightImages) -> ChecksRecord:
     Uncalibrated lights are unequal and near, a mirror sphere is dark but for its highlight, and a
     sheet has no shading: the procedures of the calibration judge these.
     """
-    check_different(images)
-    bright = float(images.signals.max()) >= MIN_SIGNAL_SHARE * images.full_scale
+    _check_different(images)
+    bright = float(images.signals.max()) >= acceptance.MIN_SIGNAL_SHARE * images.full_scale
     return ChecksRecord(
-        ambient_change=check_ambient(images) if bright else None,
+        ambient_change=_check_ambient(images) if bright else None,
         redundancy_residual=None,
         light_levels=None,
         light_levels_error=None,
@@ -99,23 +116,23 @@ def check_target(images: LightImages) -> ChecksRecord:
     )
 
 
-def retake_reasons(agreement: LightAgreement | None) -> tuple[str, ...]:
+def _retake_reasons(agreement: LightAgreement | None) -> tuple[str, ...]:
     """Reasons for a retake, in words, by the agreement of the images; empty if none."""
     if agreement is None:
         return ("the redundancy needs four lights in general position",)
     causes, residual = [], agreement.redundancy_residual
-    if residual > MAX_REDUNDANCY_RESIDUAL:
+    if residual > acceptance.MAX_REDUNDANCY_RESIDUAL:
         causes.append(f"the redundancy residual is {residual:.1%} of the signal")
-    if agreement.compared_rows < MIN_COMPARED_ROWS:
+    if agreement.compared_rows < acceptance.MIN_COMPARED_ROWS:
         causes.append(f"all lights together reach {agreement.compared_rows:.0%} of the rows")
     if agreement.levels is None:
         causes.append("no LED levels explain the light images")
-    elif agreement.level_error > MAX_LED_LEVEL_ERROR:
+    elif agreement.level_error > acceptance.MAX_LED_LEVEL_ERROR:
         causes.append(f"LED levels are known to {agreement.level_error:.1%} only")
     return tuple(causes)
 
 
-def check_retake(images: LightImages, retaken: Images) -> None:
+def _check_retake(images: LightImages, retaken: Images) -> None:
     """Reject light images that a retake does not confirm."""
     ambient, signals = images.ambient_mean, images.signals
     for name, first, second, signal in zip(
@@ -123,40 +140,36 @@ def check_retake(images: LightImages, retaken: Images) -> None:
     ):
         change = image_difference(first, second, signal, images.noise)
         change = max(change, abs(float(second.mean()) - ambient - signal) / signal)
-        if change > MAX_RETAKE_CHANGE:
+        if change > acceptance.MAX_RETAKE_CHANGE:
             raise SetRejected(
                 f"set rejected: the retake under {name} differs by {change:.1%} (limit "
-                f"{MAX_RETAKE_CHANGE:.0%}): the LED flickers, the exposure drifts, a frame was "
-                "torn or showed another light, or the part moved; keep the part still, then run "
-                "ps4rig rig doctor"
+                f"{acceptance.MAX_RETAKE_CHANGE:.0%}): the LED flickers, the exposure drifts, a "
+                "frame was torn or showed another light, or the part moved; keep the part still, "
+                "then run ps4rig rig doctor"
             )
 
 
-def check_signals(images: LightImages) -> None:
+def _check_signals(images: LightImages) -> None:
     """Reject light images of which one is far darker than the others."""
     shares = images.signals / images.lighting.intensities
     shares /= np.median(shares)
     for name, share in zip(images.names, shares.tolist(), strict=True):
-        if share < WEAK_LED_SHARE:
+        if share < acceptance.WEAK_LED_SHARE:
             raise SetRejected(
                 f"set rejected: {name} gives {share:.0%} of the others' light (limit "
-                f"{WEAK_LED_SHARE:.0%}); uncover or replace the LED, or move the part out of shadow"
+                f"{acceptance.WEAK_LED_SHARE:.0%}); uncover or replace the LED, or move the part "
+                "out of shadow"
             )
 
 
-def order_of(images: LightImages) -> LightOrder | None:
-    """Order of the lights by the shading; None for another number than four."""
-    if len(images.lighting) != 4:
-        return None
-    return light_order(
-        images.images, images.lighting, ambient=images.ambient, full_scale=images.full_scale
-    )
-
-
-def check_order(order: LightOrder | None, lighting: Lighting) -> Literal["confirmed", "undecided"]:
-    """Whether the shading confirms the order of the lights, by the result of `order_of`."""
-    if order is None:
+def _checked_order(images: LightImages) -> Literal["confirmed", "undecided"]:
+    """Whether the shading confirms the order of the lights; undecided for other than four."""
+    lighting = images.lighting
+    if len(lighting) != 4:
         return "undecided"
+    order = light_order(
+        images.images, lighting, ambient=images.ambient, full_scale=images.full_scale
+    )
     if order.is_refuted:
         best = ", ".join(f"{tilt:g}" for tilt in lighting.tilts_deg[list(order.plausible[0])])
         raise SetRejected(
@@ -167,7 +180,7 @@ def check_order(order: LightOrder | None, lighting: Lighting) -> Literal["confir
     return "confirmed" if order.is_confirmed else "undecided"
 
 
-def check_different(images: LightImages) -> None:
+def _check_different(images: LightImages) -> None:
     """Reject images of the camera of which two hold the same frame."""
     for earlier, later, equal, _ in images.equal_rows():
         raise SetRejected(
@@ -177,11 +190,14 @@ def check_different(images: LightImages) -> None:
         )
 
 
-def check_levels(agreement: LightAgreement | None, images: LightImages) -> None:
+def _check_levels(agreement: LightAgreement | None, images: LightImages) -> None:
     """Reject light images that do not fit together, by their agreement."""
     if agreement is None or agreement.levels is None:
         return
-    limit = max(MAX_LED_LEVEL_DIFFERENCE, LED_LEVEL_STANDARD_ERRORS * agreement.level_error)
+    limit = max(
+        acceptance.MAX_LED_LEVEL_DIFFERENCE,
+        acceptance.LED_LEVEL_STANDARD_ERRORS * agreement.level_error,
+    )
     causes = [
         f"{name} gives {level:.0%} of the others' light{_stays_on(images, light)}"
         for light, (name, level) in enumerate(zip(images.names, agreement.levels, strict=True))

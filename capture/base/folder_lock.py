@@ -15,8 +15,8 @@ try:
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
-# Of an empty file that SQLite locks, by the calls of each system. It stays: removing it would let
-# two programs lock two files.
+# Ending of the empty file that SQLite locks. It is never removed: two programs could then lock two
+# files of one name.
 LOCK_FILE_SUFFIX = ".held"
 _OWNER_BYTES = 100
 

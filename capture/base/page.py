@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import io
 from collections.abc import Iterable, Mapping
 from functools import cache
 from html import escape
@@ -11,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from jinja2 import Environment
+    from matplotlib.figure import Figure
 
 _TEMPLATES = Path(__file__).parents[1]
 
@@ -40,6 +43,14 @@ def _environment() -> Environment:
 def number_text(value: float) -> str:
     """Return three digits of a number, with a minus sign."""
     return f"{value:.3g}".replace("-", "\N{MINUS SIGN}")
+
+
+def svg_uri(figure: Figure) -> str:
+    """Return the address of a figure as an SVG image, whose names cannot collide with others."""
+    text = io.BytesIO()
+    # A date would make two equal pages differ.
+    figure.savefig(text, format="svg", metadata={"Date": None})
+    return "data:image/svg+xml;base64," + base64.b64encode(text.getvalue()).decode("ascii")
 
 
 # HTML in strings, for the pages of sessions and of teaching.

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 BROKEN_PIPE_STATUS = 141  # 128 + SIGPIPE, as shells report it
-WRITE_ERROR_STATUS = 2
+_WRITE_ERROR_STATUS = 2
 
 
 class _TolerantFile(io.FileIO):
@@ -49,7 +49,7 @@ class StandardStreams:
         error = self._output.error
         if error is not None and not isinstance(error, BrokenPipeError):
             print(f"ps4rig: standard output: {error.strerror}", file=sys.stderr)
-            status = status or WRITE_ERROR_STATUS
+            status = status or _WRITE_ERROR_STATUS
         sys.stderr.flush()
         return status or (BROKEN_PIPE_STATUS if error is not None else 0)
 

@@ -13,7 +13,7 @@ from itertools import chain, islice
 from typing import Generic, Protocol, Self, TypeVar
 
 from classify.base.errors import InputError
-from classify.base.workers import usable_processors
+from classify.base.threads import usable_processors
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

@@ -22,12 +22,11 @@ from capture.sets.loaded_set import PLANAR, LoadedSet, named
 from capture.sets.metadata import SetMetadata
 from classify import Lighting, Match, Method, TextureLibrary
 from classify.base.errors import InputError
-from classify.base.labels import checked_label
 from classify.classifiers import Observation
 from classify.images.stack import ImageStack
 from classify.library.training import observe
 from classify.lights.fall_off import fall_off
-from classify.methods import DEFAULT_CLASSIFIER, default_method, suits
+from classify.methods import DEFAULT_CLASSIFIER, checked_label, default_method, suits
 from classify.texture.spectra import segment_for
 
 
@@ -190,7 +189,7 @@ def solve_set(
 ) -> SolvedSet:
     """Solve a set and write its maps; see `LoadedSet.of` and `CapturedSet.solve`."""
     loaded = LoadedSet.of(task.path, calibration, raw=raw)
-    captured, known, found = loaded.captured, loaded.calibration, loaded.found
+    captured, known, source = loaded.captured, loaded.calibration, loaded.found_calibration
     with named(task.path):
         surface = captured.solve(
             method, planar=planar, calibration=known, raw=raw, on_progress=on_progress
@@ -218,9 +217,9 @@ def solve_set(
         task.folder,
         light=light,
         mm_per_px=mm_per_px,
-        calibration=found,
+        calibration=source,
         raw_residual=raw_residual,
-        inputs=[task.path, *([] if found is None else [found.path])],
+        inputs=[task.path, *([] if source is None else [source.path])],
     )
     return SolvedSet(
         files=tuple(path.name for path in written),
@@ -233,7 +232,7 @@ def solve_set(
         simulated=captured.metadata.simulated,
         lights=len(captured.images),
         mm_per_px=mm_per_px,
-        calibration=None if found is None else str(found.path),
+        calibration=None if source is None else str(source.path),
         residual=surface.residual_share,
         raw_residual=raw_residual,
         warnings=loaded.warnings,

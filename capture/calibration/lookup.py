@@ -32,25 +32,25 @@ def find_calibration(
     hashes: tuple[str, ...],
     setting: Setting,
     created_utc: str,
-    given: Path | None,
+    chosen: Path | None,
     way_out: str,
 ) -> FoundCalibration | None:
-    """Find the calibration of the set at `path`: `given`, or one of the `hashes`, beside the set.
+    """Find the calibration of the set at `path`: `chosen`, or one of the `hashes`, beside the set.
 
     `way_out` ends the message about a missing one.
     """
-    if given is not None:
-        found, file = given, read_calibration(given)
+    if chosen is not None:
+        place, file = chosen, read_calibration(chosen)
     elif hashes:
-        found, file = _named(path, hashes, way_out)
+        place, file = _named(path, hashes, way_out)
     else:
         return None
     check_setting(file, setting, str(path))
-    return FoundCalibration(found, file, (*file.warnings(), *_age(file, created_utc)))
+    return FoundCalibration(place, file, (*file.warnings(), *_age(file, created_utc)))
 
 
-def check_setting(file: CalibrationFile, setting: Setting, what: str) -> None:
-    """Check that a calibration holds for a set or rig, which `what` names in the message."""
+def check_setting(file: CalibrationFile, setting: Setting, owner: str) -> None:
+    """Check that a calibration holds for a set or rig, the `owner` in the message."""
     causes: dict[str, list[str]] = {}
     for name in sorted(file.records):
         for difference in file.differences(name, setting):
@@ -59,8 +59,8 @@ def check_setting(file: CalibrationFile, setting: Setting, what: str) -> None:
         reasons = "; ".join(f"{cause} ({', '.join(parts)})" for cause, parts in causes.items())
         subject = "the calibration" if file.path is None else f"{file.path}: the calibration"
         raise CalibrationError(
-            f"{subject} does not hold for {what}: {reasons}; restore the setting, or calibrate "
-            "again at this one"
+            f"{subject} does not hold for {owner}: {reasons}; restore the setting, or "
+            "calibrate again at this one"
         )
 
 
@@ -109,17 +109,19 @@ def _named(path: Path, hashes: tuple[str, ...], way_out: str) -> tuple[Path, Cal
         if file.hash in hashes:
             return candidate, file
         others.append(f"{candidate} is {file.hash[:_DIGITS]}")
-    seen = f" ({'; '.join(others)})" if others else ""
+    candidates = f" ({'; '.join(others)})" if others else ""
     raise CalibrationError(
         f"{path}: was captured with the calibration {hashes[0][:_DIGITS]}, which is neither beside "
-        f"it nor in a folder {FOLDER}{seen}; copy it there, or {way_out}"
+        f"it nor in a folder {FOLDER}{candidates}; copy it there, or {way_out}"
     )
 
 
 def _candidates(path: Path) -> Iterator[Path]:
     folder = path.absolute().parent
     for place in (folder, folder / FOLDER, folder.parent / FOLDER):
-        yield from sorted(each for each in place.glob(f"*{SUFFIX}") if each.is_file())
+        yield from sorted(
+            candidate for candidate in place.glob(f"*{SUFFIX}") if candidate.is_file()
+        )
 
 
 def _age(file: CalibrationFile, created_utc: str) -> Iterator[str]:
@@ -127,7 +129,7 @@ def _age(file: CalibrationFile, created_utc: str) -> Iterator[str]:
         captured = utc_of(created_utc)
     except ValueError:  # not a date
         return
-    ages = {name: each.age_days(captured) or 0 for name, each in file.records.items()}
+    ages = {name: record.age_days(captured) or 0 for name, record in file.records.items()}
     old = [name.replace("_", " ") for name, days in ages.items() if days > OLD_DAYS]
     if old:
         yield (

@@ -21,7 +21,7 @@ PartName = Literal["dark", "response", "noise", "flat_field", "lights", "scale"]
 PART_NAMES: Final[tuple[PartName, ...]] = get_args(PartName)
 
 
-def taken_apart(part: Any) -> tuple[Values, dict[str, Array]]:
+def flattened(part: Any) -> tuple[Values, dict[str, Array]]:
     """The plain values and the arrays of a part, each by the path of its field."""
     values: Values = {}
     arrays: dict[str, Array] = {}
@@ -29,7 +29,7 @@ def taken_apart(part: Any) -> tuple[Values, dict[str, Array]]:
     def take(owner: Any, path: str) -> None:
         for field in fields(owner):
             value, name = getattr(owner, field.name), path + field.name
-            # Intensities that are all 1 because none were given.
+            # Intensities that were not given are all 1, and are not stored.
             absent = isinstance(owner, Lighting) and field.name == "intensities"
             if not field.init or (absent and not owner.intensities_given):
                 continue
@@ -44,28 +44,30 @@ def taken_apart(part: Any) -> tuple[Values, dict[str, Array]]:
     return values, arrays
 
 
-def put_together(name: PartName, values: Values, arrays: dict[str, Array]) -> Any:
-    """Return the part of `taken_apart`."""
+def rebuilt(name: PartName, values: Values, arrays: dict[str, Array]) -> Any:
+    """Return the part of `flattened`."""
     left = {*values, *arrays}
-    if max((each.count(".") for each in left), default=0) > _MOST_LEVELS:
+    if max((field_path.count(".") for field_path in left), default=0) > _MOST_LEVELS:
         raise InputError(f"fields are nested more than {_MOST_LEVELS} times")
 
     def put(kind: Any, path: str) -> Any:
-        given: dict[str, Any] = {}
+        arguments: dict[str, Any] = {}
         hints = get_type_hints(kind)
         for field in fields(kind):
             hint, field_path = hints[field.name], path + field.name
             if not field.init:
                 continue
             if field_path in arrays:
-                given[field.name] = _checked_array(arrays[field_path], hint, field_path)
+                arguments[field.name] = _checked_array(arrays[field_path], hint, field_path)
             elif field_path in values:
-                given[field.name] = _checked_value(values[field_path], hint, field_path)
-            elif any(each.startswith(field_path + ".") for each in left):
-                given[field.name] = put(_part_of(hint, is_dataclass, field_path), field_path + ".")
+                arguments[field.name] = _checked_value(values[field_path], hint, field_path)
+            elif any(remaining.startswith(field_path + ".") for remaining in left):
+                arguments[field.name] = put(
+                    _part_of(hint, is_dataclass, field_path), field_path + "."
+                )
             left.discard(field_path)
         try:
-            return kind(**given)
+            return kind(**arguments)
         except TypeError as error:  # a field without default is missing
             raise InputError(f"{path or name}: {error}") from error
 
@@ -75,11 +77,11 @@ def put_together(name: PartName, values: Values, arrays: dict[str, Array]) -> An
     return part
 
 
-def _part_of(hint: Any, wanted: Any, path: str) -> Any:
+def _part_of(hint: Any, is_wanted: Any, path: str) -> Any:
     """The first of the alternatives of `hint` for which `wanted` is true."""
-    for each in (hint, *get_args(hint)):
-        if wanted(each):
-            return each
+    for alternative in (hint, *get_args(hint)):
+        if is_wanted(alternative):
+            return alternative
     raise InputError(f"field {path} is of another kind")
 
 
@@ -97,7 +99,10 @@ def _checked_array(array: Array, hint: Any, path: str) -> Array:
 
 
 def _checked_value(value: Any, hint: Any, path: str) -> Any:
-    arrays_or_parts = any(is_dataclass(each) or _is_array(each) for each in (hint, *get_args(hint)))
+    arrays_or_parts = any(
+        is_dataclass(alternative) or _is_array(alternative)
+        for alternative in (hint, *get_args(hint))
+    )
     if value is None and type(None) in get_args(hint):
         return None
     if arrays_or_parts:

@@ -23,7 +23,7 @@ from classify.calibration.calibration import Calibration
 from classify.calibration.dark import measured_at
 from rig.set_file import fields_sha256
 
-from .parts import PART_NAMES, PartName, put_together, taken_apart
+from .parts import PART_NAMES, PartName, flattened, rebuilt
 from .setting import Setting
 
 SUFFIX = ".ps4cal"
@@ -31,7 +31,7 @@ VERSION: Final = 2
 _KIND = ArchiveKind(
     noun="calibration",
     header="calibration.json",
-    versions=(VERSION,),
+    version=VERSION,
     if_missing="make one with ps4rig calibrate",
     remedy="calibrate again",
     error=CalibrationError,
@@ -39,7 +39,7 @@ _KIND = ArchiveKind(
     max_bytes=64 * 2**20,
     max_header_bytes=2**20,
 )
-_SEEN_THROUGH_THE_RESPONSE: tuple[PartName, ...] = ("flat_field", "lights")
+_DEPEND_ON_RESPONSE: tuple[PartName, ...] = ("flat_field", "lights")
 _DTYPES = ("<f8", "<f4", "<i4", "|b1", "|u1", "<u2")
 
 
@@ -70,8 +70,8 @@ class PartRecord(Record):
 
 def utc_of(date: str) -> datetime:
     """Return an ISO 8601 date, in UTC if it names no zone; ValueError for another text."""
-    found = datetime.fromisoformat(date)
-    return found if found.tzinfo is not None else found.replace(tzinfo=UTC)
+    moment = datetime.fromisoformat(date)
+    return moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +164,7 @@ class CalibrationFile:
 
     def without_part(self, name: PartName) -> CalibrationFile:
         """Return this calibration without a part that no longer holds."""
-        records = {each: record for each, record in self.records.items() if each != name}
+        records = {part: record for part, record in self.records.items() if part != name}
         return CalibrationFile(replace(self.calibration, **{name: None}), records)
 
     def differences(self, name: PartName, setting: Setting) -> list[str]:
@@ -184,7 +184,7 @@ class CalibrationFile:
         response, records = self.calibration.response, self.records
         if response is None or response.linear:
             return []
-        curved = [name for name in _SEEN_THROUGH_THE_RESPONSE if name in records]
+        curved = [name for name in _DEPEND_ON_RESPONSE if name in records]
         return [name for name in curved if records[name].date < records["response"].date]
 
     def warnings(self) -> list[str]:
@@ -192,8 +192,10 @@ class CalibrationFile:
         old = [name.replace("_", " ") for name in self.outdated]
         if not old:
             return []
-        what = f"{' and '.join(old)} measured before the response, which changes their light images"
-        return [f"{what}; run ps4rig calibrate plate again"]
+        cause = (
+            f"{' and '.join(old)} measured before the response, which changes their light images"
+        )
+        return [f"{cause}; run ps4rig calibrate plate again"]
 
     def write(self, path: str | Path) -> None:
         """Write the file, whole or not at all; an existing one is replaced.
@@ -230,7 +232,7 @@ class CalibrationFile:
                 for name, part in header.parts.items()
             }
         records = {name: part.record for name, part in header.parts.items()}
-        members = {f"{name}/{key}": each for name in arrays for key, each in arrays[name].items()}
+        members = {f"{name}/{key}": array for name in arrays for key, array in arrays[name].items()}
         return cls(Calibration(**parts), records, path, _Encoded(header, members))
 
 
@@ -241,7 +243,7 @@ def _encode(calibration: Calibration, records: Mapping[PartName, PartRecord]) ->
         part = getattr(calibration, name)
         if part is None:
             continue
-        values, arrays = taken_apart(part)
+        values, arrays = flattened(part)
         hashes = {key: _sha256(array) for key, array in arrays.items()}
         parts[name] = _PartHeader(record=records[name], values=values, arrays=hashes)
         members |= {f"{name}/{key}": array for key, array in arrays.items()}
@@ -262,15 +264,15 @@ def _part(
     archive: ArrayArchive, name: PartName, header: _PartHeader, arrays: dict[str, npt.NDArray[Any]]
 ) -> Any:
     try:
-        return put_together(name, dict(header.values), arrays)
+        return rebuilt(name, dict(header.values), arrays)
     except InputError as error:
         raise archive.error(f"{name}: {error}") from error
 
 
 def _sha256(array: npt.NDArray[Any]) -> str:
     plain = np.ascontiguousarray(array)
-    about = f"{plain.dtype.str} {array.shape} ".encode()
-    return hashlib.sha256(about + plain.tobytes()).hexdigest()
+    description = f"{plain.dtype.str} {array.shape} ".encode()
+    return hashlib.sha256(description + plain.tobytes()).hexdigest()
 
 
 def stated_error(share: float, decimals: int) -> str:

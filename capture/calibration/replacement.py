@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 
 from classify.base.errors import CalibrationRejected
+from classify.calibration.calibration import CalibratedLights
+from classify.calibration.correction import Response, Scale
 from classify.calibration.dark import Dark, measured_at
-from classify.calibration.lights import CalibratedLights
 from classify.calibration.photon_transfer import Noise
-from classify.calibration.response import Response
-from classify.calibration.scale import Scale
 from classify.lights.flat_field import FlatField
 
 from .lookup import OLD_DAYS
@@ -22,15 +21,15 @@ from .ps4cal import CalibrationFile, MeasuredPart, PartRecord
 
 # A difference of three standard errors is no chance: normal errors reach it once in 370.
 _FACTOR = 3.0
-# Errors from some ten residuals are themselves known to 20 %.
+# An error that is estimated from ten residuals is itself known to 20 %.
 _WORSE = 1.25
-# Differences below these are none, because errors of the targets and of their places are not in
-# the standard errors: a board 10 mm too high at 1 m, lights and LEDs that are warm.
+# Smallest differences that count. Standard errors lack the errors of a target and of its place,
+# such as a board 10 mm too high at 1 m, and those of warm lights.
 _FLOOR_SCALE, _FLOOR_FOCAL, _FLOOR_DISTANCE = 0.01, 0.02, 0.03
 _FLOOR_DIRECTION_DEG = 1.0
 _FLOOR_FLAT_FIELD, _FLOOR_RESPONSE = 0.05, 0.02
 _FLOOR_GAIN, _FLOOR_NOISE, _FLOOR_OFFSET = 0.05, 0.25, 0.005
-_POSITIONS = "positions"  # a near light without one points elsewhere at the edge of the frame
+_POSITIONS = "positions"  # without them, near lights have wrong directions at the frame's edge
 # Places of a side of the frame at which flat fields are compared.
 _PLACES = 9
 
@@ -77,7 +76,7 @@ def kept_because(file: CalibrationFile, new: MeasuredPart) -> str | None:
             )
     if (known.record.age_days(datetime.now(UTC)) or 0) > OLD_DAYS:
         return None
-    lost, gained = _lack(new.name, known, measured), _lack(new.name, measured, known)
+    lost, gained = _advantage(new.name, known, measured), _advantage(new.name, measured, known)
     if lost is not None:
         return f"it has {lost}, which the new one lacks"
     before, now = (_ERRORS[new.name](one) for one in (known, measured))
@@ -118,7 +117,7 @@ def _known(file: CalibrationFile, new: MeasuredPart) -> _Known | None:
         return None
     part, record = getattr(file.calibration, new.name), file.records[new.name]
     if new.name == "dark":
-        same = (each for each in part.exposures if each.holds_at(new.part.exposure_ms))
+        same = (dark for dark in part.exposures if dark.holds_at(new.part.exposure_ms))
         part = None if _other_camera_setting(file, new) else next(same, None)
         return None if part is None else _Known(part, record)
     outdated = new.name in file.outdated or file.differences(new.name, new.record.setting)
@@ -134,7 +133,7 @@ def _limit(floor: float, *errors: float) -> float:
     return max(floor, _FACTOR * math.hypot(*errors))
 
 
-def _apart(known: float, measured: float) -> float:
+def _relative_change(known: float, measured: float) -> float:
     """Difference of two positive values as a share."""
     return math.expm1(abs(math.log(measured / known)))
 
@@ -144,13 +143,13 @@ def _scale(known: _Known, measured: _Known) -> Iterator[Difference]:
     now: Scale = measured.part
     yield Difference(
         f"{now.mm_per_px:.5g} mm per px instead of {before.mm_per_px:.5g}",
-        _apart(before.mm_per_px, now.mm_per_px),
+        _relative_change(before.mm_per_px, now.mm_per_px),
         _limit(_FLOOR_SCALE, before.error, now.error),
     )
     if before.focal_px and now.focal_px:
         yield Difference(
             f"a focal length of {now.focal_px:.5g} px instead of {before.focal_px:.5g}",
-            _apart(before.focal_px, now.focal_px),
+            _relative_change(before.focal_px, now.focal_px),
             _limit(_FLOOR_FOCAL, before.focal_error or 0.0, now.focal_error or 0.0),
         )
 
@@ -180,7 +179,7 @@ def _lights(known: _Known, measured: _Known) -> Iterator[Difference]:
     for light, (first_px, second_px) in enumerate(zip(*distances, strict=True)):
         limit = _limit(_FLOOR_DISTANCE, before.distance_errors[light], now.distance_errors[light])
         text = f"light {light} at {second_px:.4g} px instead of {first_px:.4g}"
-        yield Difference(text, _apart(first_px, second_px), limit)
+        yield Difference(text, _relative_change(first_px, second_px), limit)
 
 
 def _flat_field(known: _Known, measured: _Known) -> Iterator[Difference]:
@@ -194,7 +193,7 @@ def _flat_field(known: _Known, measured: _Known) -> Iterator[Difference]:
     now: FlatField = measured.part
     changes = now.logarithms(x, y) - before.logarithms(x, y)
     changes -= np.median(changes)  # the exposure, not the one light that changed
-    errors = [each.figure("error_percent") / 100.0 for each in (known, measured)]
+    errors = [part.figure("error_percent") / 100.0 for part in (known, measured)]
     for light, change in enumerate(np.abs(changes).max(axis=(1, 2)).tolist()):
         limit = _limit(_FLOOR_FLAT_FIELD, *errors)
         yield Difference(f"light {light} of another strength", math.expm1(change), limit)
@@ -204,7 +203,7 @@ def _response(known: _Known, measured: _Known) -> Iterator[Difference]:
     before: Response = known.part
     now: Response = measured.part
     straight = np.linspace(0.0, 1.0, len(before.curve))
-    curves = [straight if each.linear else each.curve for each in (before, now)]
+    curves = [straight if response.linear else response.curve for response in (before, now)]
     size = float(np.abs(curves[1] - curves[0]).max())
     yield Difference("another curve", size, _limit(_FLOOR_RESPONSE, before.error, now.error))
 
@@ -213,11 +212,11 @@ def _noise(known: _Known, measured: _Known) -> Iterator[Difference]:
     before: Noise = known.part
     now: Noise = measured.part
     gains = before.sensor.gain_e_per_dn, now.sensor.gain_e_per_dn
-    errors = [each.figure("gain_error_share") for each in (known, measured)]
+    errors = [part.figure("gain_error_share") for part in (known, measured)]
     text = f"{gains[1]:.4g} electrons per pixel value instead of {gains[0]:.4g}"
-    yield Difference(text, _apart(*gains), _limit(_FLOOR_GAIN, *errors))
+    yield Difference(text, _relative_change(*gains), _limit(_FLOOR_GAIN, *errors))
     reads = before.sensor.read_noise_dn, now.sensor.read_noise_dn
-    errors = [each.figure("read_noise_error_dn") / max(*reads, 1.0) for each in (known, measured)]
+    errors = [part.figure("read_noise_error_dn") / max(*reads, 1.0) for part in (known, measured)]
     text = f"a read noise of {reads[1]:.3g} instead of {reads[0]:.3g}"
     size = abs(reads[1] - reads[0]) / max(*reads, 1.0)
     yield Difference(text, size, _limit(_FLOOR_NOISE, *errors))
@@ -246,26 +245,29 @@ _DIFFERENCES: dict[PartName, Callable[[_Known, _Known], Iterator[Difference]]] =
 }
 # Errors of the parts, for the comparison of two of one kind.
 _ERRORS: dict[PartName, Callable[[_Known], float]] = {
-    "dark": lambda each: each.figure("frames") ** -0.5 if each.figure("frames") else 0.0,
-    "response": lambda each: float(each.part.error),
-    "noise": lambda each: each.figure("gain_error_share"),
-    "flat_field": lambda each: each.figure("error_percent") / 100.0,
-    "lights": lambda each: _error_of_lights(each.part),
-    "scale": lambda each: float(each.part.error),
+    "dark": lambda known: known.figure("frames") ** -0.5 if known.figure("frames") else 0.0,
+    "response": lambda known: float(known.part.error),
+    "noise": lambda known: known.figure("gain_error_share"),
+    "flat_field": lambda known: known.figure("error_percent") / 100.0,
+    "lights": lambda known: _error_of_lights(known.part),
+    "scale": lambda known: float(known.part.error),
 }
-# Errors that are all the same to the normals and lengths of a part.
+# Errors too small to change the normals and lengths of a part.
 _SMALL: dict[PartName, float] = {
     "dark": 0.0, "response": 5e-4, "noise": 5e-3, "flat_field": 1e-3, "lights": 2e-3, "scale": 5e-4,
 }  # fmt: skip
-# What one part of a kind may have and another lack.
+# What some parts of a kind have and others lack.
 _EXTRAS: dict[PartName, tuple[str, Callable[[_Known], bool]]] = {
-    "scale": ("a focal length", lambda each: each.part.focal_px is not None),
-    "lights": (_POSITIONS, lambda each: each.part.distance_errors is not None),
-    "flat_field": ("two placements of the sheet", lambda each: each.figure("placements") > 1.0),
+    "scale": ("a focal length", lambda known: known.part.focal_px is not None),
+    "lights": (_POSITIONS, lambda known: known.part.distance_errors is not None),
+    "flat_field": (
+        "two placements of the sheet",
+        lambda known: known.figure("placements") > 1.0,
+    ),
 }
 
 
-def _lack(name: PartName, one: _Known, other: _Known) -> str | None:
+def _advantage(name: PartName, one: _Known, other: _Known) -> str | None:
     """What `one` has and `other` lacks."""
     if name not in _EXTRAS:
         return None

@@ -35,7 +35,9 @@ def _title(solver: str, classifier: str) -> str:
 def _of_chapter(results: Results, solver: str, classifier: str, suffix: str = "") -> list[Cell]:
     """Accuracy on the textures of the chapter: by protocol, then by slant."""
     return [
-        results.accuracy_pct("thirty", f"slant {slant:g}{suffix}", solver, classifier, protocol)
+        results.trials.accuracy_pct(
+            "thirty", f"slant {slant:g}{suffix}", solver, classifier, protocol
+        )
         for protocol in _PROTOCOLS
         for slant in results.plan.chapter_slants_deg
     ]
@@ -87,7 +89,7 @@ def _by_slant(results: Results) -> Exhibit:
             values = []
             for slant_deg in slants_deg:
                 test = f"slant {slant_deg:g} {shadow} shadow{suffix}"
-                value = results.accuracy_pct("slants", test, solver, classifier)
+                value = results.trials.accuracy_pct("slants", test, solver, classifier)
                 wrong = _wrong_by_texture(results, System("slants", test, solver, classifier))
                 rows.append((shadow, slant_deg, solver, classifier, value, wrong))
                 values.append(value)
@@ -110,7 +112,7 @@ def _by_slant(results: Results) -> Exhibit:
 
 def _wrong_by_texture(results: Results, system: System) -> str:
     """Numbers of wrong answers by true texture, as text."""
-    counts = Counter(t.label for t in results.trials(system) if not t.nearest_is_correct)
+    counts = Counter(t.label for t in results.trials[system] if not t.nearest_is_correct)
     return ", ".join(f"{texture} {count}" for texture, count in counts.most_common())
 
 
@@ -126,7 +128,7 @@ def _by_texture(results: Results) -> Exhibit:
         groups = []
         for solver, classifier, suffix in systems:
             system = ("thirty", f"slant {slant_deg:g}{suffix}", solver, classifier)
-            values = [results.accuracy_pct(*system, texture=name) for name in names]
+            values = [results.trials.accuracy_pct(*system, texture=name) for name in names]
             colour = plots.OUR_COLOUR if classifier == plan.OURS else plots.COLOURS[solver]
             groups.append((_title(solver, classifier), colour, values))
             columns[f"slant_{slant_deg:g}_{solver}_{classifier}_pct"] = values
@@ -156,7 +158,7 @@ def _one_against_two_dimensions(results: Results) -> Exhibit:
                 values = []
                 for name, suffix in systems:
                     test = f"slant {slant_deg:g}{suffix}"
-                    value = results.accuracy_pct("thirty", test, solver, name, protocol)
+                    value = results.trials.accuracy_pct("thirty", test, solver, name, protocol)
                     segments = "one" if suffix else "averaged"
                     rows.append((protocol, slant_deg, solver, name, segments, value))
                     values.append(value)

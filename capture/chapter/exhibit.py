@@ -5,7 +5,6 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, NamedTuple
@@ -37,24 +36,16 @@ class Exhibit:
     digits: int = 1  # decimals in a table
     values: Mapping[str, object] = field(default_factory=dict)  # replace the $names in the text
 
-    @property
-    def text(self) -> Text:
-        """Text beside the exhibit."""
-        section, title, notes = _texts()[self.key]
+    def text_from(self, texts: Mapping[str, Text]) -> Text:
+        """Text beside the exhibit, with its values."""
+        section, title, notes = texts[self.key]
         filled = [" ".join(Template(note).substitute(self.values).split()) for note in notes]
         return Text(section, title, filled)
 
 
-def as_text(cell: Cell, digits: int) -> str:
-    """Text of a cell; a dash for None."""
-    if cell is None:
-        return "-"
-    return f"{cell:.{digits}f}" if isinstance(cell, float) else str(cell)
-
-
-@cache
-def _texts() -> dict[str, Text]:
-    sections = tomllib.loads(Path(__file__).with_name("notes.toml").read_text(encoding="utf-8"))
+def read_texts(path: Path) -> dict[str, Text]:
+    """Read the texts of exhibits, by their keys, from a ``notes.toml``."""
+    sections = tomllib.loads(path.read_text(encoding="utf-8"))
     return {
         key: Text(section, **text)
         for section, texts in sections.items()

@@ -1,14 +1,17 @@
 """The files of a reproduction: CSV, PNG, JSON and one HTML page."""
 
+from __future__ import annotations
+
 import base64
 import csv
 import io
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from string import Template
+from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
@@ -16,8 +19,10 @@ from capture.base.console import progress
 from capture.base.page import rendered
 from classify.base.durable_file import durable_file
 
-from . import plots
-from .exhibit import Exhibit, as_text
+from .exhibit import Cell, Exhibit, Text, read_texts
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _DPI = 130  # text of 7 points stays readable on the page
 # Longer lists of numbers are in the CSV files only.
@@ -32,87 +37,103 @@ _Table = list[list[tuple[str, str]]]
 
 
 @dataclass(frozen=True)
-class About:
-    """Name of a page, the HTML file of its introduction, and what its numbers are."""
+class PageInfo:
+    """Name of a page, the HTML file of its introduction, and what its numbers are.
+
+    The texts of the exhibits are in ``notes.toml`` beside the introduction.
+    """
 
     page: str
     introduction: Path
     simulated: bool
     quick: bool = False
 
+    @property
+    def texts(self) -> dict[str, Text]:
+        """Texts of the exhibits, by their keys."""
+        return read_texts(self.introduction.with_name("notes.toml"))
 
-def write_exhibit(exhibit: Exhibit, folder: Path) -> bytes:
-    """Write KEY.csv and KEY.png; returns the PNG."""
+
+def _write_exhibit(exhibit: Exhibit, folder: Path) -> bytes | None:
+    """Write KEY.csv and, of a figure, KEY.png; return the PNG."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(exhibit.columns)
     writer.writerows(exhibit.rows)
-    write_text(folder / f"{exhibit.key}.csv", text.getvalue())
-    png = _drawn(exhibit)
+    _write_text(folder / f"{exhibit.key}.csv", text.getvalue())
+    if exhibit.draw is None:
+        return None
+    png = _drawn(exhibit.draw, exhibit.size_in)
     with durable_file(folder / f"{exhibit.key}.png") as temporary:
         temporary.write_bytes(png)
     return png
 
 
 def write_page(
-    exhibits: Sequence[Exhibit], facts: Mapping[str, str], about: About, folder: Path
+    exhibits: Sequence[Exhibit], facts: Mapping[str, str], info: PageInfo, folder: Path
 ) -> Path:
     """Write the files of all exhibits, `results.json` and the page; returns the page."""
     drawn = [
-        (each, write_exhibit(each, folder)) for each in progress(exhibits, len(exhibits), "draw")
+        (exhibit, _write_exhibit(exhibit, folder))
+        for exhibit in progress(exhibits, len(exhibits), "draw")
     ]
-    write_numbers(exhibits, about, folder / "results.json")
-    path = folder / f"{about.page}.html"
-    write_text(path, page(drawn, facts, about))
+    _write_numbers(exhibits, info, folder / "results.json")
+    path = folder / f"{info.page}.html"
+    _write_text(path, page(drawn, facts, info))
     return path
 
 
-def write_numbers(exhibits: Sequence[Exhibit], about: About, path: Path) -> None:
+def _write_numbers(exhibits: Sequence[Exhibit], info: PageInfo, path: Path) -> None:
     """Write the numbers of all exhibits into one JSON file."""
+    texts = info.texts
     contents = {
         "version": version("ps4rig"),
-        "simulated": about.simulated,
-        "quick": about.quick,
+        "simulated": info.simulated,
+        "quick": info.quick,
         "exhibits": {
-            each.key: {"title": each.text.title, "columns": each.columns, "rows": each.rows}
-            for each in exhibits
+            exhibit.key: {
+                "title": texts[exhibit.key].title,
+                "columns": exhibit.columns,
+                "rows": exhibit.rows,
+            }
+            for exhibit in exhibits
         },
     }
-    write_text(path, json.dumps(contents, indent=1, allow_nan=False) + "\n")
+    _write_text(path, json.dumps(contents, indent=1, allow_nan=False) + "\n")
 
 
-def write_text(path: Path, text: str) -> None:
+def _write_text(path: Path, text: str) -> None:
     """Write a text file as a whole or not at all."""
     with durable_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
-def page(exhibits: Sequence[tuple[Exhibit, bytes]], facts: Mapping[str, str], about: About) -> str:
+def page(
+    exhibits: Sequence[tuple[Exhibit, bytes | None]], facts: Mapping[str, str], info: PageInfo
+) -> str:
     """HTML of the page from each exhibit and its PNG, in this order."""
-    sections: dict[str, list[tuple[Exhibit, str, _Table]]] = {}
+    texts = info.texts
+    sections: dict[str, list[tuple[Exhibit, Text, str, _Table]]] = {}
     for exhibit, png in exhibits:
-        shown = exhibit, base64.b64encode(png).decode("ascii"), _table(exhibit)
-        sections.setdefault(exhibit.text.section, []).append(shown)
-    introduction = Template(about.introduction.read_text(encoding="utf-8"))
+        text = exhibit.text_from(texts)
+        shown = exhibit, text, base64.b64encode(png or b"").decode("ascii"), _table(exhibit)
+        sections.setdefault(text.section, []).append(shown)
+    introduction = Template(info.introduction.read_text(encoding="utf-8"))
     return rendered(
         "chapter/page.html",
-        introduction=Markup(introduction.substitute(quick=_QUICK if about.quick else "")),
+        introduction=Markup(introduction.substitute(quick=_QUICK if info.quick else "")),
         facts=facts.items(),
         sections=sections,
     )
 
 
-def _drawn(exhibit: Exhibit) -> bytes:
+def _drawn(draw: Callable[[Figure], None], size_in: tuple[float, float]) -> bytes:
     # Without pyplot: it would look for a window system and keep every figure in memory.
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    if exhibit.draw is None:
-        figure = Figure()
-        plots.draw_table(figure, exhibit.columns, exhibit.rows, exhibit.digits)
-    else:
-        figure = Figure(figsize=exhibit.size_in, layout="constrained")
-        exhibit.draw(figure)
+    figure = Figure(figsize=size_in, layout="constrained")
+    draw(figure)
     FigureCanvasAgg(figure)
     png = io.BytesIO()
     # Without the version of matplotlib in it, equal numbers give equal files.
@@ -130,6 +151,13 @@ def _table(exhibit: Exhibit) -> _Table:
         numeric = all(isinstance(cell, int | float | None) for cell in cells)
         kinds.append("given" if name.startswith("thesis") else "number" if numeric else "")
     return [
-        [(kind, as_text(cell, exhibit.digits)) for kind, cell in zip(kinds, row, strict=True)]
+        [(kind, _as_text(cell, exhibit.digits)) for kind, cell in zip(kinds, row, strict=True)]
         for row in (exhibit.columns, *exhibit.rows)
     ]
+
+
+def _as_text(cell: Cell, digits: int) -> str:
+    """Text of a cell; a dash for None."""
+    if cell is None:
+        return "-"
+    return f"{cell:.{digits}f}" if isinstance(cell, float) else str(cell)

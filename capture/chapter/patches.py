@@ -9,13 +9,12 @@ from classify import Lighting, Method, SurfaceEstimate
 from classify.classifiers import Observation, classifier_named
 from rig import synthetic_surface
 from rig.scene.material_folder import load_material
-from rig.scene.render import SceneImages
+from rig.scene.render import SceneImages, render_frame
 from rig.scene.surfaces import PeriodicSurface
 from rig.simulation.sensor import SensorModel
 from rig.simulation.simulated_set import EXPOSURE_MS, SimulatedSet
 
-from .faults import NO_FAULTS, Faults
-from .plan import BEST_SOLVER, Conditions, PatchPosition, Texture
+from .plan import BEST_SOLVER, Conditions, PatchPosition, SceneFaults, Texture
 
 _OF_THE_THESIS = ("ps3a", "ps3b", "ps3c", "ps3d", "ps4")
 
@@ -33,7 +32,7 @@ def render_patch(
     slant_deg: float,
     size_px: int,
     surface: PeriodicSurface | None = None,
-    faults: Faults = NO_FAULTS,
+    faults: SceneFaults | None = None,
 ) -> SceneImages:
     """Ideal images of a patch under four lights; the faults depend on its position."""
     if surface is None:
@@ -41,8 +40,11 @@ def render_patch(
     rows, columns = surface.height.shape
     right, up = position.shift_tiles
     shift_px = (right * columns, up * rows)
+    if faults is None:
+        lighting = Lighting.ring(slant_deg)
+        return render_frame(surface, lighting, size_px, position.rotate_deg, shift_px)
     seed = _seed_of(position, "faults")
-    return faults.render(surface, slant_deg, size_px, position.rotate_deg, shift_px, seed)
+    return faults(surface, slant_deg, size_px, position.rotate_deg, shift_px, seed)
 
 
 def expose(scene: SceneImages, conditions: Conditions, seed: int) -> SimulatedSet:
@@ -83,7 +85,7 @@ class CachedPatch:
     def __init__(self, position: PatchPosition, frame_px: int) -> None:
         self.position = position
         self._frame_px = frame_px
-        self._scenes: dict[tuple[float, Faults], SceneImages] = {}
+        self._scenes: dict[tuple[float, SceneFaults | None], SceneImages] = {}
         self._surfaces: dict[tuple[Conditions, Method], SurfaceEstimate] = {}
         self._observations: dict[Hashable, Observation] = {}
 

@@ -11,8 +11,6 @@ import numpy.typing as npt
 
 from capture.base.page import curve_colour
 
-from .exhibit import Row, as_text
-
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -21,9 +19,6 @@ COLOURS = {"ps3a": "#d6604d", "ps4": "#4393c3", "ps4_robust": "#1b7837"}
 
 OUR_COLOUR = "#f4c542"
 """Colour of our classifier, where others have the colours of their solvers."""
-
-# Height of a row and width of a character of a table at 8 points, with some space.
-_ROW_IN, _CHARACTER_IN = 0.24, 0.072
 
 
 @dataclass(frozen=True)
@@ -52,7 +47,6 @@ def draw_lines(
     y_label: str,
     *,
     levels: Sequence[tuple[float, str]] = (),
-    log_x: bool = False,
 ) -> None:
     """Draw the curves of each titled panel; `levels` are (value, name) of horizontal lines."""
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
@@ -72,8 +66,6 @@ def draw_lines(
         ax.set_title(title, fontsize=10)
         ax.set_xlabel(x_label)
         ax.grid(visible=True, color="#eeeeee")
-        if log_x:
-            ax.set_xscale("symlog", linthresh=1.0)
     axes[0].set_ylabel(y_label)
     _legend(figure, axes[-1])
 
@@ -138,31 +130,3 @@ def _legend(figure: Figure, ax: Any) -> None:
     handles, labels = ax.get_legend_handles_labels()
     columns = min(len(labels), max(1, int(figure.get_figwidth() / 2.4)))
     figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=8)
-
-
-def draw_table(figure: Figure, columns: Sequence[str], rows: Sequence[Row], digits: int) -> None:
-    """Draw a table as text; the figure gets the size of the table."""
-    from matplotlib.transforms import Bbox
-
-    cells = [[as_text(cell, digits) for cell in row] for row in rows]
-    widths = [
-        max(len(str(column)), *(len(row[index]) for row in cells)) + 2
-        for index, column in enumerate(columns)
-    ]
-    figure.set_size_inches(max(4.0, _CHARACTER_IN * sum(widths)), _ROW_IN * (len(rows) + 1) + 0.05)
-    ax = figure.add_axes((0.01, 0.01, 0.98, 0.98))
-    ax.set_axis_off()
-    table = ax.table(
-        cellText=cells,
-        colLabels=list(columns),
-        colWidths=[width / sum(widths) for width in widths],
-        cellLoc="left",
-        bbox=Bbox.unit(),
-    )
-    table.auto_set_font_size(False)
-    table.set_fontsize(8)
-    for (row, _), cell in table.get_celld().items():
-        cell.set_edgecolor("#dddddd")
-        if row == 0:
-            cell.set_text_props(weight="bold")
-            cell.set_facecolor("#f2f2f2")

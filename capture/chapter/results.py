@@ -1,22 +1,14 @@
 """Measurements of a reproduction, and numbers computed from them."""
 
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
-
-import numpy as np
-import numpy.typing as npt
 
 from classify import Trial
-from classify.library.evaluation import nearest_accuracy, nearest_orientation_errors_deg
+from classify.library.evaluation import nearest_accuracy
 
-from .plan import OURS, Plan, Protocol
-from .runs import Outcome, System
+from .plan import Plan, Protocol
+from .runs import System
 from .sand import Polar, SandMaps
 from .timing import Cost
-
-DIRECTIONAL_SHARPNESS = 0.5
-"""Below it, the orientation of a joint match may be off by 90 degrees (see classifiers/joint)."""
 
 SOLVER_TITLES = {
     "ps3a": "PS3a",
@@ -38,25 +30,8 @@ CLASSIFIER_TITLES = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Results:
-    """Measurements that the exhibits show.
-
-    `shadow_shares` holds the share of pixels in shadow of a light at each tilt, by texture and
-    slant in degrees.
-    """
-
-    plan: Plan
-    outcomes: dict[System, list[Outcome]]
-    shadow_shares: dict[tuple[str, float], tuple[float, ...]]
-    polar: dict[float, Polar]  # spectra of sand by orientation in degrees
-    maps: SandMaps
-    costs: list[Cost]
-
-    def trials(self, system: System, texture: str | None = None) -> list[Trial]:
-        """Trials of a system on all textures or on one; empty if it was not tested."""
-        outcomes = self.outcomes.get(system, [])
-        return [each.trial for each in outcomes if texture in (None, each.trial.label)]
+class Trials(dict[System, list[Trial]]):
+    """Trials of all test patches by system."""
 
     def accuracy_pct(
         self,
@@ -68,47 +43,22 @@ class Results:
         texture: str | None = None,
     ) -> float | None:
         """Percent of tests whose nearest class is the true one, rejected or not."""
-        system = System(experiment, test, solver, classifier, protocol)
-        return percent(nearest_accuracy(self.trials(system, texture)))
-
-    def orientation_errors_deg(self, system: System) -> npt.NDArray[np.float64]:
-        """Errors of correct matches on patches in which our classifier sees a direction."""
-        ours = self.trials(system._replace(classifier=OURS))
-        return np.array(
-            nearest_orientation_errors_deg(
-                trial
-                for reference, trial in zip(ours, self.trials(system), strict=True)
-                if reference.nearest_is_correct
-                and (reference.match.sharpness or 0.0) > DIRECTIONAL_SHARPNESS
-            )
-        )
+        trials = self.get(System(experiment, test, solver, classifier, protocol), [])
+        share = nearest_accuracy([t for t in trials if texture in (None, t.label)])
+        return None if share is None else 100.0 * share
 
 
-class Answers(NamedTuple):
-    """Percent of tests on known textures: right, refused, wrong; unknown accepted."""
+@dataclass(frozen=True, eq=False)
+class Results:
+    """Measurements that the exhibits show.
 
-    right: float
-    refused: float
-    wrong: float
-    accepted: float
+    `shadow_shares` holds the share of pixels in shadow of a light at each tilt, by texture and
+    slant in degrees.
+    """
 
-
-def answers_pct(outcomes: Sequence[Outcome]) -> Answers:
-    """Count the answers by the limits in the library, with and without the class of the test."""
-    labels = [(each.trial.label, each.trial.match.label) for each in outcomes]
-    unknown = [match for each in outcomes if (match := each.match_without_class)]
-    return Answers(
-        right=_share_pct(found == true for true, found in labels),
-        refused=_share_pct(found is None for _, found in labels),
-        wrong=_share_pct(found not in (true, None) for true, found in labels),
-        accepted=_share_pct(match.label is not None for match in unknown),
-    )
-
-
-def percent(share: float | None) -> float | None:
-    """A share in percent; None stays None."""
-    return None if share is None else 100.0 * share
-
-
-def _share_pct(answers: Iterable[bool]) -> float:
-    return 100.0 * float(np.mean(list(answers)))
+    plan: Plan
+    trials: Trials
+    shadow_shares: dict[tuple[str, float], tuple[float, ...]]
+    polar: dict[float, Polar]  # spectra of sand by orientation in degrees
+    maps: SandMaps
+    costs: list[Cost]

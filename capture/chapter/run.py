@@ -17,14 +17,11 @@ from rig import SYNTHETIC_TEXTURES
 
 from .chapter_accuracy import accuracy_exhibits
 from .chapter_surface import surface_exhibits
-from .comparison import comparison_exhibits
-from .days import days_exhibits
 from .exhibit import Exhibit
-from .output import About, write_page
+from .output import PageInfo, write_page
 from .plan import Plan
-from .rejection import rejection_exhibits
-from .results import Results
-from .runs import Outcome, System, match_patch, patch_tasks, train, training_tasks
+from .results import Results, Trials
+from .runs import match_patch, patch_tasks, train, training_tasks
 from .sand import polar_spectra, sand_maps, shadow_shares
 from .timing import measured_costs
 
@@ -47,21 +44,18 @@ def reproduce(
     make_folder(output)
     started_s = time.monotonic()
     results = measure(plan, output, workers, scheduler)
-    exhibits = list(exhibits_of(results))
-    material_sizes = ", ".join(str(t.conditions.size_px) for t in plan.materials.tests)
+    exhibits = list(_exhibits(results))
     facts = {
-        "textures": f"{len(plan.synthetic.textures)} synthetic, "
-        f"{len(plan.materials.textures)} materials, {len(plan.thirty.textures)} of the chapter",
-        "frames": f"{plan.frame_px} px; materials {material_sizes} px; "
-        f"robustness {plan.robustness.frame_px} px",
+        "textures": f"{len(plan.thirty.textures)}",
+        "frames": f"{plan.frame_px} px",
         "test patches": f"{sum(len(list(patch_tasks(e, output))) for e in plan.experiments)}",
-        "answers": f"{sum(map(len, results.outcomes.values()))}",
+        "answers": f"{sum(map(len, results.trials.values()))}",
         "duration": f"{(time.monotonic() - started_s) / 60.0:.1f} min on {os.cpu_count()} cores, "
         f"{platform.machine()}",
     }
     introduction = Path(__file__).with_name("chapter.html")
-    about = About("reproduction", introduction, simulated=True, quick=plan.quick)
-    return write_page(exhibits, facts, about, output)
+    info = PageInfo("reproduction", introduction, simulated=True, quick=plan.quick)
+    return write_page(exhibits, facts, info, output)
 
 
 def measure(
@@ -87,17 +81,21 @@ def measure(
         spectra = partial(polar_spectra, size_px=2 * plan.frame_px)
         polar = list(run(spectra, _POLAR_ORIENTATIONS_DEG, "polar spectra"))
         (maps,) = run(sand_maps, [256], "maps")
-        training = [task for each in plan.experiments for task in training_tasks(each, folder)]
+        training = [
+            task for experiment in plan.experiments for task in training_tasks(experiment, folder)
+        ]
         for _ in run(train, training, "train"):
             pass
-        tests = [task for each in plan.experiments for task in patch_tasks(each, folder)]
-        outcomes: dict[System, list[Outcome]] = {}
-        for outcome in itertools.chain.from_iterable(run(match_patch, tests, "test")):
-            outcomes.setdefault(outcome.system, []).append(outcome)
+        tests = [
+            task for experiment in plan.experiments for task in patch_tasks(experiment, folder)
+        ]
+        trials = Trials()
+        for system, trial in itertools.chain.from_iterable(run(match_patch, tests, "test")):
+            trials.setdefault(system, []).append(trial)
         costs = measured_costs(plan, folder)
     return Results(
         plan=plan,
-        outcomes=outcomes,
+        trials=trials,
         shadow_shares=dict(zip(shadows, shares, strict=True)),
         polar=dict(zip(_POLAR_ORIENTATIONS_DEG, polar, strict=True)),
         maps=maps,
@@ -105,11 +103,8 @@ def measure(
     )
 
 
-def exhibits_of(results: Results) -> Iterator[Exhibit]:
+def _exhibits(results: Results) -> Iterator[Exhibit]:
     """Make all figures and tables in the order of the page."""
     summary, *accuracy = accuracy_exhibits(results)
     yield summary
-    yield from sorted([*accuracy, *surface_exhibits(results)], key=lambda each: each.key)
-    yield from comparison_exhibits(results)
-    yield from days_exhibits(results)
-    yield from rejection_exhibits(results)
+    yield from sorted([*accuracy, *surface_exhibits(results)], key=lambda exhibit: exhibit.key)

@@ -1,14 +1,15 @@
 """Training runs and test runs: libraries, and matches of test patches with them."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
-from classify import Lighting, Match, Method, TextureLibrary, Trial
+from classify import Lighting, Method, TextureLibrary, Trial
 from classify.classifiers import classifier_named
 from classify.library.training import TrainingRow
+from classify.surface.estimate import FloatMap
 
 from . import plan
 from .patches import CachedPatch, solves_as_planar
@@ -42,14 +43,6 @@ class System(NamedTuple):
     solver: str
     classifier: str
     protocol: plan.Protocol = "disjoint"
-
-
-class Outcome(NamedTuple):
-    """Result of one patch with one system."""
-
-    system: System
-    trial: Trial
-    match_without_class: Match | None  # only for training runs with `tests_unknown`
 
 
 def training_tasks(experiment: plan.Experiment, folder: Path) -> list[TrainingTask]:
@@ -107,73 +100,42 @@ def patch_tasks(experiment: plan.Experiment, folder: Path) -> Iterator[PatchTask
                 yield PatchTask(experiment, texture, number, protocol, folder)
 
 
-def match_patch(task: PatchTask) -> list[Outcome]:
+class PatchMatch(NamedTuple):
+    """A test patch with one system; `signature` is what the library compares."""
+
+    system: System
+    trial: Trial
+    run: plan.TrainingRun
+    library: Path
+    signature: FloatMap
+
+
+def match_patch(task: PatchTask) -> list[tuple[System, Trial]]:
     """Match one patch with all libraries."""
+    return [(match.system, match.trial) for match in patch_matches(task)]
+
+
+def patch_matches(task: PatchTask) -> Iterator[PatchMatch]:
+    """Match one patch with all libraries, one after the other."""
     experiment, texture = task.experiment, task.texture
     position = experiment.test_position(texture, task.number, task.protocol)
     patch = CachedPatch(position, experiment.frame_px)
-    return [
-        _outcome(task, patch, test, solver, classifier)
-        for test in experiment.tests
-        if texture in test.training.textures
-        for solver, classifier in test.training.systems
-    ]
-
-
-def without_class(library: TextureLibrary, label: str) -> TextureLibrary:
-    """Remove a class from the references and limits; parameters learned from all classes stay.
-
-    References of one class and orientation are taken as one set.
-    """
-    kept = [index for index, other in enumerate(library.labels) if other != label]
-    labels = tuple(library.labels[index] for index in kept)
-    orientations_deg, signatures = library.orientations_deg[kept], library.signatures[kept]
-    numbers: dict[tuple[str, float], int] = {}
-    sets = [
-        numbers.setdefault(key, len(numbers))
-        for key in zip(labels, orientations_deg.tolist(), strict=True)
-    ]
-    limits = classifier_named(library.classifier).limits(
-        labels, sets, signatures, library.parameters
-    )
-    return replace(
-        library,
-        labels=labels,
-        orientations_deg=orientations_deg,
-        signatures=signatures,
-        limits=limits,
-    )
-
-
-def _outcome(
-    task: PatchTask, patch: CachedPatch, test: plan.TestRun, solver: Method, classifier: str
-) -> Outcome:
-    experiment, label = task.experiment.name, task.texture.name
-    path = library_path(task.folder, experiment, test.training, solver, classifier)
-    library = _load(path)
-    observation = patch.observation(
-        test.conditions, solver, classifier, library.segment_px, train=False
-    )
-    signature = classifier_named(classifier).signature(observation, library.parameters)
-    unknown = None
-    if (
-        test.training.tests_unknown
-        and solver == plan.BEST_SOLVER
-        and classifier in (plan.OURS, plan.THESIS)
-    ):
-        unknown = _load_without_class(path, label).match(signature)
-    return Outcome(
-        System(experiment, test.name, solver, classifier, task.protocol),
-        Trial(label, patch.position.rotate_deg, library.match(signature)),
-        unknown,
-    )
+    for test in experiment.tests:
+        if texture not in test.training.textures:
+            continue
+        for solver, classifier in test.training.systems:
+            path = library_path(task.folder, experiment.name, test.training, solver, classifier)
+            library = load_library(path)
+            observation = patch.observation(
+                test.conditions, solver, classifier, library.segment_px, train=False
+            )
+            signature = classifier_named(classifier).signature(observation, library.parameters)
+            system = System(experiment.name, test.name, solver, classifier, task.protocol)
+            trial = Trial(texture.name, position.rotate_deg, library.match(signature))
+            yield PatchMatch(system, trial, test.training, path, signature)
 
 
 @lru_cache(maxsize=512)
-def _load(path: Path) -> TextureLibrary:
+def load_library(path: Path) -> TextureLibrary:
+    """Load a library, or return the one that was loaded before."""
     return TextureLibrary.load(path)
-
-
-@lru_cache(maxsize=64)
-def _load_without_class(path: Path, label: str) -> TextureLibrary:
-    return without_class(_load(path), label)

@@ -19,7 +19,7 @@ SAND_SLANT_DEG = 60.0
 
 SHADOW_TILTS_DEG = (0.0, 30.0, 60.0, 90.0)
 _SHADOW_PX = 512
-POLAR_SOLVERS: tuple[Method, ...] = ("ps3a", "ps3b", "ps3c", "ps3d", *SOLVERS[1:])
+_POLAR_SOLVERS: tuple[Method, ...] = ("ps3a", "ps3b", "ps3c", "ps3d", *SOLVERS[1:])
 TRUTH = "truth"
 
 Polar = dict[str, list[float]]
@@ -50,13 +50,13 @@ class SandMaps:
 
 def polar_spectra(rotate_deg: float, size_px: int) -> Polar:
     """1D polar spectrum of M at 90 angles over 180 degrees, by solver and of the truth."""
-    scene, surfaces = _solved(rotate_deg, size_px, POLAR_SOLVERS)
+    scene, surfaces = _solved(rotate_deg, size_px, _POLAR_SOLVERS)
     fields = {solver: texture_fields(surface) for solver, surface in surfaces.items()}
     fields[TRUTH] = TextureFields(scene.p, scene.q, scene.albedo)
     segment_px = segment_for(scene.p.shape)
     return {
-        name: [float(value) for value in field_spectra(each, segment_px).polar[0]]
-        for name, each in fields.items()
+        name: [float(value) for value in field_spectra(fields_of_map, segment_px).polar[0]]
+        for name, fields_of_map in fields.items()
     }
 
 

@@ -54,7 +54,7 @@ def compare(
     page = output if output is not None or json else Path(f"comparison{_PAGE_SUFFIX}")
     if page is not None:
         check_output(page, suffix=_PAGE_SUFFIX, inputs=[first, second], force=force)
-    comparison = compared(*(side_of(each, calibration, raw=raw) for each in (first, second)))
+    comparison = compared(*(side_of(path, calibration, raw=raw) for path in (first, second)))
     if page is not None:
         with durable_file(page) as temporary:
             temporary.write_text(comparison_page(comparison), encoding="utf-8")

@@ -124,7 +124,7 @@ def defects(texts: list[str] | None) -> list[dict[str, Any]] | None:
     """Return the fields of `rig.Defect` for each --defect; the configuration checks the values."""
     if texts is None:
         return None
-    given = []
+    defects_fields = []
     for text in texts:
         kind, *values = (part.strip() for part in text.split(","))
         value = {"stain": "contrast", "foreign": "surface"}.get(kind, "depth_px")
@@ -139,8 +139,8 @@ def defects(texts: list[str] | None) -> list[dict[str, Any]] | None:
                 f"--defect {text}: give KIND,X,Y,SIZE or KIND,X,Y,SIZE,VALUE, such as "
                 "scratch,0,20,40,1.5"
             ) from None
-        given.append({"kind": kind, **fields})
-    return given
+        defects_fields.append({"kind": kind, **fields})
+    return defects_fields
 
 
 def with_part(
@@ -180,6 +180,6 @@ def degrees(option: str, text: str, example: str) -> list[float]:
     except ValueError:
         numbers = [math.nan]
     if not all(map(math.isfinite, numbers)):
-        given = text or "''"
-        raise InputError(f"{option} {given}: give degrees separated by commas, such as {example}")
+        stated = text or "''"
+        raise InputError(f"{option} {stated}: give degrees separated by commas, such as {example}")
     return numbers

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from classify import Lighting
 
 _RELIT = "135,45"
-# Fall-off of the near LEDs in the table of faults of `ps4rig reproduce`; without --planar,
+# Fall-off of the near LEDs in the table of faults of `tests.evidence.textures`; without --planar,
 # textures under them are confused.
 _PLAIN_FALL_OFF = 0.25
 
@@ -148,14 +149,7 @@ def _light(angles: str) -> Lighting:
 
 
 def _as_json(path: Path, folder: Path, surface: SolvedSet) -> dict[str, Any]:
-    shares = {"valid": surface.valid, "saturated": surface.saturated, "shadowed": surface.shadowed}
+    fields = asdict(surface)
+    del fields["lights"], fields["warnings"]
     files = [str(folder / name) for name in surface.files]
-    part = {"planar": surface.planar, "fall_off": surface.fall_off}
-    lights = {"led_levels": surface.led_levels, "simulated": surface.simulated}
-    calibrated = {
-        "calibration": surface.calibration,
-        "mm_per_px": surface.mm_per_px,
-        "residual": surface.residual,
-        "raw_residual": surface.raw_residual,
-    }
-    return {"set": str(path), "files": files, **shares, **part, **lights, **calibrated}
+    return {"set": str(path)} | fields | {"files": files}

@@ -30,22 +30,14 @@ def reproduce(
         typer.Option("--out", help="Folder for the page, pictures and CSV files.", metavar="DIR"),
     ],
     quick: Annotated[
-        bool, typer.Option("--quick", help="Fewer textures and orientations; three minutes.")
+        bool, typer.Option("--quick", help="Fewer textures and orientations; two minutes.")
     ] = False,
-    materials: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder of the material folders for the table of scanned materials.",
-            show_default="the materials of ps4rig",
-            metavar="DIR",
-        ),
-    ] = None,
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,
 ) -> None:
     """Measure every figure and table of the thesis's chapter 9 on simulated surfaces."""
-    from capture.chapter.plan import material_textures, plan_of
+    from capture.chapter.plan import plan_of
     from capture.chapter.run import reproduce as run
 
-    page = run(plan_of(quick, material_textures(materials)), output, workers, scheduler)
+    page = run(plan_of(quick), output, workers, scheduler)
     out.print(f"{page}: every figure and table (simulated)")

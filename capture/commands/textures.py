@@ -37,13 +37,13 @@ if TYPE_CHECKING:
     from capture.batch.tasks import ClassifiedSet
     from classify import Evaluation, TextureLibrary, Trial
 
-LibraryOption = Annotated[
+_LibraryOption = Annotated[
     Path, typer.Option("--library", help="Texture library, NAME.ps4lib.", metavar="LIB")
 ]
-ClassifierOption = Annotated[
+_ClassifierOption = Annotated[
     ClassifierName, typer.Option(help=f"One of {', '.join(CLASSIFIER_NAMES)}.", metavar="NAME")
 ]
-TrainingSolver = Annotated[
+_TrainingSolver = Annotated[
     Method | None,
     typer.Option(
         help=f"Solver of all training sets, one of {', '.join(METHODS)}.",
@@ -51,7 +51,7 @@ TrainingSolver = Annotated[
         metavar="METHOD",
     ),
 ]
-LibrarySolver = Annotated[
+_LibrarySolver = Annotated[
     Method | None,
     typer.Option(
         help=f"Solver of the sets, one of {', '.join(METHODS)}.",
@@ -60,7 +60,7 @@ LibrarySolver = Annotated[
     ),
 ]
 
-CsvOption = Annotated[
+_CsvOption = Annotated[
     Path | None,
     typer.Option("--csv", help="Write a table with a line for each set.", metavar="FILE.csv"),
 ]
@@ -69,9 +69,9 @@ CsvOption = Annotated[
 @reported
 def train(
     sets: options.Sets,
-    library: LibraryOption,
-    classifier: ClassifierOption = DEFAULT_CLASSIFIER,
-    method: TrainingSolver = None,
+    library: _LibraryOption,
+    classifier: _ClassifierOption = DEFAULT_CLASSIFIER,
+    method: _TrainingSolver = None,
     calibration: options.CalibrationOfSet = None,
     force: options.Force = False,
     workers: options.Workers = None,
@@ -92,8 +92,8 @@ def train(
     trained.save(library)
     if json:
         solved = {"method": trained.method, "planar": trained.planar}
-        about = {"classes": classes, **solved, "simulated": trained.simulated}
-        print_json({"library": str(library), **about})
+        facts = {"classes": classes, **solved, "simulated": trained.simulated}
+        print_json({"library": str(library), **facts})
     else:
         note = " (simulated)" if trained.simulated else ""
         counts = f"classes {len(classes)}, sets {len(paths)}"
@@ -104,10 +104,10 @@ def train(
 @reported
 def classify(
     sets: options.Sets,
-    library: LibraryOption,
-    method: LibrarySolver = None,
+    library: _LibraryOption,
+    method: _LibrarySolver = None,
     calibration: options.CalibrationOfSet = None,
-    csv: CsvOption = None,
+    csv: _CsvOption = None,
     force: options.Force = False,
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,
@@ -141,7 +141,7 @@ def classify(
 @reported
 def evaluate_(
     sets: options.Sets,
-    library: LibraryOption,
+    library: _LibraryOption,
     classifier: Annotated[
         ClassifierName | None,
         typer.Option(
@@ -150,9 +150,9 @@ def evaluate_(
             metavar="NAME",
         ),
     ] = None,
-    method: LibrarySolver = None,
+    method: _LibrarySolver = None,
     calibration: options.CalibrationOfSet = None,
-    csv: CsvOption = None,
+    csv: _CsvOption = None,
     force: options.Force = False,
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,

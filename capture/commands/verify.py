@@ -48,14 +48,14 @@ def verify(
             {
                 "files": len(paths),
                 "findings": [
-                    {"path": str(finding.path), "state": finding.state, "said": finding.said}
+                    {"path": str(finding.path), "state": finding.state, "said": finding.details}
                     for finding in wrong
                 ],
             }
         )
     else:
         for finding in wrong:
-            out.print(f"{finding.path}: {finding.state}: {finding.said}")
+            out.print(f"{finding.path}: {finding.state}: {finding.details}")
         counts = Counter(finding.state for finding in findings)
         summary = ", ".join(f"{count} {state}" for state, count in sorted(counts.items()))
         out.print(f"{len(paths)} files: {summary}")

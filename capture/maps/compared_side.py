@@ -63,8 +63,8 @@ def _set(path: Path, loaded: LoadedSet) -> Side:
             unit_text(described["unit"], relative=described.get("relative", False)),
         )
     facts = _facts_of_set(captured)
-    if loaded.found is not None:
-        records = loaded.found.file.records
+    if loaded.found_calibration is not None:
+        records = loaded.found_calibration.file.records
         facts["calibration"] |= {
             name: {"date": str(record.date), "quality": record.quality}
             for name, record in records.items()

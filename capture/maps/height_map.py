@@ -42,8 +42,8 @@ class HeightMap:
     def of(cls, loaded: LoadedSet) -> HeightMap:
         """Solve a set with its calibration, and integrate its slopes."""
         metadata = loaded.captured.metadata
-        found, known = loaded.found, loaded.calibration
-        if found is None or known is None or known.mm_per_px is None:
+        source, known = loaded.found_calibration, loaded.calibration
+        if source is None or known is None or known.mm_per_px is None:
             raise InputError(
                 "has no calibrated scale, and the file holds lengths; measure it with "
                 "ps4rig calibrate scale, or export to .ply or .stl"
@@ -60,7 +60,7 @@ class HeightMap:
         return cls(
             heights_mm=heights_mm,
             mm_per_px=known.mm_per_px,
-            scale_date=found.file.records["scale"].date,
+            scale_date=source.file.records["scale"].date,
             captured_at=captured_at,
             metadata=metadata,
             method=surface.method,

@@ -18,7 +18,7 @@ from classify import (
     surface_roughness,
 )
 from classify.base.errors import InputError
-from classify.relief.local_height import default_cutoff_px
+from classify.relief.height import default_cutoff_px
 from classify.surface.estimate import FloatMap
 
 if TYPE_CHECKING:

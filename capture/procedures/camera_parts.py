@@ -33,7 +33,7 @@ class Rung:
 
 
 def dark_part(
-    found: DarkFrames, dark: Dark, setting: Setting, source: Sequence[str]
+    measured: DarkFrames, dark: Dark, setting: Setting, source: Sequence[str]
 ) -> MeasuredPart:
     """Describe frames with the lens covered by the part made from them."""
     dark = replace(dark, exposure_ms=setting.exposure_ms)
@@ -49,17 +49,17 @@ def dark_part(
         "offset_dn": dark.offset,
         "noise_dn": dark.noise,
         "hot_pixels": float(hot),
-        "fixed_pattern_dn": found.fixed_pattern,
-        "share_at_0": found.clipped,
-        "frames": float(found.frames),
+        "fixed_pattern_dn": measured.fixed_pattern,
+        "share_at_0": measured.clipped,
+        "frames": float(measured.frames),
     }
     if dark.ambient is not None:
         figures["ambient_dn"] = dark.ambient
     warnings = []
-    if found.is_clipped:
+    if measured.is_clipped:
         warnings.append(
-            f"{found.clipped:.0%} of the values are 0: the camera cuts its noise off, so that its "
-            "offset is lower and its noise larger than measured; raise its black level or "
+            f"{measured.clipped:.0%} of the values are 0: the camera cuts its noise off, so that "
+            "its offset is lower and its noise larger than measured; raise its black level or "
             "brightness control if it has one"
         )
     elif dark.noise < _ROUNDED_AWAY:
@@ -92,7 +92,7 @@ def response_parts(
         if calibration.dark is not None:
             scale = full_scale / calibration.dark.full_scale
             black_level, dark_noise = (
-                scale * each for each in (calibration.dark.offset, calibration.dark.noise)
+                scale * level for level in (calibration.dark.offset, calibration.dark.noise)
             )
         noise = photon_transfer(
             [rung.levels for rung in rungs], black_level, full_scale, dark_noise
@@ -109,8 +109,8 @@ def levels_of(
 ) -> BlockLevels:
     """Levels of frames in values of the camera, without its hot pixels."""
     dark = calibration.dark
-    hot = [] if dark is None else [each.hot_pixels for each in dark.exposures]
-    known = bool(hot) and not any((each >= frames.shape[1:]).any() for each in hot)
+    hot = [] if dark is None else [exposure.hot_pixels for exposure in dark.exposures]
+    known = bool(hot) and not any((exposure >= frames.shape[1:]).any() for exposure in hot)
     hot_pixels = np.unique(np.concatenate(hot), axis=0) if known else None
     levels = block_levels(frames, full_scale, hot_pixels)
     stretch = full_scale / ((1 << bit_depth) - 1)
@@ -158,8 +158,8 @@ def rungs_of_sets(sets: Sequence[CapturedSet], calibration: Calibration) -> list
         averaged = full_scale != (1 << bit_depth) - 1
         series = [image[None] for image in alike] if averaged else [np.stack(alike)]
         rungs += [
-            Rung(exposure_ms, levels_of(each, full_scale, bit_depth, calibration))
-            for each in series
+            Rung(exposure_ms, levels_of(frames, full_scale, bit_depth, calibration))
+            for frames in series
         ]
     return rungs
 
@@ -172,15 +172,15 @@ def _response(
     source: Sequence[str],
     warnings: Sequence[str],
 ) -> MeasuredPart:
-    found, full = ladder.response, 0.01 * full_scale
-    if not found.linear and ladder.highest < _HIGH * full_scale:
+    response, full = ladder.response, 0.01 * full_scale
+    if not response.linear and ladder.highest < _HIGH * full_scale:
         unseen = (
             f"no level above {ladder.highest / full:.0f} % of full scale was seen, where the curve "
             "is extrapolated: keep images below, or measure it with longer exposures or a wider "
             "aperture"
         )
         warnings = [*warnings, unseen]
-    if found.linear:
+    if response.linear:
         quality = (
             f"The camera is linear: within {stated_error(ladder.departure, 2)} of full scale "
             f"from {ladder.lowest / full:.0f} to {ladder.highest / full:.0f}%. Nothing is "
@@ -190,17 +190,17 @@ def _response(
         quality = (
             f"The camera is not linear: it departs by {ladder.departure:.1%} of full scale. Pixel "
             f"values are made linear in light by a curve that explains {exposures} exposures to "
-            f"{stated_error(found.error, 2)} of full scale."
+            f"{stated_error(response.error, 2)} of full scale."
         )
     figures = {
         "departure_share": ladder.departure,
-        "error_share": found.error,
+        "error_share": response.error,
         "lowest_dn": ladder.lowest,
         "highest_dn": ladder.highest,
         "offset_dn": ladder.offset,
         "exposures": float(exposures),
     }
-    return MeasuredPart.now("response", found, setting, quality, figures, source, warnings)
+    return MeasuredPart.now("response", response, setting, quality, figures, source, warnings)
 
 
 def _noise(transfer: PhotonTransfer, setting: Setting, source: Sequence[str]) -> MeasuredPart:

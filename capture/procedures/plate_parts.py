@@ -9,8 +9,7 @@ from capture.calibration.ps4cal import MeasuredPart, stated_error
 from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
 from classify.base.errors import InputError
-from classify.calibration.calibration import Calibration
-from classify.calibration.lights import CalibratedLights
+from classify.calibration.calibration import CalibratedLights, Calibration
 from classify.calibration.plate import MeasuredPlate, measure_plate
 from classify.images.stack import ImageStack
 

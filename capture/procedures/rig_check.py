@@ -72,8 +72,8 @@ def drift_of_rig(rig: Rig, file: CalibrationFile) -> Drift:
 def checks_of_drift(drift: Drift) -> Iterator[Check]:
     """Yield a check for each change since the calibration, or one that is ok without any."""
     for cause in drift.causes:
-        what = cause.kind if cause.light is None else f"{cause.kind}, light {cause.light}"
-        yield Check(f"drift: {what}", cause.status, cause.seen, cause.advice)
+        change = cause.kind if cause.light is None else f"{cause.kind}, light {cause.light}"
+        yield Check(f"drift: {change}", cause.status, cause.seen, cause.advice)
     if drift.causes:
         return
     largest = float(np.abs(drift.level_changes).max())
@@ -82,11 +82,11 @@ def checks_of_drift(drift: Drift) -> Iterator[Check]:
         if drift.shows_moved_lights
         else "the lights are too far away to show whether one has moved"
     )
-    seen = (
+    message = (
         f"LED levels within {largest:.1%} of the calibration, the sheet is tilted by "
         f"{drift.sheet_tilt_deg:.1f} degrees; {moved}"
     )
-    yield Check("sheet", "ok", seen)
+    yield Check("sheet", "ok", message)
 
 
 def _drift(
@@ -110,11 +110,11 @@ def _exposure(rig: Rig, file: CalibrationFile) -> Iterator[Check]:
     setting = Setting.of_rig(rig)
     if record is None or abs(_exposure_ratio(record, setting) - 1.0) <= SAME_EXPOSURE:
         return
-    seen = (
+    message = (
         f"{setting.exposure_ms:g} ms, the sheet was measured at {record.setting.exposure_ms:g} ms"
     )
     advice = "the flat field holds; dark frames of this exposure are needed where sets use them"
-    yield Check("exposure of the calibration", "warning", seen, advice)
+    yield Check("exposure of the calibration", "warning", message, advice)
 
 
 def _exposure_ratio(record: PartRecord, setting: Setting) -> float:
@@ -127,7 +127,7 @@ def _age(path: Path, file: CalibrationFile) -> Check:
     ages = {name: record.age_days(datetime.now(UTC)) for name, record in file.records.items()}
     known = [days for days in ages.values() if days is not None]
     parts = ", ".join(name.replace("_", " ") for name in ages)
-    seen = f"{path}: {parts}; the oldest was measured {max(known, default=0)} days ago"
+    message = f"{path}: {parts}; the oldest was measured {max(known, default=0)} days ago"
     if max(known, default=0) > OLD_DAYS:
-        return Check("calibration", "warning", seen, "calibrate again")
-    return Check("calibration", "ok", seen)
+        return Check("calibration", "warning", message, "calibrate again")
+    return Check("calibration", "ok", message)

@@ -13,7 +13,7 @@ from capture.sets.captured_set import CapturedSet
 from capture.sets.photographs import Photographs, read_mask
 from classify.base.errors import InputError
 from classify.calibration.calibration import Calibration
-from classify.calibration.scale import Scale
+from classify.calibration.correction import Scale
 from classify.calibration.spheres import (
     SphereImages,
     SphereKind,
@@ -106,17 +106,17 @@ def sphere_parts(
     """Measure the lights, and the scale where the diameter of the sphere is known."""
     scale = file.calibration.scale
     focal_px = None if scale is None else scale.focal_px
-    found = lights_from_spheres(placements, kind, focal_px=focal_px)
-    lighting = found.lights.lighting
+    fit = lights_from_spheres(placements, kind, focal_px=focal_px)
+    lighting = fit.lights.lighting
     if not setting.light_directions:
         rows = tuple((x, y, z) for x, y, z in lighting.directions.tolist())
         setting = setting.model_copy(update={"light_directions": rows})
-    parts = [_lights_part(found, kind, focal_px, setting, source)]
+    parts = [_lights_part(fit, kind, focal_px, setting, source)]
     if diameter_mm is not None:
-        measured = scale_of_spheres(found.spheres, diameter_mm)
+        measured = scale_of_spheres(fit.spheres, diameter_mm)
         if scale is not None:  # what is known of the lens stays
             measured = replace(scale, mm_per_px=measured.mm_per_px, error=measured.error)
-        parts.append(_scale_part(measured, found, diameter_mm, setting, source))
+        parts.append(_scale_part(measured, fit, diameter_mm, setting, source))
     return parts
 
 
@@ -132,9 +132,9 @@ def _lights_part(
     radius_px = float(np.mean([sphere.radius_px for sphere in measured.spheres]))
     outline_px = max(sphere.error_px for sphere in measured.spheres)
     word = "Good" if worst_deg <= _GOOD_DEG else "Fair" if worst_deg <= _FAIR_DEG else "Poor"
-    what = "directions" if lights.lighting.positions_px is None else "positions"
+    quantity = "directions" if lights.lighting.positions_px is None else "positions"
     quality = (
-        f"{word}: {what} of {len(lights.lighting)} lights to "
+        f"{word}: {quantity} of {len(lights.lighting)} lights to "
         f"{float(np.median(lights.direction_errors_deg)):.2g} degrees, the least certain to "
         f"{worst_deg:.2g}, from a {kind} sphere {2 * radius_px:.0f} px across."
     )

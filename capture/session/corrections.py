@@ -40,13 +40,15 @@ def correct_in_sessions(paths: Iterable[Path], correct: Callable[[], None]) -> N
             )
 
 
-def enter_corrections(folder: SessionFolder, found: Iterable[tuple[SetEntry, SetMetadata]]) -> None:
+def enter_corrections(
+    folder: SessionFolder, described_sets: Iterable[tuple[SetEntry, SetMetadata]]
+) -> None:
     """Enter the present metadata of captured sets, and judge anew what they change.
 
     Another specimen or orientation changes the measures of all sets of the specimens concerned.
     """
     journal, concerned = folder.journal, set[str]()
-    for entry, metadata in found:
+    for entry, metadata in described_sets:
         changed = entry.model_copy(update={"description": Description.of(metadata)})
         if changed != entry:
             journal = journal.with_entry(changed)

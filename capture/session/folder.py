@@ -71,16 +71,18 @@ class SessionFolder:
                 return entry is None or left_out
             return not (self.path / entry.file).is_file()
 
-        return [each for each in (plan or self.plan).sets() if is_missing(each)]
+        return [planned for planned in (plan or self.plan).sets() if is_missing(planned)]
 
     def left_out(self) -> list[SetEntry]:
         """Entries of the planned sets that were left out."""
-        found = (self.journal.entry_of(each) for each in self.plan.sets())
-        return [entry for entry in found if entry is not None and entry.file is None]
+        entries = (self.journal.entry_of(planned) for planned in self.plan.sets())
+        return [entry for entry in entries if entry is not None and entry.file is None]
 
     def captured(self) -> list[SetEntry]:
         """Entries whose file is there: planned ones first, in the order of the plan."""
-        return [each for each in self.entries() if each.file and (self.path / each.file).is_file()]
+        return [
+            entry for entry in self.entries() if entry.file and (self.path / entry.file).is_file()
+        ]
 
     def unplanned(self, plan: SessionPlan | None = None) -> list[SetEntry]:
         """Entries of captured sets that are not planned; `plan` as for `missing`."""
@@ -95,8 +97,10 @@ class SessionFolder:
         """Reserve the disk space that the end of a run needs, even if others fill the disk."""
         path, specimens = self.path / _RESERVE, self.plan.specimen
         # Each entry and row repeats what the plan says of the specimen.
-        said = sum(len(each.model_dump_json().encode()) for each in specimens) / len(specimens)
-        size = round((_ENTRY_BYTES + 2 * said) * len(self.plan)) + _SPARE_BYTES
+        description_bytes = sum(
+            len(specimen.model_dump_json().encode()) for specimen in specimens
+        ) / len(specimens)
+        size = round((_ENTRY_BYTES + 2 * description_bytes) * len(self.plan)) + _SPARE_BYTES
         with durable_file(path) as temporary:
             # Random bytes take their space on a file system that compresses, too.
             temporary.write_bytes(os.urandom(size))
@@ -114,7 +118,7 @@ class SessionFolder:
     def write_table(self, damaged: Mapping[str, str] = MappingProxyType({})) -> None:
         """Write ``sets.csv`` anew from the journal; `damaged` has the errors of files."""
         table = sets_table(
-            self.plan, [*self.entries()], {each.key for each in self.captured()}, damaged
+            self.plan, [*self.entries()], {entry.key for entry in self.captured()}, damaged
         )
         with durable_file(self.path / TABLE) as temporary:
             temporary.write_text(table, encoding="utf-8", newline="")
@@ -129,9 +133,9 @@ class SessionFolder:
         self.set_aside(planned)
         make_folder(path.parent)
         captured.save(path)
-        kept = entry.model_copy(update={"file": f"{SETS}/{path.name}"})
-        self.update(self.journal.with_entry(kept))
-        return kept
+        stored = entry.model_copy(update={"file": f"{SETS}/{path.name}"})
+        self.update(self.journal.with_entry(stored))
+        return stored
 
     def set_aside(self, planned: PlannedSet) -> None:
         """Move the file of a planned set to ``replaced``, if there is one."""
@@ -146,10 +150,10 @@ class SessionFolder:
 
     def entries(self) -> Iterator[SetEntry]:
         """Entries of the planned sets in the order of the plan, then those no longer planned."""
-        planned = [self.journal.entry_of(each) for each in self.plan.sets()]
+        planned = [self.journal.entry_of(planned) for planned in self.plan.sets()]
         entered = {entry.key: entry for entry in planned if entry is not None}
-        others = sorted((each for each in self.journal.entries if each.key not in entered),
-                        key=lambda each: each.key)  # fmt: skip
+        others = sorted((entry for entry in self.journal.entries if entry.key not in entered),
+                        key=lambda entry: entry.key)  # fmt: skip
         yield from (*entered.values(), *others)
 
     def read_again(self) -> Iterator[tuple[PlannedSet, SetMetadata | str | InputError]]:
@@ -207,13 +211,13 @@ class SessionFolder:
 
     def first_set_of(self, specimen: str) -> Path | None:
         """Path of the first captured set of a specimen, None if there is none."""
-        found = self.sets_of(specimen)
-        return self.path / str(found[0].file) if found and specimen else None
+        sets = self.sets_of(specimen)
+        return self.path / str(sets[0].file) if sets and specimen else None
 
     def sets_of(self, specimen: str) -> list[SetEntry]:
         """Entries of the captured sets of a specimen, those that were planned as such first."""
-        found = [each for each in self.captured() if each.piece == specimen]
-        return sorted(found, key=lambda each: each.specimen != specimen)
+        sets = [entry for entry in self.captured() if entry.piece == specimen]
+        return sorted(sets, key=lambda entry: entry.specimen != specimen)
 
     def bytes_of_sets(self) -> int:
         """Size of all captured sets."""

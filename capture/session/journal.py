@@ -54,7 +54,7 @@ class Description(Record):
     @classmethod
     def of(cls, metadata: SetMetadata) -> Self:
         """Return the description in the metadata of a set."""
-        corrected = dict.fromkeys(each.field for each in metadata.corrections)
+        corrected = dict.fromkeys(correction.field for correction in metadata.corrections)
         return cls(
             **{name: getattr(metadata, name) for name in FIELDS},
             exposure_ms=None if metadata.camera is None else metadata.camera.exposure_ms,
@@ -139,12 +139,12 @@ class Journal(Record):
 
     def with_entry(self, entry: SetEntry) -> Self:
         """Return a journal with `entry` in place of an earlier one of the same planned set."""
-        others = tuple(each for each in self.entries if each.key != entry.key)
+        others = tuple(other for other in self.entries if other.key != entry.key)
         return type(self)(runs=self.runs, entries=(*others, entry))
 
     def without_entry_of(self, planned: PlannedSet) -> Self:
         """Return a journal in which a planned set is missing."""
-        others = tuple(each for each in self.entries if each is not self.entry_of(planned))
+        others = tuple(entry for entry in self.entries if entry is not self.entry_of(planned))
         return type(self)(runs=self.runs, entries=others)
 
     def with_run(self, run: RunRecord) -> Self:
@@ -170,7 +170,7 @@ class Journal(Record):
     @property
     def lights(self) -> int | None:
         """Number of lights of the captured sets; None before the first."""
-        counts = (len(each.measures.led_levels) for each in self.entries if each.measures)
+        counts = (len(entry.measures.led_levels) for entry in self.entries if entry.measures)
         return next(counts, None)
 
     def has_run_at(self, moment_utc: str) -> bool:

@@ -24,12 +24,12 @@ class LiveView:
 
     def captured(self, entry: SetEntry) -> None:
         """Show the orientation of the set that was just captured."""
-        measures, said = entry.measures, f"{entry.file}: captured"
+        measures, text = entry.measures, f"{entry.file}: captured"
         if measures is not None and measures.estimated_deg is not None:
-            said += (
+            text += (
                 f" at {measures.estimated_deg:.1f} degrees, {entry.orientation_deg:g} were asked"
             )
-        self.preview.captured(said)
+        self.preview.captured(text)
 
     @contextmanager
     def placing(self, question: PlaceSpecimen) -> Iterator[None]:
@@ -61,7 +61,7 @@ class LiveView:
         try:
             if rig.config.lights.synchronisation != "software":
                 raise InputError("live images need lights.synchronisation = 'software' in rig.toml")
-            measure = None if guide is None else partial(guide.said_of, rig.lighting)
+            measure = None if guide is None else partial(guide.orientation_text, rig.lighting)
             show_lights(rig, self.preview, stopping, measure)
             rig.lights.off()
         except (HardwareError, InputError) as error:

@@ -44,7 +44,7 @@ class SpecimenReference:
     def measures(self, loaded: LoadedSet) -> SetMeasures:
         """Compare a set of the same specimen; `orientation_deg` of its metadata was entered."""
         captured, surface = loaded.captured, _solved(loaded)
-        measures, warnings = _alone(captured, surface)
+        measures, warnings = _own_measures(captured, surface)
         signal = sum(measures.led_levels)
         if abs(signal / self._signal - 1.0) > _MAX_SIGNAL_CHANGE:
             warnings.append(
@@ -65,8 +65,8 @@ class SpecimenReference:
             )
         if blur_px is not None and blur_px > _MAX_BLUR_PX:
             warnings.append(f"{blur_px:.1f} px blurrier than the first set of the specimen")
-        found = {"estimated_deg": estimated_deg, "blur_px": blur_px}
-        return measures.model_copy(update={**found, "warnings": tuple(warnings)})
+        estimates = {"estimated_deg": estimated_deg, "blur_px": blur_px}
+        return measures.model_copy(update={**estimates, "warnings": tuple(warnings)})
 
     def orientation_deg(
         self, surface: SurfaceEstimate, entered_deg: float | None = None
@@ -102,7 +102,7 @@ class SpecimenReference:
 
 def measures_of_first(loaded: LoadedSet) -> SetMeasures:
     """Measure the first set of a specimen."""
-    measures, warnings = _alone(loaded.captured, _solved(loaded))
+    measures, warnings = _own_measures(loaded.captured, _solved(loaded))
     return measures.model_copy(update={"warnings": tuple(warnings)})
 
 
@@ -110,7 +110,7 @@ def _solved(loaded: LoadedSet) -> SurfaceEstimate:
     return loaded.solve_texture(None, planar=True)
 
 
-def _alone(captured: CapturedSet, surface: SurfaceEstimate) -> tuple[SetMeasures, list[str]]:
+def _own_measures(captured: CapturedSet, surface: SurfaceEstimate) -> tuple[SetMeasures, list[str]]:
     saturated, shadowed = float(surface.saturated.mean()), float(surface.shadow_mask.mean())
     warnings = []
     if saturated > MAX_SATURATED_SHARE:

@@ -36,7 +36,7 @@ class PlacementGuide:
         asked_deg = first_deg if asked_deg is None else asked_deg
         return cls(outline.rotated(asked_deg - first_deg), reference, asked_deg)
 
-    def said_of(self, lighting: Lighting, frames: Sequence[Frame]) -> str | None:
+    def orientation_text(self, lighting: Lighting, frames: Sequence[Frame]) -> str | None:
         """Say at which orientation a part lies, from a frame under each light; None if
         undetermined.
         """
@@ -50,9 +50,11 @@ class PlacementGuide:
         if now_deg is None:
             return None
         off_deg = self.asked_deg - now_deg
-        way = "anticlockwise" if off_deg > 0.0 else "clockwise"
-        todo = "good" if abs(off_deg) <= _GOOD_DEG else f"turn it by {abs(off_deg):.0f} {way}"
-        return f"now at {now_deg:.1f} degrees: {todo}"
+        direction = "anticlockwise" if off_deg > 0.0 else "clockwise"
+        request = (
+            "good" if abs(off_deg) <= _GOOD_DEG else f"turn it by {abs(off_deg):.0f} {direction}"
+        )
+        return f"now at {now_deg:.1f} degrees: {request}"
 
 
 @lru_cache(maxsize=1)

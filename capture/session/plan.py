@@ -23,8 +23,8 @@ from capture.sets.description import checked_properties, checked_text
 from capture.sets.metadata import Property
 from capture.sets.ome_tiff import SUFFIX
 from classify.base.errors import InputError
-from classify.base.labels import checked_label
 from classify.base.models import Degrees, Section, read_toml_as
+from classify.methods import checked_label
 
 # A year of captures at one a minute.
 _MAX_SETS = 500_000
@@ -39,10 +39,10 @@ def _usable_label(label: str) -> str:
         raise ValueError(str(error)) from error
 
 
-def _usable_text(text: str, about: ValidationInfo) -> str:
+def _usable_text(text: str, context: ValidationInfo) -> str:
     # A set with a text that is not printable could not be read again.
     try:
-        return checked_text(about.field_name or "text", text)
+        return checked_text(context.field_name or "text", text)
     except InputError as error:
         raise ValueError(str(error)) from error
 
@@ -182,13 +182,13 @@ class SessionPlan(Section):
 
     @model_validator(mode="after")
     def _each_set_is_planned_once(self) -> Self:
-        ids = [each.id.casefold() for each in self.specimen]
+        ids = [specimen.id.casefold() for specimen in self.specimen]
         named: tuple[tuple[str, Sequence[object]], ...] = (
             ("specimen.id", ids),
-            ("orientations_deg", [each % 360.0 for each in self.orientations_deg]),
+            ("orientations_deg", [angle_deg % 360.0 for angle_deg in self.orientations_deg]),
         )
         for key, names in named:
-            twice = [each for each, count in Counter(names).items() if count > 1]
+            twice = [name for name, count in Counter(names).items() if count > 1]
             if twice:
                 raise ValueError(f"{key}: {twice[0]} is named twice; name each once")
         if len(self) > _MAX_SETS:
@@ -223,7 +223,7 @@ class SessionPlan(Section):
 
     def specimen_named(self, name: str) -> Specimen:
         """Return the specimen with this id."""
-        return next(each for each in self.specimen if each.id == name)
+        return next(specimen for specimen in self.specimen if specimen.id == name)
 
     def turntable_command(self, orientation_deg: float) -> list[str]:
         """Words of the command that turns the specimen."""

@@ -20,8 +20,8 @@ from .folder import PLAN, SETS, SessionFolder
 from .journal import Journal, SetEntry
 from .plan import SessionPlan, read_plan
 
-# These fields add and remove planned sets, which are counted by themselves.
-_OF_NO_SET = ("orientations_deg", "repeats", "file_name", "turntable", "turntable_timeout_s")
+# Fields that add and remove planned sets; captured sets do not depend on them.
+_PLANNING_FIELDS = ("orientations_deg", "repeats", "file_name", "turntable", "turntable_timeout_s")
 
 
 def plan_beside(folder: Path) -> Path | None:
@@ -50,11 +50,14 @@ def plan_changes(plan: SessionPlan, folder: SessionFolder) -> list[str]:
     if plan == folder.plan:
         return []
     captured = Counter(entry.specimen for entry in folder.captured())
-    before, after = (each.model_dump(mode="json") for each in (folder.plan, plan))
-    old, new = ({each["id"]: each for each in values.pop("specimen")} for values in (before, after))
+    before, after = (plan_version.model_dump(mode="json") for plan_version in (folder.plan, plan))
+    old, new = (
+        {specimen["id"]: specimen for specimen in values.pop("specimen")}
+        for values in (before, after)
+    )
     lines = []
     for line, field in _changes(before, after):
-        lines.append(line + _unchanged(captured.total() * (field not in _OF_NO_SET)))
+        lines.append(line + _unchanged(captured.total() * (field not in _PLANNING_FIELDS)))
     for name in dict.fromkeys([*old, *new]):
         if name not in old or name not in new:
             lines.append(f"specimen {name}: " + ("new" if name in new else "removed"))
@@ -66,12 +69,12 @@ def plan_changes(plan: SessionPlan, folder: SessionFolder) -> list[str]:
 
 def _changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Each field that differs, with its values, and its name."""
-    for each in field_differences(before, after):
+    for difference in field_differences(before, after):
         first, second = (
             "none" if value is None else json.dumps(value, ensure_ascii=False)
-            for value in (each.first, each.second)
+            for value in (difference.first, difference.second)
         )
-        yield f"{each.field}: {first} -> {second}", each.field
+        yield f"{difference.field}: {first} -> {second}", difference.field
 
 
 def _unchanged(captured: int) -> str:
@@ -93,11 +96,11 @@ def use_plan(plan_path: Path, folder: SessionFolder) -> None:
     plan = read_plan(plan_path)
     files = {entry.file.casefold(): entry for entry in folder.journal.entries if entry.file}
     for planned in plan.sets():
-        taken = files.get(f"{SETS}/{planned.file_name}".casefold())
-        if taken is not None and folder.journal.entry_of(planned) is not taken:
+        entry = files.get(f"{SETS}/{planned.file_name}".casefold())
+        if entry is not None and folder.journal.entry_of(planned) is not entry:
             raise InputError(
-                f"{plan_path}: {planned} would be {taken.file}, which is {taken.specimen} at "
-                f"{taken.orientation_deg:g} degrees; give another id, or another file_name"
+                f"{plan_path}: {planned} would be {entry.file}, which is {entry.specimen} at "
+                f"{entry.orientation_deg:g} degrees; give another id, or another file_name"
             )
     with durable_file(folder.path / PLAN) as temporary:
         shutil.copyfile(plan_path, temporary)

@@ -44,25 +44,25 @@ class Preview:
     _error: str | None = None
     _places: Places | None = None
     _guide: str | None = None
-    _found: str | None = None
+    _measured: str | None = None
     _captured: str | None = None
     _overlays: tuple[str | None, int] = (None, 0)
 
     def guide(self, text: str, outline: Outline | None) -> None:
         """Show instructions for the placement, and over each image the required outline."""
         with self._lock:
-            self._guide, self._found = text, None
+            self._guide, self._measured = text, None
             self._overlays = (None if outline is None else outline.svg(), self._overlays[1] + 1)
 
-    def found(self, text: str) -> None:
+    def measured(self, text: str) -> None:
         """Show the measurement on the part that lies there now."""
         with self._lock:
-            self._found = text
+            self._measured = text
 
     def captured(self, text: str) -> None:
         """Show the measurement on the previous set."""
         with self._lock:
-            self._captured, self._found = text, None
+            self._captured, self._measured = text, None
 
     def overlay(self) -> bytes | None:
         """Return the outline as an SVG image, None if there is none."""
@@ -113,7 +113,7 @@ class Preview:
                 "stale_after_s": self.stale_after_s,
                 "places": None if self._places is None else self._places._asdict(),
                 "guide": self._guide,
-                "found": self._found,
+                "found": self._measured,
                 "captured": self._captured,
                 "overlay": None if svg is None else version,
                 "max_saturated_share": MAX_SATURATED_SHARE,
@@ -140,7 +140,7 @@ def show_lights(
                 return
         text = None if measure is None else measure(frames)
         if text is not None:
-            preview.found(text)
+            preview.measured(text)
 
 
 def run_preview(

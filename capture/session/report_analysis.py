@@ -76,7 +76,7 @@ def analyse(
     """Analyse the captured sets of a session; damaged ones are named and left out."""
     damaged: dict[str, str] = {}
     entries = sorted(folder.captured(), key=lambda entry: entry.captured_utc or "")
-    entries = [each for each in entries if _loaded(folder.path, each, damaged) is not None]
+    entries = [entry for entry in entries if _loaded(folder.path, entry, damaged) is not None]
     specimens: dict[str, SpecimenResult] = {}
     for piece in dict.fromkeys(entry.piece for entry in entries if entry.piece):
         for entry in folder.sets_of(piece):
@@ -86,7 +86,7 @@ def analyse(
                 specimens[piece] = _specimen(loaded, surface)
                 break
     separation = _separation(folder.path, entries, specimens, damaged, on_progress)
-    entries = [each for each in entries if each.file not in damaged]
+    entries = [entry for entry in entries if entry.file not in damaged]
     remarks = [*_remarks(entries, separation)]
     return SessionAnalysis(entries, specimens, separation, damaged, remarks)
 
@@ -136,27 +136,31 @@ def _separation(
     damaged: dict[str, str],
     on_progress: Callable[[float], None] | None,
 ) -> Separation | None:
-    usable = {name: each for name, each in specimens.items() if each.spectra is not None}
+    usable = {
+        name: specimen for name, specimen in specimens.items() if specimen.spectra is not None
+    }
     if len(usable) < 2:
         return None
     names = list(usable)
-    library = TextureLibrary.train([(name, each.surface, 0.0) for name, each in usable.items()])
+    library = TextureLibrary.train(
+        [(name, specimen.surface, 0.0) for name, specimen in usable.items()]
+    )
     first_hashes = {
-        each.loaded.captured.metadata.pixels_sha256: name for name, each in usable.items()
+        specimen.loaded.captured.metadata.pixels_sha256: name for name, specimen in usable.items()
     }
     usable_entries = [entry for entry in entries if entry.piece in usable]
     compared, rows = [], []
     for number, entry in enumerate(usable_entries):
-        found = {}
+        own = {}
         if entry.pixels_sha256 in first_hashes:
             surface: SurfaceEstimate | None = usable[entry.piece].surface
             # The distance of the first set to itself says nothing about repeated captures.
-            found = {entry.piece: math.nan}
+            own = {entry.piece: math.nan}
         else:
             surface = _surface(_loaded(folder, entry, damaged), entry, damaged)
         if surface is not None:
             try:
-                rows.append([(library.distances(surface) | found)[name] for name in names])
+                rows.append([(library.distances(surface) | own)[name] for name in names])
                 compared.append(entry)
             except InputError as error:
                 damaged[entry.file or ""] = str(error)
@@ -174,19 +178,19 @@ def _separation(
 
 def _remarks(entries: list[SetEntry], separation: Separation | None) -> Iterator[tuple[str, str]]:
     """Warnings of the captures, duplicates, and sets that do not look like their specimen."""
-    seen: dict[str | None, str | None] = {}
+    first_files: dict[str | None, str | None] = {}
     for entry in entries:
         for warning in entry.measures.warnings if entry.measures else ():
             yield str(entry.file), warning
-        if entry.pixels_sha256 in seen:
-            yield str(entry.file), f"has the pixels of {seen[entry.pixels_sha256]}"
-        seen.setdefault(entry.pixels_sha256, entry.file)
+        if entry.pixels_sha256 in first_files:
+            yield str(entry.file), f"has the pixels of {first_files[entry.pixels_sha256]}"
+        first_files.setdefault(entry.pixels_sha256, entry.file)
     if separation is None:
         return
-    yield from strangers(separation)
+    yield from outliers(separation)
 
 
-def strangers(separation: Separation) -> Iterator[tuple[str, str]]:
+def outliers(separation: Separation) -> Iterator[tuple[str, str]]:
     """Sets that look like another class, or like none.
 
     A set is far if it is beyond the limit of its specimen, and by more than sets of the session
@@ -211,16 +215,16 @@ def strangers(separation: Separation) -> Iterator[tuple[str, str]]:
         if math.isnan(share):
             continue
         if labels[nearest] != labels[entry.piece]:
-            said = (
+            remark = (
                 f"looks more like {nearest} than like {entry.piece}; if that specimen lay below "
                 f"the camera, correct the set with ps4rig info --set specimen={nearest}"
             )
         elif share > far:
-            said = (
+            remark = (
                 f"its distance from the first set of {entry.piece} is {share / far:.1f} times the "
                 "limit; compare both with ps4rig compare; if this one is wrong, delete its file, "
                 "and ps4rig session resume captures it again"
             )
         else:
             continue
-        yield str(entry.file), said
+        yield str(entry.file), remark

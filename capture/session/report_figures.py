@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from collections.abc import Sequence
 from datetime import datetime
 
@@ -11,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from capture.base.page import curve_colour
+from capture.base.page import curve_colour, svg_uri
 from capture.session.journal import SetEntry
 from classify import Spectra
 from classify.lighting import orientation_near
@@ -46,7 +44,7 @@ def levels_figure(entries: Sequence[SetEntry]) -> str:
     if curves:
         axes.legend(fontsize=7, ncols=4, frameon=False)
     figure.autofmt_xdate()
-    return _svg(figure)
+    return svg_uri(figure)
 
 
 def orientations_figure(entries: Sequence[SetEntry]) -> str:
@@ -67,7 +65,7 @@ def orientations_figure(entries: Sequence[SetEntry]) -> str:
     axes.set_xlabel("entered, degrees")
     axes.set_ylabel("estimated - entered")
     _legend(axes)
-    return _svg(figure)
+    return svg_uri(figure)
 
 
 def orientation_error_deg(entry: SetEntry) -> float | None:
@@ -98,7 +96,7 @@ def matrix_figure(separation: Separation) -> str:
     tree_axes.yaxis.tick_right()
     tree_axes.set_xlabel("distance at which groups join")
     tree_axes.invert_xaxis()
-    return _svg(figure)
+    return svg_uri(figure)
 
 
 def map_figure(separation: Separation) -> str:
@@ -112,7 +110,7 @@ def map_figure(separation: Separation) -> str:
         )  # fmt: skip
     axes.set_aspect("equal", adjustable="datalim")
     _legend(axes)
-    return _svg(figure)
+    return svg_uri(figure)
 
 
 def spectrum_figure(spectra: Spectra) -> str:
@@ -125,7 +123,7 @@ def spectrum_figure(spectra: Spectra) -> str:
         axes.plot(angles, around, color=curve_colour(number), linewidth=1.0)
     axes.set_yticklabels([])
     axes.tick_params(labelsize=6)
-    return _svg(figure)
+    return svg_uri(figure)
 
 
 def _figure(width_in: float, height_in: float) -> tuple[Figure, Axes]:
@@ -145,11 +143,3 @@ def _legend(axes: Axes) -> None:
 def _mark(number: int) -> str:
     """Return a mark: with the colours it tells 40 specimens apart."""
     return _MARKS[number % len(_MARKS)]
-
-
-def _svg(figure: Figure) -> str:
-    """Return the figure as an image of an HTML page, whose names cannot collide with others."""
-    text = io.BytesIO()
-    # A date would make two reports of one session differ.
-    figure.savefig(text, format="svg", metadata={"Date": None})
-    return "data:image/svg+xml;base64," + base64.b64encode(text.getvalue()).decode("ascii")

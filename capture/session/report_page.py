@@ -16,23 +16,25 @@ from . import report_figures as figures
 from .report_analysis import SessionAnalysis, SpecimenResult
 
 
-def report_page(folder: SessionFolder, found: SessionAnalysis) -> str:
+def report_page(folder: SessionFolder, analysis: SessionAnalysis) -> str:
     """Return the page as HTML."""
-    damaged = [(file, f"cannot be read: {error}") for file, error in found.damaged.items()]
+    damaged = [(file, f"cannot be read: {error}") for file, error in analysis.damaged.items()]
     return rendered(
         "session/report.html",
         title=folder.plan.name,
         is_simulated=any(run.simulated for run in folder.journal.runs),
-        facts=_facts(folder, found),
-        remarks=damaged + found.remarks,
+        facts=_facts(folder, analysis),
+        remarks=damaged + analysis.remarks,
         figures=figures,
-        entries=found.entries,
-        separation=found.separation,
-        specimens=[_specimen(name, result, found) for name, result in found.specimens.items()],
+        entries=analysis.entries,
+        separation=analysis.separation,
+        specimens=[
+            _specimen(name, result, analysis) for name, result in analysis.specimens.items()
+        ],
     )
 
 
-def _facts(folder: SessionFolder, found: SessionAnalysis) -> Iterator[tuple[str, str]]:
+def _facts(folder: SessionFolder, analysis: SessionAnalysis) -> Iterator[tuple[str, str]]:
     journal, missing = folder.journal, len(folder.missing())
     captured, skipped = len(folder.captured()), len(folder.left_out())
     yield "operator", folder.plan.operator or "-"
@@ -42,7 +44,11 @@ def _facts(folder: SessionFolder, found: SessionAnalysis) -> Iterator[tuple[str,
     yield (
         "sets",
         f"{captured} captured, {skipped} left out, {missing} missing"
-        + (f"; {len(found.damaged)} of the captured ones cannot be read" if found.damaged else "")
+        + (
+            f"; {len(analysis.damaged)} of the captured ones cannot be read"
+            if analysis.damaged
+            else ""
+        )
         + (f"; {unplanned} of the captured ones are no longer planned" if unplanned else ""),
     )
     if journal.runs:
@@ -51,14 +57,14 @@ def _facts(folder: SessionFolder, found: SessionAnalysis) -> Iterator[tuple[str,
     yield "size", f"{folder.bytes_of_sets() / 1e6:.0f} MB"
 
 
-def _specimen(name: str, result: SpecimenResult, found: SessionAnalysis) -> dict[str, Any]:
+def _specimen(name: str, result: SpecimenResult, analysis: SessionAnalysis) -> dict[str, Any]:
     captured, surface = result.loaded.captured, result.surface
     tiles = {
         **pictures.light_images(captured, 4),
         "albedo": pictures.grey(surface.albedo),
         "relief": pictures.shaded(surface.normals),
     }
-    entries = [entry for entry in found.entries if entry.piece == name]
+    entries = [entry for entry in analysis.entries if entry.piece == name]
     values: dict[str, dict[str, None]] = {}  # in order, each once
     for entry in entries:
         if entry.description is not None:

@@ -30,17 +30,17 @@ def check_rig(folder: SessionFolder, config: RigConfig) -> None:
 
 def check_plan(plan: SessionPlan, source: Path, config: RigConfig) -> None:
     """Check that a rig can capture a plan, which was read from `source`."""
-    for each in plan.specimen:
-        if not config.is_simulated and each.surface is not None:
+    for specimen in plan.specimen:
+        if not config.is_simulated and specimen.surface is not None:
             raise InputError(
-                f"specimen {each.id}: surface is for the simulated rig only; remove the key"
+                f"specimen {specimen.id}: surface is for the simulated rig only; remove the key"
             )
-        if config.is_simulated and each.surface is None:
+        if config.is_simulated and specimen.surface is None:
             raise InputError(
-                f"specimen {each.id}: the simulated rig needs its surface; add surface = 'rock'"
+                f"specimen {specimen.id}: the simulated rig needs its surface; add surface = 'rock'"
             )
-        if each.surface is not None:
-            require_surface(each.surface)
+        if specimen.surface is not None:
+            require_surface(specimen.surface)
     if plan.exposure_ms not in (None, SEARCH):
         config.with_changes(camera={"exposure_ms": plan.exposure_ms})
     if plan.calibration_required and config.calibration is None:
@@ -114,8 +114,8 @@ def _check_lights(folder: SessionFolder, config: RigConfig) -> None:
 
 def _check_frame(folder: SessionFolder, config: RigConfig) -> None:
     """Refuse a rig whose frames differ in size from the first captured set of a specimen."""
-    firsts = (folder.first_set_of(each.id) for each in folder.plan.specimen)
-    first = next((each for each in firsts if each is not None), None)
+    firsts = (folder.first_set_of(specimen.id) for specimen in folder.plan.specimen)
+    first = next((path for path in firsts if path is not None), None)
     if first is None:
         return
     try:
@@ -149,8 +149,8 @@ def _cause(error: OSError | subprocess.SubprocessError) -> str:
     if isinstance(error, subprocess.TimeoutExpired):
         return f"did not end within {error.timeout:g} s"
     if isinstance(error, subprocess.CalledProcessError):
-        said = (error.stderr or b"").decode(errors="replace").strip()
-        return f"ended with status {error.returncode}" + (f": {said[-200:]}" if said else "")
+        message = (error.stderr or b"").decode(errors="replace").strip()
+        return f"ended with status {error.returncode}" + (f": {message[-200:]}" if message else "")
     return getattr(error, "strerror", None) or str(error)
 
 
@@ -216,7 +216,9 @@ def compare_rig(rig: Rig, known: CalibrationFile, ask: Ask, publish: Publish) ->
         except CalibrationRejected as error:
             cause = str(error)
         else:
-            faults = [f"{each.seen}: {each.advice}" for each in checks if each.status == "fault"]
+            faults = [
+                f"{check.seen}: {check.advice}" for check in checks if check.status == "fault"
+            ]
             if not faults:
                 publish(RigCompared(checks))
                 return Answer.GO

@@ -19,23 +19,9 @@ from capture.sets.loaded_set import LoadedSet
 from classify.base.errors import InputError, Ps4rigError
 from rig import HardwareError, Placement, Rig, RigConfig, open_rig
 
+from . import events
 from .corrections import enter_corrections
-from .events import (
-    Answer,
-    Ask,
-    DecideFailure,
-    DecideWarnings,
-    PlaceSpecimen,
-    Publish,
-    RigChanged,
-    SessionFinished,
-    SetAdopted,
-    SetCaptured,
-    SetDamaged,
-    SetFailed,
-    State,
-    StateChanged,
-)
+from .events import Answer, Ask, Publish, State
 from .folder import SessionFolder
 from .journal import FinishReason, RunRecord, SetEntry
 from .measures import SpecimenReference, measures_of_first
@@ -45,7 +31,7 @@ from .rig_checks import check_rig
 
 
 @dataclass(frozen=True)
-class Finish:
+class _Finish:
     """The end of a run, with the reason if it is not evident."""
 
     finish: FinishReason
@@ -56,13 +42,18 @@ class Finish:
 class _Stopped(Exception):  # noqa: N818 - a decision of the operator, no error
     """Raised to leave the loop over the sets."""
 
-    def __init__(self, finish: Finish) -> None:
+    def __init__(self, finish: _Finish) -> None:
         self.finish = finish
 
 
 def run_session(
-    folder: SessionFolder, config: RigConfig, ask: Ask, publish: Publish, *, left_out: bool = False
-) -> SessionFinished:
+    folder: SessionFolder,
+    config: RigConfig,
+    ask: Ask,
+    publish: Publish,
+    *,
+    left_out: bool = False,
+) -> events.SessionFinished:
     """Capture the missing sets of a session.
 
     Each set is in its file before its entry is in the journal, and there before the next one
@@ -80,7 +71,7 @@ def run_session(
     new_runner = _Runner(folder, config, ask, publish, left_out)
     folder.reserve()
     if changes := rig_changes(folder.journal, config):
-        publish(RigChanged(tuple(changes)))
+        publish(events.RigChanged(tuple(changes)))
     folder.update(folder.journal.with_run(run))
     with new_runner as runner:
         try:
@@ -88,14 +79,14 @@ def run_session(
             runner.adopt()
             runner.compare_rig()
             runner.capture_all()
-            end = Finish("incomplete" if folder.missing() else "complete")
+            end = _Finish("incomplete" if folder.missing() else "complete")
         except _Stopped as stopped:
             end = stopped.finish
         except KeyboardInterrupt:
-            _end(folder, Finish("interrupted"), publish, runner)
+            _end(folder, _Finish("interrupted"), publish, runner)
             raise
         except Ps4rigError as error:
-            end = Finish("failed", str(error), error)
+            end = _Finish("failed", str(error), error)
     finished = _end(folder, end, publish, runner)
     if end.error is not None:
         raise end.error
@@ -103,13 +94,13 @@ def run_session(
 
 
 def _end(
-    folder: SessionFolder, end: Finish, publish: Publish, runner: "_Runner"
-) -> SessionFinished:
+    folder: SessionFolder, end: _Finish, publish: Publish, runner: "_Runner"
+) -> events.SessionFinished:
     folder.release()
     folder.update(folder.journal.with_run_ended(utc_text(), end.finish, end.reason))
     missing, left_out = len(folder.missing()), len(folder.left_out())
-    finished = SessionFinished(end.finish, end.reason, runner.captured, missing, left_out)
-    publish(StateChanged(State.FINISHED, None))
+    finished = events.SessionFinished(end.finish, end.reason, runner.captured, missing, left_out)
+    publish(events.StateChanged(State.FINISHED, None))
     publish(finished)
     return finished
 
@@ -118,7 +109,12 @@ class _Runner:
     """The open rig of a run, and the reference of the specimen below it."""
 
     def __init__(
-        self, folder: SessionFolder, config: RigConfig, ask: Ask, publish: Publish, left_out: bool
+        self,
+        folder: SessionFolder,
+        config: RigConfig,
+        ask: Ask,
+        publish: Publish,
+        left_out: bool,
     ) -> None:
         self._folder, self._config = folder, config
         self._ask, self._publish, self._left_out = ask, publish, left_out
@@ -140,18 +136,18 @@ class _Runner:
 
     def read_again(self) -> None:
         """Set damaged files aside, and enter what was corrected in the others."""
-        self._publish(StateChanged(State.READING, None))
+        self._publish(events.StateChanged(State.READING, None))
         planned_sets, intact = set(self._folder.plan.sets()), []
-        for planned, found in self._folder.read_again():
-            if isinstance(found, InputError):
-                raise found
+        for planned, state in self._folder.read_again():
+            if isinstance(state, InputError):
+                raise state
             entry = self._folder.journal.entry_of(planned)
-            if isinstance(found, str):
+            if isinstance(state, str):
                 if planned in planned_sets:
                     self._folder.give_up(planned)
-                    self._publish(SetDamaged(planned, found))
+                    self._publish(events.SetDamaged(planned, state))
             elif entry is not None:
-                intact.append((entry, found))
+                intact.append((entry, state))
         enter_corrections(self._folder, intact)
 
     def adopt(self) -> None:
@@ -159,22 +155,22 @@ class _Runner:
         for planned, captured in self._folder.orphans():
             path = self._folder.file_of(planned)
             shape = captured.images.shape[1:]
-            found = calibration_of(path, captured.metadata, shape)
-            entry = self._entry(planned, LoadedSet(captured, found))
+            calibration = calibration_of(path, captured.metadata, shape)
+            entry = self._entry(planned, LoadedSet(captured, calibration))
             file = path.relative_to(self._folder.path).as_posix()
             entry = entry.model_copy(update={"file": file})
             self._folder.update(self._folder.journal.with_entry(entry))
-            self._publish(SetAdopted(entry))
+            self._publish(events.SetAdopted(entry))
 
     def compare_rig(self) -> None:
         """Compare the rig with its calibration, if it has one, by a white sheet."""
         known = None if self._calibration is None else self._calibration.file
         if known is None or known.calibration.flat_field is None or not self._missing():
             return
-        self._publish(StateChanged(State.COMPARING, None))
+        self._publish(events.StateChanged(State.COMPARING, None))
         self._rig = self._closing.enter_context(open_rig(self._config))
         if compare_rig(self._rig, known, self._ask, self._publish) is Answer.STOP:
-            raise _Stopped(Finish("stopped"))
+            raise _Stopped(_Finish("stopped"))
 
     def capture_all(self) -> None:
         """Capture the missing sets, placement after placement."""
@@ -183,9 +179,9 @@ class _Runner:
         while index < len(placements):
             first = placements[index][0]
             self._state(State.PLACING, first)
-            match self._ask(PlaceSpecimen(first, partial(self._live_rig, first))):
+            match self._ask(events.PlaceSpecimen(first, partial(self._live_rig, first))):
                 case Answer.STOP:
-                    raise _Stopped(Finish("stopped"))
+                    raise _Stopped(_Finish("stopped"))
                 case Answer.REPEAT:
                     # The previous placement once more, if there was one.
                     if last is not None:
@@ -225,19 +221,19 @@ class _Runner:
             warnings = entry.measures.warnings if entry.measures else ()
             if warnings:
                 self._state(State.ASKING, planned)
-                answer = self._ask(DecideWarnings(planned, warnings))
+                answer = self._ask(events.DecideWarnings(planned, warnings))
                 if answer is Answer.REPEAT:
                     continue
                 if answer is Answer.SKIP:
                     self._leave_out([planned], "; ".join(warnings))
                     return
                 if answer is Answer.STOP:
-                    raise _Stopped(Finish("stopped"))
+                    raise _Stopped(_Finish("stopped"))
             if self._reference is not None and self._reference[0] == path:
                 self._reference = None  # the first set of its specimen is replaced
-            kept = self._folder.keep(planned, captured, entry)
+            entered = self._folder.keep(planned, captured, entry)
             self.captured += 1
-            self._publish(SetCaptured(kept))
+            self._publish(events.SetCaptured(entered))
             return
 
     def _fails(self, planned: PlannedSet, error: Ps4rigError) -> Answer:
@@ -245,11 +241,11 @@ class _Runner:
         lost_rig = isinstance(error, HardwareError)
         if lost_rig:
             self._close_rig()
-        self._publish(SetFailed(planned, str(error)))
+        self._publish(events.SetFailed(planned, str(error)))
         self._state(State.ASKING, planned)
-        answer = self._ask(DecideFailure(planned, str(error), lost_rig))
+        answer = self._ask(events.DecideFailure(planned, str(error), lost_rig))
         if answer is Answer.STOP:
-            raise _Stopped(Finish("failed", str(error), error) if lost_rig else Finish("stopped"))
+            raise _Stopped(_Finish("failed", str(error), error) if lost_rig else _Finish("stopped"))
         if answer is Answer.SKIP:
             self._leave_out([planned], str(error))
         return answer
@@ -340,22 +336,22 @@ class _Runner:
         config = self._config
         if placement is not None:
             config = config.with_changes(simulation={"placement": placement.model_dump()})
-        wanted = self._folder.plan.exposure_ms
-        if wanted is None:
+        exposure_ms = self._folder.plan.exposure_ms
+        if exposure_ms is None:
             return config
-        if wanted == SEARCH:
+        if exposure_ms == SEARCH:
             if specimen not in self._exposures_ms:
                 self._close_rig()
                 self._exposures_ms[specimen] = find_exposure_ms(config)
-            wanted = self._exposures_ms[specimen]
-        return config.with_changes(camera={"exposure_ms": wanted})
+            exposure_ms = self._exposures_ms[specimen]
+        return config.with_changes(camera={"exposure_ms": exposure_ms})
 
     def _close_rig(self) -> None:
         self._rig = None
         self._closing.close()
 
     def _state(self, state: State, planned: PlannedSet) -> None:
-        self._publish(StateChanged(state, planned))
+        self._publish(events.StateChanged(state, planned))
 
 
 def _placement(planned: PlannedSet) -> tuple[str, float]:

@@ -29,7 +29,7 @@ def sets_table(
     """
     planned = {entry.key: entry for entry in map(SetEntry.of, plan.sets())}
     entered = {entry.key: entry for entry in entries}
-    labels = {each.id: each.label or each.id for each in plan.specimen}
+    labels = {specimen.id: specimen.label or specimen.id for specimen in plan.specimen}
     rows = []
     for key, entry in {**planned, **entered}.items():
         error = damaged.get(entry.file or "")
@@ -42,9 +42,11 @@ def sets_table(
         if entry.description is None:
             row["label"] = labels.get(entry.specimen)
         rows.append(row)
-    said = [entry.description for entry in entries if entry.description is not None]
-    properties = sorted({_column(name) for each in said for name in each.properties})
-    lights = max((len(each.measures.led_levels) for each in entries if each.measures), default=0)
+    descriptions = [entry.description for entry in entries if entry.description is not None]
+    properties = sorted(
+        {_column(name) for description in descriptions for name in description.properties}
+    )
+    lights = max((len(entry.measures.led_levels) for entry in entries if entry.measures), default=0)
     text = io.StringIO()
     writer = csv.DictWriter(text, [*COLUMNS, *map(_level, range(lights)), *properties])
     writer.writeheader()
@@ -62,17 +64,17 @@ def _row(entry: SetEntry) -> dict[str, Cell]:
         "pixels_sha256": entry.pixels_sha256,
         "warnings": entry.skipped,
     }
-    said, measures = entry.description, entry.measures
-    if said is not None:
+    description, measures = entry.description, entry.measures
+    if description is not None:
         row |= {
-            "label": said.label,
-            "exposure_ms": plain(said.exposure_ms),
-            "operator": said.operator,
-            "note": said.note,
-            "calibration": " ".join(said.calibration_ids),
-            "corrected": " ".join(said.corrected),
+            "label": description.label,
+            "exposure_ms": plain(description.exposure_ms),
+            "operator": description.operator,
+            "note": description.note,
+            "calibration": " ".join(description.calibration_ids),
+            "corrected": " ".join(description.corrected),
         }
-        row |= {_column(name): plain(value) for name, value in said.properties.items()}
+        row |= {_column(name): plain(value) for name, value in description.properties.items()}
     if measures is not None:
         row |= {
             "estimated_deg": _rounded(measures.estimated_deg, 2),
@@ -92,8 +94,8 @@ def _level(light: int) -> str:
 def _column(name: str) -> str:
     """Column of a property: its name, unless a column of every table is called so."""
     small = name.casefold()
-    taken = small in COLUMNS or small.startswith(("level_led_", "property_"))
-    return f"property_{name}" if taken else name
+    is_reserved = small in COLUMNS or small.startswith(("level_led_", "property_"))
+    return f"property_{name}" if is_reserved else name
 
 
 def _rounded(value: float | None, digits: int) -> float | None:

@@ -37,11 +37,11 @@ _SUFFIXES = (SET_SUFFIX, LIBRARY_SUFFIX, DEFECTS_SUFFIX, PIECES_SUFFIX, CALIBRAT
 
 @dataclass(frozen=True)
 class FileFinding:
-    """The state of a file; `said` gives details, and is empty for a good file."""
+    """The state of a file; `details` is empty for a good file."""
 
     path: Path
     state: State
-    said: str = ""
+    details: str = ""
 
 
 def files_below(folder: Path, *names: str) -> list[Path]:
@@ -52,7 +52,7 @@ def files_below(folder: Path, *names: str) -> list[Path]:
     if not folder.is_dir():
         wrong = "is a file; give its folder" if folder.exists() else "no such folder"
         raise InputError(f"{folder}: {wrong}")
-    found = sorted(
+    files = sorted(
         path
         for path in folder.rglob("*")
         if (path.name.endswith(_SUFFIXES) or path.name in (JOURNAL, *names))
@@ -60,11 +60,11 @@ def files_below(folder: Path, *names: str) -> list[Path]:
         and not path.is_dir()
         and not path.name.startswith(".")
     )
-    if not found:
+    if not files:
         raise InputError(
             f"{folder}: holds no captured sets, libraries, calibrations, sessions or stations"
         )
-    return found
+    return files
 
 
 def verify_file(path: Path) -> Iterator[FileFinding]:
@@ -105,7 +105,7 @@ def _captured_set(path: Path) -> FileFinding:
 
 def _session(folder: Path) -> Iterator[FileFinding]:
     session = SessionFolder(folder)
-    entered = {folder / each.file: each for each in session.journal.entries if each.file}
+    entered = {folder / entry.file: entry for entry in session.journal.entries if entry.file}
     for path, entry in entered.items():
         if not path.is_file():
             yield FileFinding(path, "missing", "it is in the journal of the session")

@@ -95,7 +95,7 @@ class CapturedSet:
     @property
     def setting(self) -> Setting:
         """The setting of rig and camera that a calibration of the set must have."""
-        return setting_of(self.metadata, self.images.shape[1:])
+        return _setting_of(self.metadata, self.images.shape[1:])
 
     def with_calibration(self, file: CalibrationFile) -> CapturedSet:
         """Return the set with a calibration, which its metadata name.
@@ -158,10 +158,10 @@ class CapturedSet:
         if known is not None and known.hash in self.metadata.calibration_ids:
             return known.calibration
         path = self.path or Path("a set without a file")
-        found = calibration_of(path, self.metadata, self.images.shape[1:], way_out=_WAY_OUT)
-        for text in () if found is None else found.warnings:
+        calibration = calibration_of(path, self.metadata, self.images.shape[1:], way_out=_WAY_OUT)
+        for text in () if calibration is None else calibration.warnings:
             warnings.warn(f"{path}: {text}", stacklevel=3)
-        return Calibration() if found is None else found.file.calibration
+        return Calibration() if calibration is None else calibration.file.calibration
 
     @property
     def noise(self) -> SensorNoise | None:
@@ -213,15 +213,15 @@ def calibration_of(
     path: Path,
     metadata: SetMetadata,
     shape: tuple[int, ...],
-    given: Path | None = None,
+    chosen: Path | None = None,
     way_out: str = "give --calibration CAL (solve, compare and export can leave it out with --raw)",
 ) -> FoundCalibration | None:
     """Find the calibration of the set at `path` with images of `shape`; see `find_calibration`."""
-    ids, setting = metadata.calibration_ids, setting_of(metadata, shape)
-    return find_calibration(path, ids, setting, metadata.created_utc, given, way_out)
+    ids, setting = metadata.calibration_ids, _setting_of(metadata, shape)
+    return find_calibration(path, ids, setting, metadata.created_utc, chosen, way_out)
 
 
-def setting_of(metadata: SetMetadata, shape: tuple[int, ...]) -> Setting:
+def _setting_of(metadata: SetMetadata, shape: tuple[int, ...]) -> Setting:
     """Return the setting of a captured or imported set with images of `shape` (rows, columns)."""
     camera = metadata.camera
     stated = {} if camera is None else camera.model_dump(include=_OF_THE_CAMERA)

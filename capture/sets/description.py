@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args
 
 from capture.base.utc_time import utc_text
 from classify.base.errors import InputError
-from classify.base.labels import checked_label
+from classify.methods import checked_label
 
 from .captured_set import CapturedSet
 from .metadata import PROPERTY_PREFIX, CorrectionRecord, Property, SetMetadata
@@ -84,7 +84,7 @@ def value_of(metadata: SetMetadata, field: str) -> Property | None:
 
 def as_captured(metadata: SetMetadata, field: str) -> Property | None:
     """Return the value of a field before all corrections."""
-    before = (each.before for each in metadata.corrections if each.field == field)
+    before = (correction.before for correction in metadata.corrections if correction.field == field)
     return next(before, value_of(metadata, field))
 
 

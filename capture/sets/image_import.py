@@ -10,9 +10,9 @@ from capture.base.errors import SetRejected
 from capture.base.utc_time import utc_text
 from classify import Lighting
 from classify.base.errors import InputError
-from classify.base.labels import checked_label
 from classify.calibration.calibration import Calibration
 from classify.lights.algebra import require_solvable
+from classify.methods import checked_label
 from rig.set_file import pixels_sha256
 
 from .captured_set import CapturedSet
@@ -97,9 +97,9 @@ def import_images(
         noise=None,
     )
     findings, checks = check_photographs(checked, part, (calibration or Calibration()).at(None))
-    refused = [each for each in findings if each.refutes and each.cause not in accept]
+    refused = [finding for finding in findings if finding.refutes and finding.cause not in accept]
     if refused:
-        causes = "; ".join(f"{each.text} (--accept {each.cause})" for each in refused)
+        causes = "; ".join(f"{finding.text} (--accept {finding.cause})" for finding in refused)
         raise SetRejected(f"set rejected: {causes}")
     records = [ImageRecord(light=k, source_file=name) for k, name in enumerate(names)]
     if ambient is not None:
@@ -115,16 +115,16 @@ def import_images(
         checks=checks,
         gamma=photographs.gamma,
         gamma_source=photographs.gamma_source,
-        photographed=photographs.taken,
+        photographed=photographs.date,
         crop=crop,
         mask_file=None if mask is None else mask.name.encode("utf-8", "backslashreplace").decode(),
         warnings=(
             *warnings,
             *photographs.warnings,
             *_about_depth(photographs),
-            *(each.text for each in findings),
+            *(finding.text for finding in findings),
         ),
-        accepted=tuple(dict.fromkeys(each.cause for each in findings if each.refutes)),
+        accepted=tuple(dict.fromkeys(finding.cause for finding in findings if finding.refutes)),
         software_version=version("ps4rig"),
         pixels_sha256=pixels_sha256(images, ambient_image, part),
     )

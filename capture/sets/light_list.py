@@ -123,7 +123,9 @@ class LightList:
         }
         if not shared:
             name = image.name.casefold()
-            alike = [each for each in self.names if PureWindowsPath(each).name.casefold() == name]
+            alike = [
+                listed for listed in self.names if PureWindowsPath(listed).name.casefold() == name
+            ]
             hint = f", but for {alike[0]}; rename one of them" if alike else ""
             raise InputError(f"{self.source}: lists no light for {image.name}{hint}")
         rows = [row for row, parts in shared.items() if parts == max(shared.values())]
@@ -143,10 +145,10 @@ def listed_files(source: Path, names: Sequence[str]) -> list[Path]:
     moved = not any(files for files, name in zip(written, names, strict=True) if "/" in name)
     paths: list[Path] = []
     for name, here, namesakes in zip(names, written, beside, strict=True):
-        found = {(each.stat().st_dev, each.stat().st_ino): each for each in (*namesakes, *here)}
-        if len(found) > 1:
+        files = {(path.stat().st_dev, path.stat().st_ino): path for path in (*namesakes, *here)}
+        if len(files) > 1:
             raise InputError(
-                f"{source}: {name} may be {' or '.join(map(str, found.values()))}; remove or "
+                f"{source}: {name} may be {' or '.join(map(str, files.values()))}; remove or "
                 "rename one, or name the images themselves"
             )
         paths += (here or (moved and namesakes) or [source.parent / name])[:1]
@@ -163,8 +165,8 @@ def _files(path: Path) -> list[Path]:
         if part.isascii():
             places = [place / part for place in places]
         else:
-            below = (each for place in filter(os.path.isdir, places) for each in place.iterdir())
-            places = [each for each in below if _composed(each.name) == _composed(part)]
+            below = (path for place in filter(os.path.isdir, places) for path in place.iterdir())
+            places = [path for path in below if _composed(path.name) == _composed(part)]
     return [*filter(os.path.isfile, places)]
 
 
@@ -257,14 +259,16 @@ def _parsed_json(path: Path, text: str, unknown_keys: bool) -> LightList:
     names = [e.file.replace("\\", "/") for e in entries if isinstance(e, _NamedLight)]
     places = [f"image {number}" for number in range(len(entries))]
     vectors = [e.direction if isinstance(e, _NamedLight) else e for e in entries]
-    given = [e.intensity if isinstance(e, _NamedLight) else None for e in entries]
-    any_given = any(intensity is not None for intensity in given)
-    intensities = [1.0 if each is None else each for each in given] if any_given else []
+    stated = [e.intensity if isinstance(e, _NamedLight) else None for e in entries]
+    any_stated = any(intensity is not None for intensity in stated)
+    intensities = (
+        [1.0 if intensity is None else intensity for intensity in stated] if any_stated else []
+    )
     warnings = []
     if ignored:
         keys = ", ".join(dict.fromkeys(key for _, key, _ in ignored))
         warnings.append(f"{path.name}: unknown keys are ignored: {keys}")
-    if any_given and None in given:
+    if any_stated and None in stated:
         warnings.append(f"{path.name}: lights without an intensity count as of intensity 1")
     return LightList(path, names, places, vectors, intensities, warnings)
 
@@ -280,7 +284,7 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 def _first_fault(error: ValidationError) -> str:
     """Place, fault and value of the entry at fault; may be empty."""
     # The form that fits best is the one whose check gets deepest into the file.
-    deepest = max(error.errors(), key=lambda each: len(each["loc"]))
+    deepest = max(error.errors(), key=lambda fault: len(fault["loc"]))
     place = ".".join(map(str, deepest["loc"][1:]))
     return place and f"; {place}: {deepest['msg']}, not {reprlib.repr(deepest['input'])}"
 
@@ -289,7 +293,7 @@ def _unknown_keys(content: Any) -> Iterator[tuple[str, str, str | None]]:
     """Place, name, and the missing key that it looks like, of each key that is not read."""
     listed = content.get("images") if isinstance(content, dict) else content
     images = listed if isinstance(listed, list) else []
-    entries = [each for each in images if isinstance(each, dict)]
+    entries = [entry for entry in images if isinstance(entry, dict)]
     known = [*_NamedLight.model_fields]
     if isinstance(content, dict):
         missing = [] if isinstance(listed, list) else ["images"]
@@ -325,9 +329,9 @@ def require_light_list_name(path: Path) -> None:
 def write_light_list(path: Path, lighting: Lighting, names: Sequence[str]) -> None:
     """Write ``.lp`` with names, and intensities if known, or ``.json`` with vectors in order."""
     require_light_list_name(path)
-    vectors = [[round(each, 9) for each in row] for row in lighting.directions.tolist()]
+    vectors = [[round(value, 9) for value in row] for row in lighting.directions.tolist()]
     if path.suffix.lower() == ".json":
-        text = "[\n" + ",\n".join(f" {json.dumps(each)}" for each in vectors) + "\n]\n"
+        text = "[\n" + ",\n".join(f" {json.dumps(value)}" for value in vectors) + "\n]\n"
     else:
         rows = [[*vector] for vector in vectors]
         if lighting.intensities_given:

@@ -22,7 +22,7 @@ class LoadedSet:
     """A captured set with its calibration, if it has one."""
 
     captured: CapturedSet
-    found: FoundCalibration | None
+    found_calibration: FoundCalibration | None
 
     @classmethod
     def of(cls, path: Path, calibration: Path | None = None, *, raw: bool = False) -> Self:
@@ -34,12 +34,12 @@ class LoadedSet:
     @property
     def calibration(self) -> Calibration | None:
         """The calibration of the rig; None without one."""
-        return None if self.found is None else self.found.file.calibration
+        return None if self.found_calibration is None else self.found_calibration.file.calibration
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings about the calibration."""
-        return () if self.found is None else self.found.warnings
+        return () if self.found_calibration is None else self.found_calibration.warnings
 
     def solve_texture(self, method: Method | None, *, planar: bool) -> SurfaceEstimate:
         """Solve a part with a texture.

@@ -15,7 +15,7 @@ from rig import Placement
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 # Wider than the range of any camera; squares and quotients stay finite in float32.
 Gain = Annotated[float, Field(ge=1e-6, le=1e6)]
-PixelValue = Annotated[float, Field(ge=0.0, le=65535.0)]
+_PixelValue = Annotated[float, Field(ge=0.0, le=65535.0)]
 
 
 def _printable(text: str | None) -> str | None:
@@ -52,8 +52,10 @@ class LightingRecord(Record):
     def to_lighting(self) -> Lighting:
         """Return the `Lighting` of the record."""
         positions = None if self.positions_px is None else np.array(self.positions_px)
-        given = self.intensities_given or any(each != 1.0 for each in self.intensities)
-        intensities = np.array(self.intensities if given else ())
+        are_given = self.intensities_given or any(
+            intensity != 1.0 for intensity in self.intensities
+        )
+        intensities = np.array(self.intensities if are_given else ())
         return Lighting(np.array(self.directions), intensities, positions)
 
 
@@ -90,8 +92,8 @@ class CameraRecord(Record):
     exposure_ms: FiniteFloat
     frame_rate_hz: FiniteFloat
     gain_e_per_dn: Gain | None
-    read_noise_dn: PixelValue | None
-    black_level_dn: PixelValue | None
+    read_noise_dn: _PixelValue | None
+    black_level_dn: _PixelValue | None
     gain: FiniteFloat | None
     gamma: FiniteFloat | None
     pixel_value_controls: dict[str, FiniteFloat]

@@ -27,7 +27,7 @@ from rig.set_file import (
 
 from .metadata import SetMetadata
 
-Mask = npt.NDArray[np.bool_]
+_Mask = npt.NDArray[np.bool_]
 
 SUFFIX = ".ome.tif"
 _WHITE = -1  # 0xFFFFFFFF: opaque white in OME-XML
@@ -39,7 +39,7 @@ def write(
     images: Planes,
     ambient: Planes | None,
     metadata: SetMetadata,
-    mask: Mask | None = None,
+    mask: _Mask | None = None,
     home: Path | None = None,
 ) -> None:
     """Write a captured set to `path`, whole or not at all; `home` as in `durable_file`."""
@@ -61,7 +61,7 @@ def write(
         )  # fmt: skip
 
 
-def read(path: Path) -> tuple[Planes, Planes | None, SetMetadata, Mask | None]:
+def read(path: Path) -> tuple[Planes, Planes | None, SetMetadata, _Mask | None]:
     """Read light images, ambient image, metadata and mask."""
     planes, fields = read_set_file(path)
     metadata = _metadata(path, fields, len(planes))
@@ -130,7 +130,7 @@ def _channels(metadata: SetMetadata) -> list[tuple[str, int]]:
 
 def _ome_colour(rgb: tuple[float, float, float]) -> int:
     """Return red, green and blue, 0 to 1, as the opaque colour number of OME-XML."""
-    rgba = bytes([*(round(255.0 * each) for each in rgb), 255])
+    rgba = bytes([*(round(255.0 * share) for share in rgb), 255])
     return int.from_bytes(rgba, "big", signed=True)
 
 

@@ -16,17 +16,7 @@ from classify.calibration.calibration import Calibration
 from classify.lights.agreement import LightAgreement
 from classify.lights.algebra import drop_one_constants
 from classify.lights.shading import ShadingOrder, explained_detail, shading_of, shading_order
-from rig.acceptance import (
-    DEAD_LED_SHARE,
-    LED_LEVEL_STANDARD_ERRORS,
-    LITTLE_EXPLAINED_DETAIL,
-    MAX_AMBIENT_SHARE,
-    MAX_LED_LEVEL_DIFFERENCE,
-    MAX_SATURATED_SHARE,
-    MAX_SATURATED_SHARE_OF_PHOTOGRAPH,
-    MIN_EXPLAINED_DETAIL,
-    MIN_SIGNAL_SHARE,
-)
+from rig import acceptance
 
 from .image_checks import LightImages
 from .metadata import ChecksRecord
@@ -86,7 +76,7 @@ def _equal(images: LightImages) -> Iterator[ImportFinding]:
 def _levels(images: LightImages, mask: npt.NDArray[np.bool_] | None) -> Iterator[ImportFinding]:
     inside = np.ones(images.ambient.shape, np.bool_) if mask is None else mask
     ambient = float(images.ambient[inside].mean())
-    if ambient > MAX_AMBIENT_SHARE * images.full_scale:
+    if ambient > acceptance.MAX_AMBIENT_SHARE * images.full_scale:
         share = ambient / images.full_scale
         yield ImportFinding(
             ImportCause.SATURATION, f"ambient light fills {share:.0%} of the range", False
@@ -95,8 +85,10 @@ def _levels(images: LightImages, mask: npt.NDArray[np.bool_] | None) -> Iterator
         name: float(np.mean(image[inside] >= images.full_scale))
         for name, image in zip(images.names, images.images, strict=True)
     }
-    over = {name: share for name, share in saturated.items() if share > MAX_SATURATED_SHARE}
-    spoilt = sum(share > MAX_SATURATED_SHARE_OF_PHOTOGRAPH for share in over.values())
+    over = {
+        name: share for name, share in saturated.items() if share > acceptance.MAX_SATURATED_SHARE
+    }
+    spoilt = sum(share > acceptance.MAX_SATURATED_SHARE_OF_PHOTOGRAPH for share in over.values())
     if over:
         text = (
             f"{_listed(over)}: up to {max(over.values()):.1%} of the pixels are saturated at "
@@ -110,12 +102,16 @@ def _levels(images: LightImages, mask: npt.NDArray[np.bool_] | None) -> Iterator
         for name, image in zip(images.names, images.images, strict=True)
     }
     brightest = max(0.0, *signals.values())
-    dark = {name: each for name, each in signals.items() if each <= DEAD_LED_SHARE * brightest}
+    dark = {
+        name: signal
+        for name, signal in signals.items()
+        if signal <= acceptance.DEAD_LED_SHARE * brightest
+    }
     if dark:
         least = max(0.0, min(dark.values())) / max(brightest, 1e-9)
         text = f"{_listed(dark)}: down to {least:.1%} of the light of the brightest image"
         yield ImportFinding(
-            ImportCause.DARK, text, min(dark.values()) <= MIN_SIGNAL_SHARE * brightest
+            ImportCause.DARK, text, min(dark.values()) <= acceptance.MIN_SIGNAL_SHARE * brightest
         )
 
 
@@ -128,12 +124,12 @@ def _detail(images: LightImages, explained: npt.NDArray[np.float64]) -> Iterator
     if len(images.images) < 4:  # three images may well be independent
         return
     for name, share in zip(images.names, explained.tolist(), strict=False):
-        if share < LITTLE_EXPLAINED_DETAIL:
+        if share < acceptance.LITTLE_EXPLAINED_DETAIL:
             text = (
                 f"{name}: the other photographs explain {share:.0%} of its detail: it shows "
                 "another scene, or the part or the camera moved"
             )
-            yield ImportFinding(ImportCause.RESIDUAL, text, share < MIN_EXPLAINED_DETAIL)
+            yield ImportFinding(ImportCause.RESIDUAL, text, share < acceptance.MIN_EXPLAINED_DETAIL)
 
 
 def _order(images: LightImages, order: ShadingOrder) -> Iterator[ImportFinding]:
@@ -166,11 +162,16 @@ def _four_lights(images: LightImages, agreement: LightAgreement | None) -> Itera
             )
     if agreement is None or agreement.levels is None:
         return
-    limit = max(MAX_LED_LEVEL_DIFFERENCE, LED_LEVEL_STANDARD_ERRORS * agreement.level_error)
+    limit = max(
+        acceptance.MAX_LED_LEVEL_DIFFERENCE,
+        acceptance.LED_LEVEL_STANDARD_ERRORS * agreement.level_error,
+    )
     for name, level in zip(images.names, agreement.levels, strict=True):
         if abs(level - 1.0) > limit:
-            given = (
+            reference = (
                 "of the given intensity" if images.lighting.intensities_given else "of the others"
             )
-            text = f"{name}: by the redundancy of the images its light gives {level:.0%} {given}"
+            text = (
+                f"{name}: by the redundancy of the images its light gives {level:.0%} {reference}"
+            )
             yield ImportFinding(ImportCause.RESIDUAL, text, False)

@@ -34,7 +34,7 @@ class Photographs:
     gamma_source: GammaSource
     frame: tuple[int, int]  # rows and columns before the crop
     orientation: int  # that was turned upright
-    taken: str | None
+    date: str | None
     warnings: tuple[str, ...]  # about the response
 
 
@@ -48,7 +48,7 @@ def read_photographs(
     if raw and (gamma == "srgb" or bits is not None):
         raise InputError("a DNG is linear and states its depth; leave out --gamma and --bits")
     frames, metadata = _read_alike(paths)
-    stated = [each.response for each in metadata]
+    stated = [one.response for one in metadata]
     response, source, warnings = _response(paths, stated, frames[0].dtype == np.uint8, gamma)
     images = [_cropped(frame, crop) for frame in frames]
     bit_depth, top, largest = (16, 65535, None) if raw else _depth(images, bits)
@@ -58,10 +58,10 @@ def read_photographs(
     else:
         planes = [image.astype(np.uint16) for image in images]
     rows, columns = frames[0].shape[:2]
-    taken = next(filter(None, (each.taken for each in metadata)), None)
+    date = next(filter(None, (one.taken for one in metadata)), None)
     return Photographs(
         planes, bit_depth, top, largest, response, source, (rows, columns),
-        metadata[0].orientation, taken, warnings,
+        metadata[0].orientation, date, warnings,
     )  # fmt: skip
 
 
@@ -70,20 +70,20 @@ def _response(
 ) -> tuple[Gamma, GammaSource, tuple[str, ...]]:
     """Return the response to undo, its source and warnings about it."""
     if gamma is not None:
-        others = [k for k, each in enumerate(stated) if each not in (None, gamma)]
+        others = [k for k, other in enumerate(stated) if other not in (None, gamma)]
         if not others:
             return gamma, "given", ()
         more = f" and {len(others) - 1} more" * (len(others) > 1)
         text = f"{paths[others[0]].name}{more}: the file states {stated[others[0]]}"
         return gamma, "given", (f"{text}, but was read with --gamma {gamma}",)
     first = stated[0]
-    for path, each in zip(paths, stated, strict=True):
-        if each != first:
+    for path, response in zip(paths, stated, strict=True):
+        if response != first:
             raise InputError(
-                f"{path}: states {each or 'no response'}, but {paths[0]} states {first or 'none'}; "
-                "give --gamma linear or --gamma srgb for all"
+                f"{path}: states {response or 'no response'}, but {paths[0]} states "
+                f"{first or 'none'}; give --gamma linear or --gamma srgb for all"
             )
-        if each is None and path.suffix.lower() in (".jpg", ".jpeg"):
+        if response is None and path.suffix.lower() in (".jpg", ".jpeg"):
             raise InputError(
                 f"{path}: this JPEG does not state its response; give --gamma srgb "
                 "(an ordinary camera) or --gamma linear"
@@ -130,12 +130,12 @@ def read_mask(
 def _read_alike(paths: Sequence[Path]) -> tuple[list[npt.NDArray[Any]], list[ImageMetadata]]:
     """Read images that must agree in size, depth and orientation."""
     read = [read_image_file(path) for path in paths]
-    first, about_first = read[0]
-    for path, (image, about) in zip(paths[1:], read[1:], strict=True):
-        if about.orientation != about_first.orientation:
+    first, first_metadata = read[0]
+    for path, (image, metadata) in zip(paths[1:], read[1:], strict=True):
+        if metadata.orientation != first_metadata.orientation:
             raise InputError(
-                f"{path}: EXIF orientation {about.orientation}, but {paths[0]} has "
-                f"{about_first.orientation}; the camera must not turn between photographs. A "
+                f"{path}: EXIF orientation {metadata.orientation}, but {paths[0]} has "
+                f"{first_metadata.orientation}; the camera must not turn between photographs. A "
                 "camera that looks down may notice turns by mistake: then remove the EXIF data of "
                 "all images"
             )
@@ -149,7 +149,7 @@ def _read_alike(paths: Sequence[Path]) -> tuple[list[npt.NDArray[Any]], list[Ima
                 f"{path}: {image.dtype}, but {paths[0]} is {first.dtype}; "
                 "all images must have the same depth"
             )
-    return [image for image, _ in read], [about for _, about in read]
+    return [image for image, _ in read], [metadata for _, metadata in read]
 
 
 def _cropped(image: npt.NDArray[Any], crop: Crop | None) -> npt.NDArray[Any]:

@@ -16,18 +16,18 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, TypeVar
+from typing import BinaryIO, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import BaseModel, ValidationError
+
+from classify.base.arrays import Array
 
 from .durable_file import durable_file
 from .errors import InputError
 from .regular_file import open_regular_file
 
-Array = npt.NDArray[Any]
-Header = TypeVar("Header", bound=BaseModel)
+_Header = TypeVar("_Header", bound=BaseModel)
 
 # Members are stored, not packed; a copy packed by another program is smaller by half. A file whose
 # members declare more than this multiple of its size would fill the memory: see test_ps4lib.py.
@@ -48,7 +48,7 @@ class ArchiveKind:
 
     noun: str  # its name in messages
     header: str  # name of the JSON inside
-    versions: tuple[int, ...]  # that are read; the last one is written
+    version: int
     if_missing: str  # what to do without such a file
     remedy: str  # what to do with one that cannot be read
     error: type[InputError]  # class of all its errors
@@ -80,7 +80,7 @@ class ArrayArchive:
         """Return an error of a file that no version of this program wrote."""
         return self._kind.error(f"{what}; the file is damaged, {self._kind.remedy}")
 
-    def header(self, model: type[Header]) -> Header:
+    def header(self, model: type[_Header]) -> _Header:
         """Return the validated header; `model` has a field `version`."""
         kind = self._kind
         info = self._member(kind.header)
@@ -93,11 +93,10 @@ class ArrayArchive:
             if not isinstance(raw, dict):
                 raise self.error("the header is not a JSON object")
             version = raw["version"]
-            if isinstance(version, int) and version not in kind.versions:
-                newer = "use a newer ps4rig or " * (version > kind.versions[-1])
+            if isinstance(version, int) and version != kind.version:
+                newer = "use a newer ps4rig or " * (version > kind.version)
                 raise kind.error(
-                    f"{kind.noun} version {version}; this program reads "
-                    f"{', '.join(map(str, kind.versions))}; "
+                    f"{kind.noun} version {version}; this program reads {kind.version}; "
                     f"{newer}{kind.remedy}"
                 )
             unknown = raw.keys() - model.model_fields
@@ -114,31 +113,31 @@ class ArrayArchive:
     def array(self, name: str, dtypes: str | Collection[str]) -> Array:
         """One array of one of these types, read or mapped, after its header was checked."""
         info = self._member(name)
-        allowed = [np.dtype(each) for each in ([dtypes] if isinstance(dtypes, str) else dtypes)]
+        allowed = [np.dtype(name) for name in ([dtypes] if isinstance(dtypes, str) else dtypes)]
         with self._archive.open(info) as member:
             np.lib.format.read_magic(member)
-            shape, fortran_order, found = np.lib.format.read_array_header_1_0(member)
+            shape, fortran_order, dtype = np.lib.format.read_array_header_1_0(member)
             header_bytes = member.tell()
             values_bytes = info.file_size - header_bytes
-            fits = math.prod(shape) * found.itemsize == values_bytes
-            if found not in allowed or fortran_order or not fits:
-                raise self.damaged(f"{name} is {shape} {found} in {values_bytes} bytes")
+            fits = math.prod(shape) * dtype.itemsize == values_bytes
+            if dtype not in allowed or fortran_order or not fits:
+                raise self.damaged(f"{name} is {shape} {dtype} in {values_bytes} bytes")
             if info.file_size < self._map_from_bytes:
-                return np.frombuffer(member.read(), found).reshape(shape)
+                return np.frombuffer(member.read(), dtype).reshape(shape)
         if info.compress_type != zipfile.ZIP_STORED:
             raise self.error(f"{name} is packed")
         start = self._start(info) + header_bytes
-        return np.memmap(self._file, found, mode="r", offset=start, shape=shape)
+        return np.memmap(self._file, dtype, mode="r", offset=start, shape=shape)
 
     def finite_arrays(self, shapes: Mapping[str, tuple[int | None, ...]]) -> dict[str, Array]:
         """Arrays of finite float32 or float64 numbers; None in a shape stands for any length."""
         arrays = {name: self.array(f"{name}.npy", ("<f4", "<f8")) for name in shapes}
         for name, shape in shapes.items():
-            found = arrays[name].shape
-            if len(found) != len(shape) or any(
-                side not in (None, length) for side, length in zip(shape, found, strict=True)
+            stored = arrays[name].shape
+            if len(stored) != len(shape) or any(
+                side not in (None, length) for side, length in zip(shape, stored, strict=True)
             ):
-                raise self.damaged(f"{name} has the shape {found} instead of {shape}")
+                raise self.damaged(f"{name} has the shape {stored} instead of {shape}")
             if not np.isfinite(arrays[name]).all():
                 raise self.damaged(f"{name} contains NaN or infinity")
         return arrays

@@ -37,7 +37,7 @@ class Section(Record):
 
 MAX_TOML_BYTES = 1 << 20  # a complete rig.toml has about 3 kB, a plan of 10 000 specimens 700 kB
 
-Model = TypeVar("Model", bound=BaseModel)
+_Model = TypeVar("_Model", bound=BaseModel)
 
 
 def read_toml(path: Path, if_missing: str) -> dict[str, Any]:
@@ -52,7 +52,7 @@ def read_toml(path: Path, if_missing: str) -> dict[str, Any]:
         raise ConfigError(f"{path}: not valid TOML: {error}") from error
 
 
-def validated(values: dict[str, Any], model: type[Model], source: str) -> Model:
+def validated(values: dict[str, Any], model: type[_Model], source: str) -> _Model:
     """Return `values` as a `model`; a `ConfigError` names `source`, key and value."""
     try:
         return model.model_validate(values)
@@ -60,7 +60,7 @@ def validated(values: dict[str, Any], model: type[Model], source: str) -> Model:
         raise ConfigError(f"{source}: {validation_message(error, model)}") from error
 
 
-def read_toml_as(path: Path, model: type[Model], if_missing: str) -> Model:
+def read_toml_as(path: Path, model: type[_Model], if_missing: str) -> _Model:
     """Read a TOML file as a `model`; see `read_toml` and `validated`."""
     return validated(read_toml(path, if_missing), model, str(path))
 
@@ -73,7 +73,7 @@ def explained(message: str) -> PydanticCustomError:
 def validation_message(error: ValidationError, root: type[BaseModel], section: str = "") -> str:
     """Describe an error of `root`; a misspelt key precedes the key that it should have been."""
     errors = error.errors(include_url=False)
-    first = next((each for each in errors if each["type"] == "extra_forbidden"), errors[0])
+    first = next((fault for fault in errors if fault["type"] == "extra_forbidden"), errors[0])
     location, value, cause = first["loc"], first["input"], first["msg"]
     field = ".".join(map(str, [*filter(None, [section]), *location]))
     match first["type"]:
@@ -109,7 +109,7 @@ def first_fault(error: ValidationError) -> str:
 
 def messages_by_place(error: ValidationError) -> dict[tuple[str | int, ...], str]:
     """Return what is wrong with each value, by its place, for a form that shows the value."""
-    return {each["loc"]: _in_words(each["msg"]) for each in error.errors(include_url=False)}
+    return {fault["loc"]: _in_words(fault["msg"]) for fault in error.errors(include_url=False)}
 
 
 def _in_words(cause: str) -> str:

@@ -1,14 +1,13 @@
 """Means and temporal variances of blocks of a frame, from repeated frames."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import Array, BoolArray, Floats
 from classify.base.errors import InputError
 
-FloatArray = npt.NDArray[np.float64]
 Frames = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
 # Blocks along each side. On a 512 px frame the mean of a block has 1/32 of the noise of a pixel.
@@ -22,8 +21,8 @@ _CLIPPED = 0.01
 class BlockLevels:
     """Blocks of a scene at one exposure, in pixel values of the camera."""
 
-    means: FloatArray  # (n,); NaN where more than 1 % of the values are clipped
-    variances: FloatArray  # (n,) temporal variance of a pixel in one frame; NaN likewise
+    means: Floats  # (n,); NaN where more than 1 % of the values are clipped
+    variances: Floats  # (n,) temporal variance of a pixel in one frame; NaN likewise
     saturated: float  # share of all values at full scale
     freedom: float  # degrees of freedom of each variance
 
@@ -31,11 +30,7 @@ class BlockLevels:
 def block_levels(
     frames: Frames, full_scale: float, hot_pixels: npt.NDArray[np.int32] | None = None
 ) -> BlockLevels:
-    """Return the levels of 16 x 16 blocks of (F, H, W) frames of one still scene.
-
-    Each block of each frame has its own mean, which removes flicker; (n, 2) `hot_pixels` do not
-    count.
-    """
+    """Return the levels of 16 x 16 blocks of (F, H, W) frames of one still scene."""
     blocks: Frames = in_blocks(frames)
     usable = np.ones(frames.shape[1:], np.bool_)
     if hot_pixels is not None:
@@ -51,9 +46,7 @@ def block_levels(
     return BlockLevels(means, variances, saturated, freedom)
 
 
-def temporal_variances(
-    blocks: Frames, counted: npt.NDArray[np.bool_]
-) -> tuple[FloatArray, FloatArray, float]:
+def temporal_variances(blocks: Frames, counted: BoolArray) -> tuple[Floats, Floats, float]:
     """(n,) means and variances of `counted` values (F, n, pixels), and their freedom."""
     counts = np.maximum(counted.sum(axis=1), 1)
     means, squares = np.empty(len(counts)), np.empty(len(counts))
@@ -71,7 +64,7 @@ def temporal_variances(
     return means, variances, float(np.median(freedom))
 
 
-def in_blocks(frames: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def in_blocks(frames: Array) -> Array:
     """(F, blocks, pixels) values of (F, H, W) frames, without incomplete blocks."""
     if frames.ndim != 3:
         raise InputError(f"frames have shape {frames.shape}; give (frames, rows, columns)")

@@ -1,20 +1,22 @@
-"""`Calibration`: everything that is known of one rig at one setting."""
+"""`Calibration`: everything that is known of one rig at one setting, with its lights."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import BoolArray, Floats
 from classify.base.errors import InputError
-from classify.calibration.photon_transfer import Noise
 from classify.images.noise import SensorNoise
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
 from classify.lights.flat_field import FlatField
 
 from .correction import (
+    Response,
+    Scale,
     linear,
     offset_in_light,
     undistorted,
@@ -23,9 +25,46 @@ from .correction import (
     without_offset,
 )
 from .dark import Dark
-from .lights import CalibratedLights
-from .response import Response
-from .scale import Scale
+from .photon_transfer import Noise
+
+_Source = Literal["plate", "mirror sphere", "matte sphere", "list"]
+
+
+@dataclass(frozen=True, eq=False)
+class CalibratedLights:
+    """The N lights of a rig with their uncertainties."""
+
+    lighting: Lighting  # directions from the middle of the frame; positions where known
+    source: _Source  # what they were measured with; "list" for a file of directions
+    direction_errors_deg: Floats  # (N,) standard errors
+    distance_errors: Floats | None  # (N,) relative; None for distant lights
+    residual: float  # rms misfit of the model, as a share of the signal
+    lobe_exponent: float | None  # m of the strength cos^m at an angle to an LED's axis
+
+    def __post_init__(self) -> None:
+        if self.source not in get_args(_Source):
+            raise InputError(
+                f"lights from {self.source!r}; known are {', '.join(get_args(_Source))}"
+            )
+        for name, errors in (
+            ("direction errors", self.direction_errors_deg),
+            ("distance errors", self.distance_errors),
+        ):
+            if errors is not None and (
+                errors.shape != (len(self.lighting),)
+                or not np.isfinite(errors).all()
+                or errors.min() < 0.0
+            ):
+                raise InputError(
+                    f"{name} are {errors.tolist()}; give one of 0 or more for each of "
+                    f"{len(self.lighting)} lights"
+                )
+        exponent = 0.0 if self.lobe_exponent is None else self.lobe_exponent
+        if not (0.0 <= self.residual < np.inf and 0.0 <= exponent < np.inf):
+            raise InputError(
+                f"lights with a residual of {self.residual:g} and a lobe exponent of {exponent:g}; "
+                "both are 0 or more"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +145,7 @@ class Calibration:
             stack = undistorted(stack, self.scale, full_scale)
         return stack
 
-    def corrected_mask(self, mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    def corrected_mask(self, mask: BoolArray) -> BoolArray:
         """Return an (H, W) mask of the frame that fits images which are `corrected`."""
         if self.scale is None or self.scale.distortion is None:
             return mask

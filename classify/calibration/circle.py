@@ -1,13 +1,15 @@
-"""Circles through points, and how well points determine them."""
+"""Circles through points and their errors, and circles that edges vote for."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
+import cv2
 import numpy as np
-import numpy.typing as npt
+from scipy import ndimage
 
-FloatArray = npt.NDArray[np.float64]
+from classify.base.arrays import FloatMap, Floats
 
 _SECTORS = 8
 
@@ -20,7 +22,7 @@ class Circle(NamedTuple):
     radius: float
 
 
-def fitted_circle(points: FloatArray, weights: FloatArray, start: Circle) -> Circle:
+def fitted_circle(points: Floats, weights: Floats, start: Circle) -> Circle:
     """Fit a circle to (n, 2) points by geometric distance (Gauss-Newton)."""
     column, row, radius = start
     root = np.sqrt(weights)
@@ -33,11 +35,8 @@ def fitted_circle(points: FloatArray, weights: FloatArray, start: Circle) -> Cir
     return Circle(float(column), float(row), float(radius))
 
 
-def centre_error(rim: FloatArray, weights: FloatArray, circle: Circle) -> float:
-    """Standard error of the centre, from fits that leave out one sector each.
-
-    Errors of an outline are correlated over long arcs, so the scatter of its points is too small.
-    """
+def centre_error(rim: Floats, weights: Floats, circle: Circle) -> float:
+    """Standard error of the centre, from fits that leave out one sector each."""
     angles = np.arctan2(rim[:, 1] - circle.row, rim[:, 0] - circle.column)
     sector = np.floor((angles / (2.0 * np.pi) + 0.5) * _SECTORS).astype(int) % _SECTORS
     fits = np.array([
@@ -48,7 +47,7 @@ def centre_error(rim: FloatArray, weights: FloatArray, circle: Circle) -> float:
     return float(np.sqrt(variance.max()))
 
 
-def circles_through(points: FloatArray) -> FloatArray:
+def circles_through(points: Floats) -> Floats:
     """Circles (n, 3) through (n, 3, 2) points; not finite for three in a line."""
     first = points[:, 0]
     a, b = points[:, 1] - first, points[:, 2] - first
@@ -58,3 +57,75 @@ def circles_through(points: FloatArray) -> FloatArray:
         x = (b[:, 1] * aa - a[:, 1] * bb) / cross
         y = (a[:, 0] * bb - b[:, 0] * aa) / cross
     return np.stack([first[:, 0] + x, first[:, 1] + y, np.hypot(x, y)], axis=1)
+
+
+# Gradients point to the centre within about this angle, in radians.
+_VOTE_SCATTER = 0.05
+# Ratio of neighbouring radii: half a step is within the scatter of the votes.
+_RADIUS_STEP = 1.05
+# Circles that `sphere_outline` compares; the time of the search is proportional to it.
+_CANDIDATES = 12
+
+
+def voted_circles(images: Sequence[FloatMap], smallest_radius_px: float) -> list[Circle]:
+    """Return circles in (H, W) images that many edges are on, the likeliest first."""
+    points, gradients, weights = _edges(images)
+    height, width = images[0].shape
+    candidates: list[tuple[float, Circle]] = []
+    radius = max(smallest_radius_px, 8.0)
+    while radius <= 0.55 * min(height, width):
+        votes = np.zeros(height * width)
+        for sign in (-radius, radius):
+            at = np.rint(points + sign * gradients).astype(np.intp)
+            inside = ((at >= 0) & (at < (width, height))).all(axis=1)
+            cell = at[inside, 1] * width + at[inside, 0]
+            votes += np.bincount(cell, weights[inside], height * width)
+        scatter = max(1.0, _VOTE_SCATTER * radius)
+        image = votes.reshape(height, width)
+        area = 4.0 * np.pi * scatter**2
+        count = cv2.GaussianBlur(image, (0, 0), scatter) * area
+        expected = cv2.GaussianBlur(image, (0, 0), 4.0 * scatter) * area
+        # Standard deviations above what edges in random places give.
+        score = (count - expected) / np.sqrt(expected + 0.2 * radius)
+        peaks = (score == cv2.dilate(score, np.ones((5, 5)))) & (score > 0.0)
+        candidates += [
+            (float(score[row, column]), Circle(float(column), float(row), radius))
+            for row, column in np.argwhere(peaks)
+        ]
+        radius *= _RADIUS_STEP
+    candidates.sort(key=lambda circle: -circle[0])
+    distinct: list[Circle] = []
+    for _, circle in candidates:
+        if all(
+            np.hypot(circle.column - other.column, circle.row - other.row)
+            + abs(circle.radius - other.radius) > 0.1 * circle.radius
+            for other in distinct
+        ):  # fmt: skip
+            distinct.append(circle)
+            if len(distinct) == _CANDIDATES:
+                break
+    return distinct
+
+
+def _edges(images: Sequence[FloatMap]) -> tuple[Floats, Floats, Floats]:
+    """(n, 2) columns and rows, unit gradients, and (n,) weights of edge pixels."""
+    edges_by_image = []
+    for image in images:
+        smooth = cv2.GaussianBlur(image, (0, 0), 1.0)
+        gx, gy = (cv2.Scharr(smooth, cv2.CV_32F, dx, 1 - dx) for dx in (1, 0))
+        size = np.hypot(gx, gy)
+        typical = float(np.median(size)) + 1e-6
+        rows, columns = np.nonzero(size > 2.0 * typical)
+        here = size[rows, columns]
+        ux, uy = gx[rows, columns] / here, gy[rows, columns] / here
+        before, after = (
+            ndimage.map_coordinates(
+                size, (rows + k * uy, columns + k * ux), order=1, mode="nearest"
+            )
+            for k in (-1, 1)
+        )
+        weight = here / (here + 4.0 * typical)
+        edges = np.stack([columns, rows, ux, uy, weight], axis=1)
+        edges_by_image.append(edges[(here >= before) & (here > after)])
+    edges = np.concatenate(edges_by_image).astype(np.float64)
+    return edges[:, :2], edges[:, 2:4], edges[:, 4]

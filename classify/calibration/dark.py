@@ -88,10 +88,7 @@ class Dark:
         return shortest_ms / rounding <= exposure_ms <= longest_ms * rounding
 
     def at(self, exposure_ms: float | None) -> Dark:
-        """Return offset, noise and hot pixels at one exposure between those measured.
-
-        Offset, ambient light and noise variance are interpolated linearly, as dark current grows.
-        """
+        """Interpolate offset, noise variance and hot pixels to one exposure, linearly."""
         if not self.holds_at(exposure_ms):
             if exposure_ms is None:
                 raise InputError(
@@ -104,12 +101,14 @@ class Dark:
             )
         if self.longer is None or exposure_ms is None:
             return replace(self, longer=None)
-        each = self.exposures
-        for one in each:
-            if one.exposure_ms and abs(exposure_ms / one.exposure_ms - 1.0) <= SAME_EXPOSURE:
-                return one
-        upper = next(k for k, one in enumerate(each) if (one.exposure_ms or 0.0) > exposure_ms)
-        below, above = each[upper - 1], each[upper]
+        exposures = self.exposures
+        for dark in exposures:
+            if dark.exposure_ms and abs(exposure_ms / dark.exposure_ms - 1.0) <= SAME_EXPOSURE:
+                return dark
+        upper = next(
+            k for k, dark in enumerate(exposures) if (dark.exposure_ms or 0.0) > exposure_ms
+        )
+        below, above = exposures[upper - 1], exposures[upper]
         assert below.exposure_ms is not None
         assert above.exposure_ms is not None
         span_ms = above.exposure_ms - below.exposure_ms
@@ -133,17 +132,20 @@ class Dark:
     def added(self, other: Dark) -> Dark:
         """Return this with another exposure, which replaces an equal one."""
         same = other.holds_at
-        each = [*(one for one in self.exposures if not same(one.exposure_ms)), other]
-        each.sort(key=lambda one: one.exposure_ms or 0.0, reverse=True)
-        merged, *shorter = each
-        for one in shorter:
-            merged = replace(one, longer=merged)
+        exposures = [
+            *(dark for dark in self.exposures if not same(dark.exposure_ms)),
+            other,
+        ]
+        exposures.sort(key=lambda dark: dark.exposure_ms or 0.0, reverse=True)
+        merged, *shorter = exposures
+        for dark in shorter:
+            merged = replace(dark, longer=merged)
         return merged
 
 
 def measured_at(dark: Dark) -> str:
-    """Say at which exposures dark frames were measured."""
-    times = [f"{each:g}" for each in dark.exposures_ms if each is not None]
+    """Describe the measured exposures, for messages."""
+    times = [f"{time_ms:g}" for time_ms in dark.exposures_ms if time_ms is not None]
     if len(times) < 2:
         return f"were measured at {times[0]} ms only" if times else "were measured"
     return f"were measured from {times[0]} to {times[-1]} ms"

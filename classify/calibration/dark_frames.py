@@ -5,13 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import Floats
 from classify.base.errors import CalibrationRejected, InputError
 from classify.images.noise import ROUNDING_VARIANCE
 
 from .block_levels import BLOCKS, Frames, in_blocks, temporal_variances
 from .dark import Dark
-
-FloatArray = npt.NDArray[np.float64]
 
 # Deviation of a hot pixel from its block, in standard deviations of one frame (with rounding). A
 # smaller deviation disturbs an image less than noise does; the mean of 16 frames of normal noise
@@ -49,10 +48,7 @@ class DarkFrames:
 
 
 def dark_of(frames: Frames, full_scale: float, lit: Frames | None = None) -> DarkFrames:
-    """Measure offset, noise and hot pixels from (F, H, W) frames with the lens covered.
-
-    The (n, H, W) `lit` frames are under the LEDs, with the lens covered too, and must be as dark.
-    """
+    """Measure offset, noise and hot pixels from (F, H, W) frames with the lens covered."""
     if len(frames) < 2 or frames.dtype not in (np.uint8, np.uint16):
         count = "one frame" if len(frames) == 1 else f"{len(frames)} frames"
         raise InputError(
@@ -104,7 +100,7 @@ def with_ambient(dark: Dark, image: npt.NDArray[np.generic], full_scale: float) 
     return replace(dark, ambient=level - dark.offset)
 
 
-def _check_covered(medians: FloatArray, full_scale: float) -> None:
+def _check_covered(medians: Floats, full_scale: float) -> None:
     level = float(np.median(medians)) / full_scale
     if level > _MOST_OFFSET:
         raise CalibrationRejected(
@@ -135,12 +131,12 @@ def _check_unlit(frames: Frames, lit: Frames, noise: float, full_scale: float) -
         )
 
 
-def _per_pixel(medians: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+def _per_pixel(medians: Floats, shape: tuple[int, ...]) -> Floats:
     """(H, W) median of the block of each pixel; margins get that of the nearest block."""
     places = []
     for size in shape:
         side = size // BLOCKS
         first = (size - side * BLOCKS) // 2
         places.append(np.clip((np.arange(size) - first) // side, 0, BLOCKS - 1))
-    grid: FloatArray = medians.reshape(BLOCKS, BLOCKS)[places[0][:, None], places[1]]
+    grid: Floats = medians.reshape(BLOCKS, BLOCKS)[places[0][:, None], places[1]]
     return grid

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Floats
 from classify.base.errors import InputError
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
@@ -18,7 +18,6 @@ from .led_positions import Aim, fit_led_positions
 from .plate import check_evenness, check_sheet, is_known
 from .plate_blocks import BLOCKS, PlateBlocks
 
-FloatArray = npt.NDArray[np.float64]
 DriftKind = Kind | Literal["unexplained"]
 Status = Literal["ok", "warning", "fault"]
 
@@ -65,7 +64,7 @@ class Drift:
     """A rig compared with its calibration."""
 
     causes: tuple[DriftCause, ...]  # beyond the limit of a warning, the worst first
-    level_changes: FloatArray  # (N,) relative to the common change; -0.1 for 10 % less light
+    level_changes: Floats  # (N,) relative to the common change; -0.1 for 10 % less light
     brightness: float | None  # common to all lights, a multiple of the calibration's, if known
     sheet_tilt_deg: float
     error_deg: float  # rms tilt of a level part, solved with this calibration
@@ -105,40 +104,35 @@ def plate_drift(
     change, x, y = _joined(blocks, expected)
     change -= change.mean() if brightness is None else math.log(brightness * full_scale)
     model = DriftModel(*_leds(expected, blocks, lighting), x, y)
-    found = model.explain(change)
-    check_evenness(found.unevenness)
-    factor = None if brightness is None else math.exp(found.brightness)
-    causes = sorted(_causes(found, model, factor), key=lambda cause: -_severity(cause.status))
+    explanation = model.explain(change)
+    check_evenness(explanation.unevenness)
+    factor = None if brightness is None else math.exp(explanation.brightness)
+    causes = sorted(_causes(explanation, model, factor), key=lambda cause: -_severity(cause.status))
     return Drift(
         tuple(causes),
-        np.expm1(found.levels),
+        np.expm1(explanation.levels),
         factor,
-        _tilt_deg(found.slope),
-        _error_deg(change, found.slope, lighting),
-        found.residual,
+        _tilt_deg(explanation.slope),
+        _error_deg(change, explanation.slope, lighting),
+        explanation.residual,
         model.shows_moved_lights(math.radians(_LIGHT_MOVED_DEG[1])),
     )
 
 
-def _leds(
-    expected: FloatArray, blocks: PlateBlocks, lighting: Lighting
-) -> tuple[FloatArray, float, Aim]:
-    """Positions of the LEDs, exponent and aim of their lobes, from a flat field.
-
-    Where the flat field does not tell directions, those of `lighting` are used.
-    """
+def _leds(expected: Floats, blocks: PlateBlocks, lighting: Lighting) -> tuple[Floats, float, Aim]:
+    """Positions of the LEDs, exponent and aim of their lobes, from a flat field."""
     ratios = expected - expected.mean(axis=0)
     if len(expected) < _FEWEST_LIGHTS or float(ratios.std(axis=(1, 2)).max()) <= _EVEN:
         return _DISTANT * lighting.directions, 1.0, "centre"
     usable = blocks.usable[0].astype(np.float64)
-    found = fit_led_positions(ratios, usable, blocks.x, blocks.y)
-    if is_known(found):
-        return found.positions, found.lobe_exponent, found.aim
-    distances = np.linalg.norm(found.positions, axis=1, keepdims=True)
-    return distances * lighting.directions, found.lobe_exponent, found.aim
+    fitted = fit_led_positions(ratios, usable, blocks.x, blocks.y)
+    if is_known(fitted):
+        return fitted.positions, fitted.lobe_exponent, fitted.aim
+    distances = np.linalg.norm(fitted.positions, axis=1, keepdims=True)
+    return distances * lighting.directions, fitted.lobe_exponent, fitted.aim
 
 
-def _joined(blocks: PlateBlocks, expected: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _joined(blocks: PlateBlocks, expected: Floats) -> tuple[Floats, Floats, Floats]:
     """The change of each light (N, B) in larger blocks, and their (B,) x and y."""
     usable = blocks.usable[0]
     y, x = np.meshgrid(blocks.y, blocks.x, indexing="ij")
@@ -149,7 +143,7 @@ def _joined(blocks: PlateBlocks, expected: FloatArray) -> tuple[FloatArray, Floa
     return means[:-2], means[-2], means[-1]
 
 
-def _block_sums(values: FloatArray) -> FloatArray:
+def _block_sums(values: Floats) -> Floats:
     size = BLOCKS // _JOINED
     parts = values.reshape(*values.shape[:-2], _JOINED, size, _JOINED, size)
     return np.asarray(parts.sum(axis=(-1, -3)), np.float64)
@@ -167,11 +161,11 @@ def _status(amount: float, limits: tuple[float, float]) -> Status:
     return "fault" if amount > limits[1] else "warning" if amount > limits[0] else "ok"
 
 
-def _tilt_deg(slope: FloatArray) -> float:
+def _tilt_deg(slope: Floats) -> float:
     return math.degrees(math.atan(math.hypot(*slope)))
 
 
-def _error_deg(change: FloatArray, slope: FloatArray, lighting: Lighting) -> float:
+def _error_deg(change: Floats, slope: Floats, lighting: Lighting) -> float:
     """Rms tilt of the sheet as it would be solved, without the tilt that it has."""
     flat = lighting.directions[:, 2, None] * np.exp(change)
     b = np.linalg.pinv(lighting.directions) @ flat
@@ -180,18 +174,18 @@ def _error_deg(change: FloatArray, slope: FloatArray, lighting: Lighting) -> flo
 
 
 def _causes(
-    found: Explanation, model: DriftModel, brightness: float | None
+    explanation: Explanation, model: DriftModel, brightness: float | None
 ) -> Iterator[DriftCause]:
-    for light, level in enumerate(np.expm1(found.levels)):
+    for light, level in enumerate(np.expm1(explanation.levels)):
         status = _status(abs(level), _LED_LEVEL)
         if status != "ok":
-            seen = f"light {light} gives {_more_or_less(level)} light than at the calibration"
+            finding = f"light {light} gives {_more_or_less(level)} light than at the calibration"
             advice = (
                 "clean or replace the LED and check its supply, then calibrate the plate again "
                 "with --replace"
             )
-            yield DriftCause("led level", light, status, seen, advice)
-    for cause, numbers in found.causes:
+            yield DriftCause("led level", light, status, finding, advice)
+    for cause, numbers in explanation.causes:
         if cause.kind == "light moved":
             yield from _light_moved(cause, numbers, model)
         elif cause.kind == "camera moved":
@@ -201,30 +195,30 @@ def _causes(
     if brightness is not None:
         status = _status(max(brightness, 1.0 / brightness) - 1.0, _BRIGHTNESS)
         if status != "ok":
-            seen = f"all lights together are {brightness:.2f} times as bright as at the calibration"
+            finding = (
+                f"all lights together are {brightness:.2f} times as bright as at the calibration"
+            )
             advice = "set exposure, gain and aperture as they were, and check the LEDs' supply"
-            yield DriftCause("exposure", None, status, seen, advice)
-    tilt_deg = _tilt_deg(found.slope)
+            yield DriftCause("exposure", None, status, finding, advice)
+    tilt_deg = _tilt_deg(explanation.slope)
     status = _status(tilt_deg, _SHEET_TILT_DEG)
     if status != "ok":
-        seen = (
+        finding = (
             f"the sheet is tilted by {tilt_deg:.1f} degrees, or two neighbouring LEDs have drifted "
             "alike"
         )
-        yield DriftCause("sheet tilted", None, status, seen, "lay it flat, then check again")
-    status = _status(found.residual, _UNEXPLAINED)
+        yield DriftCause("sheet tilted", None, status, finding, "lay it flat, then check again")
+    status = _status(explanation.residual, _UNEXPLAINED)
     if status != "ok":
-        seen = f"the lights differ by {found.residual:.1%} in a way that no single cause explains"
+        finding = f"lights differ by {explanation.residual:.1%}, which no single cause explains"
         advice = (
             "is it a white matt sheet without shadow or relief? Then calibrate the plate again "
             "with --replace"
         )
-        yield DriftCause("unexplained", None, status, seen, advice)
+        yield DriftCause("unexplained", None, status, finding, advice)
 
 
-def _light_moved(
-    cause: PossibleCause, numbers: FloatArray, model: DriftModel
-) -> Iterator[DriftCause]:
+def _light_moved(cause: PossibleCause, numbers: Floats, model: DriftModel) -> Iterator[DriftCause]:
     if cause.light is None:
         return
     before = model.positions[cause.light]
@@ -235,15 +229,15 @@ def _light_moved(
     equal_deg = max(angle_deg, math.degrees(abs(float(numbers[2]))))
     status = _status(equal_deg, _LIGHT_MOVED_DEG)
     if status != "ok":
-        seen = (
+        finding = (
             f"light {cause.light} has moved by {angle_deg:.1f} degrees, and is "
             f"{abs(math.expm1(numbers[2])):.0%} {'farther away' if numbers[2] > 0 else 'nearer'}"
         )
         advice = "put it back and fasten it, then calibrate the plate again with --replace"
-        yield DriftCause("light moved", cause.light, status, seen, advice)
+        yield DriftCause("light moved", cause.light, status, finding, advice)
 
 
-def _camera_moved(numbers: FloatArray) -> Iterator[DriftCause]:
+def _camera_moved(numbers: Floats) -> Iterator[DriftCause]:
     right, up = 0.5 * numbers[:2]
     rotated_deg = math.degrees(numbers[2])
     status = _worst(
@@ -251,28 +245,28 @@ def _camera_moved(numbers: FloatArray) -> Iterator[DriftCause]:
         _status(abs(rotated_deg), _CAMERA_ROTATED_DEG),
     )
     if status != "ok":
-        seen = (
+        finding = (
             f"the camera has moved against the lights: {abs(right):.0%} of the frame to the "
             f"{'right' if right > 0.0 else 'left'}, {abs(up):.0%} {'up' if up > 0.0 else 'down'}, "
             f"rotated by {abs(rotated_deg):.1f} degrees {'anti' * (rotated_deg > 0.0)}clockwise"
         )
         advice = "put it back and fasten it, then calibrate the plate again with --replace"
-        yield DriftCause("camera moved", None, status, seen, advice)
+        yield DriftCause("camera moved", None, status, finding, advice)
 
 
-def _lens(numbers: FloatArray) -> Iterator[DriftCause]:
+def _lens(numbers: Floats) -> Iterator[DriftCause]:
     magnification = math.exp(numbers[0])
     corner = math.expm1(numbers[1] + numbers[2])
     status = _worst(
         _status(abs(magnification - 1.0), _MAGNIFICATION), _status(abs(corner), _VIGNETTING)
     )
     if status != "ok":
-        seen = (
+        finding = (
             f"another lens, aperture or working distance: {magnification:.2f} times the "
             f"magnification, corners {_more_or_less(corner)} bright"
         )
         advice = "use the lens of the calibration, or calibrate plate and scale with --replace"
-        yield DriftCause("lens", None, status, seen, advice)
+        yield DriftCause("lens", None, status, finding, advice)
 
 
 def _more_or_less(change: float) -> str:

@@ -15,11 +15,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import cholesky, solve_triangular
 
+from classify.base.arrays import Floats
 from classify.images.noise import SIGMA_PER_MAD
 
 from .led_positions import Aim
 
-FloatArray = npt.NDArray[np.float64]
 Kind = Literal["led level", "light moved", "camera moved", "lens", "exposure", "sheet tilted"]
 
 # Standard deviations of the logarithm in a block: of the ratio of lights (noise, and what the flat
@@ -32,14 +32,14 @@ _TILT_SPREAD, _BOW_SPREAD = 0.009, 0.01
 # Level of an LED, gradient and curvature of its light, without a cause worth a warning: its
 # temperature, another paper's sheen.
 _LEVEL_SPREAD, _GRADIENT_SPREAD, _CURVATURE_SPREAD = 0.01, 0.001, 0.0005
-# Natural logarithm of the odds against a cause, and against a tilted sheet: one on a table seldom
-# is. test_drift.py counts which causes are mistaken for others.
-_AGAINST, _AGAINST_TILT = 3.0, 6.0
+# Natural logarithm of the odds against a cause, and against a tilted sheet, rare on a table.
+# test_drift.py counts which causes are mistaken for others.
+_LOG_ODDS, _LOG_ODDS_TILT = 3.0, 6.0
 _MOST_CAUSES = 3
 # Gauss-Newton, in standard deviations of the numbers: step of derivatives and of convergence,
 # longest step; and the largest number of steps.
-_SHIFT, _LONGEST_STEP, _MOST_STEPS = 1e-3, 1.0, 12
-_NO_SLOPE: FloatArray = np.zeros(2)
+_STEP, _LONGEST_STEP, _MOST_STEPS = 1e-3, 1.0, 12
+_NO_SLOPE: Floats = np.zeros(2)
 _LOWEST_LIGHT = 0.02  # least z of a unit vector: no light of a fit sinks below the plane
 
 
@@ -50,17 +50,17 @@ class PossibleCause:
     kind: Kind
     light: int | None  # index; None for a change that all lights share
     spreads: tuple[float, ...]  # standard deviations of the numbers of the cause
-    change: Callable[[FloatArray], FloatArray]  # the change (N, B) for these numbers
+    change: Callable[[Floats], Floats]  # the change (N, B) for these numbers
 
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
     """The most probable causes of a change, each with its numbers."""
 
-    causes: tuple[tuple[PossibleCause, FloatArray], ...]
-    levels: FloatArray  # (N,) logarithm of each light's level, without the common part
+    causes: tuple[tuple[PossibleCause, Floats], ...]
+    levels: Floats  # (N,) logarithm of each light's level, without the common part
     brightness: float  # logarithm of the brightness that all lights share
-    slope: FloatArray  # (2,) of the sheet along x and y
+    slope: Floats  # (2,) of the sheet along x and y
     residual: float  # rms of the ratios of lights that nothing explains
     unevenness: float  # robust standard deviation of the unexplained common part
 
@@ -69,7 +69,7 @@ class DriftModel:
     """The sheet under lights at (N, 3) positions, in blocks with (B,) middles x and y."""
 
     def __init__(
-        self, positions: FloatArray, lobe_exponent: float, aim: Aim, x: FloatArray, y: FloatArray
+        self, positions: Floats, lobe_exponent: float, aim: Aim, x: Floats, y: Floats
     ) -> None:
         self.positions, self._lobe_exponent, self._aim = positions, lobe_exponent, aim
         self._x, self._y = x, y
@@ -87,7 +87,7 @@ class DriftModel:
         self._nuisance_changes = nuisances
         self._causes = tuple(self._all_causes())
 
-    def explain(self, change: FloatArray) -> Explanation:
+    def explain(self, change: Floats) -> Explanation:
         """The causes of a change (N, B), at most three."""
         chosen: tuple[PossibleCause, ...] = ()
         score, numbers = self._fit(change, chosen, np.empty(0))
@@ -117,8 +117,8 @@ class DriftModel:
         return True
 
     def _best(
-        self, change: FloatArray, chosen: tuple[PossibleCause, ...], numbers: FloatArray
-    ) -> tuple[tuple[PossibleCause, ...], float, FloatArray]:
+        self, change: Floats, chosen: tuple[PossibleCause, ...], numbers: Floats
+    ) -> tuple[tuple[PossibleCause, ...], float, Floats]:
         """Add the best cause to `chosen`; also return the score and all numbers."""
         tried = []
         for cause in self._causes:
@@ -129,30 +129,32 @@ class DriftModel:
         return min(tried, key=lambda each: each[1])
 
     def _fit(
-        self, change: FloatArray, causes: Sequence[PossibleCause], start: FloatArray
-    ) -> tuple[float, FloatArray]:
+        self, change: Floats, causes: Sequence[PossibleCause], start: Floats
+    ) -> tuple[float, Floats]:
         """Minus twice the log evidence of causes, up to a constant, and their numbers."""
         spreads = np.array([spread for cause in causes for spread in cause.spreads])
         scaled, here = start / spreads, self._change(causes, start)
-        odds = sum(_AGAINST_TILT if cause.kind == "sheet tilted" else _AGAINST for cause in causes)
+        odds = sum(
+            _LOG_ODDS_TILT if cause.kind == "sheet tilted" else _LOG_ODDS for cause in causes
+        )
         left, volume = self._whitener @ (change - here).ravel(), 0.0
         for _ in range(_MOST_STEPS if causes else 0):
             slopes = [
                 self._whitener @ (self._change(causes, (scaled + shift) * spreads) - here).ravel()
-                for shift in _SHIFT * np.eye(len(spreads))
+                for shift in _STEP * np.eye(len(spreads))
             ]
-            jacobian = np.stack(slopes, axis=1) / _SHIFT
+            jacobian = np.stack(slopes, axis=1) / _STEP
             precision = jacobian.T @ jacobian + np.eye(len(spreads))
             step = np.linalg.solve(precision, jacobian.T @ left - scaled)
             volume = float(np.linalg.slogdet(precision)[1])
             scaled = scaled + np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
             here = self._change(causes, scaled * spreads)
             left = self._whitener @ (change - here).ravel()
-            if np.abs(step).max() < _SHIFT:
+            if np.abs(step).max() < _STEP:
                 break
         return float(left @ left + scaled @ scaled) + 2.0 * odds + volume, scaled * spreads
 
-    def _change(self, causes: Sequence[PossibleCause], numbers: FloatArray) -> FloatArray:
+    def _change(self, causes: Sequence[PossibleCause], numbers: Floats) -> Floats:
         total, first = np.zeros_like(self._strengths), 0
         for cause in causes:
             last = first + len(cause.spreads)
@@ -161,7 +163,7 @@ class DriftModel:
         return total
 
     def _explanation(
-        self, change: FloatArray, causes: tuple[PossibleCause, ...], numbers: FloatArray
+        self, change: Floats, causes: tuple[PossibleCause, ...], numbers: Floats
     ) -> Explanation:
         left = change - self._change(causes, numbers)
         nuisances = self._posterior @ left.ravel()
@@ -185,7 +187,7 @@ class DriftModel:
         unevenness = SIGMA_PER_MAD * float(np.median(np.abs(shared)))
         return Explanation(tuple(named), levels, brightness, slope, residual, unevenness)
 
-    def _nuisances(self) -> Iterator[FloatArray]:
+    def _nuisances(self) -> Iterator[Floats]:
         """(N B,) changes that need no cause, each one standard deviation.
 
         Brightness, slope and levels come first; `_explanation` reads them.
@@ -219,18 +221,18 @@ class DriftModel:
         yield PossibleCause("exposure", None, (0.7,), lambda numbers: self._even(numbers[0]))
         yield PossibleCause("sheet tilted", None, (0.15, 0.15), self._tilt_change)
 
-    def _even(self, values: npt.ArrayLike) -> FloatArray:
+    def _even(self, values: npt.ArrayLike) -> Floats:
         """(N, B) the same value in all blocks."""
         return np.zeros_like(self._strengths) + np.asarray(values, np.float64)
 
-    def _level_change(self, light: int) -> Callable[[FloatArray], FloatArray]:
+    def _level_change(self, light: int) -> Callable[[Floats], Floats]:
         own = np.eye(len(self.positions))[:, light, None]
         return lambda numbers: self._even(numbers[0] * own)
 
-    def _light_change(self, light: int) -> Callable[[FloatArray], FloatArray]:
+    def _light_change(self, light: int) -> Callable[[Floats], Floats]:
         """Numbers: two angles in radians, and the logarithm of the distance."""
 
-        def change(numbers: FloatArray) -> FloatArray:
+        def change(numbers: Floats) -> Floats:
             moved = self._even(0.0)
             place = moved_light(self.positions[light], numbers)
             moved[light] = self._strength(place, self._x, self._y) - self._strengths[light]
@@ -238,43 +240,41 @@ class DriftModel:
 
         return change
 
-    def _camera_change(self, numbers: FloatArray) -> FloatArray:
+    def _camera_change(self, numbers: Floats) -> Floats:
         """Numbers: shift along x and y, angle in radians anticlockwise, of the camera."""
         cosine, sine = np.cos(numbers[2]), np.sin(numbers[2])
         x = cosine * self._x - sine * self._y + numbers[0]
         y = sine * self._x + cosine * self._y + numbers[1]
         return self._all_strengths(x, y) - self._strengths
 
-    def _lens_change(self, numbers: FloatArray) -> FloatArray:
+    def _lens_change(self, numbers: Floats) -> Floats:
         """Numbers: logarithm of the magnification, vignetting by radius^2 and radius^4."""
         field = float(np.exp(-numbers[0]))
         vignetting = numbers[1] * self._radius_2 + numbers[2] * self._radius_2**2
         seen = self._all_strengths(field * self._x, field * self._y)
         return np.asarray(seen - self._strengths + vignetting, np.float64)
 
-    def _tilt_change(self, numbers: FloatArray) -> FloatArray:
+    def _tilt_change(self, numbers: Floats) -> Floats:
         """Numbers: slope of the sheet along x and y; its middle stays in place."""
         return self._all_strengths(self._x, self._y, numbers) - self._strengths
 
-    def _all_strengths(
-        self, x: FloatArray, y: FloatArray, slope: FloatArray = _NO_SLOPE
-    ) -> FloatArray:
+    def _all_strengths(self, x: Floats, y: Floats, slope: Floats = _NO_SLOPE) -> Floats:
         return np.array([self._strength(position, x, y, slope) for position in self.positions])
 
     def _strength(
-        self, position: FloatArray, x: FloatArray, y: FloatArray, slope: FloatArray = _NO_SLOPE
-    ) -> FloatArray:
+        self, position: Floats, x: Floats, y: Floats, slope: Floats = _NO_SLOPE
+    ) -> Floats:
         return led_strength(position, self._lobe_exponent, self._aim, x, y, slope)
 
 
 def led_strength(
-    position: FloatArray,
+    position: Floats,
     lobe_exponent: float,
     aim: Aim,
-    x: FloatArray,
-    y: FloatArray,
-    slope: FloatArray = _NO_SLOPE,
-) -> FloatArray:
+    x: Floats,
+    y: Floats,
+    slope: Floats = _NO_SLOPE,
+) -> Floats:
     """(B,) logarithm of the light of an LED on a plane: inverse square, Lambert, lobe."""
     z = slope[0] * x + slope[1] * y
     away = np.stack([position[0] - x, position[1] - y, position[2] - z])
@@ -286,7 +286,7 @@ def led_strength(
     return np.asarray(light, np.float64)
 
 
-def moved_light(position: FloatArray, numbers: FloatArray) -> FloatArray:
+def moved_light(position: Floats, numbers: Floats) -> Floats:
     """(3,) position after rotation along the tilt, raising (radians) and a change of distance."""
     distance = float(np.linalg.norm(position))
     towards = position / distance
@@ -298,7 +298,7 @@ def moved_light(position: FloatArray, numbers: FloatArray) -> FloatArray:
     return np.asarray(moved * (distance * np.exp(numbers[2]) / np.linalg.norm(moved)), np.float64)
 
 
-def _without(numbers: FloatArray, causes: Sequence[PossibleCause], place: int) -> FloatArray:
+def _without(numbers: Floats, causes: Sequence[PossibleCause], place: int) -> Floats:
     """Remove the numbers of the cause at `place`."""
     ends = np.cumsum([len(cause.spreads) for cause in causes])
     return np.delete(numbers, slice(ends[place] - len(causes[place].spreads), ends[place]))

@@ -11,15 +11,13 @@ does not change is light of the scene.
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import BSpline
 from scipy.optimize import lsq_linear
 
+from classify.base.arrays import Floats
 from classify.base.errors import CalibrationRejected, InputError
 
-from .response import STEPS, Response
-
-FloatArray = npt.NDArray[np.float64]
+from .correction import STEPS, Response
 
 # Cubic pieces between the lowest and the highest value. With 8, gamma, sRGB and filmic curves come
 # out within 0.5 % of full scale (tests/classify/calibration/test_exposure_ladder.py).
@@ -40,7 +38,7 @@ _INNER = (0.1, 0.9)
 # Range of the exponent by which the curve goes on beyond the measured values.
 _EXPONENTS = (0.25, 4.0)
 # Gamma and sRGB curves need five exposures; one more is left to contradict a wrong one.
-LEAST_EXPOSURES = 6
+_LEAST_EXPOSURES = 6
 _LEAST_RATIO = 4.0
 # Share of full scale that the ladder must reach; the curve above is a continuation. The white sheet
 # reaches 60 % on a rig whose parts are well exposed, see rig/doctor/light_images.py.
@@ -71,7 +69,7 @@ class ExposureLadder:
     highest: float  # pixel value; the curve above it is a continuation
 
 
-def response_of(values: FloatArray, exposures_ms: FloatArray, full_scale: float) -> ExposureLadder:
+def response_of(values: Floats, exposures_ms: Floats, full_scale: float) -> ExposureLadder:
     """Fit the response to (E, n) mean values of blocks, NaN if clipped, at (E,) exposures."""
     values, times = np.asarray(values, np.float64), np.asarray(exposures_ms, np.float64)
     if values.ndim != 2 or times.shape != values.shape[:1]:
@@ -109,7 +107,7 @@ def response_of(values: FloatArray, exposures_ms: FloatArray, full_scale: float)
 _GRID = np.linspace(0.0, 1.0, STEPS + 1)
 
 
-def _check_levels(levels: FloatArray, times: FloatArray) -> None:
+def _check_levels(levels: Floats, times: Floats) -> None:
     """Reject values that show no response at all."""
     usable = np.isfinite(levels).any(axis=1)
     if not usable.any():
@@ -117,15 +115,16 @@ def _check_levels(levels: FloatArray, times: FloatArray) -> None:
             "every exposure is saturated or black; use shorter or longer exposures, or close or "
             "open the aperture"
         )
-    seen = np.unique(times[usable])
-    if len(seen) < LEAST_EXPOSURES or seen[-1] < _LEAST_RATIO * seen[0]:
+    ladder_ms = np.unique(times[usable])
+    first_ms, last_ms = ladder_ms[0], ladder_ms[-1]
+    if len(ladder_ms) < _LEAST_EXPOSURES or last_ms < _LEAST_RATIO * first_ms:
         raise CalibrationRejected(
-            f"{len(seen)} different exposures from {seen[0]:g} to {seen[-1]:g} ms are neither "
-            f"saturated nor black; give at least {LEAST_EXPOSURES}, the longest "
+            f"{len(ladder_ms)} different exposures from {first_ms:g} to {last_ms:g} ms are neither "
+            f"saturated nor black; give at least {_LEAST_EXPOSURES}, the longest "
             f"{_LEAST_RATIO:g} times the shortest"
         )
     rises = np.diff(levels, axis=0)
-    steps = np.array([np.nan if np.isnan(each).all() else np.nanmedian(each) for each in rises])
+    steps = np.array([np.nan if np.isnan(rise).all() else np.nanmedian(rise) for rise in rises])
     if np.isnan(steps).all():
         raise CalibrationRejected(
             "at any two neighbouring exposures every part of the frame is saturated or black; "
@@ -143,11 +142,11 @@ def _check_levels(levels: FloatArray, times: FloatArray) -> None:
     if rise < _LEAST_RISE * top:
         raise CalibrationRejected(
             f"the values do not follow the exposure: they rise by {rise:.1%} of full scale from "
-            f"{seen[0]:g} to {seen[-1]:g} ms; turn off the camera's automatic exposure and gain"
+            f"{first_ms:g} to {last_ms:g} ms; turn off the camera's automatic exposure and gain"
         )
     if top < _LEAST_TOP:
         raise CalibrationRejected(
-            f"the brightest value is {top:.0%} of full scale at {seen[-1]:g} ms; the response "
+            f"the brightest value is {top:.0%} of full scale at {last_ms:g} ms; the response "
             f"above {_LEAST_TOP:.0%} must be seen: use longer exposures, or open the aperture"
         )
 
@@ -160,15 +159,12 @@ class _Fit:
     lowest: float
     highest: float
     base: float  # light at `lowest`, without the offset of the camera
-    strengths: FloatArray  # (n,) light of each block per unit of exposure time
-    residuals: FloatArray  # (E, n) differences of the levels from the fit; NaN where a level is
+    strengths: Floats  # (n,) light of each block per unit of exposure time
+    residuals: Floats  # (E, n) differences of the levels from the fit; NaN where a level is
 
     @classmethod
-    def of(cls, levels: FloatArray, times: FloatArray) -> "_Fit":
-        """Fit a spline with even knots, then one with knots evenly along that curve.
-
-        A curve with a shoulder has most of its light in few levels.
-        """
+    def of(cls, levels: Floats, times: Floats) -> "_Fit":
+        """Fit a spline with even knots, then one with knots evenly along that curve."""
         lowest, highest = float(np.nanmin(levels)), float(np.nanmax(levels))
         fit = cls._with_knots(levels, times, np.linspace(lowest, highest, _PIECES + 1))
         grid = np.linspace(lowest, highest, STEPS + 1)
@@ -179,9 +175,9 @@ class _Fit:
         return cls._with_knots(levels, times, knots)
 
     @classmethod
-    def _with_knots(cls, levels: FloatArray, times: FloatArray, ends: FloatArray) -> "_Fit":
+    def _with_knots(cls, levels: Floats, times: Floats, ends: Floats) -> "_Fit":
         """Fit by least squares in the levels, with weights from the slope of the curve."""
-        seen = np.isfinite(levels)
+        measured = np.isfinite(levels)
         lowest, highest = float(ends[0]), float(ends[-1])
         inner = lowest + np.array(_INNER) * (highest - lowest)
         mean_slope = 1.0 / float(np.ptp(inner))
@@ -190,7 +186,7 @@ class _Fit:
         # Sums of B-splines from one to the last: with factors of 0 or more they never fall.
         steps = BSpline(knots, np.tri(pieces)[:, 1:], _DEGREE)
         slope = steps.derivative()
-        filled = np.where(seen, levels, lowest)
+        filled = np.where(measured, levels, lowest)
         terms = np.concatenate([np.ones((*levels.shape, 1)), steps(filled)], axis=-1)
         slope_terms, knot_slope_terms = slope(filled), slope(ends[1:-1])
         times = times / times.max()
@@ -201,9 +197,9 @@ class _Fit:
         scale = np.r_[0.0, np.diff(steps(inner), axis=0)[0]][None] * 1e3
         bounds = np.r_[0.0, np.full(pieces - 1, 1e-9)]
         slopes, knot_slopes = np.full(levels.shape, mean_slope), np.full(len(jumps), mean_slope)
-        found = np.zeros(pieces)
+        factors = np.zeros(pieces)
         for _ in range(_ROUNDS):
-            weights = seen / slopes / np.sqrt(seen.sum())
+            weights = measured / slopes / np.sqrt(measured.sum())
             # The strength of each block is that of least squares, and is eliminated.
             by_time = np.square(weights) * times[:, None]
             shares = np.einsum("en,enq->nq", by_time, terms)
@@ -212,18 +208,18 @@ class _Fit:
             upper = np.linalg.qr(rows.reshape(-1, pieces), mode="r")
             system = np.concatenate([upper, jumps / knot_slopes[:, None], scale])
             target = np.r_[np.zeros(len(system) - 1), 1e3]
-            before, found = found, lsq_linear(system, target, (bounds, np.inf), method="bvls").x
+            before, factors = factors, lsq_linear(system, target, (bounds, np.inf), method="bvls").x
             slopes, knot_slopes = (
-                np.clip(each @ found[1:], *(mean_slope * np.array(_SLOPES)))
-                for each in (slope_terms, knot_slope_terms)
+                np.clip(basis @ factors[1:], *(mean_slope * np.array(_SLOPES)))
+                for basis in (slope_terms, knot_slope_terms)
             )
-            if np.abs(found - before).max() < _SETTLED:
+            if np.abs(factors - before).max() < _SETTLED:
                 break
-        strengths = shares @ found
-        residuals = (terms @ found - times[:, None] * strengths) / slopes
-        residuals[~seen] = np.nan
-        spline = BSpline(knots, np.r_[0.0, np.cumsum(found[1:])], _DEGREE)
-        return cls(spline, lowest, highest, float(found[0]), strengths, residuals)
+        strengths = shares @ factors
+        residuals = (terms @ factors - times[:, None] * strengths) / slopes
+        residuals[~measured] = np.nan
+        spline = BSpline(knots, np.r_[0.0, np.cumsum(factors[1:])], _DEGREE)
+        return cls(spline, lowest, highest, float(factors[0]), strengths, residuals)
 
     @property
     def error(self) -> float:
@@ -231,11 +227,11 @@ class _Fit:
         return float(np.sqrt(np.nanmean(np.square(self.residuals))))
 
     @property
-    def medians(self) -> FloatArray:
+    def medians(self) -> Floats:
         """(E,) median residual of each exposure; 0 where it has no levels."""
         medians = np.zeros(len(self.residuals))
-        seen = np.isfinite(self.residuals).any(axis=1)
-        medians[seen] = np.nanmedian(self.residuals[seen], axis=1)
+        measured = np.isfinite(self.residuals).any(axis=1)
+        medians[measured] = np.nanmedian(self.residuals[measured], axis=1)
         return medians
 
     @property
@@ -243,17 +239,13 @@ class _Fit:
         """Whether one curve explains all exposures."""
         return bool(np.abs(self.medians).max() <= _MAX_MEDIAN and self.error <= _MAX_ERROR)
 
-    def exposure_of(self, levels: FloatArray) -> float:
+    def exposure_of(self, levels: Floats) -> float:
         """The exposure, relative to the longest, that explains (n,) levels of the blocks."""
         light = self.base + self.spline(np.clip(levels, self.lowest, self.highest))
         return float(np.nanmedian(light / self.strengths))
 
-    def curve(self) -> tuple[FloatArray, float]:
-        """(257,) curve from 0 to 1, and the level without light.
-
-        Below the lowest level it goes on as a power of the level, with the exponent of the lowest
-        quarter.
-        """
+    def curve(self) -> tuple[Floats, float]:
+        """(257,) curve from 0 to 1, and the level without light."""
         lowest, highest = self.lowest, self.highest
         slope = self.spline.derivative()
         near, far = lowest + np.array([0.02, 0.25]) * (highest - lowest)
@@ -271,18 +263,18 @@ class _Fit:
         return light / light[-1], dark
 
 
-def _cause(levels: FloatArray, times: FloatArray, fit: _Fit) -> str:
+def _cause(levels: Floats, times: Floats, fit: _Fit) -> str:
     """Describe why no curve explains the values: one exposure, or all."""
-    seen = np.flatnonzero(np.isfinite(levels).any(axis=1))
+    exposures = np.flatnonzero(np.isfinite(levels).any(axis=1))
     # The wrong exposure is the one without which the others agree best.
     best = fit
-    for left_out in seen if len(seen) > LEAST_EXPOSURES else ():
-        kept = np.delete(np.arange(len(times)), left_out)
-        enough = np.isfinite(levels[kept]).sum(axis=0) > 1
-        rest = _Fit.of(levels[np.ix_(kept, enough)], times[kept])
+    for left_out in exposures if len(exposures) > _LEAST_EXPOSURES else ():
+        others = np.delete(np.arange(len(times)), left_out)
+        enough = np.isfinite(levels[others]).sum(axis=0) > 1
+        rest = _Fit.of(levels[np.ix_(others, enough)], times[others])
         if rest.is_consistent and rest.error < best.error:
             best = rest
-            acted = rest.exposure_of(levels[left_out, enough]) * times[kept].max()
+            acted = rest.exposure_of(levels[left_out, enough]) * times[others].max()
             cause = (
                 f"an exposure of {times[left_out]:g} ms acts as one of {acted:.3g} ms; the camera "
                 "does not keep its exposure, or the light flickers"

@@ -3,21 +3,22 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from classify.lights.flat_field import TERMS, FlatField, exponents, powers
-from classify.lights.polynomial_fit import (
+from classify.base.arrays import Floats
+from classify.lights.flat_field import (
     MEDIAN_SQUARE,
+    TERMS,
     TUKEY,
+    FlatField,
     by_fold,
+    exponents,
     normal_equations,
+    powers,
     prediction_error,
     solved,
 )
 
 from .plate_blocks import BLOCKS, PlateBlocks
-
-FloatArray = npt.NDArray[np.float64]
 
 # The degree is raised while the squared error of predicting left-out parts of the frame falls below
 # this share; classify/DECISIONS.md has the errors of each degree.
@@ -36,30 +37,26 @@ class FittedFlatField:
     mean_residual: float  # likewise of the lights' mean; uneven reflectance raises it
     error: float  # standard error of the flat field by the residuals, a share
     unused: float  # share of the blocks that do not fit: dust, relief or gloss
-    ratios: FloatArray  # (N, 32, 32) log ratio of each light to the geometric mean of all
-    weights: FloatArray  # (32, 32) of the ratios; 0 where a block is not used
-    offsets: FloatArray  # (S, N) log brightness, less the mean over the placements
+    ratios: Floats  # (N, 32, 32) log ratio of each light to the geometric mean of all
+    weights: Floats  # (32, 32) of the ratios; 0 where a block is not used
+    offsets: Floats  # (S, N) log brightness, less the mean over the placements
 
 
 def fit_flat_field(blocks: PlateBlocks) -> FittedFlatField:
-    """Fit polynomials to the logarithms of the blocks: to the lights' ratios, and their mean.
-
-    Placements rotated by 180 degrees cancel a tilt of the sheet and a reflectance that rises along
-    it.
-    """
+    """Fit polynomials to the logarithms of the blocks: to the lights' ratios, and their mean."""
     common = blocks.logs.mean(axis=1, keepdims=True)
     ratio, mean = (_Fit.of(values, blocks) for values in (blocks.logs - common, common))
     coefficients = ratio.coefficients + mean.coefficients
-    x, y = (_edges(each) for each in (blocks.x, blocks.y))
-    seen = np.zeros((BLOCKS + 1, BLOCKS + 1), np.bool_)
+    x, y = (_edges(centres) for centres in (blocks.x, blocks.y))
+    covered = np.zeros((BLOCKS + 1, BLOCKS + 1), np.bool_)
     usable = blocks.usable.any(axis=0)
     for rows in (slice(None, -1), slice(1, None)):
         for columns in (slice(None, -1), slice(1, None)):
-            seen[rows, columns] |= usable
+            covered[rows, columns] |= usable
     coefficients[:, 0, 0] -= (powers(blocks.y, TERMS) @ coefficients @ powers(blocks.x, TERMS).T)[
         :, usable
     ].mean()
-    logs = (powers(y, TERMS) @ coefficients @ powers(x, TERMS).T)[:, seen]
+    logs = (powers(y, TERMS) @ coefficients @ powers(x, TERMS).T)[:, covered]
     return FittedFlatField(
         FlatField(coefficients, np.stack([logs.min(axis=1), logs.max(axis=1)], axis=1)),
         (ratio.degree, mean.degree),
@@ -77,17 +74,17 @@ def fit_flat_field(blocks: PlateBlocks) -> FittedFlatField:
 class _Fit:
     """Robust polynomials (C, 7, 7) of the values (S, C, 32, 32) of S placements."""
 
-    coefficients: FloatArray
+    coefficients: Floats
     degree: int
     residual: float
     error: float
     unused: float
-    means: FloatArray
-    weights: FloatArray
-    offsets: FloatArray
+    means: Floats
+    weights: Floats
+    offsets: Floats
 
     @classmethod
-    def of(cls, values: FloatArray, blocks: PlateBlocks) -> "_Fit":
+    def of(cls, values: Floats, blocks: PlateBlocks) -> "_Fit":
         targets, usable = by_fold(values), by_fold(blocks.usable.astype(float))
         bases = {degree: _basis(blocks, degree) for degree in _DEGREES}
         coefficients = np.zeros((values.shape[1], TERMS, TERMS))
@@ -103,8 +100,10 @@ class _Fit:
             coefficients = _refined(coefficients, chosen, bases[chosen], targets, usable)
         fitted = _evaluated(coefficients, chosen, bases[chosen])
         means, weights, offsets, scale = _combined(targets - fitted, usable)
-        seen = np.maximum(usable.sum(axis=0), 1.0)
-        plain = ((targets - fitted - offsets[..., None, None]) * usable[:, None]).sum(axis=0) / seen
+        counts = np.maximum(usable.sum(axis=0), 1.0)
+        plain = ((targets - fitted - offsets[..., None, None]) * usable[:, None]).sum(
+            axis=0
+        ) / counts
         counted = float(weights.sum()) / max(float(weights.max()), _TINY)
         terms = bases[chosen].shape[-1]
         return cls(
@@ -121,12 +120,12 @@ class _Fit:
 
 
 def _refined(
-    coefficients: FloatArray,
+    coefficients: Floats,
     degree: int,
-    basis: FloatArray,
-    targets: FloatArray,
-    usable: FloatArray,
-) -> FloatArray:
+    basis: Floats,
+    targets: Floats,
+    usable: Floats,
+) -> Floats:
     """Coefficients after repeated weighted least squares."""
     refined = coefficients.copy()
     i, j = exponents(degree)
@@ -137,19 +136,14 @@ def _refined(
     return refined
 
 
-def _evaluated(coefficients: FloatArray, degree: int, basis: FloatArray) -> FloatArray:
+def _evaluated(coefficients: Floats, degree: int, basis: Floats) -> Floats:
     """(C, folds, blocks) values of the polynomials."""
     i, j = exponents(degree)
     return np.moveaxis(basis @ coefficients[:, i, j].T, -1, 0)
 
 
-def _combined(
-    residuals: FloatArray, usable: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-    """Robust means (C, folds, blocks) over the placements, weights, offsets and scale.
-
-    A placement shifts all values of a light by an offset; the (S, C) offsets have the mean 0.
-    """
+def _combined(residuals: Floats, usable: Floats) -> tuple[Floats, Floats, Floats, float]:
+    """Robust means (C, folds, blocks) over the placements, weights, offsets and scale."""
     offsets = np.zeros(residuals.shape[:2])
     weights = usable
     for _ in range(2):
@@ -157,8 +151,8 @@ def _combined(
         offsets = (residuals * weights[:, None]).sum(axis=(-1, -2)) / total
         offsets -= offsets.mean(axis=0)
         squares = np.square(residuals - offsets[..., None, None]).mean(axis=1)
-        seen = squares[usable > 0.0]
-        variance = float(np.median(seen)) / MEDIAN_SQUARE if seen.size else _TINY
+        used = squares[usable > 0.0]
+        variance = float(np.median(used)) / MEDIAN_SQUARE if used.size else _TINY
         limit = max(TUKEY**2 * variance, _TINY)
         weights = np.square(np.maximum(1.0 - squares / limit, 0.0)) * usable
     totals = weights.sum(axis=0)
@@ -166,7 +160,7 @@ def _combined(
     return means / np.maximum(totals, _TINY), totals, offsets, float(np.sqrt(variance))
 
 
-def _unfolded(blocks: FloatArray) -> FloatArray:
+def _unfolded(blocks: Floats) -> Floats:
     """(..., 32, 32) blocks of the frame, from (..., folds, blocks of a fold)."""
     order = by_fold(np.arange(float(BLOCKS * BLOCKS)).reshape(BLOCKS, BLOCKS)).astype(int)
     placed = np.empty((*blocks.shape[:-2], BLOCKS * BLOCKS))
@@ -174,13 +168,13 @@ def _unfolded(blocks: FloatArray) -> FloatArray:
     return placed.reshape(*blocks.shape[:-2], BLOCKS, BLOCKS)
 
 
-def _basis(blocks: PlateBlocks, degree: int) -> FloatArray:
+def _basis(blocks: PlateBlocks, degree: int) -> Floats:
     """(folds, blocks, terms) values of y^i x^j."""
     i, j = exponents(degree)
     x, y = powers(blocks.x, TERMS), powers(blocks.y, TERMS)
     return np.moveaxis(by_fold(y.T[i][:, :, None] * x.T[j][:, None, :]), 0, -1)
 
 
-def _edges(centres: FloatArray) -> FloatArray:
+def _edges(centres: Floats) -> Floats:
     half = 0.5 * (centres[1] - centres[0])
     return np.append(centres - half, centres[-1] + half)

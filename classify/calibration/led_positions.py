@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import least_squares
 
-FloatArray = npt.NDArray[np.float64]
+from classify.base.arrays import Floats
+
 Aim = Literal["centre", "down"]
 
 # Distances in half of the longer side from which the fit starts, and the slant; it converges from
@@ -38,37 +38,32 @@ _MARGIN = 1.4
 class LedPositions:
     """Positions of N LEDs as fitted, with their uncertainties."""
 
-    positions: FloatArray  # (N, 3) in half of the longer side, from the middle of the frame
-    direction_errors_deg: FloatArray  # (N,) standard errors
-    distance_errors: FloatArray  # (N,) relative standard errors
+    positions: Floats  # (N, 3) in half of the longer side, from the middle of the frame
+    direction_errors_deg: Floats  # (N,) standard errors
+    distance_errors: Floats  # (N,) relative standard errors
     lobe_exponent: float  # m of the strength cos^m at an angle to the axis of an LED
     aim: Aim  # where the axes point
     residual: float  # rms deviation of the logarithms of the ratios from the model
-    residuals: FloatArray  # (N, 16, 16) excess over the model, also of blocks without weight
+    residuals: Floats  # (N, 16, 16) excess over the model, also of blocks without weight
 
 
-def fit_led_positions(
-    ratios: FloatArray, weights: FloatArray, x: FloatArray, y: FloatArray
-) -> LedPositions:
-    """Fit N >= 3 LEDs to (N, n, n) log ratios of each light to the geometric mean of all.
-
-    The (n,) coordinates of the blocks are in half of the longer side, y upwards.
-    """
+def fit_led_positions(ratios: Floats, weights: Floats, x: Floats, y: Floats) -> LedPositions:
+    """Fit N >= 3 LEDs to (N, n, n) log ratios of each light to the geometric mean of all."""
     size = _BLOCKS if len(ratios) <= _MANY_LIGHTS else _BLOCKS // 2
     pooled = _sums(weights, size)
     used = pooled > 0.0
     total = np.where(used, pooled, 1.0)
     columns, rows = np.meshgrid(x, y)
-    x, y = (_sums(each * weights, size)[used] / total[used] for each in (columns, rows))
+    x, y = (_sums(axis * weights, size)[used] / total[used] for axis in (columns, rows))
     data = _sums(ratios * weights, size)[:, used] / total[used]
     root = np.sqrt(pooled[used] / pooled.max())
     aims: tuple[Aim, ...] = ("centre", "down")
     models = [_Model(x, y, data, root, aim) for aim in aims]
-    fits = [(each.fitted(start), each) for each in models for start in each.starts()]
-    found, model = min(fits, key=lambda fit: fit[0].cost)
-    inverted, exponent = found.x[: 3 * len(data)].reshape(-1, 3), float(found.x[-1])
+    fits = [(model.fitted(start), model) for model in models for start in model.starts()]
+    solution, model = min(fits, key=lambda fit: fit[0].cost)
+    inverted, exponent = solution.x[: 3 * len(data)].reshape(-1, 3), float(solution.x[-1])
     squares = np.square(inverted).sum(axis=1)
-    along, across = model.errors(found)
+    along, across = model.errors(solution)
     whole = _Model(
         x=_means(columns, size).ravel(),
         y=_means(rows, size).ravel(),
@@ -76,8 +71,8 @@ def fit_led_positions(
         root_weights=np.ones(size * size),
         aim=model.aim,
     )
-    residuals = -whole.evaluated(found.x)[0].reshape(len(data), size, size)
-    mean_square = np.square(found.fun).sum() / (len(data) * np.square(root).sum())
+    residuals = -whole.evaluated(solution.x)[0].reshape(len(data), size, size)
+    mean_square = np.square(solution.fun).sum() / (len(data) * np.square(root).sum())
     return LedPositions(
         positions=inverted / squares[:, None],
         direction_errors_deg=np.degrees(across / np.sqrt(squares)),
@@ -96,13 +91,13 @@ class _Model:
     Parameters: v of each light, log levels of all but the first light relative to it, and m.
     """
 
-    x: FloatArray
-    y: FloatArray
-    data: FloatArray
-    root_weights: FloatArray
+    x: Floats
+    y: Floats
+    data: Floats
+    root_weights: Floats
     aim: Aim
 
-    def starts(self) -> list[FloatArray]:
+    def starts(self) -> list[Floats]:
         """Parameters from which to start: light comes from where it is brighter."""
         plane = np.stack([np.ones_like(self.x), self.x, self.y], axis=1)
         level, *gradient = np.linalg.lstsq(plane, self.data.T, rcond=None)[0]
@@ -111,9 +106,9 @@ class _Model:
         slant = np.radians(_START_SLANT_DEG)
         unit = np.column_stack([np.sin(slant) * towards, np.full(len(level), np.cos(slant))])
         levels = level[1:] - level[0]
-        return [np.concatenate([(unit / each).ravel(), levels, [1.0]]) for each in _STARTS]
+        return [np.concatenate([(unit / distance).ravel(), levels, [1.0]]) for distance in _STARTS]
 
-    def fitted(self, start: FloatArray) -> Any:
+    def fitted(self, start: Floats) -> Any:
         """Result of scipy's least squares."""
         low, high = np.full(start.size, -np.inf), np.full(start.size, np.inf)
         low[2 : 3 * len(self.data) : 3] = 0.0
@@ -124,32 +119,30 @@ class _Model:
             bounds=(low, high), x_scale="jac", max_nfev=200,
         )  # fmt: skip
 
-    def errors(self, found: Any) -> tuple[FloatArray, FloatArray]:
-        """(N,) standard errors of v along itself and across; infinite if undetermined.
-
-        Clustered by parts of the frame (Cameron and Miller 2015, equation 11): the residuals are
-        smooth.
-        """
+    def errors(self, solution: Any) -> tuple[Floats, Floats]:
+        """(N,) clustered standard errors (Cameron and Miller 2015) of v along itself and across."""
         lights = len(self.data)
-        columns, rows = (np.floor((each + 1.0) * 0.5 * _PARTS) for each in (self.x, self.y))
+        columns, rows = (np.floor((axis + 1.0) * 0.5 * _PARTS) for axis in (self.x, self.y))
         part = columns * 2 * _PARTS + rows
-        scores = (found.jac * found.fun[:, None]).reshape(lights, part.size, -1).sum(axis=0)
-        clustered = np.stack([scores[part == each].sum(axis=0) for each in np.unique(part)])
-        if np.linalg.matrix_rank(found.jac) < found.x.size:  # for example lights that do not differ
+        scores = (solution.jac * solution.fun[:, None]).reshape(lights, part.size, -1).sum(axis=0)
+        clustered = np.stack([scores[part == number].sum(axis=0) for number in np.unique(part)])
+        if (
+            np.linalg.matrix_rank(solution.jac) < solution.x.size
+        ):  # for example lights that do not differ
             return np.full(lights, np.inf), np.full(lights, np.inf)
-        inverse = np.linalg.pinv(found.jac.T @ found.jac)
-        freedom = max((lights - 1) * part.size - found.x.size, 1)
+        inverse = np.linalg.pinv(solution.jac.T @ solution.jac)
+        freedom = max((lights - 1) * part.size - solution.x.size, 1)
         covariance = inverse @ (clustered.T @ clustered) @ inverse
-        covariance += inverse * np.square(found.fun).sum() / freedom
+        covariance += inverse * np.square(solution.fun).sum() / freedom
         along, across = np.empty(lights), np.empty(lights)
         for light in range(lights):
             own = slice(3 * light, 3 * light + 3)
-            unit = found.x[own] / np.linalg.norm(found.x[own])
+            unit = solution.x[own] / np.linalg.norm(solution.x[own])
             along[light] = unit @ covariance[own, own] @ unit
             across[light] = max(np.trace(covariance[own, own]) - along[light], 0.0)
         return _MARGIN * np.sqrt(along), _MARGIN * np.sqrt(across)
 
-    def evaluated(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def evaluated(self, parameters: Floats) -> tuple[Floats, Floats]:
         """Weighted differences (N n,) and their derivatives (N n, parameters)."""
         lights = len(self.data)
         inverted, exponent = parameters[: 3 * lights].reshape(lights, 3), parameters[-1]
@@ -186,13 +179,13 @@ class _Model:
         return difference.ravel(), derivatives.reshape(-1, parameters.size)
 
 
-def _sums(values: FloatArray, size: int) -> FloatArray:
+def _sums(values: Floats, size: int) -> Floats:
     """(..., size, size) sums of neighbouring blocks."""
     step = values.shape[-1] // size
     blocks = values.reshape(*values.shape[:-2], size, step, size, step)
     return np.asarray(blocks.sum(axis=(-3, -1)), np.float64)
 
 
-def _means(values: FloatArray, size: int) -> FloatArray:
+def _means(values: Floats, size: int) -> Floats:
     """(..., size, size) means of neighbouring blocks."""
     return np.asarray(_sums(values, size) / (values.shape[-1] // size) ** 2, np.float64)

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy import optimize
 
+from classify.base.arrays import Array, BoolArray, Floats
 from classify.base.errors import CalibrationRejected
 from classify.images.noise import SIGMA_PER_MAD
 
-from .sphere import FloatArray, Sphere
+from .sphere import Sphere
 
 # Share of the radius that is used. Near the outline its error changes the normal most: 0.2 px of
 # 50 px are 1.4 degrees at 0.9 of the radius, and 4 degrees at 0.99.
@@ -44,8 +43,8 @@ _WORST_RESIDUAL = 0.12
 
 
 def matte_directions(
-    images: npt.NDArray[Any], sphere: Sphere, full_scale: float, vignetting: float | None = None
-) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    images: Array, sphere: Sphere, full_scale: float, vignetting: float | None = None
+) -> tuple[Floats, Floats, Floats, float]:
     """(N, 3) directions of lights by their shading of a matt sphere, errors, levels, residual.
 
     Shading, a cubic in n . l, times vignetting by radius^2 is fitted to each (H, W) light image;
@@ -69,16 +68,16 @@ def matte_directions(
         samples.append(_Samples(light, normals[usable], values[usable], squared[usable]))
     # The lens is the same in all light images.
     if vignetting is None:
-        vignetting = float(np.median([_fit(each, None).vignetting for each in samples]))
-    fits = [_fit(each, vignetting) for each in samples]
+        vignetting = float(np.median([_fit(sample, None).vignetting for sample in samples]))
+    fits = [_fit(sample, vignetting) for sample in samples]
     errors = []
-    for each, fit in zip(samples, fits, strict=True):
+    for sample, fit in zip(samples, fits, strict=True):
         if fit.residual > _WORST_RESIDUAL:
             raise CalibrationRejected(
-                f"light image {each.light}: the shading is {fit.residual:.0%} off that of a matt "
+                f"light image {sample.light}: the shading is {fit.residual:.0%} off that of a matt "
                 "sphere; use a matt ball, and --sphere mirror for a polished one"
             )
-        scatter = _jackknife_deg(each.only(fit.lit), fit)
+        scatter = _jackknife_deg(sample.only(fit.lit), fit)
         # A shifted outline turns all normals; those that face the camera by the least.
         outline = np.degrees(sphere.error_px / sphere.radius_px) / max(fit.direction[2], 0.3)
         errors.append(float(np.linalg.norm([scatter, outline, _MODEL_DEG])))
@@ -93,25 +92,25 @@ class _Samples:
     """Pixels of the sphere in one light image."""
 
     light: int
-    normals: FloatArray
-    values: FloatArray
-    squared: FloatArray  # squared distance from the middle of the frame; 1 in its corners
+    normals: Floats
+    values: Floats
+    squared: Floats  # squared distance from the middle of the frame; 1 in its corners
 
-    def only(self, kept: npt.NDArray[np.bool_]) -> _Samples:
-        return _Samples(self.light, self.normals[kept], self.values[kept], self.squared[kept])
+    def only(self, chosen: BoolArray) -> _Samples:
+        return _Samples(self.light, self.normals[chosen], self.values[chosen], self.squared[chosen])
 
-    def flat(self, vignetting: float) -> FloatArray:
+    def flat(self, vignetting: float) -> Floats:
         """The values without vignetting."""
         return self.values / (1.0 - vignetting * self.squared)
 
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    direction: FloatArray
+    direction: Floats
     vignetting: float
     level: float  # value of a surface that faces the light
     residual: float  # rms, as a share of the range of values
-    lit: npt.NDArray[np.bool_]  # the pixels that were used
+    lit: BoolArray  # the pixels that were used
 
 
 def _fit(samples: _Samples, vignetting: float | None) -> _Fit:
@@ -128,10 +127,10 @@ def _fit(samples: _Samples, vignetting: float | None) -> _Fit:
                 f"light image {samples.light}: the sphere is not shaded; is a light on?"
             )
         direction = np.asarray(scaled[:3] / length, np.float64)
-        lit = _kept(samples, direction, share, lit)
+        lit = _fitting_pixels(samples, direction, share, lit)
     for _ in range(2):
         direction, share = _refined(samples.only(lit), direction, vignetting)
-        lit = _kept(samples, direction, share, lit)
+        lit = _fitting_pixels(samples, direction, share, lit)
     coefficients, off = _shading(normals[lit] @ direction, samples.flat(share)[lit])
     level = max(float(np.polyval(coefficients, 1.0)), 1e-9)
     span = float(np.ptp(np.polyval(coefficients, np.linspace(_LIT, 1.0, 16))))
@@ -139,50 +138,48 @@ def _fit(samples: _Samples, vignetting: float | None) -> _Fit:
     return _Fit(direction, share, level, residual, lit)
 
 
-def _kept(
-    samples: _Samples, direction: FloatArray, vignetting: float, lit: npt.NDArray[np.bool_]
-) -> npt.NDArray[np.bool_]:
+def _fitting_pixels(
+    samples: _Samples, direction: Floats, vignetting: float, lit: BoolArray
+) -> BoolArray:
     """Pixels that face the light and fit the shading to three robust deviations."""
     cosine, values = samples.normals @ direction, samples.flat(vignetting)
     coefficients, off = _shading(cosine[lit], values[lit])
     spread = SIGMA_PER_MAD * float(np.median(np.abs(off))) + 1e-3 * float(np.ptp(values))
     far = np.abs(values - np.polyval(coefficients, np.clip(cosine, 0.0, 1.0))) > 3.0 * spread
-    kept = np.asarray((cosine > _LIT) & ~far)
-    if kept.mean() < _LEAST_USED:
+    fitting = np.asarray((cosine > _LIT) & ~far)
+    if fitting.mean() < _LEAST_USED:
         raise CalibrationRejected(
-            f"light image {samples.light}: {kept.mean():.0%} of the sphere shows the shading of a "
-            "matt sphere; use a matt ball (--sphere mirror is for a polished one), lit from above"
+            f"light image {samples.light}: {fitting.mean():.0%} of the sphere shows the shading of "
+            "a matt sphere; use a matt ball (--sphere mirror is for a polished one), lit from above"
         )
-    return kept
+    return fitting
 
 
-def _shading(cosine: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _shading(cosine: Floats, values: Floats) -> tuple[Floats, Floats]:
     """Coefficients of the shading as a function of n . l, and the residuals."""
     coefficients = np.polyfit(cosine, values, _POWERS)
     return coefficients, values - np.polyval(coefficients, cosine)
 
 
-def _refined(
-    samples: _Samples, start: FloatArray, vignetting: float | None
-) -> tuple[FloatArray, float]:
+def _refined(samples: _Samples, start: Floats, vignetting: float | None) -> tuple[Floats, float]:
     """Direction near `start` and vignetting with the least residual of the shading."""
     side = np.linalg.svd(start[None])[2][1:]  # two vectors across the direction
 
-    def stepped(step: FloatArray) -> FloatArray:
+    def stepped(step: Floats) -> Floats:
         direction = start + step @ side
         return np.asarray(direction / np.linalg.norm(direction))
 
-    def off(values: FloatArray) -> FloatArray:
+    def off(values: Floats) -> Floats:
         share = float(values[2]) if vignetting is None else vignetting
         return _shading(samples.normals @ stepped(values[:2]), samples.flat(share))[1]
 
     free = 3 if vignetting is None else 2
     low, high = [-1.0, -1.0, _VIGNETTING[0]][:free], [1.0, 1.0, _VIGNETTING[1]][:free]
-    found = optimize.least_squares(
+    solution = optimize.least_squares(
         off, np.zeros(free), bounds=(low, high), diff_step=1e-4, x_scale=[0.01, 0.01, 0.1][:free],
         max_nfev=20,
     )  # fmt: skip
-    return stepped(found.x[:2]), float(found.x[2]) if vignetting is None else vignetting
+    return stepped(solution.x[:2]), float(solution.x[2]) if vignetting is None else vignetting
 
 
 def _jackknife_deg(samples: _Samples, fit: _Fit) -> float:

@@ -3,28 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage
 
+from classify.base.arrays import Array, Floats
 from classify.base.errors import CalibrationRejected
 from classify.images.noise import SIGMA_PER_MAD
 
-from .sphere import FloatArray, Sphere
+from .sphere import Sphere
 
 # A pixel belongs to a highlight if more than this share of it shows the lamp. The share is higher
 # for a highlight at full scale, which lit walls beside the lamp approach (to 0.7 in a test).
 _HIGHLIGHT, _CLIPPED_HIGHLIGHT = 0.5, 0.8
 # Least share in the brightest pixel of a highlight; a lit wall or a glossy table does not reach it.
-_ALL_LIGHT = 0.9
+_LEAST_PEAK = 0.9
 # Share of the radius that is used; beyond it the blurred outline and the background mix in.
 _INSIDE = 0.97
 # Least ratio of a highlight's peak to the changes of the rest of the sphere, by their robust
 # scatter. Noise alone gives 4.5; a lamp that lights a bright room unevenly leaves 5.7
 # (test_sphere_rates.py).
-_LEAST_CONTRAST, _SEEN = 5.0, 2.0
+_LEAST_CONTRAST, _LEAST_CHANGE = 5.0, 2.0
 # A second reflection with this share of the light of the first makes the choice doubtful.
 _DOUBTFUL = 0.5
 # Lights this low and lower are reflections from below, such as of the table: z of their direction.
@@ -39,8 +38,8 @@ _PIXEL = 0.15
 
 
 def mirror_directions(
-    images: npt.NDArray[Any], sphere: Sphere, ambient: npt.NDArray[Any] | None = None
-) -> tuple[FloatArray, FloatArray, FloatArray, list[str]]:
+    images: Array, sphere: Sphere, ambient: Array | None = None
+) -> tuple[Floats, Floats, Floats, list[str]]:
     """(N, 3) directions of lights by a mirror sphere, errors_deg, (N, 3) points, doubts.
 
     l = 2 (n . v) n - v is averaged over the highlight, weighted by the light: equal areas of the
@@ -64,7 +63,7 @@ def mirror_directions(
         blobs = []
         for each in range(1, int(label.max()) + 1):
             at = np.flatnonzero(label == each)
-            if share[at].max() < _ALL_LIGHT:
+            if share[at].max() < _LEAST_PEAK:
                 continue
             weights = share[at] - least
             direction = weights @ towards[at]
@@ -101,18 +100,15 @@ def mirror_directions(
     return np.array(directions), np.array(errors), np.array(points), doubts
 
 
-def _room(others: Sequence[FloatArray], values: FloatArray) -> FloatArray:
+def _room(others: Sequence[Floats], values: Floats) -> Floats:
     """The room without this light: median of the other light images, minimum of up to two."""
     if not others:
         return np.full(values.shape, np.median(values))
     return np.asarray(np.median(others, axis=0) if len(others) > 2 else np.min(others, axis=0))
 
 
-def _lit_share(values: FloatArray, room: FloatArray, light: int) -> tuple[FloatArray, float]:
-    """Share of each pixel, 0 to 1, that shows the light, and the limit of a highlight.
-
-    The change is divided by the room's difference from full scale, where highlights are clipped.
-    """
+def _lit_share(values: Floats, room: Floats, light: int) -> tuple[Floats, float]:
+    """Share of each pixel, 0 to 1, that shows the light, and the limit of a highlight."""
     change = values - room
     highest = float(change.max())
     middle = float(np.median(change))
@@ -127,6 +123,6 @@ def _lit_share(values: FloatArray, room: FloatArray, light: int) -> tuple[FloatA
     bright = values[change >= 0.5 * highest]
     is_clipped = (bright == bright.max()).sum() > 1
     share = change / (np.maximum(bright.max() - room, 1e-9) if is_clipped else highest)
-    is_seen = change > _SEEN * noise + middle
+    is_changed = change > _LEAST_CHANGE * noise + middle
     least = _CLIPPED_HIGHLIGHT if is_clipped else _HIGHLIGHT
-    return np.where(is_seen, np.clip(share, 0.0, 1.0), 0.0), least
+    return np.where(is_changed, np.clip(share, 0.0, 1.0), 0.0), least

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Floats
 from classify.base.errors import CalibrationRejected, InputError
 from classify.images.noise import ROUNDING_VARIANCE, SensorNoise
 
@@ -28,8 +28,6 @@ class Noise:
         if not 0.0 <= self.error < float("inf"):
             raise InputError(f"the noise has an error of {self.error:g}; give a share of 0 or more")
 
-
-FloatArray = npt.NDArray[np.float64]
 
 # From this variance V on, rounding adds 1/12 to within 0.003, whatever the mean: the first harmonic
 # of rounding is exp(-2 pi^2 v) (4 v + 1 / pi^2) with v = V - 1/12. At 0.24, which EMVA 1288
@@ -62,14 +60,10 @@ def photon_transfer(
     full_scale: float,
     dark_noise_dn: float | None = None,
 ) -> PhotonTransfer:
-    """Fit gain and read noise to the levels of several exposures of a still scene.
-
-    The camera must be linear, which `response_of` decides: with a gamma of 2 all variances are
-    equal, and lie on a line too.
-    """
-    means = np.concatenate([each.means for each in levels]) - black_level_dn
-    variances = np.concatenate([each.variances for each in levels])
-    freedom = np.concatenate([np.full(each.means.shape, each.freedom) for each in levels])
+    """Fit gain and read noise of a linear camera to levels of several exposures of a scene."""
+    means = np.concatenate([level.means for level in levels]) - black_level_dn
+    variances = np.concatenate([level.variances for level in levels])
+    freedom = np.concatenate([np.full(level.means.shape, level.freedom) for level in levels])
     highest = _HIGHEST * (full_scale - black_level_dn)
     usable = (means <= highest) & (variances >= 0.0)  # false for NaN
     means, variances, freedom = means[usable], variances[usable], freedom[usable]
@@ -80,15 +74,15 @@ def photon_transfer(
     # then by the line.
     selected = _smoothed(means, variances) >= _LEAST_VARIANCE
     for _ in range(2):
-        seen = means[selected]
-        if len(seen) < _GROUPS or np.ptp(seen) < _LEAST_SPAN * highest:
+        lit = means[selected]
+        if len(lit) < _GROUPS or np.ptp(lit) < _LEAST_SPAN * highest:
             raise CalibrationRejected(
                 f"the noise has a variance of at most {variances.max(initial=0.0):.2g} in pixel "
                 f"values, where rounding hides it below {_LEAST_VARIANCE:g}, or too few levels are "
                 "lit; use a camera format with more bits, or longer exposures"
             )
-        line, covariance = _fit(seen, variances[selected], freedom[selected], known)
-        error = _departure(seen, variances[selected], line)
+        line, covariance = _fit(lit, variances[selected], freedom[selected], known)
+        error = _departure(lit, variances[selected], line)
         selected = line[0] + line[1] * means >= _LEAST_VARIANCE
     if not (line[1] > 0.0 and error <= _MAX_ERROR):
         raise CalibrationRejected(
@@ -107,14 +101,14 @@ def photon_transfer(
 
 
 def _fit(
-    means: FloatArray, variances: FloatArray, freedom: FloatArray, known: float | None
-) -> tuple[FloatArray, FloatArray]:
+    means: Floats, variances: Floats, freedom: Floats, known: float | None
+) -> tuple[Floats, Floats]:
     """Intercept (`known`, or None to fit it) and slope with their covariance.
 
     A variance V of n degrees of freedom has the variance 2 V^2 / n, here with V from the line.
     """
     terms = np.stack([np.ones_like(means), means])
-    line: FloatArray = np.zeros(2)
+    line: Floats = np.zeros(2)
     expected = np.maximum(variances, _LEAST_VARIANCE)
     for _ in range(_ROUNDS):
         weights = freedom / (2.0 * np.square(expected))
@@ -131,7 +125,7 @@ def _fit(
     return line, covariance * max(1.0, excess)
 
 
-def _smoothed(means: FloatArray, variances: FloatArray) -> FloatArray:
+def _smoothed(means: Floats, variances: Floats) -> Floats:
     """(n,) mean variance of the blocks of similar mean."""
     order = np.argsort(means)
     parts = np.array_split(order, min(_GROUPS**2, max(1, len(order))))
@@ -141,7 +135,7 @@ def _smoothed(means: FloatArray, variances: FloatArray) -> FloatArray:
     return smooth
 
 
-def _departure(means: FloatArray, variances: FloatArray, line: FloatArray) -> float:
+def _departure(means: Floats, variances: Floats, line: Floats) -> float:
     """Rms over groups of similar mean of the relative departure of their variance."""
     ends = np.linspace(means.min(), means.max(), _GROUPS + 1)[1:-1]
     group = np.searchsorted(ends, means)

@@ -2,11 +2,10 @@
 
 from collections.abc import Sequence
 from itertools import combinations
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Array
 from classify.base.errors import InputError
 from classify.lights.flat_field import TERMS, FlatField, powers
 
@@ -18,7 +17,7 @@ from .plate_blocks import PlateBlocks
 _ALIKE = 0.7
 
 
-def check_placements_differ(images: Sequence[npt.NDArray[Any]]) -> None:
+def check_placements_differ(images: Sequence[Array]) -> None:
     """Refuse placements with the same light images: their errors are the same."""
     for (first, one), (second, other) in combinations(enumerate(images, start=1), 2):
         if np.array_equal(one, other):
@@ -33,13 +32,13 @@ def are_moved(blocks: PlateBlocks, flat_field: FlatField) -> bool:
     y, x = powers(blocks.y, TERMS), powers(blocks.x, TERMS)
     uneven = blocks.logs.mean(axis=1) - y @ flat_field.coefficients.mean(axis=0) @ x.T
     # Subtract the mean of the four neighbours, and with it a smooth bias of the polynomial.
-    grain, seen = uneven[:, 1:-1, 1:-1].copy(), blocks.usable[:, 1:-1, 1:-1].copy()
+    grain, usable = uneven[:, 1:-1, 1:-1].copy(), blocks.usable[:, 1:-1, 1:-1].copy()
     for rows, columns in ((0, 1), (2, 1), (1, 0), (1, 2)):
         near = np.s_[:, rows : rows + grain.shape[1], columns : columns + grain.shape[2]]
         grain -= 0.25 * uneven[near]
-        seen &= blocks.usable[near]
+        usable &= blocks.usable[near]
     for first, other in combinations(range(len(grain)), 2):
-        one, two = (grain[each][seen[first] & seen[other]] for each in (first, other))
+        one, two = (grain[placement][usable[first] & usable[other]] for placement in (first, other))
         if one @ two <= _ALIKE * np.linalg.norm(one) * np.linalg.norm(two):
             return True
     return False

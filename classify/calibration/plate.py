@@ -4,20 +4,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import BoolArray, Floats
 from classify.base.errors import CalibrationRejected, InputError
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
 
+from .calibration import CalibratedLights
 from .flat_field import FittedFlatField, fit_flat_field
 from .led_positions import LedPositions, fit_led_positions
-from .lights import CalibratedLights
 from .placements import are_moved, check_placements_differ
 from .plate_blocks import PlateBlocks
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 # Limits of the checks; "What a sheet is refused for" in classify/DECISIONS.md has the figures of
 # sheets, parts and textures.
@@ -31,7 +28,7 @@ _SHINIEST, _ON_ITS_SIDE, _MANY = 0.01, 0.2, 0.6
 # like 6 degrees.
 _MOST_TILTED_DEG, _MOST_TILTED_ALONE_DEG, _MOST_TILTED_BY_LEVELS_DEG = 4.0, 7.0, 12.0
 # A tilt explains differences of directions, or of levels, if it leaves at most this share of them.
-_LEFT_OF_DIRECTIONS, _LEFT_OF_LEVELS = 0.5, 0.05
+_MOST_UNEXPLAINED_DIRECTIONS, _MOST_UNEXPLAINED_LEVELS = 0.5, 0.05
 # Positions with larger standard errors are no better than the configured directions. An error of
 # 20 % in the distance changes normals less than an error of 3 degrees in the direction does.
 _WORST_DIRECTION_DEG, _WORST_DISTANCE = 3.0, 0.2
@@ -40,9 +37,9 @@ _WORST_DIRECTION_DEG, _WORST_DISTANCE = 3.0, 0.2
 _WORST_RESIDUAL = 0.015
 # cos(88 degrees): no solver can use lights below this elevation.
 _LOWEST = 0.035
-# A sheet on a table is taken to be level to this. Rotated by half a turn to within 10 degrees, it
-# leaves a sixth of its tilt. A single placement may be tilted by the last value.
-_TABLE_DEG, _TURN = 0.3, 0.17
+# Assumed tilt of a sheet on a table; share of it that two placements 180 +- 10 degrees apart leave;
+# assumed tilt of a single placement.
+_TABLE_DEG, _REMAINING_TILT = 0.3, 0.17
 _SINGLE_TILT_DEG = 1.0
 _REPEATED = "ps4rig calibrate dark, which adds the exposure, and this command"
 
@@ -54,7 +51,7 @@ class MeasuredPlate:
     flat_field: FittedFlatField
     lights: CalibratedLights | None  # with positions; None where the ratios do not give them
     no_lights_because: str | None
-    tilts_deg: FloatArray  # (S,) of the sheet from the mean of all placements
+    tilts_deg: Floats  # (S,) of the sheet from the mean of all placements
     brightness: float  # geometric mean of the pixel values, as a share of full scale
     is_moved: bool  # between placements; if not, they count as one
 
@@ -65,20 +62,16 @@ def measure_plate(
     lighting: Lighting,
     mask: BoolArray | None = None,
 ) -> MeasuredPlate:
-    """Measure flat field and LED positions on a white matt sheet in the (H, W) `mask`.
-
-    Two placements, rotated by 180 degrees, cancel its tilt; of `lighting`, the lights as
-    configured, only directions that disagree by a common tilt are refused.
-    """
+    """Measure flat field and LED positions on a white matt sheet in the (H, W) `mask`."""
     if len(lighting) < 3:
         raise InputError(f"{len(lighting)} lights; a sheet shows the positions of three or more")
-    shapes = {each.images.shape for each in placements}
+    shapes = {placement.images.shape for placement in placements}
     if len(shapes) != 1 or next(iter(shapes))[0] != len(lighting):
         raise InputError(
             f"the sets of the sheet differ in size or in lights: shapes {sorted(shapes)} for "
             f"{len(lighting)} lights; capture them alike"
         )
-    check_placements_differ([each.images for each in placements])
+    check_placements_differ([placement.images for placement in placements])
     blocks = PlateBlocks.of(placements, full_scale, mask)
     check_sheet(blocks, lighting)
     fitted = fit_flat_field(blocks)
@@ -96,7 +89,7 @@ def measure_plate(
         reason = _why_unknown(positions)
         return MeasuredPlate(fitted, None, reason, tilts_deg, brightness, is_moved)
     if is_moved:
-        level_deg = np.hypot(_TABLE_DEG, _TURN * tilts_deg.max())
+        level_deg = np.hypot(_TABLE_DEG, _REMAINING_TILT * tilts_deg.max())
     else:
         level_deg = np.hypot(_SINGLE_TILT_DEG, common_deg)
     lights = CalibratedLights(
@@ -173,7 +166,7 @@ def _why_unknown(positions: LedPositions) -> str:
     )
 
 
-def _tilts_deg(offsets: FloatArray, lighting: Lighting) -> FloatArray:
+def _tilts_deg(offsets: Floats, lighting: Lighting) -> Floats:
     """(S,) tilts of the sheet from the (S, N) changes of the lights' log brightness.
 
     A sheet of slopes a = (p, q) makes a light in the direction l brighter by 1 - a . l_xy / l_z.
@@ -187,7 +180,7 @@ def _tilts_deg(offsets: FloatArray, lighting: Lighting) -> FloatArray:
 
 
 def _checked_tilt_deg(
-    tilts_deg: FloatArray, fitted: FittedFlatField, measured: Lighting | None, given: Lighting
+    tilts_deg: Floats, fitted: FittedFlatField, measured: Lighting | None, configured: Lighting
 ) -> float:
     """Check the tilts; return the one that all share, by measured less configured lights."""
     if tilts_deg.max() > _MOST_TILTED_DEG:
@@ -196,10 +189,10 @@ def _checked_tilt_deg(
             f"{_MOST_TILTED_DEG:g} degrees"
         )
     if measured is not None:
-        alone_deg, most_deg = _common_tilt_deg(measured, given), _MOST_TILTED_ALONE_DEG
+        alone_deg, most_deg = _common_tilt_deg(measured, configured), _MOST_TILTED_ALONE_DEG
     else:
         levels = fitted.flat_field.coefficients[:, 0, 0]
-        alone_deg = _tilt_of_levels_deg(levels - levels.mean(), given)
+        alone_deg = _tilt_of_levels_deg(levels - levels.mean(), configured)
         most_deg = _MOST_TILTED_BY_LEVELS_DEG
     if alone_deg > most_deg:
         raise CalibrationRejected(
@@ -209,32 +202,32 @@ def _checked_tilt_deg(
     return alone_deg
 
 
-def _common_tilt_deg(measured: Lighting, given: Lighting) -> float:
+def _common_tilt_deg(measured: Lighting, configured: Lighting) -> float:
     """Tilt of the sheet that explains how all directions differ; 0 if none does."""
-    change = measured.directions - given.directions
+    change = measured.directions - configured.directions
     # A small rotation w adds w x l to every direction l.
-    design = np.concatenate([-_cross(each) for each in given.directions])
+    design = np.concatenate([-_cross(direction) for direction in configured.directions])
     rotation, *_ = np.linalg.lstsq(design, change.ravel(), rcond=None)
     left = change.ravel() - design @ rotation
-    if np.square(left).sum() > _LEFT_OF_DIRECTIONS * np.square(change).sum():
+    if np.square(left).sum() > _MOST_UNEXPLAINED_DIRECTIONS * np.square(change).sum():
         return 0.0
     return float(np.degrees(np.hypot(rotation[0], rotation[1])))
 
 
-def _cross(vector: FloatArray) -> FloatArray:
+def _cross(vector: Floats) -> Floats:
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
-def _tilt_of_levels_deg(levels: FloatArray, given: Lighting) -> float:
+def _tilt_of_levels_deg(levels: Floats, configured: Lighting) -> float:
     """Tilt of the sheet that explains the levels of distant lights; 0 if none does."""
-    if len(given) == 3:
+    if len(configured) == 3:
         return 0.0  # a tilt explains any three levels
-    tangents = given.directions[:, :2] / given.directions[:, 2:]
+    tangents = configured.directions[:, :2] / configured.directions[:, 2:]
     centred = tangents - tangents.mean(axis=0)
     slopes, *_ = np.linalg.lstsq(-centred, levels, rcond=None)
     left = levels + centred @ slopes
-    if np.square(left).sum() > _LEFT_OF_LEVELS * np.square(levels).sum():
+    if np.square(left).sum() > _MOST_UNEXPLAINED_LEVELS * np.square(levels).sum():
         return 0.0
     return float(np.degrees(np.arctan(np.linalg.norm(slopes))))
 
@@ -252,7 +245,7 @@ def _check_surface(fitted: FittedFlatField) -> None:
 def _check_gloss(positions: LedPositions, blocks: PlateBlocks, lighting: Lighting) -> None:
     """Reject a sheet that is brighter on the side of each light, as a mirror is."""
     size = positions.residuals.shape[-1]
-    x, y = (each.reshape(size, -1).mean(axis=1) for each in (blocks.x, blocks.y))
+    x, y = (axis.reshape(size, -1).mean(axis=1) for axis in (blocks.x, blocks.y))
     shiny = []
     for light, excess in enumerate(positions.residuals):
         hot = np.where(

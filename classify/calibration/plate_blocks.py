@@ -2,18 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Array, BoolArray, FloatMap, Floats
 from classify.images.noise import SIGMA_PER_MAD
 from classify.images.stack import ImageStack
 from classify.lights.flat_field import coordinates
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 # Blocks along each side of the frame, and the most cells along the side of a block. Within a block
 # the light of LEDs at two fields of view departs from a plane by 0.01 %.
@@ -31,14 +27,14 @@ _USABLE = 0.5
 class PlateBlocks:
     """Blocks of S placements of a sheet under N lights."""
 
-    logs: FloatArray  # (S, N, 32, 32) of the mean values less ambient light; 0 where not `usable`
+    logs: Floats  # (S, N, 32, 32) of the mean values less ambient light; 0 where not `usable`
     usable: BoolArray  # (S, 32, 32), false where too much is outside the mask or saturated
-    relief: FloatArray  # (S, 32, 32) robust scatter in a block of a light's ratio to the mean
-    grain: FloatArray  # (S, 32, 32) robust scatter in a block of the mean of all lights
-    saturated: FloatArray  # (S, N) share of pixels within the mask
-    levels: FloatArray  # (S, N) median less ambient light, as a share of full scale
-    x: FloatArray  # (32,) in half of the longer side
-    y: FloatArray  # (32,) in half of the longer side, upwards
+    relief: Floats  # (S, 32, 32) robust scatter in a block of a light's ratio to the mean
+    grain: Floats  # (S, 32, 32) robust scatter in a block of the mean of all lights
+    saturated: Floats  # (S, N) share of pixels within the mask
+    levels: Floats  # (S, N) median less ambient light, as a share of full scale
+    x: Floats  # (32,) in half of the longer side
+    y: Floats  # (32,) in half of the longer side, upwards
     shape: tuple[int, int]  # rows and columns of the frame
 
     @classmethod
@@ -47,22 +43,22 @@ class PlateBlocks:
     ) -> "PlateBlocks":
         """Blocks of the placements; only pixels of the (H, W) `mask` count."""
         shape = placements[0].shape
-        found = (_of_placement(each, full_scale, mask) for each in placements)
+        maps = (_of_placement(placement, full_scale, mask) for placement in placements)
         rows, columns = ((np.arange(BLOCKS) + 0.5) * length / BLOCKS - 0.5 for length in shape)
         x, y = coordinates(rows, columns, shape)
-        logs, usable, relief, grain, saturated, levels = map(np.stack, zip(*found, strict=True))
+        logs, usable, relief, grain, saturated, levels = map(np.stack, zip(*maps, strict=True))
         return cls(logs, usable, relief, grain, saturated, levels, x, y, shape)
 
     @property
-    def ratios(self) -> FloatArray:
+    def ratios(self) -> Floats:
         """(S, N, 32, 32) log ratios of each light to the geometric mean of all."""
-        ratios: FloatArray = self.logs - self.logs.mean(axis=1, keepdims=True)
+        ratios: Floats = self.logs - self.logs.mean(axis=1, keepdims=True)
         return ratios
 
 
 def _of_placement(
     stack: ImageStack, full_scale: float, mask: BoolArray | None
-) -> tuple[npt.NDArray[Any], ...]:
+) -> tuple[Array, ...]:
     """The first six fields of `PlateBlocks`, from logs to levels, without the axis S."""
     rows, columns = (BLOCKS * min(max(side // BLOCKS, 1), _CELLS) for side in stack.shape)
     cells = (rows, columns)
@@ -83,9 +79,9 @@ def _of_placement(
     unevenness = _deviation(common, good)
     grain = SIGMA_PER_MAD * np.nan_to_num(_median(np.abs(unevenness)))
     clean = good & (np.abs(unevenness) <= _DUST * grain[..., None] + 1e-9)
-    for each in away:
-        spread = SIGMA_PER_MAD * np.nan_to_num(_median(np.abs(each)))[..., None]
-        clean &= np.abs(each) <= _DUST * spread + 1e-9
+    for light in away:
+        spread = SIGMA_PER_MAD * np.nan_to_num(_median(np.abs(light)))[..., None]
+        clean &= np.abs(light) <= _DUST * spread + 1e-9
     count = clean.sum(axis=-1)
     means = (values * clean).sum(axis=-1) / np.maximum(count, 1)
     usable = count >= _USABLE * clean.shape[-1]
@@ -96,35 +92,35 @@ def _of_placement(
         relief,
         grain,
         (saturated & part).sum(axis=(1, 2)) / inside,
-        np.array([np.median(each[good]) if good.any() else 0.0 for each in values]) / full_scale,
+        np.array([np.median(light[good]) if good.any() else 0.0 for light in values]) / full_scale,
     )
 
 
-def _resized(image: npt.NDArray[Any], cells: tuple[int, int]) -> npt.NDArray[np.float32]:
+def _resized(image: Array, cells: tuple[int, int]) -> FloatMap:
     """Means of the image over (rows, columns) cells."""
     size = (cells[1], cells[0])
     resized = cv2.resize(image.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     return np.asarray(resized, np.float32)
 
 
-def _in_blocks(cells: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def _in_blocks(cells: FloatMap) -> FloatMap:
     """(32, 32, n) the n cells of each block."""
     rows, columns = (length // BLOCKS for length in cells.shape)
     blocks = cells.reshape(BLOCKS, rows, BLOCKS, columns).swapaxes(1, 2)
     return blocks.reshape(BLOCKS, BLOCKS, rows * columns)
 
 
-def _deviation(values: FloatArray, good: BoolArray) -> FloatArray:
+def _deviation(values: Floats, good: BoolArray) -> Floats:
     """Differences of good cells from the median of their block; NaN for the others."""
-    seen = np.where(good, values, np.nan)
-    deviation: FloatArray = seen - _median(seen)[..., None]
+    masked = np.where(good, values, np.nan)
+    deviation: Floats = masked - _median(masked)[..., None]
     return deviation
 
 
-def _median(values: FloatArray) -> FloatArray:
+def _median(values: Floats) -> Floats:
     """Median over the cells of each block without NaN; NaN for a block without any."""
     ordered = np.sort(values, axis=-1)  # NaN last
     count = np.isfinite(ordered).sum(axis=-1)
     middle = np.maximum(count - 1, 0) // 2
-    medians: FloatArray = np.take_along_axis(ordered, middle[..., None], axis=-1)[..., 0]
+    medians: Floats = np.take_along_axis(ordered, middle[..., None], axis=-1)[..., 0]
     return medians

@@ -11,18 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import Floats, Indices
 from classify.base.errors import CalibrationRejected
 
 from .sphere_outline import Outline
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Sphere:
     """A sphere at rest on the plane of the part."""
 
-    centre: FloatArray  # (3,)
+    centre: Floats  # (3,)
     radius_px: float
     error_px: float  # standard error of the centre in the picture
     focal_px: float | None  # distance of the camera from the plane; None for an orthographic view
@@ -60,13 +59,8 @@ class Sphere:
         centre = np.array([0.0, 0.0, focal_px]) + distance * radius * towards
         return cls(centre, float(radius), outline.error_px, focal_px, frame)
 
-    def surface_at(
-        self, columns: npt.ArrayLike, rows: npt.ArrayLike
-    ) -> tuple[FloatArray, FloatArray]:
-        """(n, 3) unit normals, and unit vectors to the camera, at pixels of the sphere.
-
-        Pixels beyond the outline get the normal at the outline.
-        """
+    def surface_at(self, columns: npt.ArrayLike, rows: npt.ArrayLike) -> tuple[Floats, Floats]:
+        """(n, 3) unit normals, and unit vectors to the camera, at pixels of the sphere."""
         at_column, at_row = np.asarray(columns, np.float64), np.asarray(rows, np.float64)
         if self.focal_px is None:
             height, width = self.frame
@@ -85,7 +79,7 @@ class Sphere:
         normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
         return normals, -rays
 
-    def pixels(self, share: float = 1.0) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    def pixels(self, share: float = 1.0) -> tuple[Indices, Indices]:
         """Rows and columns of the pixels within this share of the outline's radius."""
         height, width = self.frame
         away = 1.0 if self.focal_px is None else 1.0 - self.centre[2] / self.focal_px
@@ -99,9 +93,7 @@ class Sphere:
         return rows[at[0]], columns[at[1]]
 
 
-def _rays(
-    columns: FloatArray, rows: FloatArray, frame: tuple[int, int], focal_px: float
-) -> FloatArray:
+def _rays(columns: Floats, rows: Floats, frame: tuple[int, int], focal_px: float) -> Floats:
     """Unit vectors from the camera through pixels."""
     height, width = frame
     x, y = columns - 0.5 * (width - 1), 0.5 * (height - 1) - rows

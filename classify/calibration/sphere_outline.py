@@ -1,27 +1,20 @@
 """Find the sphere in light images of it: its outline, to a fraction of a pixel.
 
-The circles that edges vote for (`circle_votes`) are compared by the edges that lie on them, ray by
-ray.
+Circles that edges vote for (`circle.voted_circles`) are compared by the edges on them, ray by ray.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage
 
+from classify.base.arrays import Array, BoolArray, FloatMap, Floats
 from classify.base.errors import CalibrationRejected
 
-from .circle import Circle, centre_error, circles_through, fitted_circle
-from .circle_votes import voted_circles
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
-Image = npt.NDArray[np.float32]
+from .circle import Circle, centre_error, circles_through, fitted_circle, voted_circles
 
 # The search reduces frames to this longer side, the last fit reduces spheres to this radius: 0.1 px
 # is then 0.03 degrees of a normal.
@@ -73,7 +66,7 @@ class Outline:
     """The outline of a sphere in a light image."""
 
     circle: Circle  # best fit
-    rim: FloatArray  # (n, 2) columns and rows of points on it
+    rim: Floats  # (n, 2) columns and rows of points on it
     error_px: float  # standard error of the circle's centre
     score: float  # visible share of the circumference, 0 to 1; 1 for a mask
 
@@ -118,26 +111,22 @@ def outline_of_mask(mask: BoolArray) -> Outline:
     return Outline(circle, rim, error_px, 1.0)
 
 
-def find_outline(images: npt.NDArray[Any], *, is_mirror: bool = True) -> Outline:
-    """Find the outline of the one sphere in (N, H, W) light images under N lights.
-
-    On a matt sphere the differences between lights are largest at attached shadows, and are not
-    used.
-    """
+def find_outline(images: Array, *, is_mirror: bool = True) -> Outline:
+    """Find the outline of the one sphere in (N, H, W) light images under N lights."""
     features = _features(images, is_mirror=is_mirror)
     height, width = features[0].shape
     factor = min(1.0, _SEARCH_PX / max(height, width))
     small = _reduced(features, factor)
-    found = [
-        _fitted(small, each, _COARSE[:1])
-        for each in voted_circles(small, factor * _SMALLEST_RADIUS_PX)
+    outlines = [
+        _fitted(small, circle, _COARSE[:1])
+        for circle in voted_circles(small, factor * _SMALLEST_RADIUS_PX)
     ]
-    found = sorted(found, key=_rank)[-_FINALISTS:]
-    found = [_fitted(small, each.circle, _COARSE[1:]) for each in found]
-    if max((each.score for each in found), default=0.0) <= 0.0:
+    outlines = sorted(outlines, key=_rank)[-_FINALISTS:]
+    outlines = [_fitted(small, outline.circle, _COARSE[1:]) for outline in outlines]
+    if max((outline.score for outline in outlines), default=0.0) <= 0.0:
         raise CalibrationRejected(_NO_SPHERE)
-    best = _chosen(found)
-    near, doubt_px = _scaled(best.circle, 1.0 / factor), _doubt_px(found, best) / factor
+    best = _chosen(outlines)
+    near, doubt_px = _scaled(best.circle, 1.0 / factor), _doubt_px(outlines, best) / factor
     factor = min(1.0, _FIT_RADIUS_PX / near.radius)
     fine = _fitted(_reduced(features, factor), _scaled(near, factor), _FINE)
     if max(best.score, fine.score) < _LOWEST_SCORE or fine.score < _LOWEST_FINE_SCORE:
@@ -167,21 +156,21 @@ _NO_SPHERE = (
 
 def _scaled(circle: Circle, factor: float) -> Circle:
     """The circle in a frame scaled by `factor`; pixel centres are whole numbers."""
-    column, row = ((each + 0.5) * factor - 0.5 for each in circle[:2])
+    column, row = ((axis + 0.5) * factor - 0.5 for axis in circle[:2])
     return Circle(column, row, circle.radius * factor)
 
 
-def _features(images: npt.NDArray[Any], *, is_mirror: bool) -> list[Image]:
+def _features(images: Array, *, is_mirror: bool) -> list[FloatMap]:
     """Roots of the mean, largest and smallest value over the lights, and a ratio.
 
     In the ratio of a pixel's brighter half of the lights (without the brightest, perhaps a
     highlight) to its darker half, the albedo of the background cancels.
     """
-    each = (images.mean(axis=0, dtype=np.float32), images.max(axis=0), images.min(axis=0))
-    top = max(float(image.max()) for image in each) or 1.0
+    planes = (images.mean(axis=0, dtype=np.float32), images.max(axis=0), images.min(axis=0))
+    top = max(float(image.max()) for image in planes) or 1.0
     if not is_mirror:
-        return [np.sqrt(np.maximum(image.astype(np.float32) / top, 0.0)) for image in each]
-    roots = [np.sqrt(_share(image, top)) for image in each]
+        return [np.sqrt(np.maximum(image.astype(np.float32) / top, 0.0)) for image in planes]
+    roots = [np.sqrt(_share(image, top)) for image in planes]
     if len(images) < _RATIO_LIGHTS:
         return roots
     ordered = np.sort(images, axis=0)
@@ -193,19 +182,19 @@ def _features(images: npt.NDArray[Any], *, is_mirror: bool) -> list[Image]:
     return [*roots, brighter - darker]
 
 
-def _share(image: npt.NDArray[Any], top: float) -> Image:
+def _share(image: Array, top: float) -> FloatMap:
     """The image as a share of `top`, above zero."""
     return np.asarray(np.maximum(image.astype(np.float32) / top, 0.0) + _FLOOR, np.float32)
 
 
-def _reduced(features: list[Image], factor: float) -> list[Image]:
+def _reduced(features: list[FloatMap], factor: float) -> list[FloatMap]:
     if factor == 1.0:
         return features
     height, width = features[0].shape
     size = (round(width * factor), round(height * factor))
     return [
-        np.asarray(cv2.resize(each, size, interpolation=cv2.INTER_AREA), np.float32)
-        for each in features
+        np.asarray(cv2.resize(feature, size, interpolation=cv2.INTER_AREA), np.float32)
+        for feature in features
     ]
 
 
@@ -214,33 +203,33 @@ def _rank(outline: Outline) -> float:
     return outline.score * float(outline.circle.radius**0.25)
 
 
-def _chosen(found: list[Outline]) -> Outline:
-    best = max(found, key=_rank)
+def _chosen(outlines: list[Outline]) -> Outline:
+    best = max(outlines, key=_rank)
 
-    def is_around(each: Outline) -> bool:
-        dx, dy, growth = (a - b for a, b in zip(each.circle, best.circle, strict=True))
-        apart, ratio = float(np.hypot(dx, dy)), each.circle.radius / best.circle.radius
-        is_larger = apart < growth + 0.02 * each.circle.radius and ratio > _OUTER_RADIUS
-        has_same_centre = apart < _SAME_CENTRE * each.circle.radius and ratio > _LARGER
-        return (is_larger or has_same_centre) and each.score > _OUTER_SHARE * best.score
+    def is_around(outline: Outline) -> bool:
+        dx, dy, growth = (a - b for a, b in zip(outline.circle, best.circle, strict=True))
+        apart, ratio = float(np.hypot(dx, dy)), outline.circle.radius / best.circle.radius
+        is_larger = apart < growth + 0.02 * outline.circle.radius and ratio > _OUTER_RADIUS
+        has_same_centre = apart < _SAME_CENTRE * outline.circle.radius and ratio > _LARGER
+        return (is_larger or has_same_centre) and outline.score > _OUTER_SHARE * best.score
 
-    return max(filter(is_around, found), key=lambda each: each.score, default=best)
+    return max(filter(is_around, outlines), key=lambda outline: outline.score, default=best)
 
 
-def _doubt_px(found: list[Outline], best: Outline) -> float:
+def _doubt_px(outlines: list[Outline], best: Outline) -> float:
     """Half the largest difference of `best` from a circle that may be the outline too."""
     rivals = [
-        np.subtract(each.circle, best.circle)
-        for each in found
-        if each.score > _RIVAL_SHARE * best.score
-        and 1.0 / _RIVAL_RADIUS < each.circle.radius / best.circle.radius < _RIVAL_RADIUS
+        np.subtract(outline.circle, best.circle)
+        for outline in outlines
+        if outline.score > _RIVAL_SHARE * best.score
+        and 1.0 / _RIVAL_RADIUS < outline.circle.radius / best.circle.radius < _RIVAL_RADIUS
     ]
     return 0.5 * max(max(float(np.hypot(x, y)), abs(float(r))) for x, y, r in rivals)
 
 
 def _radial_edges(
-    features: list[Image], circle: Circle, band_px: float
-) -> tuple[FloatArray, FloatArray]:
+    features: list[FloatMap], circle: Circle, band_px: float
+) -> tuple[Floats, Floats]:
     """(rays, k, 2) points of steepest slope along rays, and their weights 0 to 1."""
     step = 0.5
     radii = np.arange(max(circle.radius - band_px, 1.0), circle.radius + band_px, step)
@@ -263,13 +252,13 @@ def _radial_edges(
     before, here, after = weights[ray, at - 1], weights[ray, at], weights[ray, at + 1]
     curvature = np.minimum(before - 2.0 * here + after, -1e-12)
     # The top of the parabola through three values.
-    found = radii[at] + step * np.clip(0.5 * (before - after) / curvature, -0.5, 0.5)
-    points = np.array(circle[:2]) + found[..., None] * rays[:, None, :]
+    radius = radii[at] + step * np.clip(0.5 * (before - after) / curvature, -0.5, 0.5)
+    points = np.array(circle[:2]) + radius[..., None] * rays[:, None, :]
     return points, peaks[ray, at - 1]
 
 
 def _fitted(
-    features: list[Image], start: Circle, rounds: tuple[tuple[float, float], ...]
+    features: list[FloatMap], start: Circle, rounds: tuple[tuple[float, float], ...]
 ) -> Outline:
     """Fit the circle near `start` with edges on most rays (RANSAC, least squares)."""
     rng = np.random.default_rng(0)
@@ -302,24 +291,19 @@ def _fitted(
     return Outline(circle, rim, error_px, score)
 
 
-def _off(points: FloatArray, circles: FloatArray) -> FloatArray:
+def _off(points: Floats, circles: Floats) -> Floats:
     """Distances (circles, rays, k) of points outside circles; negative inside."""
     x, y, radius = circles.astype(np.float32).T[:, :, None, None]
     near = points.astype(np.float32)
     return np.asarray(np.sqrt((near[..., 0] - x) ** 2 + (near[..., 1] - y) ** 2) - radius)
 
 
-def _nearness(off: FloatArray, tolerance: float) -> FloatArray:
+def _nearness(off: Floats, tolerance: float) -> Floats:
     return np.asarray(np.maximum(1.0 - (off / tolerance) ** 2, 0.0))
 
 
-def _scores(
-    points: FloatArray, weights: FloatArray, circles: FloatArray, tolerance: float
-) -> FloatArray:
-    """Share of each circle with edges, less half of those just outside; 1 all around.
-
-    Reflections crowd just inside a mirror's outline; roots favour circles with edges on all sides.
-    """
+def _scores(points: Floats, weights: Floats, circles: Floats, tolerance: float) -> Floats:
+    """Share of each circle with edges, less half of those just outside; 1 all around."""
     off = _off(points, circles)
     on = (weights * _nearness(off, tolerance)).max(axis=2)
     outside = np.where((off > tolerance) & (off < 8.0 * tolerance), weights, 0.0).max(axis=2)

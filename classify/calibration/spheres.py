@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Array, BoolArray, Floats
 from classify.base.errors import CalibrationRejected, InputError
 from classify.lighting import Lighting
 
-from .lights import CalibratedLights
+from .calibration import CalibratedLights
+from .correction import Scale, nominal_camera_matrix
 from .matte_sphere import SATURATED, matte_directions
 from .mirror_sphere import mirror_directions
 from .placements import check_placements_differ
-from .scale import Scale, nominal_camera_matrix
-from .sphere import FloatArray, Sphere
+from .sphere import Sphere
 from .sphere_outline import find_outline, outline_of_mask
 
 SphereKind = Literal["mirror", "matte"]
@@ -37,10 +37,10 @@ _WORST_ERROR_DEG = 10.0
 class SphereImages:
     """Light images of a sphere at one place, under each light."""
 
-    images: npt.NDArray[Any]  # (N, H, W)
+    images: Array  # (N, H, W)
     full_scale: float  # value of saturation
-    ambient: npt.NDArray[Any] | None = None  # (H, W) with all lights off
-    mask: npt.NDArray[np.bool_] | None = None  # (H, W) true on the sphere; None to find it
+    ambient: Array | None = None  # (H, W) with all lights off
+    mask: BoolArray | None = None  # (H, W) true on the sphere; None to find it
     vignetting: float | None = None  # share of light missing in the corners; None if unknown
 
 
@@ -57,41 +57,37 @@ class SphereLights:
 def lights_from_spheres(
     placements: Sequence[SphereImages], kind: SphereKind, *, focal_px: float | None = None
 ) -> SphereLights:
-    """Directions of lights from spheres, and positions where several placements give them.
-
-    Without `focal_px` the view counts as orthographic, which turns a light by up to (radius /
-    distance of the camera) sin(slant / 2).
-    """
-    shapes = {each.images.shape for each in placements}
+    """Directions of lights from spheres, and positions where several placements give them."""
+    shapes = {placement.images.shape for placement in placements}
     if len(shapes) != 1:
         raise InputError(
             f"{len(placements)} placements of the sphere with {len(shapes)} sizes or numbers of "
             "lights; give the same for each"
         )
-    check_placements_differ([each.images for each in placements])
+    check_placements_differ([placement.images for placement in placements])
     frame = placements[0].images.shape[1:]
     spheres, scores, doubts = [], [], []
     rays = []
     levels = []
     residuals = []
-    for number, each in enumerate(placements, start=1):
+    for number, placement in enumerate(placements, start=1):
         try:
-            if each.mask is None:
-                outline = find_outline(each.images, is_mirror=kind == "mirror")
+            if placement.mask is None:
+                outline = find_outline(placement.images, is_mirror=kind == "mirror")
             else:
-                outline = outline_of_mask(each.mask)
+                outline = outline_of_mask(placement.mask)
             sphere = Sphere.of_outline(outline, (frame[0], frame[1]), focal_px)
             if kind == "mirror":
-                directions, errors, points, said = mirror_directions(
-                    each.images, sphere, each.ambient
+                directions, errors, points, new_doubts = mirror_directions(
+                    placement.images, sphere, placement.ambient
                 )
                 residuals.append(sphere.error_px / sphere.radius_px)
             else:
-                lit = _without_ambient(each)
+                lit = _without_ambient(placement)
                 directions, errors, relative, residual = matte_directions(
-                    lit, sphere, each.full_scale, each.vignetting
+                    lit, sphere, placement.full_scale, placement.vignetting
                 )
-                points, said = np.broadcast_to(sphere.centre, directions.shape), []
+                points, new_doubts = np.broadcast_to(sphere.centre, directions.shape), []
                 levels.append(relative)
                 residuals.append(residual)
         except CalibrationRejected as error:
@@ -99,9 +95,9 @@ def lights_from_spheres(
             raise CalibrationRejected(f"{where}{error}") from error
         spheres.append(sphere)
         scores.append(outline.score)
-        doubts += said
+        doubts += new_doubts
         rays.append((points, directions, np.radians(errors)))
-    points, directions, errors = (np.stack(each) for each in zip(*rays, strict=True))
+    points, directions, errors = (np.stack(placement) for placement in zip(*rays, strict=True))
     mean, mean_error = _mean_directions(directions, errors)
     intensities = np.exp(np.mean(np.log(levels), axis=0)) if levels else np.empty(0)
     residual = float(np.sqrt(np.mean(np.square(residuals))))
@@ -109,7 +105,7 @@ def lights_from_spheres(
     if positions is not None:
         at, across, along = positions
         lighting = Lighting(at, intensities, positions_px=at)
-        distance_errors: FloatArray | None = along
+        distance_errors: Floats | None = along
     else:
         lighting, across, distance_errors = Lighting(mean, intensities), mean_error, None
     worst = int(np.argmax(across))
@@ -133,9 +129,9 @@ def scale_of_spheres(spheres: Sequence[Sphere], diameter_mm: float) -> Scale:
     """Return the scale at the plane of the part from spheres of known diameter."""
     if not 0.0 < diameter_mm < np.inf:
         raise InputError(f"diameter of {diameter_mm:g} mm; give that of the sphere")
-    radii = np.array([each.radius_px for each in spheres])
+    radii = np.array([sphere.radius_px for sphere in spheres])
     # The error of an outline, and the scatter of the outlines of one sphere.
-    error_px = float(np.hypot(max(each.error_px for each in spheres), radii.std()))
+    error_px = float(np.hypot(max(sphere.error_px for sphere in spheres), radii.std()))
     return Scale(
         mm_per_px=diameter_mm / (2.0 * float(radii.mean())),
         error=error_px / float(radii.mean()),
@@ -145,7 +141,7 @@ def scale_of_spheres(spheres: Sequence[Sphere], diameter_mm: float) -> Scale:
     )
 
 
-def _without_ambient(sphere: SphereImages) -> npt.NDArray[Any]:
+def _without_ambient(sphere: SphereImages) -> Array:
     """The light images less the ambient one; pixels at full scale stay there."""
     if sphere.ambient is None:
         return sphere.images
@@ -154,11 +150,8 @@ def _without_ambient(sphere: SphereImages) -> npt.NDArray[Any]:
     return np.where(images >= SATURATED * sphere.full_scale, np.float32(sphere.full_scale), lit)
 
 
-def _mean_directions(directions: FloatArray, errors: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Mean over placements, weighted by errors in radians, and its error.
-
-    The error is the larger of those by `errors` and by the scatter of the placements.
-    """
+def _mean_directions(directions: Floats, errors: Floats) -> tuple[Floats, Floats]:
+    """Mean over placements, weighted by errors in radians, and the larger estimate of its error."""
     weights = 1.0 / np.maximum(errors, 1e-6) ** 2
     mean = (weights[..., None] * directions).sum(axis=0)
     mean /= np.linalg.norm(mean, axis=1, keepdims=True)
@@ -171,8 +164,8 @@ def _mean_directions(directions: FloatArray, errors: FloatArray) -> tuple[FloatA
 
 
 def positions_of_rays(
-    points: FloatArray, directions: FloatArray, errors: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    points: Floats, directions: Floats, errors: Floats
+) -> tuple[Floats, Floats, Floats] | None:
     """(N, 3) positions where (J, N, 3) rays meet, and errors across (rad) and along (a share).
 
     Minimises for each light the sum over rays of |(I - d d^T)(P - X)|^2 / (error |P - X|)^2; None

@@ -8,14 +8,13 @@ from typing import Any
 
 from classify.base.errors import InputError
 
-from .classifier import Bounds, Classifier, Comparison, Observation, Parameters
+from .classifier import Classifier, Comparison, Observation, Parameters
 from .joint import JOINT
 from .thesis import IMAGE_POLAR, POLAR, POLAR_RADIAL, SPECTRA_2D, SPECTRA_2D_POWER
 from .varma_zisserman import VARMA_ZISSERMAN
 
 __all__ = [
     "CLASSIFIERS",
-    "Bounds",
     "Classifier",
     "Comparison",
     "Observation",

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
-from classify.surface.estimate import FloatMap, SurfaceEstimate
+from classify.base.arrays import FloatMap, Floats
+from classify.surface.estimate import SurfaceEstimate
 
 
 class Observation:
@@ -15,47 +15,41 @@ class Observation:
 
 
 Tested = TypeVar("Tested", bound=Observation)
-Trained = TypeVar("Trained", bound=Observation)
+_Trained = TypeVar("_Trained", bound=Observation)
 
-Parameters = Mapping[str, npt.NDArray[np.float64]]
+Parameters = Mapping[str, Floats]
 """What a classifier learns from all training sets together, such as floors and weights."""
 
 Shape = tuple[int, ...]
 """Shape of an array; -1 stands for any length."""
 
-Bounds = npt.NDArray[np.float64]
-"""Lower bounds on distances, NaN where there is none."""
-
 
 class Comparison(NamedTuple):
-    """One signature compared with n references, as (n,) arrays.
+    """One signature compared with n references, as (n,) arrays."""
 
-    Arrays are None where the classifier finds no orientation or no blur.
-    """
-
-    distances: npt.NDArray[np.float64]  # 0 equal
-    orientations_deg: npt.NDArray[np.float64] | None = None  # anticlockwise, [0, 180)
-    sharpness: npt.NDArray[np.float64] | None = None  # of the orientation, 0 to 1
-    headings: npt.NDArray[np.float64] | None = None  # sigma against 180 degrees more
-    blurs_px: npt.NDArray[np.float64] | None = None  # sigma; negative: sharper
+    distances: Floats  # 0 equal
+    orientations_deg: Floats | None = None  # anticlockwise, [0, 180)
+    sharpness: Floats | None = None  # of the orientation, 0 to 1
+    headings: Floats | None = None  # sigma against 180 degrees more
+    blurs_px: Floats | None = None  # sigma; negative: sharper
 
 
 @dataclass(frozen=True)
-class Classifier(Generic[Tested, Trained]):
+class Classifier(Generic[Tested, _Trained]):
     """A way to tell textures apart, as functions on arrays."""
 
     name: str
     observe: Callable[[SurfaceEstimate, int], Tested]
     # A training observation may hold more than one of a test.
-    observe_training: Callable[[SurfaceEstimate, int], Trained]
+    observe_training: Callable[[SurfaceEstimate, int], _Trained]
     # An array of fixed shape.
     signature: Callable[[Tested, Parameters], FloatMap]
     # (k, ...) signatures of one training set.
-    references: Callable[[Trained, Parameters], FloatMap]
+    references: Callable[[_Trained, Parameters], FloatMap]
     # A signature with (n, ...) references.
     compare: Callable[[FloatMap, FloatMap, Parameters], Comparison]
     # From the observations of all training sets and their labels.
-    learn: Callable[[Sequence[Trained], Sequence[str]], Parameters] = lambda _trained, _labels: {}
+    learn: Callable[[Sequence[_Trained], Sequence[str]], Parameters] = lambda _trained, _labels: {}
     # By `segment_px`.
     parameter_shapes: Callable[[int], Mapping[str, Shape]] = lambda _segment_px: {}
     # From label and set number of each reference, (n, ...) references: the distance beyond which
@@ -70,12 +64,12 @@ class Classifier(Generic[Tested, Trained]):
         (len(each), 1), np.float32
     )
     # (n,) numbers that do not exceed the distances, from (k,) and (n, k) invariants.
-    bounds: Callable[[FloatMap, FloatMap, Parameters], Bounds] = (
+    bounds: Callable[[FloatMap, FloatMap, Parameters], Floats] = (
         lambda _test, references, _parameters: np.zeros(len(references))
     )
     # (n, 180) share of the angular structure that agrees at each orientation relative to the
     # reference; None where the classifier finds none.
-    agreement: Callable[[FloatMap, FloatMap], npt.NDArray[np.float64]] | None = None
+    agreement: Callable[[FloatMap, FloatMap], Floats] | None = None
     without_heading: Callable[[FloatMap], FloatMap] = lambda references: references
     # Whether it compares images, which depend on the lighting, rather than surfaces.
     from_images: bool = False

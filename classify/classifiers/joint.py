@@ -8,25 +8,23 @@ reference the last number is the factor of its class's limit; in a test it divid
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
-from classify.surface.estimate import FloatMap
-from classify.texture.angular_harmonics import (
+from classify.base.arrays import FloatMap, Floats, Indices
+from classify.texture.blur import KNOTS_PX2, blur_penalty, least_over_blurs
+from classify.texture.heading import HEADING_FLOATS, heading_numbers, heading_scores
+from classify.texture.orientation import (
     HARMONICS,
     Complex,
     agreement_by_shift,
     least_error,
     shift_invariant_norms,
 )
-from classify.texture.blur import KNOTS_PX2, blur_penalty, least_over_blurs
-from classify.texture.heading import HEADING_FLOATS, heading_numbers, heading_scores
 from classify.texture.statistics import LocalStatistics
 
 from .classifier import Classifier, Comparison, Parameters
 from .joint_bounds import BLUR_BASIS, blur_coordinates, bounds
 from .joint_features import (
     SERIES,
-    Distances,
     JointObservation,
     JointTraining,
     blur_curve,
@@ -40,7 +38,7 @@ from .joint_features import (
     statistics_rows,
 )
 from .joint_learning import learn, parameter_shapes
-from .joint_limits import Indices, class_limits, scatter_factor
+from .joint_limits import class_limits, scatter_factor
 
 # A less sharp orientation can be off by 90 degrees; it gets no heading.
 _LEAST_SHARPNESS = 0.5
@@ -53,7 +51,7 @@ _HEADING = slice(-1 - HEADING_FLOATS, -1)
 _RINGS = slice(0, _SERIES_FLOATS, 2 * HARMONICS)  # the real part of harmonic 0
 
 
-def ring_levels(signature: FloatMap) -> npt.NDArray[np.float64]:
+def ring_levels(signature: FloatMap) -> Floats:
     """(SERIES,) means of the rings of the spectra in a signature: relief, albedo, coherence."""
     return signature[_RINGS].astype(np.float64)
 
@@ -99,24 +97,24 @@ def _vector(
 
 
 def _compare(test: FloatMap, references: FloatMap, parameters: Parameters) -> Comparison:
-    found = least_error(_series_of(test[None])[0], _series_of(references))
+    spectral = least_error(_series_of(test[None])[0], _series_of(references))
     own, others = _levels(test[None], parameters)[0], _levels(references, parameters)
     # Blur changes neither the other harmonics nor the shift.
     curve, curves = _curves(test[None], parameters)[0], _curves(references, parameters)
     penalty = blur_penalty(float(parameters["pixels"]))
     least, variances = least_over_blurs(own, curve, others, curves, SERIES, penalty)
     rings = np.square(others - own)[:, :SERIES].sum(axis=1, dtype=np.float64)
-    total = np.maximum(found.errors - rings, 0.0) + least
+    total = np.maximum(spectral.errors - rings, 0.0) + least
     blurs_px = np.sign(variances) * np.sqrt(np.abs(variances))
     total /= test[-1]
-    headings = heading_scores(test[_HEADING], references[:, _HEADING], found.shifts_deg)
+    headings = heading_scores(test[_HEADING], references[:, _HEADING], spectral.shifts_deg)
     # The moments of a smaller frame scatter more.
     headings /= np.sqrt(test[-1])
-    headings[found.sharpness < _LEAST_SHARPNESS] = 0.0
-    return Comparison(total, found.shifts_deg, found.sharpness, headings, blurs_px)
+    headings[spectral.sharpness < _LEAST_SHARPNESS] = 0.0
+    return Comparison(total, spectral.shifts_deg, spectral.sharpness, headings, blurs_px)
 
 
-def _agreement(test: FloatMap, references: FloatMap) -> npt.NDArray[np.float64]:
+def _agreement(test: FloatMap, references: FloatMap) -> Floats:
     return agreement_by_shift(_series_of(test[None])[0], _series_of(references))
 
 
@@ -127,7 +125,7 @@ def _limits(
     tests[:, -1] = 1.0
     invariants = _invariants(tests, parameters)
 
-    def lower_bounds(index: int, others: Indices) -> Distances:
+    def lower_bounds(index: int, others: Indices) -> Floats:
         return bounds(invariants[index], invariants[others], parameters)
 
     def nearest(index: int, others: Indices) -> float:

@@ -10,11 +10,10 @@ length of the remainder of the change.
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
-from classify.base.compiling import Array, kernel
+from classify.base.arrays import Array, FloatMap, Floats
+from classify.base.compiling import kernel
 from classify.base.threads import run_on_rows
-from classify.surface.estimate import FloatMap
 from classify.texture.blur import (
     EXTRAPOLATION,
     KNOTS_PX2,
@@ -23,7 +22,7 @@ from classify.texture.blur import (
     path_products,
 )
 
-from .classifier import Bounds, Parameters
+from .classifier import Parameters
 from .joint_features import SERIES
 
 BLUR_BASIS = "blur_basis"
@@ -40,7 +39,7 @@ references at most; 10 and 24 directions make them 75, and reading the bounds a 
 _ROUNDING = np.float32(2e-6)
 
 
-def blur_basis(curves: FloatMap, rings: int) -> npt.NDArray[np.float64]:
+def blur_basis(curves: FloatMap, rings: int) -> Floats:
     """(16, d) orthonormal directions of the largest of (n, 3, d) changes; rings first, then 0."""
     changes = curves.reshape(-1, curves.shape[-1]).astype(np.float64)
     basis = np.zeros((RING_DIRECTIONS + LOCAL_DIRECTIONS, changes.shape[1]))
@@ -53,9 +52,7 @@ def blur_basis(curves: FloatMap, rings: int) -> npt.NDArray[np.float64]:
     return basis
 
 
-def blur_coordinates(
-    levels: FloatMap, curves: FloatMap, basis: npt.NDArray[np.float64], rings: int
-) -> FloatMap:
+def blur_coordinates(levels: FloatMap, curves: FloatMap, basis: Floats, rings: int) -> FloatMap:
     """(n, 4 m + 6) features and changes along m directions, and lengths of the remainders.
 
     Of the six lengths three are a reference's, by knot; one is that of the statistics in its first
@@ -74,7 +71,7 @@ def blur_coordinates(
     return np.concatenate([coordinates, changes.reshape(len(levels), -1), reach], axis=1)
 
 
-def bounds(test: FloatMap, references: FloatMap, parameters: Parameters) -> Bounds:
+def bounds(test: FloatMap, references: FloatMap, parameters: Parameters) -> Floats:
     """(n,) lower bounds on the distances from a test, with (k,) invariants, to n references."""
     size = RING_DIRECTIONS + LOCAL_DIRECTIONS
     plain = 2 * SERIES + len(parameters["whitening"])

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 from functools import lru_cache, partial
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import FloatMap, Floats
 from classify.base.threads import beside
-from classify.surface.estimate import FloatMap, SurfaceEstimate
-from classify.texture.angular_harmonics import Complex, harmonics
+from classify.relief.relighting import under_rotated_lights
+from classify.surface.estimate import SurfaceEstimate
 from classify.texture.blur import KNOTS_PX2, blur_gains, blurred_fields
 from classify.texture.fields import TextureFields, texture_fields
-from classify.texture.rotated_lights import under_rotated_lights
+from classify.texture.orientation import Complex, harmonics
 from classify.texture.segment_powers import require_segment
 from classify.texture.spectra import RADII, Spectra, field_spectra, polar_radii_px
 from classify.texture.statistics import (
@@ -28,8 +28,6 @@ from classify.texture.statistics import (
 )
 
 from .classifier import Observation, Parameters
-
-Distances = npt.NDArray[np.float64]
 
 # Weights of log relief, log albedo and coherence. The coherence of two equal spectra has a quarter
 # of the variance of a logarithm of power.
@@ -121,14 +119,11 @@ def _polar(spectra: Spectra) -> FloatMap:
 
 
 def spectral_series(polar: FloatMap, parameters: Parameters) -> Complex:
-    """(..., SERIES, 16) weighted series of log relief, log albedo, coherence (..., 3, R, A).
-
-    The floor is added to each density: logarithms of errors would vary like those of textures.
-    """
+    """(..., SERIES, 16) weighted series of log relief, log albedo, coherence (..., 3, R, A)."""
     return harmonics(_channels(polar, parameters))
 
 
-def contrasts(polar: FloatMap, density_floor: npt.NDArray[np.float64]) -> FloatMap:
+def contrasts(polar: FloatMap, density_floor: Floats) -> FloatMap:
     """(..., 3) contrasts of (..., 3, R, A) densities: weighted sums over all rings."""
     return _contrasts(_weighted_channels(polar, density_floor))
 
@@ -146,7 +141,7 @@ def _channels(polar: FloatMap, parameters: Parameters) -> FloatMap:
     return channels.reshape(*polar.shape[:-3], SERIES, polar.shape[-1])
 
 
-def _weighted_channels(polar: FloatMap, density_floor: npt.NDArray[np.float64]) -> FloatMap:
+def _weighted_channels(polar: FloatMap, density_floor: Floats) -> FloatMap:
     floor = np.float32(density_floor)
     relief = polar[..., 0, :, :] + floor
     albedo = polar[..., 1, :, :] + np.float32(_ALBEDO_LEAK) * polar[..., 0, :, :] + floor
@@ -201,7 +196,7 @@ def local_unit(parameters: Parameters) -> float:
     return float(np.sqrt((1.0 - parameters[SPECTRAL_SHARE]) / parameters["local_scatter"]))
 
 
-def statistics_rows(statistics: LocalStatistics, parameters: Parameters) -> npt.NDArray[np.float64]:
+def statistics_rows(statistics: LocalStatistics, parameters: Parameters) -> Floats:
     """(5, d) statistics of the frame and its quarters; see `statistics_vector`."""
     leaks = _ALBEDO_LEAK * np.array(ALBEDO_GAINS[: statistics.levels])
     return statistics_vector(
@@ -211,9 +206,9 @@ def statistics_rows(statistics: LocalStatistics, parameters: Parameters) -> npt.
 
 def quarter_distances(
     trainings: Sequence[JointTraining],
-    statistics: npt.NDArray[np.float64],
+    statistics: Floats,
     parameters: Parameters,
-) -> tuple[Distances, Distances]:
+) -> tuple[Floats, Floats]:
     """(sets, 6) squared distances between quarters, of spectra and (sets, 5, d) statistics."""
     white = statistics[:, 1:] @ parameters["whitening"].T
     local = np.stack(
@@ -226,7 +221,7 @@ def quarter_distances(
     return spectral, local
 
 
-def combined(spectral: Distances, local: Distances, parameters: Parameters) -> Distances:
+def combined(spectral: Floats, local: Floats, parameters: Parameters) -> Floats:
     """Both distances as one, in units of the mean distance between quarters."""
     share = float(parameters[SPECTRAL_SHARE])
     return (

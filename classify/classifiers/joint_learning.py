@@ -11,8 +11,8 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Floats
 from classify.texture.heading import MOMENTS, heading_variances
 from classify.texture.spectra import ANGLES
 from classify.texture.statistics import QUARTERS, levels_for, statistics_length
@@ -25,7 +25,6 @@ from .joint_features import (
     CONTRAST_GAINS,
     SERIES,
     SPECTRAL_SHARE,
-    Distances,
     JointTraining,
     blur_curve,
     contrasts,
@@ -121,30 +120,25 @@ def parameter_shapes(segment_px: int) -> Mapping[str, Shape]:
     }
 
 
-def _contrast_gains(
-    trainings: Sequence[JointTraining], density_floor: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
+def _contrast_gains(trainings: Sequence[JointTraining], density_floor: Floats) -> Floats:
     """(3,) gains of the contrast of each channel, from its variance between quarters."""
     levels = np.stack([contrasts(training.quarters, density_floor) for training in trainings])
     measured = levels.var(axis=1, ddof=1, dtype=np.float64).sum(axis=0)
     typical = _TYPICAL_SETS * np.array(_TYPICAL_CONTRASTS)
     variances = (measured + typical) / (len(levels) + _TYPICAL_SETS)
-    gains: npt.NDArray[np.float64] = 1.0 / np.sqrt(1.0 + variances / _CONTRAST_VARIANCE)
+    gains: Floats = 1.0 / np.sqrt(1.0 + variances / _CONTRAST_VARIANCE)
     return gains
 
 
-def _spectral_unit(distances: Distances) -> float:
+def _spectral_unit(distances: Floats) -> float:
     """Geometric mean of spectral distances between quarters, over sets and a prior."""
     logs = np.log(np.maximum(distances, _LEAST_DISTANCE))
     total = float(logs.sum()) + _TYPICAL_SETS * math.log(_TYPICAL_SPECTRAL)
     return math.exp(total / (len(logs) + _TYPICAL_SETS))
 
 
-def _whitening(quarters: npt.NDArray[np.float64], levels: int) -> npt.NDArray[np.float64]:
-    """(d, d) W of (sets, 4, d) quarters: |W (x - y)|^2 is a squared Mahalanobis distance.
-
-    The fewer sets, the nearer are variances to their geometric mean and correlations to 0.
-    """
+def _whitening(quarters: Floats, levels: int) -> Floats:
+    """(d, d) W of (sets, 4, d) quarters: |W (x - y)|^2 is a squared Mahalanobis distance."""
     deviations = (quarters - quarters.mean(axis=1, keepdims=True)).reshape(-1, quarters.shape[-1])
     degrees = len(quarters) * (QUARTERS - 1)
     covariance = deviations.T @ deviations / degrees
@@ -160,5 +154,5 @@ def _whitening(quarters: npt.NDArray[np.float64], levels: int) -> npt.NDArray[np
     # The first statistics are the logarithms of the rms of relief, level by level.
     slopes = np.where(np.arange(len(scatter)) < levels, _LOG_SLOPE_SCATTER / scatter, 0.0)
     correlation += np.outer(slopes, slopes)
-    whitening: npt.NDArray[np.float64] = np.linalg.inv(np.linalg.cholesky(correlation)) / scatter
+    whitening: Floats = np.linalg.inv(np.linalg.cholesky(correlation)) / scatter
     return whitening

@@ -10,11 +10,8 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
-from classify.surface.estimate import FloatMap
-
-from .joint_features import Distances
+from classify.base.arrays import BoolArray, FloatMap, Floats, Indices
 
 # The limit of a class grows with this power of its scatter: the distance between two patches does
 # with power 0.7 to 1, the distance to other classes does not.
@@ -45,10 +42,8 @@ _SUFFICIENT_PX = 256
 _MAX_SETS = 200
 _MAX_REFERENCES = 256
 
-Indices = npt.NDArray[np.intp]
 
-
-def scatter_factor(distances: Distances) -> float:
+def scatter_factor(distances: Floats) -> float:
     """Factor of the limit of a class, from distances between the quarters of a set."""
     scatter = max(float(distances.mean()), _LEAST_SCATTER)
     return float(min(scatter**_SCATTER_POWER, _LARGEST_FACTOR))
@@ -68,7 +63,7 @@ def limit_of_sets(limit: float, distances: Sequence[float]) -> float:
     """
     spread = math.hypot(_CLASS_SPREAD, _PATCH_SPREAD)
     expected = math.log(limit) - _DEVIATIONS * spread
-    logs = [math.log(each) for each in distances if each > math.exp(expected - 2.0 * spread)]
+    logs = [math.log(value) for value in distances if value > math.exp(expected - 2.0 * spread)]
     if not logs:
         return limit
     nearest, deviation = _LEAST_NORMAL[min(len(logs), len(_LEAST_NORMAL)) - 1]
@@ -76,7 +71,7 @@ def limit_of_sets(limit: float, distances: Sequence[float]) -> float:
         _CLASS_SPREAD, deviation * _PATCH_SPREAD
     )
     trust = 1.0 - 1.0 / (1.0 + len(logs) * (_CLASS_SPREAD / _PATCH_SPREAD) ** 2)
-    above = trust * sum(max(each - expected, -spread) for each in logs) / len(logs)
+    above = trust * sum(max(value - expected, -spread) for value in logs) / len(logs)
     remaining = math.hypot(_CLASS_SPREAD * math.sqrt(1.0 - trust), _PATCH_SPREAD)
     return math.exp(expected + min(above + _DEVIATIONS * remaining, most))
 
@@ -85,17 +80,14 @@ def class_limits(
     labels: Sequence[str],
     sets: Sequence[int],
     single: FloatMap,
-    lower_bounds: Callable[[int, Indices], Distances],
+    lower_bounds: Callable[[int, Indices], Floats],
     nearest: Callable[[int, Indices], float],
 ) -> dict[str, float]:
-    """Limit of each class, at most the distance to the nearest other class.
-
-    `single` (n,) is the limit of each reference's set alone.
-    """
+    """Limit of each class, at most the distance to the nearest other class."""
     numbers, classes = np.array(sets), np.array(labels)
     firsts = np.unique(numbers, return_index=True)[1]
 
-    def least(index: int, others: npt.NDArray[np.bool_]) -> float:
+    def least(index: int, others: BoolArray) -> float:
         indices = np.flatnonzero(others)
         if len(indices) > _MAX_REFERENCES:
             lowest = np.argpartition(lower_bounds(index, indices), _MAX_REFERENCES)

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import FloatMap, Floats
 from classify.base.errors import InputError
-from classify.surface.estimate import FloatMap, SurfaceEstimate
+from classify.surface.estimate import SurfaceEstimate
 from classify.texture.orientation import STEP_DEG, best_shift, roll_angles, squared_errors_by_shift
 from classify.texture.spectra import ANGLES, image_spectrum, polar_radii_px, surface_spectra
 
@@ -21,10 +22,7 @@ class PolarSpectra(Observation):
 
 
 def _observe(surface: SurfaceEstimate, segment_px: int) -> PolarSpectra:
-    """Spectra M and A times frequency squared: slope^2 and albedo^2 per octave.
-
-    The thesis does not specify the weights of frequencies and of gradient against albedo.
-    """
+    """Spectra M and A times frequency squared: slope^2 and albedo^2 per octave."""
     spectra = surface_spectra(surface, segment_px)
     density = np.stack([spectra.gradient, spectra.albedo])
     return PolarSpectra(density * np.square(spectra.radii_cpp).astype(np.float32)[:, None])
@@ -91,14 +89,14 @@ def _compare_profiles(test: FloatMap, references: FloatMap, _: Parameters) -> Co
     return Comparison(np.mean(shares, axis=0), shifts * STEP_DEG)
 
 
-def _energy(rows: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+def _energy(rows: npt.NDArray[np.floating]) -> Floats:
     """(n,) sums of squares, made positive."""
-    sums: npt.NDArray[np.float64] = np.square(rows, dtype=np.float64).sum(axis=-1)
+    sums: Floats = np.square(rows, dtype=np.float64).sum(axis=-1)
     sums += np.finfo(np.float64).tiny
     return sums
 
 
-def shifts_by_polar(test: FloatMap, references: FloatMap) -> npt.NDArray[np.float64]:
+def shifts_by_polar(test: FloatMap, references: FloatMap) -> Floats:
     """(n,) shifts of least squared error between 1D polar spectra, in grid steps."""
     errors_1d = np.zeros((len(references), test.shape[-1]))
     for channel in range(2):

@@ -3,20 +3,16 @@
 import math
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Array, BoolArray, FloatMap, Indices
 from classify.base.errors import InputError
-from classify.images.stack import IndexArray, sample_pixels
+from classify.images.stack import sample_pixels
 from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
 
 from .stack import ImageStack
-
-FloatArray = npt.NDArray[np.float32]
-BoolArray = npt.NDArray[np.bool_]
 
 _MAX_SAMPLES = 16_384
 _GROUPS = 4
@@ -76,25 +72,20 @@ class SensorNoise:
         if not abs(black) <= _LARGEST:
             raise InputError(f"sensor noise with a black level of {black:g} DN; give a pixel value")
 
-    def coefficients(self) -> npt.NDArray[np.float32]:
+    def coefficients(self) -> FloatMap:
         """(3,) a, b and black of the variance a + b (v - black)."""
         a = self.read_noise_dn**2 + ROUNDING_VARIANCE
         return np.array([a, 1.0 / self.gain_e_per_dn, self.black_level_dn], dtype=np.float32)
 
 
-def noise_of_sensor(
-    sensor: SensorNoise, ambient: npt.NDArray[Any] | None, gains: npt.NDArray[np.float32]
-) -> float:
-    """Standard deviation of a pixel without light, in units of images times gains.
-
-    A subtracted ambient image adds the same noise again; its level counts as black.
-    """
+def noise_of_sensor(sensor: SensorNoise, ambient: Array | None, gains: FloatMap) -> float:
+    """Standard deviation of a pixel without light, in units of images times gains."""
     frames = 1.0 if ambient is None else 2.0
     variance = float(sensor.coefficients()[0]) * frames
     return math.sqrt(variance * float(np.mean(np.square(gains, dtype=np.float64))))
 
 
-def noise_of_images(stack: ImageStack, gains: npt.NDArray[np.float32], lighting: Lighting) -> float:
+def noise_of_images(stack: ImageStack, gains: FloatMap, lighting: Lighting) -> float:
     """Standard deviation of a pixel, in units of images times gains.
 
     N lights leave N - 3 combinations in which a Lambertian surface cancels out; shadow, gloss and
@@ -111,12 +102,12 @@ def noise_of_images(stack: ImageStack, gains: npt.NDArray[np.float32], lighting:
     cancelling = np.linalg.svd(lighting.directions.T)[2][3:].astype(np.float32)
     shape = stack.shape
 
-    def sampled(pixels: IndexArray) -> tuple[FloatArray, BoolArray]:
+    def sampled(pixels: Indices) -> tuple[FloatMap, BoolArray]:
         values = stack.values_at(pixels)
         values *= gains[:, None]
         return values, values.min(axis=0) > MAYBE_SHADOW * values.max(axis=0)
 
-    def least_variance(energies: FloatArray, brightness: FloatArray, in_light: BoolArray) -> float:
+    def least_variance(energies: FloatMap, brightness: FloatMap, in_light: BoolArray) -> float:
         if np.count_nonzero(in_light) >= _GROUP_SAMPLES:
             energies, brightness = energies[in_light], brightness[in_light]
         groups = min(_GROUPS, max(1, energies.size // _GROUP_SAMPLES))
@@ -150,7 +141,7 @@ def noise_of_images(stack: ImageStack, gains: npt.NDArray[np.float32], lighting:
     return math.sqrt(variance)
 
 
-def _flattest(values: FloatArray, lighting: Lighting) -> BoolArray | None:
+def _flattest(values: FloatMap, lighting: Lighting) -> BoolArray | None:
     """Which of the pixels (N, n) have the smallest slopes; None if there are too few pixels."""
     count = max(values.shape[1] // _FLATTEST, _GROUP_SAMPLES)
     if values.shape[1] <= count:
@@ -160,7 +151,7 @@ def _flattest(values: FloatArray, lighting: Lighting) -> BoolArray | None:
     return np.asarray(squares <= np.partition(squares, count)[count])
 
 
-def _variance(energies: FloatArray, freedom: int, least: float) -> float:
+def _variance(energies: FloatMap, freedom: int, least: float) -> float:
     """Variance of the Gaussian part of `energies`, sums of `freedom` squares each."""
     ordered = np.sort(energies)
     sums = np.cumsum(ordered, dtype=np.float64)

@@ -6,11 +6,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Array, FloatMap, Indices
 from classify.base.errors import InputError
 
 _DTYPES = (np.dtype(np.uint8), np.dtype(np.uint16), np.dtype(np.float32))
@@ -18,20 +17,18 @@ _DTYPES = (np.dtype(np.uint8), np.dtype(np.uint16), np.dtype(np.float32))
 # Squares of larger values, times gains, are out of reach of float32.
 _LARGEST = 1e12
 
-Images = npt.NDArray[Any] | Sequence[npt.NDArray[Any]]
+Images = Array | Sequence[Array]
 
 
 @dataclass(frozen=True, eq=False)
 class ImageStack:
     """The images of one frame, as kernels read them."""
 
-    images: npt.NDArray[Any]  # (N, H, W) contiguous uint8, uint16 or finite float32
-    ambient: npt.NDArray[Any] | None  # (H, W) of the same type, subtracted from each image
+    images: Array  # (N, H, W) contiguous uint8, uint16 or finite float32
+    ambient: Array | None  # (H, W) of the same type, subtracted from each image
 
     @classmethod
-    def checked(
-        cls, images: Images, lights: int, ambient: npt.NDArray[Any] | None = None
-    ) -> ImageStack:
+    def checked(cls, images: Images, lights: int, ambient: Array | None = None) -> ImageStack:
         """Check images and ambient image, and make them contiguous."""
         stack = checked_stack(images, lights)
         return cls(stack, None if ambient is None else checked_ambient(ambient, stack))
@@ -42,17 +39,17 @@ class ImageStack:
         return rows, columns
 
     @property
-    def dark_rows(self) -> npt.NDArray[Any]:
+    def dark_rows(self) -> Array:
         """(H, W) ambient image, or (1, W) zeros: kernels are compiled for one form."""
         if self.ambient is None:
             return np.zeros((1, self.shape[1]), self.images.dtype)
         return self.ambient
 
-    def raw_at(self, pixels: npt.NDArray[np.intp]) -> npt.NDArray[np.float32]:
+    def raw_at(self, pixels: Indices) -> FloatMap:
         """(N, n) values of pixels with these flat indices."""
         return self.images.reshape(len(self.images), -1).take(pixels, 1).astype(np.float32)
 
-    def values_at(self, pixels: npt.NDArray[np.intp]) -> npt.NDArray[np.float32]:
+    def values_at(self, pixels: Indices) -> FloatMap:
         """(N, n) values less ambient light of pixels with these flat indices."""
         values = self.raw_at(pixels)
         if self.ambient is not None:
@@ -60,7 +57,7 @@ class ImageStack:
         return values
 
     def materialised(self) -> ImageStack:
-        """An equal stack whose `images` hold what `raw_at` and `float_rows` return."""
+        """The stack with values that `DividedStack` divides on access written into its images."""
         return self
 
     def rows(self, first: int, last: int) -> ImageStack:
@@ -68,16 +65,14 @@ class ImageStack:
         images, dark = self.float_rows(first, last)
         return ImageStack(images, None if self.ambient is None else dark)
 
-    def float_rows(
-        self, first: int, last: int
-    ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    def float_rows(self, first: int, last: int) -> tuple[FloatMap, FloatMap]:
         """(N, last - first, W) images and `dark_rows`, as float32: kernels compile once."""
         dark = self.dark_rows if self.ambient is None else self.ambient[first:last]
         images = self.images[:, first:last].astype(np.float32, order="C")
         return images, dark.astype(np.float32)
 
 
-def checked_stack(images: Images, lights: int) -> npt.NDArray[Any]:
+def checked_stack(images: Images, lights: int) -> Array:
     """(N, H, W) contiguous uint8, uint16 or finite float32, one image per light."""
     if not isinstance(images, np.ndarray):
         if len(images) == 0:
@@ -107,7 +102,7 @@ def checked_stack(images: Images, lights: int) -> npt.NDArray[Any]:
     return np.ascontiguousarray(images)
 
 
-def checked_ambient(ambient: npt.NDArray[Any], stack: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def checked_ambient(ambient: Array, stack: Array) -> Array:
     """(H, W) contiguous, of the shape and type of the images of `stack`."""
     if ambient.shape != stack.shape[1:] or ambient.dtype != stack.dtype:
         raise InputError(
@@ -119,7 +114,7 @@ def checked_ambient(ambient: npt.NDArray[Any], stack: npt.NDArray[Any]) -> npt.N
     return np.ascontiguousarray(ambient)
 
 
-def _check_values(image: npt.NDArray[np.float32], name: str) -> None:
+def _check_values(image: FloatMap, name: str) -> None:
     largest = max(float(image.max()), -float(image.min()))
     if not np.isfinite(largest):
         raise InputError(f"{name} contains NaN or infinity; mask or replace them")
@@ -129,15 +124,9 @@ def _check_values(image: npt.NDArray[np.float32], name: str) -> None:
         )
 
 
-IndexArray = npt.NDArray[np.intp]
-
-
 @lru_cache(maxsize=32)
-def sample_pixels(shape: tuple[int, int], most: int, margin: int = 0) -> IndexArray:
-    """Flat indices of about `most` pixels, evenly spread, without `margin` px at the sides.
-
-    The grid is symmetric about the middle: a rotated or mirrored frame has the same samples.
-    """
+def sample_pixels(shape: tuple[int, int], most: int, margin: int = 0) -> Indices:
+    """Flat indices of about `most` pixels, even and symmetric, `margin` px from the sides."""
     rows, columns = (max(0, side - 2 * margin) for side in shape)
     step = max(1, math.ceil(math.sqrt(rows * columns / most)))
     grid = (margin + symmetric_samples(rows, step)), (margin + symmetric_samples(columns, step))
@@ -145,7 +134,7 @@ def sample_pixels(shape: tuple[int, int], most: int, margin: int = 0) -> IndexAr
 
 
 @lru_cache(maxsize=32)
-def symmetric_samples(size: int, step: int) -> IndexArray:
+def symmetric_samples(size: int, step: int) -> Indices:
     """Indices below `size` at distances of `step`, symmetric about (size - 1) / 2."""
     middle = (size - 1) // 2
     first = middle if size % 2 else min(middle, max(0, middle - (step - 1) // 2))

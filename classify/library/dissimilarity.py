@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.cluster import hierarchy
 from scipy.spatial.distance import squareform
 
+from classify.base.arrays import Floats
 from classify.base.errors import InputError
 from classify.classifiers import classifier_named
 from classify.library.match import Match
@@ -19,16 +19,14 @@ from classify.texture.spectra import segment_for
 
 from .texture_library import TextureLibrary
 
-Matrix = npt.NDArray[np.float64]
 
-
-def class_dissimilarities(distances: Matrix, classes: Sequence[int]) -> Matrix:
+def class_dissimilarities(distances: Floats, classes: Sequence[int]) -> Floats:
     """(C, C) median distances of the sets of one class to another, mean of both ways."""
     members = np.asarray(classes)
     one_way = np.stack(
         [np.median(distances[members == each], axis=0) for each in range(distances.shape[1])]
     )
-    both: Matrix = 0.5 * (one_way + one_way.T)
+    both: Floats = 0.5 * (one_way + one_way.T)
     np.fill_diagonal(both, 0.0)
     return both
 
@@ -48,10 +46,10 @@ class Dendrogram(NamedTuple):
     """A tree of C classes."""
 
     order: list[int]  # from top to bottom, so that no branches cross
-    branches: Matrix  # (C - 1, 4, 2) corners of each branch: dissimilarity, and place in `order`
+    branches: Floats  # (C - 1, 4, 2) corners of each branch: dissimilarity, and place in `order`
 
 
-def dendrogram(dissimilarities: Matrix) -> Dendrogram:
+def dendrogram(dissimilarities: Floats) -> Dendrogram:
     """Group two or more classes by average linkage (UPGMA, Sokal and Michener 1958)."""
     if len(dissimilarities) < 2:
         raise InputError("one class cannot be grouped; give two or more")
@@ -62,11 +60,8 @@ def dendrogram(dissimilarities: Matrix) -> Dendrogram:
     return Dendrogram(drawn["leaves"], np.stack([np.array(drawn["dcoord"]), places], axis=-1))
 
 
-def embedding(distances: Matrix, dissimilarities: Matrix) -> Matrix:
-    """(n, 2) map of sets by landmark multidimensional scaling (de Silva and Tenenbaum 2004).
-
-    The classes are the landmarks, placed by classical scaling of their (C, C) dissimilarities.
-    """
+def embedding(distances: Floats, dissimilarities: Floats) -> Floats:
+    """(n, 2) map of sets by landmark multidimensional scaling (de Silva and Tenenbaum 2004)."""
     squares = np.square(dissimilarities)
     means = squares.mean(axis=0)
     centred = -0.5 * (squares - means - means[:, None] + squares.mean())

@@ -14,6 +14,9 @@ from classify.methods import DEFAULT_CLASSIFIER
 
 from .match import Match
 
+# Groups of sets that `leave_one_out` leaves out together, at most.
+_GROUPS = 30
+
 
 @dataclass(frozen=True)
 class Trial:
@@ -41,18 +44,18 @@ class Trial:
     @property
     def nearest_orientation_error_deg(self) -> float | None:
         """Error modulo 180, 0 to 90; None where unknown or the nearest class is wrong."""
-        found_deg = self.match.orientation_deg
-        if self.orientation_deg is None or found_deg is None or not self.nearest_is_correct:
+        estimated_deg = self.match.orientation_deg
+        if self.orientation_deg is None or estimated_deg is None or not self.nearest_is_correct:
             return None
-        return abs(orientation_near(found_deg, self.orientation_deg) - self.orientation_deg)
+        return abs(orientation_near(estimated_deg, self.orientation_deg) - self.orientation_deg)
 
     @property
     def is_reversed(self) -> bool | None:
         """Whether the heading is off by more than 90 degrees; None if not known."""
-        found_deg = self.match.heading_deg
-        if self.orientation_deg is None or found_deg is None or not self.is_correct:
+        estimated_deg = self.match.heading_deg
+        if self.orientation_deg is None or estimated_deg is None or not self.is_correct:
             return None
-        return abs((found_deg - self.orientation_deg + 180.0) % 360.0 - 180.0) > 90.0
+        return abs((estimated_deg - self.orientation_deg + 180.0) % 360.0 - 180.0) > 90.0
 
 
 def nearest_accuracy(trials: Iterable[Trial]) -> float | None:
@@ -158,7 +161,7 @@ def evaluate(trials: Sequence[Trial], classes: Collection[str]) -> Evaluation:
         )
         for label, group in sorted(by_class.items())
     }
-    blurs_px = [each.match.blur_px for each in trials if each.match.blur_px is not None]
+    blurs_px = [trial.match.blur_px for trial in trials if trial.match.blur_px is not None]
     reversals = [trial.is_reversed for trial in trials if trial.is_reversed is not None]
     return Evaluation(
         sets=len(trials),
@@ -186,25 +189,20 @@ def leave_one_out(
     rows: Sequence[TrainingRow],
     tests: Sequence[Observation],
     segment_px: int,
-    classifier: str = DEFAULT_CLASSIFIER,
-    rounds: int = 30,
 ) -> list[Match | None]:
-    """Return the match of each set with a library that was not trained on it.
-
-    More than `rounds` sets are left out in groups; a match is None where no set is left.
-    """
-    named = classifier_named(classifier)
+    """Match of each set with a library that was trained without its group; None without others."""
+    classifier = classifier_named(DEFAULT_CLASSIFIER)
     # Sets of one class are neighbours in `rows`, so that they come into different groups.
-    groups = [number % rounds for number in range(len(rows))]
+    groups = [number % _GROUPS for number in range(len(rows))]
     matches: dict[int, Match | None] = {}
-    for group in range(min(rounds, len(rows))):
+    for group in range(min(_GROUPS, len(rows))):
         others = [row for row, other in zip(rows, groups, strict=True) if other != group]
         library = None
         if others:
-            library = TextureLibrary.from_observations(others, segment_px, classifier)
-        for number in range(group, len(rows), rounds):
+            library = TextureLibrary.from_observations(others, segment_px)
+        for number in range(group, len(rows), _GROUPS):
             match = None
             if library is not None:
-                match = library.match(named.signature(tests[number], library.parameters))
+                match = library.match(classifier.signature(tests[number], library.parameters))
             matches[number] = match
     return [matches[number] for number in range(len(rows))]

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Final, Literal, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -19,6 +18,7 @@ from pydantic import (
 )
 
 from classify.base.array_archive import ArchiveKind, ArrayArchive, open_archive, write_archive
+from classify.base.arrays import Array
 from classify.base.durable_file import require_folder
 from classify.base.errors import InputError, LibraryError
 from classify.lighting import Lighting
@@ -38,7 +38,7 @@ _MAX_PARAMETERS = 64
 _KIND = ArchiveKind(
     noun="library",
     header="library.json",
-    versions=(VERSION,),
+    version=VERSION,
     if_missing="make one with ps4rig train",
     remedy="train it again",
     error=LibraryError,
@@ -66,11 +66,10 @@ def _printable(label: str) -> str:
 
 # `FailFast` and the check of limits end at the first error. Pydantic keeps a kilobyte of each
 # error, which would turn a header of a few megabytes into gigabytes.
-Label = Annotated[str, Field(min_length=1), AfterValidator(_printable)]
+_Label = Annotated[str, Field(min_length=1), AfterValidator(_printable)]
 Limits = Annotated[dict[str, float], PlainValidator(_checked_limits)]
-Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
-Library = TypeVar("Library", bound="TextureLibrary")
-Array = npt.NDArray[Any]
+_Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+_Library = TypeVar("_Library", bound="TextureLibrary")
 
 
 class _Header(BaseModel):
@@ -84,14 +83,14 @@ class _Header(BaseModel):
     method: Method | None = None
     planar: bool = False
     simulated: bool = False
-    classes: Annotated[tuple[Label, ...], FailFast()] = Field(min_length=1)
-    oriented: Annotated[tuple[Label, ...], FailFast()] = ()
+    classes: Annotated[tuple[_Label, ...], FailFast()] = Field(min_length=1)
+    oriented: Annotated[tuple[_Label, ...], FailFast()] = ()
     limits: Limits = Field(default_factory=dict)
-    light_directions: Annotated[tuple[Vector, ...] | None, FailFast()] = None
+    light_directions: Annotated[tuple[_Vector, ...] | None, FailFast()] = None
     sources: Annotated[tuple[tuple[str, str], ...], FailFast()] = ()
 
 
-def check_path(path: Path) -> None:
+def _check_path(path: Path) -> None:
     """Check before the work that a library can be written to `path`, by suffix and folder."""
     if path.suffix != SUFFIX:
         raise LibraryError(f"{path}: let the name of a texture library end in {SUFFIX}")
@@ -99,8 +98,8 @@ def check_path(path: Path) -> None:
 
 
 def write(path: Path, library: TextureLibrary) -> None:
-    """Write a library to `path`, whole or not at all; raises as `check_path`."""
-    check_path(path)
+    """Write a library to `path`, whole or not at all; raises as `_check_path`."""
+    _check_path(path)
     lighting = library.lighting
     header = _Header(
         classifier=library.classifier,
@@ -126,13 +125,13 @@ def write(path: Path, library: TextureLibrary) -> None:
     write_archive(path, _KIND, header.model_dump_json(indent=1), arrays)
 
 
-def read(path: Path, kind: type[Library], *, map_from_bytes: int = MAP_FROM_BYTES) -> Library:
+def read(path: Path, kind: type[_Library], *, map_from_bytes: int = MAP_FROM_BYTES) -> _Library:
     """Read a library as an object of `kind`; LibraryError names the file."""
     with open_archive(path, _KIND, map_from_bytes=map_from_bytes) as archive:
         return _read(archive, kind)
 
 
-def _read(archive: ArrayArchive, kind: type[Library]) -> Library:
+def _read(archive: ArrayArchive, kind: type[_Library]) -> _Library:
     header = archive.header(_Header)
     if header.classifier not in CLASSIFIER_NAMES:
         raise LibraryError(

@@ -10,25 +10,25 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import FloatMap, Floats, Indices
 from classify.base.errors import InputError, LibraryError
 from classify.classifiers import Comparison, Parameters, classifier_named
 from classify.lighting import Lighting
 from classify.methods import DEFAULT_CLASSIFIER, METHODS, Method
-from classify.surface.estimate import FloatMap, SurfaceEstimate
+from classify.surface.estimate import SurfaceEstimate
 from classify.texture.blur import blurred_surface
 from classify.texture.orientation import OrientationProfile
 from classify.texture.spectra import segment_for
 
 from . import ps4lib
-from .candidates import Indices, nearest_references
-from .match import LEAST_MARGIN, Match, match_of
+from .match import LEAST_MARGIN, Match, match_of, nearest_references
 from .training import SAME_LIGHT_DEG, TrainingRow, common_lighting, learn_references, observe
 
 # The first comparison extrapolates the statistics of a training set to those of a sharper surface.
 # On 22 materials this adds 0.002 to the distance at 0.5 px, 0.05 at 0.7 px and 0.13 at 0.9 px.
 _LEAST_SHARPER_PX = 0.5
 
-TrainingSample = tuple[str, SurfaceEstimate] | tuple[str, SurfaceEstimate, float | None]
+_TrainingSample = tuple[str, SurfaceEstimate] | tuple[str, SurfaceEstimate, float | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class TextureLibrary:
 
     classifier: str
     labels: tuple[str, ...]
-    orientations_deg: npt.NDArray[np.float64]
+    orientations_deg: Floats
     signatures: FloatMap
     parameters: Parameters
     segment_px: int
@@ -91,11 +91,11 @@ class TextureLibrary:
         for name, shape in classifier.parameter_shapes(self.segment_px).items():
             if name not in self.parameters:
                 raise LibraryError(f"{self.classifier} needs a parameter {name}; train it again")
-            found = self.parameters[name].shape
-            fits = all(n == m or m < 0 < n for n, m in zip(found, shape, strict=False))
-            if len(found) != len(shape) or not fits:
+            shape_found = self.parameters[name].shape
+            fits = all(n == m or m < 0 < n for n, m in zip(shape_found, shape, strict=False))
+            if len(shape_found) != len(shape) or not fits:
                 raise LibraryError(
-                    f"parameter {name} has shape {found}, that of {self.classifier} {shape}; "
+                    f"parameter {name} has shape {shape_found}, that of {self.classifier} {shape}; "
                     "train it again"
                 )
 
@@ -125,7 +125,9 @@ class TextureLibrary:
         return np.concatenate(parts)
 
     @classmethod
-    def train(cls, samples: Iterable[TrainingSample], classifier: str = DEFAULT_CLASSIFIER) -> Self:
+    def train(
+        cls, samples: Iterable[_TrainingSample], classifier: str = DEFAULT_CLASSIFIER
+    ) -> Self:
         """Learn from any number of surfaces per class.
 
         Parameters
@@ -238,12 +240,12 @@ class TextureLibrary:
                 f"{self.classifier} {signature.shape}; train it again"
             )
         with np.errstate(all="ignore"):  # the result is tested instead
-            indices, found = self.candidates(signature)
-        if not np.isfinite(found.distances).all():
+            indices, comparison = self.candidates(signature)
+        if not np.isfinite(comparison.distances).all():
             raise LibraryError("the library contains NaN or infinity; train it again")
         labels = [self.labels[index] for index in indices.tolist()]
         return match_of(
-            found, labels, self.orientations_deg[indices], self.limits, blurred_px=blurred_px
+            comparison, labels, self.orientations_deg[indices], self.limits, blurred_px=blurred_px
         )
 
     def classify(self, surface: SurfaceEstimate) -> Match:
@@ -282,9 +284,11 @@ class TextureLibrary:
         Raises as `observe`. Unlike `classify` it compares all references.
         """
         signature, classifier = self.observe(surface), classifier_named(self.classifier)
-        found = classifier.compare(signature, self.signatures, self.parameters).distances
+        nearest_distances = classifier.compare(
+            signature, self.signatures, self.parameters
+        ).distances
         nearest = dict.fromkeys(self.classes, np.inf)
-        for label, distance in zip(self.labels, found.tolist(), strict=True):
+        for label, distance in zip(self.labels, nearest_distances.tolist(), strict=True):
             nearest[label] = min(nearest[label], distance)
         return nearest
 
@@ -296,8 +300,8 @@ class TextureLibrary:
         signature, classifier = self.observe(surface), classifier_named(self.classifier)
         if classifier.agreement is None:
             return None
-        indices, found = self.candidates(signature)
-        nearest = int(indices[np.argmin(found.distances)])
+        indices, comparison = self.candidates(signature)
+        nearest = int(indices[np.argmin(comparison.distances)])
         (agreement,) = classifier.agreement(signature, self.signatures[nearest : nearest + 1])
         # From the zero of the reference to that of the training sets.
         degrees = np.arange(180) - self.orientations_deg[nearest]

@@ -5,14 +5,13 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import FloatMap, Floats
 from classify.base.errors import LibraryError
-from classify.base.labels import checked_label
 from classify.classifiers import Classifier, Observation, Parameters, classifier_named
 from classify.lighting import Lighting
-from classify.methods import DEFAULT_CLASSIFIER
-from classify.surface.estimate import FloatMap, SurfaceEstimate
+from classify.methods import DEFAULT_CLASSIFIER, checked_label
+from classify.surface.estimate import SurfaceEstimate
 from classify.texture.heading import LEAST_SCORE
 
 SAME_LIGHT_DEG = 1.0
@@ -32,7 +31,7 @@ class Learned(NamedTuple):
 
     labels: tuple[str, ...]
     oriented: tuple[str, ...]
-    orientations_deg: npt.NDArray[np.float64]
+    orientations_deg: Floats
     signatures: FloatMap
     parameters: Parameters
     limits: dict[str, float]
@@ -41,10 +40,7 @@ class Learned(NamedTuple):
 def observe(
     surface: SurfaceEstimate, segment_px: int, classifier: str = DEFAULT_CLASSIFIER
 ) -> Observation:
-    """Observe one training surface, for `TextureLibrary.from_observations`.
-
-    A pure function with a small result, so that other processes can observe sets.
-    """
+    """Observe one training surface, for `TextureLibrary.from_observations`."""
     observation: Observation = classifier_named(classifier).observe_training(surface, segment_px)
     return observation
 

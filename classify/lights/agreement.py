@@ -10,19 +10,17 @@ from functools import lru_cache, partial
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import BoolArray, FloatMap, Floats, Indices
 from classify.base.compiling import kernel
 from classify.base.errors import InputError
 from classify.base.threads import map_in_threads
 from classify.images.noise import ROUNDING_VARIANCE, SIGMA_PER_MAD, SensorNoise, noise_of_images
-from classify.images.stack import ImageStack, IndexArray, symmetric_samples
+from classify.images.stack import ImageStack, symmetric_samples
 from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
 
 from .algebra import drop_one_constants
 from .led_levels import MATT, fit_levels
-
-FloatArray = npt.NDArray[np.float32]
-BoolArray = npt.NDArray[np.bool_]
 
 # The numbers of this file trade the smallest fault that is found against false alarms on clean
 # sets. tests/classify/lights/test_agreement.py holds the first, tests/capture/acquisition/
@@ -64,10 +62,7 @@ class LightAgreement:
 
 
 def like_signed(lighting: Lighting) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Split the lights by the sign of their redundancy weight; halve them if not four.
-
-    In a ring of four, opposite lights are in one group.
-    """
+    """Split the lights by the sign of their redundancy weight; halve them if not four."""
     lights = range(len(lighting))
     try:
         null = drop_one_constants(lighting, "like_signed")[1]
@@ -126,11 +121,11 @@ def light_agreement(
 class _Comparison:
     """Terms of the redundancy residual at some pixels, in shares of the brightness."""
 
-    terms: FloatArray  # (4, R, C) weighted values
-    noises: FloatArray  # (4, R, C) variance of the terms
+    terms: FloatMap  # (4, R, C) weighted values
+    noises: FloatMap  # (4, R, C) variance of the terms
     lit: BoolArray  # (R, C) whether all four lights reach a pixel
 
-    def normed(self) -> tuple[FloatArray, FloatArray]:
+    def normed(self) -> tuple[FloatMap, FloatMap]:
         """(4, R C) terms and noises for `fit_levels`."""
         variance = self.noises.sum(axis=0) + MATT**2
         return (
@@ -138,7 +133,7 @@ class _Comparison:
             (self.noises / variance).reshape(4, -1),
         )
 
-    def corrected(self, levels: npt.NDArray[np.float64]) -> tuple[FloatArray, FloatArray]:
+    def corrected(self, levels: Floats) -> tuple[FloatMap, FloatMap]:
         """(R, C) residual after correction for the levels, and its variance."""
         factors = (1.0 / levels).astype(np.float32)
         residual, variance = (
@@ -153,11 +148,11 @@ def _compare(
     images: npt.NDArray[np.uint16],
     ambient: npt.NDArray[np.uint16],
     lighting: Lighting,
-    null: npt.NDArray[np.float64],
+    null: Floats,
     full_scale: float,
     noise: SensorNoise | float,
-    rows: IndexArray,
-    columns: IndexArray,
+    rows: Indices,
+    columns: Indices,
 ) -> _Comparison:
     """Compare some rows and columns; a float `noise` is the standard deviation of all values."""
     raw, dark = (_picked(planes, rows, columns).astype(np.float32) for planes in (images, ambient))
@@ -178,7 +173,7 @@ def _compare(
 
 
 def _picked(
-    planes: npt.NDArray[np.uint16], rows: IndexArray, columns: IndexArray
+    planes: npt.NDArray[np.uint16], rows: Indices, columns: Indices
 ) -> npt.NDArray[np.uint16]:
     """Pick rows and columns of (..., H, W); rows first, which are contiguous."""
     if len(rows) < planes.shape[-2]:
@@ -188,9 +183,9 @@ def _picked(
 
 @kernel
 def _weigh(
-    values: FloatArray, dark: FloatArray, gains: FloatArray, means: FloatArray, null: FloatArray,
-    squares: FloatArray, variance: FloatArray, full_scale: np.float32,
-    noises: FloatArray, lit: BoolArray,
+    values: FloatMap, dark: FloatMap, gains: FloatMap, means: FloatMap, null: FloatMap,
+    squares: FloatMap, variance: FloatMap, full_scale: np.float32,
+    noises: FloatMap, lit: BoolArray,
 ) -> None:  # fmt: skip
     """Turn values (4, R, C) into terms of a `_Comparison`; write `noises` and `lit`.
 
@@ -230,10 +225,7 @@ def image_difference(
     signal: float,
     noise: SensorNoise | None,
 ) -> float:
-    """Rms difference beyond noise of two images of one scene, as a share of `signal`.
-
-    Without `noise` it is estimated from steps between neighbours of similar brightness.
-    """
+    """Rms difference beyond noise of two images of one scene, as a share of `signal`."""
     columns = _spread_out(first.shape[1])
     a, b = (image.take(columns, axis=1).astype(np.float32) for image in (first, second))
     if noise is None:
@@ -247,7 +239,7 @@ def image_difference(
     return _beyond_noise(share * (a - b), share * share * variance, everywhere)
 
 
-def _variance_of_difference(a: FloatArray, b: FloatArray) -> FloatArray:
+def _variance_of_difference(a: FloatMap, b: FloatMap) -> FloatMap:
     """(H, W) variance from row neighbours, in four groups of brightness (shot noise)."""
     brightness = a + b
     difference = a - b
@@ -262,12 +254,12 @@ def _variance_of_difference(a: FloatArray, b: FloatArray) -> FloatArray:
     return variance
 
 
-def _spread_out(size: int) -> IndexArray:
+def _spread_out(size: int) -> Indices:
     """Indices of about `_MAX_COLUMNS` rows or columns, symmetric about the middle."""
     return symmetric_samples(size, max(1, -(-size // _MAX_COLUMNS)))
 
 
-def _beyond_noise(deviation: FloatArray, variance: FloatArray, counted: BoolArray) -> float:
+def _beyond_noise(deviation: FloatMap, variance: FloatMap, counted: BoolArray) -> float:
     """Rms deviation beyond noise, the largest over bands of 1, 4, 16, ... rows."""
     rows = len(deviation)
     squares = np.square(deviation)
@@ -301,7 +293,7 @@ def _beyond_noise(deviation: FloatArray, variance: FloatArray, counted: BoolArra
 
 
 @lru_cache(maxsize=32)
-def _band_edges(rows: int, height: int) -> IndexArray:
+def _band_edges(rows: int, height: int) -> Indices:
     """First rows of bands of about equal height, symmetric, and the end."""
     count = -(-rows // height)
     # An odd number of rows has no edge in the middle.
@@ -314,7 +306,7 @@ def _band_edges(rows: int, height: int) -> IndexArray:
 class _Levels:
     """LED levels (4,) of median 1, and the standard error of the worst of them."""
 
-    levels: npt.NDArray[np.float64]
+    levels: Floats
     error: float
 
     def is_like(self, other: _Levels) -> bool:
@@ -322,7 +314,7 @@ class _Levels:
         return bool(np.abs(self.levels - other.levels).max() <= limit)
 
 
-def _parts(lit: BoolArray) -> Iterator[npt.NDArray[np.intp]]:
+def _parts(lit: BoolArray) -> Iterator[Indices]:
     """Lit pixels of the frame and of each half: levels of a near light differ there."""
     rows, columns = lit.shape
     top, left = (rows + 1) // 2, (columns + 1) // 2
@@ -333,7 +325,7 @@ def _parts(lit: BoolArray) -> Iterator[npt.NDArray[np.intp]]:
         yield np.flatnonzero(inside)
 
 
-def _fit(terms: FloatArray, noises: FloatArray) -> _Levels | None:
+def _fit(terms: FloatMap, noises: FloatMap) -> _Levels | None:
     """Levels that reduce the residual to noise, or None; arguments as of `fit_levels`."""
     if terms.shape[1] < _MIN_SAMPLES:
         return None

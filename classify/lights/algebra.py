@@ -3,12 +3,10 @@
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import FloatMap, Floats
 from classify.base.errors import InputError
 from classify.lighting import Lighting
-
-Array32 = npt.NDArray[np.float32]
 
 # Smallest singular value of three light directions that determines a normal: at 1e-3, noise of a
 # thousandth of the signal makes a slope error of 1.
@@ -18,9 +16,7 @@ _PS3_UNUSED_TILT_DEG = {"ps3a": 270.0, "ps3b": 0.0, "ps3c": 90.0, "ps3d": 180.0}
 
 
 @lru_cache(maxsize=16)
-def drop_one_constants(
-    lighting: Lighting, method: str
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def drop_one_constants(lighting: Lighting, method: str) -> tuple[Floats, Floats]:
     """pinv(L) (3, 4) and nul (4,) of length 1, for four lights in general position."""
     L = lighting.directions
     if len(L) != 4:
@@ -62,7 +58,7 @@ def require_solvable(lighting: Lighting) -> None:
 
 
 @lru_cache(maxsize=16)
-def least_squares_weights(lighting: Lighting, method: str) -> Array32:
+def least_squares_weights(lighting: Lighting, method: str) -> FloatMap:
     """(3, N) weights with b = weights i from all lights."""
     count = len(lighting)
     if method == "drbohlav" and count < 4:
@@ -72,7 +68,7 @@ def least_squares_weights(lighting: Lighting, method: str) -> Array32:
     return _pseudo_inverse(lighting.directions, method)
 
 
-def three_of_ring(lighting: Lighting, method: str) -> tuple[Array32, int]:
+def three_of_ring(lighting: Lighting, method: str) -> tuple[FloatMap, int]:
     """(3, 4) weights of a version of PS3, and the index of the light left out."""
     if len(lighting) != 4:
         raise InputError(
@@ -86,7 +82,7 @@ def three_of_ring(lighting: Lighting, method: str) -> tuple[Array32, int]:
     return weights, unused
 
 
-def drop_two_inverses(lighting: Lighting) -> Array32:
+def drop_two_inverses(lighting: Lighting) -> FloatMap:
     """(N, N, 3, 3) inverse of L^T L without lights i and j; NaN if singular, [i, i] of all."""
     L = lighting.directions
     count = len(L)
@@ -110,7 +106,7 @@ def drop_two_inverses(lighting: Lighting) -> Array32:
     return inverses
 
 
-def _pseudo_inverse(directions: npt.NDArray[np.float64], method: str) -> Array32:
+def _pseudo_inverse(directions: Floats, method: str) -> FloatMap:
     singular = np.linalg.svd(directions, compute_uv=False)
     if len(directions) < 3 or singular[-1] < _MIN_VOLUME:
         raise InputError(

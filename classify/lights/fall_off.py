@@ -10,27 +10,28 @@ fall-off.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Array, BoolArray, FloatMap, Floats, Indices
 from classify.base.compiling import kernel
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
-from classify.lights.flat_field import FlatField, coordinates, exponential, exponents, powers
-from classify.lights.polynomial_fit import (
+from classify.shadow_rule import MAYBE_SHADOW
+
+from .flat_field import (
     MEDIAN_SQUARE,
     TUKEY,
+    FlatField,
     by_fold,
+    coordinates,
+    exponential,
+    exponents,
     normal_equations,
+    powers,
     prediction_error,
     solved,
 )
-from classify.shadow_rule import MAYBE_SHADOW
-
-Array = npt.NDArray[Any]
-FloatArray = npt.NDArray[np.float64]
 
 # Along each side of the frame. Means of blocks are fitted: relief finer than a block averages out.
 # classify/DECISIONS.md compares 64 samples.
@@ -57,13 +58,9 @@ def fall_off(
     stack: ImageStack,
     lighting: Lighting,
     full_scale: float | None,
-    mask: npt.NDArray[np.bool_] | None = None,
+    mask: BoolArray | None = None,
 ) -> FlatField | None:
-    """Fit the fall-off of the lights over a planar part; None if too little is lit.
-
-    The degree is 2, or 4 where that predicts left-out parts of the frame clearly better and the
-    redundancy of the lights shows that they do fall off.
-    """
+    """Fit the fall-off of the lights over a planar part; None if too little is lit."""
     samples = _Samples.of(stack, lighting, full_scale, mask)
     even = np.zeros((len(lighting), _TERMS, _TERMS))
     coefficients = samples.refined(even, _DEGREE)
@@ -76,19 +73,21 @@ def fall_off(
     )
     if high < _CLEARLY_BETTER * low and _no_relief(lighting, *samples.residuals(even)):
         coefficients = samples.refined(coefficients, _HIGHER_DEGREE)
-    seen = [each[samples.usable] for each in samples.grid.polynomials(coefficients)]
-    return FlatField(coefficients, np.array([(each.min(), each.max()) for each in seen]))
+    logarithms = [values[samples.usable] for values in samples.grid.polynomials(coefficients)]
+    return FlatField(
+        coefficients, np.array([(values.min(), values.max()) for values in logarithms])
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class _Grid:
     """Samples of a frame, symmetric about its middle, and the blocks that they form."""
 
-    rows: npt.NDArray[np.intp]  # (n,) indices of the samples
-    columns: npt.NDArray[np.intp]  # (n,) indices of the samples
-    x_powers: FloatArray  # (n, 5)
-    y_powers: FloatArray  # (n, 5)
-    bases: Mapping[int, FloatArray]  # by degree, (folds, blocks, terms) of y^i x^j, as `exponents`
+    rows: Indices  # (n,) indices of the samples
+    columns: Indices  # (n,) indices of the samples
+    x_powers: Floats  # (n, 5)
+    y_powers: Floats  # (n, 5)
+    bases: Mapping[int, Floats]  # by degree, (folds, blocks, terms) of y^i x^j, as `exponents`
 
     @classmethod
     @lru_cache(maxsize=4)
@@ -106,16 +105,16 @@ class _Grid:
             bases[degree] = np.moveaxis(by_fold(terms), 0, -1)
         return cls(rows, columns, powers(x, _TERMS), powers(y, _TERMS), bases)
 
-    def of_image(self, image: Array) -> npt.NDArray[np.float32]:
+    def of_image(self, image: Array) -> FloatMap:
         """(..., n, n) samples of images (..., H, W)."""
         # In a third of the time of an index for rows and one for columns.
         pixels = self.rows[:, None] * image.shape[-1] + self.columns
         flat: Array = image.reshape(*image.shape[:-2], -1).take(pixels, axis=-1)
         return flat.astype(np.float32)
 
-    def polynomials(self, coefficients: FloatArray) -> npt.NDArray[np.float32]:
+    def polynomials(self, coefficients: Floats) -> FloatMap:
         """(N, n, n) values of polynomials at the samples."""
-        values: FloatArray = self.y_powers @ coefficients @ self.x_powers.T
+        values: Floats = self.y_powers @ coefficients @ self.x_powers.T
         return values.astype(np.float32)
 
 
@@ -124,8 +123,8 @@ class _Samples:
     """Pixels of a grid."""
 
     grid: _Grid
-    values: npt.NDArray[np.float32]  # (N, n, n), equal on a flat part under equal lights
-    usable: npt.NDArray[np.bool_]  # (n, n), not outside the mask, saturated or dark
+    values: FloatMap  # (N, n, n), equal on a flat part under equal lights
+    usable: BoolArray  # (n, n), not outside the mask, saturated or dark
 
     @classmethod
     def of(
@@ -133,7 +132,7 @@ class _Samples:
         stack: ImageStack,
         lighting: Lighting,
         full_scale: float | None,
-        mask: npt.NDArray[np.bool_] | None,
+        mask: BoolArray | None,
     ) -> "_Samples":
         grid = _Grid.of(stack.shape)
         raw = grid.of_image(stack.images)
@@ -149,26 +148,23 @@ class _Samples:
             usable &= raw.max(axis=0) < full_scale
         return cls(grid, values, usable)
 
-    def residuals(self, coefficients: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(N, folds, blocks) means of ratio / strength - 1, and their weights.
-
-        Tukey's biweight is one for all lights of a pixel, so that no direction is preferred.
-        """
+    def residuals(self, coefficients: Floats) -> tuple[Floats, Floats]:
+        """(N, folds, blocks) means of ratio / strength - 1, and Tukey's weights."""
         factors = (-self.grid.y_powers @ coefficients).astype(np.float32)
         residuals = np.empty_like(self.values)
         squares = np.empty(self.usable.shape, np.float32)
         x = self.grid.x_powers[:, 1].astype(np.float32)
         _find_residuals(self.values, self.usable, factors, x, residuals, squares)
         # The upper median, in a tenth of the time of the mean of the middle two.
-        seen = squares[squares < np.inf]
-        middle = np.partition(seen, seen.size // 2)[seen.size // 2] if seen.size else _TINY
+        lit = squares[squares < np.inf]
+        middle = np.partition(lit, lit.size // 2)[lit.size // 2] if lit.size else _TINY
         limit = np.float32(max(TUKEY**2 / MEDIAN_SQUARE * middle, _TINY))
         sums = np.empty((1 + len(residuals), _BLOCKS, _BLOCKS))
         _sum_blocks(residuals, squares, limit, sums)
         folds = by_fold(sums)
         return folds[1:] / np.maximum(folds[0], _TINY), folds[0]
 
-    def refined(self, coefficients: FloatArray, degree: int) -> FloatArray:
+    def refined(self, coefficients: Floats, degree: int) -> Floats:
         """Coefficients for which the residuals vanish, by repeated weighted least squares."""
         basis, (i, j) = self.grid.bases[degree], exponents(degree)
         refined = coefficients.copy()
@@ -236,13 +232,13 @@ def _sum_blocks(residuals: Array, squares: Array, limit: np.float32, sums: Array
                 sums[k, block, b] = lines[k, b * _BLOCK_SAMPLES : (b + 1) * _BLOCK_SAMPLES].sum()
 
 
-def _positions(count: int) -> npt.NDArray[np.intp]:
+def _positions(count: int) -> Indices:
     """Indices of the samples along a side, symmetric about its middle."""
     half = ((np.arange(_SAMPLES // 2) + 0.5) * count / _SAMPLES).astype(np.intp)
     return np.concatenate([half, count - 1 - half[::-1]])
 
 
-def _no_relief(lighting: Lighting, means: FloatArray, weights: FloatArray) -> bool:
+def _no_relief(lighting: Lighting, means: Floats, weights: Floats) -> bool:
     """Whether relief, which cancels in combinations of four lights, cannot explain residuals."""
     directions = lighting.directions / lighting.directions[:, 2:]
     cancelling = np.linalg.svd(directions.T)[2][3:]

@@ -18,14 +18,13 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import FloatMap, Floats
 from classify.images.noise import SIGMA_PER_MAD
 from classify.images.stack import ImageStack, sample_pixels
 from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
 
 from .algebra import drop_one_constants
-
-FloatArray = npt.NDArray[np.float32]
 
 # Real surfaces are taken to be matt to this share of their brightness. A smaller share takes
 # their reflectance for unequal LEDs, a larger one hides weak LEDs (test_led_levels.py).
@@ -59,13 +58,13 @@ _MEDIAN_OF_NOISE = 0.75
 class LevelFit:
     """Factors for the images of four lights that minimise the redundancy residual."""
 
-    factors: npt.NDArray[np.float64]  # (4,) inverse levels, of mean 1
+    factors: Floats  # (4,) inverse levels, of mean 1
     error: float  # standard error of the combination of factors that is known least
     typical_residual: float  # 1.48 times the median absolute residual, in sigma of noise
-    agreeing: npt.NDArray[np.float64]  # (n,) 1 where the residual is within 3 times that, else 0
+    agreeing: Floats  # (n,) 1 where the residual is within 3 times that, else 0
 
 
-def fit_levels(terms: FloatArray, noises: FloatArray, level_spread: float) -> LevelFit:
+def fit_levels(terms: FloatMap, noises: FloatMap, level_spread: float) -> LevelFit:
     """Fit the factors w of mean 1 that make w . terms noise of variance 1.
 
     Total least squares: `terms` (4, n) are nul_k i_k over the standard deviation of their sum,
@@ -94,11 +93,11 @@ def fit_levels(terms: FloatArray, noises: FloatArray, level_spread: float) -> Le
 class LitSamples:
     """Pixels of four images that all lights reach, evenly spread over the frame."""
 
-    raw: FloatArray  # (4, n) pixel values
-    values: FloatArray  # (4, n) less the ambient image and times the gains
+    raw: FloatMap  # (4, n) pixel values
+    values: FloatMap  # (4, n) less the ambient image and times the gains
 
     @classmethod
-    def of(cls, stack: ImageStack, gains: FloatArray, saturation: float) -> Self:
+    def of(cls, stack: ImageStack, gains: FloatMap, saturation: float) -> Self:
         """Take the samples, without pixels that reach the value `saturation`."""
         pixels = sample_pixels(stack.shape, _MAX_SAMPLES)
         raw = stack.raw_at(pixels)
@@ -110,7 +109,7 @@ class LitSamples:
         return cls(raw.take(lit, 1), values.take(lit, 1))
 
 
-def residual_spread(values: FloatArray, null: npt.NDArray[np.float64]) -> float:
+def residual_spread(values: FloatMap, null: Floats) -> float:
     """Robust deviation of the redundancy residual from 0, as a share of brightness."""
     if values.shape[1] < _MIN_SAMPLES:
         return 0.0
@@ -119,8 +118,8 @@ def residual_spread(values: FloatArray, null: npt.NDArray[np.float64]) -> float:
 
 
 def level_corrections(
-    lit: LitSamples, gains: FloatArray, variance: FloatArray, lighting: Lighting
-) -> FloatArray:
+    lit: LitSamples, gains: FloatMap, variance: FloatMap, lighting: Lighting
+) -> FloatMap:
     """Find factors (4,) of mean 1 for images whose levels are not known; 1 if not needed.
 
     They are those of `fit_levels` where these leave noise only, else those of a part that is level
@@ -153,11 +152,11 @@ def level_corrections(
 
 
 def _levels_of_a_level_part(
-    values: FloatArray,
-    pinv: npt.NDArray[np.float64],
-    null: npt.NDArray[np.float64],
-    directions: npt.NDArray[np.float64],
-) -> npt.NDArray[np.float64]:
+    values: FloatMap,
+    pinv: Floats,
+    null: Floats,
+    directions: Floats,
+) -> Floats:
     """Levels (4,) of the lights, from the brightness of their images.
 
     Median log ratios are x = g + A t with levels g and a mean slope t of the part, A = -l_xy / l_z;
@@ -179,7 +178,7 @@ def _levels_of_a_level_part(
     across = directions[:, :2] / vertical[:, None]
     # The last term: the images do not tell a common factor of all levels.
     covariance = variance * np.eye(4) + tilt * across @ across.T + np.full((4, 4), 1e3)
-    levels: npt.NDArray[np.float64] = np.exp(variance * np.linalg.solve(covariance, ratios))
+    levels: Floats = np.exp(variance * np.linalg.solve(covariance, ratios))
     return levels
 
 

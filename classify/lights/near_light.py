@@ -24,13 +24,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import FloatMap, Floats
 from classify.lighting import Lighting
 
 from .flat_field import TERMS, FlatField, powers
-
-FloatArray = npt.NDArray[np.float32]
 
 # The logarithm of a strength differs by less between neighbours of the grid of its bounds.
 _MARGIN = 0.05
@@ -40,9 +38,9 @@ _MARGIN = 0.05
 class Shear:
     """The difference of near lights from distant ones in the same directions; 0 if distant."""
 
-    plane: FloatArray  # (3,) c of the plane of the lights, per px
-    excess: FloatArray  # (N,) e of each light, per px
-    inverse_distances: FloatArray  # (N,) 1 / R of each light, per px
+    plane: FloatMap  # (3,) c of the plane of the lights, per px
+    excess: FloatMap  # (N,) e of each light, per px
+    inverse_distances: FloatMap  # (N,) 1 / R of each light, per px
 
     @classmethod
     def of(cls, lighting: Lighting) -> Shear:
@@ -54,7 +52,7 @@ class Shear:
         return cls(*(each.astype(np.float32) for each in (plane, excess, inverse)))
 
 
-def middle_px(count: int) -> FloatArray:
+def middle_px(count: int) -> FloatMap:
     """Coordinates of columns from the middle of the frame, px; negate for rows."""
     return (np.arange(count) - 0.5 * (count - 1)).astype(np.float32)
 
@@ -76,7 +74,7 @@ def sheet_of(
     at_the_middle = lighting.intensities * lighting.directions[:, 2]
     at_the_middle /= np.exp(np.log(at_the_middle).mean())
 
-    def logarithms(x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def logarithms(x: Floats) -> Floats:
         plane = np.zeros((3, len(x), len(x)))
         plane[0], plane[1] = half * width * x, half * height * x[:, None]
         towards = positions[:, :, None, None] - plane

@@ -4,11 +4,10 @@ import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Array, BoolArray, FloatMap, Floats
 from classify.base.compiling import kernel
 from classify.base.errors import InputError
 from classify.images.stack import Images, checked_ambient, checked_stack
@@ -17,10 +16,8 @@ from classify.shadow_rule import MAYBE_SHADOW
 
 from .algebra import drop_one_constants
 
-FloatArray = npt.NDArray[np.float32]
-BoolArray = npt.NDArray[np.bool_]
 Order = tuple[int, ...]
-Join = Callable[[npt.NDArray[Any], npt.NDArray[Any]], npt.NDArray[Any]]
+_Join = Callable[[Array, Array], Array]
 
 _ORDERS: tuple[Order, ...] = tuple(itertools.permutations(range(4)))
 _GIVEN = _ORDERS[0]
@@ -63,7 +60,7 @@ def light_order(
     images: Images,
     lighting: Lighting,
     *,
-    ambient: npt.NDArray[Any] | None = None,
+    ambient: Array | None = None,
     full_scale: float | None = None,
 ) -> LightOrder:
     """Test by four linear images (4, H, W) whether the lights were in this order.
@@ -78,7 +75,7 @@ def light_order(
     opposite = _opposite(lighting)
     if opposite is None:
         return LightOrder(_ORDERS, None, 0.0)
-    planes: list[npt.NDArray[Any]] = [*stack]
+    planes: list[Array] = [*stack]
     if ambient is not None:
         planes.append(checked_ambient(ambient, stack))
     limit = np.inf if full_scale is None else full_scale
@@ -107,9 +104,7 @@ def light_order(
     )
 
 
-def _scales(
-    planes: list[npt.NDArray[Any]], usable: BoolArray
-) -> Iterator[tuple[list[npt.NDArray[Any]], BoolArray]]:
+def _scales(planes: list[Array], usable: BoolArray) -> Iterator[tuple[list[Array], BoolArray]]:
     """The middle of the frame at full, half, quarter ... resolution."""
     while True:
         rows, columns = usable.shape
@@ -122,7 +117,7 @@ def _scales(
         usable = _halved(usable, np.logical_and)
 
 
-def _means(plane: npt.NDArray[Any]) -> FloatArray:
+def _means(plane: Array) -> FloatMap:
     """Means of 2 x 2 pixels; the kernel takes a third of the time of `_halved`."""
     rows, columns = plane.shape
     if rows % 2 or columns % 2:
@@ -133,7 +128,7 @@ def _means(plane: npt.NDArray[Any]) -> FloatArray:
 
 
 @kernel
-def _mean_of_four(plane: npt.NDArray[Any], half: FloatArray) -> None:
+def _mean_of_four(plane: Array, half: FloatMap) -> None:
     columns = plane.shape[1]
     share = np.float32(0.5)
     line = np.empty(columns, np.float32)
@@ -144,7 +139,7 @@ def _mean_of_four(plane: npt.NDArray[Any], half: FloatArray) -> None:
             half[r, c] = share * (line[2 * c] + line[2 * c + 1])
 
 
-def _halved(plane: npt.NDArray[Any], join: Join) -> npt.NDArray[Any]:
+def _halved(plane: Array, join: _Join) -> Array:
     """Half of the rows and columns, symmetric about the middle; odd numbers join three."""
     for _ in range(2):
         if len(plane) % 2 == 0:
@@ -156,13 +151,13 @@ def _halved(plane: npt.NDArray[Any], join: Join) -> npt.NDArray[Any]:
     return plane
 
 
-def _mean(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> FloatArray:
-    mean: FloatArray = np.add(a, b, dtype=np.float32)
+def _mean(a: Array, b: Array) -> FloatMap:
+    mean: FloatMap = np.add(a, b, dtype=np.float32)
     mean *= np.float32(0.5)
     return mean
 
 
-def _misfits(values: FloatArray, usable: BoolArray, weights: FloatArray) -> npt.NDArray[np.float64]:
+def _misfits(values: FloatMap, usable: BoolArray, weights: FloatMap) -> Floats:
     """(2, 24) log of mean residual and mean curl under each order; 0 if too few are lit."""
     brightest = values.max(axis=0)
     lit = usable & (values.min(axis=0) > MAYBE_SHADOW * brightest)
@@ -183,8 +178,8 @@ def _misfits(values: FloatArray, usable: BoolArray, weights: FloatArray) -> npt.
 
 @kernel
 def _misfits_of_orders(
-    shares: FloatArray, means: FloatArray, lit: BoolArray, inner: BoolArray, weights: FloatArray,
-    misfits: npt.NDArray[np.float64],
+    shares: FloatMap, means: FloatMap, lit: BoolArray, inner: BoolArray, weights: FloatMap,
+    misfits: Floats,
 ) -> None:  # fmt: skip
     """Write `_mean_misfits` for each of the `weights` (n, 4, 4) to `misfits` (n, 2)."""
     for order in range(len(weights)):
@@ -194,7 +189,7 @@ def _misfits_of_orders(
 
 @kernel
 def _mean_misfits(
-    shares: FloatArray, means: FloatArray, lit: BoolArray, inner: BoolArray, weight: FloatArray
+    shares: FloatMap, means: FloatMap, lit: BoolArray, inner: BoolArray, weight: FloatMap
 ) -> tuple[float, float]:
     """Mean absolute deviations of residual and curl from their means, over `lit` and `inner`.
 

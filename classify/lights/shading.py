@@ -16,19 +16,16 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Array, BoolArray, FloatMap, Floats
 from classify.images.noise import SIGMA_PER_MAD
 from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
 
-FloatArray = npt.NDArray[np.float32]
-Float64Array = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 Order = tuple[int, ...]
 
 # tests/capture/sets/test_photograph_rates.py holds the rates of wrong and of missed refutations
@@ -71,10 +68,10 @@ _NOISE_KERNEL = np.outer((1.0, -2.0, 1.0), (1.0, -2.0, 1.0)) / 6.0
 class Shading:
     """Second moments of the contrasts of N images, at each scale from fine to coarse."""
 
-    contrasts: tuple[Float64Array, ...]  # (N, N), at pixels lit by all
-    noises: tuple[Float64Array, ...]  # (N,) upper bound of the variance that is white noise
-    shadings: tuple[Float64Array, ...]  # (N, N) of the contrasts less their mean over the lights
-    steps: tuple[Float64Array, ...]  # (2N, 2N) of the steps of the latter, right then up
+    contrasts: tuple[Floats, ...]  # (N, N), at pixels lit by all
+    noises: tuple[Floats, ...]  # (N,) upper bound of the variance that is white noise
+    shadings: tuple[Floats, ...]  # (N, N) of the contrasts less their mean over the lights
+    steps: tuple[Floats, ...]  # (2N, 2N) of the steps of the latter, right then up
 
 
 @dataclass(frozen=True)
@@ -82,20 +79,16 @@ class ShadingOrder:
     """Whether the shading fits the order of the lights."""
 
     verdict: Literal["confirmed", "undecided", "refuted"]
-    order: Order | None = None  # the better order, if refuted and not `mirrored`
-    mirrored: bool = False  # whether the images fit the lights with y pointing down
+    order: Order | None = None  # the better one, if refuted; None for lights with y pointing down
 
 
 def shading_of(
-    images: npt.NDArray[Any],
-    ambient: npt.NDArray[Any] | None = None,
+    images: Array,
+    ambient: Array | None = None,
     full_scale: float = np.inf,
     mask: BoolArray | None = None,
 ) -> Shading:
-    """Compute the `Shading` of images (N, H, W) that are linear in light.
-
-    Pixels of `full_scale` in any image, and those outside `mask`, do not count.
-    """
+    """Compute the `Shading` of images (N, H, W) that are linear in light."""
     u, usable, lit = _contrasts(images, ambient, full_scale, mask)
     contrasts, noises, shadings, steps = [], [], [], []
     noise = np.array([_noise_variance(plane, usable) for plane in u])
@@ -112,11 +105,8 @@ def shading_of(
         u, usable, lit = _halved(u, usable, lit)
 
 
-def explained_detail(shading: Shading) -> Float64Array:
-    """(N,) share of each image's detail that the others explain; 1 without detail.
-
-    The square of the multiple correlation, at the scale at which it is largest.
-    """
+def explained_detail(shading: Shading) -> Floats:
+    """(N,) squared multiple correlation of each image with the others; 1 without detail."""
     explained = []
     for moments, noise in zip(shading.contrasts, shading.noises, strict=True):
         own = np.diag(moments)
@@ -130,10 +120,7 @@ def explained_detail(shading: Shading) -> Float64Array:
 
 
 def shading_order(shading: Shading, lighting: Lighting) -> ShadingOrder:
-    """Compare the given order of the lights with others, by residual and curl.
-
-    The scale at which an order explains the images best decides.
-    """
+    """Compare the given order of the lights with others, by residual and curl."""
     count = len(lighting)
     if not shading.shadings or count < 3:
         return ShadingOrder("undecided")
@@ -153,7 +140,7 @@ def shading_order(shading: Shading, lighting: Lighting) -> ShadingOrder:
     better &= as_good
     if better.any():
         best = orders[int(np.where(better, residual * curl, np.inf).argmin())]
-        return ShadingOrder("refuted", best, mirrored=best is None)
+        return ShadingOrder("refuted", best)
     exchanged = _exchanged(shading, tangents)
     if exchanged is not None:
         return ShadingOrder("refuted", exchanged)
@@ -162,17 +149,17 @@ def shading_order(shading: Shading, lighting: Lighting) -> ShadingOrder:
 
 
 def _contrasts(
-    images: npt.NDArray[Any],
-    ambient: npt.NDArray[Any] | None,
+    images: Array,
+    ambient: Array | None,
     full_scale: float,
     mask: BoolArray | None,
-) -> tuple[FloatArray, BoolArray, BoolArray]:
+) -> tuple[FloatMap, BoolArray, BoolArray]:
     """(N, h, w) contrasts; (h, w) usable pixels, and those lit by all lights."""
     rows, columns = images.shape[1:]
     step = max(1, min(rows, columns) // _SIDE_PX)
     size = (max(1, columns // step), max(1, rows // step))
 
-    def reduced(image: npt.NDArray[Any]) -> FloatArray:
+    def reduced(image: Array) -> FloatMap:
         plane = np.asarray(image, np.float32)
         return np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_AREA), np.float32)
 
@@ -196,17 +183,17 @@ def _contrasts(
     return np.where(usable, values - 1.0, 0.0).astype(np.float32), usable, lit
 
 
-def _blurred(image: FloatArray, sigma: float) -> FloatArray:
+def _blurred(image: FloatMap, sigma: float) -> FloatMap:
     blurred = cv2.GaussianBlur(image, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
     return np.asarray(blurred, np.float32)
 
 
 def _halved(
-    u: FloatArray, usable: BoolArray, lit: BoolArray
-) -> tuple[FloatArray, BoolArray, BoolArray]:
+    u: FloatMap, usable: BoolArray, lit: BoolArray
+) -> tuple[FloatMap, BoolArray, BoolArray]:
     rows, columns = (side // 2 * 2 for side in usable.shape)
 
-    def sums(planes: npt.NDArray[Any]) -> FloatArray:
+    def sums(planes: Array) -> FloatMap:
         even = planes[..., :rows, :columns].astype(np.float32)
         across = even[..., ::2] + even[..., 1::2]
         return np.asarray(across[..., ::2, :] + across[..., 1::2, :], np.float32)
@@ -216,7 +203,7 @@ def _halved(
     return means.astype(np.float32), counts >= 2.0, sums(lit) == 4.0
 
 
-def _steps(relief: FloatArray, lit: BoolArray) -> FloatArray:
+def _steps(relief: FloatMap, lit: BoolArray) -> FloatMap:
     """(2N, n) differences to the right, then upwards, at pixels with lit neighbours."""
     inner = lit[1:-1, 1:-1] & lit[:-2, 1:-1] & lit[2:, 1:-1] & lit[1:-1, :-2] & lit[1:-1, 2:]
     right = (relief[:, 1:-1, 2:] - relief[:, 1:-1, :-2])[:, inner]
@@ -224,14 +211,14 @@ def _steps(relief: FloatArray, lit: BoolArray) -> FloatArray:
     return np.concatenate([right, upwards])
 
 
-def _noise_variance(plane: FloatArray, usable: BoolArray) -> float:
+def _noise_variance(plane: FloatMap, usable: BoolArray) -> float:
     differences = cv2.filter2D(plane, -1, _NOISE_KERNEL)[usable]
     if differences.size == 0:
         return 0.0
     return float((SIGMA_PER_MAD * np.median(np.abs(differences))) ** 2)
 
 
-def _moments(values: FloatArray) -> Float64Array:
+def _moments(values: FloatMap) -> Floats:
     """Second moments of (M, n) values about their means, with outliers clipped."""
     if values.shape[1] == 0:
         return np.eye(len(values))
@@ -242,9 +229,7 @@ def _moments(values: FloatArray) -> Float64Array:
     return np.asarray(bounded @ bounded.T / values.shape[1], np.float64)
 
 
-def _misfit(
-    moments: Float64Array, steps: Float64Array, tangents: Float64Array
-) -> tuple[float, float]:
+def _misfit(moments: Floats, steps: Floats, tangents: Floats) -> tuple[float, float]:
     """Residual as a share of the shading, and curl over divergence."""
     centred = tangents - tangents.mean(axis=0)
     inverse = np.linalg.pinv(centred)
@@ -270,11 +255,11 @@ def _candidates(count: int) -> Iterator[Order | None]:
     yield None
 
 
-def _reordered(tangents: Float64Array, order: Order | None) -> Float64Array:
+def _reordered(tangents: Floats, order: Order | None) -> Floats:
     return tangents * (1.0, -1.0) if order is None else tangents[list(order)]
 
 
-def _exchanged(shading: Shading, tangents: Float64Array) -> Order | None:
+def _exchanged(shading: Shading, tangents: Floats) -> Order | None:
     """The order with two lights exchanged, if that explains the images much better."""
     count = len(tangents)
     if count < 5:
@@ -301,9 +286,7 @@ def _exchanged(shading: Shading, tangents: Float64Array) -> Order | None:
     return best[1]
 
 
-def _light_residuals(
-    moments: Float64Array, tangents: Float64Array, inverse: Float64Array
-) -> Float64Array:
+def _light_residuals(moments: Floats, tangents: Floats, inverse: Floats) -> Floats:
     """(N,) mean square residual of each image."""
     mixed = inverse @ moments
     fitted = ((tangents @ (mixed @ inverse.T)) * tangents).sum(axis=1)

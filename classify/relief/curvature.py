@@ -5,14 +5,14 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import BoolArray, FloatMap
 from classify.base.errors import InputError
-from classify.surface.estimate import FloatMap, SurfaceEstimate
+from classify.surface.estimate import SurfaceEstimate
 
 CURVATURE_SCALE_PX = 1.0
 # A narrower Gaussian gives next to no weight to the neighbouring pixels.
-MIN_CURVATURE_SCALE_PX = 0.5
+_MIN_CURVATURE_SCALE_PX = 0.5
 # Weights beyond this many standard deviations are below 4e-4 of the middle one.
 _REACH = 4.0
 # Pixels of one strip of rows: its maps stay in the cache, and memory does not grow with the image.
@@ -83,10 +83,10 @@ def surface_curvature(
     (normalized differential convolution, Knutsson and Westin 1993). Inside the frame this is the
     derivative of a Gaussian; at its border and beside invalid pixels it is exact where n is linear.
     """
-    if not MIN_CURVATURE_SCALE_PX <= scale_px < np.inf:
+    if not _MIN_CURVATURE_SCALE_PX <= scale_px < np.inf:
         raise InputError(
             f"scale_px is {scale_px}; derivatives need a Gaussian of at least "
-            f"{MIN_CURVATURE_SCALE_PX} px"
+            f"{_MIN_CURVATURE_SCALE_PX} px"
         )
     rows, columns = surface.shape
     reach = int(np.ceil(_REACH * scale_px))
@@ -102,7 +102,7 @@ def surface_curvature(
 
 
 def _curvature(
-    p: FloatMap, q: FloatMap, valid: npt.NDArray[np.bool_], scale_px: float, reach: int
+    p: FloatMap, q: FloatMap, valid: BoolArray, scale_px: float, reach: int
 ) -> tuple[FloatMap, FloatMap]:
     p, q = np.where(valid, p, np.float32(0.0)), np.where(valid, q, np.float32(0.0))
     if not (np.isfinite(p).all() and np.isfinite(q).all()):

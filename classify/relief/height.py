@@ -1,11 +1,11 @@
-"""Relative height from a gradient field."""
+"""Relative height from a gradient field, and relief above the surroundings."""
 
 import numpy as np
 import scipy.fft
 
+from classify.base.arrays import BoolArray, FloatMap
 from classify.base.errors import InputError
 from classify.base.threads import thread_count
-from classify.surface.estimate import FloatMap
 
 
 def integrate_gradients(p: FloatMap, q: FloatMap) -> FloatMap:
@@ -55,9 +55,82 @@ def integrate_gradients(p: FloatMap, q: FloatMap) -> FloatMap:
 
 
 def _second_difference(length: int) -> FloatMap:
-    """Eigenvalues of the second difference with free ends, 2 cos(pi k / length) - 2.
-
-    As the square of a sine: a float32 cosine near 1 has too few digits for the lowest frequencies.
-    """
+    """Eigenvalues 2 cos(pi k / length) - 2 of the second difference, exact in float32."""
     sine = np.sin(0.5 * np.pi * np.arange(length) / length)
     return (-4.0 * sine * sine).astype(np.float32)
+
+
+# With this the Gaussian of ISO 16610 passes one half at the cut-off wavelength.
+_ALPHA = np.sqrt(np.log(2.0) / np.pi)
+# Longer waves of an integrated height are mostly drift (test_local_height.py).
+_CUTOFFS_PER_SIDE = 5.0
+
+
+def default_cutoff_px(shape: tuple[int, int]) -> float:
+    """Default cut-off wavelength: a fifth of the frame's longer side."""
+    return max(shape) / _CUTOFFS_PER_SIDE
+
+
+def local_relief(
+    height: FloatMap, valid: BoolArray | None = None, *, cutoff_px: float | None = None
+) -> FloatMap:
+    """Relative height above the Gaussian mean of the surroundings.
+
+    It is positive where the part is raised, and negative where it is indented.
+
+    The L-filter of ISO 25178-2, a Gaussian after ISO 16610-61 with transmission
+    exp(-pi (alpha cutoff f)^2), alpha^2 = ln 2 / pi, removes the form of the part and
+    the drift that integrated gradients have over long distances. Waves much shorter than the
+    cut-off are kept, a wave of the cut-off's length is halved.
+
+    Parameters
+    ----------
+    height
+        (H, W) float32, as from `integrate_gradients`, px.
+    valid
+        (H, W) bool; the relief is 0 where false.
+    cutoff_px
+        Wavelength of the filter, by default a fifth of the longer side of the frame. A round bump
+        whose width at half height is a quarter of it keeps three quarters of its height; of a much
+        wider bump only the edges remain.
+
+    Returns
+    -------
+    (H, W) float32, px.
+
+    Raises
+    ------
+    InputError
+        If the height is not a finite (rows, columns) array, or the cut-off is not positive.
+
+    Notes
+    -----
+    The filter works in the cosine basis, as if the frame were mirrored at its borders: the basis in
+    which `integrate_gradients` solves.
+    """
+    if height.ndim != 2 or height.size == 0:
+        raise InputError(f"the height is {height.shape}; it must be (rows, columns)")
+    if not np.isfinite(height).all():
+        raise InputError("the height contains NaN or infinity")
+    rows, columns = height.shape
+    cutoff = default_cutoff_px((rows, columns)) if cutoff_px is None else cutoff_px
+    if not 0.0 < cutoff < np.inf:
+        raise InputError(f"cutoff_px is {cutoff_px}; it must be a positive wavelength in pixels")
+    spectrum = scipy.fft.dctn(height, type=2, norm="ortho", workers=thread_count())
+    # The mean is subtracted: its filter is separable, that of the relief is not.
+    mean = spectrum * _transmission(rows, cutoff)[:, None]
+    mean *= _transmission(columns, cutoff)
+    spectrum -= mean
+    relief: FloatMap = scipy.fft.idctn(spectrum, type=2, norm="ortho", workers=thread_count())
+    if valid is not None:
+        relief *= valid
+    return relief
+
+
+def _transmission(length: int, cutoff_px: float) -> FloatMap:
+    """Transmission of the cosines of one axis, k / (2 length) cycles per pixel each."""
+    frequencies_cpp = np.arange(length) / (2.0 * length)
+    transmission: FloatMap = np.exp(-np.pi * (_ALPHA * cutoff_px * frequencies_cpp) ** 2).astype(
+        np.float32
+    )
+    return transmission

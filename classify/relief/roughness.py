@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import BoolArray, FloatMap
 from classify.base.errors import InputError
-from classify.surface.estimate import FloatMap, SurfaceEstimate
+from classify.surface.estimate import SurfaceEstimate
 
 from .height import integrate_gradients
 
@@ -102,7 +102,7 @@ def surface_roughness(surface: SurfaceEstimate, height: FloatMap | None = None) 
     )
 
 
-def _levelled(height: FloatMap, valid: npt.NDArray[np.bool_]) -> FloatMap:
+def _levelled(height: FloatMap, valid: BoolArray) -> FloatMap:
     """Subtract the least-squares plane of the valid pixels; 0 elsewhere."""
     rows, columns = valid.shape
     # Coordinates within [-1, 1] keep the normal equations well conditioned in any frame.

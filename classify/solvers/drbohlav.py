@@ -1,10 +1,8 @@
 """Four lights or more, without those that are inconsistent with the others."""
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Array, FloatMap
 from classify.base.compiling import kernel
 from classify.images.noise import BEYOND_NOISE, chi_squared
 from classify.images.stack import ImageStack
@@ -15,8 +13,6 @@ from .linear import by_fours, invert, judge_row, least_determinant, solve_lights
 from .problem import Maps, Problem, slope_noise
 from .robust import DARK, LEAK, TOLERANCE
 from .strips import solve_strips
-
-Array = npt.NDArray[Any]
 
 
 def solve_drbohlav(problem: Problem) -> Maps:
@@ -45,11 +41,8 @@ def solve_drbohlav(problem: Problem) -> Maps:
     return maps
 
 
-def gates(lights: int) -> npt.NDArray[np.float32]:
-    """(N + 1,) limits of the sum of squared residuals of n lights, in variances.
-
-    The 99.7 % quantile of chi-squared with n - 3 degrees of freedom; infinite for three lights.
-    """
+def gates(lights: int) -> FloatMap:
+    """(N + 1,) 99.7 % quantiles of chi-squared of n - 3 degrees of freedom; infinite to n = 3."""
     limits = [np.inf if n < 4 else chi_squared(n - 3, BEYOND_NOISE) for n in range(lights + 1)]
     return np.array(limits, np.float32)
 

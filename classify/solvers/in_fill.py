@@ -8,6 +8,7 @@ surface, and that the gradient field is one of a surface: dp/dy = dq/dx.
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import FloatMap, Indices
 from classify.base.threads import run_on_rows
 from classify.images.stack import sample_pixels
 from classify.lighting import Lighting
@@ -63,8 +64,8 @@ def in_fill(problem: Problem, maps: Maps, strip_px: int) -> None:
     grow(unsolved, albedo_weight, part)
     relax(unsolved, albedo_weight, curl_weight, part)
     reached = unsolved.depth != NOT_REACHED
-    for plane, found in zip((maps.p, maps.q), unsolved.values.T, strict=False):
-        plane.ravel()[pixels] = found
+    for plane, slopes in zip((maps.p, maps.q), unsolved.values.T, strict=False):
+        plane.ravel()[pixels] = slopes
     pixels, bits = pixels[reached], bits[reached]
     maps.albedo.ravel()[pixels] = unsolved.values[reached, 2]
     maps.repaired.ravel()[pixels] = True
@@ -73,23 +74,23 @@ def in_fill(problem: Problem, maps: Maps, strip_px: int) -> None:
         maps.left_out.ravel()[pixels] = _FIRST_DARK[bits & _LIGHTS]
 
 
-def _pixels_to_fill(unlit: npt.NDArray[np.uint8], strip_px: int) -> npt.NDArray[np.intp]:
+def _pixels_to_fill(unlit: npt.NDArray[np.uint8], strip_px: int) -> Indices:
     """Flat indices of the pixels that may be filled in."""
     columns = unlit.shape[1]
-    found: dict[int, npt.NDArray[np.intp]] = {}
+    pixels: dict[int, Indices] = {}
 
     def find(first: int, last: int) -> None:
         part = unlit[first:last].ravel()
         marked = np.flatnonzero(part != 0)
-        found[first] = first * columns + marked[part[marked] != LOST]
+        pixels[first] = first * columns + marked[part[marked] != LOST]
 
     run_on_rows(find, unlit.shape, strip_px)
-    return np.concatenate([found[first] for first in sorted(found)])
+    return np.concatenate([pixels[first] for first in sorted(pixels)])
 
 
 def _lines_of_two_lights(
     lighting: Lighting,
-) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+) -> tuple[FloatMap, FloatMap]:
     """(6, 3, 2) solutions and (7, 3) unit directions d of the lines of two lights.
 
     b0 = solutions[pair] (i_j, i_k) is that of the pseudo-inverse; d_z >= 0; the last d, 0, is no

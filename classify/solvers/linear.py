@@ -4,11 +4,9 @@ A kernel goes from raw images to gradients, albedo and validity row by row, whil
 cache. A row is solved in several short loops without branches, which the compiler vectorises.
 """
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Array
 from classify.base.compiling import kernel
 from classify.images.stack import ImageStack
 from classify.lights.algebra import least_squares_weights, three_of_ring
@@ -26,8 +24,6 @@ from .strips import solve_strips
 # Smallest eigenvalue of L^T L, the square of the smallest singular value of L, that still
 # determines a normal; the limit of `algebra`.
 _MIN_EIGENVALUE = 1e-6
-
-Array = npt.NDArray[Any]
 
 
 def solve_least_squares(problem: Problem) -> Maps:
@@ -60,11 +56,7 @@ def _solve(problem: Problem, weights: Array, unused: int) -> Maps:
 
 
 def by_fours(problem: Problem, unused: int = NO_DROPPED_LIGHT) -> tuple[Array, Array, Array]:
-    """(4 n,) index and gain, (3, 4 n) direction of the lights without `unused`, in fours.
-
-    Kernels that read four images at a time take half the time; the last four are filled up with
-    gain 0.
-    """
+    """(4 n,) index and gain, (3, 4 n) direction of the lights without `unused`, padded to fours."""
     used = np.flatnonzero(np.arange(len(problem.lighting)) != unused)
     padding = (0, -len(used) % 4)
     lights = np.pad(used, padding, mode="edge")
@@ -102,8 +94,8 @@ def _solve_four(
             b = (x, y, z)
             n0, n1 = _lit(v0, b, light0), _lit(v1, b, light1)
             n2, n3 = _lit(v2, b, light2), _lit(v3, b, light3)
-            found = _judged(b, (n0 + n1) + (n2 + n3), noise_floor)
-            p[r, c], q[r, c], albedo[r, c], valid[r, c] = found
+            judged = _judged(b, (n0 + n1) + (n2 + n3), noise_floor)
+            p[r, c], q[r, c], albedo[r, c], valid[r, c] = judged
         # In the loop above these sums would take a sixth of its time.
         count, dark_count = 0, 0
         for c in range(columns):
@@ -138,9 +130,9 @@ def _solve_saturated(
         for k in range(len(lights)):
             value = np.float32(images[lights[k], r, c]) - d
             n += _lit(value, (x, y, z), _light(directions, gains, k))
-        found = _judged((x, y, z), n, noise_floor)
-        more += int(found[2] < dark_albedo) - int(albedo[r, c] < dark_albedo)
-        p[r, c], q[r, c], albedo[r, c], valid[r, c] = found
+        judged = _judged((x, y, z), n, noise_floor)
+        more += int(judged[2] < dark_albedo) - int(albedo[r, c] < dark_albedo)
+        p[r, c], q[r, c], albedo[r, c], valid[r, c] = judged
     return more
 
 
@@ -290,9 +282,9 @@ def judge_row(
                 n0, n1 = _lit(v0, b, light0), _lit(v1, b, light1)
                 n2, n3 = _lit(v2, b, light2), _lit(v3, b, light3)
                 n = (lit[c] if k else zero) + ((n0 + n1) + (n2 + n3))
-                found = _judged(b, n, floors[c])
-                p[r, c], q[r, c], albedo[r, c], valid[r, c] = found
-                dark_count += found[2] < dark_albedo
+                judged = _judged(b, n, floors[c])
+                p[r, c], q[r, c], albedo[r, c], valid[r, c] = judged
+                dark_count += judged[2] < dark_albedo
     dark_counts[r] = dark_count
 
 

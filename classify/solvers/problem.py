@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import Array, BoolArray, FloatMap
 from classify.images.noise import SensorNoise, noise_of_images, noise_of_sensor
 from classify.images.stack import ImageStack, sample_pixels
 from classify.lighting import Lighting
@@ -25,22 +26,19 @@ _DARK = 0.06
 _DARK_ALBEDO = 3.0
 _SAMPLES = 4096
 
-Array = npt.NDArray[Any]
-FloatArray = npt.NDArray[np.float32]
-
 
 @dataclass(frozen=True, eq=False)
 class Maps:
     """The maps of a solver, each (H, W); see `SurfaceEstimate` for their meaning."""
 
-    p: FloatArray
-    q: FloatArray
-    albedo: FloatArray
-    valid: npt.NDArray[np.bool_]
+    p: FloatMap
+    q: FloatMap
+    albedo: FloatMap
+    valid: BoolArray
     dark_counts: npt.NDArray[np.int32]  # (H,) pixels of each row below `Problem.dark_albedo`
     left_out: npt.NDArray[np.uint8] | None  # index of the light; None for the darkest one
-    highlights: npt.NDArray[np.bool_] | None  # None where the prediction of the solution shows them
-    repaired: npt.NDArray[np.bool_]
+    highlights: BoolArray | None  # None where the prediction of the solution shows them
+    repaired: BoolArray
     unlit: npt.NDArray[np.uint8] | None  # marks for `in_fill`, 0 for none; None if not filled in
     lighting: Lighting  # with the intensities that were used
 
@@ -73,7 +71,7 @@ class Problem:
         return self.stack.shape
 
     @cached_property
-    def directions(self) -> FloatArray:
+    def directions(self) -> FloatMap:
         """(N, 3) unit light vectors."""
         return self.lighting.directions.astype(np.float32)
 
@@ -83,13 +81,13 @@ class Problem:
         return None if self.lighting.positions_px is None else Shear.of(self.lighting)
 
     @cached_property
-    def plane_px(self) -> tuple[FloatArray, FloatArray]:
+    def plane_px(self) -> tuple[FloatMap, FloatMap]:
         """(W,) x of the columns and (H,) y of the rows, from the middle of the frame."""
         rows, columns = self.shape
         return middle_px(columns), -middle_px(rows)
 
     @cached_property
-    def gains(self) -> FloatArray:
+    def gains(self) -> FloatMap:
         """(N,) factors from pixel values to units of the albedo."""
         scale = 1.0 if self.full_scale is None else self.full_scale
         return (1.0 / (scale * self.lighting.intensities)).astype(np.float32)
@@ -102,7 +100,7 @@ class Problem:
         return noise_of_sensor(self.sensor_noise, self.stack.ambient, self.gains)
 
     @cached_property
-    def variance(self) -> FloatArray:
+    def variance(self) -> FloatMap:
         """(3,) a, b and black of the variance a + b (value - black) of a pixel value."""
         if self.sensor_noise is not None:
             return self.sensor_noise.coefficients()
@@ -111,11 +109,7 @@ class Problem:
 
     @cached_property
     def dark_level(self) -> np.float32:
-        """Mean of the values of a pixel, in units of the albedo, below which it is dark.
-
-        A share of the frame's mean, weighted by the pixels' own values, so that a dark backdrop of
-        any size hardly changes it.
-        """
+        """Mean of the values of a pixel, in units of the albedo, below which it is dark."""
         values = self.stack.values_at(sample_pixels(self.shape, _SAMPLES)) * self.gains[:, None]
         typical = np.maximum(_median(values), 0.0)
         total = float(typical.sum())
@@ -134,8 +128,8 @@ class Problem:
     def new_maps(
         self,
         left_out: npt.NDArray[np.uint8] | None = None,
-        highlights: npt.NDArray[np.bool_] | None = None,
-        repaired: npt.NDArray[np.bool_] | None = None,
+        highlights: BoolArray | None = None,
+        repaired: BoolArray | None = None,
         unlit: npt.NDArray[np.uint8] | None = None,
     ) -> Maps:
         """Maps for a solver to write; nothing is repaired unless that map is given."""
@@ -147,28 +141,28 @@ class Problem:
             p, q, albedo, valid, dark_counts, left_out, highlights, repaired, unlit, self.lighting
         )
 
-    def noise_floor(self, weights: npt.NDArray[Any]) -> np.float32:
+    def noise_floor(self, weights: Array) -> np.float32:
         """Least b_z^2 / rho of a valid slope, for b = weights i."""
         return np.float32(self.sigma) * slope_noise(weights)
 
 
-def nowhere(shape: tuple[int, int]) -> npt.NDArray[np.bool_]:
+def nowhere(shape: tuple[int, int]) -> BoolArray:
     """(H, W) False in one byte of memory."""
     return np.broadcast_to(np.False_, shape)
 
 
-def _median(values: FloatArray) -> FloatArray:
+def _median(values: FloatMap) -> FloatMap:
     """``np.median(values, axis=0)``, of four in a thirtieth of its time."""
     if len(values) != 4:
         return np.median(values, axis=0)
     a, b, c, d = values
     low, high = np.minimum(a, b), np.maximum(a, b)
     other_low, other_high = np.minimum(c, d), np.maximum(c, d)
-    middle: FloatArray = np.maximum(low, other_low) + np.minimum(high, other_high)
+    middle: FloatMap = np.maximum(low, other_low) + np.minimum(high, other_high)
     return np.float32(0.5) * middle
 
 
-def slope_noise(weights: npt.NDArray[Any]) -> np.float32:
+def slope_noise(weights: Array) -> np.float32:
     """Factor c of the rule b_z^2 >= c sigma rho of valid slopes, where b = weights i.
 
     From p = -b_x / b_z the standard error of a slope is about sigma |weights| rho / b_z^2; at most

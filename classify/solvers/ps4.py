@@ -1,10 +1,8 @@
 """PS4 as in the thesis: the darkest of four lights is left out at every pixel."""
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Array
 from classify.base.compiling import kernel
 from classify.images.stack import ImageStack
 from classify.lights.algebra import drop_one_constants
@@ -12,8 +10,6 @@ from classify.shadow_rule import MIN_NORMAL_Z, MIN_SCALED_Z, SHADOW_FLOOR, SHADO
 
 from .problem import Maps, Problem, nowhere
 from .strips import solve_strips
-
-Array = npt.NDArray[Any]
 
 _DARK = SHADOW_FRACTION * SHADOW_FLOOR
 

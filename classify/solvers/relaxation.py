@@ -4,11 +4,10 @@ Each kernel runs over a list of pixels. The number of threads changes no bit of 
 """
 
 from functools import partial
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Array
 from classify.base.compiling import kernel
 
 from .unsolved import (
@@ -20,8 +19,6 @@ from .unsolved import (
     Unsolved,
     neighbour_factors,
 )
-
-Array = npt.NDArray[Any]
 
 # Largest distance from a solved pixel at which slopes are filled in, with one light or none and
 # with two. The error grows with it; test_ps4_robust.py limits the error of the slopes.
@@ -79,10 +76,7 @@ def _first_on_line(
     lines: Array, n: int, d: Array,
     P: np.float32, Q: np.float32, A: np.float32, albedo_weight: np.float32,
 ) -> tuple[np.float32, np.float32, np.float32]:  # fmt: skip
-    """Find the point of a line that is nearest to slopes P, Q and albedo A.
-
-    The distance in albedo has two minima on a line, one on each side of b0: hence the search.
-    """
+    """Find the point of a line that is nearest to slopes P, Q and albedo A."""
     one = np.float32(1.0)
     x, y, z = lines[n, 0], lines[n, 1], lines[n, 2]
     # b0 is perpendicular to d, so that |b|^2 = |b0|^2 + t^2.

@@ -5,11 +5,10 @@ the pixels with fewer than three usable lights.
 """
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Array
 from classify.base.compiling import kernel
 from classify.base.threads import STRIP_PX
 from classify.images.stack import ImageStack
@@ -21,8 +20,6 @@ from .in_fill import in_fill
 from .problem import Maps, Problem, slope_noise
 from .strips import correct_for_near_lights, solve_strips
 from .unsolved import LOST, SATURATED
-
-Array = npt.NDArray[Any]
 
 _NONE_LIT = np.uint8(15)
 

@@ -1,10 +1,8 @@
 """Five lights or more, without the lowest and the highest value of each pixel."""
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Array
 from classify.base.compiling import kernel
 from classify.images.stack import ImageStack
 from classify.lights.algebra import drop_two_inverses, least_squares_weights
@@ -14,14 +12,9 @@ from .linear import by_fours, judge_row, solve_lights
 from .problem import Maps, Problem
 from .strips import solve_strips
 
-Array = npt.NDArray[Any]
-
 
 def solve_rushmeier(problem: Problem) -> Maps:
-    """Least squares without the lowest and the highest of five or more values.
-
-    After Rushmeier, Taubin and Gueziec (1997), who have five lights.
-    """
+    """Least squares without the lowest and highest of five or more values (Rushmeier 1997)."""
     inverses = drop_two_inverses(problem.lighting)
     floor = problem.noise_floor(least_squares_weights(problem.lighting, "rushmeier"))
     fours, dropped = by_fours(problem), np.empty(problem.shape, np.uint8)
@@ -155,10 +148,7 @@ def _mean_of_ties(
     r: int, c: int, lowest: np.float32, highest: np.float32,
     sum_x: np.float32, sum_y: np.float32, sum_z: np.float32,
 ) -> tuple[int, np.float32, np.float32, np.float32]:  # fmt: skip
-    """Mean of the solutions without each pair of lowest and highest lights.
-
-    Returns the first of the lowest lights and b, which is zero if not determined.
-    """
+    """Mean of the solutions without each pair of lowest and highest lights, and the first one."""
     lights = images.shape[0]
     count, first = 0, lights
     bx, by, bz = np.float32(0.0), np.float32(0.0), np.float32(0.0)

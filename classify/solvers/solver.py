@@ -3,11 +3,10 @@
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Array, BoolArray
 from classify.base.errors import InputError
 from classify.images.noise import SensorNoise
 from classify.images.stack import Images, ImageStack
@@ -48,13 +47,13 @@ def photometric_stereo(
     lighting: Lighting,
     method: Method | None = None,
     *,
-    ambient: npt.NDArray[Any] | None = None,
+    ambient: Array | None = None,
     full_scale: float | None = None,
     noise: SensorNoise | None = None,
     flat_field: FlatField | None = None,
     lobe_exponent: float | None = None,
     planar: bool = False,
-    mask: npt.NDArray[np.bool_] | None = None,
+    mask: BoolArray | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> SurfaceEstimate:
     """Gradients and albedo of a Lambertian surface from images under known lights.
@@ -148,13 +147,13 @@ def photometric_stereo(
     if divided_by is not None:
         stack = DividedStack(stack.images, stack.ambient, divided_by, full_scale)
         saturation = divided_by.saturation(float(saturation))
-    found = None
+    fitted_fall_off = None
     if planar:
         stack = stack.materialised()
-        found = fall_off(stack, used, float(saturation), mask)
-    if found is not None:
-        stack = found.divide(stack, float(saturation))
-        saturation = found.saturation(float(saturation))
+        fitted_fall_off = fall_off(stack, used, float(saturation), mask)
+    if fitted_fall_off is not None:
+        stack = fitted_fall_off.divide(stack, float(saturation))
+        saturation = fitted_fall_off.saturation(float(saturation))
         # What remains of the levels of the LEDs is not estimated again.
         used = replace(used, intensities=used.intensities)
     problem = Problem(stack, used, full_scale, noise, saturation, on_progress)
@@ -172,7 +171,7 @@ def photometric_stereo(
         planar=planar,
         divided_by=None if planar else divided_by,
         saturation=float(saturation) if planar else full_scale,
-        fall_off=found,
+        fall_off=fitted_fall_off,
         led_levels=None if maps.lighting is used else maps.lighting.intensities,
         left_out=maps.left_out,
         highlights=maps.highlights,

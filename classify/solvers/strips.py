@@ -1,22 +1,204 @@
-"""Solve a frame in strips of rows, each in all steps while it is in the cache."""
+"""Solve a frame in strips of rows: rows under near lights, and dark pixels.
 
+A strip goes through all steps while it is in the cache. `classify.lights.near_light` derives the
+formulas for near lights.
+"""
+
+import math
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Self
 
+import numpy as np
+
+from classify.base.arrays import Array, FloatMap
+from classify.base.compiling import kernel
 from classify.base.threads import STRIP_PX, run_on_rows
 from classify.images.stack import ImageStack
 from classify.lights.flat_field import DividedStack
+from classify.lights.near_light import Shear
+from classify.shadow_rule import MIN_NORMAL_Z, SHADOW_FLOOR, SHADOW_FRACTION
 
-from .dark import judge_dark_pixels
-from .near_rows import NearRows
 from .problem import Maps, Problem
+from .unsolved import LOST
 
-Solve = Callable[[ImageStack, Maps, int, int], None]
+# The excess of lights out of one plane, times half the diagonal of the frame, is the largest share
+# of the albedo that it can add to an image. Below the first limit it is not subtracted: it changes
+# normals by 0.06 degrees at most. Above it, b . X comes from least squares of all lights, which is
+# wrong for pixels in shadow. Above the second limit that would cost them more than 0.1 degrees, so
+# b . X is then taken from the solution (test_near_light.py).
+_LEAST_EXCESS, _LARGE_EXCESS = 1e-3, 3e-3
+# 1 - c . X of a pixel so near to the plane of the lights that its slope across it is not known.
+_NEAR_PLANE = np.float32(0.05)
+
+
+@dataclass(frozen=True, eq=False)
+class NearRows:
+    """Some rows of a frame under near lights."""
+
+    problem: Problem  # of the whole frame
+    shear: Shear  # of the whole frame
+    x: FloatMap  # of the columns, px
+    y: FloatMap  # of these rows, px
+    inner: FloatMap  # b . X of each row if the excess is large; else one row of scratch, or none
+    excess_is_large: bool  # whether the images need `subtract_rest_of_excess`
+
+    @classmethod
+    def of(cls, problem: Problem, first: int, height: int) -> Self | None:
+        """Rows from `first` on; None for distant lights."""
+        if problem.shear is None:
+            return None
+        rows, columns = problem.shape
+        x, y = problem.plane_px
+        largest = float(np.abs(problem.shear.excess).max()) * 0.5 * float(np.hypot(rows, columns))
+        is_large = largest >= _LARGE_EXCESS
+        rows_kept = 0 if largest < _LEAST_EXCESS else height if is_large else 1
+        inner = np.zeros((rows_kept, columns), np.float32)
+        return cls(problem, problem.shear, x, y[first : first + height], inner, is_large)
+
+    def subtract_excess(self, stack: ImageStack) -> None:
+        """Subtract e_k (b . X) from these rows in place, with b by least squares."""
+        if len(self.inner) > 0:
+            gains, shear = self.problem.gains, self.shear
+            weights = np.linalg.pinv(self.problem.directions) * gains
+            _subtract_excess(
+                weights.astype(np.float32), shear.plane, shear.excess / gains, self.x, self.y,
+                self.problem.saturation, stack.dark_rows, stack.images, self.inner,
+            )  # fmt: skip
+
+    def subtract_rest_of_excess(self, stack: ImageStack, maps: Maps) -> None:
+        """Subtract in place e_k times the change of b . X to the solver's `maps`."""
+        _subtract_rest(
+            self.shear.plane, self.shear.excess / self.problem.gains, self.x, self.y,
+            self.problem.saturation, maps.p, maps.q, maps.albedo, stack.images, self.inner,
+        )  # fmt: skip
+
+    def correct(self, maps: Maps) -> None:
+        """Replace b' by b in the maps; slopes that face away become invalid."""
+        _undo_shear(self.shear.plane, self.x, self.y, maps.p, maps.q, maps.albedo, maps.valid)
+
+
+@kernel
+def _undo_shear(
+    plane: Array, x: Array, y: Array, p: Array, q: Array, albedo: Array, valid: Array
+) -> None:
+    """Replace b' by b = b' + c (b' . X) / (1 - c . X), at X = (x, y, 0)."""
+    cx, cy, cz = plane
+    zero, one, least = np.float32(0.0), np.float32(1.0), MIN_NORMAL_Z * MIN_NORMAL_Z
+    rows, columns = p.shape
+    for r in range(rows):
+        for c in range(columns):
+            across = one - cx * x[c] - cy * y[r]
+            # b, in units of b'_z / across.
+            inner = -(p[r, c] * x[c] + q[r, c] * y[r])
+            bx, by, bz = (
+                cx * inner - across * p[r, c],
+                cy * inner - across * q[r, c],
+                across + cz * inner,
+            )
+            square = bx * bx + by * by + bz * bz
+            known = (across > _NEAR_PLANE) & (bz > zero) & (bz * bz > least * square)
+            # One quotient for both: divisions take most of the time.
+            scale = across * across * (one + p[r, c] * p[r, c] + q[r, c] * q[r, c])
+            quotient = one / (bz * scale if known else one)
+            slope = -quotient * scale if known else zero
+            albedo[r, c] *= np.sqrt(square * quotient * bz) if known else one
+            p[r, c] = bx * slope
+            q[r, c] = by * slope
+            valid[r, c] &= known
+
+
+@kernel
+def _subtract_excess(
+    weights: Array, plane: Array, excess: Array, x: Array, y: Array, saturation: np.float32,
+    dark: Array, images: Array, inner: Array,
+) -> None:  # fmt: skip
+    """Find b . X by least squares, and subtract `excess` times it from the images.
+
+    b' = weights i; `weights` (3, N) contain the gains. Values of `saturation` are kept.
+    """
+    cx, cy, _ = plane
+    one = np.float32(1.0)
+    lights, rows, columns = images.shape
+    along = np.empty(columns, np.float32)
+    for r in range(rows):
+        dark_row = dark[min(r, len(dark) - 1)]
+        along[:] = np.float32(0.0)
+        for k in range(lights):
+            wx, wy = weights[0, k], weights[1, k] * y[r]
+            for c in range(columns):
+                along[c] += (wx * x[c] + wy) * (images[k, r, c] - dark_row[c])
+        for c in range(columns):
+            along[c] /= max(one - cx * x[c] - cy * y[r], _NEAR_PLANE)
+        for k in range(lights):
+            e = excess[k]
+            for c in range(columns):
+                raw = images[k, r, c]
+                images[k, r, c] = raw - e * along[c] if raw < saturation else raw
+        inner[min(r, len(inner) - 1)] = along
+
+
+@kernel
+def _subtract_rest(
+    plane: Array, excess: Array, x: Array, y: Array, saturation: np.float32,
+    p: Array, q: Array, albedo: Array, images: Array, inner: Array,
+) -> None:  # fmt: skip
+    """Subtract `excess` times the difference of b . X = (b' . X) / (1 - c . X) from `inner`."""
+    cx, cy, _ = plane
+    one = np.float32(1.0)
+    lights, rows, columns = images.shape
+    rest = np.empty(columns, np.float32)
+    for r in range(rows):
+        for c in range(columns):
+            across = max(one - cx * x[c] - cy * y[r], _NEAR_PLANE)
+            scale = albedo[r, c] / np.sqrt(one + p[r, c] * p[r, c] + q[r, c] * q[r, c])
+            rest[c] = -scale * (p[r, c] * x[c] + q[r, c] * y[r]) / across - inner[r, c]
+        for k in range(lights):
+            e = excess[k]
+            for c in range(columns):
+                raw = images[k, r, c]
+                images[k, r, c] = raw - e * rest[c] if raw < saturation else raw
+
+
+# A light is missing if it is below the shadow limit, and below the prediction by this many standard
+# deviations: one normal deviate in 740 is.
+_MISSING = 3.0
+
+
+def _judge_dark_pixels(
+    problem: Problem, stack: ImageStack, maps: Maps, first: int, last: int
+) -> None:
+    """Invalidate dark pixels at which a light is missing, in rows `first` to `last`."""
+    part = maps.rows(first, last)
+    if not part.dark_counts.any():
+        return
+    # The prediction from the other lights is noisy as well: 2 sigma of the difference for four.
+    lights = len(problem.lighting)
+    noise = np.float32(_MISSING * problem.sigma * math.sqrt(lights / max(lights - 3, 1)))
+    p, q, albedo, valid = part.p.ravel(), part.q.ravel(), part.albedo.ravel(), part.valid.ravel()
+    pixels = np.flatnonzero((albedo < problem.dark_albedo) & valid)
+    values = stack.values_at(first * problem.shape[1] + pixels) * problem.gains[:, None]
+    dark = values.mean(axis=0) < problem.dark_level
+    pixels, values = pixels[dark], values[:, dark]
+    rho = albedo[pixels]
+    normals = np.stack([-p[pixels], -q[pixels], np.ones_like(rho)])
+    normals *= rho / np.sqrt(np.square(normals).sum(axis=0))
+    predicted = np.maximum(problem.directions @ normals, SHADOW_FLOOR * rho)
+    missing = (values <= SHADOW_FRACTION * predicted) & (predicted - values > noise)
+    pixels = pixels[missing.any(axis=0)]
+    p[pixels] = q[pixels] = 0.0
+    valid[pixels] = False
+    if part.unlit is not None:
+        part.unlit.ravel()[pixels] = LOST
+
+
+_Solve = Callable[[ImageStack, Maps, int, int], None]
 
 
 def solve_strips(
     problem: Problem,
     maps: Maps,
-    solve: Solve,
+    solve: _Solve,
     strip_px: int | None = None,
     *,
     from_all_lights: bool = False,
@@ -35,7 +217,7 @@ def solve_strips(
             solve_prepared(problem.stack.rows(first, last), maps.rows(first, last), first)
         else:
             solve(problem.stack, maps, first, last)
-            judge_dark_pixels(problem, problem.stack, maps, first, last)
+            _judge_dark_pixels(problem, problem.stack, maps, first, last)
         done.append(last - first)
         if problem.on_progress is not None:
             problem.on_progress(sum(done) / rows)
@@ -49,7 +231,7 @@ def solve_strips(
         if near is not None and near.excess_is_large and not from_all_lights:
             near.subtract_rest_of_excess(stack, maps)
             solve(stack, maps, 0, height)
-        judge_dark_pixels(problem, stack, maps, 0, height)
+        _judge_dark_pixels(problem, stack, maps, 0, height)
         if near is not None and maps.unlit is None:
             near.correct(maps)
 

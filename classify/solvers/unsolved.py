@@ -2,15 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Array
 from classify.base.compiling import kernel
 from classify.base.threads import run_on_rows
-
-Array = npt.NDArray[Any]
 
 # Marks of `Maps.unlit`: noise makes the slope too uncertain, or a light is saturated. The four
 # lowest bits are the lights in shadow or saturated.
@@ -29,11 +27,7 @@ FIRST_WEIGHTS = np.where(_BESIDE, 1.0, 0.7).astype(np.float32)
 
 @dataclass(frozen=True, eq=False)
 class Unsolved:
-    """The pixels to be filled in, row by row, with all that their values depend on.
-
-    A pixel and its neighbours are side by side in memory, which takes a fraction of the time of
-    maps.
-    """
+    """The pixels to be filled in, row by row, with all that their values depend on."""
 
     pixels: Array  # (n,) flat indices, ascending
     lines: Array  # (n, 4) b0 and t of each pixel on its line of scaled normals; t is written

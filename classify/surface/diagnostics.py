@@ -1,15 +1,11 @@
 """A solution compared with images: residual, shadow, highlights, darkest light."""
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Array, FloatMap
 from classify.base.compiling import kernel
 from classify.images.noise import SIGMA_PER_MAD
 from classify.shadow_rule import SHADOW_FLOOR, SHADOW_FRACTION
-
-Array = npt.NDArray[Any]
 
 # A highlight gives at least this multiple of the Lambertian prediction, which is taken as at least
 # the second number times the albedo: the counterpart of the shadow rule. tests/classify/surface/
@@ -96,12 +92,8 @@ def compare_with_prediction(
 def highlight_limits(
     values: Array, directions: Array, inverse_distances: Array, x: Array, y: Array,
     p: Array, q: Array, albedo: Array,
-) -> npt.NDArray[np.float32]:  # fmt: skip
-    """(N,) multiples of the prediction of (N, n) `values`, from which a light is a highlight.
-
-    A light that is brighter than assumed, or falls off, exceeds the prediction at many pixels: the
-    typical ratio to the prediction and its spread raise the limit.
-    """
+) -> FloatMap:  # fmt: skip
+    """(N,) multiples of the prediction of (N, n) `values`, from which a light is a highlight."""
     predicted = directions @ np.stack([-p, -q, np.ones_like(p)])
     predicted += inverse_distances[:, None] * (p * x + q * y)
     predicted *= albedo

@@ -7,6 +7,8 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import Array, BoolArray, Floats
+from classify.base.arrays import FloatMap as FloatMap
 from classify.base.errors import InputError
 from classify.base.threads import run_on_rows
 from classify.images.stack import ImageStack, sample_pixels
@@ -15,8 +17,6 @@ from classify.lights.flat_field import DividedStack, FlatField
 from classify.lights.near_light import Shear, middle_px
 
 from .diagnostics import compare_with_prediction, find_darkest, fit_residual, highlight_limits
-
-FloatMap = npt.NDArray[np.float32]
 
 # Pixels from which the limits of highlights are taken: they determine a median to 2 %.
 _SAMPLES = 4096
@@ -80,21 +80,21 @@ class SurfaceEstimate:
     p: FloatMap
     q: FloatMap
     albedo: FloatMap
-    valid: npt.NDArray[np.bool_]
+    valid: BoolArray
     method: str
-    images: npt.NDArray[Any] | None = None
-    ambient: npt.NDArray[Any] | None = None
+    images: Array | None = None
+    ambient: Array | None = None
     full_scale: float | None = None
     lighting: Lighting | None = None
     planar: bool = False
     divided_by: FlatField | None = None
     saturation: float | None = None
     fall_off: FlatField | None = None
-    led_levels: npt.NDArray[np.float64] | None = None
+    led_levels: Floats | None = None
     left_out: npt.NDArray[np.uint8] | None = None
-    highlights: npt.NDArray[np.bool_] | None = None
-    repaired: npt.NDArray[np.bool_] | None = None
-    mask: npt.NDArray[np.bool_] | None = None
+    highlights: BoolArray | None = None
+    repaired: BoolArray | None = None
+    mask: BoolArray | None = None
 
     @cached_property
     def dropped(self) -> npt.NDArray[np.uint8]:
@@ -159,22 +159,22 @@ class SurfaceEstimate:
         return self._shadows_and_highlights[0]
 
     @property
-    def shadow_mask(self) -> npt.NDArray[np.bool_]:
+    def shadow_mask(self) -> BoolArray:
         """(H, W) bool, true where at least one light is in shadow."""
-        mask: npt.NDArray[np.bool_] = self.shadow_count > 0
+        mask: BoolArray = self.shadow_count > 0
         return mask
 
     @cached_property
-    def saturated(self) -> npt.NDArray[np.bool_]:
+    def saturated(self) -> BoolArray:
         """(H, W) bool, true where any image reached full scale."""
         stack, _ = self._stack_and_lights
         limit = self.full_scale if self.saturation is None else self.saturation
         limit = np.inf if limit is None else limit
-        saturated: npt.NDArray[np.bool_] = stack.images.max(axis=0) >= limit
+        saturated: BoolArray = stack.images.max(axis=0) >= limit
         return saturated
 
     @property
-    def specular(self) -> npt.NDArray[np.bool_]:
+    def specular(self) -> BoolArray:
         """(H, W) bool, true where a highlight is suspected.
 
         A light exceeds the prediction of the solution by half, and by more than wrong intensities
@@ -184,13 +184,13 @@ class SurfaceEstimate:
         return self._shadows_and_highlights[1]
 
     @property
-    def even_images(self) -> npt.NDArray[Any] | None:
+    def even_images(self) -> Array | None:
         """(N, H, W) images as solved: divided by `divided_by`; None without images."""
         if self.images is None or self.divided_by is None:
             return self.images
         return self._stack_and_lights[0].materialised().images
 
-    def within(self, mask: npt.NDArray[np.bool_]) -> Self:
+    def within(self, mask: BoolArray) -> Self:
         """Return this surface with no slope, shadow or highlight outside `mask` (H, W)."""
         zero = np.float32(0.0)
         return replace(
@@ -240,7 +240,7 @@ class SurfaceEstimate:
         return normals
 
     @cached_property
-    def _shadows_and_highlights(self) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.bool_]]:
+    def _shadows_and_highlights(self) -> tuple[npt.NDArray[np.uint8], BoolArray]:
         stack, lighting = self._stack_and_lights
         directions = lighting.directions.astype(np.float32)
         shadow_count, highlights = np.empty(self.shape, np.uint8), np.empty(self.shape, np.bool_)
@@ -266,10 +266,10 @@ class SurfaceEstimate:
             highlights &= self.highlights
         return shadow_count, highlights
 
-    def _determined(self, rows: slice) -> npt.NDArray[np.bool_]:
+    def _determined(self, rows: slice) -> BoolArray:
         """Where a slope is known, also from too few lights for a valid one."""
         sloped = (self.p[rows] != 0.0) | (self.q[rows] != 0.0)
-        determined: npt.NDArray[np.bool_] = self.valid[rows] | sloped
+        determined: BoolArray = self.valid[rows] | sloped
         if self.repaired is not None:
             determined |= self.repaired[rows]
         if self.mask is not None:

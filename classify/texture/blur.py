@@ -12,11 +12,11 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from classify.base.compiling import Array, kernel
+from classify.base.arrays import Array, FloatMap, Floats
+from classify.base.compiling import kernel
 from classify.base.threads import run_on_rows
-from classify.surface.estimate import FloatMap, SurfaceEstimate
+from classify.surface.estimate import SurfaceEstimate
 
 from .fields import TextureFields, texture_fields
 
@@ -43,8 +43,6 @@ _POINTS_PX2 = (-KNOTS_PX2[1], -KNOTS_PX2[0], 0.0, *KNOTS_PX2)
 _PENALTY = 0.1
 _AREA_POWER = 1.5
 _SUFFICIENT_PX = 256
-
-Floats = npt.NDArray[np.float64]
 
 
 def blur_gains(radii_cpp: Floats) -> FloatMap:
@@ -113,10 +111,7 @@ def _least_rows(
 def path_products(
     test: Array, test_curve: Array, reference: Array, curve: Array, rings: int
 ) -> tuple[Any, Any]:
-    """Squared differences at six points of the path, and products of neighbours.
-
-    A sharper test has its rings blurred; the statistics of the reference are extrapolated.
-    """
+    """Squared differences at six points of the path, and products of neighbours."""
     zero = np.float32(0.0)
     s0, s1, s2, s3, s4, s5 = zero, zero, zero, zero, zero, zero
     p0, p1, p2, p3, p4 = zero, zero, zero, zero, zero

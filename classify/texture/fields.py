@@ -5,10 +5,11 @@ from functools import partial
 
 import numpy as np
 
-from classify.base.compiling import Array, kernel
+from classify.base.arrays import Array, FloatMap
+from classify.base.compiling import kernel
 from classify.base.errors import InputError
 from classify.base.threads import run_on_rows
-from classify.surface.estimate import FloatMap, SurfaceEstimate
+from classify.surface.estimate import SurfaceEstimate
 
 # Bounds of slope and relative albedo. Where two or more lights are in shadow a solver can return
 # any slope, and one such pixel outweighs a thousand others in a power spectrum; so does a bright

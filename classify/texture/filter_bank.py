@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
+from classify.base.arrays import FloatMap
 from classify.base.errors import InputError
-from classify.surface.estimate import FloatMap
 
 FILTER_PX = 49
 """Side of the filters."""
@@ -21,7 +21,7 @@ FILTER_PX = 49
 RESPONSES = 8
 """Edges at three scales, bars at three scales, Gaussian, Laplacian of Gaussian."""
 
-MIN_IMAGE_PX = 64
+_MIN_IMAGE_PX = 64
 """Shortest side of an image: 16 x 16 pixels then have a whole filter around them."""
 
 _SCALES_PX = (1.0, 2.0, 4.0)
@@ -36,11 +36,7 @@ _MAX_BLOCK_PX = 512
 
 @lru_cache(maxsize=1)
 def mr8_filters() -> FloatMap:
-    """The filters, (38, 49, 49) float32, of mean 0 and L1 norm 1.
-
-    Edges at sigma 1, 2 and 4, each along 6 directions from 0 to 150 degrees anticlockwise; bars
-    likewise; Gaussian and Laplacian of Gaussian at sigma 10.
-    """
+    """The filters, (38, 49, 49) float32, of mean 0 and L1 norm 1."""
     offsets = np.arange(FILTER_PX) - _MARGIN
     x, y = offsets[None, :], -offsets[:, None]
     edges, bars = [], []
@@ -82,10 +78,10 @@ def mr8_responses(image: npt.NDArray[np.generic]) -> FloatMap:
 
 
 def _normalised(image: npt.NDArray[np.generic]) -> FloatMap:
-    if image.ndim != 2 or min(image.shape) < MIN_IMAGE_PX:
+    if image.ndim != 2 or min(image.shape) < _MIN_IMAGE_PX:
         raise InputError(
             f"an image of shape {image.shape} for the filter bank; give (rows, columns) of at "
-            f"least {MIN_IMAGE_PX} each"
+            f"least {_MIN_IMAGE_PX} each"
         )
     values = image.astype(np.float32)
     if not np.isfinite(values).all():
@@ -113,10 +109,7 @@ def _blocks(length: int) -> Iterator[slice]:
 
 
 def _block_responses(block: FloatMap) -> FloatMap:
-    """The 8 responses before Weber's law, (8, H - 48, W - 48).
-
-    A circular convolution is correct where no filter crosses the edge; only those pixels are kept.
-    """
+    """The 8 responses before Weber's law, (8, H - 48, W - 48)."""
     rows, columns = block.shape
     shape = scipy.fft.next_fast_len(rows), scipy.fft.next_fast_len(columns, real=True)
     spectrum = scipy.fft.rfft2(block, s=shape)
@@ -139,10 +132,7 @@ def _block_responses(block: FloatMap) -> FloatMap:
 
 @lru_cache(maxsize=4)
 def _transfer_functions(rows: int, columns: int) -> tuple[FloatMap, FloatMap, FloatMap]:
-    """Transfer functions of edges, of bars (3, 6, ...), and of the isotropic filters (2, ...).
-
-    Edges are odd, so that their transforms are imaginary: their factor i is left out.
-    """
+    """Transfer functions of edges, of bars (3, 6, ...), and of the isotropic filters (2, ...)."""
     padded = np.zeros((len(mr8_filters()), rows, columns), np.float32)
     padded[:, :FILTER_PX, :FILTER_PX] = mr8_filters()
     centred = np.roll(padded, (-_MARGIN, -_MARGIN), axis=(1, 2))

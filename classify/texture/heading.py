@@ -9,8 +9,8 @@ as likely one way as the other has no heading.
 import numpy as np
 import numpy.typing as npt
 
-from classify.base.compiling import Array, kernel
-from classify.surface.estimate import FloatMap
+from classify.base.arrays import Array, FloatMap, Floats
+from classify.base.compiling import kernel
 
 LEAST_SCORE = 4.0
 """Least score of a heading, in standard deviations; test_heading.py tests for false ones."""
@@ -27,7 +27,6 @@ _SPINS = np.tile([1.0, 1.0, 1.0, 1.0, 1.0, 3.0], _MAX_LEVELS)
 _LEAST_SIGNIFICANCE = 2.0
 
 Complex = npt.NDArray[np.complex128]
-Floats = npt.NDArray[np.float64]
 
 
 @kernel
@@ -57,9 +56,9 @@ def add_row(
         # The cube of x + i y.
         c1 += x * (x * x - np.float32(3.0) * y * y)
         c2 += y * (np.float32(3.0) * x * x - y * y)
-    found = (energy, g1, g2, z1, z2, a1, a2, aa1, aa2, az1, az2, c1, c2)
-    for index in range(len(found)):
-        sums[index] = found[index]
+    totals = (energy, g1, g2, z1, z2, a1, a2, aa1, aa2, az1, az2, c1, c2)
+    for index in range(len(totals)):
+        sums[index] = totals[index]
 
 
 def heading_moments(sums: Floats, counts: Floats, variances: Floats) -> Complex:
@@ -87,27 +86,20 @@ def heading_variances(moments: Complex) -> Floats:
 
 
 def heading_numbers(moments: Complex, typical: Floats) -> FloatMap:
-    """(72,) float32: (5, levels, 6) moments, and the weights they have in a reference.
-
-    Four quarters give variances only roughly: they are averaged with the mean of all sets,
-    `typical`.
-    """
-    found = np.zeros((_MAX_LEVELS, MOMENTS), np.complex128)
+    """(72,) float32: (5, levels, 6) moments, and the weights they have in a reference."""
+    padded = np.zeros((_MAX_LEVELS, MOMENTS), np.complex128)
     weights = np.zeros((_MAX_LEVELS, MOMENTS))
     levels = len(typical)
-    found[:levels] = moments[0]
+    padded[:levels] = moments[0]
     weights[:levels] = 2.0 / (heading_variances(moments) + typical + 1e-12)
-    significance = (np.square(np.abs(found)) * weights).sum() / max(levels * MOMENTS, 1)
+    significance = (np.square(np.abs(padded)) * weights).sum() / max(levels * MOMENTS, 1)
     if significance < _LEAST_SIGNIFICANCE:
         weights[:] = 0.0
-    return np.stack([found.real, found.imag, weights]).astype(np.float32).ravel()
+    return np.stack([padded.real, padded.imag, weights]).astype(np.float32).ravel()
 
 
 def heading_scores(test: FloatMap, references: FloatMap, orientations_deg: Floats) -> Floats:
-    """(n,) scores of orientations against the opposite ones, in standard deviations.
-
-    Negative where the orientation is 180 degrees more, 0 where the reference has no heading.
-    """
+    """(n,) scores of orientations against the opposite ones, in standard deviations; 0 for none."""
     size = MOMENTS * _MAX_LEVELS
     own = test[:size] + 1j * test[size : 2 * size]
     others = references[:, :size] + 1j * references[:, size : 2 * size]

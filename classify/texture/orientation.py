@@ -1,16 +1,27 @@
-"""The circular shift between polar spectra, which is the orientation of a surface."""
+"""The circular shift between polar maps, which is the orientation of a surface.
+
+The thesis correlates spectra on the grid of angles. The joint classifier compares Fourier series in
+the angle: a map over 180 degrees is f(theta) = sum_m c_m exp(2 i m theta), and a circular shift by
+phi multiplies c_m by exp(-2 i m phi). The squared difference of two maps for every phi is one short
+inverse transform of sum c_m conj(d_m). The moduli |c_m| do not depend on phi and give a lower bound
+for all shifts.
+"""
 
 from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
+from classify.base.arrays import Array, FloatMap, Floats
+from classify.base.compiling import kernel
+from classify.base.threads import run_on_rows
+
 from .spectra import ANGLES
 
 STEP_DEG = 180.0 / ANGLES
-
-Floats = npt.NDArray[np.float64]
 
 
 def squared_errors_by_shift(
@@ -40,10 +51,7 @@ def best_shift(errors: Floats) -> Floats:
 
 
 def refined_minima(errors: Floats, flat_below: Floats) -> tuple[Floats, Floats]:
-    """(n,) positions and values of the minima of (n, A) periodic errors, by a parabola.
-
-    Where the curvature is at most `flat_below`, rounding decides: the lowest error is returned.
-    """
+    """(n,) positions and values of the minima of (n, A) periodic errors, by a parabola."""
     count = errors.shape[-1]
     lowest = np.argmin(errors, axis=-1)
     row = np.arange(len(errors))
@@ -74,7 +82,7 @@ LEAST_SHARPNESS = 0.45
 class OrientationProfile:
     """Agreement of a surface with a reference, by orientation."""
 
-    agreement: npt.NDArray[np.float64]  # (180,) at 0 to 179 degrees; 1 equal, 0 unrelated
+    agreement: Floats  # (180,) at 0 to 179 degrees; 1 equal, 0 unrelated
 
     def best(self, near_deg: float = 0.0, within_deg: float = 90.0) -> tuple[float, float]:
         """Return the best orientation near `near_deg`, in [0, 180), and its agreement."""
@@ -87,3 +95,98 @@ class OrientationProfile:
             return float(index), float(around[1])
         offset, least = refined_minima(-around[None, :], np.zeros(1))
         return float((index - 1 + offset[0]) % 180.0), float(-least[0])
+
+
+HARMONICS = 16
+"""Harmonics of a series, zero included: they resolve 12 degrees, more than spectra contain."""
+
+# Shifts that are compared, one degree apart; a parabola refines the best of them.
+_SHIFTS = 180
+_STEP_DEG = 180.0 / _SHIFTS
+# Relative curvature below which rounding decides, so that the parabola has no vertex.
+_LEAST_CURVATURE = 1e-9
+
+Complex = npt.NDArray[np.complex64]
+
+
+class LeastError(NamedTuple):
+    """Least squared difference over all shifts, of one stack of maps and n references."""
+
+    errors: Floats  # (n,)
+    shifts_deg: Floats  # (n,) from reference to test, anticlockwise, [0, 180)
+    sharpness: Floats  # (n,) share of directional energy that agrees, 0 to 1
+
+
+def harmonics(polar: npt.NDArray[np.floating[Any]]) -> Complex:
+    """(..., 16) complex64 series of (..., A) real maps over 180 degrees."""
+    series = scipy.fft.rfft(polar, norm="ortho")[..., :HARMONICS]
+    # A real map has negative harmonics of the same modulus.
+    series[..., 1:] *= np.sqrt(2.0)
+    return np.ascontiguousarray(series, np.complex64)
+
+
+def least_error(test: Complex, references: Complex) -> LeastError:
+    """Compare a stack of maps, (K, 16) series, with (n, K, 16), all shifted by one angle."""
+    correlations, zeroth, energies = _correlations(test, references)
+    total = energies.sum(axis=1)
+    errors = total[:, None] - 2.0 * correlations
+    shifts, least = refined_minima(errors, _LEAST_CURVATURE * total)
+    sharpness = np.clip(_agreed(correlations.max(axis=1), zeroth, energies), 0.0, 1.0)
+    # The second modulo: a remainder of -1e-17 is rounded up to 180.
+    shifts_deg = (shifts % _SHIFTS % _SHIFTS) * _STEP_DEG
+    return LeastError(np.maximum(least, 0.0), shifts_deg, sharpness)
+
+
+def agreement_by_shift(test: Complex, references: Complex) -> Floats:
+    """(n, 180) share of the energy of harmonics but 0 that agrees, at shifts of 0 to 179 deg."""
+    correlations, zeroth, energies = _correlations(test, references)
+    return _agreed(correlations.T, zeroth, energies).T
+
+
+def _agreed(correlations: Floats, zeroth: Floats, energies: Floats) -> Floats:
+    directional = np.maximum(energies[:, 1:].sum(axis=1), np.finfo(np.float64).tiny)
+    agreed: Floats = 2.0 * (correlations - zeroth) / directional
+    return agreed
+
+
+def _correlations(test: Complex, references: Complex) -> tuple[Floats, Floats, Floats]:
+    """(n, 180) correlations by shift, (n,) of harmonic 0 alone, and (n, 16) energies."""
+    cross = np.empty((len(references), HARMONICS), np.complex128)
+    energies = np.empty(cross.shape, np.float64)
+    count, maps, length = references.shape
+    run_on_rows(partial(_products, test, references, cross, energies), (count, maps * length))
+    padded = np.zeros((len(cross), _SHIFTS // 2 + 1), np.complex128)
+    padded[:, :HARMONICS] = cross
+    padded[:, 1:] *= 0.5
+    correlations = scipy.fft.irfft(padded, n=_SHIFTS, norm="forward")
+    energies += _squares(test).sum(axis=0, dtype=np.float64)
+    return correlations, cross[:, 0].real, energies
+
+
+def shift_invariant_norms(series: Complex) -> FloatMap:
+    """(..., K, 16) series to (..., 2 K) norms, whose distance bounds the least error."""
+    others = np.sqrt(_squares(series[..., 1:]).sum(axis=-1))
+    return np.concatenate([series[..., 0].real, others], axis=-1, dtype=np.float32)
+
+
+def _squares(series: Complex) -> FloatMap:
+    return series.real**2 + series.imag**2
+
+
+@kernel
+def _products(
+    test: Array, references: Array, cross: Array, energies: Array, first: int, stop: int
+) -> None:
+    """Sum test times conjugate reference, and reference squared, into (n, 16) arrays."""
+    _, maps, length = references.shape
+    for n in range(first, stop):
+        sums = np.zeros((3, length), np.float64)
+        for k in range(maps):
+            for h in range(length):
+                t, r = test[k, h], references[n, k, h]
+                sums[0, h] += t.real * r.real + t.imag * r.imag
+                sums[1, h] += t.imag * r.real - t.real * r.imag
+                sums[2, h] += r.real * r.real + r.imag * r.imag
+        for h in range(length):
+            cross[n, h] = complex(sums[0, h], sums[1, h])
+            energies[n, h] = sums[2, h]

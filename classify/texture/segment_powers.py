@@ -6,10 +6,10 @@ from functools import lru_cache, partial
 import cv2
 import numpy as np
 
-from classify.base.compiling import Array, kernel
+from classify.base.arrays import Array, FloatMap
+from classify.base.compiling import kernel
 from classify.base.errors import InputError
 from classify.base.threads import map_in_threads
-from classify.surface.estimate import FloatMap
 
 from .fields import TextureFields
 
@@ -57,10 +57,7 @@ def segment_powers(fields: TextureFields, side: int) -> FloatMap:
 
 
 def _starts(length: int, side: int) -> list[int]:
-    """First pixels of segments that cover `length` evenly and overlap by half or more.
-
-    If `length` - `side` is odd, no segment lies in the middle, and an odd count is raised by one.
-    """
+    """First pixels of segments that cover `length` evenly and overlap by half or more."""
     rest = length - side
     count = -(-2 * length // side) - 1
     count += count % 2 * (rest % 2)
@@ -76,11 +73,7 @@ def _circular_hann(side: int) -> FloatMap:
 
 
 def _summed_powers(planes: tuple[Array, ...], window: FloatMap, pairs: Sequence[Array]) -> FloatMap:
-    """Sum the powers of pairs of segments, using the same memory for every pair.
-
-    Two real fields make one complex field; fields of different magnitude are not paired, because
-    the larger one would leave its rounding error in the smaller one.
-    """
+    """Sum the powers of pairs of segments, using the same memory for every pair."""
     side, weight = len(window), window.sum()
     sums = np.zeros((side, _POWERS, side // 2 + 1), np.float32)
     slopes, albedo = np.empty((2, side, side, 2), np.float32), np.empty((side, side, 2), np.float32)

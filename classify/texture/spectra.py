@@ -5,12 +5,12 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import scipy.fft
 
-from classify.base.compiling import Array, kernel
+from classify.base.arrays import Array, FloatMap, Floats
+from classify.base.compiling import kernel
 from classify.base.errors import InputError
-from classify.surface.estimate import FloatMap, SurfaceEstimate
+from classify.surface.estimate import SurfaceEstimate
 
 from .fields import TextureFields, texture_fields
 from .segment_powers import segment_powers
@@ -57,7 +57,7 @@ class Spectra:
     segment_px: int
 
     @property
-    def radii_cpp(self) -> npt.NDArray[np.float64]:
+    def radii_cpp(self) -> Floats:
         """(R,) frequency of each row, cycles per pixel."""
         return polar_radii_px(self.segment_px) / self.segment_px
 
@@ -128,11 +128,7 @@ def field_spectra(fields: TextureFields, segment_px: int) -> Spectra:
 
 
 def image_spectrum(image: Array, segment_px: int) -> FloatMap:
-    """(R, 90) float32 power spectrum of one image, on the polar grid of `Spectra`.
-
-    It contains the factor cos^2(theta - tilt) of its light, so that it does not rotate with the
-    surface (thesis chapter 6; chapters 7 to 9 use gradients instead).
-    """
+    """(R, 90) power spectrum of one image (thesis chapter 6), which depends on its light."""
     mean = float(image.mean())
     if mean <= 0.0:
         raise InputError("the image is black; check exposure and lights")
@@ -154,7 +150,7 @@ def _wave_directions(side: int) -> FloatMap:
 
 
 @lru_cache(maxsize=8)
-def polar_radii_px(side: int) -> npt.NDArray[np.float64]:
+def polar_radii_px(side: int) -> Floats:
     """(R,) radii of the polar grid in DFT bins of a segment."""
     return np.geomspace(_FIRST_BIN, _LAST_NYQUIST * side / 2.0, RADII)
 
@@ -174,10 +170,7 @@ def _polar_map(side: int) -> tuple[FloatMap, FloatMap]:
 
 @kernel
 def _amplitudes(powers: Array, directions: Array) -> Array:
-    """(side, side // 2 + 1, 4) roots of M, A, relief and signed co-spectrum.
-
-    Amplitudes are interpolated instead of powers, because they vary less between bins.
-    """
+    """(side, side // 2 + 1, 4) roots of M, A, relief and signed co-spectrum."""
     side, _, columns = powers.shape
     amplitudes = np.empty((side, columns, 4), np.float32)
     half, zero = np.float32(0.5), np.float32(0.0)

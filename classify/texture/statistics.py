@@ -12,7 +12,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from classify.base.compiling import Array, kernel
+from classify.base.arrays import Array, Floats
+from classify.base.compiling import kernel
 from classify.base.threads import run_on_rows
 
 from .fields import TextureFields
@@ -36,8 +37,6 @@ _LEAK = np.float32(0.025)
 _BORDER = 2
 _SUMS = 12
 
-Moments = npt.NDArray[np.float64]
-
 
 @dataclass(frozen=True, eq=False)
 class LocalStatistics:
@@ -49,8 +48,8 @@ class LocalStatistics:
     relief.
     """
 
-    moments: Moments  # (5, levels, 8)
-    energies: Moments  # (5, 2 levels, 2 levels) covariances of log local energy
+    moments: Floats  # (5, levels, 8)
+    energies: Floats  # (5, 2 levels, 2 levels) covariances of log local energy
     headings: npt.NDArray[np.complex128]  # (5, levels - 1, 6), not of the finest
 
     @property
@@ -85,7 +84,7 @@ def local_statistics(fields: TextureFields, levels: int) -> LocalStatistics:
         sums.append(_of_quarters(row_sums))
         if level:
             odd_sums.append(_of_quarters(odd))
-        energies = [cv2.pyrDown(each) for each in energies] if level else []
+        energies = [cv2.pyrDown(energies_before) for energies_before in energies] if level else []
         energies.append(energy)
     powers = np.stack(sums, axis=1)
     moments = _central(powers)
@@ -102,10 +101,10 @@ def local_statistics(fields: TextureFields, levels: int) -> LocalStatistics:
 
 def statistics_vector(
     measured: LocalStatistics,
-    relief_floors: Moments,
-    albedo_floors: Moments,
-    albedo_leaks: Moments | float = 0.0,
-) -> npt.NDArray[np.float64]:
+    relief_floors: Floats,
+    albedo_floors: Floats,
+    albedo_leaks: Floats | float = 0.0,
+) -> Floats:
     """(5, d) float64 statistics of order one, so that differences can be compared.
 
     The (levels,) floors are variances that are added to the measured ones; `albedo_leaks` is the
@@ -198,11 +197,7 @@ def _copy_rows(plane: Array, r: int, target: Array) -> None:
 
 @kernel
 def _respond_row(p: Array, q: Array, albedo: Array, responses: Array) -> None:
-    """Relief, albedo and curl responses of the middle of three rows.
-
-    Derivatives of Scharr (2000), Laplacian of nine points: 3 x 3 stencils that are nearly
-    isotropic.
-    """
+    """Relief, albedo and curl responses, by Scharr derivatives (2000) and a 9-point Laplacian."""
     near, far = np.float32(10.0 / 32.0), np.float32(3.0 / 32.0)
     for left in range(p.shape[1] - 2):
         c, right = left + 1, left + 2
@@ -227,14 +222,14 @@ def _respond_row(p: Array, q: Array, albedo: Array, responses: Array) -> None:
         responses[2, left] = dq_dx - dp_dy
 
 
-def _of_quarters(row_sums: Array) -> Moments:
+def _of_quarters(row_sums: Array) -> Floats:
     """(5, d) sums of the frame and of its quarters, from sums per row and side."""
     half = len(row_sums) // 2
     quarters = np.concatenate([row_sums[:half].sum(axis=0), row_sums[half:].sum(axis=0)])
     return np.concatenate([quarters.sum(axis=0, keepdims=True), quarters])
 
 
-def _central(sums: Moments) -> Moments:
+def _central(sums: Floats) -> Floats:
     """(..., 8) moments about the mean from (..., 12) sums of powers."""
     means = np.moveaxis(sums[..., 1:] / sums[..., :1], -1, 0)
     z1, z2, z3, z4, a1, a2, a3, a4, za, e1, e2 = means
@@ -249,7 +244,7 @@ def _central(sums: Moments) -> Moments:
     return np.stack(columns, axis=-1)
 
 
-def _energy_covariances(energies: Array) -> Moments:
+def _energy_covariances(energies: Array) -> Floats:
     """(5, m, m) covariances of log energy over an (h, w, m) grid and its quarters."""
     energies[..., 1::2] += _LEAK * energies[..., 0::2]
     floor = _ENERGY_FLOOR * energies.mean(axis=(0, 1)) + np.float32(1e-12)
@@ -259,5 +254,5 @@ def _energy_covariances(energies: Array) -> Moments:
     sides = (slice(None, columns // 2), slice(columns // 2, None))
     parts = [logs, *(logs[half, side] for half in halves for side in sides)]
     samples = [part.reshape(-1, logs.shape[2]) for part in parts]
-    centred = [each - each.mean(axis=0) for each in samples]
-    return np.stack([(each.T @ each).astype(np.float64) / len(each) for each in centred])
+    centred = [sample - sample.mean(axis=0) for sample in samples]
+    return np.stack([(sample.T @ sample).astype(np.float64) / len(sample) for sample in centred])

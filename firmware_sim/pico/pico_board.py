@@ -21,13 +21,13 @@ PART_PIN = 9
 MAX_ON_MS = (120000, 120000, 120000, 120000)
 MAX_DUTY_PERCENT = (50, 50, 50, 50)
 
-PWM_HZ = 100000  # many periods in an exposure; at 100 % the LED is on without modulation
-PULSE_MS = 1  # the timer ends the pulse after 1 to 2 ms
-GLITCH_US = 20  # two edges closer than this are noise
-BOUNCE_US = 20000  # a part sensor's contact bounces for up to 10 ms
-READ_BYTES = 64  # at most in one pass: about one line
-OUTPUT_BYTES = 1024  # kept for a host that does not read; about 25 replies
-USB_PACKET_BYTES = 64
+_PWM_HZ = 100000  # many periods in an exposure; at 100 % the LED is on without modulation
+_PULSE_MS = 1  # the timer ends the pulse after 1 to 2 ms
+_GLITCH_US = 20  # two edges closer than this are noise
+_BOUNCE_US = 20000  # a part sensor's contact bounces for up to 10 ms
+_READ_BYTES = 64  # at most in one pass: about one line
+_OUTPUT_BYTES = 1024  # kept for a host that does not read; about 25 replies
+_USB_PACKET_BYTES = 64
 
 
 def darken() -> None:
@@ -36,7 +36,7 @@ def darken() -> None:
         Pin(pin, Pin.OUT, value=0)
 
 
-class Edges:
+class _Edges:
     """The times of edges of an input that is low when active; its interrupt must not allocate."""
 
     def __init__(self, pin: int) -> None:
@@ -50,7 +50,7 @@ class Edges:
         """The edges since the last call, as (ticks_us, active), oldest first."""
         count = self._count
         # The last edge may be one side of a glitch; the interrupt does not change the others.
-        if count and ticks_diff(ticks_us(), self._ticks[count - 1]) < GLITCH_US:
+        if count and ticks_diff(ticks_us(), self._ticks[count - 1]) < _GLITCH_US:
             count -= 1
         edges = [(self._ticks[i], self._levels[i] == 0) for i in range(count)]
         if count:
@@ -65,7 +65,7 @@ class Edges:
     def _edge(self, pin: Pin) -> None:
         now = ticks_us()
         count = self._count
-        if count and ticks_diff(now, self._ticks[count - 1]) < GLITCH_US:
+        if count and ticks_diff(now, self._ticks[count - 1]) < _GLITCH_US:
             self._count = count - 1
         elif count < STROBE_BUFFER_EDGES:
             self._ticks[count] = now
@@ -82,12 +82,12 @@ class PicoBoard:
         darken()
         # The serial number of the USB device, so that ports and identities can be matched.
         self.serial_number = hexlify(unique_id()).decode()
-        self._leds = [PWM(Pin(pin), freq=PWM_HZ, duty_u16=0) for pin in LED_PINS]
+        self._leds = [PWM(Pin(pin), freq=_PWM_HZ, duty_u16=0) for pin in LED_PINS]
         self._trigger = Pin(TRIGGER_PIN, Pin.OUT, value=0)
         self._pulse = Timer()
-        self._strobe = Edges(STROBE_PIN)
-        self._part = Edges(PART_PIN)
-        self._part_us = -BOUNCE_US  # the latest edge of the part sensor
+        self._strobe = _Edges(STROBE_PIN)
+        self._part = _Edges(PART_PIN)
+        self._part_us = -_BOUNCE_US  # the latest edge of the part sensor
         self._ticks = ticks_us()
         self._micros = 0
         self._arriving = poll()
@@ -106,13 +106,13 @@ class PicoBoard:
         self.micros()  # at least once per pass, or a wrap would be missed
         self._send()
         data = b""
-        while self._arriving.poll(0) and len(data) < READ_BYTES:
+        while self._arriving.poll(0) and len(data) < _READ_BYTES:
             data += sys.stdin.buffer.read(1)
         return data
 
     def write(self, data: bytes) -> None:
         # A host that never reads loses whole lines; memory stays bounded.
-        if len(self._unsent) + len(data) <= OUTPUT_BYTES:
+        if len(self._unsent) + len(data) <= _OUTPUT_BYTES:
             self._unsent += data
         self._send()
 
@@ -132,7 +132,7 @@ class PicoBoard:
     def part_edges(self) -> list[int]:
         seen = []
         for at_us, active in self._timed(self._part):
-            if active and at_us - self._part_us >= BOUNCE_US:
+            if active and at_us - self._part_us >= _BOUNCE_US:
                 seen.append(at_us)
             self._part_us = at_us
         return seen
@@ -140,10 +140,10 @@ class PicoBoard:
     def trigger(self) -> int:
         self._trigger.on()
         began_us = self.micros()
-        self._pulse.init(mode=Timer.ONE_SHOT, period=PULSE_MS, callback=self._end_pulse)
+        self._pulse.init(mode=Timer.ONE_SHOT, period=_PULSE_MS, callback=self._end_pulse)
         return began_us
 
-    def _timed(self, line: Edges) -> list[tuple[int, bool]]:
+    def _timed(self, line: _Edges) -> list[tuple[int, bool]]:
         edges = line.take()
         if not edges:
             return edges
@@ -157,7 +157,7 @@ class PicoBoard:
         # Without a host MicroPython discards the bytes. With a host that stops reading it waits for
         # room in the middle of a packet, three times half a second, and then gives up.
         while self._unsent and self._leaving.poll(0):
-            packet = self._unsent[:USB_PACKET_BYTES]
+            packet = self._unsent[:_USB_PACKET_BYTES]
             sent = sys.stdout.buffer.write(packet)
             self._unsent = self._unsent[sent:]
             if sent < len(packet):

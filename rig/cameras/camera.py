@@ -11,6 +11,8 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from rig.errors import CameraError
+
 EXPOSURE_LAG_FRAMES = 3
 """Frames after a change of the exposure that may have the previous one.
 
@@ -136,6 +138,16 @@ class ListedCamera:
     longest_exposure_ms: float | None = None
     config_lines: tuple[str, ...] = ()
     problem: str | None = None
+
+
+def require_exposure(exposure_ms: float, range_ms: tuple[float, float]) -> None:
+    """Raise a `CameraError` for an exposure outside of a camera's range."""
+    shortest_ms, longest_ms = range_ms
+    # The longest exposure is a frame period, which rounding may exceed.
+    if not shortest_ms * (1.0 - 1e-9) <= exposure_ms <= longest_ms * (1.0 + 1e-9):
+        raise CameraError(
+            f"exposure of {exposure_ms:g} ms; the camera takes {shortest_ms:g} to {longest_ms:g} ms"
+        )
 
 
 class Camera(Protocol):

@@ -1,10 +1,11 @@
-"""The section ``[camera]`` of ``rig.toml``: what the kinds of camera have in common."""
+"""The section ``[camera]`` of ``rig.toml``: common keys, and the cameras of a simulated rig."""
 
 from pathlib import Path
 from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
+from classify.base.errors import ConfigError
 from classify.base.models import Section
 
 from .camera import ListedCamera
@@ -83,11 +84,41 @@ class StampedCameraConfig(CameraConfig):
     )
 
     @property
-    def believes_driver(self) -> bool:
+    def _believes_driver(self) -> bool:
         """Whether a driver that claims to stamp the start of exposure is believed."""
         if self.timestamp_marks is None:
             return not isinstance(self, DeviceCameraConfig)
         return self.timestamp_marks == "driver"
+
+    def exposure_start_s(
+        self, stamp_s: float, *, claims_start: bool, period_s: float, exposure_s: float
+    ) -> float:
+        """Earliest possible start of the first row's exposure, on the clock of the stamp.
+
+        `claims_start` tells whether the driver declares its time stamp as the start of exposure, or
+        else as the end of the frame. `period_s` and `exposure_s` are as read back from the camera.
+        """
+        stamp_s += (self.timestamp_offset_ms - self.timestamp_uncertainty_ms) / 1e3
+        # The kernel's driver for USB cameras declares the start of exposure and stamps the arrival
+        # of the data, so a declaration counts only if the configuration confirms it.
+        if self._believes_driver and claims_start:
+            return stamp_s
+        readout_s = period_s if self.readout_ms is None else self.readout_ms / 1e3
+        return stamp_s - readout_s - exposure_s
+
+    @property
+    def start_known_to_s(self) -> float:
+        """Longest time by which an exposure may start after `exposure_start_s`."""
+        return 2.0 * self.timestamp_uncertainty_ms / 1e3
+
+    def require_measured_mode(self) -> None:
+        """Reject a timing that was measured in another mode of the camera."""
+        if self.timing_measured_at not in (None, self.mode):
+            raise ConfigError(
+                f"camera.timing_measured_at = {self.timing_measured_at!r}, but the camera is set "
+                f"to {self.mode!r}; run ps4rig rig latency again, or remove timing_measured_at, "
+                "timestamp_offset_ms, timestamp_uncertainty_ms and readout_ms"
+            )
 
     @model_validator(mode="after")
     def _readout_fits(self) -> Self:
@@ -108,3 +139,23 @@ class DeviceCameraConfig(CameraConfig):
     def matches(self, camera: ListedCamera) -> bool:
         """Whether a listed camera is this one."""
         return camera.device == self.device
+
+
+class SimulatedCameraConfig(StampedCameraConfig):
+    """The simulated camera above a rendered surface."""
+
+    kind: Literal["simulated"] = "simulated"
+
+
+class ReplayCameraConfig(StampedCameraConfig):
+    """A simulated camera that replays a captured set, in the set's size and depth."""
+
+    kind: Literal["replay"] = "replay"
+    set_file: str = Field(
+        min_length=1, max_length=4096, description="the set to replay, relative to rig.toml"
+    )
+
+    @property
+    def recording(self) -> Path:
+        """The captured set that the camera replays."""
+        return Path(self.set_file)

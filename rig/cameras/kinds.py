@@ -9,26 +9,25 @@ from pydantic import ValidationError
 from classify.base.models import explained, toml_text, validation_message
 
 from .camera import Camera, ListedCamera
-from .config import CameraConfig
+from .config import CameraConfig, ReplayCameraConfig, SimulatedCameraConfig
 from .opencv import OpencvCamera, OpencvCameraConfig
-from .simulated import ReplayCameraConfig, SimulatedCameraConfig
 from .v4l2.camera import V4l2Camera
 from .v4l2.camera_list import list_v4l2_cameras
 from .v4l2.config import V4l2CameraConfig
 
-Config = TypeVar("Config", bound=CameraConfig)
+_Config = TypeVar("_Config", bound=CameraConfig)
 
 
 @dataclass(frozen=True)
-class CameraKind(Generic[Config]):
+class CameraKind(Generic[_Config]):
     """One kind of camera."""
 
     # Keys of [camera] with the types of its exposure, gain and gamma. A camera that stamps its
     # frames has a `StampedCameraConfig`; a device, a `DeviceCameraConfig`, by which `doctor` finds
     # it among the listed ones.
-    config: type[Config]
+    config: type[_Config]
     # None: the simulated rig has this camera.
-    opener: Callable[[Config], Camera] | None = None
+    opener: Callable[[_Config], Camera] | None = None
     # For `rig init` and `doctor`; None for cameras that another kind lists.
     lister: Callable[[], list[ListedCamera]] | None = None
     # Device classes and groups that the unit of a station needs.

@@ -13,8 +13,7 @@ import numpy as np
 
 from rig.errors import CameraError, ControlError, ControlFault
 
-from .camera import CameraInfo, Frame, Pixels
-from .frame_time import require_exposure
+from .camera import CameraInfo, Frame, Pixels, require_exposure
 from .v4l2.config import VideoCameraConfig
 from .v4l2.device import RATE_TOLERANCE
 from .v4l2.node import device_path

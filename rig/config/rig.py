@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -12,9 +12,13 @@ from pydantic import BeforeValidator, Field, SerializeAsAny, model_validator
 from classify.base.durable_file import durable_file
 from classify.base.errors import ConfigError
 from classify.base.models import Section, read_toml, validated
-from rig.cameras.config import CameraConfig, DeviceCameraConfig, StampedCameraConfig
+from rig.cameras.config import (
+    CameraConfig,
+    DeviceCameraConfig,
+    SimulatedCameraConfig,
+    StampedCameraConfig,
+)
 from rig.cameras.kinds import CAMERA_KINDS, camera_config
-from rig.cameras.simulated import SimulatedCameraConfig
 
 from .lights import SIMULATED, LightsConfig
 from .sequence_plan import SequencePlan, plan_sequence
@@ -54,89 +58,64 @@ class RigConfig(Section):
         return {**values, "camera": {"kind": kind, **camera}}
 
     @model_validator(mode="after")
-    def _camera_sees_the_lights(self) -> Self:
-        if isinstance(self.camera, DeviceCameraConfig) and self.is_simulated:
-            raise ValueError(
-                f"camera.kind = {self.camera.kind!r} cannot see simulated LEDs; give lights.port a "
+    def _sections_agree(self) -> Self:
+        if conflict := next(self._conflicts(), None):
+            raise ValueError(conflict)
+        return self
+
+    def _conflicts(self) -> Iterator[str]:
+        """Conditions between the sections that do not hold."""
+        lights, camera, simulation = self.lights, self.camera, self.simulation
+        count, period_ms = len(lights.tilts_deg), 1000.0 / camera.frame_rate_hz
+        if isinstance(camera, DeviceCameraConfig) and self.is_simulated:
+            yield (
+                f"camera.kind = {camera.kind!r} cannot see simulated LEDs; give lights.port a "
                 "real controller's, or set camera.kind = 'simulated'"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _simulated_readout_fits(self) -> Self:
-        if self.simulation.readout_ms > 1000.0 / self.camera.frame_rate_hz:
-            raise ValueError(
-                f"simulation.readout_ms = {self.simulation.readout_ms:g} does not fit into a frame "
-                f"at {self.camera.frame_rate_hz:g} Hz; lower one of them"
+        if simulation.readout_ms > period_ms:
+            yield (
+                f"simulation.readout_ms = {simulation.readout_ms:g} does not fit into a frame at "
+                f"{camera.frame_rate_hz:g} Hz; lower one of them"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _faults_are_of_its_leds(self) -> Self:
-        faults = () if self.simulation.faults is None else self.simulation.faults.leds
-        for fault in faults:
-            for led in (fault.led, fault.other):
-                if led is not None and led >= len(self.lights.tilts_deg):
-                    raise ValueError(
-                        f"simulation.faults: there is no LED {led}; give one of the "
-                        f"{len(self.lights.tilts_deg)} in lights.tilts_deg, counted from 0"
-                    )
-        return self
-
-    @model_validator(mode="after")
-    def _one_led_level_each(self) -> Self:
-        levels, count = len(self.simulation.led_levels), len(self.lights.tilts_deg)
-        if levels not in (0, count):
-            raise ValueError(
-                f"simulation.led_levels has {levels} levels for {count} LEDs; give one each"
+        faults = () if simulation.faults is None else simulation.faults.leds
+        for led in (led for fault in faults for led in (fault.led, fault.other)):
+            if led is not None and led >= count:
+                yield (
+                    f"simulation.faults: there is no LED {led}; give one of the {count} in "
+                    "lights.tilts_deg, counted from 0"
+                )
+        if len(simulation.led_levels) not in (0, count):
+            yield (
+                f"simulation.led_levels has {len(simulation.led_levels)} levels for {count} LEDs; "
+                "give one each"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _hot_pixels_fit(self) -> Self:
-        pixels = self.camera.width_px * self.camera.height_px
-        if self.simulation.hot_pixels > pixels // 2:
-            raise ValueError(
-                f"simulation.hot_pixels = {self.simulation.hot_pixels} is more than half of the "
+        pixels = camera.width_px * camera.height_px
+        if simulation.hot_pixels > pixels // 2:
+            yield (
+                f"simulation.hot_pixels = {simulation.hot_pixels} is more than half of the "
                 f"{pixels} pixels; set at most {pixels // 2}"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _size_has_a_scale(self) -> Self:
-        if self.simulation.placement.size_mm is not None and self.simulation.mm_per_px is None:
-            raise ValueError(
-                "simulation.placement.size_mm needs simulation.mm_per_px; give the size of a pixel"
+        if simulation.placement.size_mm is not None and simulation.mm_per_px is None:
+            yield "simulation.placement.size_mm needs simulation.mm_per_px, the size of a pixel"
+        needed_ms = lights.settle_ms + 3.0 * period_ms + camera.exposure_ms
+        if lights.watchdog_ms < needed_ms:
+            yield (
+                f"lights.watchdog_ms = {lights.watchdog_ms} would put the LEDs out before a frame "
+                f"arrives; at this frame rate it must be at least {needed_ms:.0f}"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _watchdog_waits_for_frames(self) -> Self:
-        period_ms = 1000.0 / self.camera.frame_rate_hz
-        needed_ms = self.lights.settle_ms + 3.0 * period_ms + self.camera.exposure_ms
-        if self.lights.watchdog_ms < needed_ms:
-            raise ValueError(
-                f"lights.watchdog_ms = {self.lights.watchdog_ms} would put the LEDs out before a "
-                f"frame arrives; at this frame rate it must be at least {needed_ms:.0f}"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _sequence_is_possible(self) -> Self:
-        plan = self.sequence_plan
-        if plan is not None and self.lights.watchdog_ms < 1e3 * plan.duration_s:
-            raise ValueError(
-                f"lights.watchdog_ms = {self.lights.watchdog_ms} would end a sequence of "
+        if (plan := self.sequence_plan) is None:
+            return
+        if lights.watchdog_ms < 1e3 * plan.duration_s:
+            yield (
+                f"lights.watchdog_ms = {lights.watchdog_ms} would end a sequence of "
                 f"{1e3 * plan.duration_s:.0f} ms; raise it"
             )
-        simulation = self.simulation
         steady_ms = _STEADY_PER_10_90 * max(simulation.led_rise_ms, simulation.led_fall_ms)
-        if plan is not None and self.is_simulated and self.lights.settle_ms < steady_ms:
-            raise ValueError(
-                f"lights.settle_ms = {self.lights.settle_ms:g}, but these simulated LEDs take "
+        if self.is_simulated and lights.settle_ms < steady_ms:
+            yield (
+                f"lights.settle_ms = {lights.settle_ms:g}, but these simulated LEDs take "
                 f"{steady_ms:.3g} ms until they are within 1 %; raise settle_ms"
             )
-        return self
 
     @property
     def sequence_plan(self) -> SequencePlan | None:

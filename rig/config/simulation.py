@@ -1,17 +1,67 @@
-"""The section ``[simulation]`` of ``rig.toml``, for simulated rigs only."""
+"""The section ``[simulation]`` of ``rig.toml``, for simulated rigs only, with defects."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field, FiniteFloat
+from pydantic import Field, FiniteFloat, model_validator
 
 from classify.base.models import Degrees, Section
 
-from .defect import Defect
 from .fault_plan import FaultPlan
 
-PassTime = Annotated[FiniteFloat, Field(ge=1.0, le=1e6)]
-Shift = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
-LedLevel = Annotated[FiniteFloat, Field(ge=0.01, le=100.0)]
+DefectKind = Literal["scratch", "dent", "bump", "stain", "missing", "foreign"]
+RELIEF_KINDS: tuple[DefectKind, ...] = ("scratch", "dent", "bump")
+"""Kinds that change the relief alone, by `Defect.depth_px`."""
+
+Place = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
+
+
+class Defect(Section):
+    """One defect, fixed to the part: it moves and rotates with it.
+
+    Attributes
+    ----------
+    kind
+        scratch: a groove between two ridges; dent, bump: smooth and round; stain: another albedo;
+        missing: a patch without texture; foreign: another texture.
+    x_px, y_px
+        Middle of the defect, right and up from the point that is in the middle of the frame
+        without a shift.
+    size_px
+        Length of a scratch, diameter of the others.
+    width_px
+        Width of a scratch, between the two places where it is as high as the surface.
+    depth_px
+        Depth of a scratch or a dent, height of a bump.
+    angle_deg
+        Anticlockwise: of a scratch, an irregular outline, a foreign texture.
+    contrast
+        Share by which a stain darkens the albedo; negative for a bright stain.
+    surface
+        Texture of a foreign patch, as that of the part.
+    """
+
+    kind: DefectKind
+    x_px: Place = 0.0
+    y_px: Place = 0.0
+    size_px: float = Field(default=24.0, ge=2.0, le=2048.0)
+    width_px: float = Field(default=3.0, ge=1.0, le=256.0)
+    depth_px: float = Field(default=1.0, gt=0.0, le=256.0)
+    angle_deg: Degrees = 0.0
+    contrast: float = Field(default=0.4, ge=-1.0, le=1.0)
+    surface: str | None = None
+
+    @model_validator(mode="after")
+    def _names_a_foreign_texture(self) -> Self:
+        if self.kind == "foreign" and self.surface is None:
+            raise ValueError("kind = 'foreign' needs `surface`, the texture of the patch")
+        if self.kind != "foreign" and self.surface is not None:
+            raise ValueError(f"kind = {self.kind!r} has no `surface`; only 'foreign' has one")
+        return self
+
+
+_PassTime = Annotated[FiniteFloat, Field(ge=1.0, le=1e6)]
+_Shift = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
+_LedLevel = Annotated[FiniteFloat, Field(ge=0.01, le=100.0)]
 
 
 class Placement(Section):
@@ -36,7 +86,7 @@ class Placement(Section):
 
     surface: str = "rock"
     rotate_deg: Degrees = 0.0
-    shift_px: tuple[Shift, Shift] = Field(default=(0.0, 0.0), strict=False)
+    shift_px: tuple[_Shift, _Shift] = Field(default=(0.0, 0.0), strict=False)
     seed: int = Field(default=1, ge=0, lt=2**63)
     size_mm: float | None = Field(default=None, ge=1e-3, le=1e4)
     defects: tuple[Defect, ...] = Field(default=(), strict=False, max_length=100)
@@ -54,7 +104,7 @@ class SimulationConfig(Section):
     led_distance_px: float | None = Field(
         default=None, ge=16.0, le=1e6, description="from the centre of the frame; else distant LEDs"
     )
-    led_levels: tuple[LedLevel, ...] = Field(
+    led_levels: tuple[_LedLevel, ...] = Field(
         default=(), strict=False, description="true levels, which the rig is not told"
     )
     vignetting_percent: float = Field(
@@ -69,7 +119,7 @@ class SimulationConfig(Section):
     )
     led_rise_ms: float = Field(default=0.5, gt=0.0, le=100.0, description="10 to 90 %")
     led_fall_ms: float = Field(default=0.3, gt=0.0, le=100.0, description="90 to 10 %")
-    controller_turn_us: tuple[PassTime, PassTime] = Field(
+    controller_turn_us: tuple[_PassTime, _PassTime] = Field(
         default=(50.0, 200.0),
         strict=False,
         description="shortest and longest pass of the controller's main loop",

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from rig.lights.discovery import SerialPort
-from rig.lights.port_holders import port_holders
+from rig.lights.serial_line import port_holders
 
 from .check import Check
 

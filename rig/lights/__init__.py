@@ -1,5 +1,5 @@
 """The light controller: finding it, its commands, keeping it alive, flashing it.
 
-`driver` has the commands, `link` one open line below it, `serial_line` and `wire` the bytes.
+`driver` has the commands, `link` one open line and its protocol, `serial_line` the bytes.
 Nothing here depends on whether a real or a simulated board answers.
 """

@@ -1,5 +1,6 @@
-"""Find the port of the light controller by serial number, USB id, or asking ``*IDN?``."""
+"""Find the light controller by serial number, USB id, or asking ``*IDN?``; find it again."""
 
+import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -10,8 +11,7 @@ from rig.config.lights import AUTO, LightsConfig
 from rig.errors import LightControllerError
 
 from .link import DEFAULT_TIMEOUTS, ControllerIdentity, ControllerLink, LinkTimeouts
-from .port_holders import port_holders
-from .ports import pyserial
+from .serial_line import port_holders, pyserial
 
 _BY_ID = Path("/dev/serial/by-id")
 _TRIES = 3  # to list the ports
@@ -58,7 +58,7 @@ class SerialPort:
         return f"{self.device} ({known})" if known else self.device
 
 
-Ask = Callable[[str], ControllerIdentity]
+_Ask = Callable[[str], ControllerIdentity]
 
 
 def list_serial_ports() -> list[SerialPort]:
@@ -107,18 +107,22 @@ def identify(
     return link.identity
 
 
-def find_controller(lights: LightsConfig, ports: Sequence[SerialPort], ask: Ask = identify) -> str:
+def find_controller(lights: LightsConfig, ports: Sequence[SerialPort], ask: _Ask = identify) -> str:
     """Find the controller for ``lights.port = "auto"``, as rig/README.md describes."""
-    wanted = lights.serial_number
+    serial_number = lights.serial_number
     if lights.usb_id is None:
         candidates = [port for port in ports if port.may_be_a_microcontroller]
     else:
         candidates = [port for port in ports if port.usb_id == lights.usb_id]
-    by_usb = [port for port in ports if wanted is not None and _same(port.serial_number, wanted)]
+    by_usb = [
+        port
+        for port in ports
+        if serial_number is not None and _same(port.serial_number, serial_number)
+    ]
     if lights.usb_id is not None:
         by_usb = [port for port in by_usb if port in candidates]
     candidates = by_usb or candidates
-    if len(candidates) == 1 and (by_usb or wanted is None):
+    if len(candidates) == 1 and (by_usb or serial_number is None):
         return candidates[0].device  # opening it identifies the controller
     answered: list[tuple[SerialPort, ControllerIdentity]] = []
     silent: list[str] = []
@@ -128,7 +132,7 @@ def find_controller(lights: LightsConfig, ports: Sequence[SerialPort], ask: Ask 
         except LightControllerError as error:
             silent.append(str(error))
             continue
-        if wanted is None or by_usb or _same(identity.serial_number, wanted):
+        if serial_number is None or by_usb or _same(identity.serial_number, serial_number):
             answered.append((port, identity))
         else:
             silent.append(f"{port.device}: light controller {identity.serial_number}")
@@ -142,7 +146,7 @@ def find_controller(lights: LightsConfig, ports: Sequence[SerialPort], ask: Ask 
 def known_port(port: str, ports: Iterable[SerialPort]) -> SerialPort:
     """Find a port among `ports` by any of its names; an unlisted port gets only its name."""
     path = Path(port).resolve()
-    same = (each for each in ports if Path(each.device).resolve() == path)
+    same = (listed for listed in ports if Path(listed.device).resolve() == path)
     return replace(next(same, SerialPort(port)), device=port)
 
 
@@ -184,3 +188,38 @@ def _nothing(lights: LightsConfig, ports: Sequence[SerialPort], silent: Sequence
         f'lights.port = "{AUTO}": no {controller} was found ({tried}); is it plugged in? Or set '
         "lights.port to its device"
     )
+
+
+Whereabouts = Callable[[], Iterable[str]]
+"""The ports on which a controller may be now, the most likely one first."""
+
+_PAUSE_S = 0.1  # between two rounds through the ports; short against the second that USB takes
+
+
+def find_again(
+    lost: ControllerIdentity, whereabouts: Whereabouts, baud: int, timeouts: LinkTimeouts
+) -> ControllerLink:
+    """Open the line to the controller with the same serial number, on any of the ports."""
+    deadline_s = time.monotonic() + timeouts.recover_s
+    while True:
+        failure: LightControllerError | None = None
+        for port in whereabouts():
+            left_s = max(0.1, deadline_s - time.monotonic())
+            try:
+                link = ControllerLink(port, baud, replace(timeouts, open_s=left_s))
+            except LightControllerError as error:
+                failure = failure or error
+                continue
+            present = link.identity.serial_number
+            if present == lost.serial_number:
+                return link
+            link.close()
+            failure = LightControllerError(
+                f"{port}: light controller {present} is there in place of {lost.serial_number}; "
+                f"plug {lost.serial_number} in again, or open the rig again to use {present}"
+            )
+        if time.monotonic() >= deadline_s:
+            raise failure or LightControllerError(
+                f"light controller {lost.serial_number} is not plugged in any more"
+            )
+        time.sleep(_PAUSE_S)

@@ -11,10 +11,9 @@ from firmware_sim.firmware import WATCHDOG_MIN_MS
 from rig.errors import LightControllerError
 from rig.signals import signals_held_back
 
+from .discovery import Whereabouts, find_again
 from .keep_alive import KeepAliveThread, LightUsage
-from .link import DEFAULT_TIMEOUTS, ControllerIdentity, ControllerLink, LinkTimeouts
-from .recovery import Whereabouts, find_again
-from .wire import Reply
+from .link import DEFAULT_TIMEOUTS, ControllerIdentity, ControllerLink, LinkTimeouts, Reply
 
 
 @dataclass(frozen=True)

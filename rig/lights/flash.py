@@ -23,9 +23,9 @@ from rig.errors import LightControllerError
 
 from .discovery import SerialPort, identify, list_serial_ports_if_possible
 from .link import ControllerIdentity, ControllerLink
-from .port_holders import port_holders
+from .serial_line import port_holders
 
-T = TypeVar("T")
+_Result = TypeVar("_Result")
 _PICO_WITH_MICROPYTHON = "2e8a:0005"
 _UNFINISHED = ".new"
 # Longest time of one step of mpremote; copying all files takes a few seconds.
@@ -86,10 +86,7 @@ def flash_port(port: str, files: Sequence[Path], *, dry_run: bool = False) -> Fl
 
 
 def find_board(ports: Sequence[SerialPort]) -> str:
-    """Return the port of the only Raspberry Pi Pico with MicroPython among `ports`.
-
-    Other boards are never chosen, because flashing interrupts the program that runs there.
-    """
+    """Return the port of the only Raspberry Pi Pico with MicroPython among `ports`."""
     boards = [port for port in ports if port.usb_id == _PICO_WITH_MICROPYTHON]
     if len(boards) == 1:
         return boards[0].device
@@ -145,7 +142,7 @@ def _running_controller(port: str, *, stop: bool) -> ControllerIdentity | None:
     return link.identity
 
 
-def _until_ready(attempt: Callable[[], T]) -> T:
+def _until_ready(attempt: Callable[[], _Result]) -> _Result:
     """Repeat `attempt` until it succeeds or a board would have restarted."""
     deadline_s = time.monotonic() + _RESTART_TIMEOUT_S
     while True:

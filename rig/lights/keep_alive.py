@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from firmware_sim import Clock
 
-KeepAlive = Callable[[], float]
+_KeepAlive = Callable[[], float]
 """Sends a command if one is due; returns the seconds until it should be called again."""
 
 # Simulated clocks count whole nanoseconds, so a shorter sleep would not advance them.
@@ -44,7 +44,7 @@ class LightUsage:
 class KeepAliveThread:
     """A thread that calls `keep_alive`, which must not raise, in real time until it is stopped."""
 
-    def __init__(self, keep_alive: KeepAlive) -> None:
+    def __init__(self, keep_alive: _KeepAlive) -> None:
         self._keep_alive = keep_alive
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="light keep-alive", daemon=True)
@@ -62,17 +62,13 @@ class KeepAliveThread:
 
 
 class KeepAliveClock:
-    """A clock whose sleeps also keep a controller alive, for simulated time.
-
-    A thread would be too slow, and a tick of a virtual clock must not wait for a reply that takes
-    simulated time. The simulated hardware uses the inner clock.
-    """
+    """A clock whose sleeps also keep a controller alive, for simulated time."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
-        self._keep_alive: KeepAlive | None = None
+        self._keep_alive: _KeepAlive | None = None
 
-    def keep_alive_with(self, keep_alive: KeepAlive | None) -> None:
+    def keep_alive_with(self, keep_alive: _KeepAlive | None) -> None:
         """Call `keep_alive` in every sleep, as often as it asks; None stops the calls."""
         self._keep_alive = keep_alive
 

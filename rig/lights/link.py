@@ -1,17 +1,61 @@
-"""One open line to a light controller: its identity, and one reply to each command."""
+"""One open line to a light controller: protocol, identity, and one reply to each command.
 
+``firmware_sim/README.md`` describes the protocol: lines with sequence id and CRC.
+"""
+
+import re
 import secrets
 from contextlib import suppress
 from dataclasses import dataclass
 
+from firmware_sim import crc8
 from firmware_sim.firmware import MAX_SEQUENCE
 from rig.errors import LightControllerError
 
 from .serial_line import Patience, SerialLine
-from .wire import BANNER, Garbled, Reply, decode_reply, encode_command
+
+BANNER = b"READY "
+
+_REPLY = re.compile(rb"(?:#(\d{1,5}) )?(OK|ERR)(?: ([ -~]*))?")
+
+
+class Garbled(ValueError):  # noqa: N818 - the state of a line; users never see it
+    """A line that is not an intact reply."""
+
+
+@dataclass(frozen=True)
+class Reply:
+    """An intact reply line."""
+
+    sequence: int | None
+    ok: bool
+    text: str
+
+
+def encode_command(sequence: int, command: str) -> bytes:
+    """Encode a command as ``#<sequence> <command>~<crc>`` with its line end."""
+    body = f"#{sequence} {command}".encode("ascii")
+    return body + b"~%02X\n" % crc8(body)
+
+
+def decode_reply(line: bytes) -> Reply:
+    """Check the CRC of a reply line without its line end, and parse it."""
+    body, mark, crc = line.rpartition(b"~")
+    if not mark or not re.fullmatch(rb"[0-9A-F]{2}", crc) or int(crc, 16) != crc8(body):
+        raise Garbled(line)
+    parts = _REPLY.fullmatch(body)
+    if parts is None:
+        raise Garbled(line)
+    sequence, status, text = parts.groups()
+    return Reply(
+        sequence=None if sequence is None else int(sequence),
+        ok=status == b"OK",
+        text=(text or b"").decode("ascii"),
+    )
+
 
 PROTOCOL_VERSION = 2
-VENDOR = "PS4RIG"
+_VENDOR = "PS4RIG"
 _WRITE_PATIENCE = 20.0  # times the time-out of a reply (test_driver.py: "stands still")
 _SIMULATED = "SIM-"  # the beginning of a simulated board's serial number
 
@@ -121,9 +165,9 @@ class ControllerLink:
 
     def _checked_identity(self, text: str) -> ControllerIdentity:
         fields = text.split(",")
-        if len(fields) < 5 or fields[0] != VENDOR or not fields[4].isdigit():
+        if len(fields) < 5 or fields[0] != _VENDOR or not fields[4].isdigit():
             raise LightControllerError(
-                f"{self.port}: this is not a {VENDOR} light controller (it is {text!r})"
+                f"{self.port}: this is not a {_VENDOR} light controller (it is {text!r})"
             )
         vendor, model, serial_number, firmware_version, protocol = fields[:5]
         identity = ControllerIdentity(vendor, model, serial_number, firmware_version, int(protocol))

@@ -12,7 +12,7 @@ from rig.config.sequence_plan import SequencePlan
 from rig.errors import LightControllerError
 
 from .driver import Answer, LightController
-from .wire import encode_command
+from .link import encode_command
 
 # Drift between the clocks: two crystals of 50 ppm each, doubled for temperature and age.
 _DRIFT = 2e-4

@@ -1,13 +1,208 @@
-"""Whole lines over a serial port, each within its time-out.
+"""Whole lines over a serial port or TCP, each within its time-out; programs that hold a port.
 
 Bytes are collected until a line is complete; pyserial's own `readline` may return half a line.
 """
 
+import errno
+import os
+import socket
 import time
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Protocol
+from urllib.parse import urlsplit
 
+from classify.base.errors import ConfigError
 from rig.errors import LightControllerError
 
-from .ports import READ_SLICE_S, open_port
+_PROC = Path("/proc")
+# Processor time of the search, which takes longer on a machine with very many open files.
+_LONGEST_S = 1.0
+
+
+@dataclass(frozen=True)
+class PortHolder:
+    """A running program that has a device open."""
+
+    pid: int
+    name: str
+
+    def __str__(self) -> str:
+        return f"{self.name} (process {self.pid})"
+
+
+def port_holders(device: str, proc: Path = _PROC) -> list[PortHolder]:
+    """List the programs, this one included, that have a device open; other users' may be hidden."""
+    target = os.path.realpath(device)
+    given_up_s = time.thread_time() + _LONGEST_S
+    holders = []
+    for process in sorted(proc.glob("[0-9]*"), key=lambda path: int(path.name)):
+        if time.thread_time() > given_up_s:
+            break
+        if _has_open(process, target):
+            holders.append(PortHolder(int(process.name), _name(process)))
+    return holders
+
+
+def _has_open(process: Path, target: str) -> bool:
+    try:
+        return any(
+            _target(entry) == target and not _is_of_a_container(entry, target)
+            for entry in os.scandir(process / "fd")
+        )
+    except OSError:  # another user's, or it has just ended
+        return False
+
+
+def _target(entry: os.DirEntry[str]) -> str:
+    try:
+        return os.readlink(entry.path)  # noqa: PTH115 - a Path per open file takes too long
+    except OSError:  # closed since it was listed
+        return ""
+
+
+def _is_of_a_container(entry: os.DirEntry[str], target: str) -> bool:
+    """Whether an open pseudo-terminal is of another /dev/pts, which uses the same names."""
+    if not target.startswith("/dev/pts/"):
+        return False
+    try:
+        return entry.stat().st_dev != os.stat(target).st_dev  # noqa: PTH116 - as above
+    except OSError:  # closed since
+        return True
+
+
+def _name(process: Path) -> str:
+    try:
+        return (process / "comm").read_text(encoding="utf-8", errors="replace").strip()
+    except OSError:
+        return "a program"
+
+
+_READ_SLICE_S = 0.05  # longest blocking read, and so the error of a time-out
+_CONNECT_S = 5.0  # two lost packets cost 3 s (RFC 6298); a local connection takes less than 1 ms
+_TCP_SCHEME = "socket"
+_TCP_READ_BYTES = 4096
+_IN_USE = "in use by {}; close that first"
+
+
+class _BytePort(Protocol):
+    """An open port. All methods raise `OSError` once the port is gone."""
+
+    def receive(self) -> bytes:
+        """Return the bytes that have arrived; wait for the first for at most 50 ms."""
+
+    def write(self, data: bytes) -> object:
+        """Send all of `data`, within the time-out of the port."""
+
+    def close(self) -> None:
+        """Release the port; never raise."""
+
+
+def open_port(port: str, baud: int, write_timeout_s: float) -> _BytePort:
+    """Open a serial device, ``socket://HOST:PORT``, or another URL that pyserial knows."""
+    try:
+        address = urlsplit(port)
+        if address.scheme == _TCP_SCHEME and address.hostname and address.port:
+            return _TcpPort((address.hostname, address.port), write_timeout_s)
+        return _SerialPort(port, baud, write_timeout_s)
+    except (OSError, ValueError) as error:
+        raise LightControllerError(f"{port}: {_why_not_open(error)}") from error
+
+
+def pyserial() -> ModuleType:
+    """Import pyserial, which needs a system with serial ports."""
+    try:
+        import serial
+    except ImportError as error:
+        raise ConfigError(
+            f"serial ports cannot be used on this system ({error}); set lights.port to "
+            "'simulated', or to socket://HOST:PORT of a controller on the network"
+        ) from error
+    module: ModuleType = serial
+    return module
+
+
+class _SerialPort:
+    """A port that pyserial opens, for this program alone."""
+
+    def __init__(self, port: str, baud: int, write_timeout_s: float) -> None:
+        # A program that has not locked the port would otherwise share it.
+        for holder in [] if "://" in port else port_holders(port):
+            if holder.pid != os.getpid():
+                raise LightControllerError(f"{port}: {_IN_USE.format(holder)}")
+        self._serial: Any = pyserial().serial_for_url(
+            port,
+            baudrate=baud,
+            timeout=_READ_SLICE_S,
+            write_timeout=write_timeout_s,
+            exclusive=True,
+        )
+        self.write = self._serial.write
+        # pyserial's lock only excludes programs that ask for a lock too.
+        self._terminal_control("TIOCEXCL")
+
+    def receive(self) -> bytes:
+        data: bytes = self._serial.read(1)
+        waiting = self._serial.in_waiting
+        return data + self._serial.read(waiting) if waiting else data
+
+    def close(self) -> None:
+        # Otherwise a pseudo-terminal would stay exclusive while its master is open.
+        self._terminal_control("TIOCNXCL")
+        with suppress(OSError):
+            self._serial.close()
+
+    def _terminal_control(self, request: str) -> None:
+        try:
+            import fcntl
+            import termios
+        except ImportError:  # not a POSIX system, where a port can be opened only once
+            return
+        with suppress(OSError, AttributeError, NotImplementedError):
+            fcntl.ioctl(self._serial.fileno(), getattr(termios, request))
+
+
+class _TcpPort:
+    """A TCP connection. pyserial's takes one byte at a time, and 0.3 s to close."""
+
+    def __init__(self, address: tuple[str, int], write_timeout_s: float) -> None:
+        self._socket = socket.create_connection(address, _CONNECT_S)
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._write_timeout_s = write_timeout_s
+
+    def receive(self) -> bytes:
+        self._socket.settimeout(_READ_SLICE_S)
+        try:
+            data = self._socket.recv(_TCP_READ_BYTES)
+        except TimeoutError:
+            return b""
+        if not data:
+            raise ConnectionResetError("the connection was closed")
+        return data
+
+    def write(self, data: bytes) -> None:
+        self._socket.settimeout(self._write_timeout_s)
+        self._socket.sendall(data)
+
+    def close(self) -> None:
+        with suppress(OSError):
+            self._socket.close()
+
+
+def _why_not_open(error: OSError | ValueError) -> str:
+    code = getattr(error, "errno", None)
+    if code == errno.ENOENT:
+        return "no such port; is the light controller plugged in?"
+    if code == errno.EACCES:
+        return "no permission; add yourself to the group that owns it (dialout on Debian)"
+    if code in (errno.EBUSY, errno.EAGAIN):
+        return _IN_USE.format("another program")
+    if code == errno.ECONNREFUSED:
+        return "cannot be opened: no program listens there; is the controller's server running?"
+    return f"cannot be opened as a serial port ({error})"
+
 
 _MAX_LINE_BYTES = 512  # the longest reply, LED:STAT? of 64 LEDs, has about 280 bytes
 
@@ -20,9 +215,9 @@ class Patience:
         self._counted_s = time.monotonic()
 
     def count(self) -> None:
-        """Subtract the time since the last call, at most the longest read, `READ_SLICE_S`."""
+        """Subtract the time since the last call, at most the longest read, `_READ_SLICE_S`."""
         now_s = time.monotonic()
-        self.left_s -= min(now_s - self._counted_s, READ_SLICE_S)
+        self.left_s -= min(now_s - self._counted_s, _READ_SLICE_S)
         self._counted_s = now_s
 
 

@@ -19,17 +19,18 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, PositiveFloat, ValidationError
 
+from classify.base.arrays import FloatMap
 from classify.base.errors import InputError
 from classify.base.regular_file import read_regular_file
 from rig.image_metadata import linear_from_srgb, luminance
 
-from .surfaces import MAX_SIDE_PX, FloatImage, PeriodicSurface, rms_slope, spectral_gradients
+from .surfaces import MAX_SIDE_PX, PeriodicSurface, rms_slope, spectral_gradients
 
-DEFAULT_ALBEDO = 0.8  # of a material without an albedo map
-DEFAULT_RMS_SLOPE = 0.30  # of a height of unknown relief; scanned materials have 0.1 to 0.9
-STEEPEST_SLOPE = 10.0  # 84 degrees; one step of an 8-bit normal map changes this slope by 8 %
-MAX_JSON_BYTES = 1 << 20
-MAP_ENDINGS = ("png", "jpg", "jpeg")
+_DEFAULT_ALBEDO = 0.8  # of a material without an albedo map
+_DEFAULT_RMS_SLOPE = 0.30  # of a height of unknown relief; scanned materials have 0.1 to 0.9
+_STEEPEST_SLOPE = 10.0  # 84 degrees; one step of an 8-bit normal map changes this slope by 8 %
+_MAX_JSON_BYTES = 1 << 20
+_MAP_ENDINGS = ("png", "jpg", "jpeg")
 
 
 class _MaterialNotes(BaseModel):
@@ -48,19 +49,13 @@ def bundled_materials() -> dict[str, Path]:
 
 
 def load_material(folder: str | Path) -> PeriodicSurface:
-    """Read a material folder as one period of a surface.
-
-    Gradients come from the normal map, or are the spectral derivatives of the height: on 8-bit
-    heights of the synthetic textures their error is 0.03 to 0.11 of the rms slope, that of central
-    differences 0.35 to 0.47. The height casts the shadows; without one it is integrated from the
-    normals.
-    """
+    """Read a material folder as one period of a surface."""
     folder = Path(folder)
     if not folder.is_dir():
         raise InputError(f"{folder}: no such material folder")
     height_file = _only_file(folder, "height", ("png",))
-    normal_file = _only_file(folder, "normal", MAP_ENDINGS)
-    albedo_file = _only_file(folder, "albedo", MAP_ENDINGS)
+    normal_file = _only_file(folder, "normal", _MAP_ENDINGS)
+    albedo_file = _only_file(folder, "albedo", _MAP_ENDINGS)
     if normal_file is None and height_file is None:
         raise InputError(
             f"{folder}: no height.png and no normal.png or normal.jpg; a material needs one of them"
@@ -76,7 +71,7 @@ def load_material(folder: str | Path) -> PeriodicSurface:
     albedo = (
         luminance(linear_from_srgb(maps[albedo_file]))
         if albedo_file
-        else np.full(shape, DEFAULT_ALBEDO)
+        else np.full(shape, _DEFAULT_ALBEDO)
     )
     units = maps[height_file].mean(axis=2) if height_file else None
     scale = _known_scale(folder, width_px=shape[1])
@@ -101,7 +96,7 @@ def _only_file(folder: Path, stem: str, endings: tuple[str, ...]) -> Path | None
     return files[0] if files else None
 
 
-def _read(file: Path) -> FloatImage:
+def _read(file: Path) -> FloatMap:
     """Read an image as (H, W, 3) float32 in R, G, B, within 0 to 1."""
     # Imported here because most rigs never need the decoders.
     from rig.image_file import read_image
@@ -118,7 +113,7 @@ def _read(file: Path) -> FloatImage:
     return np.asarray(image / white, np.float32)
 
 
-def _slopes(rgb: FloatImage, file: Path) -> tuple[FloatImage, FloatImage]:
+def _slopes(rgb: FloatMap, file: Path) -> tuple[FloatMap, FloatMap]:
     """Slopes p and q of a normal map."""
     x, y, z = np.moveaxis(2.0 * rgb - 1.0, -1, 0)
     if np.median(z) <= 0.0:
@@ -128,13 +123,11 @@ def _slopes(rgb: FloatImage, file: Path) -> tuple[FloatImage, FloatImage]:
         )
     # The lower bound on z keeps the direction of a steep slope; the factor then limits the slope.
     steepness = np.hypot(x, y) / np.maximum(z, 1e-3)
-    limit = np.minimum(1.0, STEEPEST_SLOPE / np.maximum(steepness, 1e-9)) / np.maximum(z, 1e-3)
+    limit = np.minimum(1.0, _STEEPEST_SLOPE / np.maximum(steepness, 1e-9)) / np.maximum(z, 1e-3)
     return np.asarray(-x * limit, np.float32), np.asarray(-y * limit, np.float32)
 
 
-def _fitted_scale(
-    units: npt.NDArray[np.floating], p: FloatImage, q: FloatImage, folder: Path
-) -> float:
+def _fitted_scale(units: npt.NDArray[np.floating], p: FloatMap, q: FloatMap, folder: Path) -> float:
     """Pixels per unit of height, fitted to p and q by least squares."""
     unit_p, unit_q = spectral_gradients(np.asarray(units, np.float32))
     slope = rms_slope(unit_p, unit_q)
@@ -149,7 +142,7 @@ def _fitted_scale(
 
 def _default_scale(units: npt.NDArray[np.floating]) -> float:
     slope = rms_slope(*spectral_gradients(np.asarray(units, np.float32)))
-    return DEFAULT_RMS_SLOPE / slope if slope > 0.0 else 1.0
+    return _DEFAULT_RMS_SLOPE / slope if slope > 0.0 else 1.0
 
 
 def _known_scale(folder: Path, width_px: int) -> float | None:
@@ -179,6 +172,6 @@ def _known_scale(folder: Path, width_px: int) -> float | None:
 
 def _json(file: Path) -> Any:
     try:
-        return json.loads(read_regular_file(file, MAX_JSON_BYTES).decode("utf-8"))
+        return json.loads(read_regular_file(file, _MAX_JSON_BYTES).decode("utf-8"))
     except (ValueError, RecursionError) as error:
         raise InputError(f"{file}: not valid JSON: {error}") from error

@@ -10,16 +10,17 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import BoolArray, FloatMap, Floats
 from classify.base.errors import InputError
 from classify.lighting import Lighting
-from classify.relief.shadows import cast_shadow
+from classify.relief.relighting import cast_shadow
 
-from .surfaces import FloatImage, Surface, SurfacePatch
+from .surfaces import Surface, SurfacePatch, View
 
 AMBIENT = 0.02
 """Default ambient light as a share of the light of one LED: what a shrouded rig lets in."""
 
-Vector = tuple[FloatImage | np.float32, FloatImage | np.float32, FloatImage | np.float32]
+_Vector = tuple[FloatMap | np.float32, FloatMap | np.float32, FloatMap | np.float32]
 """x, y and z of a direction, the same at every pixel or of shape (H, W)."""
 
 DISTANT = math.inf
@@ -37,12 +38,12 @@ class Gloss(NamedTuple):
 class SceneImages:
     """Images of a surface under N lights, and its true gradients; 1 is white facing a light."""
 
-    lights: FloatImage  # (N, H, W), the light that each LED alone adds at full level
-    ambient: FloatImage  # (H, W), the light without any LED; not part of `lights`
-    shadowed: npt.NDArray[np.bool_]  # (N, H, W), in attached or cast shadow of each light
-    p: FloatImage
-    q: FloatImage
-    albedo: FloatImage
+    lights: FloatMap  # (N, H, W), the light that each LED alone adds at full level
+    ambient: FloatMap  # (H, W), the light without any LED; not part of `lights`
+    shadowed: BoolArray  # (N, H, W), in attached or cast shadow of each light
+    p: FloatMap
+    q: FloatMap
+    albedo: FloatMap
 
     def cropped(self, height_px: int, width_px: int) -> SceneImages:
         """Cut the middle of the images, for a camera whose frames are not square."""
@@ -126,7 +127,7 @@ def render_frame(
     """Render a square frame of a shifted, rotated surface; shadows may enter it."""
     reach_px = surface.relief_px * math.tan(math.radians(float(lighting.slants_deg.max())))
     margin_px = min(math.ceil(magnification * reach_px), size_px)
-    patch = surface.patch(size_px, rotate_deg, shift_px, margin_px, magnification)
+    patch = surface.patch(View(size_px, rotate_deg, shift_px, margin_px, magnification))
     return render_scene(
         patch,
         lighting,
@@ -153,11 +154,11 @@ def led_distance_for(fall_off: float, slant_deg: float, size_px: int) -> float:
 
 
 def _point_light(
-    direction: npt.NDArray[np.float64],
+    direction: Floats,
     distance_px: float,
-    height: FloatImage,
+    height: FloatMap,
     lobe_exponent: float,
-) -> tuple[Vector, FloatImage | np.float32]:
+) -> tuple[_Vector, FloatMap | np.float32]:
     """Unit vector towards a light from points, and strength relative to the centre."""
     if math.isinf(distance_px):
         x, y, z = direction.astype(np.float32)
@@ -174,19 +175,19 @@ def _point_light(
         from_axis = (direction[0] * x + direction[1] * y + direction[2] * z) / distance
         fall_off = fall_off * np.maximum(from_axis, 0.0) ** lobe_exponent
     x, y, z, fall_off = (
-        np.asarray(each, np.float32)
-        for each in (x / distance, y / distance, z / distance, fall_off)
+        np.asarray(values, np.float32)
+        for values in (x / distance, y / distance, z / distance, fall_off)
     )
     return (x, y, z), fall_off
 
 
-def _cosine(p: FloatImage, q: FloatImage, towards: Vector) -> FloatImage:
+def _cosine(p: FloatMap, q: FloatMap, towards: _Vector) -> FloatMap:
     """(n . l) sqrt(1 + p^2 + q^2), of either sign."""
     x, y, z = towards
     return np.asarray(z - x * p - y * q, np.float32)
 
 
-def _lobe(p: FloatImage, q: FloatImage, towards: Vector, gloss: Gloss) -> FloatImage:
+def _lobe(p: FloatMap, q: FloatMap, towards: _Vector, gloss: Gloss) -> FloatMap:
     x, y, z = towards
     halfway = (x, y, z + np.float32(1.0))
     length = np.sqrt(2.0 * halfway[2])  # |l + v| with v = (0, 0, 1)
@@ -194,7 +195,7 @@ def _lobe(p: FloatImage, q: FloatImage, towards: Vector, gloss: Gloss) -> FloatI
     return np.asarray(gloss.strength * np.maximum(cosine, 0.0) ** gloss.exponent, np.float32)
 
 
-def _reflectance(p: FloatImage, q: FloatImage, albedo: FloatImage) -> FloatImage:
+def _reflectance(p: FloatMap, q: FloatMap, albedo: FloatMap) -> FloatMap:
     return np.asarray(albedo / np.sqrt(1.0 + p * p + q * q), np.float32)
 
 
@@ -211,7 +212,7 @@ class Lens:
         lights = np.stack([self._image(light) for light in scene.lights])
         return replace(scene, lights=lights, ambient=self._image(scene.ambient))
 
-    def _image(self, ideal: FloatImage) -> FloatImage:
+    def _image(self, ideal: FloatMap) -> FloatMap:
         image = ideal
         if self.blur_px > 0.0:
             blurred = cv2.GaussianBlur(ideal, (0, 0), self.blur_px)

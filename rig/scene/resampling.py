@@ -12,16 +12,15 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
+from classify.base.arrays import FloatMap
 from classify.base.compiling import kernel
 from classify.base.threads import run_on_rows, thread_count
-
-FloatArray = npt.NDArray[np.float32]
 
 # Pixels of one strip of rows: some milliseconds of work, against 10 us for a call of the kernel.
 _STRIP_PX = 1 << 14
 
 
-def spline_coefficients(channels: FloatArray) -> FloatArray:
+def spline_coefficients(channels: FloatMap) -> FloatMap:
     """Cubic B-spline coefficients (2H, 2W, C) of periodic images (C, H, W) on a doubled grid.
 
     The spline passes through the pixels; between them it is within 0.6 % rms of the band-limited
@@ -61,13 +60,13 @@ def _zero_padded(
 
 
 def sample_rotated(
-    coefficients: FloatArray,
+    coefficients: FloatMap,
     centre_row: float,
     centre_col: float,
     rotate_deg: float,
     side_px: int,
     magnification: float = 1.0,
-) -> FloatArray:
+) -> FloatMap:
     """Interpolate a rotated square (C, side_px, side_px) from coefficients of a periodic tile."""
     fine_rows, fine_cols, count = coefficients.shape
     angle = math.radians(rotate_deg)
@@ -96,14 +95,14 @@ def _cubic_weights(t: float) -> tuple[np.float32, np.float32, np.float32, np.flo
 
 @kernel
 def _sample(
-    coefficients: FloatArray,
+    coefficients: FloatMap,
     row0: float,
     col0: float,
     cos: float,
     sin: float,
     first: int,
     last: int,
-    out: FloatArray,
+    out: FloatMap,
 ) -> None:
     """Interpolate rows `first` to `last`; position and rotation in spline pixels."""
     fine_rows, fine_cols, count = coefficients.shape

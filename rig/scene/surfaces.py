@@ -11,12 +11,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
+from classify.base.arrays import FloatMap, Floats
 from classify.base.errors import InputError
 from classify.base.threads import thread_count
 
 from .resampling import sample_rotated, spline_coefficients
-
-FloatImage = npt.NDArray[np.float32]
 
 MAX_SIDE_PX = 8192
 """Largest side of a frame or a tile: the spline coefficients of one need 4 GB."""
@@ -26,11 +25,49 @@ MAX_SIDE_PX = 8192
 class SurfacePatch:
     """A piece of surface in front of the camera, one surface pixel per camera pixel."""
 
-    height: FloatImage
-    p: FloatImage
-    q: FloatImage
-    albedo: FloatImage
+    height: FloatMap
+    p: FloatMap
+    q: FloatMap
+    albedo: FloatMap
     plane_px: float | None = None
+
+
+@dataclass(frozen=True)
+class View:
+    """A square frame, and how the part lies below it."""
+
+    size_px: int
+    rotate_deg: float = 0.0  # of the part, anticlockwise about the centre of the frame
+    shift_px: tuple[float, float] = (0.0, 0.0)  # of that centre over the part, right and up
+    margin_px: int = 0  # border around the frame, which casts shadows into it
+    magnification: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.size_px <= MAX_SIDE_PX:
+            raise InputError(f"a frame of {self.size_px} px; its side must be 1 to {MAX_SIDE_PX}")
+        if not 0 <= self.margin_px <= MAX_SIDE_PX:
+            raise InputError(f"a margin of {self.margin_px} px; it must be 0 to {MAX_SIDE_PX}")
+        if not all(map(math.isfinite, (self.rotate_deg, *self.shift_px))):
+            raise InputError("the angle and the shift of a patch must be finite numbers")
+        if not 0.1 <= self.magnification <= 10.0:
+            raise InputError(f"a self.magnification of {self.magnification}; it must be 0.1 to 10")
+
+    @property
+    def side_px(self) -> int:
+        """Side of the frame with its margins."""
+        return self.size_px + 2 * self.margin_px
+
+    def part_coordinates(self) -> tuple[Floats, Floats]:
+        """Coordinates on the part of each pixel: R(-rotate) x / magnification + shift."""
+        x, y = (at.astype(np.float64) / self.magnification for at in from_centre(self.side_px))
+        cos, sin = math.cos(math.radians(self.rotate_deg)), math.sin(math.radians(self.rotate_deg))
+        return cos * x + sin * y + self.shift_px[0], cos * y - sin * x + self.shift_px[1]
+
+
+def from_centre(side_px: int) -> tuple[FloatMap, FloatMap]:
+    """Coordinates of pixels from the centre of the frame: x (1, side) and y (side, 1)."""
+    x = np.arange(side_px, dtype=np.float32) - np.float32(0.5 * (side_px - 1))
+    return x[None, :], -x[:, None]
 
 
 class Surface(Protocol):
@@ -39,28 +76,17 @@ class Surface(Protocol):
     @property
     def relief_px(self) -> float: ...
 
-    def patch(
-        self,
-        size_px: int,
-        rotate_deg: float = 0.0,
-        shift_px: tuple[float, float] = (0.0, 0.0),
-        margin_px: int = 0,
-        magnification: float = 1.0,
-    ) -> SurfacePatch: ...
+    def patch(self, view: View) -> SurfacePatch: ...
 
 
 @dataclass(frozen=True, eq=False)
 class PeriodicSurface:
-    """One period of a surface that repeats in both directions.
+    """One period of a surface that repeats in both directions."""
 
-    Shading uses the gradients, cast shadow the height, because a normal map often has finer detail
-    than a height map.
-    """
-
-    height: FloatImage  # (H, W), px towards the camera
-    p: FloatImage  # (H, W), dz/dx
-    q: FloatImage  # (H, W), dz/dy with y up
-    albedo: FloatImage  # (H, W), 1 is white
+    height: FloatMap  # (H, W), px towards the camera
+    p: FloatMap  # (H, W), dz/dx
+    q: FloatMap  # (H, W), dz/dy with y up
+    albedo: FloatMap  # (H, W), 1 is white
     name: str
 
     def __post_init__(self) -> None:
@@ -119,50 +145,35 @@ class PeriodicSurface:
         return float(np.ptp(self.height))
 
     @cached_property
-    def _coefficients(self) -> FloatImage:
+    def _coefficients(self) -> FloatMap:
         """Spline coefficients of height, p, q and albedo, computed once for all patches."""
         return spline_coefficients(np.stack([self.height, self.p, self.q, self.albedo]))
 
-    def patch(
-        self,
-        size_px: int,
-        rotate_deg: float = 0.0,
-        shift_px: tuple[float, float] = (0.0, 0.0),
-        margin_px: int = 0,
-        magnification: float = 1.0,
-    ) -> SurfacePatch:
+    def patch(self, view: View) -> SurfacePatch:
         """Cut a square piece at a shifted centre, rotated about that centre.
 
         patch(x) = tile(R(-rotate) x / magnification + shift), with x measured from the centre of
         the frame. The gradients rotate with the surface: (p', q') = R (p, q).
         """
-        if not 1 <= size_px <= MAX_SIDE_PX:
-            raise InputError(f"a frame of {size_px} px; its side must be 1 to {MAX_SIDE_PX}")
-        if not 0 <= margin_px <= MAX_SIDE_PX:
-            raise InputError(f"a margin of {margin_px} px; it must be 0 to {MAX_SIDE_PX}")
-        if not all(map(math.isfinite, (rotate_deg, *shift_px))):
-            raise InputError("the angle and the shift of a patch must be finite numbers")
-        if not 0.1 <= magnification <= 10.0:
-            raise InputError(f"a magnification of {magnification}; it must be 0.1 to 10")
         rows, cols = self.height.shape
-        right, up = shift_px
+        right, up = view.shift_px
         height, p, q, albedo = sample_rotated(
             self._coefficients,
-            centre_row=0.5 * (size_px - 1) + (rows - size_px) // 2 - up,
-            centre_col=0.5 * (size_px - 1) + (cols - size_px) // 2 + right,
-            rotate_deg=rotate_deg,
-            side_px=size_px + 2 * margin_px,
-            magnification=magnification,
+            centre_row=0.5 * (view.size_px - 1) + (rows - view.size_px) // 2 - up,
+            centre_col=0.5 * (view.size_px - 1) + (cols - view.size_px) // 2 + right,
+            rotate_deg=view.rotate_deg,
+            side_px=view.side_px,
+            magnification=view.magnification,
         )
-        height *= np.float32(magnification)
+        height *= np.float32(view.magnification)
         # The spline may overshoot below zero beside a dark edge; a reflectance cannot be negative.
         np.maximum(albedo, 0.0, out=albedo)
-        cos = np.float32(math.cos(math.radians(rotate_deg)))
-        sin = np.float32(math.sin(math.radians(rotate_deg)))
+        angle = math.radians(view.rotate_deg)
+        cos, sin = np.float32(math.cos(angle)), np.float32(math.sin(angle))
         return SurfacePatch(height, cos * p - sin * q, sin * p + cos * q, albedo)
 
 
-def spectral_gradients(height: FloatImage) -> tuple[FloatImage, FloatImage]:
+def spectral_gradients(height: FloatMap) -> tuple[FloatMap, FloatMap]:
     """Differentiate a periodic, band-limited height exactly: p and q, both (H, W) float32."""
     rows, cols = height.shape
     spectrum = fft.rfft2(height.astype(np.float64), workers=thread_count())
@@ -172,7 +183,7 @@ def spectral_gradients(height: FloatImage) -> tuple[FloatImage, FloatImage]:
     return p.astype(np.float32), q.astype(np.float32)
 
 
-def periodic_height(p: FloatImage, q: FloatImage) -> FloatImage:
+def periodic_height(p: FloatMap, q: FloatMap) -> FloatMap:
     """Integrate p and q to a periodic height by least squares (Frankot and Chellappa 1988)."""
     rows, cols = p.shape
     along_x, along_y = _derivative_factors(rows, cols)
@@ -184,7 +195,7 @@ def periodic_height(p: FloatImage, q: FloatImage) -> FloatImage:
     return np.asarray(height, np.float32)
 
 
-def round_band_limit(rows: int, cols: int) -> npt.NDArray[np.float32]:
+def round_band_limit(rows: int, cols: int) -> FloatMap:
     """Low-pass (rows, cols // 2 + 1): 1 up to 0.40 cycles/px, a raised cosine down to 0 at 0.48.
 
     The cubic spline is within 0.6 % up to 0.40 (`test_spline_error_between_pixels`).
@@ -194,7 +205,7 @@ def round_band_limit(rows: int, cols: int) -> npt.NDArray[np.float32]:
     return np.asarray(0.5 + 0.5 * np.cos(np.pi * along), np.float32)
 
 
-def rms_slope(p: FloatImage, q: FloatImage) -> float:
+def rms_slope(p: FloatMap, q: FloatMap) -> float:
     """Root mean square of the steepest slope at each point: sqrt(mean(p^2 + q^2))."""
     return float(np.sqrt(np.mean(np.square(p, dtype=np.float64) + np.square(q, dtype=np.float64))))
 

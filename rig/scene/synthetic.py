@@ -7,7 +7,7 @@ spectra of one of the 30.
 
 The parameters of the four are: rock w^-3; malv (Mulvaney 1989) with cut-off 0.04 cycles/px; ogil
 (Ogilvy) with cut-offs 0.03 and 0.12; sand with Gaussian lobes at +-0.05 of widths 0.010 and 0.012,
-because Linnett's formula for sand was not found. At `RMS_SLOPE` this sand has the shadow counts of
+because Linnett's formula for sand was not found. At `_RMS_SLOPE` this sand has the shadow counts of
 the thesis: 1, 7, 19, 37 and 61 % at slants 40 to 80 (tests/rig/scene/test_render.py). The
 parameters of the others were chosen for variety; test_synthetic.py there tests that they differ.
 """
@@ -16,53 +16,57 @@ import zlib
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Floats
 from classify.base.errors import InputError
 
-from .power_spectra import fractal, mulvaney, ogilvy, ring, ripples, rotated, summed
 from .random_fields import (
     Field,
     cells,
     crested,
+    fractal,
     gaussian,
     inverted,
+    mulvaney,
+    ogilvy,
     phase_randomised,
     ridged,
+    ring,
+    ripples,
+    rotated,
     shaded,
     shot_noise,
+    summed,
 )
 from .surfaces import MAX_SIDE_PX, PeriodicSurface, rms_slope, spectral_gradients
 
-RMS_SLOPE = 0.5  # sqrt(mean(p^2 + q^2)) of the four; gives sand its shadow counts
+_RMS_SLOPE = 0.5  # sqrt(mean(p^2 + q^2)) of the four; gives sand its shadow counts
 ALBEDO = 0.8  # without a pattern; the synthetic surfaces of the thesis differ in relief alone
 
 # Mean and half-range of a pattern's albedo, within the 0.05 to 1 of real reflectances.
-PATTERN_ALBEDO, PATTERN_SWING, DARKEST = 0.55, 0.3, 0.05
+_PATTERN_ALBEDO, _PATTERN_SWING, _DARKEST = 0.55, 0.3, 0.05
 
-SMALLEST_TILE_PX, LARGEST_TILE_PX = 512, 4096
+_SMALLEST_TILE_PX, _LARGEST_TILE_PX = 512, 4096
 
 
 @dataclass(frozen=True)
 class _Pattern:
-    """Albedo of mean `PATTERN_ALBEDO` and range +-`PATTERN_SWING`, from a field or the height."""
+    """Albedo of mean `_PATTERN_ALBEDO` and range +-`_PATTERN_SWING`, from a field or the height."""
 
     field: Field | None
     contrast: float
 
-    def albedo(
-        self, height: npt.NDArray[np.float64], rng: np.random.Generator
-    ) -> npt.NDArray[np.float64]:
+    def albedo(self, height: Floats, rng: np.random.Generator) -> Floats:
         values = height if self.field is None else self.field(rng, len(height))
         # A few pixels in a million overshoot the range of reflectances (see `shaded`).
-        pattern = PATTERN_ALBEDO + PATTERN_SWING * shaded(values, self.contrast)
-        return np.clip(pattern, DARKEST, 1.0)
+        pattern = _PATTERN_ALBEDO + _PATTERN_SWING * shaded(values, self.contrast)
+        return np.clip(pattern, _DARKEST, 1.0)
 
 
 @dataclass(frozen=True)
 class _Texture:
     relief: Field
-    rms_slope: float = RMS_SLOPE
+    rms_slope: float = _RMS_SLOPE
     pattern: _Pattern | None = None
 
 
@@ -154,19 +158,16 @@ Pits are inverted domes. The other has the amplitudes of cobbles with random pha
 
 
 def tile_side_px(size_px: int) -> int:
-    """Side of the tile: a power of two, at least twice the frame so that no part shows twice.
-
-    At most 4096, whose spline coefficients take a gigabyte.
-    """
+    """Side of the tile: a power of two, at least twice the frame so that no part shows twice."""
     side_px = 1 << max(2 * size_px - 1, 1).bit_length()
-    return min(max(side_px, SMALLEST_TILE_PX), LARGEST_TILE_PX)
+    return min(max(side_px, _SMALLEST_TILE_PX), _LARGEST_TILE_PX)
 
 
 def synthetic_surface(name: str, seed: int, tile_px: int) -> PeriodicSurface:
     """Generate one realisation of a random texture.
 
     Its statistics do not depend on the size of the tile. It is level on average and scaled to the
-    rms slope of its class. The four of the thesis are Gaussian with rms slope `RMS_SLOPE` and
+    rms slope of its class. The four of the thesis are Gaussian with rms slope `_RMS_SLOPE` and
     constant albedo `ALBEDO`.
 
     Parameters

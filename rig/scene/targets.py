@@ -10,14 +10,13 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Floats
 from classify.base.errors import InputError
 
-from .power_spectra import mulvaney
-from .random_fields import gaussian
+from .random_fields import gaussian, mulvaney
 from .render import Gloss, SceneImages
-from .surfaces import FloatImage, PeriodicSurface, Surface, SurfacePatch
+from .surfaces import PeriodicSurface, Surface, SurfacePatch, View, from_centre
 
 TARGETS = ("plate", "mirror_sphere", "matte_sphere", "checkerboard", "lens_cap")
 CHECKERBOARD_CORNERS = (9, 6)
@@ -88,19 +87,12 @@ class Plate:
         """Height of the grain; the tilt of a plane casts no shadow."""
         return self._grain.relief_px
 
-    def patch(
-        self,
-        size_px: int,
-        rotate_deg: float = 0.0,
-        shift_px: tuple[float, float] = (0.0, 0.0),
-        margin_px: int = 0,
-        magnification: float = 1.0,
-    ) -> SurfacePatch:
+    def patch(self, view: View) -> SurfacePatch:
         """A piece of the sheet; the centre of the frame is in the plane of the part."""
-        grain = self._grain.patch(size_px, rotate_deg, shift_px, margin_px, magnification)
-        angle = math.radians(rotate_deg)
+        grain = self._grain.patch(view)
+        angle = math.radians(view.rotate_deg)
         p, q = (np.float32(_SHEET_SLOPE * f(angle)) for f in (math.cos, math.sin))
-        x, y = _from_centre(size_px + 2 * margin_px)
+        x, y = from_centre(view.side_px)
         return SurfacePatch(grain.height + p * x + q * y, grain.p + p, grain.q + q, grain.albedo)
 
 
@@ -121,22 +113,15 @@ class Sphere:
         """The images of the LEDs on a mirror."""
         return _MIRROR if self.mirror else None
 
-    def patch(
-        self,
-        size_px: int,
-        rotate_deg: float = 0.0,
-        shift_px: tuple[float, float] = (0.0, 0.0),
-        margin_px: int = 0,
-        magnification: float = 1.0,
-    ) -> SurfacePatch:
+    def patch(self, view: View) -> SurfacePatch:
         """The upper half of the ball, which stands on a pillar where the lower half would be."""
-        x, y = part_coordinates(size_px, rotate_deg, shift_px, margin_px, magnification)
+        x, y = view.part_coordinates()
         squared = self.radius_px**2 - x * x - y * y
         ball = squared > 0.0
         # The height of the upper half; a pixel at the outline would have an infinite slope.
         z = np.where(ball, np.sqrt(np.maximum(squared, 1e-4 * self.radius_px**2)), np.inf)
-        height = np.where(ball, self.radius_px + z, 0.0) * magnification
-        cos, sin = math.cos(math.radians(rotate_deg)), math.sin(math.radians(rotate_deg))
+        height = np.where(ball, self.radius_px + z, 0.0) * view.magnification
+        cos, sin = math.cos(math.radians(view.rotate_deg)), math.sin(math.radians(view.rotate_deg))
         p, q = (cos * -x - sin * -y) / z, (sin * -x + cos * -y) / z
         albedo = np.where(ball, 0.0 if self.mirror else _WHITE, _BLACK)
         images = [each.astype(np.float32) for each in (height, p, q, albedo)]
@@ -156,7 +141,7 @@ class Sphere:
         down_px = self.radius_px * (1.0 + np.sqrt(towards_z)) / np.maximum(-z, 1e-6)
         beyond = [
             np.abs(at + down_px * along) > 0.5 * _CARD_SHARE * side_px
-            for at, along in zip(_from_centre(side_px), (x, y), strict=True)
+            for at, along in zip(from_centre(side_px), (x, y), strict=True)
         ]
         card = (z < 0.0) & ~beyond[0] & ~beyond[1]
         lit_card = scene.lights.max(axis=(1, 2), where=~ball, initial=0.0)[:, None, None]
@@ -183,21 +168,14 @@ class Checkerboard:
         """0: the board is flat."""
         return 0.0
 
-    def patch(
-        self,
-        size_px: int,
-        rotate_deg: float = 0.0,
-        shift_px: tuple[float, float] = (0.0, 0.0),
-        margin_px: int = 0,
-        magnification: float = 1.0,
-    ) -> SurfacePatch:
+    def patch(self, view: View) -> SurfacePatch:
         """The board, whose edges are blurred by one pixel so that they are between pixels."""
-        axes = part_coordinates(size_px, rotate_deg, shift_px, margin_px, magnification)
+        axes = view.part_coordinates()
         sign, inside = np.ones(()), np.ones((), np.bool_)
         for along, corners in zip(axes, CHECKERBOARD_CORNERS, strict=True):
             # Squares from the middle of the board; corners are at whole numbers.
             at = along / self.square_px + 0.5 * (corners - 1)
-            to_edge_px = (0.5 - np.abs(np.mod(at, 1.0) - 0.5)) * self.square_px * magnification
+            to_edge_px = (0.5 - np.abs(np.mod(at, 1.0) - 0.5)) * self.square_px * view.magnification
             side = np.where(np.mod(np.floor(at), 2.0) == 0.0, 1.0, -1.0)
             sign = sign * side * np.minimum(2.0 * to_edge_px, 1.0)
             inside = inside & (at > -1.0) & (at < corners)
@@ -207,7 +185,7 @@ class Checkerboard:
         return SurfacePatch(flat, flat, flat, albedo)
 
 
-def _dust(rng: np.random.Generator) -> npt.NDArray[np.float64]:
+def _dust(rng: np.random.Generator) -> Floats:
     """Share of light that specks of dust leave, (_TILE_PX, _TILE_PX)."""
     image = np.ones((_TILE_PX, _TILE_PX))
     count = round((_TILE_PX / _DUST_SPACING_PX) ** 2)
@@ -219,24 +197,3 @@ def _dust(rng: np.random.Generator) -> npt.NDArray[np.float64]:
         part = np.ix_(rows % _TILE_PX, cols % _TILE_PX)
         image[part] *= 1.0 - depth * np.exp(-0.5 * squared / radius_px**2)
     return image
-
-
-def _from_centre(side_px: int) -> tuple[FloatImage, FloatImage]:
-    """Coordinates of pixels from the centre of the frame: x (1, side) and y (side, 1)."""
-    x = np.arange(side_px, dtype=np.float32) - np.float32(0.5 * (side_px - 1))
-    return x[None, :], -x[:, None]
-
-
-def part_coordinates(
-    size_px: int,
-    rotate_deg: float,
-    shift_px: tuple[float, float],
-    margin_px: int,
-    magnification: float,
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Coordinates on the part of each pixel: R(-rotate) x / magnification + shift."""
-    x, y = (
-        each.astype(np.float64) / magnification for each in _from_centre(size_px + 2 * margin_px)
-    )
-    cos, sin = math.cos(math.radians(rotate_deg)), math.sin(math.radians(rotate_deg))
-    return cos * x + sin * y + shift_px[0], cos * y - sin * x + shift_px[1]

@@ -1,21 +1,65 @@
-"""A camera above a simulated scene, with the stale buffers of a real driver."""
+"""A camera above a simulated scene, with the stale buffers and time stamps of a real driver."""
 
 import math
 from collections import deque
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import FloatMap
 from firmware_sim import Clock, SimulatedBoard
-from rig.cameras.camera import CameraInfo, Frame
-from rig.cameras.frame_time import require_exposure
+from rig.cameras.camera import CameraInfo, Frame, require_exposure
+from rig.cameras.config import ReplayCameraConfig, SimulatedCameraConfig
+from rig.config.simulation import SimulationConfig
 from rig.errors import CameraError
 
 from .exposures import TRANSFER_S, Exposures
 from .sensor import RecordedPixels, Sensor
-from .stamps import ReportedTiming
+
+# Separates the random numbers of time stamps from those of pixels.
+_JITTER_STREAM = 1
+
+
+@dataclass(frozen=True)
+class ReportedTiming:
+    """The timing that a simulated camera reports of its exposures."""
+
+    # of a sequence number and the true start
+    start_s: Callable[[int, float], float] = lambda _sequence, start_s: start_s
+    readout_s: float | None = None
+    start_known_to_s: float = 0.0  # how much later an exposure may start
+
+
+def reported_timing(
+    camera: SimulatedCameraConfig | ReplayCameraConfig, simulation: SimulationConfig
+) -> ReportedTiming:
+    """The timing that the rig derives from the stamps of a simulated driver."""
+    camera.require_measured_mode()
+    period_s, exposure_s = 1.0 / camera.frame_rate_hz, camera.exposure_ms / 1e3
+    lag_ms = simulation.stamp_lag_ms
+
+    def reported_start_s(sequence: int, start_s: float) -> float:
+        stamp_s = start_s
+        if lag_ms is not None:
+            stamp_s += lag_ms / 1e3
+            if simulation.stamp_jitter_ms > 0.0:
+                rng = np.random.default_rng((simulation.placement.seed, sequence, _JITTER_STREAM))
+                stamp_s += rng.uniform(0.0, simulation.stamp_jitter_ms / 1e3)
+        return camera.exposure_start_s(
+            stamp_s, claims_start=lag_ms is None, period_s=period_s, exposure_s=exposure_s
+        )
+
+    readout_ms = simulation.readout_ms if lag_ms is None else camera.readout_ms
+    return ReportedTiming(
+        start_s=reported_start_s,
+        readout_s=None if readout_ms is None else readout_ms / 1e3,
+        start_known_to_s=max(0.0, -reported_start_s(0, 0.0))
+        if lag_ms is None
+        else camera.start_known_to_s,
+    )
+
 
 # Buffers of the driver, as many as `V4l2Camera` claims.
 _BUFFERS = 4
@@ -29,17 +73,14 @@ class LitScene(Protocol):
     """Light from a scene: (N, H, W) of each LED alone, and (H, W) with all LEDs off."""
 
     @property
-    def lights(self) -> npt.NDArray[np.float32]: ...
+    def lights(self) -> FloatMap: ...
 
     @property
-    def ambient(self) -> npt.NDArray[np.float32]: ...
+    def ambient(self) -> FloatMap: ...
 
 
 class SimulatedCamera:
-    """Camera with a global or a rolling shutter, and a queue of a few buffers as with V4L2.
-
-    The light of each row is the integral of the LEDs' true output over the row's exposure.
-    """
+    """Camera with a global or a rolling shutter, and a queue of a few buffers as with V4L2."""
 
     def __init__(
         self,
@@ -166,9 +207,7 @@ class SimulatedCamera:
             sequence=sequence,
         )
 
-    def _lit_ms(
-        self, led: int, start_s: float, rows: int
-    ) -> np.float32 | npt.NDArray[np.float32] | None:
+    def _lit_ms(self, led: int, start_s: float, rows: int) -> np.float32 | FloatMap | None:
         """Output of an LED over the exposure of each row (rows, 1), or of all; None if zero."""
         shutter = self.exposures.shutter
         all_rows_s = self._board.output_integral_s(led, start_s, start_s + shutter.all_rows_s)

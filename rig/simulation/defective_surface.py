@@ -12,18 +12,15 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import BoolArray
 from classify.defects.shapes import Image, Shape, blot, bump, scratch
-from rig.config.defect import RELIEF_KINDS, Defect
-from rig.scene.surfaces import Surface, SurfacePatch
-from rig.scene.targets import part_coordinates
+from rig.config.simulation import RELIEF_KINDS, Defect
+from rig.scene.surfaces import Surface, SurfacePatch, View
 
-Number = TypeVar("Number", float, Image)
+_Number = TypeVar("_Number", float, Image)
 
-Window = tuple[slice, slice]
-Placed = tuple[int, float, tuple[float, float], int, float]
-"""Size, rotation, shift, margin and magnification, as in `PeriodicSurface.patch`."""
+_Window = tuple[slice, slice]
 
 _MAPS = ("height", "p", "q", "albedo")
 # At six half widths a groove has come back to 1e-6 of its depth.
@@ -45,34 +42,26 @@ class DefectiveSurface:
         added = sum(1.5 * each.depth_px for each in self.defects if each.kind in RELIEF_KINDS)
         return self.surface.relief_px + added + sum(s.relief_px for s in self.foreign.values())
 
-    def patch(
-        self,
-        size_px: int,
-        rotate_deg: float = 0.0,
-        shift_px: tuple[float, float] = (0.0, 0.0),
-        margin_px: int = 0,
-        magnification: float = 1.0,
-    ) -> SurfacePatch:
+    def patch(self, view: View) -> SurfacePatch:
         """A square piece of the surface with its defects; see `PeriodicSurface.patch`."""
-        placed = (size_px, rotate_deg, shift_px, margin_px, magnification)
-        patch = self.surface.patch(*placed)
+        patch = self.surface.patch(view)
         patch = replace(patch, **{name: getattr(patch, name).copy() for name in _MAPS})
-        x, y = part_coordinates(*placed)
+        x, y = view.part_coordinates()
         for defect in self.defects:
             # Only the pixels around the defect: a frame with its margin may be a hundred times as
             # large.
             near = _window(defect, x, y)
             piece = replace(patch, **{name: getattr(patch, name)[near] for name in _MAPS})
-            changed = self._with_defect(defect, piece, x[near], y[near], near, placed)
+            changed = self._with_defect(defect, piece, x[near], y[near], near, view)
             for name in _MAPS:
                 getattr(patch, name)[near] = getattr(changed, name)
         return patch
 
     def mask(
         self, size_px: int, rotate_deg: float = 0.0, shift_px: tuple[float, float] = (0.0, 0.0)
-    ) -> npt.NDArray[np.bool_]:
+    ) -> BoolArray:
         """Pixels of a frame within the outline of a defect, (size_px, size_px)."""
-        x, y = part_coordinates(size_px, rotate_deg, shift_px, 0, 1.0)
+        x, y = View(size_px, rotate_deg, shift_px).part_coordinates()
         inside = np.zeros(x.shape, np.bool_)
         for defect in self.defects:
             near = _window(defect, x, y)
@@ -88,16 +77,16 @@ class DefectiveSurface:
         return inside
 
     def _with_defect(
-        self, defect: Defect, piece: SurfacePatch, x: Image, y: Image, near: Window, placed: Placed
+        self, defect: Defect, piece: SurfacePatch, x: Image, y: Image, near: _Window, view: View
     ) -> SurfacePatch:
         """The pixels `near` a defect with it; x and y are their coordinates on the part."""
-        angle_deg, magnification = placed[1] + defect.angle_deg, placed[4]
+        angle_deg, magnification = view.rotate_deg + defect.angle_deg, view.magnification
         along, across = _from_defect(defect, x, y)
         if defect.kind == "stain":
             faded = 1.0 - defect.contrast * blot(defect.size_px, along, across).value
             return replace(piece, albedo=np.float32(faded) * piece.albedo)
         if defect.kind not in RELIEF_KINDS:
-            other = self._filling(defect, along, across, near, placed)
+            other = self._filling(defect, along, across, near, view)
             weight = blot(defect.size_px, along, across)
             return _blended(piece, other, weight, angle_deg, magnification)
         height_px = defect.depth_px if defect.kind == "bump" else -defect.depth_px
@@ -114,28 +103,27 @@ class DefectiveSurface:
         )
 
     def _filling(
-        self, defect: Defect, along: Image, across: Image, near: Window, placed: Placed
+        self, defect: Defect, along: Image, across: Image, near: _Window, view: View
     ) -> SurfacePatch:
         """The mean plane of the replaced texture, with the relief of the foreign one."""
-        size_px, rotate_deg, shift_px, margin_px, magnification = placed
         level, p, q, albedo = _means_around(self.surface, defect, (defect.x_px, defect.y_px))
         p, q = _rotated(p, q, -defect.angle_deg)  # along and across
         if defect.surface is not None:
             shift = _rotated(
-                shift_px[0] - defect.x_px, shift_px[1] - defect.y_px, -defect.angle_deg
+                view.shift_px[0] - defect.x_px, view.shift_px[1] - defect.y_px, -defect.angle_deg
             )
             other = self.foreign[defect.surface]
             level_there, p_there, q_there, _ = _means_around(other, defect, (0.0, 0.0))
             uncut = other.patch(
-                size_px, rotate_deg + defect.angle_deg, shift, margin_px, magnification
+                replace(view, rotate_deg=view.rotate_deg + defect.angle_deg, shift_px=shift)
             )
             patch = replace(uncut, **{name: getattr(uncut, name)[near] for name in _MAPS})
             level, p, q = level - level_there, p - p_there, q - q_there
         else:
             flat = np.zeros(along.shape, np.float32)
             patch = SurfacePatch(flat, flat, flat, np.full_like(flat, albedo))
-        plane = magnification * (level + p * along + q * across)
-        p, q = _rotated(p, q, rotate_deg + defect.angle_deg)
+        plane = view.magnification * (level + p * along + q * across)
+        p, q = _rotated(p, q, view.rotate_deg + defect.angle_deg)
         return replace(
             patch,
             height=patch.height + np.float32(plane),
@@ -149,8 +137,8 @@ def _means_around(
 ) -> tuple[float, float, float, float]:
     """Means of height, p, q and albedo under the whole defect, also beyond the frame."""
     side_px = math.ceil(defect.size_px)
-    patch = surface.patch(side_px, 0.0, middle_px)
-    weight = bump(defect.size_px, *part_coordinates(side_px, 0.0, (0.0, 0.0), 0, 1.0)).value
+    patch = surface.patch(View(side_px, shift_px=middle_px))
+    weight = bump(defect.size_px, *View(side_px).part_coordinates()).value
     weight /= weight.sum()
     height, p, q, albedo = (
         float((weight * each).sum()) for each in (patch.height, patch.p, patch.q, patch.albedo)
@@ -178,7 +166,7 @@ def _blended(
     )
 
 
-def _window(defect: Defect, x: Image, y: Image) -> Window:
+def _window(defect: Defect, x: Image, y: Image) -> _Window:
     """Rows and columns of the pixels that a defect can change; empty if it is outside."""
     reach_px = 0.5 * (defect.size_px + _GROOVE_REACH * defect.width_px)
     near = (abs(x - defect.x_px) <= reach_px) & (abs(y - defect.y_px) <= reach_px)
@@ -195,7 +183,7 @@ def _from_defect(defect: Defect, x: Image, y: Image) -> tuple[Image, Image]:
     return cos * right + sin * up, cos * up - sin * right
 
 
-def _rotated(x: Number, y: Number, angle_deg: float) -> tuple[Number, Number]:
+def _rotated(x: _Number, y: _Number, angle_deg: float) -> tuple[_Number, _Number]:
     cos, sin = _cos_sin(angle_deg)
     return cos * x - sin * y, sin * x + cos * y
 

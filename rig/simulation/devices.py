@@ -10,8 +10,7 @@ from firmware_sim import Server, SimulatedController, serve_local, serve_tty
 from rig.cameras.config import CameraConfig
 from rig.cameras.v4l2.config import V4l2CameraConfig
 from rig.cameras.v4l2.output import V4l2Output
-from rig.cameras.v4l2.pixel_formats import PIXEL_FORMATS
-from rig.cameras.v4l2.pixel_packing import PACKINGS
+from rig.cameras.v4l2.pixel_formats import PIXEL_FORMATS, PixelFormat
 from rig.config.rig import RigConfig
 from rig.errors import LightControllerError
 
@@ -29,11 +28,11 @@ class DeviceSimulation:
             )
         self.written = self.late = 0
         self._period_s = 1.0 / config.camera.frame_rate_hz
-        self.pixel_format = _pixel_format(config.camera)
-        self._packing = PACKINGS[self.pixel_format]
+        self._format = _writable_format(config.camera)
+        self.pixel_format = self._format.name
         real = config.with_changes(
             simulation={"clock": "real"},
-            camera={"kind": "simulated", "bits": PIXEL_FORMATS[self.pixel_format].bit_depth},
+            camera={"kind": "simulated", "bits": self._format.bit_depth},
         )
         self._simulation = Simulation(real, _served_at(serial, config))
         try:
@@ -72,7 +71,8 @@ class DeviceSimulation:
         if self._simulation.clock.now_s() - end_s > self._period_s:
             self.late += 1
             return
-        self._output.write(self._packing.to_bytes(frame.pixels), end_s)
+        assert self._format.to_bytes is not None
+        self._output.write(self._format.to_bytes(frame.pixels), end_s)
         self.written += 1
 
     def close(self) -> None:
@@ -86,27 +86,28 @@ class DeviceSimulation:
     def _opened_output(self, video: str, camera: CameraConfig) -> V4l2Output:
         return V4l2Output(
             video,
-            fourcc=self._packing.fourcc,
+            fourcc=self._format.fourcc,
             width_px=camera.width_px,
             height_px=camera.height_px,
-            bytes_per_line=camera.width_px * self._packing.bytes_per_px,
+            bytes_per_line=camera.width_px * self._format.bytes_per_px,
             period_s=self._period_s,
         )
 
 
-def _pixel_format(camera: CameraConfig) -> str:
+def _writable_format(camera: CameraConfig) -> PixelFormat:
     if camera.recording is not None:
         raise ConfigError(
             "camera.kind = 'replay' cannot be simulated as a device; set 'v4l2' or 'simulated'"
         )
     if not isinstance(camera, V4l2CameraConfig):
-        return "GREY" if camera.bits == 8 else "Y16"
-    if camera.pixel_format not in PACKINGS:
+        return PIXEL_FORMATS["GREY" if camera.bits == 8 else "Y16"]
+    form = PIXEL_FORMATS[camera.pixel_format]
+    if form.to_bytes is None:
         raise ConfigError(
             f"camera.pixel_format = {camera.pixel_format!r} cannot be written; it can be "
-            + ", ".join(PACKINGS)
+            + ", ".join(name for name, form in PIXEL_FORMATS.items() if form.to_bytes is not None)
         )
-    return camera.pixel_format
+    return form
 
 
 def _served_at(serial: str | None, config: RigConfig) -> Callable[[SimulatedController], Server]:

@@ -20,7 +20,7 @@ _ROUNDING_S = 1e-6
 # which no frame is read.
 KEPT_STARTS = 8192
 
-Strobe = Callable[[bool, float], object]
+_Strobe = Callable[[bool, float], object]
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Shutter:
 class Exposures(ABC):
     """The exposures of a camera, numbered from 0; `strobe` gets level and time of each edge."""
 
-    def __init__(self, clock: Clock, shutter: Shutter, strobe: Strobe = lambda *_: None) -> None:
+    def __init__(self, clock: Clock, shutter: Shutter, strobe: _Strobe = lambda *_: None) -> None:
         self.shutter = shutter
         self._clock = clock
         self._strobe = strobe
@@ -85,7 +85,7 @@ class Exposures(ABC):
 class FreeRunning(Exposures):
     """An exposure in each frame period, from the construction on."""
 
-    def __init__(self, clock: Clock, shutter: Shutter, strobe: Strobe = lambda *_: None) -> None:
+    def __init__(self, clock: Clock, shutter: Shutter, strobe: _Strobe = lambda *_: None) -> None:
         super().__init__(clock, shutter, strobe)
         self._started_s = clock.now_s()
         clock.call_at(self._started_s, lambda: self._run(0))
@@ -108,7 +108,7 @@ class FreeRunning(Exposures):
 class Triggered(Exposures):
     """An exposure at each trigger that is a frame period after the last exposure."""
 
-    def __init__(self, clock: Clock, shutter: Shutter, strobe: Strobe = lambda *_: None) -> None:
+    def __init__(self, clock: Clock, shutter: Shutter, strobe: _Strobe = lambda *_: None) -> None:
         super().__init__(clock, shutter, strobe)
         self._lock = threading.Lock()  # a controller triggers while a program reads
         self._starts_s: list[float] = []

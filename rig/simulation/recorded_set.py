@@ -5,11 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from classify import Lighting
+from classify.base.arrays import FloatMap, Floats
 from classify.base.errors import InputError
-from rig.scene.surfaces import FloatImage
 from rig.set_file import Planes, read_set_file
 
 from .sensor import RecordedPixels
@@ -23,8 +22,8 @@ _SAME_DIRECTION = 1e-3
 class RecordedSet:
     """A set as the scene of a simulated camera."""
 
-    lights: FloatImage  # (N, H, W) float32 pixel values that each light adds
-    ambient: FloatImage  # (H, W) float32 pixel values
+    lights: FloatMap  # (N, H, W) float32 pixel values that each light adds
+    ambient: FloatMap  # (H, W) float32 pixel values
     lighting: Lighting
     sensor: RecordedPixels
 
@@ -98,5 +97,5 @@ def _number(value: float | None) -> float | None:
     return value
 
 
-def _degrees(angles: npt.NDArray[np.float64]) -> str:
+def _degrees(angles: Floats) -> str:
     return ", ".join(f"{angle:g}" for angle in np.round(angles, 1))

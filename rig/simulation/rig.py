@@ -12,21 +12,20 @@ from firmware_sim import (
     VirtualClock,
     serve_local,
 )
+from firmware_sim.board import Led
 from firmware_sim.faults import FaultyLine, faulty_leds
-from firmware_sim.led import Led
 from rig.cameras.camera import Camera
-from rig.cameras.simulated import ReplayCameraConfig, SimulatedCameraConfig
+from rig.cameras.config import ReplayCameraConfig, SimulatedCameraConfig
 from rig.config.fault_plan import FaultPlan
 from rig.config.rig import RigConfig
 from rig.config.simulation import Placement
 from rig.lights.keep_alive import KeepAliveClock
 
-from .camera import LitScene, SimulatedCamera
+from .camera import LitScene, SimulatedCamera, reported_timing
 from .exposures import Exposures, FreeRunning, Shutter, Triggered
 from .frame_faults import FaultyCamera
 from .scenes import SceneRenderer
 from .sensor import Sensor, SensorModel
-from .stamps import reported_timing
 
 
 class Simulation:

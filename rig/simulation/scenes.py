@@ -20,7 +20,7 @@ from rig.scene.targets import TARGETS, Sphere, target_named
 
 from .defective_surface import DefectiveSurface
 
-Kept = TypeVar("Kept")
+_Value = TypeVar("_Value")
 
 # One scene of 1024 x 1024 px and four lights, or many small ones.
 _CACHE_BYTES = 64_000_000
@@ -46,25 +46,25 @@ def require_surface(name: str) -> None:
         )
 
 
-class BoundedCache(Generic[Kept]):
+class BoundedCache(Generic[_Value]):
     """A thread-safe cache of at most `limit_bytes`; the least recently used value goes first."""
 
-    def __init__(self, bytes_of: Callable[[Kept], int], limit_bytes: int = _CACHE_BYTES) -> None:
+    def __init__(self, bytes_of: Callable[[_Value], int], limit_bytes: int = _CACHE_BYTES) -> None:
         self._bytes_of, self._limit_bytes = bytes_of, limit_bytes
-        self._kept: OrderedDict[Hashable, Kept] = OrderedDict()
-        self._kept_bytes = 0
+        self._values: OrderedDict[Hashable, _Value] = OrderedDict()
+        self._total_bytes = 0
         self._lock = Lock()
 
-    def get(self, key: Hashable, make: Callable[[], Kept]) -> Kept:
+    def get(self, key: Hashable, make: Callable[[], _Value]) -> _Value:
         """The value of `key`, made if it is not kept."""
         with self._lock:
-            if key not in self._kept:
-                self._kept[key] = make()
-                self._kept_bytes += self._bytes_of(self._kept[key])
-            self._kept.move_to_end(key)
-            value = self._kept[key]
-            while self._kept_bytes > self._limit_bytes:
-                self._kept_bytes -= self._bytes_of(self._kept.popitem(last=False)[1])
+            if key not in self._values:
+                self._values[key] = make()
+                self._total_bytes += self._bytes_of(self._values[key])
+            self._values.move_to_end(key)
+            value = self._values[key]
+            while self._total_bytes > self._limit_bytes:
+                self._total_bytes -= self._bytes_of(self._values.popitem(last=False)[1])
             return value
 
 
@@ -85,7 +85,7 @@ class SceneRenderer:
 
     def render(self, placement: Placement) -> SceneImages:
         """The scene of a placed surface, in the size of the camera's frames."""
-        named = {placement.surface, *(each.surface for each in placement.defects)}
+        named = {placement.surface, *(defect.surface for defect in placement.defects)}
         if not named <= {*SYNTHETIC_TEXTURES, *bundled_materials(), *TARGETS, None}:
             return self._render(placement)
         camera, simulated = self._config.camera, self._config.simulation
@@ -128,7 +128,7 @@ class SceneRenderer:
     def _with_defects(self, surface: Surface, placement: Placement, size_px: int) -> Surface:
         if not placement.defects:
             return surface
-        names = {each.surface for each in placement.defects if each.surface is not None}
+        names = {defect.surface for defect in placement.defects if defect.surface is not None}
         foreign = {name: _load(name, placement.seed, size_px) for name in names}
         return DefectiveSurface(surface, placement.defects, foreign)
 
@@ -156,7 +156,7 @@ def _bytes_of(scene: SceneImages) -> int:
 def _bytes_of_surface(surface: PeriodicSurface) -> int:
     maps = (surface.height, surface.p, surface.q, surface.albedo)
     # The spline coefficients have twice as many rows and columns.
-    return 5 * sum(each.nbytes for each in maps)
+    return 5 * sum(plane.nbytes for plane in maps)
 
 
 _SHARED_CACHE = SceneCache()

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import FloatMap
 from rig.cameras.camera import Pixels
 
 
@@ -58,7 +59,7 @@ class SensorModel:
         """Rms read noise in pixel values."""
         return self.read_noise_e / self.gain_e_per_dn
 
-    def expose(self, light_ms: npt.NDArray[np.float32], rng: np.random.Generator) -> Pixels:
+    def expose(self, light_ms: FloatMap, rng: np.random.Generator) -> Pixels:
         """Pixel values; `light_ms` is 1 for white that faces one LED for a millisecond."""
         signal = self.expose_unclipped(light_ms, rng)
         signal += np.float32(self.black_level_dn + 0.5)
@@ -75,18 +76,14 @@ class SensorModel:
             return signal.astype(np.uint8)
         return signal.astype(np.uint16)
 
-    def _hot_pixels(
-        self, pixel_count: int
-    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float32]]:
+    def _hot_pixels(self, pixel_count: int) -> tuple[npt.NDArray[np.int64], FloatMap]:
         """Flat indices of the hot pixels, and the linear values that they add."""
         rng = np.random.default_rng((self.hot_pixels, pixel_count))
         pixels = rng.choice(pixel_count, self.hot_pixels, replace=False)
         shares = rng.uniform(0.1, 1.0, self.hot_pixels)
         return pixels, (shares * self.full_well_e / self.gain_e_per_dn).astype(np.float32)
 
-    def expose_unclipped(
-        self, light_ms: npt.NDArray[np.float32], rng: np.random.Generator
-    ) -> npt.NDArray[np.float32]:
+    def expose_unclipped(self, light_ms: FloatMap, rng: np.random.Generator) -> FloatMap:
         """(H, W) float32 noisy values above the black level, neither clipped nor rounded."""
         signal = light_ms * np.float32(self.white_e_per_ms)
         deviation = np.abs(signal)
@@ -110,7 +107,7 @@ class RecordedPixels:
     black_level_dn: float | None
     stated: Mapping[str, Any]
 
-    def expose(self, light_ms: npt.NDArray[np.float32], _rng: np.random.Generator) -> Pixels:
+    def expose(self, light_ms: FloatMap, _rng: np.random.Generator) -> Pixels:
         """Pixel values for an exposure; `light_ms` is pixel values times milliseconds."""
         return digital(light_ms / np.float32(self.exposure_ms), self.bit_depth)
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from classify import Lighting, Method, SensorNoise, SurfaceEstimate, photometric_stereo
+from classify.base.arrays import Array
 from rig.scene.render import SceneImages
 
 from .sensor import SensorModel
@@ -21,8 +21,8 @@ EXPOSURE_MS = 20.0
 class SimulatedSet:
     """The light images and ambient image of a scene, with the data for a solver."""
 
-    images: npt.NDArray[Any]  # (N, H, W) pixel values
-    ambient: npt.NDArray[Any] | None  # (H, W)
+    images: Array  # (N, H, W) pixel values
+    ambient: Array | None  # (H, W)
     lighting: Lighting  # assumed by the solver
     full_scale: float  # highest pixel value of the sensor
     noise: SensorNoise | None  # None for a set without shadow, which no sensor can take

@@ -20,8 +20,8 @@ from capture.calibration.setting import Setting
 from capture.cli import app
 from capture.sets.metadata import ImageRecord, LightingRecord
 from classify import Lighting
+from classify.calibration.calibration import CalibratedLights
 from classify.calibration.flat_field import fit_flat_field
-from classify.calibration.lights import CalibratedLights
 from classify.calibration.plate_blocks import PlateBlocks
 from classify.images.stack import ImageStack
 from rig import Rig, RigConfig, open_rig

@@ -13,10 +13,9 @@ import numpy as np
 
 from capture import CapturedSet, capture_set
 from rig import Placement, RigConfig, open_rig
-from rig.config.defect import Defect, DefectKind
+from rig.config.simulation import Defect, DefectKind
 from rig.scene.material_folder import load_material
-from rig.scene.surfaces import PeriodicSurface, Surface, SurfacePatch
-from rig.scene.targets import part_coordinates
+from rig.scene.surfaces import PeriodicSurface, Surface, SurfacePatch, View
 
 SIDE_PX = 512
 # Pixels over which the edges of a strip and of a seam change.
@@ -76,30 +75,23 @@ class _ChangedSurface:
     def relief_px(self) -> float:
         return 1.2 * self.surface.relief_px
 
-    def patch(
-        self,
-        size_px: int,
-        rotate_deg: float = 0.0,
-        shift_px: tuple[float, float] = (0.0, 0.0),
-        margin_px: int = 0,
-        magnification: float = 1.0,
-    ) -> SurfacePatch:
+    def patch(self, view: View) -> SurfacePatch:
         strength = np.float32(self.fault.strength)
         if self.fault.kind == "scaled":
-            magnification *= self.fault.strength
-        patch = self.surface.patch(size_px, rotate_deg, shift_px, margin_px, magnification)
+            view = replace(view, magnification=view.magnification * self.fault.strength)
+        patch = self.surface.patch(view)
         if self.fault.kind == "darker":
             return replace(patch, albedo=strength * patch.albedo)
         if self.fault.kind == "relief":
             return replace(
                 patch, height=strength * patch.height, p=strength * patch.p, q=strength * patch.q
             )
-        x, y = part_coordinates(size_px, 0.0, (0.0, 0.0), margin_px, 1.0)
+        x, y = View(view.size_px, margin_px=view.margin_px).part_coordinates()
         angle = np.radians(self.angle_deg)
         across = (np.cos(angle) * x + np.sin(angle) * y - self.offset_px).astype(np.float32)
         if self.fault.kind == "seam":
             other = self.surface.patch(
-                size_px, rotate_deg + self.fault.strength, shift_px, margin_px, magnification
+                replace(view, rotate_deg=view.rotate_deg + self.fault.strength)
             )
             share = np.clip(0.5 + across / np.float32(_EDGE_PX), 0.0, 1.0)
         else:

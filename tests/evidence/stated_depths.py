@@ -37,7 +37,7 @@ from classify.defects.detectability import (
     stated_strength,
 )
 from rig import Placement
-from rig.config.defect import Defect
+from rig.config.simulation import Defect
 
 from .faulty_parts import GOOD, SIDE_PX, camera_over, kept_parts
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from classify import Lighting
-from classify.calibration.lights import CalibratedLights
+from classify.calibration.calibration import CalibratedLights
 from tests.evidence.calibration.lights import light_errors
 from tests.evidence.calibration.rigs import Conditions, angular_errors_deg
 from tests.evidence.calibration.run import reproduce_calibration

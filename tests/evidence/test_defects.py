@@ -122,7 +122,7 @@ def test_the_bound_rises_with_depth_and_a_deep_defect_reaches_it() -> None:
 
 @pytest.fixture(scope="module")
 def tables(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[dict[str, str]]]:
-    plan = defect_plan(True, material_textures(None))
+    plan = defect_plan(True, material_textures())
     page = reproduce_defects(plan, tmp_path_factory.mktemp("defects"))
     found = {}
     for path in page.parent.glob("*.csv"):
@@ -179,7 +179,7 @@ def test_defects_of_the_albedo_are_found_as_well_as_in_the_albedo_alone(
 @pytest.mark.slow
 def test_thirty_overlapping_parts_give_at_most_a_few_false_alarms() -> None:
     alarms = parts = 0
-    for texture in material_textures(None):
+    for texture in material_textures():
         taught = [part_of(texture, "taught", index).surface for index in range(30)]
         library = TextureLibrary.train([(texture.name, taught[0])])
 

@@ -14,10 +14,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from capture.chapter.exhibit import read_texts
 from classify import Lighting
 from classify.base.errors import InputError
 from rig.scene.render import render_frame
 from rig.scene.synthetic import synthetic_surface
+from tests.evidence.photographs import run
 from tests.evidence.photographs.exhibits import photograph_exhibits
 from tests.evidence.photographs.photograph_set import PhotographSet, load_photographs
 from tests.evidence.photographs.recognition import PATCH_PX, recognitions
@@ -145,7 +147,8 @@ def test_objects_are_recognised_and_refused_where_they_are_not_taught(
     )
     assert table.rows[0] == ("rotated by quarter turns", 9, 100.0, 0.0, 0.0, 18, 0.0, None)
     assert table.rows[-1] == ("all", 21, 100.0, 0.0, 0.0, 42, 0.0, None)
-    assert "patch of 256 x 256 px" in table.text.notes[0]
+    texts = read_texts(Path(run.__file__).with_name("notes.toml"))
+    assert "patch of 256 x 256 px" in table.text_from(texts).notes[0]
     assert recognitions([textures[0], photographs]) == []
 
 

@@ -8,9 +8,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtri
 
-from rig.config.defect import Defect
+from classify.surface.estimate import FloatMap
+from rig.config.simulation import Defect
 from rig.scene.material_folder import load_material
-from rig.scene.surfaces import FloatImage, Surface
+from rig.scene.surfaces import Surface, View
 from rig.simulation.defective_surface import DefectiveSurface
 
 from .faulty_parts import SIDE_PX, Fault, defect_of, placements
@@ -41,11 +42,11 @@ def holes_seen(material: Path, fault: Fault, count: int, seed: int) -> Iterator[
     """For each part whether its hole removes texture, of slopes or of albedo."""
     for surface, placement in placements(material, fault, count, seed):
         faulty = DefectiveSurface(surface, placement.defects, {})
-        place = (SIDE_PX, placement.rotate_deg, placement.shift_px)
-        hole = faulty.mask(*place)
+        view = View(SIDE_PX, placement.rotate_deg, placement.shift_px)
+        hole = faulty.mask(view.size_px, view.rotate_deg, view.shift_px)
         good, bad = (
             _stacked(patch.p, patch.q, patch.albedo)
-            for patch in (surface.patch(*place), faulty.patch(*place))
+            for patch in (surface.patch(view), faulty.patch(view))
         )
         change = (bad - good)[:, hole]
         whole = [np.hypot(*good[:2].std(axis=(1, 2))) + _NOISE, good[2].std() + _NOISE]
@@ -84,7 +85,7 @@ def detectability(material: Path, fault: Fault) -> float:
 
 def _fields(surface: Surface, shift_px: tuple[float, ...]) -> Fields:
     """(3, h, w) slopes and log albedo at half resolution."""
-    patch = surface.patch(SIDE_PX, 0.0, (shift_px[0], shift_px[1]))
+    patch = surface.patch(View(SIDE_PX, 0.0, (shift_px[0], shift_px[1])))
     half = (SIDE_PX // 2, SIDE_PX // 2)
     p, q, albedo = (
         np.asarray(cv2.resize(plane, half, interpolation=cv2.INTER_AREA), np.float32)
@@ -93,6 +94,6 @@ def _fields(surface: Surface, shift_px: tuple[float, ...]) -> Fields:
     return _stacked(p, q, albedo)
 
 
-def _stacked(p: FloatImage, q: FloatImage, albedo: FloatImage) -> Fields:
+def _stacked(p: FloatMap, q: FloatMap, albedo: FloatMap) -> Fields:
     """(3, h, w) slopes and log albedo."""
     return np.stack([p, q, np.log(np.maximum(albedo, 1e-2))]).astype(np.float64)

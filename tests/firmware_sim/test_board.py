@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_sim import SimulatedBoard, VirtualClock
+from firmware_sim.board import Led
 from firmware_sim.firmware import STROBE_BUFFER_EDGES
-from firmware_sim.led import Led
 from tests.memory_growth import growth_bytes
 
 TIMES_MS = st.sampled_from([0.0, 0.05, 0.3, 0.5, 4.0])

@@ -1,11 +1,10 @@
 """Keys of TOML and JSON files as Markdown, from the models that read them."""
 
-import dataclasses
 import inspect
 import math
 import re
 from collections.abc import Iterator, Sequence
-from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
+from typing import Any, Literal, NamedTuple, get_args, get_origin
 
 from pydantic import BaseModel
 
@@ -79,7 +78,7 @@ def _merged(kinds: Sequence[type]) -> list[Key]:
 
 def keys_of(model: type) -> list[Key]:
     """Return the keys of a pydantic model or a dataclass; ValueError if one is not described."""
-    keys = list(_model_keys(model) if issubclass(model, BaseModel) else _dataclass_keys(model))
+    keys = list(_model_keys(model))
     for key in keys:
         if not (key.meaning or key.models):
             raise ValueError(f"{model.__name__}.{key.name} has no description; give it one")
@@ -100,17 +99,6 @@ def _model_keys(model: type[BaseModel]) -> Iterator[Key]:
         yield _key(alias, field.annotation, default, _range(field.metadata), meaning)
 
 
-def _dataclass_keys(model: type) -> Iterator[Key]:
-    hints = get_type_hints(model, include_extras=True)
-    for field in dataclasses.fields(model):
-        texts = [each for each in get_args(hints[field.name])[1:] if isinstance(each, str)]
-        default = field.default
-        if field.default_factory is not dataclasses.MISSING:
-            default = field.default_factory()
-        shown = REQUIRED if default is dataclasses.MISSING else _shown(default)
-        yield _key(field.name, hints[field.name], shown, "", " ".join(texts))
-
-
 def _key(name: str, hint: Any, default: str, values: str, meaning: str) -> Key:
     models = tuple(dict.fromkeys(_models(hint)))
     choices = ", ".join(dict.fromkeys(_choices(hint)))
@@ -121,7 +109,7 @@ def _key(name: str, hint: Any, default: str, values: str, meaning: str) -> Key:
 def _models(hint: Any) -> Iterator[type]:
     if hint is CameraConfig:
         yield from (kind.config for kind in CAMERA_KINDS.values())
-    elif isinstance(hint, type) and (issubclass(hint, BaseModel) or dataclasses.is_dataclass(hint)):
+    elif isinstance(hint, type) and issubclass(hint, BaseModel):
         yield hint
     for each in get_args(hint):
         yield from _models(each)

@@ -11,19 +11,7 @@ from capture.base.console import reported
 from capture.commands import options
 from classify.base.errors import InputError
 
-from .flow import (
-    CalibrationPath,
-    PhotographGamma,
-    Replace,
-    RigToCalibrate,
-    Yes,
-    ask,
-    calibration_at,
-    files_given,
-    from_files,
-    keep_parts,
-    photographs_of,
-)
+from . import flow
 
 if TYPE_CHECKING:
     from capture.calibration.ps4cal import MeasuredPart
@@ -33,16 +21,16 @@ if TYPE_CHECKING:
 
 @reported
 def dark(
-    calibration: CalibrationPath,
-    rig: RigToCalibrate = None,
-    given: Annotated[
+    calibration: flow.CalibrationPath,
+    rig: flow.RigToCalibrate = None,
+    sources: Annotated[
         list[Path] | None,
-        from_files(
+        flow.from_files(
             "Photograph with the lens covered, instead of a rig, or a folder of them; two or "
             "more. A captured set gives the ambient light. Repeat the option."
         ),
     ] = None,
-    gamma: PhotographGamma = None,
+    gamma: flow.PhotographGamma = None,
     bits: Annotated[
         int | None,
         typer.Option(
@@ -52,8 +40,8 @@ def dark(
             show_default="as in the set",
         ),
     ] = None,
-    replace: Replace = False,
-    yes: Yes = False,
+    replace: flow.Replace = False,
+    yes: flow.Yes = False,
     json: options.Json = False,
 ) -> None:
     """Measure the camera with its lens covered: offset, noise and hot pixels; then ambient light.
@@ -61,11 +49,11 @@ def dark(
     They hold for the exposure at which they were measured. Another exposure is added; then they
     hold between the shortest and the longest one.
     """
-    if (rig is None) == (not given):
+    if (rig is None) == (not sources):
         raise InputError("give --rig RIG, or --from IMG with photographs of the covered lens")
-    file = calibration_at(calibration, given or ())
+    file = flow.calibration_at(calibration, sources or ())
     if rig is None:
-        part = _of_photographs(given or [], gamma, bits)
+        part = _of_photographs(sources or [], gamma, bits)
     else:
         from rig import open_rig
 
@@ -73,12 +61,11 @@ def dark(
             raise InputError("--bits and --gamma are for photographs; leave them out with --rig")
         with open_rig(rig) as opened:
             part = _of_rig(opened, yes)
-    keep_parts(calibration, file, [part], replace=replace, json=json)
+    flow.keep_parts(calibration, file, [part], replace=replace, json=json)
 
 
 def _of_rig(rig: Rig, yes: bool) -> MeasuredPart:
-    from capture.acquisition.camera_calibration import dark_of_rig
-    from capture.acquisition.frame_series import frame_series, require_free_running
+    from capture.acquisition.frame_series import dark_of_rig, frame_series, require_free_running
     from capture.calibration.setting import Setting
     from capture.procedures.camera_parts import dark_part
     from classify.calibration.dark_frames import with_ambient
@@ -89,20 +76,20 @@ def _of_rig(rig: Rig, yes: bool) -> MeasuredPart:
     if simulation is not None and placement is not None:
         simulation.place(placement.model_copy(update={"surface": "lens_cap"}))
     elif not yes:
-        ask("cover the lens with its cap or with black foil, then press Enter")
+        flow.ask("cover the lens with its cap or with black foil, then press Enter")
     measured = dark_of_rig(rig)
     dark = measured.dark
     if simulation is not None and placement is not None:
         simulation.place(placement)
     elif not yes:
-        ask("uncover the lens, with the room's light as for captures, then press Enter")
+        flow.ask("uncover the lens, with the room's light as for captures, then press Enter")
     # With --yes nobody uncovers the lens of a real camera, and ambient light is not measured.
     if placement is not None or not yes:
         dark = with_ambient(dark, frame_series(rig, None, 1)[0], dark.full_scale)
     return dark_part(measured, dark, Setting.of_rig(rig), ("captured",))
 
 
-def _of_photographs(given: list[Path], gamma: Gamma | None, bits: int | None) -> MeasuredPart:
+def _of_photographs(sources: list[Path], gamma: Gamma | None, bits: int | None) -> MeasuredPart:
     import numpy as np
 
     from capture.calibration.setting import Setting
@@ -111,13 +98,13 @@ def _of_photographs(given: list[Path], gamma: Gamma | None, bits: int | None) ->
     from capture.sets.photographs import DNG
     from classify.calibration.dark_frames import dark_of, with_ambient
 
-    images, set_paths = files_given(given)
+    images, set_paths = flow.source_files(sources)
     if not images:
         raise InputError("--from names no photographs of the covered lens; give two or more")
     sets = [CapturedSet.load(path) for path in set_paths]
     if bits is None and sets and images[0].suffix.lower() != DNG:
         bits = sets[0].metadata.bit_depth
-    photographs = photographs_of(images, gamma, bits)
+    photographs = flow.photographs_of(images, gamma, bits)
     if photographs.largest is not None:
         raise InputError(
             f"{images[0]}: 16 bits, and dark pixels do not show the depth of the data; give --bits "

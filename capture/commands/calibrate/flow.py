@@ -79,7 +79,7 @@ def calibration_at(path: Path, inputs: Sequence[Path] = ()) -> CalibrationFile:
     return CalibrationFile.read(path) if path.exists() else CalibrationFile()
 
 
-def sets_given(places: Sequence[Path]) -> tuple[list[CapturedSet], tuple[str, ...]]:
+def _sets_of(places: Sequence[Path]) -> tuple[list[CapturedSet], tuple[str, ...]]:
     """Return the sets of ``--from``, and their names for the record of a part."""
     from capture.sets.archive import find_sets
     from capture.sets.captured_set import CapturedSet
@@ -88,7 +88,7 @@ def sets_given(places: Sequence[Path]) -> tuple[list[CapturedSet], tuple[str, ..
     return [CapturedSet.load(path) for path in paths], tuple(path.name for path in paths)
 
 
-def files_given(places: Sequence[Path]) -> tuple[list[Path], list[Path]]:
+def source_files(places: Sequence[Path]) -> tuple[list[Path], list[Path]]:
     """Return the photographs and the sets among the files of ``--from`` and in its folders."""
     from capture.sets.light_list import PHOTOGRAPH_SUFFIXES
     from capture.sets.ome_tiff import SUFFIX
@@ -107,8 +107,8 @@ def files_given(places: Sequence[Path]) -> tuple[list[Path], list[Path]]:
 
 
 def photographs_or_sets(places: Sequence[Path]) -> tuple[list[Path], list[Path]]:
-    """Return photographs and sets as `files_given`; one of the two lists is empty."""
-    photographs, sets = files_given(places)
+    """Return photographs and sets as `source_files`; one of the two lists is empty."""
+    photographs, sets = source_files(places)
     if photographs and sets:
         raise InputError("--from names photographs and sets; give one kind of them")
     return photographs, sets
@@ -128,7 +128,7 @@ def photographs_of(
 
 def target_sets(
     rig: str | None,
-    given: Sequence[Path] | None,
+    sources: Sequence[Path] | None,
     target: Target,
     *,
     rotations_deg: Sequence[float] = (0.0,),
@@ -141,10 +141,10 @@ def target_sets(
     """
     from rig import open_rig
 
-    if (rig is None) == (not given):
+    if (rig is None) == (not sources):
         raise InputError("give --rig RIG to capture the target, or --from SET with sets of it")
-    if given:
-        return sets_given(given)
+    if sources:
+        return _sets_of(sources)
     assert rig is not None
     with open_rig(rig) as opened:
         return list(captured_targets(opened, target, rotations_deg, average, yes)), ("captured",)
@@ -231,7 +231,7 @@ def keep_parts(
     for warning in (*(text for part in parts for text in part.warnings), *merged.warnings()):
         complain(f"warning: {path}: {warning}")
     if json:
-        answers = [_answer(path, part, merged, reasons[part.name]) for part in parts]
+        answers = [_part_json(path, part, merged, reasons[part.name]) for part in parts]
         print_json(answers if len(answers) > 1 else answers[0])
         return merged
     for part in parts:
@@ -245,13 +245,13 @@ def keep_parts(
     return merged
 
 
-def _answer(
-    path: Path, part: MeasuredPart, kept: CalibrationFile, reason: str | None
+def _part_json(
+    path: Path, part: MeasuredPart, calibration: CalibrationFile, reason: str | None
 ) -> dict[str, Any]:
     """The part as it is in the calibration; `kept_because` is the reason why the new one is not."""
-    record = kept.records[part.name]
+    record = calibration.records[part.name]
     return {
         "calibration": str(path), "part": part.name, "warnings": [*part.warnings],
         "kept_because": reason, "quality": record.quality, "figures": record.figures,
-        "source": record.source, "calibration_id": kept.hash,
+        "source": record.source, "calibration_id": calibration.hash,
     }  # fmt: skip

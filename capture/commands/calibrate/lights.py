@@ -13,19 +13,7 @@ from capture.base.console import out, reported
 from capture.commands import options
 from classify.base.errors import InputError
 
-from .flow import (
-    PhotographGamma,
-    Replace,
-    RigToCalibrate,
-    Target,
-    Yes,
-    calibration_at,
-    from_files,
-    keep_parts,
-    photographs_of,
-    photographs_or_sets,
-    place_target,
-)
+from . import flow
 
 if TYPE_CHECKING:
     from capture.calibration.ps4cal import CalibrationFile
@@ -53,10 +41,10 @@ def lights(
         Literal["mirror", "matte"],
         typer.Option(help="A polished ball, such as of a ball bearing, or a white matt one."),
     ],
-    rig: RigToCalibrate = None,
-    given: Annotated[
+    rig: flow.RigToCalibrate = None,
+    sources: Annotated[
         list[Path] | None,
-        from_files(
+        flow.from_files(
             "Photographs of the sphere, one per light, or captured sets of it, instead of a "
             "rig. Photographs of further placements follow, in the same order of lights.",
             metavar="IMG...|SET",
@@ -79,7 +67,7 @@ def lights(
             metavar="N",
         ),
     ] = None,
-    gamma: PhotographGamma = None,
+    gamma: flow.PhotographGamma = None,
     diameter_mm: Annotated[
         float | None,
         typer.Option(min=1e-3, max=1e4, help="Diameter of the sphere; gives the scale too."),
@@ -101,8 +89,8 @@ def lights(
         ),
     ] = None,
     force: options.Force = False,
-    replace: Replace = False,
-    yes: Yes = False,
+    replace: flow.Replace = False,
+    yes: flow.Yes = False,
     json: options.Json = False,
 ) -> None:
     """Measure the directions of the lights by a mirror sphere or a matt one below the camera.
@@ -116,10 +104,10 @@ def lights(
     from capture.sets.light_list import require_light_list_name, write_light_list
     from rig import open_rig
 
-    calibration, photographs = _calibration_and_photographs(paths, given, mask)
+    calibration, photographs = _calibration_and_photographs(paths, sources, mask)
     if (rig is None) == (not photographs):
         raise InputError("give --rig RIG to capture the sphere, or --from IMG... or SET with it")
-    file = calibration_at(calibration, photographs)
+    file = flow.calibration_at(calibration, photographs)
     if list_file is not None:
         require_light_list_name(list_file)
         check_output(list_file, suffix=list_file.suffix, inputs=photographs, force=force)
@@ -128,7 +116,7 @@ def lights(
     if rig is not None:
         if mask or count is not None or gamma is not None:
             raise InputError("--mask, --lights and --gamma are for photographs; leave them out")
-        target = Target(
+        target = flow.Target(
             f"a {sphere} sphere",
             f"{sphere}_sphere",
             diameter_mm,
@@ -145,8 +133,8 @@ def lights(
         )
         names = [path.name for path in photographs]
     parts = sphere_parts(spheres, sphere, file, setting, names, diameter_mm)
-    kept = keep_parts(calibration, file, parts, replace=replace, json=json)
-    estimate = kept.calibration.lights
+    merged = flow.keep_parts(calibration, file, parts, replace=replace, json=json)
+    estimate = merged.calibration.lights
     assert estimate is not None
     if list_file is not None:
         write_light_list(list_file, estimate.lighting, image_names)
@@ -165,7 +153,7 @@ def lights(
 
 
 def _calibration_and_photographs(
-    paths: Sequence[Path], given: Sequence[Path] | None, masks: Sequence[Path] | None
+    paths: Sequence[Path], sources: Sequence[Path] | None, masks: Sequence[Path] | None
 ) -> tuple[Path, list[Path]]:
     """Separate the calibration from the photographs of ``--from photo*.png``, without the mask.
 
@@ -179,14 +167,14 @@ def _calibration_and_photographs(
     names = {path.resolve() for path in masks or ()}
     photographs = [
         path
-        for path in (*(given or ()), *(path for path in paths if path.suffix != SUFFIX))
+        for path in (*(sources or ()), *(path for path in paths if path.suffix != SUFFIX))
         if path.resolve() not in names
     ]
     return files[0], photographs
 
 
 def _of_files(
-    given: list[Path],
+    sources: list[Path],
     masks: Sequence[Path],
     count: int | None,
     gamma: Literal["linear", "srgb"] | None,
@@ -196,11 +184,11 @@ def _of_files(
     from capture.procedures.sphere_parts import images_of_photographs, images_of_sets
     from capture.sets.captured_set import CapturedSet
 
-    photographs, sets = photographs_or_sets(given)
+    photographs, sets = flow.photographs_or_sets(sources)
     if photographs:
         # The position of a highlight does not depend on gamma.
         coding = gamma or ("linear" if sphere == "mirror" else None)
-        read = photographs_of(photographs, coding)
+        read = flow.photographs_of(photographs, coding)
         spheres, setting = images_of_photographs(read, masks, count, file)
         placement = [path.absolute() for path in photographs[: len(spheres[0].images)]]
         folder = os.path.commonpath([path.parent for path in placement])
@@ -212,11 +200,11 @@ def _of_files(
     return images_of_sets(captured, file), captured[0].setting, names
 
 
-def _captured(rig: Rig, target: Target, placements: int, yes: bool) -> Iterator[CapturedSet]:
+def _captured(rig: Rig, target: flow.Target, placements: int, yes: bool) -> Iterator[CapturedSet]:
     from capture.acquisition.attempts import capture_set
 
     side_px = min(rig.camera.info.width_px, rig.camera.info.height_px)
     for number, (right, up) in enumerate(_PLACES[:placements]):
         shift_px = (right * side_px, up * side_px)
-        place_target(rig, target, shift_px=shift_px, again=number > 0, yes=yes)
+        flow.place_target(rig, target, shift_px=shift_px, again=number > 0, yes=yes)
         yield capture_set(rig, is_target=True)

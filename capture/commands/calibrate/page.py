@@ -1,28 +1,140 @@
-"""The page of a calibration: one self-contained HTML file."""
+"""Summary of a calibration, and its page: one self-contained HTML file."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from markupsafe import Markup
 
-from capture.base.page import number_text, rendered
-from capture.calibration.ps4cal import CalibrationFile
+from capture.base.page import number_text, rendered, svg_uri
+from capture.calibration.parts import PART_NAMES, PartName
+from capture.calibration.ps4cal import CalibrationFile, PartRecord
 from capture.calibration.setting import Setting
 from capture.maps.pictures import ColourScale
 from capture.maps.views import SHOWN_LIGHTS, MapView
+from classify import Lighting
+from classify.calibration_benefit import errors_left
 from classify.lights.flat_field import FlatField
 
 from . import drawings
-from .summary import Benefit, light_rows, part_summaries
 
 _MAP_PX = 256  # longer side of the maps of a flat field, which is smooth
 _NOT_KNOWN = "-"
-Drawing = tuple[Markup, str, str]  # with its title and caption
+Drawing = tuple[str, str, str]  # address, title and caption
+# What a part is for, and the command that measures it.
+_USES: dict[PartName, tuple[str, str]] = {
+    "dark": ("hot pixels, and the offset of sets without an ambient image", "dark"),
+    "response": ("cameras whose pixel values are not linear in light", "response"),
+    "noise": ("the noise that the default solver allows for", "response"),
+    "flat_field": ("LED levels, fall-off of near lights and vignetting", "plate"),
+    "lights": ("true directions and distances of the lights", "plate"),
+    "scale": ("lengths in mm, and the distortion of the lens", "scale"),
+}
+Benefit = tuple[tuple[str, float], ...]
+_FLAT_FIELD_ERROR = "error_percent"  # in the figures of a flat field
+
+
+@dataclass(frozen=True)
+class _PartSummary:
+    """One part of a calibration."""
+
+    name: PartName
+    record: PartRecord | None  # None if the part was not measured
+    age_days: int | None  # None too for a date that cannot be read
+    use: str
+    command: str  # that measures it
+
+    @property
+    def title(self) -> str:
+        return self.name.replace("_", " ")
+
+
+def part_summaries(file: CalibrationFile, now: datetime) -> tuple[_PartSummary, ...]:
+    """Return all parts in order, also those that were not measured."""
+    parts, response = [], file.calibration.response
+    for name in PART_NAMES:
+        record = file.records.get(name)
+        if name == "noise" and record is None and response is not None and not response.linear:
+            continue  # it cannot be measured
+        use, command = _USES[name]
+        if name == "lights" and file.calibration.flat_field is not None:
+            command = "lights"  # their positions do not show on the sheet
+        age_days = None if record is None else record.age_days(now)
+        parts.append(_PartSummary(name, record, age_days, use, f"ps4rig calibrate {command}"))
+    return tuple(parts)
+
+
+def benefit_of(file: CalibrationFile) -> Benefit:
+    """Return the steps of the correction, each with its error of normals in degrees."""
+    calibration = file.calibration
+    records = [file.records[name] for name in ("flat_field", "lights") if name in file.records]
+    if not records:
+        return ()
+    setting = records[0].setting
+    configured = Lighting(np.array(setting.light_directions))
+    flat_field = file.records.get("flat_field")
+    percent = 0.0 if flat_field is None else flat_field.figures.get(_FLAT_FIELD_ERROR, 0.0)
+    shape = (setting.height_px, setting.width_px)
+    return errors_left(calibration, configured, shape, percent / 100.0)
+
+
+def summary_json(
+    path: Path, file: CalibrationFile, benefit: Benefit, now: datetime
+) -> dict[str, Any]:
+    parts, missing = {}, {}
+    for part in part_summaries(file, now):
+        if part.record is None:
+            missing[part.name] = {"use": part.use, "command": part.command}
+        else:
+            record = part.record.model_dump(mode="json")
+            parts[part.name] = {"age_days": part.age_days, **record}
+    return {
+        "calibration": str(path),
+        "calibration_id": file.hash,
+        "parts": parts,
+        "lights": _lights_json(file),
+        "missing": missing,
+        "normal_error_deg": dict(benefit),
+    }
+
+
+def _light_rows(file: CalibrationFile) -> list[dict[str, float | None]]:
+    """Return tilt, slant and distance of each light with their errors; [] if not measured."""
+    lights, scale = file.calibration.lights, file.calibration.scale
+    if lights is None:
+        return []
+    positions = lights.lighting.positions_px
+    rows: list[dict[str, float | None]] = []
+    for light in range(len(lights.lighting)):
+        row: dict[str, float | None] = {
+            "tilt_deg": float(lights.lighting.tilts_deg[light]),
+            "slant_deg": float(lights.lighting.slants_deg[light]),
+            "direction_error_deg": float(lights.direction_errors_deg[light]),
+            "distance_px": None,
+            "distance_mm": None,
+            "distance_error_percent": None,
+        }
+        if positions is not None:
+            distance_px = float(np.linalg.norm(positions[light]))
+            row["distance_px"] = distance_px
+            row["distance_mm"] = None if scale is None else distance_px * scale.mm_per_px
+        if lights.distance_errors is not None:
+            row["distance_error_percent"] = 100.0 * float(lights.distance_errors[light])
+        rows.append(row)
+    return rows
+
+
+def _lights_json(file: CalibrationFile) -> dict[str, Any] | None:
+    lights = file.calibration.lights
+    if lights is None:
+        return None
+    fit = {"source": lights.source, "residual": lights.residual}
+    return {**fit, "lobe_exponent": lights.lobe_exponent, "each": _light_rows(file)}
 
 
 def calibration_page(path: Path, file: CalibrationFile, benefit: Benefit, now: datetime) -> str:
@@ -37,10 +149,10 @@ def calibration_page(path: Path, file: CalibrationFile, benefit: Benefit, now: d
         benefit=benefit,
         flat_field=[]
         if calibration.flat_field is None
-        else flat_field_views(calibration.flat_field, file.records["flat_field"].setting),
+        else _flat_field_views(calibration.flat_field, file.records["flat_field"].setting),
         lights=calibration.lights,
         light_drawings=list(_light_drawings(file)),
-        light_rows=light_rows(file),
+        light_rows=_light_rows(file),
         camera_drawings=list(_camera_drawings(file)),
     )
 
@@ -63,7 +175,7 @@ def _facts(file: CalibrationFile) -> Iterator[tuple[str, str]]:
     yield "SHA-256", f"{file.hash[:12]}…"
 
 
-def flat_field_views(field: FlatField, setting: Setting) -> list[MapView]:
+def _flat_field_views(field: FlatField, setting: Setting) -> list[MapView]:
     """Return a map of each light's strength over the frame, on one scale."""
     rows, columns = _small_frame(setting)
     strengths = field.strengths(np.arange(rows), np.arange(columns), (rows, columns))
@@ -103,8 +215,8 @@ def _light_drawings(file: CalibrationFile) -> Iterator[Drawing]:
     if lights.lighting.positions_px is None:
         caption = "Distant lights: directions, on a dome of radius 1."
     above, side = drawings.lights_from_above, drawings.lights_from_the_side
-    yield above(lights, scale, frame), "from above: x to the right, y up", caption
-    yield side(lights, scale, frame), "from the side: x to the right, z up", caption
+    yield svg_uri(above(lights, scale, frame)), "from above: x to the right, y up", caption
+    yield svg_uri(side(lights, scale, frame)), "from the side: x to the right, z up", caption
 
 
 def _camera_drawings(file: CalibrationFile) -> Iterator[Drawing]:
@@ -112,7 +224,7 @@ def _camera_drawings(file: CalibrationFile) -> Iterator[Drawing]:
     if calibration.response is not None:
         response = calibration.response
         use = "Taken as linear; the curve is not applied." if response.linear else "Undone."
-        yield drawings.response_curve(response), "response", f"{use} Grey: linear."
+        yield svg_uri(drawings.response_curve(response)), "response", f"{use} Grey: linear."
     if calibration.dark is not None:
         frame = _frame(file.records["dark"].setting)
         for dark in calibration.dark.exposures:
@@ -121,11 +233,7 @@ def _camera_drawings(file: CalibrationFile) -> Iterator[Drawing]:
                 f"{len(dark.hot_pixels)} hot pixels. Offset {dark.offset:.4g}, noise "
                 f"{dark.noise:.3g} of {dark.full_scale:g}."
             )
-            yield (
-                drawings.hot_pixel_map(dark, frame),
-                f"dark frames{exposure}",
-                caption,
-            )
+            yield svg_uri(drawings.hot_pixel_map(dark, frame)), f"dark frames{exposure}", caption
 
 
 def _frame(setting: Setting) -> npt.NDArray[np.float64]:

@@ -11,22 +11,14 @@ from capture.base.console import complain, reported
 from capture.commands import options
 from classify.base.errors import InputError
 
-from .flow import (
-    CalibrationPath,
-    FromSets,
-    Replace,
-    RigToCalibrate,
-    Target,
-    Yes,
-    calibration_at,
-    keep_parts,
-    target_sets,
-)
+from . import flow
 
 if TYPE_CHECKING:
     from capture.calibration.parts import PartName
 
-_SHEET = Target("a white matt sheet", "plate", next_placement="rotate the sheet by 180 degrees")
+_SHEET = flow.Target(
+    "a white matt sheet", "plate", next_placement="rotate the sheet by 180 degrees"
+)
 # Two placements half a turn apart cancel a tilt of the sheet and a gradient of its reflectance.
 _ROTATIONS_DEG = (0.0, 180.0)
 # Frames averaged in each image: with a quarter of the noise, small frames show LED positions too.
@@ -35,9 +27,9 @@ _FRAMES = 16
 
 @reported
 def plate(
-    calibration: CalibrationPath,
-    rig: RigToCalibrate = None,
-    given: FromSets = None,
+    calibration: flow.CalibrationPath,
+    rig: flow.RigToCalibrate = None,
+    sources: flow.FromSets = None,
     mask: Annotated[
         Path | None,
         typer.Option(
@@ -45,8 +37,8 @@ def plate(
             "--from."
         ),
     ] = None,
-    replace: Replace = False,
-    yes: Yes = False,
+    replace: flow.Replace = False,
+    yes: flow.Yes = False,
     json: options.Json = False,
 ) -> None:
     """Measure how bright each light is over the frame, and where the LEDs stand, by a white sheet.
@@ -56,10 +48,10 @@ def plate(
     """
     if mask is not None and rig is not None:
         raise InputError("--mask is for the sets of --from; let the sheet fill the frame of a rig")
-    inputs = [*(given or ()), *([] if mask is None else [mask])]
-    file = calibration_at(calibration, inputs)
-    sets, source = target_sets(
-        rig, given, _SHEET, rotations_deg=_ROTATIONS_DEG, average=_FRAMES, yes=yes
+    inputs = [*(sources or ()), *([] if mask is None else [mask])]
+    file = flow.calibration_at(calibration, inputs)
+    sets, source = flow.target_sets(
+        rig, sources, _SHEET, rotations_deg=_ROTATIONS_DEG, average=_FRAMES, yes=yes
     )
     from capture.procedures.plate_parts import near_lights_are_refuted, plate_parts
     from capture.sets.photographs import read_mask
@@ -71,4 +63,4 @@ def plate(
     if replace and near_lights_are_refuted(file.calibration, parts):
         complain(f"warning: {calibration}: the positions of lights measured before are dropped")
         dropped = ("lights",)
-    keep_parts(calibration, file, parts, replace=replace, json=json, dropped=dropped)
+    flow.keep_parts(calibration, file, parts, replace=replace, json=json, dropped=dropped)

@@ -13,20 +13,7 @@ from capture.base.console import progress, reported
 from capture.commands import options
 from classify.base.errors import CalibrationRejected, InputError
 
-from .flow import (
-    CalibrationPath,
-    PhotographGamma,
-    Replace,
-    RigToCalibrate,
-    Target,
-    Yes,
-    calibration_at,
-    from_files,
-    keep_parts,
-    photographs_of,
-    photographs_or_sets,
-    place_target,
-)
+from . import flow
 
 if TYPE_CHECKING:
     from capture.calibration.ps4cal import MeasuredPart
@@ -34,16 +21,16 @@ if TYPE_CHECKING:
     from classify.calibration.calibration import Calibration
     from rig import Rig
 
-_SHEET = Target("a white matt sheet", "plate")
+_SHEET = flow.Target("a white matt sheet", "plate")
 
 
 @reported
 def response(
-    calibration: CalibrationPath,
-    rig: RigToCalibrate = None,
-    given: Annotated[
+    calibration: flow.CalibrationPath,
+    rig: flow.RigToCalibrate = None,
+    sources: Annotated[
         list[Path] | None,
-        from_files(
+        flow.from_files(
             "Photograph or captured set of one still scene at one of six exposures or more, "
             "instead of a rig, or a folder of photographs. Repeat the option."
         ),
@@ -57,9 +44,9 @@ def response(
             metavar="T,T,...",
         ),
     ] = None,
-    gamma: PhotographGamma = None,
-    replace: Replace = False,
-    yes: Yes = False,
+    gamma: flow.PhotographGamma = None,
+    replace: flow.Replace = False,
+    yes: flow.Yes = False,
     json: options.Json = False,
 ) -> None:
     """Measure linearity and noise of the camera by a ladder of exposures of a white sheet.
@@ -67,11 +54,11 @@ def response(
     A camera that is not linear gets the inverse of its curve. Neither the sheet nor the light of
     the room may change meanwhile. Two photographs or sets of each exposure show the noise too.
     """
-    if (rig is None) == (not given):
+    if (rig is None) == (not sources):
         raise InputError("give --rig RIG to capture a ladder of exposures, or --from IMG|SET of it")
-    file = calibration_at(calibration, given or ())
+    file = flow.calibration_at(calibration, sources or ())
     if rig is None:
-        parts = _of_files(given or [], exposures_ms, gamma, file.calibration)
+        parts = _of_files(sources or [], exposures_ms, gamma, file.calibration)
     else:
         from rig import open_rig
 
@@ -79,11 +66,11 @@ def response(
             raise InputError("--exposures-ms and --gamma are for photographs; leave them out")
         with open_rig(rig) as opened:
             parts = _of_rig(opened, file.calibration, yes)
-    keep_parts(calibration, file, parts, replace=replace, json=json)
+    flow.keep_parts(calibration, file, parts, replace=replace, json=json)
 
 
 def _of_files(
-    given: list[Path], exposures_ms: str | None, gamma: Gamma | None, calibration: Calibration
+    sources: list[Path], exposures_ms: str | None, gamma: Gamma | None, calibration: Calibration
 ) -> list[MeasuredPart]:
     from capture.calibration.setting import Setting
     from capture.procedures.camera_parts import (
@@ -95,11 +82,11 @@ def _of_files(
     )
     from capture.sets.captured_set import CapturedSet
 
-    photographs, sets = photographs_or_sets(given)
+    photographs, sets = flow.photographs_or_sets(sources)
     names = [path.name for path in (*photographs, *sets)]
     if photographs:
         times_ms = _exposures_ms(photographs, exposures_ms)
-        read = photographs_of(photographs, gamma)
+        read = flow.photographs_of(photographs, gamma)
         rungs = rungs_of_photographs(read, times_ms, calibration)
         shape = read.planes[0].shape
         setting = Setting.of_photographs(shape, read.bit_depth, read.gamma)
@@ -120,10 +107,10 @@ def _of_files(
     return response_parts(rungs, calibration, captured[0].setting, names)
 
 
-def _exposures_ms(photographs: list[Path], given: str | None) -> list[float]:
+def _exposures_ms(photographs: list[Path], text: str | None) -> list[float]:
     from rig.image_file import read_exposure_ms
 
-    if given is None:
+    if text is None:
         exposures = [(path, read_exposure_ms(path)) for path in photographs]
         missing = next((path for path, exposure_ms in exposures if exposure_ms is None), None)
         if missing is not None:
@@ -133,25 +120,24 @@ def _exposures_ms(photographs: list[Path], given: str | None) -> list[float]:
             )
         return [exposure_ms for _, exposure_ms in exposures if exposure_ms is not None]
     try:
-        times_ms = [float(time_ms) for time_ms in given.split(",")]
+        times_ms = [float(time_ms) for time_ms in text.split(",")]
     except ValueError as error:
-        raise InputError(f"--exposures-ms {given}: give numbers separated by commas") from error
+        raise InputError(f"--exposures-ms {text}: give numbers separated by commas") from error
     if len(times_ms) != len(photographs) or not all(0.0 < time_ms < 1e7 for time_ms in times_ms):
         raise InputError(
-            f"--exposures-ms {given}: give a positive exposure for each of {len(photographs)} "
+            f"--exposures-ms {text}: give a positive exposure for each of {len(photographs)} "
             "photographs"
         )
     return times_ms
 
 
 def _of_rig(rig: Rig, calibration: Calibration, yes: bool) -> list[MeasuredPart]:
-    from capture.acquisition.camera_calibration import rungs_of_rig
-    from capture.acquisition.frame_series import require_free_running
+    from capture.acquisition.frame_series import require_free_running, rungs_of_rig
     from capture.calibration.setting import Setting
     from capture.procedures.camera_parts import response_parts
 
     require_free_running(rig)
     setting = Setting.of_rig(rig)
-    place_target(rig, _SHEET, yes=yes)
+    flow.place_target(rig, _SHEET, yes=yes)
     rungs = rungs_of_rig(rig, calibration, partial(progress, description="exposures"))
     return response_parts(rungs, calibration, setting, ("captured",))

@@ -13,18 +13,7 @@ from capture.base.console import reported
 from capture.commands import options
 from classify.base.errors import InputError
 
-from .flow import (
-    CalibrationPath,
-    Replace,
-    RigToCalibrate,
-    Target,
-    Yes,
-    calibration_at,
-    captured_targets,
-    from_files,
-    keep_parts,
-    photographs_or_sets,
-)
+from . import flow
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -37,7 +26,7 @@ _ROTATION_DEG = 30.0
 
 @reported
 def scale(
-    calibration: CalibrationPath,
+    calibration: flow.CalibrationPath,
     checkerboard: Annotated[
         str,
         typer.Option(
@@ -46,10 +35,10 @@ def scale(
         ),
     ],
     square_mm: Annotated[float, typer.Option(min=1e-3, max=1e4, help="Side of a square.")],
-    rig: RigToCalibrate = None,
-    given: Annotated[
+    rig: flow.RigToCalibrate = None,
+    sources: Annotated[
         list[Path] | None,
-        from_files(
+        flow.from_files(
             "Photograph or captured set of the board, instead of a rig. Repeat the option for "
             "more placements."
         ),
@@ -63,8 +52,8 @@ def scale(
             "that lies flat, show the focal length too.",
         ),
     ] = 1,
-    replace: Replace = False,
-    yes: Yes = False,
+    replace: flow.Replace = False,
+    yes: flow.Yes = False,
     json: options.Json = False,
 ) -> None:
     """Measure the length of a pixel, and the distortion of the lens, by a checkerboard.
@@ -77,15 +66,15 @@ def scale(
     from rig import open_rig
 
     corners = _corners(checkerboard)
-    if (rig is None) == (not given):
+    if (rig is None) == (not sources):
         raise InputError("give --rig RIG to capture the board, or --from IMG|SET of it")
-    file = calibration_at(calibration, given or ())
+    file = flow.calibration_at(calibration, sources or ())
     if rig is None and placements > 1:
         raise InputError("--placements is for a rig; give each picture of the board to --from")
     if rig is None:
-        pictures, setting, source = _of_files(given or ())
+        pictures, setting, source = _of_files(sources or ())
     else:
-        target = Target(
+        target = flow.Target(
             "a checkerboard",
             "checkerboard",
             square_mm,
@@ -93,11 +82,11 @@ def scale(
         )
         with open_rig(rig) as opened:
             rotations_deg = [_ROTATION_DEG * k for k in range(placements)]
-            sets = captured_targets(opened, target, rotations_deg, yes=yes)
+            sets = flow.captured_targets(opened, target, rotations_deg, yes=yes)
             pictures = [board_of_set(captured) for captured in sets]
             setting, source = Setting.of_rig(opened), ["captured"]
     part = scale_part(pictures, corners, square_mm, setting, source)
-    keep_parts(calibration, file, [part], replace=replace, json=json)
+    flow.keep_parts(calibration, file, [part], replace=replace, json=json)
 
 
 def _corners(text: str) -> tuple[int, int]:
@@ -107,13 +96,13 @@ def _corners(text: str) -> tuple[int, int]:
     return int(numbers[1]), int(numbers[2])
 
 
-def _of_files(given: Sequence[Path]) -> tuple[list[npt.NDArray[Any]], Setting, list[str]]:
+def _of_files(sources: Sequence[Path]) -> tuple[list[npt.NDArray[Any]], Setting, list[str]]:
     from capture.calibration.setting import Setting
     from capture.procedures.scale_part import board_of_set
     from capture.sets.captured_set import CapturedSet
     from capture.sets.photographs import read_photographs
 
-    photographs, sets = photographs_or_sets(given)
+    photographs, sets = flow.photographs_or_sets(sources)
     source = [path.name for path in (*photographs, *sets)]
     if photographs:
         # The position of a corner does not depend on gamma.

@@ -14,7 +14,7 @@ from capture.commands import options
 
 if TYPE_CHECKING:
     from capture.calibration.ps4cal import CalibrationFile
-    from capture.commands.calibrate.summary import Benefit
+    from capture.commands.calibrate.page import Benefit
 
 _PAGE_SUFFIX = ".html"
 
@@ -35,8 +35,7 @@ def show(
 ) -> None:
     """Report quality, age, benefit and missing parts of a calibration; write a page."""
     from capture.calibration.ps4cal import CalibrationFile
-    from capture.commands.calibrate.page import calibration_page
-    from capture.commands.calibrate.summary import benefit_of, summary_json
+    from capture.commands.calibrate.page import benefit_of, calibration_page, summary_json
     from classify.base.durable_file import durable_file
 
     page = output if output is not None or json else path.with_suffix(_PAGE_SUFFIX)
@@ -55,7 +54,7 @@ def show(
 
 
 def _print(file: CalibrationFile, benefit: Benefit, now: datetime) -> None:
-    from capture.commands.calibrate.summary import part_summaries
+    from capture.commands.calibrate.page import part_summaries
 
     parts = part_summaries(file, now)
     table = new_table("part", "age", "quality", prose="quality")

@@ -28,10 +28,10 @@ def print_checks(checks: Sequence[Check], *, as_json: bool) -> None:
     else:
         table = new_table("what", "status", "seen", prose="seen")
         for check in checks:
-            seen = Text(check.seen)
+            finding = Text(check.seen)
             if check.advice:
-                seen.append("\n-> " + check.advice, style="bold")
-            table.add_row(check.name, Text(check.status, style=_STYLES[check.status]), seen)
+                finding.append("\n-> " + check.advice, style="bold")
+            table.add_row(check.name, Text(check.status, style=_STYLES[check.status]), finding)
         print_table(table)
         out.print(", ".join(f"{status}: {count}" for status, count in counts.items()))
     if counts["fault"]:

@@ -1,13 +1,117 @@
-"""``ps4rig session report``."""
+"""Commands that read a session: session status, session report."""
+
+from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capture.base.console import ItemProgress, out, print_json, progress, reported
+from capture.base.console import (
+    ItemProgress,
+    new_table,
+    out,
+    print_json,
+    print_table,
+    progress,
+    reported,
+)
+from capture.base.utc_time import readable_utc
 from capture.commands import options
 from classify.base.errors import InputError
+
+if TYPE_CHECKING:
+    from capture.session.plan import PlannedSet
+
+
+@reported
+def status(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the session.")],
+    json: options.Json = False,
+) -> None:
+    """Show what a session has captured, and what is missing; each set is read and hashed."""
+    from capture.session.folder import read_session
+    from capture.session.plan_change import unplanned_text
+
+    from .terminal import left_out_text
+
+    session = read_session(folder)
+    gone = set(session.missing())
+    read = progress(session.read_again(), len(session.plan) - len(gone), "sets")
+    unread = {planned: why for planned, why in read if isinstance(why, str | InputError)}
+    damaged = {planned: why for planned, why in unread.items() if isinstance(why, str)}
+    unreadable = {planned: why for planned, why in unread.items() if planned not in damaged}
+    missing = [planned for planned in session.plan.sets() if planned in gone or planned in damaged]
+    entry_by_set = {planned: session.journal.entry_of(planned) for planned in session.plan.sets()}
+    entries = [entry for entry in entry_by_set.values() if entry is not None]
+    skipped = session.left_out()
+    warned = [entry for entry in entries if entry.measures and entry.measures.warnings]
+    if json:
+        print_json(
+            {
+                "session": str(folder),
+                "planned": len(session.plan),
+                "missing": [_as_json(planned) for planned in missing],
+                "damaged": [
+                    {**_as_json(planned), "reason": reason} for planned, reason in damaged.items()
+                ],
+                "unreadable": [
+                    {**_as_json(planned), "reason": str(why)} for planned, why in unreadable.items()
+                ],
+                "skipped": [entry.model_dump(mode="json") for entry in skipped],
+                "unplanned": [entry.model_dump(mode="json") for entry in session.unplanned()],
+                "warned": [entry.model_dump(mode="json") for entry in warned],
+                "runs": [run.model_dump(mode="json") for run in session.journal.runs],
+            }
+        )  # fmt: skip
+        return
+    out.print(
+        f"{folder}: {len(session.plan)} sets planned, "
+        f"{len(session.plan) - len(missing) - len(skipped)} captured, {len(skipped)} left out, "
+        f"{len(missing)} missing",
+    )
+    table = new_table("specimen", "captured", "missing at degrees", prose="missing at degrees")
+    for specimen in session.plan.specimen:
+        angles = dict.fromkeys(
+            f"{planned.orientation_deg:g}" for planned in missing if planned.specimen == specimen.id
+        )
+        captured = sum(
+            entry is not None and entry.file is not None and planned not in missing
+            for planned, entry in entry_by_set.items()
+            if planned.specimen == specimen.id
+        )
+        table.add_row(specimen.id, str(captured), ", ".join(angles) or "-")
+    print_table(table)
+    for run in session.journal.runs:
+        ended = ", killed or still running"
+        if run.ended_utc is not None:
+            ended = f" to {readable_utc(run.ended_utc)}"
+        out.print(
+            f"run {readable_utc(run.started_utc)}{ended}: {run.finish or '-'}"
+            + (f" ({run.reason})" if run.reason else ""),
+        )
+    for line in unplanned_text(session.unplanned()):
+        out.print(line)
+    for entry in skipped:
+        planned = session.plan.planned(*entry.key)
+        out.print(f"{planned}: {entry.skipped}")
+    if skipped:
+        out.print(left_out_text(session))
+    for planned, reason in damaged.items():
+        out.print(f"{planned}: its file is damaged: {reason}")
+    for planned, why in unreadable.items():
+        out.print(f"{planned}: {why}")
+    for entry in warned:
+        assert entry.measures is not None
+        out.print(f"{entry.file}: {'; '.join(entry.measures.warnings)}")
+
+
+def _as_json(planned: PlannedSet) -> dict[str, Any]:
+    return {
+        "specimen": planned.specimen,
+        "orientation_deg": planned.orientation_deg,
+        "repeat": planned.repeat,
+    }
 
 
 @reported
@@ -27,23 +131,23 @@ def report(
     session = read_session(folder)
     path = folder / REPORT
     share = ItemProgress()
-    (found,) = progress((analyse(session, share) for _ in range(1)), 1, "report", share)
+    (analysis,) = progress((analyse(session, share) for _ in range(1)), 1, "report", share)
     with durable_file(path) as temporary:
-        temporary.write_text(report_page(session, found), encoding="utf-8")
+        temporary.write_text(report_page(session, analysis), encoding="utf-8")
     try:
         with session_folder(folder) as opened:
-            opened.write_table(found.damaged)
+            opened.write_table(analysis.damaged)
     except InputError as error:
         if not isinstance(error.__cause__, BlockingIOError):
             raise  # a session in use keeps its table itself
     if json:
-        damaged = [{"set": file, "error": error} for file, error in found.damaged.items()]
-        remarks = [{"set": file, "remark": said} for file, said in found.remarks]
-        counts = {"report": str(path), "sets": len(found.entries)}
+        damaged = [{"set": file, "error": error} for file, error in analysis.damaged.items()]
+        remarks = [{"set": file, "remark": remark} for file, remark in analysis.remarks]
+        counts = {"report": str(path), "sets": len(analysis.entries)}
         print_json({**counts, "damaged": damaged, "remarks": remarks})
         return
-    for file, said in found.damaged.items():
-        out.print(f"{file}: cannot be read: {said}")
-    for file, said in found.remarks:
-        out.print(f"{file}: {said}")
-    out.print(f"{path}: {len(found.entries)} sets")
+    for file, remark in analysis.damaged.items():
+        out.print(f"{file}: cannot be read: {remark}")
+    for file, remark in analysis.remarks:
+        out.print(f"{file}: {remark}")
+    out.print(f"{path}: {len(analysis.entries)} sets")

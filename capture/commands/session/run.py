@@ -1,4 +1,4 @@
-"""``ps4rig session run`` and ``resume``."""
+"""Commands that plan and capture a session: session new, run, resume."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from capture.base.console import complain, out, print_json, reported
+from capture.base.outputs import check_output
 from capture.commands import options
 from classify.base.errors import InputError
 
@@ -20,13 +21,30 @@ if TYPE_CHECKING:
     from capture.session.preview_loop import Preview
     from rig import RigConfig
 
+
+@reported
+def new(
+    plan: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="The file to write.")],
+    force: options.Force = False,
+) -> None:
+    """Write a commented example of a plan."""
+    from capture.session.plan import example_plan, read_plan
+    from classify.base.durable_file import durable_file
+
+    check_output(plan, suffix=".toml", force=force)
+    with durable_file(plan) as temporary:
+        temporary.write_text(example_plan(plan.stem), encoding="utf-8")
+        read_plan(temporary)  # a stem that cannot name a session is refused
+    out.print(f"{plan}: edit it, then run ps4rig session run {plan} --dry-run")
+
+
 Yes = Annotated[
     bool,
     typer.Option(
         "--yes", help="Ask nothing: for the simulated rig and turntables. What fails stays missing."
     ),
 ]
-NewPlan = Annotated[
+_NewPlan = Annotated[
     bool,
     typer.Option("--new-plan", help="Take the plan as it was edited since, without a question."),
 ]
@@ -44,7 +62,7 @@ def run(
         bool, typer.Option("--dry-run", help="Show what the plan means, and capture nothing.")
     ] = False,
     yes: Yes = False,
-    new_plan: NewPlan = False,
+    new_plan: _NewPlan = False,
     json: options.Json = False,
 ) -> None:
     """Capture the sets of a plan that are missing, into a folder beside it.
@@ -57,28 +75,28 @@ def run(
     from capture.sets.archive import JOURNAL
     from rig.config.rig import config_of
 
-    config, wanted = config_of(rig), read_plan(plan)
-    check_plan(wanted, plan, config)
-    options.check_orientations(f"{plan}: orientations_deg", *wanted.orientations_deg)
-    path = plan.absolute().parent / wanted.name
-    if warning := search_warning(wanted, config):
+    config, session_plan = config_of(rig), read_plan(plan)
+    check_plan(session_plan, plan, config)
+    options.check_orientations(f"{plan}: orientations_deg", *session_plan.orientations_deg)
+    path = plan.absolute().parent / session_plan.name
+    if warning := search_warning(session_plan, config):
         complain(f"warning: {plan}: {warning}")
     if dry_run:
-        missing = len(wanted)
+        missing = len(session_plan)
         if (path / JOURNAL).is_file():
-            missing = len(read_session(path).missing(wanted))
-        _show_plan(plan, wanted, missing, config, json=json)
+            missing = len(read_session(path).missing(session_plan))
+        _show_plan(plan, session_plan, missing, config, json=json)
         return
     if not (path / JOURNAL).is_file():
-        _check_disk(path.parent, _needed_bytes(len(wanted), config))
+        _check_disk(path.parent, _needed_bytes(len(session_plan), config))
     make_session(plan)
     with session_folder(path) as folder:
-        if not _take(plan, folder, config, new_plan=new_plan, yes=yes):
+        if not _use_changed_plan(plan, folder, config, new_plan=new_plan, yes=yes):
             raise InputError(
                 f"{plan}: differs from the plan of {path}; give --new-plan to take it, or go on "
                 f"with the old one by ps4rig session resume {path}"
             )
-        _go(folder, config, yes=yes, json=json)
+        _capture_missing(folder, config, yes=yes, json=json)
 
 
 @reported
@@ -86,7 +104,7 @@ def resume(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the session.")],
     rig: options.Rig = "rig.toml",
     yes: Yes = False,
-    new_plan: NewPlan = False,
+    new_plan: _NewPlan = False,
     left_out: Annotated[
         bool, typer.Option("--left-out", help="Capture the sets that were left out, too.")
     ] = False,
@@ -103,7 +121,9 @@ def resume(
             plan = plan_beside(folder)
             if plan is None and new_plan:
                 raise InputError(f"{folder}: no plan with name = {folder.name!r} beside it")
-            if plan is not None and not _take(plan, opened, config, new_plan=new_plan, yes=yes):
+            if plan is not None and not _use_changed_plan(
+                plan, opened, config, new_plan=new_plan, yes=yes
+            ):
                 complain(
                     f"warning: {folder}: goes on with its old plan; ps4rig session resume {folder} "
                     "--new-plan takes the new one"
@@ -112,10 +132,10 @@ def resume(
             if new_plan:
                 raise
             complain(f"warning: {error}; {folder} goes on with its old plan")
-        _go(opened, config, yes=yes, json=json, left_out=left_out)
+        _capture_missing(opened, config, yes=yes, json=json, left_out=left_out)
 
 
-def _take(
+def _use_changed_plan(
     source: Path, folder: SessionFolder, config: RigConfig, *, new_plan: bool, yes: bool
 ) -> bool:
     """Show how a plan differs from that of a session, and take it if that is wanted."""
@@ -142,7 +162,7 @@ def _take(
     return True
 
 
-def _go(
+def _capture_missing(
     folder: SessionFolder, config: RigConfig, *, yes: bool, json: bool, left_out: bool = False
 ) -> None:
     from capture.session.events import without_questions
@@ -201,7 +221,7 @@ def _show_plan(
         for specimen in plan.specimen:
             surface = f", surface {specimen.surface}" if specimen.surface else ""
             out.print(f"{specimen.id}: class {specimen.label or specimen.id}{surface}")
-        orientations = ", ".join(f"{each:g}" for each in plan.orientations_deg)
+        orientations = ", ".join(f"{angle_deg:g}" for angle_deg in plan.orientations_deg)
         repeats = f", {plan.repeats} sets each" if plan.repeats > 1 else ""
         out.print(f"each at {orientations} degrees{repeats}")
         sets = f"{len(plan)} sets"

@@ -10,22 +10,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from capture.base.console import complain, out
-from capture.session.events import (
-    Answer,
-    DecideFailure,
-    DecideWarnings,
-    Event,
-    PlaceSheet,
-    PlaceSpecimen,
-    Question,
-    RigChanged,
-    RigCompared,
-    SessionFinished,
-    SetAdopted,
-    SetCaptured,
-    SetDamaged,
-    SetFailed,
-)
+from capture.session import events
+from capture.session.events import Answer
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -85,33 +71,33 @@ class SessionTerminal:
     ) -> None:
         self._bar.stop()
 
-    def listen(self, event: Event) -> None:
+    def listen(self, event: events.Event) -> None:
         """Show an event, and log it."""
         match event:
-            case SetCaptured(entry):
+            case events.SetCaptured(entry):
                 self._say(_line_of(entry))
                 if self._view is not None:
                     self._view.captured(entry)
                 self._bar.advance(self._task)
-            case SetAdopted(entry):
+            case events.SetAdopted(entry):
                 self._say(f"{entry.file}: found from an earlier run, entered into the journal")
                 self._bar.advance(self._task)
-            case SetDamaged(planned, reason):
+            case events.SetDamaged(planned, reason):
                 self._say(
                     f"{planned}: its file is damaged: {reason}; it is in the folder replaced, and "
                     "the set is captured again"
                 )
-            case SetFailed(planned, reason):
+            case events.SetFailed(planned, reason):
                 self._folder.log(f"{planned}: {reason}")
                 complain(f"{planned}: {reason}")
-            case RigCompared(checks):
+            case events.RigCompared(checks):
                 for check in checks:
                     advice = "" if check.status == "ok" else f": {check.advice}"
                     self._say(f"calibration: {check.seen}{advice}")
-            case RigChanged(changes):
+            case events.RigChanged(changes):
                 for change in changes:
                     self._say(f"the rig differs from the last run: {change}")
-            case SessionFinished(finish, reason, captured, missing, left_out):
+            case events.SessionFinished(finish, reason, captured, missing, left_out):
                 if reason is not None:
                     self._folder.log(reason)
                 self._say(
@@ -119,36 +105,36 @@ class SessionTerminal:
                     + (f", {left_out_text(self._folder)}" if left_out else "")
                 )
 
-    def ask(self, question: Question) -> Answer:
+    def ask(self, question: events.Question) -> Answer:
         """Ask until there is an answer; no more input means stop.
 
         While a specimen is placed, the page of the view shows it.
         """
-        if isinstance(question, PlaceSpecimen) and self._view is not None:
+        if isinstance(question, events.PlaceSpecimen) and self._view is not None:
             with self._view.placing(question):
                 return self._answer(question)
         return self._answer(question)
 
-    def _answer(self, question: Question) -> Answer:
+    def _answer(self, question: events.Question) -> Answer:
         match question:
-            case PlaceSpecimen(planned):
+            case events.PlaceSpecimen(planned):
                 text = (
                     f"{planned.specimen}, turn to {planned.orientation_deg:g} degrees, then Enter; "
                     "r repeats the last, s leaves it out, q stops: "
                 )
-            case PlaceSheet(cause):
+            case events.PlaceSheet(cause):
                 text = (
                     ("" if cause is None else f"{cause}. Lay it down anew, or stop: ")
                     + "put a white matt sheet under the camera, then Enter; s goes on without "
                     "comparing the rig with its calibration, q stops: "
                 )
-            case DecideFailure(_, _, lost_rig):
+            case events.DecideFailure(_, _, lost_rig):
                 text = (
                     "connect the rig, then r tries again; s leaves it out, q stops: "
                     if lost_rig
                     else "r tries again, Enter goes on without it, s leaves it out, q stops: "
                 )
-            case DecideWarnings(planned, warnings):
+            case events.DecideWarnings(planned, warnings):
                 text = (
                     f"{planned}: {'; '.join(warnings)}. Enter keeps it, r repeats, s leaves it "
                     "out, q stops: "
@@ -160,7 +146,7 @@ class SessionTerminal:
             except EOFError:
                 answer = Answer.STOP
             self._bar.start()
-            if isinstance(question, DecideFailure) and answer is Answer.GO:
+            if isinstance(question, events.DecideFailure) and answer is Answer.GO:
                 answer = None if question.lost_rig else Answer.LEAVE
             if answer is not None:
                 return answer
@@ -176,16 +162,16 @@ def _line_of(entry: SetEntry) -> str:
     if measures is None:
         return f"{entry.file}: captured"
     levels = " ".join(f"{level:.1%}" for level in measures.led_levels)
-    said = [
+    phrases = [
         f"{entry.file}: levels {levels}",
         f"saturated {measures.saturated:.1%}",
         f"shadow {measures.shadowed:.1%}",
     ]
     if measures.estimated_deg is not None:
-        said.append(f"at {measures.estimated_deg:.1f} degrees")
+        phrases.append(f"at {measures.estimated_deg:.1f} degrees")
     if measures.blur_px is not None:
-        said.append(f"focus {round(-measures.blur_px, 1) + 0.0:+.1f} px")
-    return ", ".join([*said, *measures.warnings])
+        phrases.append(f"focus {round(-measures.blur_px, 1) + 0.0:+.1f} px")
+    return ", ".join([*phrases, *measures.warnings])
 
 
 def _line(prompt: str) -> str:

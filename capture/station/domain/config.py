@@ -8,7 +8,7 @@ from pydantic import AfterValidator, Field, FiniteFloat, model_validator
 
 from capture.session.plan import Name, Text
 from classify.base.models import Degrees, Section, read_toml_as
-from rig.config.defect import DefectKind
+from rig.config.simulation import DefectKind
 
 from .interface_config import ModbusConfig, MqttConfig, PanelConfig
 

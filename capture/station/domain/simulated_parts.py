@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from capture.station.domain.config import SimulatedParts
 from rig import Placement
-from rig.config.defect import Defect
+from rig.config.simulation import Defect
 
 # Surfaces are periodic, with periods below this: every patch is equally likely.
 _LARGEST_SHIFT_PX = 4096.0

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from capture.acquisition.attempts import capture_set
-from capture.acquisition.set_checks import check_set
+from capture.acquisition.light_checks import check_set
 from capture.base.process_settings import resident_bytes, settle_station
 from capture.sets.captured_set import CapturedSet
 from capture.sets.image_checks import LightImages

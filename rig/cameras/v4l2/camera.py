@@ -11,12 +11,7 @@ from rig.cameras.camera import (
     Frame,
     FrameFlag,
     Pixels,
-)
-from rig.cameras.frame_time import (
-    exposure_start_s,
     require_exposure,
-    require_measured_mode,
-    start_known_to_s,
 )
 from rig.errors import CameraError
 
@@ -48,7 +43,7 @@ class V4l2Camera:
     """
 
     def __init__(self, config: V4l2CameraConfig) -> None:
-        require_measured_mode(config)
+        config.require_measured_mode()
         self._config = config
         self._written: WrittenFrames | None = None
         self._pixel_format = PIXEL_FORMATS[config.pixel_format]
@@ -86,7 +81,7 @@ class V4l2Camera:
             exposure_s=self._mode.exposure_s,
             queue_length=self._queue_length,
             readout_s=None if readout_ms is None else readout_ms / 1e3,
-            start_known_to_s=start_known_to_s(self._config),
+            start_known_to_s=self._config.start_known_to_s,
             controls=self._controls,
             **self._pixel_values,
         )
@@ -106,12 +101,11 @@ class V4l2Camera:
     def read(self, timeout_s: float) -> Frame:
         """The oldest frame in the queue, or the next one; a damaged frame is CORRUPT and all 0."""
         capture = self._next_capture(timeout_s)
-        start_s = exposure_start_s(
+        start_s = self._config.exposure_start_s(
             capture.timestamp_s,
-            capture.marks_exposure_start,
-            self._config,
-            self._period_s,
-            self._mode.exposure_s,
+            claims_start=capture.marks_exposure_start,
+            period_s=self._period_s,
+            exposure_s=self._mode.exposure_s,
         )
         try:
             pixels, flags = self._decoded(capture), FrameFlag.GOOD

@@ -30,11 +30,7 @@ _MOST_COLUMNS = 1280
 
 
 def list_v4l2_cameras(dev: Path = DEV) -> list[ListedCamera]:
-    """List every capture node in the order of its number, also one in use by another program.
-
-    A node that cannot be queried has a `problem`. Nodes that do not capture, such as a USB camera's
-    second one for metadata, are left out.
-    """
+    """List every capture node by its number; one that cannot be queried has a `problem`."""
     nodes = [path for path in dev.glob("video*") if path.name[len("video") :].isdecimal()]
     permanent_names = sorted((dev / "v4l" / "by-id").glob("*"))
     cameras = []

@@ -152,7 +152,7 @@ class V4l2Device(VideoNode):
         return VideoFormat(pix.bytesperline, quantization)
 
     def _offer(self) -> str:
-        offers = (" ".join((each.fourcc.strip(), *each.sizes)) for each in self.formats())
+        offers = (" ".join((form.fourcc.strip(), *form.sizes)) for form in self.formats())
         return "; ".join(offers) or "(an empty list)"
 
     def set_frame_rate(self, rate_hz: float) -> float:

@@ -105,7 +105,7 @@ def exposure_range_ms(device: V4l2Device, config: V4l2CameraConfig) -> tuple[flo
 def set_exposure(device: V4l2Device, mode: MeasurementMode, exposure_ms: float) -> MeasurementMode:
     """Change the exposure of a streaming camera, and read every control back."""
     control, units = _set_exposure_time(device, exposure_ms)
-    others = tuple(each for each in mode.settings if each[0].id != control.id)
+    others = tuple(setting for setting in mode.settings if setting[0].id != control.id)
     changed = MeasurementMode((*others, (control, units)), units / (1e3 * EXPOSURE_UNITS_PER_MS))
     check_measurement_mode(device, changed)
     return changed

@@ -17,11 +17,11 @@ from . import abi
 DEV = Path("/dev")
 
 
-def device_path(device: str, dev: Path = DEV) -> str:
+def device_path(device: str) -> str:
     """The path of ``camera.device``: a path, a name in ``/dev/v4l/by-id``, or a number."""
     if "/" in device:
         return device
-    return str(dev / f"video{device}" if device.isdecimal() else dev / "v4l" / "by-id" / device)
+    return str(DEV / f"video{device}" if device.isdecimal() else DEV / "v4l" / "by-id" / device)
 
 
 class VideoNode:

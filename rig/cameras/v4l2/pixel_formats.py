@@ -1,4 +1,4 @@
-"""Decode a driver's bytes into an image (H, W) of known depth.
+"""Decode a driver's bytes into an image (H, W) of known depth, and encode some as a camera would.
 
 Pixel values by kind of format:
 
@@ -20,6 +20,9 @@ import numpy.typing as npt
 from rig.cameras.camera import Pixels
 from rig.errors import CameraError
 
+# Luma of the limited range, BT.601.
+_BLACK, _WHITE, _NO_COLOUR = 16, 235, 128
+
 _Bytes = npt.NDArray[np.uint8]
 
 
@@ -37,6 +40,8 @@ class PixelFormat:
     bytes_per_px: int  # in memory; 0 for a compressed format
     # From rows (H, W * bytes_per_px) without padding, whose memory the image may share.
     to_pixels: Callable[[_Bytes], Pixels]
+    # Rows without padding; None for a format that cannot be written.
+    to_bytes: Callable[[Pixels], bytes] | None = None
 
     @property
     def is_compressed(self) -> bool:
@@ -91,6 +96,26 @@ def _words(rows: _Bytes) -> Pixels:
     return words.astype(np.uint16, copy=False)
 
 
+def _from_bytes(pixels: Pixels) -> bytes:
+    return pixels.astype(np.uint8, copy=False).tobytes()
+
+
+def _from_words(pixels: Pixels) -> bytes:
+    return pixels.astype("<u2", copy=False).tobytes()
+
+
+def _from_luma(place: int) -> Callable[[Pixels], bytes]:
+    """Encode grey as luma of the limited range (BT.601) at one of two bytes, without colour."""
+
+    def encode(pixels: Pixels) -> bytes:
+        pairs = np.full((*pixels.shape, 2), _NO_COLOUR, np.uint8)
+        span = _WHITE - _BLACK
+        pairs[..., place] = _BLACK + np.rint(pixels * np.float32(span / 255.0)).astype(np.uint8)
+        return pairs.tobytes()
+
+    return encode
+
+
 def _luma_of(order: Literal["RGB", "BGR"]) -> Callable[[_Bytes], Pixels]:
     def luma(rows: _Bytes) -> Pixels:
         import cv2  # here, so that a configuration is read without loading it
@@ -130,12 +155,12 @@ _BAYER_FOURCCS = {
 PIXEL_FORMATS = {
     entry.name: entry
     for entry in (
-        PixelFormat("GREY", "GREY", 8, 1, _bytes(0, 1)),
-        PixelFormat("Y10", "Y10 ", 10, 2, _words),
-        PixelFormat("Y12", "Y12 ", 12, 2, _words),
-        PixelFormat("Y16", "Y16 ", 16, 2, _words),
-        PixelFormat("YUYV", "YUYV", 8, 2, _bytes(0, 2)),
-        PixelFormat("UYVY", "UYVY", 8, 2, _bytes(1, 2)),
+        PixelFormat("GREY", "GREY", 8, 1, _bytes(0, 1), _from_bytes),
+        PixelFormat("Y10", "Y10 ", 10, 2, _words, _from_words),
+        PixelFormat("Y12", "Y12 ", 12, 2, _words, _from_words),
+        PixelFormat("Y16", "Y16 ", 16, 2, _words, _from_words),
+        PixelFormat("YUYV", "YUYV", 8, 2, _bytes(0, 2), _from_luma(0)),
+        PixelFormat("UYVY", "UYVY", 8, 2, _bytes(1, 2), _from_luma(1)),
         PixelFormat("RGB24", "RGB3", 8, 3, _luma_of("RGB")),
         PixelFormat("BGR24", "BGR3", 8, 3, _luma_of("BGR")),
         PixelFormat("MJPG", "MJPG", 8, 0, _bytes(0, 1)),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from capture import CapturedSet, SetRejected, capture_set
-from capture.acquisition.set_checks import check_set
+from capture.acquisition.light_checks import check_set
 from capture.base.errors import CalibrationError
 from capture.calibration.ps4cal import CalibrationFile
 from capture.sets.image_checks import LightImages

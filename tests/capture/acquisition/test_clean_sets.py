@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from capture import SetRejected, capture_set, import_images
-from capture.acquisition.set_checks import check_set
+from capture.acquisition.light_checks import check_set
 from capture.sets.image_checks import LightImages
 from capture.sets.light_list import load_light_list
 from classify.calibration.calibration import Calibration

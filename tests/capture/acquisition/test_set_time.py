@@ -8,7 +8,7 @@ import pytest
 
 from capture import CapturedSet, SetRejected, capture_set
 from rig import CameraError, RigConfig, open_rig
-from rig.latency.camera import measure_latency, without_timing
+from rig.latency import measure_latency, without_timing
 from rig.lights.link import LinkTimeouts
 
 SETS = 8

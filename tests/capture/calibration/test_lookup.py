@@ -17,9 +17,9 @@ from capture.calibration.ps4cal import CalibrationFile, PartRecord
 from capture.calibration.setting import Setting
 from capture.sets.captured_set import calibration_of
 from classify import Lighting
+from classify.calibration.calibration import CalibratedLights
+from classify.calibration.correction import Scale
 from classify.calibration.dark import Dark
-from classify.calibration.lights import CalibratedLights
-from classify.calibration.scale import Scale
 from rig import Rig
 
 SHAPE = (24, 32)
@@ -124,11 +124,11 @@ def test_a_given_calibration_is_used_instead_of_the_named_one(
     setting = placed.setting
     file_of(setting, 0.2).write(tmp_path / "new.ps4cal")
     path, named = tmp_path / "a.ome.tif", placed.with_calibration(file_of(setting))
-    found = find(path, named, given=tmp_path / "new.ps4cal")
+    found = find(path, named, chosen=tmp_path / "new.ps4cal")
     assert found.file.calibration.scale.mm_per_px == 0.2
     file_of(SETTING.model_copy(update={"width_px": 64})).write(tmp_path / "other.ps4cal")
     with pytest.raises(CalibrationError, match=r"other\.ps4cal: .*does not hold for .*a\.ome\.tif"):
-        find(path, named, given=tmp_path / "other.ps4cal")
+        find(path, named, chosen=tmp_path / "other.ps4cal")
 
 
 @pytest.mark.parametrize(("days", "warned"), [(300, False), (365 + 31, True)])

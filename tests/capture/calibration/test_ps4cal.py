@@ -14,16 +14,14 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from capture.base.errors import CalibrationError
-from capture.calibration.parts import PART_NAMES, put_together, taken_apart
+from capture.calibration.parts import PART_NAMES, flattened, rebuilt
 from capture.calibration.ps4cal import VERSION, CalibrationFile, PartRecord
 from capture.calibration.setting import Setting
 from classify import InputError, Lighting, SensorNoise
-from classify.calibration.calibration import Calibration
+from classify.calibration.calibration import CalibratedLights, Calibration
+from classify.calibration.correction import Response, Scale
 from classify.calibration.dark import Dark
-from classify.calibration.lights import CalibratedLights
 from classify.calibration.photon_transfer import Noise
-from classify.calibration.response import Response
-from classify.calibration.scale import Scale
 from classify.lights.flat_field import FlatField
 
 RING = Lighting.ring(45.0)
@@ -145,9 +143,9 @@ def test_any_part_is_the_same_after_it_was_taken_apart(intensities, offset, ambi
     ring = Lighting.ring(40.0, (0, 100, 200))
     lighting = Lighting(ring.directions, [] if intensities is None else intensities)
     lights = CalibratedLights(lighting, "list", np.zeros(3), np.ones(3), 0.0, None)
-    assert_same(put_together("lights", *taken_apart(lights)), lights)
+    assert_same(rebuilt("lights", *flattened(lights)), lights)
     dark = Dark(offset, 1.0, np.array(hot, np.int32).reshape(-1, 2), ambient, 255.0)
-    assert_same(put_together("dark", *taken_apart(dark)), dark)
+    assert_same(rebuilt("dark", *flattened(dark)), dark)
 
 
 @pytest.mark.parametrize(
@@ -239,7 +237,7 @@ def test_a_cut_or_changed_file_is_refused_or_the_same(saved: Path, data: st.Data
 )
 def test_a_wrong_field_of_a_part_is_named(name: Any, values: dict[str, Any], cause: str) -> None:
     with pytest.raises(InputError, match=cause):
-        put_together(name, values, {})
+        rebuilt(name, values, {})
 
 
 @pytest.mark.parametrize(
@@ -258,7 +256,7 @@ def test_a_flat_field_of_another_shape_is_refused(
 ) -> None:
     arrays = {"coefficients": np.zeros(shape), "bounds": np.full(bounds, 81.0)}
     with pytest.raises(InputError, match=cause):
-        put_together("flat_field", {}, arrays)
+        rebuilt("flat_field", {}, arrays)
 
 
 def test_no_file_and_another_file_say_what_to_do(tmp_path: Path) -> None:

@@ -15,11 +15,10 @@ from capture.calibration.setting import Setting
 from capture.commands.calibrate.flow import calibration_at, keep_parts
 from classify import Lighting
 from classify.base.errors import CalibrationRejected
+from classify.calibration.calibration import CalibratedLights
+from classify.calibration.correction import Response, Scale
 from classify.calibration.dark import Dark
-from classify.calibration.lights import CalibratedLights
 from classify.calibration.photon_transfer import Noise
-from classify.calibration.response import Response
-from classify.calibration.scale import Scale
 from classify.images.noise import SensorNoise
 from classify.lights.flat_field import FlatField
 

@@ -101,7 +101,7 @@ def test_the_guide_says_which_way_to_turn(run: Run, session: Path, config: RigCo
         frames = [fresh_frame(rig, light) for light in range(4)]
         for asked_deg, way in ((40.0, "good"), (60.0, "anticlockwise"), (-150.0, " clockwise")):
             guide = PlacementGuide.of(session / "sets" / "sand-1-0-1.ome.tif", asked_deg)
-            said = guide.said_of(rig.lighting, frames)
+            said = guide.orientation_text(rig.lighting, frames)
             assert said is not None
             assert said.endswith(way)
             # -150 degrees is 30 to a texture that looks alike after half a turn.

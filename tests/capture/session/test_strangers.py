@@ -9,7 +9,7 @@ import pytest
 from capture.session.events import without_questions
 from capture.session.folder import make_session, session_folder
 from capture.session.journal import Description, SetEntry
-from capture.session.report_analysis import Separation, analyse, strangers
+from capture.session.report_analysis import Separation, analyse, outliers
 from capture.session.runner import run_session
 from classify.library.dissimilarity import dendrogram
 from rig import RigConfig
@@ -55,13 +55,13 @@ def separation(
 def test_a_set_stands_out_beyond_the_limit_and_the_other_sets(
     own: dict[str, list[float]], found: list[str]
 ) -> None:
-    assert [file for file, _ in strangers(separation(own))] == found
+    assert [file for file, _ in outliers(separation(own))] == found
 
 
 def test_pieces_of_one_class_may_look_like_each_other() -> None:
     own = {"a": [0.3, 0.3], "b": [0.3, 0.3]}
-    assert not [*strangers(separation(own, {"a": "felt", "b": "felt"}, other=0.2))]
-    files = [file for file, _ in strangers(separation(own, other=0.2))]
+    assert not [*outliers(separation(own, {"a": "felt", "b": "felt"}, other=0.2))]
+    files = [file for file, _ in outliers(separation(own, other=0.2))]
     assert files == ["a-2", "a-3", "b-2", "b-3"]
 
 

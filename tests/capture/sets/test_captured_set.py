@@ -9,8 +9,7 @@ import pytest
 from capture import CapturedSet, capture_set
 from classify import Lighting, Method
 from classify.base.errors import InputError
-from classify.calibration.calibration import Calibration
-from classify.calibration.lights import CalibratedLights
+from classify.calibration.calibration import CalibratedLights, Calibration
 from classify.lights.near_light import sheet_of
 from rig import Rig
 

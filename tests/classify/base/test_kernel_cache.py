@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from classify.base.kernel_cache import _CodeFiles
+from classify.base.compiling import _CodeFiles
 
 # `scaled` is compiled for arrays that are contiguous, and for others.
 PROGRAM = """

@@ -3,7 +3,7 @@
 import pytest
 
 from classify import InputError, LibraryError, TextureLibrary
-from classify.base.labels import checked_label
+from classify.methods import checked_label
 
 REFUSED = (
     "unknown",

@@ -11,13 +11,14 @@ import pytest
 
 from classify.base.errors import InputError
 from classify.base.threads import (
+    Task,
     beside,
+    bound_to,
     map_in_threads,
     run_on_rows,
     set_thread_count,
     thread_count,
 )
-from classify.base.workers import Task, bound_to
 
 
 @pytest.fixture(autouse=True)
@@ -167,7 +168,7 @@ def test_a_processor_that_is_not_there_binds_nothing() -> None:
 def test_bound_threads_have_processors_of_their_own() -> None:
     code = """
 import os, threading
-from classify.base.workers import usable_processors
+from classify.base.threads import usable_processors
 from classify.base.threads import beside_workers, bind_workers, map_in_threads, thread_count
 everywhere = os.sched_getaffinity(0)
 with beside_workers():

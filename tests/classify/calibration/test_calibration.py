@@ -7,11 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from classify import InputError, Lighting, SensorNoise
-from classify.calibration.calibration import Calibration
+from classify.calibration.calibration import CalibratedLights, Calibration
+from classify.calibration.correction import Response, Scale
 from classify.calibration.dark import Dark
-from classify.calibration.lights import CalibratedLights
-from classify.calibration.response import Response
-from classify.calibration.scale import Scale
 from classify.images.stack import ImageStack
 
 FULL = 4095.0

@@ -11,11 +11,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from classify.base.errors import CalibrationRejected, InputError
-from classify.calibration.calibration import Calibration
+from classify.calibration.calibration import CalibratedLights, Calibration
 from classify.calibration.drift import Drift, plate_drift
 from classify.calibration.drift_model import moved_light
 from classify.calibration.flat_field import fit_flat_field
-from classify.calibration.lights import CalibratedLights
 from classify.calibration.plate_blocks import PlateBlocks
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting

@@ -33,7 +33,7 @@ CONSTANTS = {
 
 
 def _textures() -> list[Texture]:
-    return [*material_textures(None), *(Texture(name) for name in SYNTHETIC_30[::2])]
+    return [*material_textures(), *(Texture(name) for name in SYNTHETIC_30[::2])]
 
 
 @pytest.fixture(scope="module", params=SIZES_PX)

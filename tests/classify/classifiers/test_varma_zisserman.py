@@ -7,7 +7,7 @@ import pytest
 
 from classify import LibraryError, TextureLibrary
 from classify.classifiers import CLASSIFIERS
-from classify.texture.textons import TEXTONS_PER_CLASS
+from classify.classifiers.varma_zisserman import TEXTONS_PER_CLASS
 
 TEXTONS = CLASSIFIERS["varma_zisserman"]
 KINDS = ("malv", "domes")

@@ -53,7 +53,7 @@ CONSTANTS = {
 @pytest.fixture(scope="module")
 def parts() -> list[tuple[list[Oriented], list[Oriented], list[Oriented]]]:
     """Taught, good and defective parts of each texture, with found orientations."""
-    textures = [*material_textures(None), *map(Texture, ("malv", "brushed", "weave_dyed"))]
+    textures = [*material_textures(), *map(Texture, ("malv", "brushed", "weave_dyed"))]
     found = []
     for texture, foreign in zip(textures, [*textures[1:], textures[0]], strict=True):
         taught = [part_of(texture, "taught", index) for index in range(TAUGHT)]

@@ -10,10 +10,9 @@ from hypothesis import strategies as st
 
 from classify import Match, TextureLibrary
 from classify.classifiers import CLASSIFIERS, Comparison
-from classify.library.candidates import FIRST, MOST, nearest_references
-from classify.library.match import match_of
-from classify.texture.angular_harmonics import HARMONICS
+from classify.library.match import FIRST, MOST, match_of, nearest_references
 from classify.texture.heading import HEADING_FLOATS
+from classify.texture.orientation import HARMONICS
 from classify.texture.spectra import RADII
 
 SEEDS = st.integers(0, 2**32 - 1)

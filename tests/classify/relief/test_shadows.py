@@ -8,7 +8,7 @@ from scipy.ndimage import binary_dilation, binary_erosion, map_coordinates
 
 from classify.base.errors import InputError
 from classify.lighting import light_vectors
-from classify.relief.shadows import cast_shadow
+from classify.relief.relighting import cast_shadow
 from rig.scene.synthetic import synthetic_surface
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from classify import METHODS, Lighting, Method, SurfaceEstimate, photometric_stereo
 from classify.lights.agreement import light_agreement
 from classify.lights.order import light_order
-from classify.relief.shadows import cast_shadow
+from classify.relief.relighting import cast_shadow
 
 DATA = Path(__file__).parents[2] / "data"
 # Quarter turns anticlockwise, and whether the result is mirrored left to right.

@@ -5,13 +5,13 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from classify.texture.angular_harmonics import (
+from classify.texture.orientation import (
     HARMONICS,
     harmonics,
     least_error,
+    roll_angles,
     shift_invariant_norms,
 )
-from classify.texture.orientation import roll_angles
 from tests.angles import off_deg
 
 ANGLES = 90

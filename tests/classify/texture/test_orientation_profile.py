@@ -6,8 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from classify import Lighting, TextureLibrary, photometric_stereo
-from classify.texture.angular_harmonics import agreement_by_shift, harmonics, least_error
-from classify.texture.orientation import OrientationProfile
+from classify.texture.orientation import (
+    OrientationProfile,
+    agreement_by_shift,
+    harmonics,
+    least_error,
+)
 from rig import synthetic_surface
 from rig.scene.render import render_frame
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from classify import Lighting, SurfaceEstimate, photometric_stereo
-from classify.relief.shadows import cast_shadow
-from classify.texture.rotated_lights import under_rotated_lights
+from classify.relief.relighting import cast_shadow, under_rotated_lights
 
 
 @pytest.fixture(scope="module")

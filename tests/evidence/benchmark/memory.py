@@ -10,7 +10,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from capture.base.console import progress
-from capture.base.process_settings import peak_bytes, resident_bytes
+from capture.base.process_settings import resident_bytes
 from classify import Method, TextureLibrary
 from classify.surface.estimate import FloatMap
 from rig.simulation.simulated_set import SimulatedSet
@@ -22,6 +22,14 @@ Step = Callable[[], Callable[[], object]]
 
 _CLEAR = Path("/proc/self/clear_refs")
 _WARM_UP_PX = 256
+
+
+def bytes_of(path: str, field: str) -> int:
+    """Value of a field of a file in ``/proc``; 0 on systems without it."""
+    if not Path(path).exists():
+        return 0
+    lines = Path(path).read_text(errors="replace").splitlines()
+    return 1024 * int(dict(line.split(":", 1) for line in lines)[field].split()[0])
 
 
 def memory_section(steps: Mapping[str, Step]) -> Section:
@@ -76,6 +84,6 @@ def _memory_mb(step: Step) -> tuple[float, float]:
     _CLEAR.write_text("5", encoding="ascii")  # resets the peak, see proc(5)
     before = resident_bytes() or 0
     kept = measured()
-    peak = peak_bytes() or 0
+    peak = bytes_of("/proc/self/status", "VmHWM")
     del kept
     return before / 1e6, peak / 1e6

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 
 from capture.base.console import out, print_json
-from capture.base.process_settings import available_bytes
 from classify.base.threads import thread_count
 from classify.defects.whitening import MIN_SIDE_PX
 
@@ -76,7 +75,10 @@ def fits(references: int, textures: Textures, folder: Path, free: Free | None = 
     size = references * textures.signatures.shape[-1] * textures.signatures.itemsize
     # Invariants add a tenth to the file. Writing needs the signatures twice in memory.
     disk_bytes, memory_bytes = int(1.15 * size), int(2.5 * size)
-    free_disk, free_memory = free or (shutil.disk_usage(folder).free, available_bytes() or 0)
+    free_disk, free_memory = free or (
+        shutil.disk_usage(folder).free,
+        memory.bytes_of("/proc/meminfo", "MemAvailable"),
+    )
     enough = disk_bytes < free_disk and memory_bytes < free_memory
     _say(
         f"{'' if enough else 'left out: '}{references:,} references need {disk_bytes / 1e9:.1f} GB "

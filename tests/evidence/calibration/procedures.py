@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from capture.acquisition.camera_calibration import dark_of_rig, rungs_of_rig
+from capture.acquisition.frame_series import dark_of_rig, rungs_of_rig
 from capture.calibration.ps4cal import CalibrationFile, MeasuredPart
 from capture.calibration.setting import Setting
 from capture.procedures.camera_parts import dark_part, response_parts

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import get_args
 
 from capture.base.console import progress
-from capture.chapter.output import About, write_page
+from capture.chapter.output import PageInfo, write_page
 from classify.base.durable_file import make_folder
 from classify.calibration.spheres import SphereKind
 
@@ -61,5 +61,5 @@ def reproduce_calibration(output: Path) -> Path:
         "frames": f"{SIZE_PX} px",
     }
     exhibits = list(calibration_exhibits(errors, lights))
-    about = About("calibration", Path(__file__).with_name("page.html"), simulated=True)
-    return write_page(exhibits, facts, about, output)
+    info = PageInfo("calibration", Path(__file__).with_name("page.html"), simulated=True)
+    return write_page(exhibits, facts, info, output)

@@ -4,8 +4,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from capture.chapter.plan import material_textures
 from classify.base.errors import InputError
+from tests.evidence.textures.materials import material_textures
 
 from .plan import defect_plan
 from .run import reproduce_defects

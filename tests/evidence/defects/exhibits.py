@@ -11,7 +11,7 @@ import numpy.typing as npt
 from capture.chapter.exhibit import Exhibit, Row
 from capture.chapter.plots import Line, draw_lines
 from classify.confidence import share_at_most
-from rig.config.defect import RELIEF_KINDS, DefectKind
+from rig.config.simulation import RELIEF_KINDS, DefectKind
 
 from .detectors import DETECTORS
 from .examples import Example, draw_examples

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from capture.chapter.plan import Texture
 from classify import TextureLibrary
 from classify.defects.fields import part_fields
-from rig.config.defect import RELIEF_KINDS, DefectKind
+from rig.config.simulation import RELIEF_KINDS, DefectKind
 from rig.scene.surfaces import rms_slope
 
 from .bound import Bound, MatchedFilters

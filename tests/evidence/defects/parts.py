@@ -17,7 +17,7 @@ from classify import Lighting, SurfaceEstimate
 from classify.base.errors import InputError
 from rig import Defect
 from rig.scene.render import render_frame
-from rig.scene.surfaces import PeriodicSurface
+from rig.scene.surfaces import PeriodicSurface, View
 from rig.simulation.defective_surface import DefectiveSurface
 from rig.simulation.simulated_set import SimulatedSet
 
@@ -106,7 +106,7 @@ def _surface_of(texture: Texture, seed: int) -> PeriodicSurface:
     if texture.folder is None:
         return surface
     side_px = _MAGNIFICATION * min(surface.height.shape)
-    tile = surface.patch(side_px, magnification=float(_MAGNIFICATION))
+    tile = surface.patch(View(side_px, magnification=float(_MAGNIFICATION)))
     return PeriodicSurface(tile.height, tile.p, tile.q, tile.albedo, surface.name)
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from capture.chapter.plan import Texture
 from rig import Defect
-from rig.config.defect import RELIEF_KINDS, DefectKind
+from rig.config.simulation import RELIEF_KINDS, DefectKind
 from rig.scene.synthetic import SYNTHETIC_NAMES
 
 FALSE_ALARM_RATE = 0.01

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from capture.base.console import progress
 from capture.batch.runner import Batch
-from capture.chapter.output import About, write_page
+from capture.chapter.output import PageInfo, write_page
 from classify.base.durable_file import make_folder
 
 from . import learned
@@ -40,5 +40,5 @@ def reproduce_defects(plan: DefectPlan, output: Path, workers: int | None = None
         f"{platform.machine()}",
     }
     introduction = Path(__file__).with_name("page.html")
-    about = About("defects", introduction, simulated=True, quick=plan.quick)
-    return write_page(list(defect_exhibits(plan, results)), facts, about, output)
+    info = PageInfo("defects", introduction, simulated=True, quick=plan.quick)
+    return write_page(list(defect_exhibits(plan, results)), facts, info, output)

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from capture.base.console import complain, progress
-from capture.chapter.output import About, write_page
+from capture.chapter.output import PageInfo, write_page
 from classify.base.durable_file import make_folder
 from classify.base.errors import InputError
 
@@ -37,5 +37,5 @@ def reproduce_photographs(folder: Path, output: Path) -> Path:
         "picks of four lights": str(len({(score.name, score.pick) for score in scores})),
     } | ({"left out": "; ".join(warnings)} if warnings else {})
     exhibits = list(photograph_exhibits(sets, scores, recognitions(sets)))
-    about = About("photographs", Path(__file__).with_name("page.html"), simulated=False)
-    return write_page(exhibits, facts, about, output)
+    info = PageInfo("photographs", Path(__file__).with_name("page.html"), simulated=False)
+    return write_page(exhibits, facts, info, output)

@@ -18,7 +18,7 @@ from rig import HardwareError, LightControllerError, Rig, RigConfig
 from rig.config.lights import LightsConfig
 from rig.lights.discovery import find_controller, known_port, list_serial_ports, ports_to_try
 from rig.lights.driver import LightController
-from rig.lights.port_holders import port_holders
+from rig.lights.serial_line import port_holders
 from rig.scene.render import SceneImages
 from rig.simulation.camera import SimulatedCamera
 from rig.simulation.exposures import FreeRunning, Shutter

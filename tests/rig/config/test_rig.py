@@ -79,7 +79,7 @@ def test_a_file_without_a_port_is_refused(tmp_path: Path, text: str) -> None:
         (SIMULATED + "[simulation.placement]\nseed = true\n", "seed = true: must be an integer"),
         (
             SIMULATED + "[[simulation.faults.leds]]\nkind = 'dim'\nled = true\n",
-            "simulation.faults: leds.0.led is true or false",
+            "simulation.faults.leds.0.led = true: must be an integer",
         ),
         ("lights = 3\n", "lights = 3: must be a table"),
         ("[lights]\nport = ''\n", "lights.port"),

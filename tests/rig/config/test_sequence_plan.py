@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from firmware_sim.firmware import MAX_LINE_BYTES
 from rig import ConfigError, RigConfig, open_rig
 from rig.config.sequence_plan import REACTION_S, plan_sequence
+from rig.lights.link import encode_command
 from rig.lights.sequence import require_one_line, start_command
-from rig.lights.wire import encode_command
 
 SMALL = {"width_px": 16, "height_px": 16}
 

@@ -24,7 +24,7 @@ from rig.lights.discovery import (
 )
 from rig.lights.driver import LightController
 from rig.lights.link import ControllerIdentity, LinkTimeouts
-from rig.lights.port_holders import port_holders
+from rig.lights.serial_line import port_holders
 
 PICO, UNKNOWN = "2e8a:0005", "1234:5678"
 

@@ -13,8 +13,7 @@ from capture import capture_set
 from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serve_pty
 from rig import LightControllerError, RigConfig, open_rig
 from rig.lights.driver import LightController
-from rig.lights.link import LinkTimeouts
-from rig.lights.wire import encode_command
+from rig.lights.link import LinkTimeouts, encode_command
 
 SMALL = RigConfig().with_changes(camera={"width_px": 48, "height_px": 48})
 SHORT = LinkTimeouts(recover_s=0.3)

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from firmware_sim import Firmware, SimulatedBoard, VirtualClock, crc8
 from firmware_sim.firmware import MAX_SEQUENCE
-from rig.lights.wire import BANNER, Garbled, Reply, decode_reply, encode_command
+from rig.lights.link import BANNER, Garbled, Reply, decode_reply, encode_command
 
 sequences = st.integers(1, MAX_SEQUENCE)
 commands = st.one_of(

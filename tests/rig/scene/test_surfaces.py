@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from classify.base.errors import InputError
 from rig.scene.resampling import sample_rotated, spline_coefficients
-from rig.scene.surfaces import PeriodicSurface, periodic_height, rms_slope, spectral_gradients
+from rig.scene.surfaces import PeriodicSurface, View, periodic_height, rms_slope, spectral_gradients
 from rig.scene.synthetic import synthetic_surface, tile_side_px
 
 
@@ -44,7 +44,7 @@ def test_spline_error_between_pixels(cycles: int, bound: float) -> None:
 @given(st.integers(-200, 200), st.integers(-200, 200), st.integers(1, 70))
 def test_a_whole_shift_gives_the_pixels_of_the_tile(right: int, up: int, size: int) -> None:
     surface = synthetic_surface("ogil", seed=1, tile_px=64)
-    patch = surface.patch(size, shift_px=(right, up))
+    patch = surface.patch(View(size, shift_px=(right, up)))
     rows = (np.arange(size) + (64 - size) // 2 - up) % 64
     cols = (np.arange(size) + (64 - size) // 2 + right) % 64
     for name in ("height", "p", "q", "albedo"):
@@ -54,7 +54,10 @@ def test_a_whole_shift_gives_the_pixels_of_the_tile(right: int, up: int, size: i
 
 def test_magnification_stretches_the_patch_about_its_centre(malv: PeriodicSurface) -> None:
     """At twice the size, every second pixel is one of the tile: sides are odd."""
-    plain, large = malv.patch(51, 20.0, (3.5, 1.0)), malv.patch(101, 20.0, (3.5, 1.0), 0, 2.0)
+    plain, large = (
+        malv.patch(View(51, 20.0, (3.5, 1.0))),
+        malv.patch(View(101, 20.0, (3.5, 1.0), 0, 2.0)),
+    )
     np.testing.assert_allclose(large.height[::2, ::2], 2.0 * plain.height, atol=1e-4)
     for name in ("p", "q", "albedo"):
         np.testing.assert_allclose(getattr(large, name)[::2, ::2], getattr(plain, name), atol=1e-4)
@@ -64,7 +67,7 @@ def test_magnification_stretches_the_patch_about_its_centre(malv: PeriodicSurfac
 def test_rotation_by_90_degrees_rotates_the_arrays_anticlockwise(
     malv: PeriodicSurface, quarter: int
 ) -> None:
-    still, rotated = malv.patch(100), malv.patch(100, rotate_deg=90.0 * quarter)
+    still, rotated = malv.patch(View(100)), malv.patch(View(100, rotate_deg=90.0 * quarter))
     np.testing.assert_allclose(rotated.height, np.rot90(still.height, quarter), atol=1e-5)
     slope = still.p + 1j * still.q
     np.testing.assert_allclose(
@@ -75,7 +78,7 @@ def test_rotation_by_90_degrees_rotates_the_arrays_anticlockwise(
 @pytest.mark.parametrize("magnification", [1.0, 1.3])
 def test_rotated_gradients_are_those_of_the_rotated_height(magnification: float) -> None:
     surface = synthetic_surface("sand", seed=2, tile_px=256)
-    patch = surface.patch(150, 37.0, shift_px=(11.3, -4.6), magnification=magnification)
+    patch = surface.patch(View(150, 37.0, shift_px=(11.3, -4.6), magnification=magnification))
     # Fourth-order differences, with an error below 0.001 for ripples of 20 px.
     p, q = (
         (8 * (np.roll(patch.height, -s, a) - np.roll(patch.height, s, a))
@@ -87,8 +90,8 @@ def test_rotated_gradients_are_those_of_the_rotated_height(magnification: float)
 
 
 def test_a_margin_only_adds_a_border(malv: PeriodicSurface) -> None:
-    small = malv.patch(31, 20.0, (3.5, 1.0))
-    large = malv.patch(31, 20.0, (3.5, 1.0), margin_px=9)
+    small = malv.patch(View(31, 20.0, (3.5, 1.0)))
+    large = malv.patch(View(31, 20.0, (3.5, 1.0), margin_px=9))
     assert large.p.shape == (49, 49)
     np.testing.assert_allclose(large.p[9:-9, 9:-9], small.p, atol=1e-5)
 
@@ -113,12 +116,12 @@ def test_a_tile_is_at_least_twice_the_frame() -> None:
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda s: s.patch(0), "1 to 8192"),
-        (lambda s: s.patch(8193), "1 to 8192"),
-        (lambda s: s.patch(10, margin_px=-1), "margin"),
-        (lambda s: s.patch(10, rotate_deg=float("nan")), "finite"),
-        (lambda s: s.patch(10, magnification=0.0), "magnification"),
-        (lambda s: s.patch(10, shift_px=(0.0, float("inf"))), "finite"),
+        (lambda s: s.patch(View(0)), "1 to 8192"),
+        (lambda s: s.patch(View(8193)), "1 to 8192"),
+        (lambda s: s.patch(View(10, margin_px=-1)), "margin"),
+        (lambda s: s.patch(View(10, rotate_deg=float("nan"))), "finite"),
+        (lambda s: s.patch(View(10, magnification=0.0)), "magnification"),
+        (lambda s: s.patch(View(10, shift_px=(0.0, float("inf")))), "finite"),
         (lambda _: synthetic_surface("granite", 0, 64), "rock, sand, malv, ogil"),
         (lambda _: synthetic_surface("rock", -1, 64), "negative"),
         (lambda _: synthetic_surface("rock", 0, 4), "16 to 8192"),

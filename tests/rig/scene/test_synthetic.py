@@ -11,7 +11,7 @@ from classify import Lighting
 from classify.base.errors import InputError
 from rig import Placement, RigConfig, open_rig, surface_names
 from rig.scene.material_folder import bundled_materials
-from rig.scene.power_spectra import ripples, rotated, summed
+from rig.scene.random_fields import ripples, rotated, summed
 from rig.scene.render import render_scene
 from rig.scene.surfaces import PeriodicSurface, SurfacePatch, rms_slope, round_band_limit
 from rig.scene.synthetic import (

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from classify.base.errors import InputError
 from classify.lighting import Lighting
 from rig.scene.render import render_frame
+from rig.scene.surfaces import View
 from rig.scene.targets import CHECKERBOARD_CORNERS, Plate, Sphere, target_named
 
 SIDE_PX = 200
@@ -77,7 +78,7 @@ def test_corners_of_the_checkerboard_are_where_they_should_be(
     rotate_deg: float, shift_px: tuple[float, float], square_px: float
 ) -> None:
     board = target_named("checkerboard", (SIDE_PX, SIDE_PX), 0, 5.0 / square_px)
-    image = board.patch(SIDE_PX, rotate_deg, shift_px).albedo
+    image = board.patch(View(SIDE_PX, rotate_deg, shift_px)).albedo
     grey = (255 * image / image.max()).astype(np.uint8)
     found, corners = cv2.findChessboardCornersSB(grey, CHECKERBOARD_CORNERS)
     assert found
@@ -93,7 +94,7 @@ def test_corners_of_the_checkerboard_are_where_they_should_be(
 @given(st.sampled_from((90, 180, 270)))
 def test_grain_dust_and_tilt_of_a_plate_turn_with_it(rotate_deg: int) -> None:
     plate, turns = Plate(seed=3), rotate_deg // 90
-    still, turned = plate.patch(101), plate.patch(101, float(rotate_deg))
+    still, turned = plate.patch(View(101)), plate.patch(View(101, float(rotate_deg)))
     np.testing.assert_allclose(turned.albedo, np.rot90(still.albedo, turns), atol=1e-4)
     cos, sin = round(np.cos(np.radians(rotate_deg))), round(np.sin(np.radians(rotate_deg)))
     p, q = np.rot90(still.p, turns), np.rot90(still.q, turns)
@@ -103,7 +104,7 @@ def test_grain_dust_and_tilt_of_a_plate_turn_with_it(rotate_deg: int) -> None:
 
 
 def test_a_plate_is_white_and_nearly_flat_and_every_seed_is_another() -> None:
-    one, other = (Plate(seed).patch(300) for seed in (1, 2))
+    one, other = (Plate(seed).patch(View(300)) for seed in (1, 2))
     assert 0.85 < one.albedo.mean() < 0.92
     assert one.albedo.min() < 0.6  # dust
     assert 0.005 < np.hypot(one.p.mean(), one.q.mean()) < 0.02

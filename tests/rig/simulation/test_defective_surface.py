@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from classify.lighting import Lighting
 from rig import ConfigError, Defect, Placement, RigConfig, load_config
-from rig.config.defect import RELIEF_KINDS, DefectKind
+from rig.config.simulation import RELIEF_KINDS, DefectKind
 from rig.scene.render import render_frame
-from rig.scene.surfaces import PeriodicSurface
+from rig.scene.surfaces import PeriodicSurface, View
 from rig.scene.synthetic import synthetic_surface
 from rig.simulation.defective_surface import DefectiveSurface
 from rig.simulation.scenes import SceneRenderer
@@ -48,7 +48,7 @@ def test_gradients_are_the_derivatives_of_the_height(
         MALV, kind, x_px=5.0, y_px=-3.0, size_px=32.0, depth_px=1.5, angle_deg=angle_deg
     )
     # Fine enough for central differences.
-    patch = with_defect.patch(256, rotate_deg, (4.0, -2.0), 0, 4.0 * magnification)
+    patch = with_defect.patch(View(256, rotate_deg, (4.0, -2.0), 0, 4.0 * magnification))
     q, p = np.gradient(patch.height)
     error = np.hypot(p - patch.p, -q - patch.q)[1:-1, 1:-1]
     assert error.max() < 0.05 * max(np.abs(patch.p).max(), np.abs(patch.q).max())
@@ -62,7 +62,7 @@ def test_a_defect_rotates_with_the_part(
 ) -> None:
     surface = defective(MALV, kind, x_px=12.0, y_px=7.0, angle_deg=angle_deg)
     quarters = round(rotate_deg / 90.0)
-    still, rotated = surface.patch(SIDE_PX), surface.patch(SIDE_PX, rotate_deg)
+    still, rotated = surface.patch(View(SIDE_PX)), surface.patch(View(SIDE_PX, rotate_deg))
     np.testing.assert_allclose(rotated.height, np.rot90(still.height, quarters), atol=2e-3)
     np.testing.assert_allclose(rotated.albedo, np.rot90(still.albedo, quarters), atol=1e-4)
     mask = surface.mask(SIDE_PX, rotate_deg)
@@ -80,7 +80,7 @@ def test_a_defect_is_at_its_place_on_the_part(
     kind: DefectKind, x: float, y: float, shift: tuple[int, int]
 ) -> None:
     surface = defective(MALV, kind, x_px=x, y_px=y)
-    patch, plain = surface.patch(SIDE_PX, 0.0, shift), MALV.patch(SIDE_PX, 0.0, shift)
+    patch, plain = surface.patch(View(SIDE_PX, 0.0, shift)), MALV.patch(View(SIDE_PX, 0.0, shift))
     relief, albedo = np.abs(patch.height - plain.height), np.abs(patch.albedo - plain.albedo)
     changed = (relief > 0.25) | (albedo > 0.05)
     mask = surface.mask(SIDE_PX, 0.0, shift)
@@ -93,14 +93,14 @@ def test_a_defect_is_at_its_place_on_the_part(
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_defect_beyond_the_frame_changes_nothing(kind: DefectKind) -> None:
-    patch = defective(MALV, kind, x_px=5000.0).patch(SIDE_PX, 30.0)
-    np.testing.assert_array_equal(patch.height, MALV.patch(SIDE_PX, 30.0).height)
+    patch = defective(MALV, kind, x_px=5000.0).patch(View(SIDE_PX, 30.0))
+    np.testing.assert_array_equal(patch.height, MALV.patch(View(SIDE_PX, 30.0)).height)
 
 
 def test_dents_bumps_and_scratches_have_their_depth() -> None:
     heights = {
         kind: defective(FLAT, kind, x_px=0.5, y_px=0.5, size_px=30.0, depth_px=2.0)
-        .patch(SIDE_PX)
+        .patch(View(SIDE_PX))
         .height
         for kind in RELIEF_KINDS
     }
@@ -114,21 +114,21 @@ def test_dents_bumps_and_scratches_have_their_depth() -> None:
 
 
 def test_a_stain_changes_the_albedo_alone_and_a_relief_defect_the_relief_alone() -> None:
-    plain = MALV.patch(SIDE_PX)
-    stained = defective(MALV, "stain", contrast=0.5).patch(SIDE_PX)
+    plain = MALV.patch(View(SIDE_PX))
+    stained = defective(MALV, "stain", contrast=0.5).patch(View(SIDE_PX))
     np.testing.assert_array_equal(stained.p, plain.p)
     assert (stained.albedo / plain.albedo).min() == pytest.approx(0.5)
-    dented = defective(MALV, "dent").patch(SIDE_PX)
+    dented = defective(MALV, "dent").patch(View(SIDE_PX))
     np.testing.assert_array_equal(dented.albedo, plain.albedo)
 
 
 def test_a_missing_texture_is_a_plane_and_a_foreign_one_has_its_own_relief() -> None:
     middle = (slice(58, 70), slice(58, 70))
-    missing = defective(MALV, "missing", size_px=48.0).patch(SIDE_PX)
+    missing = defective(MALV, "missing", size_px=48.0).patch(View(SIDE_PX))
     assert np.ptp(missing.p[middle]) < 1e-5
     assert np.ptp(missing.albedo[middle]) < 1e-5
-    assert abs(missing.height - MALV.patch(SIDE_PX).height)[middle].mean() < MALV.height.std()
-    foreign = defective(FLAT, "foreign", size_px=48.0, angle_deg=90.0).patch(SIDE_PX)
+    assert abs(missing.height - MALV.patch(View(SIDE_PX)).height)[middle].mean() < MALV.height.std()
+    foreign = defective(FLAT, "foreign", size_px=48.0, angle_deg=90.0).patch(View(SIDE_PX))
     np.testing.assert_allclose(foreign.albedo[middle], 0.3, atol=1e-5)
     # Waves along x, rotated by 90 degrees.
     assert foreign.q[middle].std() > 10.0 * foreign.p[middle].std()

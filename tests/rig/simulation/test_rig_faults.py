@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from classify.base.errors import ConfigError
 from classify.lighting import Lighting
 from rig import Placement, RigConfig, open_rig
-from rig.scene.surfaces import PeriodicSurface
+from rig.scene.surfaces import PeriodicSurface, View
 from rig.scene.synthetic import synthetic_surface, tile_side_px
 from rig.simulation.scenes import SceneCache, SceneRenderer
 from rig.simulation.sensor import SensorModel
@@ -34,7 +34,7 @@ def plain_rendering(config: RigConfig, surface: PeriodicSurface) -> Image:
     camera, simulated = config.camera, config.simulation
     rows, cols = camera.height_px, camera.width_px
     size = max(rows, cols)
-    patch = surface.patch(size)
+    patch = surface.patch(View(size))
     top, left = (size - rows) // 2, (size - cols) // 2
     height = patch.height - np.mean(patch.height)
     height, p, q, albedo = (

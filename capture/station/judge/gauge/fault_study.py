@@ -109,7 +109,7 @@ def study_faults(
             path = files.sets / taught_set.file
             if len(good) < parts and path.is_file():
                 loaded = LoadedSet.of(path)
-                own = inspector.with_calibration(loaded.found)
+                own = inspector.with_calibration(loaded.found_calibration)
                 if own.inspect(loaded.captured).verdict.decision is Decision.PASS:
                     good.append((loaded, own))
         limits = inspector.recipe.limits_for(texture)

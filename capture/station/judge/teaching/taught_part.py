@@ -50,7 +50,7 @@ def solved(kept: KeptSet, region: Region | None) -> tuple[LoadedSet, MeasuredSur
     if not fits(region, loaded.captured):
         rows, columns = loaded.captured.images.shape[1:]
         raise RecipeError(f"{kept.path}: {columns} x {rows} px; the region is {region}")
-    return loaded, MeasuredSurface.of(loaded.captured, region, loaded.found, None)
+    return loaded, MeasuredSurface.of(loaded.captured, region, loaded.found_calibration, None)
 
 
 def taught_part(kept: KeptSet, region: Region | None) -> TaughtPart:
@@ -72,7 +72,7 @@ def taught_part(kept: KeptSet, region: Region | None) -> TaughtPart:
     return TaughtPart(
         kept,
         loaded.captured.setting,
-        loaded.found is not None,
+        loaded.found_calibration is not None,
         TrainingRow(kept.texture, observation, metadata.orientation_deg),
         test,
         scaled,

@@ -13,7 +13,7 @@ from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.domain.taught import read_taught
 from classify.base.durable_file import durable_file, make_folder
 from classify.base.errors import InputError
-from classify.base.labels import checked_label
+from classify.methods import checked_label
 
 _DIGITS = 16  # of the hash of the pixels in a file name
 
@@ -54,8 +54,8 @@ def keep_sets(
         if not copy.exists():
             with durable_file(copy) as temporary:
                 shutil.copyfile(path, temporary)
-        if loaded.found is not None:
-            keep_beside(loaded.found.file, copy)
+        if loaded.found_calibration is not None:
+            keep_beside(loaded.found_calibration.file, copy)
         try:
             name = checked_label(texture or metadata.label or default)
         except InputError as error:

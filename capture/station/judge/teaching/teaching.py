@@ -347,6 +347,6 @@ def _inspections(
     def inspections() -> Iterator[Inspection]:
         for part in parts:
             loaded = LoadedSet.of(part.kept.path)
-            yield inspector.with_calibration(loaded.found).inspect(loaded.captured)
+            yield inspector.with_calibration(loaded.found_calibration).inspect(loaded.captured)
 
     return list(show(inspections(), len(parts), "inspect"))

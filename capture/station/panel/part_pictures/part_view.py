@@ -65,7 +65,7 @@ def part_view(folder: StationFolder, result: PartResult, path: Path) -> PartView
     if not fits(region, captured):
         region = None
     method = None if judged is None else judged.method
-    measured = MeasuredSurface.of(captured, region, loaded.found, method)
+    measured = MeasuredSurface.of(captured, region, loaded.found_calibration, method)
     scores = _scores(judged, measured, result)
     outlines = _outlines(scores, region, result.defects)
     if result.defects and outlines is None:

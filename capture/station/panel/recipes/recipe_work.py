@@ -12,7 +12,7 @@ from capture.station.panel.panel import Panel
 from capture.station.panel.part_pictures.judged_by import stored_set
 from capture.station.panel.security import Denied
 from classify.base.errors import InputError
-from classify.base.labels import checked_label
+from classify.methods import checked_label
 
 from .recipe_jobs import replay_parts, teach_parts
 

@@ -19,8 +19,8 @@ from capture.commands.calibrate.flow import (
     target_sets,
 )
 from classify import InputError
+from classify.calibration.correction import Scale
 from classify.calibration.dark import Dark
-from classify.calibration.scale import Scale
 from rig import Rig
 
 SHEET = Target("a white matt sheet", "plate", next_placement="rotate the sheet by 180 degrees")

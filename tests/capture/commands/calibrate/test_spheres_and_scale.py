@@ -12,7 +12,7 @@ import pytest
 from capture.calibration.ps4cal import CalibrationFile
 from capture.sets.light_list import load_light_list
 from classify import Lighting
-from classify.calibration.lights import CalibratedLights
+from classify.calibration.calibration import CalibratedLights
 from tests.sphere_pictures import Picture, scattered_lights
 
 Run = Callable[..., Any]

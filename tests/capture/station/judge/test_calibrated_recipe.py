@@ -24,7 +24,7 @@ from classify.calibration.flat_field import fit_flat_field
 from classify.calibration.plate_blocks import PlateBlocks
 from classify.images.stack import ImageStack
 from rig import Placement, RigConfig, open_rig
-from rig.config.defect import Defect
+from rig.config.simulation import Defect
 
 REGION = Region(x=128, y=100, width=256, height=272)
 FRAME_PX = 400

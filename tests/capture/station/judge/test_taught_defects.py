@@ -12,7 +12,7 @@ from capture.station.judge.teaching.teaching import teach
 from capture.station.judge.teaching.teaching_page import teaching_page
 from capture.station.judge.teaching.teaching_result import Teaching
 from classify.defects.detectability import DEFECTS
-from rig.config.defect import Defect
+from rig.config.simulation import Defect
 from tests.capture.station.teaching_sets import patch
 from tests.html_page import Page
 

@@ -22,7 +22,7 @@ from capture.station.judge.teaching.teaching_limits import limits_of_texture
 from capture.station.judge.teaching.teaching_page import teaching_page
 from capture.station.judge.teaching.teaching_result import Teaching
 from classify.pieces.piece_model import PieceModel
-from rig.config.defect import Defect
+from rig.config.simulation import Defect
 from tests.capture.station.results.parts import minimal
 from tests.capture.station.teaching_sets import SIDE_PX, patch, saved
 from tests.html_page import Page

@@ -22,7 +22,7 @@ from capture.station.panel.part_pictures.part_view import part_view
 from capture.station.results.part_result import PartResult
 from classify.base.errors import InputError
 from classify.defects.defect_map import KINDS
-from rig.config.defect import Defect
+from rig.config.simulation import Defect
 from rig.set_file import pixels_sha256
 from tests.capture.station.teaching_sets import patch
 

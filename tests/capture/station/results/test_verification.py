@@ -79,7 +79,7 @@ def test_a_set_without_a_result_is_found(folder: Path, kept: Path) -> None:
 def test_a_part_without_a_result_is_found(folder: Path, store: ResultStore) -> None:
     begin(store)
     [finding] = verify_station(folder)
-    assert finding.said.startswith("parts without a result: 1, the first part-000001")
+    assert finding.details.startswith("parts without a result: 1, the first part-000001")
 
 
 def test_rows_that_somebody_took_away_are_found(folder: Path, store: ResultStore) -> None:
@@ -90,7 +90,7 @@ def test_rows_that_somebody_took_away_are_found(folder: Path, store: ResultStore
             other.execute(f"DROP TRIGGER {table}_no_delete")
             other.execute(f"DELETE FROM {table} WHERE number = 2")
     [finding] = verify_station(folder)
-    assert "1 of 3 numbers of parts are missing" in finding.said
+    assert "1 of 3 numbers of parts are missing" in finding.details
 
 
 def test_a_damaged_database_is_found(folder: Path, store: ResultStore) -> None:
@@ -98,7 +98,7 @@ def test_a_damaged_database_is_found(folder: Path, store: ResultStore) -> None:
     store.close()
     (folder / "results.sqlite").write_bytes(b"nothing" * 1000)
     [finding] = verify_station(folder)
-    assert "its results cannot be read" in finding.said
+    assert "its results cannot be read" in finding.details
 
 
 def test_numbers_do_not_begin_anew_beside_sets_of_a_lost_database(

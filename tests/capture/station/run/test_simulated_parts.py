@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from capture.station.domain.config import SimulatedParts
 from capture.station.domain.simulated_parts import simulated_part
-from rig.config.defect import DefectKind
+from rig.config.simulation import DefectKind
 
 KINDS: tuple[DefectKind, ...] = ("scratch", "dent", "bump", "stain", "missing", "foreign")
 

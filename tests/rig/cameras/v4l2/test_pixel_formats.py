@@ -1,4 +1,4 @@
-"""Every pixel format decodes as plain numpy does."""
+"""Every pixel format decodes as plain numpy does; decoding an encoded image gives the image."""
 
 import cv2
 import numpy as np
@@ -125,3 +125,28 @@ def test_a_torn_jpeg_is_refused(data: bytes) -> None:
 def test_names_and_codes_are_unique() -> None:
     assert len({entry.fourcc for entry in PIXEL_FORMATS.values()}) == len(PIXEL_FORMATS) == 21
     assert all(len(entry.fourcc) == 4 for entry in PIXEL_FORMATS.values())
+
+
+@pytest.mark.parametrize("name", ["GREY", "Y10", "Y12", "Y16"])
+@given(height=st.integers(1, 9), width=st.integers(1, 9), seed=st.integers(0, 2**32 - 1))
+def test_grey_is_restored_exactly(name: str, height: int, width: int, seed: int) -> None:
+    entry = PIXEL_FORMATS[name]
+    assert entry.to_bytes is not None
+    image = np.random.default_rng(seed).integers(0, 2**entry.bit_depth, (height, width))
+    pixels = image.astype(np.uint8 if entry.bit_depth == 8 else np.uint16)
+    packed = entry.to_bytes(pixels)
+    back = decode(entry, packed, width, height, width * entry.bytes_per_px)
+    np.testing.assert_array_equal(back, pixels)
+
+
+@pytest.mark.parametrize("name", ["YUYV", "UYVY"])
+def test_luma_goes_from_16_to_235_and_has_no_colour(name: str) -> None:
+    pixels = np.arange(256, dtype=np.uint8).reshape(16, 16)
+    entry = PIXEL_FORMATS[name]
+    assert entry.to_bytes is not None
+    packed = entry.to_bytes(pixels)
+    luma = decode(entry, packed, 16, 16, 32)
+    np.testing.assert_allclose(luma, 16 + pixels * (219 / 255), atol=0.5)
+    assert (luma.min(), luma.max()) == (16, 235)
+    chroma = np.frombuffer(packed, np.uint8)[1 if name == "YUYV" else 0 :: 2]
+    assert set(chroma.tolist()) == {128}

@@ -1,0 +1,308 @@
+"""Measure the camera's timing: switch an LED, and find the change in the frames."""
+
+import math
+import random
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from classify.base.arrays import BoolArray, Floats, Indices
+from classify.base.errors import ConfigError
+from rig.acceptance import MAX_SATURATED_SHARE
+from rig.cameras.camera import Frame, FrameFlag
+from rig.cameras.config import CameraConfig, StampedCameraConfig
+from rig.config.rig import RigConfig
+from rig.errors import CameraError
+from rig.fresh_frame import frames_until_fresh, next_fresh_frame, switch_to
+from rig.rig import Rig
+from rig.step_fit import StepFit, Steps, fit_steps
+
+# Bands of rows in a frame: more make the fit slower, fewer the readout less certain.
+_BANDS = 32
+# Periods of frames recorded after a step, on top of stale frames: the step and its end.
+_PERIODS_AFTER = 2.0
+# Least change of a band's light as a share of the range: with less, noise dominates.
+_MIN_CONTRAST = 0.01
+# Drift of the controller's crystal against this computer's: common crystals have 50 ppm.
+_CLOCK_DRIFT = 5e-5
+# Number of exchanges before and after each one whose bounds are combined: enough that one of them
+# is fast, few enough that the clocks hardly drift.
+_NEIGHBOURS = 8
+# The second half of the switches may miss an exposure by this share of it, because its ends are
+# known only roughly after the first half.
+_AIM_BEYOND = 0.1
+
+
+@dataclass
+class _Recording:
+    """Switches, and for each frame its times and the light in each band of its rows."""
+
+    # s: command, acknowledge, switch; turned on
+    switches: list[tuple[float, float, float, bool]] = field(default_factory=list)
+    reported_s: list[float] = field(default_factory=list)
+    arrived_s: list[float] = field(default_factory=list)
+    of_step: list[int] = field(default_factory=list)
+    levels: list[Floats] = field(default_factory=list)  # (B,) each
+
+
+@dataclass(frozen=True, eq=False)
+class _Evaluation:
+    """Result of evaluating a `_Recording`."""
+
+    steps: Steps
+    fit: StepFit
+    of_step: Indices  # (F,) number of each frame's switch
+    after_s: Floats  # (F,) arrival of each frame after the acknowledge
+    delay_s: float  # from the command to the switch
+    unknown_s: float  # uncertainty of the times of the switches
+
+    def wait_s(self, place: float, now_s: float, reported_s: float) -> float:
+        """Time until a command switches at `place`, 0 to 1, of a coming exposure."""
+        place_s = ((1.0 + 2.0 * _AIM_BEYOND) * place - _AIM_BEYOND) * (
+            self.steps.exposure_s + self.fit.readout_s
+        )
+        due_s = reported_s + self.fit.start_s - self.delay_s + place_s
+        return (due_s - now_s) % self.steps.period_s
+
+
+def _record_steps(rig: Rig, led: int, numbers: Iterable[int], count: int) -> _Recording:
+    """Record every frame from each switch, first at all phases, then aimed at the exposures."""
+    info, clock, recording = rig.camera.info, rig.clock, _Recording()
+    rng = random.Random(1)
+    after_s = rig.config.lights.settle_ms / 1e3 + _PERIODS_AFTER * info.frame_period_s
+    # One switch in each part of the period, in random order, so that no phase is missed.
+    parts = [part for _ in range(2) for part in rng.sample(range(count // 2), count // 2)]
+    dark_s = rig.lights.off().acknowledged_s
+    next_fresh_frame(rig, dark_s + after_s)
+    half: _Evaluation | None = None
+    for number in numbers:
+        if number == count // 2:
+            half = _evaluate(rig, recording)
+        place = (parts[number] + rng.random()) / (count // 2)
+        if half is None:
+            clock.sleep_s(place * info.frame_period_s)
+        else:
+            clock.sleep_s(half.wait_s(place, clock.now_s(), recording.reported_s[-1]))
+        asked_s, rising = clock.now_s(), number % 2 == 0
+        switch = switch_to(rig, led if rising else None)
+        controller_s = switch.controller_time_us / 1e6
+        recording.switches.append((asked_s, switch.acknowledged_s, controller_s, rising))
+        for frame, _ in frames_until_fresh(rig, switch.acknowledged_s + after_s):
+            if frame.flags != FrameFlag.GOOD:
+                continue
+            recording.reported_s.append(frame.exposure_start_s)
+            recording.arrived_s.append(clock.now_s())
+            recording.of_step.append(number)
+            recording.levels.append(_band_levels(frame))
+        rig.lights.confirm(led if rising else None)
+    rig.lights.off()
+    return recording
+
+
+def _evaluate(rig: Rig, recording: _Recording) -> _Evaluation:
+    """Evaluate the frames recorded so far."""
+    info, of_step = rig.camera.info, np.array(recording.of_step)
+    asked_s, acknowledged_s, controller_s, rising = map(
+        np.array, zip(*recording.switches, strict=True)
+    )
+    switched_s, unknown_s = _switch_times(asked_s, acknowledged_s, controller_s)
+    shares, lit_bands = _shares(np.array(recording.levels), of_step, rising, 1 << info.bit_depth)
+    edges = _band_edges(info.height_px)
+    steps = Steps(
+        reported_s=np.array(recording.reported_s) - switched_s[of_step],
+        rising=rising[of_step],
+        shares=shares,
+        bands=((edges[:-1] + edges[1:] - 1.0) / 2.0 / (info.height_px - 1))[lit_bands],
+        exposure_s=info.exposure_s,
+        period_s=info.frame_period_s,
+    )
+    return _Evaluation(
+        steps,
+        fit_steps(steps),
+        of_step,
+        after_s=np.array(recording.arrived_s) - acknowledged_s[of_step],
+        delay_s=float(np.median(switched_s - asked_s)),
+        unknown_s=unknown_s,
+    )
+
+
+def _band_edges(rows: int) -> Indices:
+    """First row of each band, and the number of rows."""
+    return np.linspace(0, rows, min(_BANDS, rows) + 1).round().astype(np.intp)
+
+
+def _band_levels(frame: Frame) -> Floats:
+    """Mean pixel value in each band of rows."""
+    full = (1 << frame.bit_depth) - 1
+    saturated = np.count_nonzero(frame.pixels >= full) / frame.pixels.size
+    if saturated > MAX_SATURATED_SHARE:
+        raise CameraError(
+            f"{saturated:.0%} of the pixels are saturated and do not measure the light; shorten "
+            "the exposure, or reduce the LED's level"
+        )
+    rows = frame.pixels.mean(axis=1, dtype=np.float64)
+    edges = _band_edges(len(rows))
+    levels: Floats = np.add.reduceat(rows, edges[:-1]) / np.diff(edges)
+    return levels
+
+
+def _switch_times(asked: Floats, answered: Floats, theirs: Floats) -> tuple[Floats, float]:
+    """Time of each switch on the rig's clock, and the uncertainty."""
+    switched, unknown_s = np.empty(len(asked)), 0.0
+    for index in range(len(asked)):
+        near = slice(max(index - _NEIGHBOURS, 0), index + _NEIGHBOURS + 1)
+        low, high = float((asked - theirs)[near].max()), float((answered - theirs)[near].min())
+        drift_s = _CLOCK_DRIFT * float(answered[near].max() - asked[near].min())
+        if low > high + drift_s:
+            # The clock was set or restarted: only the bounds of this exchange hold.
+            low, high = asked[index] - theirs[index], answered[index] - theirs[index]
+        switched[index] = theirs[index] + (low + high) / 2.0
+        unknown_s = max(unknown_s, abs(high - low) / 2.0 + drift_s)
+    return switched, unknown_s
+
+
+def _shares(
+    levels: Floats, of_step: Indices, rising: BoolArray, values: int
+) -> tuple[Floats, BoolArray]:
+    """(F, B) share of the LED's light in each band, and which of all bands show it."""
+    last = np.append(np.diff(of_step) > 0, True)
+    brightest = np.median(levels[last & rising[of_step]], axis=0)
+    dark = np.median(levels[last & ~rising[of_step]], axis=0)
+    lit_bands = brightest - dark > _MIN_CONTRAST * values
+    if np.count_nonzero(lit_bands) < 2:
+        raise CameraError(
+            "the LED makes no difference in the frames; choose an LED that works, and put a bright "
+            "surface below the camera"
+        )
+    return (levels[:, lit_bands] - dark[lit_bands]) / (brightest - dark)[lit_bands], lit_bands
+
+
+# Largest rms residual of the shares of light: more than with stamps that jitter by 3 ms, less than
+# with flickering light (both in tests/rig/test_latency.py).
+_MAX_MISFIT = 0.08
+# Fewest frames that contain a switch: with fewer, their scatter is not known.
+_MIN_CAUGHT = 6
+# Share of a change from which a row counts as completely changed, within its noise.
+_COMPLETE = 0.98
+# Settle time within a thousandth of the level, ln 1000 time constants, by the 10 to 90 % time, ln 9
+# time constants.
+_SETTLED_PER_RISE = math.log(1000.0) / math.log(9.0)
+
+
+@dataclass(frozen=True)
+class CompleteChange:
+    """Time from the acknowledge to the first frame in which a row has changed completely."""
+
+    typical_ms: float  # median until the program has the frame
+    most_ms: float
+    most_frames: int  # received before it, stale ones included
+
+
+@dataclass(frozen=True)
+class CameraLatency:
+    """The result of ``ps4rig rig latency``."""
+
+    camera: dict[str, str | float]  # keys and values for [camera]
+    settle_ms: float  # until the light is within a thousandth of its level
+    first_row: CompleteChange
+    last_row: CompleteChange
+    fit: StepFit
+    switches: int
+
+
+def without_timing(config: RigConfig) -> RigConfig:
+    """The configuration without any timing of the camera, to measure it anew."""
+    if not isinstance(config.camera, StampedCameraConfig):
+        raise ConfigError(
+            f"camera.kind = {config.camera.kind!r} has no time stamps to measure; use 'v4l2'"
+        )
+    return config.with_changes(
+        camera={
+            "timestamp_marks": "frame_end",
+            "timestamp_offset_ms": 0.0,
+            "timestamp_uncertainty_ms": 0.0,
+            "readout_ms": None,
+            "timing_measured_at": None,
+        },
+        # This program switches the lights, and the camera runs free.
+        lights={"synchronisation": "software"},
+    )
+
+
+def measure_latency(
+    rig: Rig,
+    led: int = 0,
+    steps: int = 40,
+    each: Callable[[range], Iterable[int]] = iter,
+) -> CameraLatency:
+    """Switch an LED on and off `steps` times, and measure when the frames show it."""
+    recording = _record_steps(rig, led, each(range(2 * steps)), 2 * steps)
+    evaluation = _evaluate(rig, recording)
+    fit = evaluation.fit
+    if fit.misfit > _MAX_MISFIT:
+        raise CameraError(
+            f"the frames do not follow LED {led}: their light differs from the model by "
+            f"{fit.misfit:.1%}, limit {_MAX_MISFIT:.0%}; shield the rig from other light, and turn "
+            "off automatic exposure; if it stays so, the time stamps jitter: use another camera"
+        )
+    if fit.caught < _MIN_CAUGHT:
+        raise CameraError(
+            f"only {fit.caught} exposures contain a switch of LED {led}, at least {_MIN_CAUGHT} "
+            "are needed; use more --steps, or lengthen the exposure"
+        )
+    # Only the first half of the switches are at all phases of the frames.
+    anywhere = evaluation.of_step < steps
+    shares, rising = evaluation.steps.shares[anywhere], evaluation.steps.rising[anywhere, None]
+    is_complete = np.where(rising, shares, 1.0 - shares) >= _COMPLETE
+    after_s, of_step = evaluation.after_s[anywhere], evaluation.of_step[anywhere]
+    rows = (-1, 0) if fit.bottom_up else (0, -1)
+    first_row, last_row = (_complete_change(is_complete[:, row], after_s, of_step) for row in rows)
+    return CameraLatency(
+        camera=_camera_keys(
+            rig.config.camera, fit, evaluation.unknown_s, evaluation.steps.period_s
+        ),
+        settle_ms=_rounded_up(1e3 * _SETTLED_PER_RISE * max(fit.rise_s, fit.fall_s)),
+        first_row=first_row,
+        last_row=last_row,
+        fit=fit,
+        switches=len(recording.switches),
+    )
+
+
+def _camera_keys(
+    config: CameraConfig, fit: StepFit, unknown_s: float, period_s: float
+) -> dict[str, str | float]:
+    """The keys of ``[camera]``, rounded towards the earlier start."""
+    readout_ms = round(1e3 * min(fit.readout_s, period_s), 2)
+    # Without timing the start is taken as one period and one exposure before the stamp; with these
+    # keys it is one readout and one exposure before the stamp plus its offset.
+    offset_ms = 1e3 * (fit.start_s - period_s) + readout_ms
+    return {
+        "timestamp_marks": "frame_end",
+        "timestamp_offset_ms": -_rounded_up(-offset_ms),
+        "timestamp_uncertainty_ms": _rounded_up(1e3 * (fit.deviation_s + unknown_s)),
+        "readout_ms": readout_ms,
+        "timing_measured_at": config.mode,
+    }
+
+
+def _complete_change(done: BoolArray, after_s: Floats, of_step: Indices) -> CompleteChange:
+    times_s, frames = [], []
+    for step in np.unique(of_step):
+        chosen = np.flatnonzero(of_step == step)
+        # The first frame after the last incomplete one.
+        missing = np.flatnonzero(~done[chosen])
+        first = int(missing[-1]) + 1 if len(missing) else 0
+        if first < len(chosen):
+            times_s.append(float(after_s[chosen[first]]))
+            frames.append(first)
+    if not times_s:
+        raise CameraError(
+            "no frame shows a complete change of the light; shield the rig from other light"
+        )
+    return CompleteChange(1e3 * float(np.median(times_s)), 1e3 * max(times_s), max(frames))
+
+
+def _rounded_up(value_ms: float) -> float:
+    return math.ceil(100.0 * value_ms - 1e-6) / 100.0

@@ -1,0 +1,164 @@
+"""Fit the meaning of a camera's time stamps to the light of many LED steps.
+
+An LED is switched at a known time a, and the frames around it are averaged in bands of rows. A row
+that was exposed from S to S + e holds a share F of the step's light. For light that approaches its
+level exponentially with time constant tau, and x = S + e - a, the part of the exposure after the
+switch,
+
+    F = (G(x) - G(x - e)) / e,    G(x) = x+ - tau (1 - exp(-x+ / tau)),    x+ = max(x, 0),
+
+and the share after a step down is 1 - F. Band b, from 0 to 1, starts at S = s + D + b R, where s is
+the reported start of the exposure. D, R and both time constants are fitted to all bands of all
+frames. Each frame whose exposure contains a step then gives its own D; their scatter is the
+uncertainty of one stamp.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from classify.base.arrays import BoolArray, Floats
+
+# Shares of light in a band whose exposure contains the step; beyond them noise dominates its time.
+_CAUGHT = (0.03, 0.97)
+# The fit starts from the best point of a grid over the first and the last band: D in steps of this
+# many periods, R in this many values, tau of a common LED driver. The grid only has to lead to the
+# right minimum, which tests/rig/test_latency.py checks for random cameras.
+_GRID_PERIODS = 0.04
+_GRID_READOUTS = 9
+_GRID_BANDS = [0, -1]
+_GRID_TAU_S = 0.0003
+# Time constants beyond those of any LED, so that the fit stays finite.
+_TAU_LIMITS_S = (1e-6, 0.1)
+# Residual from which a share has less weight (soft L1), several times the noise of a band: a frame
+# with a jittering stamp, or other light.
+_SOFT_SHARE = 0.01
+_RISE_10_90 = math.log(9.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """Frames around steps of one LED."""
+
+    reported_s: Floats  # (F,) exposure start of each frame, after its step
+    rising: BoolArray  # (F,) whether the LED was switched on
+    shares: Floats  # (F, B) of the LED's full light in each band of rows
+    bands: Floats  # (B,) position of each band: 0 is the first row, 1 the last
+    exposure_s: float
+    period_s: float
+
+
+@dataclass(frozen=True)
+class StepFit:
+    """The fitted model."""
+
+    start_s: float  # from the reported to the true exposure start of the first row
+    deviation_s: float  # largest, plus one standard deviation for frames that were not measured
+    readout_s: float  # from the row that is exposed first to the last one
+    readout_error_s: float
+    bottom_up: bool
+    rise_s: float  # 10 to 90 %
+    fall_s: float  # 10 to 90 %
+    caught: int  # frames whose exposure contains a step
+    misfit: float  # rms residual of the shares
+
+
+def lit_share(left_s: Floats, exposure_s: float, tau_s: float) -> Floats:
+    """F of the module's formula, for rows with `left_s` = x."""
+
+    def collected(x: Floats) -> Floats:
+        lit = np.maximum(x, 0.0)
+        return lit + tau_s * np.expm1(-lit / tau_s)
+
+    share: Floats = (collected(left_s) - collected(left_s - exposure_s)) / exposure_s
+    return share
+
+
+def fit_steps(steps: Steps) -> StepFit:
+    """Fit the module's model to all frames."""
+    from scipy.optimize import least_squares
+
+    log_tau = math.log(_GRID_TAU_S)
+    low, high = (math.log(limit) for limit in _TAU_LIMITS_S)
+    few = replace(steps, shares=steps.shares[:, _GRID_BANDS], bands=steps.bands[_GRID_BANDS])
+    begin = min(
+        (
+            np.array([start_s, readout_s, log_tau, log_tau])
+            for start_s in np.arange(-2.0, 3.0, _GRID_PERIODS) * steps.period_s
+            for readout_s in np.linspace(-steps.period_s, steps.period_s, _GRID_READOUTS)
+        ),
+        key=lambda values: float(np.abs(_misfit(few, values)).sum()),
+    )
+    span = 4.0 * steps.period_s
+    solution = least_squares(
+        lambda values: _misfit(steps, values).ravel(),
+        begin,
+        loss="soft_l1",
+        f_scale=_SOFT_SHARE,
+        x_scale=(1e-3, 1e-3, 0.3, 0.3),
+        bounds=([-span, -span, low, low], [span, span, high, high]),
+    )
+    start_s, readout_s = (float(value) for value in solution.x[:2])
+    rise_s, fall_s = (math.exp(float(value)) for value in solution.x[2:])
+    offsets = _frame_offsets(steps, start_s, readout_s, rise_s, fall_s)
+    residual = _misfit(steps, solution.x).ravel()
+    if len(offsets):
+        start_s += float(np.median(offsets))
+        offsets = offsets - np.median(offsets)
+    # The bands of one frame share the error of its stamp, so that they count as one.
+    readout_error_s = math.sqrt(len(steps.bands)) * _error_of(1, solution.jac, residual)
+    return StepFit(
+        start_s=start_s + min(readout_s, 0.0),
+        deviation_s=float(np.abs(offsets).max() + np.std(offsets)) if len(offsets) else 0.0,
+        readout_s=abs(readout_s),
+        readout_error_s=readout_error_s,
+        bottom_up=readout_s < 0.0,
+        rise_s=rise_s * _RISE_10_90,
+        fall_s=fall_s * _RISE_10_90,
+        caught=len(offsets),
+        misfit=float(np.sqrt(np.mean(residual**2))),
+    )
+
+
+def _misfit(steps: Steps, values: Floats) -> Floats:
+    """(F, B) model minus measurement, for D, R and the logarithms of both time constants."""
+    start_s, readout_s, log_rise, log_fall = (float(value) for value in values)
+    left = _left_s(steps, start_s, readout_s)
+    rising = steps.rising[:, None]
+    risen = lit_share(left, steps.exposure_s, math.exp(log_rise))
+    fallen = 1.0 - lit_share(left, steps.exposure_s, math.exp(log_fall))
+    difference: Floats = np.where(rising, risen, fallen) - steps.shares
+    return difference
+
+
+def _left_s(steps: Steps, start_s: float, readout_s: float) -> Floats:
+    """(F, B) x of the module's formula: part of each band's exposure after the step."""
+    begins = steps.reported_s[:, None] + start_s + steps.bands * readout_s
+    return begins + steps.exposure_s
+
+
+def _frame_offsets(
+    steps: Steps, start_s: float, readout_s: float, rise_s: float, fall_s: float
+) -> Floats:
+    """Offset of the start of each frame that contains a step: the median of its bands."""
+    table_s = np.linspace(-0.1 * steps.exposure_s, 1.1 * steps.exposure_s, 4001)
+    expected = _left_s(steps, start_s, readout_s)
+    differences = []
+    for rising, tau_s in ((True, rise_s), (False, fall_s)):
+        curve = lit_share(table_s, steps.exposure_s, tau_s)
+        chosen = steps.rising == rising
+        shares = steps.shares[chosen] if rising else 1.0 - steps.shares[chosen]
+        for frame, left in zip(shares, expected[chosen], strict=True):
+            caught = (frame > _CAUGHT[0]) & (frame < _CAUGHT[1])
+            if caught.any():
+                after_s = np.interp(frame[caught], curve, table_s)
+                differences.append(float(np.median(after_s - left[caught])))
+    return np.array(differences)
+
+
+def _error_of(index: int, jacobian: Floats, residual: Floats) -> float:
+    """Standard error of one fitted value."""
+    degrees = max(residual.size - jacobian.shape[1], 1)
+    covariance = np.linalg.pinv(jacobian.T @ jacobian) * float(np.sum(residual**2)) / degrees
+    return math.sqrt(max(float(covariance[index, index]), 0.0))
