@@ -278,7 +278,7 @@ def in_chromium(url: str, tmp_path: Path, *options: str) -> str:
 @pytest.mark.browser
 def test_the_page_shows_live_images_in_a_browser(tmp_path: Path) -> None:
     preview = Preview(stale_after_s=60.0)
-    with running(preview, SMALL), serving(preview, 0, WAIT_S) as server:
+    with running(preview, SMALL), serving(preview, 0) as server:
         until(lambda: has_all_images(preview))
         dom = in_chromium(server.url, tmp_path, "--dump-dom")
         screenshot = tmp_path / "page.png"
@@ -299,7 +299,7 @@ def test_the_lights_are_a_cross_with_the_outline_over_each_image(tmp_path: Path)
     line = np.array([(8, 8), (55, 8), (55, 40), (8, 40)], np.float32)
     shown.guide("rock-1: turn to 40 degrees", Outline(64, 48, (line,), is_of_part=True))
     shown.measured("now at 37.2 degrees: turn it by 3 anticlockwise")
-    with serving(shown, 0, WAIT_S) as server:
+    with serving(shown, 0) as server:
         dom = in_chromium(server.url, tmp_path, "--dump-dom", "--window-size=1200,1600")
         screenshot = tmp_path / "page.png"
         in_chromium(server.url, tmp_path, f"--screenshot={screenshot}", "--window-size=1200,1600")
@@ -328,7 +328,7 @@ def test_the_lights_are_a_cross_with_the_outline_over_each_image(tmp_path: Path)
 
 @pytest.mark.browser
 def test_an_image_that_is_too_old_is_blanked_and_its_age_shown(tmp_path: Path) -> None:
-    with serving(preview_of_age(60.0), 0, WAIT_S) as server:
+    with serving(preview_of_age(60.0), 0) as server:
         dom = in_chromium(server.url, tmp_path, "--dump-dom")
     assert dom.count('class="stale"') == 4
     assert dom.count("the last one is too old to be shown") == 4
@@ -354,7 +354,7 @@ def test_images_age_and_are_blanked_when_the_server_stops_answering(
         def png(self, light: int) -> bytes | None:
             return shown.png(light)
 
-    with serving(AnswersOnce(), 0, WAIT_S) as server:
+    with serving(AnswersOnce(), 0) as server:
         # The browser's time runs ahead of the clock, except while a request is open.
         dom = in_chromium(server.url, tmp_path, "--dump-dom", "--virtual-time-budget=15000")
     assert "No answer from ps4rig" in dom
