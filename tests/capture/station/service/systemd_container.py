@@ -64,7 +64,7 @@ def systemd_container(shared: Path) -> Iterator[SystemdContainer]:
     """Boot systemd, and kill all its processes at the end."""
     assert os.geteuid() == 0, "a systemd takes root: run the suite as root"
     group = next(path for path in _CGROUPS if (path / "cgroup.controllers").exists())
-    group /= f"ps4rig-{shared.name}"
+    group /= f"ps4rig-{shared.name}-{os.getpid()}"
     paths = {Path(place).resolve() for place in sys.path if Path(place).is_dir()}
     paths |= {_ROOT, Path(sys.prefix), Path(sys.base_prefix), Path(sysconfig.get_path("stdlib"))}
     command = ["unshare", *_NAMESPACES, "--fork", "--kill-child", "--propagation", "private"]
