@@ -15,7 +15,7 @@ import pytest
 
 ROOT = Path(__file__).parents[4]
 # Productions that run at the same time.
-LONG = {"endurance": ["--parts", "6000"], "faults": ["--parts", "2000"]}
+LONG = {"endurance": ["--parts", "4000"], "faults": ["--parts", "2000"]}
 
 
 @pytest.mark.parametrize(
