@@ -9,12 +9,17 @@ from pydantic import BaseModel
 from .__main__ import outdated
 from .files import EXIT_STATUSES
 from .keys import keys_of
+from .promises import unkept
 
 ROOT = Path(__file__).parents[2]
 
 
 def test_the_pages_are_those_of_the_code() -> None:
     assert outdated() == [], "write them again: python -m tests.reference"
+
+
+def test_each_promise_is_in_its_readme_and_has_its_tests() -> None:
+    assert unkept() == []
 
 
 def test_every_exit_status_has_its_meaning() -> None:

@@ -1,0 +1,38 @@
+"""The table of promises in `tests/README.md`: what a README says, and which tests hold it."""
+
+import re
+import tomllib
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "tests" / "README.md"
+_TABLE = re.compile(r"(?<=<!-- promises -->\n).*?(?=<!-- end of promises -->)", re.DOTALL)
+
+
+def promises() -> dict[str, dict[str, list[str]]]:
+    """Tests of each promise, by the README that makes it."""
+    text = Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")
+    return tomllib.loads(text)
+
+
+def unkept() -> list[str]:
+    """Return the promises that their README does not make, and the tests that do not exist."""
+    faults = []
+    for page, rows in promises().items():
+        text = " ".join((ROOT / page).read_text(encoding="utf-8").split())
+        faults += [f"{page}: {promise}" for promise in rows if promise not in text]
+        tests = {test for row in rows.values() for test in row}
+        faults += [test for test in sorted(tests) if not (ROOT / "tests" / test).exists()]
+    return faults
+
+
+def page_with_table() -> str:
+    """`tests/README.md` with the table of the present promises."""
+    lines = ["| promise | tests |", "|---|---|"]
+    for page, rows in promises().items():
+        lines.append(f"| **{page}** | |")
+        for promise, tests in rows.items():
+            files = ", ".join(f"[{Path(test).stem}]({test})" for test in tests)
+            lines.append(f"| {promise} | {files} |")
+    table = "\n".join(lines) + "\n"
+    return _TABLE.sub(lambda _: table, PAGE.read_text(encoding="utf-8"))
