@@ -7,9 +7,14 @@ from capture.station.domain.folder import StationFolder
 from capture.station.judge.approval import approve
 from capture.station.judge.challenge_set import add_to_challenge
 from capture.station.judge.teaching.teaching import teach
+from capture.station.results.audit import newest_changes
+from capture.station.results.part_result import PartResult
+from capture.station.results.store import open_store
+from tests.capture.station.production import taught_station
 from tests.capture.station.teaching_sets import acknowledge_faults, saved
 
-ROCK, SAND = "example", "sand"
+ROCK, SAND = RECIPES = "example", "sand"
+_MOST_CHANGES = 1 << 30
 
 
 def add_second_recipe(folder: Path, sets: Path) -> None:
@@ -34,3 +39,24 @@ def add_second_recipe(folder: Path, sets: Path) -> None:
     ):
         text = text.replace(line, changed)
     config.write_text(text, encoding="utf-8")
+
+
+def rows_of(folder: Path) -> dict[int, PartResult]:
+    """The results of a station, by number."""
+    config = StationFolder(folder).config
+    with open_store(config.results_in(folder), config.name, alone=False) as store:
+        return {entry.result.number: entry.result for entry in store.parts()}
+
+
+def recipe_changes(folder: Path) -> int:
+    """How often another recipe was to be loaded."""
+    config = StationFolder(folder).config
+    with open_store(config.results_in(folder), config.name, alone=False) as store:
+        return len(newest_changes(store, _MOST_CHANGES))
+
+
+def station_with_two_recipes(place: Path) -> Path:
+    """Make a station whose PLC needs now one recipe, now another one."""
+    folder = taught_station(place / "line-1")
+    add_second_recipe(folder, place / "shown")
+    return folder

@@ -18,14 +18,14 @@ from capture.station.run.events import Publisher
 from capture.station.run.live_station import LiveStation
 from capture.station.run.run import run_station
 from capture.station.run.triggers import Asker, RecipeRefused, TriggerTarget
-from tests.capture.station.line.kills import (
+from tests.capture.station.line.lines import ANY_PORT
+from tests.capture.station.production import SMALL_RIG
+from tests.capture.station.two_recipes import (
     RECIPES,
     recipe_changes,
     rows_of,
     station_with_two_recipes,
 )
-from tests.capture.station.line.lines import ANY_PORT
-from tests.capture.station.production import SMALL_RIG
 
 PARTS = 4
 ERROR, PASS = VERDICTS[Decision.ERROR], VERDICTS[Decision.PASS]

@@ -1,6 +1,6 @@
 """Kill station and PLC in mid-handshake, and look whose results were taken: figures of the README.
 
-    python -m tests.capture.station.line.kills --kills 300
+    python -m tests.evidence.station.line_kills --kills 300
 
 The station is a taught one on the simulated rig, the PLC is the example client, and a third process
 reads the registers all the time. Each is a process of its own, and all talk by Modbus TCP. Every
@@ -28,7 +28,7 @@ os.environ |= {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_T
 import cv2
 
 from capture.base.utc_time import utc_text
-from capture.station.domain.folder import StationFolder, station_folder
+from capture.station.domain.folder import station_folder
 from capture.station.domain.interface_config import ModbusConfig
 from capture.station.domain.verdict import Cause, Decision
 from capture.station.line.example_client import run_ladder
@@ -37,15 +37,18 @@ from capture.station.line.ladder import Judged
 from capture.station.line.line import PlcLine
 from capture.station.line.modbus import PlcConnection, serving_modbus
 from capture.station.line.registers import VERDICTS, Status
-from capture.station.results.audit import newest_changes
 from capture.station.results.part_result import PartResult
-from capture.station.results.store import open_store
 from capture.station.run.events import Publisher
 from capture.station.run.live_station import LiveStation
 from capture.station.run.run import run_station
 from tests.capture.station.line.lines import WAIT_S
-from tests.capture.station.production import SMALL_RIG, taught_station
-from tests.capture.station.two_recipes import ROCK, SAND, add_second_recipe
+from tests.capture.station.production import SMALL_RIG
+from tests.capture.station.two_recipes import (
+    RECIPES,
+    recipe_changes,
+    rows_of,
+    station_with_two_recipes,
+)
 
 # A kill comes after up to so many parts, and so much later: longer than a part takes.
 _MOST_PARTS, _LATEST_S = 2, 0.4
@@ -53,7 +56,6 @@ _LAST_PARTS = 3
 _ENDLESS = 1 << 30
 _PAUSE_S = 0.01
 _HOST = "127.0.0.1"
-RECIPES = ROCK, SAND
 
 
 class Journal:
@@ -181,27 +183,6 @@ def _await_parts(journal: Journal, count: int) -> None:
     while judged() < wanted:
         assert time.monotonic() < ends, "the line stands still"
         time.sleep(_PAUSE_S)
-
-
-def rows_of(folder: Path) -> dict[int, PartResult]:
-    """The results of a station, by number."""
-    config = StationFolder(folder).config
-    with open_store(config.results_in(folder), config.name, alone=False) as store:
-        return {entry.result.number: entry.result for entry in store.parts()}
-
-
-def recipe_changes(folder: Path) -> int:
-    """How often another recipe was to be loaded."""
-    config = StationFolder(folder).config
-    with open_store(config.results_in(folder), config.name, alone=False) as store:
-        return len(newest_changes(store, _ENDLESS))
-
-
-def station_with_two_recipes(place: Path) -> Path:
-    """Make a station whose PLC needs now one recipe, now another one."""
-    folder = taught_station(place / "line-1")
-    add_second_recipe(folder, place / "shown")
-    return folder
 
 
 def contradictions(rows: dict[int, PartResult], journal: list[dict[str, Any]]) -> Iterator[str]:

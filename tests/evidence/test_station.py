@@ -1,9 +1,9 @@
 """Figures of production. The commands of the long runs take their numbers as options.
 
-python -m tests.capture.station.endurance --parts 20000
-python -m tests.capture.station.faults --parts 2000
-python -m tests.capture.station.kills --kills 300
-python -m tests.capture.station.kills --kills 50 --postgresql
+python -m tests.evidence.station.endurance --parts 20000
+python -m tests.evidence.station.faults --parts 2000
+python -m tests.evidence.station.kills --kills 300
+python -m tests.evidence.station.kills --kills 50 --postgresql
 """
 
 import subprocess
@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[4]
+ROOT = Path(__file__).parents[2]
 # Productions that run at the same time.
-LONG = {"endurance": ["--parts", "4000"], "faults": ["--parts", "2000"]}
+LONG = {"endurance": ["--parts", "1000"], "faults": ["--parts", "500"]}
 
 
 @pytest.mark.parametrize(
@@ -30,7 +30,7 @@ LONG = {"endurance": ["--parts", "4000"], "faults": ["--parts", "2000"]}
 )
 def test_a_killed_production_loses_and_doubles_nothing(options: list[str]) -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "tests.capture.station.kills", *options],
+        [sys.executable, "-m", "tests.evidence.station.kills", *options],
         cwd=ROOT, capture_output=True, text=True, timeout=3600,
     )  # fmt: skip
     print(done.stdout)
@@ -43,7 +43,7 @@ def test_memory_stays_flat_and_no_fault_lets_a_wrong_part_pass(
 ) -> None:
     runs = {
         name: subprocess.Popen(
-            [sys.executable, "-m", f"tests.capture.station.{name}", *options],
+            [sys.executable, "-m", f"tests.evidence.station.{name}", *options],
             cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         )
         for name, options in LONG.items()
@@ -61,7 +61,7 @@ def test_memory_stays_flat_and_no_fault_lets_a_wrong_part_pass(
 @pytest.mark.slow
 def test_a_full_disk_makes_errors_and_loses_nothing(tmp_path: Path) -> None:
     command = ["unshare", "--user", "--map-root-user", "--mount", sys.executable, "-m",
-               "tests.capture.station.full_disk", str(tmp_path)]  # fmt: skip
+               "tests.evidence.station.full_disk", str(tmp_path)]  # fmt: skip
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=3600)
     print(done.stdout)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -1,6 +1,6 @@
 """A production with faults at random, and which verdicts its parts got.
 
-    python -m tests.capture.station.faults --parts 2000
+    python -m tests.evidence.station.faults --parts 2000
 
 Half of the parts have another texture than they should: one of them that passes is a wrong PASS.
 """

@@ -1,6 +1,6 @@
 """A production on a disk that another program fills, and that has room again later.
 
-    unshare --user --map-root-user --mount python -m tests.capture.station.full_disk FOLDER
+    unshare --user --map-root-user --mount python -m tests.evidence.station.full_disk FOLDER
 
 `FOLDER` must exist: a small file system is mounted there, which nobody else sees.
 """

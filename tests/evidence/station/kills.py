@@ -1,7 +1,7 @@
 """Kill a production again and again, and print what was lost: the figures of the README.
 
-    python -m tests.capture.station.kills --kills 300
-    python -m tests.capture.station.kills --kills 50 --postgresql
+    python -m tests.evidence.station.kills --kills 300
+    python -m tests.evidence.station.kills --kills 50 --postgresql
 
 With ``--postgresql`` two stations write to one server, which is killed, too.
 """

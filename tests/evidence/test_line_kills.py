@@ -7,19 +7,14 @@ from typing import Any
 import pytest
 
 from capture.station.domain.verdict import Cause
-from tests.capture.station.line.kills import (
-    contradictions,
-    killed_line,
-    recipe_changes,
-    rows_of,
-    station_with_two_recipes,
-)
 from tests.capture.station.line.test_handshake import (
     FAILED,
     INTERRUPTED,
     UTC,
     result,
 )
+from tests.capture.station.two_recipes import recipe_changes, rows_of, station_with_two_recipes
+from tests.evidence.station.line_kills import contradictions, killed_line
 
 KILLS = 6
 PASS, FAIL, ERROR = 1, 2, 4

@@ -1,6 +1,6 @@
 """A long production: memory, open files, and whether files, rows and announcements agree.
 
-    python -m tests.capture.station.endurance --parts 20000
+    python -m tests.evidence.station.endurance --parts 20000
 
 Ctrl-C ends the production, and what there is by then is checked. Frames are of 256 px, the smallest
 that a defect model learns from, and every part is judged. A few placements come again and again,
