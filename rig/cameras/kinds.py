@@ -1,15 +1,19 @@
 """The kinds of camera: one row for each, from which all that depends on the kind is read."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from pydantic import ValidationError
 
 from classify.base.models import explained, toml_text, validation_message
+from rig.errors import ControlFault
 
-from .camera import Camera, ListedCamera
+from .camera import Camera, CameraInfo, ListedCamera
 from .config import CameraConfig, ReplayCameraConfig, SimulatedCameraConfig
+from .genicam.camera import GenicamCamera, list_genicam_cameras
+from .genicam.config import GenicamCameraConfig
+from .genicam.network import network_faults
 from .opencv import OpencvCamera, OpencvCameraConfig
 from .v4l2.camera import V4l2Camera
 from .v4l2.camera_list import list_v4l2_cameras
@@ -33,6 +37,8 @@ class CameraKind(Generic[_Config]):
     # Device classes and groups that the unit of a station needs.
     device_classes: tuple[str, ...] = ()
     groups: tuple[str, ...] = ()
+    # What `doctor` warns of when the camera is open.
+    faults: Callable[[CameraInfo], Iterator[ControlFault]] | None = None
 
 
 CAMERA_KINDS: dict[str, CameraKind[Any]] = {
@@ -41,6 +47,13 @@ CAMERA_KINDS: dict[str, CameraKind[Any]] = {
         V4l2CameraConfig, V4l2Camera, list_v4l2_cameras, ("char-video4linux",), ("video",)
     ),
     "opencv": CameraKind(OpencvCameraConfig, OpencvCamera, None, ("char-video4linux",), ("video",)),
+    "genicam": CameraKind(
+        GenicamCameraConfig,
+        GenicamCamera,
+        list_genicam_cameras,
+        ("char-usb_device",),
+        faults=network_faults,
+    ),
     "replay": CameraKind(ReplayCameraConfig),
 }
 

@@ -2,8 +2,9 @@
 
 from collections.abc import Iterator, Sequence
 
-from rig.cameras.camera import Camera, Frame, FrameFlag, ListedCamera
+from rig.cameras.camera import Camera, CameraInfo, Frame, FrameFlag, ListedCamera
 from rig.cameras.config import CameraConfig, DeviceCameraConfig
+from rig.cameras.kinds import CAMERA_KINDS
 from rig.errors import CameraError, ControlError
 
 from .check import Check
@@ -42,6 +43,15 @@ def check_controls(error: ControlError) -> Iterator[Check]:
     """Report each control that prevents a camera from being opened as one fault."""
     for fault in error.faults:
         yield Check(f"control {fault.control}", "fault", fault.seen, fault.advice)
+
+
+def check_kind(info: CameraInfo) -> Iterator[Check]:
+    """Check what the kind of an open camera needs beside it, such as a network."""
+    faults = CAMERA_KINDS[info.kind].faults
+    if faults is not None:
+        yield from (
+            Check(fault.control, "warning", fault.seen, fault.advice) for fault in faults(info)
+        )
 
 
 def check_frames(camera: Camera) -> Iterator[Check]:

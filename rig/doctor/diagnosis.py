@@ -18,7 +18,13 @@ from rig.lights.sequence import require_one_line
 from rig.rig import Rig, clock_of, open_camera, open_lights, port_of
 from rig.simulation.rig import Simulation
 
-from .cameras import check_cameras, check_controls, check_frames, exposure_range_ms
+from .cameras import (
+    check_cameras,
+    check_controls,
+    check_frames,
+    check_kind,
+    exposure_range_ms,
+)
 from .check import Check, collected
 from .light_images import capture_light_images, check_light_images
 from .lights import check_lights
@@ -105,6 +111,7 @@ def _diagnose_open(
             return
         closing.callback(camera.close)
         yield _measurement_mode(camera.info)
+        yield from check_kind(camera.info)
         yield from check_frames(camera)
 
     def check_images() -> Iterator[Check]:

@@ -1,6 +1,6 @@
-"""The simulated rig as devices: a serial line, and a loopback device for frames.
+"""The simulated rig as devices: a serial line, and a loopback device or GigE camera for frames.
 
-Any program can open the other end of the line and the loopback device as a rig.
+Any program can open the other end of the line and the camera as a rig.
 """
 
 from collections.abc import Callable
@@ -8,6 +8,8 @@ from collections.abc import Callable
 from classify.base.errors import ConfigError
 from firmware_sim import Server, SimulatedController, serve_local, serve_tty
 from rig.cameras.config import CameraConfig
+from rig.cameras.genicam.config import GenicamCameraConfig
+from rig.cameras.genicam.fake import FakeGigeCamera
 from rig.cameras.v4l2.config import V4l2CameraConfig
 from rig.cameras.v4l2.output import V4l2Output
 from rig.cameras.v4l2.pixel_formats import PIXEL_FORMATS, PixelFormat
@@ -16,11 +18,24 @@ from rig.errors import LightControllerError
 
 from .rig import Simulation
 
+# A GigE camera takes its exposure in microseconds.
+_EXPOSURE_STEP_MS = 0.0015
+# Share of a period.
+_PROMPT = 0.25
+
 
 class DeviceSimulation:
-    """A simulated rig in real time, behind a serial or pseudo-terminal and a video device."""
+    """A simulated rig in real time, behind a serial or pseudo-terminal and a camera."""
 
-    def __init__(self, config: RigConfig, *, serial: str | None, video: str | None) -> None:
+    def __init__(
+        self,
+        config: RigConfig,
+        *,
+        serial: str | None,
+        video: str | None = None,
+        gige: str | None = None,
+        lost_packets: float = 0.0,
+    ) -> None:
         if config.lights.synchronisation == "trigger":
             raise ConfigError(
                 "lights.synchronisation = 'trigger', but a loopback device delivers frames at "
@@ -35,8 +50,13 @@ class DeviceSimulation:
             camera={"kind": "simulated", "bits": self._format.bit_depth},
         )
         self._simulation = Simulation(real, _served_at(serial, config))
+        self._output: V4l2Output | FakeGigeCamera | None = None
         try:
-            self._output = None if video is None else self._opened_output(video, config.camera)
+            if video is not None:
+                self._output = self._opened_output(video, config.camera)
+            elif gige is not None:
+                serial_number = self._simulation.board.serial_number
+                self._output = FakeGigeCamera(gige, serial_number, self._next_image, lost_packets)
         except BaseException:
             self._simulation.close()
             raise
@@ -48,7 +68,7 @@ class DeviceSimulation:
 
     @property
     def writes_frames(self) -> bool:
-        """Whether there is a video device."""
+        """Whether there is a camera."""
         return self._output is not None
 
     @property
@@ -60,10 +80,12 @@ class DeviceSimulation:
     def step(self) -> None:
         """Wait for the end of the next frame and write it; without a video device only wait.
 
+        A GigE camera asks for its frames.
+
         Frames follow the camera's clock, so that delays do not add up. A frame that is more than a
         period late is left out, so that no burst follows a delay.
         """
-        if self._output is None:
+        if not isinstance(self._output, V4l2Output):
             self._simulation.clock.sleep_s(self._period_s)
             return
         frame = self._simulation.frames.read(2.0 * self._period_s)
@@ -78,10 +100,25 @@ class DeviceSimulation:
     def close(self) -> None:
         """Put the LEDs out and release the devices; a second call does nothing."""
         try:
-            self._simulation.close()
-        finally:
             if self._output is not None:
                 self._output.close()
+        finally:
+            self._simulation.close()
+
+    def _next_image(self, exposure_ms: float) -> tuple[bytes, int, float]:
+        frames = self._simulation.frames
+        if abs(1e3 * frames.info.exposure_s - exposure_ms) > _EXPOSURE_STEP_MS:
+            frames.set_exposure(exposure_ms)
+        # A camera sends a frame when it is read out: one that has waited is left out.
+        while True:
+            frame = frames.read(2.0 * self._period_s)
+            end_s = self._simulation.camera.ready_s(frame.sequence)
+            if self._simulation.clock.now_s() - end_s < _PROMPT * self._period_s:
+                break
+            self.late += 1
+        self.written += 1
+        assert self._format.to_bytes is not None
+        return self._format.to_bytes(frame.pixels), frame.sequence, end_s
 
     def _opened_output(self, video: str, camera: CameraConfig) -> V4l2Output:
         return V4l2Output(
@@ -98,6 +135,11 @@ def _writable_format(camera: CameraConfig) -> PixelFormat:
     if camera.recording is not None:
         raise ConfigError(
             "camera.kind = 'replay' cannot be simulated as a device; set 'v4l2' or 'simulated'"
+        )
+    if isinstance(camera, GenicamCameraConfig) and camera.pixel_format not in ("Mono8", "Mono16"):
+        raise ConfigError(
+            f"camera.pixel_format = {camera.pixel_format!r} cannot be simulated; it can be Mono8 "
+            "or Mono16"
         )
     if not isinstance(camera, V4l2CameraConfig):
         return PIXEL_FORMATS["GREY" if camera.bits == 8 else "Y16"]

@@ -20,6 +20,7 @@ from firmware_sim import (
 )
 from rig import Rig, RigConfig, open_rig
 from rig.lights.driver import LightController
+from tests.gige_rig import rig_of_genicam
 
 from .live_film import rig_of_opencv
 
@@ -84,10 +85,17 @@ def recorded_set(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.fixture(params=[*CAMERAS, "opencv"])
+GENICAM = pytest.param("genicam", marks=pytest.mark.genicam)
+
+
+@pytest.fixture(params=[*CAMERAS, "opencv", GENICAM])
 def rig(request: pytest.FixtureRequest, recorded_set: Path, tmp_path: Path) -> Iterator[Rig]:
     if request.param == "opencv":
         with rig_of_opencv(OPENCV, tmp_path / "film.y4m") as opened:
+            yield opened
+        return
+    if request.param == "genicam":
+        with rig_of_genicam(CAMERA | {"bits": 16, "frame_rate_hz": 30.0}) as opened:
             yield opened
         return
     changes = CAMERAS[request.param]

@@ -32,6 +32,14 @@ def simulate(
     video: Annotated[
         str | None, typer.Option(help="v4l2loopback device for the camera's frames.", metavar="DEV")
     ] = None,
+    gige: Annotated[
+        str | None,
+        typer.Option(
+            help="Address of this machine at which a GigE Vision camera, Aravis-Fake-SIM-0001, "
+            "sends the frames; needs Aravis.",
+            metavar="ADDRESS",
+        ),
+    ] = None,
     surface: options.Surface = None,
     rotate: Annotated[
         float | None,
@@ -47,30 +55,33 @@ def simulate(
     bits: options.Bits = None,
     size: options.Size = None,
 ) -> None:
-    """Simulate a rig as devices: the firmware on a serial line, frames in a video device.
+    """Simulate a rig as devices: the firmware on a serial line, and a camera.
 
     Runs until Ctrl-C. Only the controller's serial number, SIM-0001, distinguishes it from a real
     one; sets that ps4rig captures from it are marked as simulated.
     """
-    if serial is None and video is None:
+    if serial is None and video is None and gige is None:
         raise InputError(
-            "give --serial DEV, where the firmware answers, --video DEV, a v4l2loopback device "
-            "for the frames (modprobe v4l2loopback makes one), or both"
+            "give --serial DEV, where the firmware answers; --video DEV, a v4l2loopback device "
+            "for the frames (modprobe v4l2loopback makes one); or --gige ADDRESS"
         )
+    if video is not None and gige is not None:
+        raise InputError("give --video DEV or --gige ADDRESS: a rig has one camera")
     from rig.config.rig import config_of
     from rig.simulation.devices import DeviceSimulation
 
     placement = {"surface": surface, "rotate_deg": rotate, "shift_px": shift_px, "seed": seed}
     config = options.with_part(config_of(rig), placement, slant, bits, size)
 
-    simulation = DeviceSimulation(config, serial=serial, video=video)
+    simulation = DeviceSimulation(config, serial=serial, video=video, gige=gige)
     try:
         out.print(f"lights: {simulation.port}")
-        if video is not None:
+        if simulation.writes_frames:
             camera = config.camera
             out.print(
-                f"camera: {video}, {simulation.pixel_format} {camera.width_px}x{camera.height_px}, "
-                f"{camera.frame_rate_hz:g} Hz, exposure {camera.exposure_ms:g} ms",
+                f"camera: {video or gige}, {simulation.pixel_format} "
+                f"{camera.width_px}x{camera.height_px}, {camera.frame_rate_hz:g} Hz, "
+                f"exposure {camera.exposure_ms:g} ms",
             )
         sys.stdout.flush()
         _run(simulation)

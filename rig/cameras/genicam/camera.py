@@ -1,0 +1,207 @@
+"""`GenicamCamera`: a GigE Vision or USB3 Vision camera in measurement mode."""
+
+import time
+from collections import deque
+from typing import Any
+
+import numpy as np
+
+from rig.cameras.camera import CameraInfo, Frame, FrameFlag, ListedCamera, require_exposure
+from rig.errors import CameraError
+
+from .aravis import FRAME_IDS, AravisCamera, Buffer, find_devices, is_installed
+from .config import GenicamCameraConfig
+from .measurement_mode import OFF, set_exposure, set_measurement_mode
+from .pixel_formats import decode
+
+# Few, so that few frames are stale after a switch; one is filled while others wait.
+_BUFFERS = 4
+# Further numbers that change the pixel value of the same light.
+_PIXEL_VALUES = ("BlackLevel", "DigitalShift", "Sharpness", "Brightness", "Contrast")
+# Formats, best first: grey before colour, more bits before fewer, packed ones for the line.
+_PREFERRED = ("Mono12p", "Mono12Packed", "Mono12", "Mono10p", "Mono10", "Mono16", "Mono8")
+
+
+class GenicamCamera:
+    """An open, streaming camera of which nothing adapts by itself and every value is read back."""
+
+    def __init__(self, config: GenicamCameraConfig) -> None:
+        config.require_measured_mode()
+        self._config = config
+        self._last_id: int | None = None
+        self._sequence = 0
+        self._clock = DeviceClock()
+        self._camera = AravisCamera(config.device)
+        try:
+            self._period_s = set_measurement_mode(self._camera, config)
+            self._exposure_ms = self._camera.exposure_ms
+            self._camera.start(_BUFFERS)
+            self._controls = self._record()
+        except BaseException as error:
+            self._camera.close()
+            if type(error) is CameraError:  # Aravis does not name the camera
+                raise CameraError(f"{config.device}: {error}") from error
+            raise
+
+    @property
+    def info(self) -> CameraInfo:
+        """Properties of every frame."""
+        config = self._config
+        return CameraInfo(
+            kind="genicam",
+            name=self._camera.name,
+            width_px=config.width_px,
+            height_px=config.height_px,
+            bit_depth=config.bits,
+            frame_period_s=self._period_s,
+            exposure_s=self._exposure_ms / 1e3,
+            queue_length=_BUFFERS,
+            readout_s=None if config.readout_ms is None else config.readout_ms / 1e3,
+            start_known_to_s=config.start_known_to_s,
+            gain=self._camera.gain,
+            gamma=self._camera.number("Gamma") if self._camera.has("Gamma") else None,
+            pixel_value_controls={
+                name: self._camera.number(name) for name in _PIXEL_VALUES if self._camera.has(name)
+            },
+            controls=self._controls,
+        )
+
+    @property
+    def exposure_range_ms(self) -> tuple[float, float]:
+        """Shortest and longest exposure that fits into a frame."""
+        shortest_ms, longest_ms = self._camera.exposure_range_ms
+        return shortest_ms, max(shortest_ms, min(longest_ms, 1e3 * self._period_s))
+
+    def set_exposure(self, exposure_ms: float) -> None:
+        """Change the exposure, and read it back."""
+        require_exposure(exposure_ms, self.exposure_range_ms)
+        set_exposure(self._camera, self._config.device, exposure_ms)
+        self._exposure_ms = self._camera.exposure_ms
+
+    def read(self, timeout_s: float) -> Frame:
+        """The oldest frame in the queue, or the next one; with lost packets it is CORRUPT."""
+        config = self._config
+        buffer = self._camera.next_buffer(timeout_s)
+        if buffer is None:
+            raise CameraError(f"{config.device}: no frame in {timeout_s:g} s; {self._advice()}")
+        exposure_s = self._exposure_ms / 1e3
+        start_s = config.exposure_start_s(
+            self._clock.stamp_s(buffer),
+            claims_start=True,
+            period_s=self._period_s,
+            exposure_s=exposure_s,
+        )
+        size_px = (config.width_px, config.height_px)
+        if buffer.fault:
+            pixels = np.zeros(size_px[::-1], np.uint8 if config.bits == 8 else np.uint16)
+        else:
+            if buffer.size_px != size_px:
+                raise CameraError(
+                    f"{config.device}: a frame of {buffer.size_px[0]} x {buffer.size_px[1]} px "
+                    f"instead of {size_px[0]} x {size_px[1]} px; open the camera again"
+                )
+            pixels = decode(config.pixel_format, buffer.data, *size_px)
+        return Frame(
+            pixels=pixels,
+            bit_depth=config.bits,
+            exposure_start_s=start_s,
+            exposure_end_s=start_s + exposure_s,
+            sequence=self._number_of(buffer.frame_id),
+            flags=FrameFlag.CORRUPT if buffer.fault else FrameFlag.GOOD,
+        )
+
+    def close(self) -> None:
+        """Stop streaming and release the camera; a second call does nothing."""
+        self._camera.close()
+
+    def _number_of(self, frame_id: int) -> int:
+        """A number that goes on where the camera's 16 bits begin again."""
+        if self._last_id is not None:
+            self._sequence += (frame_id - self._last_id) % FRAME_IDS
+        self._last_id = frame_id
+        return self._sequence
+
+    def _advice(self) -> str:
+        try:
+            self._camera.integer("Width")
+        except CameraError:
+            return "the camera does not answer; check its cable and supply, and open it again"
+        if self._config.trigger_line is not None:
+            return f"it answers, but nothing triggers it at {self._config.trigger_line}"
+        return "it answers, but sends nothing: open it again after a restart, or check the firewall"
+
+    def _record(self) -> dict[str, Any]:
+        """The camera's state for a set's metadata."""
+        camera, config = self._camera, self._config
+        names = ("DeviceVersion", "DeviceFirmwareVersion", "DeviceSerialNumber", *OFF)
+        record: dict[str, Any] = {name: camera.text(name) for name in names if camera.has(name)}
+        record["genicam"] = {
+            "device": config.device,
+            "pixel_format": config.pixel_format,
+            "trigger_line": config.trigger_line,
+            "timestamp_marks": config.timestamp_marks or "frame_end",
+            "timestamp_offset_ms": config.timestamp_offset_ms,
+            "timestamp_uncertainty_ms": config.timestamp_uncertainty_ms,
+            "readout_ms": config.readout_ms,
+            "timing_measured_at": config.timing_measured_at,
+        }
+        if camera.has("GevSCPSPacketSize"):
+            record["genicam"]["packet_bytes"] = camera.integer("GevSCPSPacketSize")
+        return record
+
+
+class DeviceClock:
+    """The camera's clock on the monotonic clock of this machine.
+
+    A frame arrives later than it was stamped, by the readout at least, and by more when the machine
+    is busy: the least difference of the last frames is that of the clocks. Without a stamp the
+    arrival counts.
+    """
+
+    # Some seconds: clocks of cameras differ by 50 ppm, which is 0.5 ms in 10 s.
+    _FRAMES = 256
+
+    def __init__(self) -> None:
+        self._offsets_s: deque[float] = deque(maxlen=self._FRAMES)
+
+    def stamp_s(self, buffer: Buffer) -> float:
+        """Monotonic time of a buffer's stamp."""
+        now_s, utc_ns = time.monotonic(), time.time_ns()
+        waited_s = (utc_ns - buffer.arrival_utc_ns) / 1e9 if buffer.arrival_utc_ns else 0.0
+        arrival_s = now_s - max(waited_s, 0.0)
+        if not buffer.device_ns:
+            return arrival_s
+        self._offsets_s.append(arrival_s - buffer.device_ns / 1e9)
+        return buffer.device_ns / 1e9 + min(self._offsets_s)
+
+
+def list_genicam_cameras() -> list[ListedCamera]:
+    """List the cameras that answer on networks and USB; none without Aravis."""
+    devices = find_devices() if is_installed() else []
+    return [_listed(device.device, device.name, device.protocol) for device in devices]
+
+
+def _listed(device: str, name: str, protocol: str) -> ListedCamera:
+    try:
+        camera = AravisCamera(device)
+    except CameraError as error:
+        return ListedCamera("genicam", device, name, protocol, problem=f"{device}: {error}")
+    try:
+        formats = camera.entries("PixelFormat")
+        best = next((each for each in _PREFERRED if each in formats), None)
+        lines: tuple[str, ...] = ()
+        if best is not None:
+            width_px, height_px = camera.integer("Width"), camera.integer("Height")
+            lines = (
+                f'pixel_format = "{best}"',
+                f"width_px = {width_px}",
+                f"height_px = {height_px}",
+            )
+        longest_ms = camera.exposure_range_ms[1]
+        return ListedCamera(
+            "genicam", device, name, protocol, None, tuple(formats), longest_ms, lines
+        )
+    except CameraError as error:
+        return ListedCamera("genicam", device, name, protocol, problem=f"{device}: {error}")
+    finally:
+        camera.close()

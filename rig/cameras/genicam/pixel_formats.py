@@ -1,0 +1,94 @@
+"""Decode the pixel formats of GenICam's naming convention (PFNC 2.1 and GigE Vision 1.2).
+
+`Mono10p` packs pixels without gaps, the lowest bits first; the older `Mono10Packed` puts the lowest
+bits of two pixels into a byte between them. A Bayer mosaic stays as it is, one value a pixel.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from rig.cameras.camera import Pixels
+from rig.errors import CameraError
+
+_Bytes = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class PixelFormat:
+    """Depth and packing of one format."""
+
+    bit_depth: int
+    bits_in_memory: int
+    to_pixels: Callable[[_Bytes], Pixels]
+
+
+def _words(data: _Bytes) -> Pixels:
+    return data.view(np.dtype("<u2")).astype(np.uint16, copy=False)
+
+
+def _unpacked_12p(data: _Bytes) -> Pixels:
+    first, middle, last = data.reshape(-1, 3).T.astype(np.uint16)
+    return np.stack([first | (middle & 0xF) << 8, middle >> 4 | last << 4], axis=1).ravel()
+
+
+def _unpacked_10p(data: _Bytes) -> Pixels:
+    a, b, c, d, e = data.reshape(-1, 5).T.astype(np.uint16)
+    pixels = a | (b & 0x3) << 8, b >> 2 | (c & 0xF) << 6, c >> 4 | (d & 0x3F) << 4, d >> 6 | e << 2
+    return np.stack(pixels, axis=1).ravel()
+
+
+def _gigabit_packed(low_bits: int) -> Callable[[_Bytes], Pixels]:
+    mask = (1 << low_bits) - 1
+
+    def unpacked(data: _Bytes) -> Pixels:
+        first, low, second = data.reshape(-1, 3).T.astype(np.uint16)
+        pixels = first << low_bits | low & mask, second << low_bits | low >> 4 & mask
+        return np.stack(pixels, axis=1).ravel()
+
+    return unpacked
+
+
+_PACKINGS = {
+    "8": PixelFormat(8, 8, lambda data: data),
+    "10": PixelFormat(10, 16, _words),
+    "12": PixelFormat(12, 16, _words),
+    "16": PixelFormat(16, 16, _words),
+    "10p": PixelFormat(10, 10, _unpacked_10p),
+    "12p": PixelFormat(12, 12, _unpacked_12p),
+    "10Packed": PixelFormat(10, 12, _gigabit_packed(2)),
+    "12Packed": PixelFormat(12, 12, _gigabit_packed(4)),
+}
+PIXEL_FORMATS = {
+    f"{family}{packing}": pixel_format
+    for family in ("Mono", "BayerRG", "BayerGR", "BayerGB", "BayerBG")
+    for packing, pixel_format in _PACKINGS.items()
+}
+# Pixels whose bits fill whole bytes in every packing.
+_GROUP = 4
+
+
+def decode(name: str, data: bytes, width_px: int, height_px: int) -> Pixels:
+    """The image (H, W) in a complete buffer, whose memory it may share."""
+    pixel_format = PIXEL_FORMATS[name]
+    count = width_px * height_px
+    if count % _GROUP and pixel_format.bits_in_memory % 8:
+        raise CameraError(
+            f"{name} of {width_px} x {height_px} px does not fill whole groups of {_GROUP} pixels; "
+            "set camera.width_px to a multiple of 4"
+        )
+    expected = count * pixel_format.bits_in_memory // 8
+    if len(data) != expected:
+        raise CameraError(
+            f"a {name} frame of {width_px} x {height_px} px has {len(data)} bytes instead of "
+            f"{expected}"
+        )
+    pixels = pixel_format.to_pixels(np.frombuffer(data, np.uint8)).reshape(height_px, width_px)
+    if pixels.dtype == np.uint16 and int(pixels.max()) >> pixel_format.bit_depth:
+        raise CameraError(
+            f"the camera sends values up to {int(pixels.max())} as {name}, which ends at "
+            f"{(1 << pixel_format.bit_depth) - 1}; choose another camera.pixel_format"
+        )
+    return pixels

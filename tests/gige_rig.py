@@ -1,0 +1,75 @@
+"""A simulated rig whose camera sends its frames by GigE Vision over the loopback."""
+
+import fcntl
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rig import Rig, RigConfig, open_rig
+from rig.simulation.devices import DeviceSimulation
+
+ADDRESS, DEVICE = "127.0.0.1", "Aravis-Fake-SIM-0001"
+# One camera may listen at an address: tests in several processes wait for each other.
+_LOCK = Path(tempfile.gettempdir()) / "ps4rig-gige.lock"
+
+
+@dataclass
+class GigeRig:
+    """The simulation, and the configuration that opens it."""
+
+    simulated: RigConfig
+    lost_packets: float
+    simulation: DeviceSimulation
+
+    @property
+    def config(self) -> RigConfig:
+        camera = self.simulated.camera
+        keys = ("width_px", "height_px", "frame_rate_hz", "exposure_ms")
+        return RigConfig.model_validate(
+            {
+                "lights": {"port": self.simulation.port},
+                "camera": {key: getattr(camera, key) for key in keys}
+                | {
+                    "kind": "genicam",
+                    "device": DEVICE,
+                    "pixel_format": "Mono8" if camera.bits == 8 else "Mono16",
+                    "readout_ms": self.simulated.simulation.readout_ms,
+                    # The fake camera has no clock to be read: a busy machine stamps late.
+                    "timestamp_uncertainty_ms": 2.0,
+                },
+            }
+        )
+
+    def restart(self) -> None:
+        """Lights and camera are gone for a moment."""
+        self.simulation.close()
+        self.simulation = _simulation(self.simulated, self.lost_packets)
+
+
+def _simulation(config: RigConfig, lost_packets: float) -> DeviceSimulation:
+    return DeviceSimulation(config, serial=None, gige=ADDRESS, lost_packets=lost_packets)
+
+
+@contextmanager
+def gige_rig(
+    camera: dict[str, Any], lost_packets: float = 0.0, **simulation: Any
+) -> Iterator[GigeRig]:
+    """Serve a simulated rig; `lost_packets` of 1,000 do not arrive."""
+    config = RigConfig().with_changes(camera=camera, simulation=simulation)
+    with _LOCK.open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        served = GigeRig(config, lost_packets, _simulation(config, lost_packets))
+        try:
+            yield served
+        finally:
+            served.simulation.close()
+
+
+@contextmanager
+def rig_of_genicam(camera: dict[str, Any]) -> Iterator[Rig]:
+    """Open such a rig."""
+    with gige_rig(camera) as served, open_rig(served.config) as opened:
+        yield opened

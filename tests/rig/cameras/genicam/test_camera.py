@@ -1,0 +1,126 @@
+"""A GigE Vision camera over the loopback: Aravis simulates the camera, the rig makes its images."""
+
+import json
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from capture import capture_set
+from capture.base.errors import SetRejected
+from rig import CameraError, FrameFlag, Rig, RigConfig, open_rig
+from rig.cameras.kinds import list_cameras
+from rig.doctor.diagnosis import diagnose
+from rig.errors import ControlError
+from tests.gige_rig import DEVICE, GigeRig, gige_rig
+
+pytestmark = pytest.mark.genicam
+
+CAMERA = {
+    "width_px": 96, "height_px": 64, "bits": 16, "frame_rate_hz": 30.0, "exposure_ms": 15.0
+}  # fmt: skip
+PATIENCE_S = 10.0
+
+
+@pytest.fixture
+def served() -> Iterator[GigeRig]:
+    with gige_rig(CAMERA) as rig:
+        yield rig
+
+
+def changed(served: GigeRig, **camera: object) -> RigConfig:
+    return served.config.with_changes(camera=camera)
+
+
+def frames_are_left(rig: Rig) -> bool:
+    try:
+        rig.camera.read(0.5)
+    except CameraError:
+        return False
+    return True
+
+
+def test_it_is_listed_with_the_keys_that_open_it(served: GigeRig) -> None:
+    (listed,) = (camera for camera in list_cameras() if camera.kind == "genicam")
+    assert (listed.device, listed.name, listed.problem) == (DEVICE, "Aravis Fake", None)
+    assert 'pixel_format = "Mono16"' in listed.config_lines
+    assert served.config.camera.matches(listed)
+
+
+def test_three_sets_have_the_slopes_of_the_simulated_camera(served: GigeRig) -> None:
+    with open_rig(served.simulated) as ideal:
+        first, second = (capture_set(ideal).solve(planar=True) for _ in range(2))
+    noise = np.median(np.abs(first.p - second.p))
+    with open_rig(served.config) as rig:
+        for _ in range(3):
+            captured = capture_set(rig, label="rock")
+            surface = captured.solve(planar=True)
+            assert (first.valid & surface.valid).mean() > 0.95
+            assert np.median(np.abs(surface.p - first.p)) < 1.2 * noise
+    camera = captured.metadata.camera
+    assert camera is not None
+    assert camera.kind == "genicam"
+    assert camera.controls["genicam"]["device"] == DEVICE
+    assert captured.metadata.simulated
+
+
+def test_what_the_camera_does_not_keep_is_named(served: GigeRig) -> None:
+    with open_rig(changed(served, gain=3.0)) as rig:
+        assert rig.camera.info.gain == 3.0
+    with pytest.raises(CameraError, match=r"Mono12.*Mono8"):
+        open_rig(changed(served, pixel_format="Mono12", bits=12))
+    with pytest.raises(ControlError) as refused:
+        open_rig(changed(served, trigger_line="Line7"))
+    assert [fault.control for fault in refused.value.faults] == ["TriggerSource"]
+    with pytest.raises(CameraError, match="Nobody"):
+        open_rig(changed(served, device="Nobody"))
+
+
+def test_another_program_cannot_change_the_exposure(served: GigeRig) -> None:
+    with open_rig(served.config) as rig:
+        tool = ["arv-tool-0.8", "-n", DEVICE, "control", "ExposureTimeAbs=1000"]
+        subprocess.run(tool, capture_output=True, timeout=60, check=False)
+        rig.lights.select(0)
+        assert rig.camera.info.exposure_s == pytest.approx(0.015)
+        levels = [float(rig.camera.read(PATIENCE_S).pixels.mean()) for _ in range(12)]
+        assert levels[-1] > 5 * levels[0]
+
+
+def test_a_frame_that_lost_packets_is_corrupt_and_in_no_set() -> None:
+    with gige_rig(CAMERA, lost_packets=20.0) as served, open_rig(served.config) as rig:
+        frames = [rig.camera.read(PATIENCE_S) for _ in range(40)]
+        corrupt = [frame for frame in frames if frame.flags != FrameFlag.GOOD]
+        assert corrupt
+        assert len(corrupt) < len(frames)
+        assert not any(frame.pixels.any() for frame in corrupt)
+        numbers = np.diff([frame.sequence for frame in frames])
+        assert (numbers >= 1).all()
+        try:
+            captured = capture_set(rig)
+        except SetRejected:
+            return
+    assert all(image.min() > 0 for image in captured.images)
+
+
+def test_a_camera_that_restarts_is_found_again(served: GigeRig) -> None:
+    with open_rig(served.config) as rig:
+        rig.camera.read(PATIENCE_S)
+        served.restart()
+        while frames_are_left(rig):
+            pass
+        with pytest.raises(CameraError, match="no frame"):
+            rig.camera.read(0.5)
+    with open_rig(served.config) as rig:
+        assert rig.camera.read(PATIENCE_S).flags == FrameFlag.GOOD
+
+
+def test_the_doctor_checks_it(served: GigeRig, tmp_path: Path) -> None:
+    camera = served.config.camera.model_dump(exclude_none=True)
+    keys = "\n".join(f"{key} = {json.dumps(value)}" for key, value in camera.items())
+    path = tmp_path / "rig.toml"
+    path.write_text(f'[lights]\nport = "{served.simulation.port}"\n[camera]\n{keys}\n')
+    checks = {check.name: check for check in diagnose(path)}
+    assert checks["measurement mode"].status == "ok"
+    assert checks["frame rate"].status == "ok"

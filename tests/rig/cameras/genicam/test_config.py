@@ -1,0 +1,81 @@
+"""Keys of a GenICam camera, the clock of its stamps, and what its network lacks."""
+
+import time
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rig import CameraError, ConfigError, RigConfig
+from rig.cameras.camera import CameraInfo
+from rig.cameras.genicam import aravis, network
+from rig.cameras.genicam.aravis import Buffer, find_devices
+from rig.cameras.genicam.camera import DeviceClock, list_genicam_cameras
+
+CAMERA = {"kind": "genicam", "device": "Basler-1"}
+
+
+def camera_of(**keys: object) -> object:
+    lights = {"port": "/dev/ttyACM0"}
+    return RigConfig.model_validate({"lights": lights, "camera": CAMERA | keys}).camera
+
+
+def test_the_pixel_format_determines_the_depth() -> None:
+    assert camera_of(pixel_format="Mono12p").bits == 12
+    assert "Mono12p 512x512" in camera_of(pixel_format="Mono12p").mode
+    for wrong in ({"pixel_format": "Mono11"}, {"bits": 12}, {"trigger_line": "1;"}, {"gain": -1.0}):
+        with pytest.raises((ConfigError, ValueError), match=next(iter(wrong))):
+            camera_of(**wrong)
+
+
+def test_without_aravis_the_way_out_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(aravis, "_LIBRARY", "libabsent.so.0")
+    aravis.functions.cache_clear()
+    try:
+        assert list_genicam_cameras() == []
+        with pytest.raises(CameraError, match="apt install libaravis"):
+            find_devices()
+    finally:
+        aravis.functions.cache_clear()
+
+
+@given(
+    delays_s=st.lists(st.floats(0.0, 0.2), min_size=2, max_size=20),
+    ahead_s=st.floats(-1e6, 1e6),
+)
+def test_a_stamp_is_late_by_the_least_delay_and_never_by_more(
+    delays_s: list[float], ahead_s: float
+) -> None:
+    clock, began_s = DeviceClock(), time.monotonic() - 100.0
+    for number, delay_s in enumerate(delays_s):
+        exposed_s = began_s + number / 30.0
+        utc_ns = time.time_ns() - round(1e9 * (time.monotonic() - exposed_s - delay_s))
+        device_ns = round(1e9 * (exposed_s + ahead_s + 2e6))
+        stamp_s = clock.stamp_s(Buffer(b"", (1, 1), number, device_ns, utc_ns, ""))
+        least_s = min(delays_s[: number + 1])
+        assert stamp_s - exposed_s == pytest.approx(least_s, abs=2e-3)
+
+
+def info(width_px: int, rate_hz: float, packet_bytes: int = 1500) -> CameraInfo:
+    record = {"pixel_format": "Mono12p", "packet_bytes": packet_bytes}
+    return CameraInfo(
+        "genicam", "a camera", width_px, 1000, 12, 1.0 / rate_hz, 0.01, 4,
+        controls={"genicam": record},
+    )  # fmt: skip
+
+
+def test_a_network_that_is_too_slow_for_the_frames_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rmem_max = tmp_path / "rmem_max"
+    monkeypatch.setattr(network, "_LARGEST_BUFFER", rmem_max)
+    rmem_max.write_text("8000000\n")
+
+    def faults(camera: CameraInfo) -> list[str]:
+        return [fault.control for fault in network.network_faults(camera)]
+
+    assert faults(info(1000, 20.0)) == []
+    assert faults(info(1000, 50.0)) == ["packet size"]
+    assert faults(info(1000, 50.0, 9000)) == []
+    assert faults(info(4000, 20.0, 9000)) == ["network rate", "socket buffer"]
