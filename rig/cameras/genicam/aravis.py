@@ -27,7 +27,7 @@ from rig.errors import CameraError
 FRAME_IDS = 65_535
 """Number of frame ids of GigE Vision 1: they have 16 bits, and 0 is none of them."""
 
-_LIBRARY = "libaravis-0.8.so.0"
+LIBRARY = "libaravis-0.8.so.0"
 _SUCCESS = 0  # of ArvBufferStatus
 # Of ArvGvStreamOption. A packet socket is for root alone, and is deaf to cameras of this machine.
 _NO_PACKET_SOCKET = 1
@@ -109,10 +109,10 @@ _FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...], bool]] = {
 @cache
 def functions() -> dict[str, Callable[..., Any]]:
     try:
-        library = ctypes.CDLL(_LIBRARY)
+        library = ctypes.CDLL(LIBRARY)
     except OSError as error:
         raise CameraError(
-            f"camera.kind = 'genicam' needs the library Aravis ({_LIBRARY}); install it: "
+            f"camera.kind = 'genicam' needs the library Aravis ({LIBRARY}); install it: "
             "sudo apt install libaravis-0.8-0"
         ) from error
     table: dict[str, Callable[..., Any]] = {}

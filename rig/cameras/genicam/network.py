@@ -8,7 +8,7 @@ from rig.errors import ControlFault
 
 from .pixel_formats import PIXEL_FORMATS
 
-_LARGEST_BUFFER = Path("/proc/sys/net/core/rmem_max")
+LARGEST_BUFFER = Path("/proc/sys/net/core/rmem_max")
 # A frame arrives faster than it is read while another program has the processor.
 _FRAMES_IN_BUFFER = 2
 # Of gigabit Ethernet, less the headers of its packets.
@@ -42,7 +42,7 @@ def network_faults(info: CameraInfo) -> Iterator[ControlFault]:
         )
     wanted_bytes = _FRAMES_IN_BUFFER * frame_bytes
     try:
-        largest_bytes = int(_LARGEST_BUFFER.read_text())
+        largest_bytes = int(LARGEST_BUFFER.read_text())
     except (OSError, ValueError):
         return  # not Linux
     if largest_bytes < wanted_bytes:

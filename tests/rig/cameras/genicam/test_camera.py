@@ -124,3 +124,10 @@ def test_the_doctor_checks_it(served: GigeRig, tmp_path: Path) -> None:
     checks = {check.name: check for check in diagnose(path)}
     assert checks["measurement mode"].status == "ok"
     assert checks["frame rate"].status == "ok"
+
+
+def test_a_camera_that_waits_for_its_trigger_says_so(served: GigeRig) -> None:
+    with open_rig(changed(served, trigger_line="Line0")) as rig:
+        assert rig.camera.info.frame_period_s == pytest.approx(1 / 30)
+        with pytest.raises(CameraError, match="nothing triggers it at Line0"):
+            rig.camera.read(0.3)

@@ -30,7 +30,7 @@ def test_the_pixel_format_determines_the_depth() -> None:
 
 
 def test_without_aravis_the_way_out_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(aravis, "_LIBRARY", "libabsent.so.0")
+    monkeypatch.setattr(aravis, "LIBRARY", "libabsent.so.0")
     aravis.functions.cache_clear()
     try:
         assert list_genicam_cameras() == []
@@ -69,7 +69,7 @@ def test_a_network_that_is_too_slow_for_the_frames_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rmem_max = tmp_path / "rmem_max"
-    monkeypatch.setattr(network, "_LARGEST_BUFFER", rmem_max)
+    monkeypatch.setattr(network, "LARGEST_BUFFER", rmem_max)
     rmem_max.write_text("8000000\n")
 
     def faults(camera: CameraInfo) -> list[str]:
