@@ -12,8 +12,6 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import NoReturn, TypeVar
 
-from capture.base.process_settings import yield_processors
-
 # Time for an interrupted worker to remove its temporary files, which takes milliseconds.
 _CLEANUP_S = 1
 # Set while a worker process has an item: it may have temporary files to remove when it ends.
@@ -34,8 +32,8 @@ class LocalPool:
     attempts = 3
     died: tuple[type[Exception], ...] = (BrokenExecutor,)
 
-    def __init__(self, workers: int, *, yields: bool = False) -> None:
-        self.workers, self._yields = workers, yields
+    def __init__(self, workers: int) -> None:
+        self.workers = workers
         # So that the other workers have items while the first item in order takes long.
         self.in_flight = 4 * workers
         self._start()
@@ -69,7 +67,7 @@ class LocalPool:
                 self.workers,
                 mp_context=context,
                 initializer=begin_worker,
-                initargs=(far_end, self._yields),
+                initargs=(far_end,),
             )
 
 
@@ -91,13 +89,8 @@ def terminal_signals_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def begin_worker(lifeline: Connection, yields: bool = False) -> None:
-    """Prepare a worker that ends with the process which holds the other end of `lifeline`.
-
-    One that `yields` computes only while no other process wants the processor.
-    """
-    if yields:
-        yield_processors()
+def begin_worker(lifeline: Connection) -> None:
+    """Prepare a worker that ends with the process which holds the other end of `lifeline`."""
     signal.signal(signal.SIGTERM, _end)
     threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
     if not hasattr(signal, "pthread_sigmask"):  # Windows

@@ -2,7 +2,20 @@
 
 from capture.base.console import command_group
 
-from . import backup, bench, challenge, doctor, gauge, history, init, run, teach, unit, user
+from . import (
+    backup,
+    bench,
+    challenge,
+    doctor,
+    gauge,
+    history,
+    init,
+    panel,
+    run,
+    teach,
+    unit,
+    user,
+)
 
 __all__ = ["station_app"]
 
@@ -13,6 +26,7 @@ station_app.command()(teach.approve)
 station_app.command()(teach.roll_back)
 station_app.command()(challenge.challenge)
 station_app.command()(run.run)
+station_app.command()(panel.panel)
 station_app.command()(history.history)
 station_app.command()(history.override)
 station_app.command()(gauge.gauge)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import secrets
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from typing import TYPE_CHECKING
 
 from capture.base.console import complain
@@ -36,15 +37,17 @@ def running_interfaces(
     `is_asked`, `host` and `port` are the options for the panel.
     """
     from capture.station.run.events import Publisher
+    from capture.station.run.live_socket import serving_live
 
     config = folder.config
-    if is_asked is False and trigger == "http":
-        raise InputError("--no-panel: triggers come from the panel; give --trigger timer")
     with ExitStack() as stack:
-        if is_asked is not False:
-            settings = panel_settings(config.panel, host, port)
-            needed = bool(is_asked or host or port or trigger == "http")
-            stack.enter_context(panel_of(folder, live, settings, is_asked=needed))
+        settings = panel_settings(config.panel, host, port)
+        needed = bool(is_asked or host or port or trigger == "http")
+        # A panel of its own unit follows the run, too.
+        with warned_of(is_needed=needed and is_asked is not False):
+            stack.enter_context(serving_live(folder.path, live))
+            if is_asked is not False:
+                stack.enter_context(panel_of(folder, settings))
         line = plc_line(config, live, trigger)
         listeners = [*subscribers, live.tell] + ([] if line is None else [line.tell])
         if config.mqtt is not None:
@@ -56,27 +59,38 @@ def running_interfaces(
 
 
 @contextmanager
-def panel_of(
-    folder: StationFolder, live: LiveStation, settings: PanelConfig, *, is_asked: bool
-) -> Iterator[None]:
-    """Serve the panel while the block runs, and print its address.
-
-    If its port is taken and the panel was not asked for, the station runs without it.
-    """
+def warned_of(*, is_needed: bool) -> Iterator[None]:
+    """Warn of a taken port and go on, unless the panel `is_needed`."""
     from capture.station.domain.errors import CannotListen
-    from capture.station.panel.panel import Panel
-    from capture.station.panel.server import serving_panel
 
-    with ExitStack() as stack:
-        try:
-            address = stack.enter_context(serving_panel(Panel.of(folder, live, settings)))
-        except CannotListen as error:
-            if is_asked:
-                raise
-            complain(f"warning: no panel: {error}")
-        else:
-            complain(f"panel: {address}")
+    try:
         yield
+    except CannotListen as error:
+        if is_needed:
+            raise
+        complain(f"warning: no panel: {error}")
+
+
+@contextmanager
+def panel_of(folder: StationFolder, settings: PanelConfig) -> Iterator[None]:
+    """Run the panel's process while the block runs, and print its address."""
+    from capture.station.panel.listening import panel_address, panel_listener
+    from capture.station.panel.process import panel_process
+
+    def warn(text: str) -> None:
+        complain(f"warning: {text}")
+        log_line(folder, f"warning: {text}")
+
+    listener = panel_listener(folder.path, settings)
+    with panel_process(folder.path, settings, listener, warn):
+        complain(f"panel: {panel_address(settings, listener)}")
+        yield
+
+
+def log_line(folder: StationFolder, line: str) -> None:
+    """Append a line to the log of a station, unless the disk is full."""
+    with suppress(InputError):
+        folder.log(line)
 
 
 def panel_settings(configured: PanelConfig, host: str | None, port: int | None) -> PanelConfig:
@@ -127,8 +141,4 @@ def mqtt_of(settings: MqttConfig, folder: StationFolder) -> MqttPublisher:
     except ImportError as error:
         raise InputError(f"[mqtt] needs {error.name}: pip install 'ps4rig[mqtt]'") from error
 
-    def log(line: str) -> None:
-        with suppress(InputError):  # a full disk
-            folder.log(line)
-
-    return MqttPublisher(settings, log)
+    return MqttPublisher(settings, partial(log_line, folder))

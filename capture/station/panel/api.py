@@ -17,6 +17,7 @@ from capture.station.results.history_table import counts_of, csv_pieces, record_
 from capture.station.run.triggers import Accepted, Refused
 from classify.base.errors import InputError
 
+from .awaiting import subscribed
 from .filters import FILTERS, selection_of
 from .metrics import MEDIA_TYPE, metrics_text
 from .part_pictures.judged_by import stored_set
@@ -147,7 +148,7 @@ async def _part(call: Call) -> Response:
     """Answer with a part as soon as it has a result, at most after the client's `wait_s`."""
     wait_s = _seconds(call.query.get("wait_s", "0"))
     part_id, loop = call.path["part_id"], asyncio.get_running_loop()
-    with call.panel.awaiting.subscribed() as (subscription, changed):
+    with subscribed(call.panel.live) as (subscription, changed):
         assert subscription is not None  # their number has no limit here
         ends_s, is_due = loop.time() + wait_s, True
         while True:

@@ -9,11 +9,11 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response, StreamingResponse
 
 from capture.station.domain.roles import Role
-from capture.station.run.live_station import LiveSnapshot, LiveStation
+from capture.station.run.live_view import LiveSnapshot, LiveView
 from capture.station.run.subscription import LiveEvent
 
 from .api import whole_number
-from .awaiting import GATHER_MS, Awaiting, gather
+from .awaiting import GATHER_MS, gather, subscribed
 from .guard import identity_of
 from .routes import Call, PanelRoute
 from .security import Denied
@@ -45,21 +45,20 @@ async def events(call: Call) -> Response:
         return who is not None and who.role.includes(Role.OPERATOR)
 
     gather_s = 1e-3 * whole_number(call, "gather_ms", GATHER_MS, _MOST_GATHER_MS)
-    stream = _messages(live, call.panel.awaiting, last, gather_s, may_go_on)
+    stream = _messages(live, last, gather_s, may_go_on)
     # A proxy must not buffer the events.
     headers = {"X-Accel-Buffering": "no"}
     return StreamingResponse(stream, media_type=_MEDIA_TYPE, headers=headers)
 
 
 async def _messages(
-    live: LiveStation,
-    awaiting: Awaiting,
+    live: LiveView,
     last: str,
     gather_s: float,
     may_go_on: Callable[[], Awaitable[bool]],
 ) -> AsyncIterator[str]:
     # Subscribe when the stream begins: one that never begins would keep its subscription.
-    with awaiting.subscribed(MOST_STREAMS) as (subscription, changed):
+    with subscribed(live, MOST_STREAMS) as (subscription, changed):
         if subscription is None:
             return
         yield f"retry: {_RETRY_MS}\n\n"
@@ -75,7 +74,7 @@ async def _messages(
                 yield ": still here\n\n"
                 due_s = loop.time() + KEEP_ALIVE_S
                 if check is None:
-                    # Not awaited: it needs a free thread, and a verdict would wait for it.
+                    # Not awaited: it needs a free thread, and the events would wait for it.
                     check = asyncio.ensure_future(may_go_on())
                     check.add_done_callback(lambda _: changed.set())
             if not subscription.is_closed:
@@ -97,7 +96,7 @@ async def _messages(
                 yield "".join(texts)
 
 
-def _missed(live: LiveStation, last: str) -> tuple[list[str], int]:
+def _missed(live: LiveView, last: str) -> tuple[list[str], int]:
     """Messages since the last one that a client got, or the whole state; and the last id."""
     run, _, number = last.partition(".")
     if run == live.run and number.isdecimal() and len(number) < 16:

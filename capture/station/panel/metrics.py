@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from importlib.metadata import version
 
 from capture.station.domain.verdict import Decision
-from capture.station.run.live_station import LiveSnapshot
+from capture.station.run.live_view import LiveSnapshot
 from capture.station.run.states import State
 
 MEDIA_TYPE = "text/plain; version=0.0.4; charset=utf-8"

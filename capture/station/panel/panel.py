@@ -10,10 +10,10 @@ from capture.station.domain.users import Users
 from capture.station.results.audit import ChangeLog, ResultsAccess
 from capture.station.run.live_station import LiveStation
 
-from .awaiting import Awaiting, SharedAnswers
 from .background_jobs import BackgroundJobs
 from .part_pictures.picture_maker import PictureMaker
 from .sessions import LoginLimit, Sessions
+from .station_link import StationLink
 from .triggering import KeyedTriggers
 
 
@@ -22,7 +22,7 @@ class Panel:
     """The objects that all pages and API calls work with."""
 
     folder: StationFolder
-    live: LiveStation
+    live: LiveStation | StationLink
     settings: PanelConfig  # section ``[panel]``, with what the command line changed
     results: ResultsAccess
     changes: ChangeLog
@@ -30,16 +30,16 @@ class Panel:
     tokens: Tokens
     sessions: Sessions
     triggers: KeyedTriggers
-    awaiting: Awaiting
     pictures: PictureMaker
     jobs: BackgroundJobs = field(default_factory=BackgroundJobs)
     logins: LoginLimit = field(default_factory=LoginLimit)
     # Held by an override or acknowledgement, so that a second click finds the first done.
     changing: threading.Lock = field(default_factory=threading.Lock)
-    answers: SharedAnswers = field(default_factory=SharedAnswers)
 
     @classmethod
-    def of(cls, folder: StationFolder, live: LiveStation, settings: PanelConfig) -> "Panel":
+    def of(
+        cls, folder: StationFolder, live: LiveStation | StationLink, settings: PanelConfig
+    ) -> "Panel":
         """Return the panel of a station."""
         users, results = Users(folder.path), ResultsAccess(folder)
         return cls(
@@ -52,6 +52,5 @@ class Panel:
             tokens=Tokens(folder.path),
             sessions=Sessions(users),
             triggers=KeyedTriggers(live, results),
-            awaiting=Awaiting(live),
             pictures=PictureMaker(folder),
         )

@@ -2,8 +2,7 @@
 
 import asyncio
 import base64
-from collections.abc import Sequence
-from concurrent.futures import BrokenExecutor, Future
+from concurrent.futures import Future
 from dataclasses import asdict
 
 from starlette.concurrency import run_in_threadpool
@@ -11,7 +10,6 @@ from starlette.responses import Response
 
 from capture.station.domain.roles import Role
 from capture.station.results.history import HistoryEntry
-from capture.station.results.part_result import DefectRecord
 from classify.base.errors import InputError
 
 from .api import V1, entry_of
@@ -24,8 +22,6 @@ from .security import Denied
 
 # Browsers keep pictures, and ask each time whether they may still show them.
 _KEPT = "private, no-cache"
-# The process that makes pictures starts in two seconds, where the station leaves it a processor.
-PATIENCE_S = 5.0
 # A part takes a tenth of a second, and up to `MOST_WAITING` wait before it.
 LONGEST_WAIT_S = 30.0
 _SIZE = "; ".join(f"{name}: at most {px} px" for name, px in SIZES.items()) + "; small by default"
@@ -34,24 +30,10 @@ _SIZE = "; ".join(f"{name}: at most {px} px" for name, px in SIZES.items()) + ";
 async def _about(call: Call) -> Response:
     """Answer with the names of the pictures of a part, and its outlined defects."""
     size, has_content, left_out = _size(call), _has_content(call), call.query.get("without")
-
-    async def listing() -> bytes:
-        entry = await run_in_threadpool(entry_of, call)
-        made = await _made(call, entry)
-        part_id, defects = entry.result.part_id, entry.result.defects
-        sent = [name for name in made.pictures if has_content and name != left_out]
-        return _listing(made, part_id, defects, size, sent)
-
-    key = (call.path["part_id"], size, has_content, left_out)
-    content = await call.panel.answers.answer(key, listing)
-    return Response(content, media_type=JsonAnswer.media_type)
-
-
-def _listing(
-    made: PartPictures, part_id: str, defects: Sequence[DefectRecord], size: str,
-    sent: Sequence[str],
-) -> bytes:  # fmt: skip
-    answer = JsonAnswer(
+    entry = await run_in_threadpool(entry_of, call)
+    part_id, made = entry.result.part_id, await _made(call, entry)
+    sent = [name for name in made.pictures if has_content and name != left_out]
+    return JsonAnswer(
         {
             "part_id": part_id,
             "width_px": made.width_px,
@@ -68,12 +50,11 @@ def _listing(
             ],
             "defects": [
                 asdict(defect) | {"outline": outline}
-                for defect, outline in zip(defects, made.outlines, strict=True)
+                for defect, outline in zip(entry.result.defects, made.outlines, strict=True)
             ],
             "notes": made.notes,
         }
     )
-    return bytes(answer.body)
 
 
 async def _picture(call: Call) -> Response:
@@ -117,44 +98,26 @@ def _content(picture: PaintedPicture) -> dict[str, str]:
 
 
 async def _made(call: Call, entry: HistoryEntry) -> PartPictures:
-    part = f"part {entry.result.part_id}"
-    try:
-        try:
-            return await _asked(call, entry, PATIENCE_S)
-        except TimeoutError:
-            return await _asked(call, entry, LONGEST_WAIT_S - PATIENCE_S, waits=False)
-    except TimeoutError:
-        raise Denied(503, f"{part}: its pictures are being made", {"Retry-After": "2"}) from None
-    except BrokenExecutor:
-        text = f"{part}: the process that makes pictures has died"
-        raise Denied(503, text, {"Retry-After": "2"}) from None
-    except InputError as error:
-        raise Denied(409, f"{part}: no pictures can be made: {error}") from error
-
-
-async def _asked(
-    call: Call, entry: HistoryEntry, timeout_s: float, *, waits: bool = True
-) -> PartPictures:
-    size = _size(call)
+    part, size = f"part {entry.result.part_id}", _size(call)
 
     def asked() -> Future[PartPictures] | None:
         path = stored_set(call.panel.folder, entry)
-        return call.panel.pictures.ask(entry.result, path, size, waits=waits)
+        return call.panel.pictures.ask(entry.result, path, size)
 
     future = await run_in_threadpool(asked)
     if future is None:
-        text = f"part {entry.result.part_id}: too many parts wait for pictures"
+        text = f"{part}: too many parts wait for pictures"
         raise Denied(503, text, {"Retry-After": "2"})
     made = asyncio.wrap_future(future)
     # asyncio logs an exception that nobody retrieves: all requests may have ended.
     made.add_done_callback(lambda made: made.cancelled() or made.exception())
     # Shielded, because others may wait for the same pictures.
     try:
-        return await asyncio.wait_for(asyncio.shield(made), timeout_s)
-    except asyncio.CancelledError:
-        if not made.cancelled():
-            raise
-        raise TimeoutError from None  # another request could not wait, and made them
+        return await asyncio.wait_for(asyncio.shield(made), LONGEST_WAIT_S)
+    except TimeoutError:
+        raise Denied(503, f"{part}: its pictures are being made", {"Retry-After": "2"}) from None
+    except InputError as error:
+        raise Denied(409, f"{part}: no pictures can be made: {error}") from error
 
 
 ROUTES = (

@@ -1,10 +1,9 @@
-"""`serving_panel`: the panel's web server, in a thread of the run."""
+"""`serving_panel`: the panel's web server, in a thread."""
 
 import asyncio
 import socket
-import ssl
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -12,19 +11,16 @@ import h11
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from capture.station.domain.interface_config import PanelConfig, listening_socket
 from classify.base.errors import InputError
 
 from .app import panel_app
+from .listening import SEND_S, panel_address, panel_listener, tls_context
 from .panel import Panel
 
 # A page opens up to six connections; forty browsers may look at once.
 MAX_CONNECTIONS = 256
 # The head of a request takes one packet. What is slower holds a connection that others need.
 HEAD_S = 10.0
-# A client that takes less than 48 kB in this time, the part of uvicorn's buffer that must be sent
-# before it is filled again, does not read.
-SEND_S = 30.0
 _MAX_HEAD_BYTES = 16 * 1024
 _KEEP_ALIVE_S = 15
 _STOP_S = 5
@@ -90,19 +86,19 @@ class _Protocol(H11Protocol):
 
 
 @contextmanager
-def serving_panel(panel: Panel) -> Iterator[str]:
-    """Serve a panel while the block runs; yield its address."""
+def serving_panel(
+    panel: Panel,
+    listener: socket.socket | None = None,
+    ended: Callable[[], None] = lambda: None,
+) -> Iterator[str]:
+    """Serve a panel while the block runs; yield its address.
+
+    `listener` is the socket of a run, None for an own one; `ended` is called in another thread when
+    the server has ended.
+    """
     settings = panel.settings
-    require_safe(panel)
-    tls = _tls(panel)
-    listener = listening_socket(
-        "panel",
-        settings.host,
-        settings.port,
-        advice="give another port with --port, or --no-panel",
-        # What a vanished browser has not acknowledged can be too little for `_Protocol` to see.
-        most_unacknowledged_ms=round(1000 * SEND_S),
-    )
+    tls = tls_context(panel.folder.path, settings)
+    listener = listener or panel_listener(panel.folder.path, settings)
     config = uvicorn.Config(
         panel_app(panel),
         http=_Protocol,
@@ -122,14 +118,21 @@ def serving_panel(panel: Panel) -> Iterator[str]:
     config.load()
     config.ssl = tls
     server = uvicorn.Server(config)
-    thread = threading.Thread(target=server.run, args=([listener],), name="panel", daemon=True)
+
+    def serve() -> None:
+        try:
+            server.run([listener])
+        finally:
+            ended()
+
+    thread = threading.Thread(target=serve, name="panel", daemon=True)
     thread.start()
     while thread.is_alive() and not server.started:
         thread.join(_START_POLL_S)
     if not server.started:
         raise InputError("the panel's web server did not start; see the error above")
     try:
-        yield _address(settings, listener)
+        yield panel_address(settings, listener)
     finally:
         panel.live.close()
         server.should_exit = True
@@ -137,45 +140,3 @@ def serving_panel(panel: Panel) -> Iterator[str]:
         panel.jobs.close()
         panel.pictures.close()
         panel.results.close()
-
-
-def require_safe(panel: Panel) -> None:
-    """Check that a panel that other machines reach has users, and HTTPS."""
-    settings, folder = panel.settings, panel.folder.path
-    if settings.is_for_this_machine:
-        return
-    if not settings.is_https:
-        raise InputError(
-            f"[panel] host = {settings.host}: other machines would send passwords in the clear; "
-            'give tls_cert and tls_key, or behind_proxy = true, or host = "127.0.0.1"'
-        )
-    if not panel.users.all():
-        raise InputError(
-            f"{folder}: a panel for other machines needs users; "
-            f"run ps4rig station user add {folder} NAME --role administrator"
-        )
-
-
-def _tls(panel: Panel) -> ssl.SSLContext | None:
-    files = panel.settings.tls_files(panel.folder.path)
-    if files is None:
-        return None
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    try:
-        context.load_cert_chain(*files, password=_no_password)
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"[panel] tls_cert = {files[0]}, tls_key = {files[1]}: cannot be used: {error}"
-        ) from error
-    return context
-
-
-def _no_password() -> str:
-    """Refuse a key with a password: OpenSSL would ask for it on the terminal."""
-    raise ValueError("the key has a password; give one without")
-
-
-def _address(settings: PanelConfig, listener: socket.socket) -> str:
-    host = f"[{settings.host}]" if ":" in settings.host else settings.host
-    scheme = "https" if settings.tls_cert else "http"
-    return f"{scheme}://{host}:{listener.getsockname()[1]}/"

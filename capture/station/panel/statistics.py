@@ -1,8 +1,6 @@
 """Statistics of selected parts: the same numbers for the page, the API, CSV and PNG."""
 
-import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 from capture.station.domain.folder import StationFolder, first_recipe
@@ -24,13 +22,8 @@ from classify.base.errors import InputError
 from .charts.charts import MOST_SHARES, causes_chart, control_chart, gauge_chart, yield_chart
 from .charts.drawing import Drawing
 from .panel import Panel
-from .security import Denied
 
 Cell = str | int | float | None
-# One request counts at a time, so that browsers that reload the page leave the processor to the
-# station. Few may wait, because each keeps one of the 40 threads of the panel.
-_COUNTING = threading.Lock()
-_WAITING = threading.BoundedSemaphore(8)
 
 
 @dataclass(frozen=True)
@@ -67,33 +60,21 @@ def statistics_of(panel: Panel, selection: Selection) -> StationStatistics:
             "simulated = 'true': give false or only; parts of a simulated rig are not production"
         )
     store = panel.results.store
-    with _one_at_a_time():
-        counters = store.counters(selection)
-        tally = counters.simulated if selection.simulated else counters.production
-        charts = chart_histories(newest_measured(store, selection))
-        return StationStatistics(
-            selection,
-            tally,
-            dict(
-                (
-                    *_yield_figure(counted_periods(store, selection)),
-                    *_causes_figure(counted_causes(store, selection)),
-                    *_control_figures(charts, led_names(panel.folder, len(charts) - 1)),
-                    *_gauge_figure(gauge_of(panel.folder, selection)),
-                )
-            ),
-        )
-
-
-@contextmanager
-def _one_at_a_time() -> Iterator[None]:
-    if not _WAITING.acquire(blocking=False):
-        raise Denied(503, "others wait for statistics already", {"Retry-After": "2"})
-    try:
-        with _COUNTING:
-            yield
-    finally:
-        _WAITING.release()
+    counters = store.counters(selection)
+    tally = counters.simulated if selection.simulated else counters.production
+    charts = chart_histories(newest_measured(store, selection))
+    return StationStatistics(
+        selection,
+        tally,
+        dict(
+            (
+                *_yield_figure(counted_periods(store, selection)),
+                *_causes_figure(counted_causes(store, selection)),
+                *_control_figures(charts, led_names(panel.folder, len(charts) - 1)),
+                *_gauge_figure(gauge_of(panel.folder, selection)),
+            )
+        ),
+    )
 
 
 def led_names(folder: StationFolder, leds: int) -> Sequence[str]:

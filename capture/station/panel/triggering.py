@@ -11,6 +11,8 @@ from capture.station.run.live_station import LiveStation
 from capture.station.run.triggers import Accepted, Refused, Trigger
 from classify.base.errors import InputError, Ps4rigError
 
+from .station_link import StationLink
+
 LONGEST_KEY = 200
 # A client repeats a request within seconds; a line makes a thousand parts in a quarter of an hour.
 _KEPT_KEYS = 1000
@@ -37,7 +39,7 @@ class KeyedTriggers:
     A key without a part id determines the id of the part.
     """
 
-    def __init__(self, live: LiveStation, results: ResultsAccess) -> None:
+    def __init__(self, live: LiveStation | StationLink, results: ResultsAccess) -> None:
         self._live, self._results = live, results
         self._lock = threading.Lock()
         self._slots = threading.BoundedSemaphore(MOST_WAITING)

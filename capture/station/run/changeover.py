@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Protocol
 
 from capture.calibration.lookup import FoundCalibration
@@ -34,9 +35,9 @@ class UsableRecipe:
     calibration: FoundCalibration | None = None
     by: str = ""  # who asked for it; empty for the recipe of the start
 
-    @property
+    @cached_property
     def loaded(self) -> RecipeLoaded:
-        """The event that announces the recipe when it is taken."""
+        """The event that announces the recipe when it is taken, always the same object."""
         return RecipeLoaded(self.recipe.name, self.recipe.version, self.recipe.sha256, self.by)
 
 

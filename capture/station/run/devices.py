@@ -51,11 +51,9 @@ class DeviceStates:
         """Return all devices."""
         return tuple((self._tested | self._failed).values())
 
-    def set(self, device: Device) -> bool:
-        """Replace the state of a device; return whether it changed."""
-        is_new = self._tested.get(device.name) != device
+    def set(self, device: Device) -> None:
+        """Replace the state of a device."""
         self._tested[device.name] = device
-        return is_new
 
     def take(self, event: Event) -> None:
         """Learn from an event of the station."""

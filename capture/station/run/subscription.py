@@ -25,6 +25,11 @@ class LiveEvent:
         """The fields and ``utc`` as one line of JSON, made once for all who want it."""
         return json.dumps({"utc": self.utc, **self.fields}, allow_nan=False)
 
+    @property
+    def as_line(self) -> bytes:
+        """The line of the live socket: its position, and `as_json`."""
+        return f'{{"id": {self.id}, {self.as_json[1:]}\n'.encode()
+
 
 class Subscription:
     """The events that a subscriber has not taken yet; all are lost when `MOST_WAITING` wait.
@@ -50,12 +55,19 @@ class Subscription:
             return any(event.fields["event"] == kind for event in self._waiting)
 
     def put(self, event: LiveEvent) -> None:
-        """Add an event; called by `LiveStation`."""
+        """Add an event; called by `LiveView`."""
         with self._condition:
             if len(self._waiting) >= MOST_WAITING:
                 self._missed += len(self._waiting)
                 self._waiting.clear()
             self._waiting.append(event)
+            self._tell()
+
+    def lose(self) -> None:
+        """Drop what waits and what nobody could add; called by `LiveView`."""
+        with self._condition:
+            self._missed += len(self._waiting) + 1
+            self._waiting.clear()
             self._tell()
 
     def close(self) -> None:
@@ -67,7 +79,9 @@ class Subscription:
     def take(self, timeout_s: float = 0.0) -> tuple[list[LiveEvent], int]:
         """Wait up to `timeout_s` for an event; return all, and how many were lost before them."""
         with self._condition:
-            self._condition.wait_for(lambda: self._waiting or self._is_closed, timeout_s)
+            self._condition.wait_for(
+                lambda: self._waiting or self._missed or self._is_closed, timeout_s
+            )
             events, missed = list(self._waiting), self._missed
             self._waiting.clear()
             self._missed = 0

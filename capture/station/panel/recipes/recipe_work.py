@@ -4,17 +4,19 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from capture.base.console import ShowProgress
 from capture.station.domain.verdict import Decision
+from capture.station.judge.challenge import run_challenge
 from capture.station.judge.challenge_set import Expected
+from capture.station.judge.inspector import Inspector
 from capture.station.judge.recipe_changes import LongChange, RecipeChanges
+from capture.station.judge.teaching.teaching import teach
 from capture.station.panel.background_jobs import Job, Work
 from capture.station.panel.panel import Panel
 from capture.station.panel.part_pictures.judged_by import stored_set
 from capture.station.panel.security import Denied
 from classify.base.errors import InputError
 from classify.methods import checked_label
-
-from .recipe_jobs import replay_parts, teach_parts
 
 # A job can teach this many in its time; see `background_jobs`.
 MOST_CHOSEN_PARTS = 300
@@ -32,16 +34,28 @@ def start_teaching(
         raise InputError(f"recipe {changes.files.name}: no parts are known; give some")
     panel.jobs.require_free()
     change = changes.begin_teaching(part_ids, texture, is_good=is_good)
-    arguments = (changes.files, paths, texture, is_good)
-    return _start(panel, changes, "teach", change, teach_parts, arguments)
+    bad, good = (None, texture or None) if is_good else (texture, None)
+
+    def work(show: ShowProgress) -> dict[str, Any]:
+        return teach(changes.files, paths, bad, good_texture=good, show=show).fields()
+
+    return _start(panel, changes, "teach", change, work)
 
 
 def start_replay(panel: Panel, changes: RecipeChanges) -> Job:
     """Start a replay of the challenge set; raises JobRefused if a job is running."""
     panel.jobs.require_free()
-    arguments = (changes.files, changes.calibration)
-    change = changes.begin_replay()
-    return _start(panel, changes, "challenge", change, replay_parts, arguments)
+    change, calibration = changes.begin_replay(), changes.calibration
+
+    def work(show: ShowProgress) -> dict[str, Any]:
+        replay = run_challenge(changes.files, Inspector.load(changes.files, calibration), show)
+        return {
+            "parts": len(replay.parts),
+            "regressions": [str(part) for part in replay.regressions],
+            "recipe_sha256": replay.fingerprint.recipe_sha256,
+        }
+
+    return _start(panel, changes, "challenge", change, work)
 
 
 def add_parts_to_challenge(
@@ -57,14 +71,7 @@ def add_parts_to_challenge(
     changes.add_to_challenge(paths, wanted)
 
 
-def _start(
-    panel: Panel,
-    changes: RecipeChanges,
-    kind: str,
-    change: LongChange,
-    work: Work,
-    arguments: tuple[Any, ...],
-) -> Job:
+def _start(panel: Panel, changes: RecipeChanges, kind: str, change: LongChange, work: Work) -> Job:
     def ended(job: Job) -> None:
         if job.error:
             change.failed(job.error)
@@ -76,7 +83,7 @@ def _start(
 
     job = Job(kind=kind, recipe=changes.files.name, title=change.title, by=changes.who.name)
     with change.recording_failure():  # another job may have started since `require_free`
-        return panel.jobs.start(job, work, arguments, ended)
+        return panel.jobs.start(job, work, ended)
 
 
 def _sets(panel: Panel, part_ids: Sequence[str]) -> tuple[Path, ...]:

@@ -5,9 +5,8 @@ import json
 import threading
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlencode, urlsplit
@@ -18,11 +17,6 @@ from capture.station.domain.interface_config import PanelConfig
 from capture.station.domain.roles import Role
 from capture.station.panel.guard import CSRF_FIELD
 from capture.station.panel.panel import Panel
-from capture.station.panel.part_pictures.picture_maker import (
-    PartPictures,
-    PictureMaker,
-    PictureTask,
-)
 from capture.station.panel.server import serving_panel
 from capture.station.run.events import Publisher
 from capture.station.run.live_station import LiveStation
@@ -122,21 +116,6 @@ class Client:
         return self.ask("POST", path, form={CSRF_FIELD: self.csrf, **fields})
 
 
-class PictureThread:
-    """Makes pictures in this process, at once: the program's own process takes seconds to start."""
-
-    def __init__(self) -> None:
-        self._executor = ThreadPoolExecutor(1, "pictures")
-
-    def submit(
-        self, function: Callable[[PictureTask], PartPictures], item: PictureTask
-    ) -> Future[PartPictures]:
-        return self._executor.submit(function, item)
-
-    def abort(self) -> None:
-        self._executor.shutdown(cancel_futures=True)
-
-
 @dataclass
 class ServedPanel:
     """A panel and its address."""
@@ -194,10 +173,7 @@ def running_panel(
     with bench(folder, captured) as station:
         live = LiveStation(station.folder.config.name, simulated=True)
         station.listen, station.recipes = live.tell, recipes
-        panel = replace(
-            Panel.of(station.folder, live, settings),
-            pictures=PictureMaker(station.folder, PictureThread),
-        )
+        panel = Panel.of(station.folder, live, settings)
         with _running(panel, station.run) as url:
             yield RunningPanel(panel, url, bench=station)
 

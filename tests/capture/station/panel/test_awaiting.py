@@ -1,13 +1,10 @@
-"""Coroutines that wait for events of a station, and answers that they share."""
+"""Coroutines that wait for events of a station."""
 
 import asyncio
 import threading
 import time
 
-import pytest
-
-from capture.station.panel.awaiting import GATHER_MS, Awaiting, SharedAnswers, gather
-from capture.station.panel.security import Denied
+from capture.station.panel.awaiting import GATHER_MS, gather, subscribed
 from capture.station.run.live_station import LiveStation
 from capture.station.run.subscription import MOST_WAITING, LiveEvent
 
@@ -16,14 +13,17 @@ EVENTS = MOST_WAITING - 1  # none is lost, however late a reader is
 LONGEST_S = 30.0
 
 
+def event(kind: str) -> LiveEvent:
+    return LiveEvent(1, "", {"event": kind})
+
+
 def test_no_reader_misses_an_event_that_a_thread_announces() -> None:
     async def seen() -> list[list[int]]:
         live = LiveStation("line-1", simulated=True)
-        awaiting = Awaiting(live)
 
         async def read() -> list[int]:
             numbers: list[int] = []
-            with awaiting.subscribed() as (subscription, changed):
+            with subscribed(live) as (subscription, changed):
                 assert subscription is not None
                 reading.release()
                 while len(numbers) < EVENTS:
@@ -56,12 +56,12 @@ def test_events_are_gathered_until_a_verdict_comes() -> None:
         live, changed = LiveStation("line-1", simulated=True), asyncio.Event()
         subscription = live.subscribe(changed.set)
         assert subscription is not None
-        live.announce({"event": "state"})
+        subscription.put(event("state"))
         waiting = asyncio.create_task(gather(subscription, changed, 2.0 * LONGEST_S))
         await asyncio.sleep(4e-3 * GATHER_MS)
         assert not waiting.done()
-        live.announce({"event": "begun"})
-        live.announce({"event": "part"})
+        subscription.put(event("begun"))
+        subscription.put(event("part"))
         await asyncio.wait_for(waiting, LONGEST_S)
         return subscription.take()[0]
 
@@ -74,42 +74,9 @@ def test_events_without_a_verdict_are_gathered_for_their_time() -> None:
         live, changed = LiveStation("line-1", simulated=True), asyncio.Event()
         subscription = live.subscribe(changed.set)
         assert subscription is not None
-        live.announce({"event": "state"})
+        subscription.put(event("state"))
         began_s = time.monotonic()
         await asyncio.wait_for(gather(subscription, changed, 0.05), LONGEST_S)
         return time.monotonic() - began_s
 
     assert asyncio.run(gathered()) >= 0.05
-
-
-def test_an_answer_is_made_once_for_all_who_wait_for_it() -> None:
-    async def answers() -> list[bytes]:
-        shared, made, may_end = SharedAnswers(), [], asyncio.Event()
-
-        async def make() -> bytes:
-            made.append(1)
-            await may_end.wait()
-            return b"%d" % len(made)
-
-        asking = [asyncio.create_task(shared.answer("part-1", make)) for _ in range(3)]
-        await asyncio.sleep(0)
-        asking[0].cancel()  # a client that leaves
-        may_end.set()
-        with pytest.raises(asyncio.CancelledError):
-            await asking[0]
-        found = [await each for each in asking[1:]]
-        return [*found, await shared.answer("part-1", make)]  # made anew: nothing is kept
-
-    assert asyncio.run(answers()) == [b"1", b"1", b"2"]
-
-
-def test_all_who_wait_hear_of_an_error() -> None:
-    async def fail() -> bytes:
-        raise Denied(404, "part-1: there is no result of it")
-
-    async def errors() -> list[str]:
-        shared = SharedAnswers()
-        asking = (shared.answer("part-1", fail) for _ in range(3))
-        return [str(each) for each in await asyncio.gather(*asking, return_exceptions=True)]
-
-    assert asyncio.run(errors()) == ["part-1: there is no result of it"] * 3

@@ -1,15 +1,14 @@
-"""Long jobs of the panel: one at a time, in another process, with a reported end."""
+"""Long jobs of the panel: one at a time, in a thread, with a reported end."""
 
-import os
 import queue
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 
-from capture.station.panel.background_jobs import BackgroundJobs, Job, JobRefused, Work
+from capture.station.panel.background_jobs import BackgroundJobs, Job, JobRefused
 from tests.capture.station.panel import quick_jobs
 from tests.capture.station.panel.panels import WAIT_S
 
@@ -23,8 +22,8 @@ class Run:
         self.jobs = jobs
         self._ended: queue.Queue[Job] = queue.Queue()
 
-    def start(self, work: Work, *arguments: Any) -> Job:
-        return self.jobs.start(Job(**ABOUT), work, arguments, self._ended.put)
+    def start(self, work: Callable[..., dict[str, Any]], *arguments: Any) -> Job:
+        return self.jobs.start(Job(**ABOUT), lambda show: work(show, *arguments), self._ended.put)
 
     def end(self) -> Job:
         job, ends_s = self._ended.get(timeout=WAIT_S), time.monotonic() + WAIT_S
@@ -41,13 +40,12 @@ def run() -> Iterator[Run]:
     jobs.close()
 
 
-def test_a_job_ends_with_its_result_at_the_lowest_priority(run: Run) -> None:
+def test_a_job_ends_with_its_result(run: Run) -> None:
     run.start(quick_jobs.count, 3)
     job = run.end()
     assert (job.status, job.step, job.taken, job.total) == ("done", "count", 3, 3)
-    assert job.result == {"counted": [0, 1, 2], "priority": 19}
+    assert job.result == {"counted": [0, 1, 2]}
     assert run.jobs.last == job
-    assert os.nice(0) < 19  # the station's own is as before
 
 
 def test_a_job_runs_until_what_follows_its_end_is_done(run: Run) -> None:
@@ -57,7 +55,7 @@ def test_a_job_runs_until_what_follows_its_end_is_done(run: Run) -> None:
         seen.put(job)
         assert may_end.wait(WAIT_S)
 
-    run.jobs.start(Job(**ABOUT), quick_jobs.count, (1,), record)
+    run.jobs.start(Job(**ABOUT), lambda show: quick_jobs.count(show, 1), record)
     job = seen.get(timeout=WAIT_S)
     assert run.jobs.last is not None
     assert (job.status, run.jobs.last.status) == ("done", "running")
@@ -77,7 +75,7 @@ def test_a_second_job_is_refused_and_a_running_one_can_be_ended(run: Run) -> Non
     run.jobs.require_free()
     run.jobs.cancel("ada")  # of nothing
     run.jobs.close()
-    with pytest.raises(JobRefused, match="the station ends"):
+    with pytest.raises(JobRefused, match="the panel ends"):
         run.jobs.require_free()
 
 
@@ -86,12 +84,11 @@ def test_a_second_job_is_refused_and_a_running_one_can_be_ended(run: Run) -> Non
     [
         (quick_jobs.fail, (True,), "there is no such part"),
         (quick_jobs.fail, (False,), "ValueError: a defect"),
-        (quick_jobs.die, (), "its process ended (status 9)"),
     ],
-    ids=["refused", "a defect", "killed"],
+    ids=["refused", "a defect"],
 )
 def test_a_job_that_fails_says_why(
-    run: Run, work: Work, arguments: tuple[Any, ...], error: str
+    run: Run, work: Callable[..., dict[str, Any]], arguments: tuple[Any, ...], error: str
 ) -> None:
     run.start(work, *arguments)
     job = run.end()
@@ -99,12 +96,12 @@ def test_a_job_that_fails_says_why(
 
 
 def test_a_job_that_takes_too_long_is_ended() -> None:
-    run = Run(BackgroundJobs(most_s=0.5))
+    run = Run(BackgroundJobs(most_s=0.1))
     run.start(quick_jobs.wait)
-    assert run.end().error == "took longer than 0.5 s; choose fewer parts"
+    assert run.end().error == "took longer than 0.1 s; choose fewer parts"
 
 
-def test_the_end_of_the_station_ends_its_job(run: Run) -> None:
+def test_the_end_of_the_panel_ends_its_job(run: Run) -> None:
     run.start(quick_jobs.wait)
     run.jobs.close()
-    assert run.end().error == "the station ended"
+    assert run.end().error == "the panel ended"

@@ -18,7 +18,7 @@ from capture.sets.captured_set import CapturedSet
 from capture.station.domain.roles import Identity, Role
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.panel import event_stream
-from capture.station.panel.awaiting import GATHER_MS, Awaiting
+from capture.station.panel.awaiting import GATHER_MS
 from capture.station.results.part_result import PartResult
 from capture.station.run.devices import Device
 from capture.station.run.events import (
@@ -184,7 +184,7 @@ def test_a_stream_ends_with_the_last_event() -> None:
     async def kinds() -> list[str]:
         live = live_station()
         stay = AsyncMock(return_value=True)
-        stream = event_stream._messages(live, Awaiting(live), "", 1e-3 * GATHER_MS, stay)
+        stream = event_stream._messages(live, "", 1e-3 * GATHER_MS, stay)
         first = [await anext(stream), await anext(stream)]
         live.announce({"event": "stopped"})
         live.close()

@@ -4,9 +4,9 @@ import re
 import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import BrokenExecutor
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +16,9 @@ from capture.station.domain.roles import Role
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.panel import event_stream
 from capture.station.panel.part_pictures import picture_maker
-from capture.station.panel.part_pictures.picture_maker import PartPictures, PictureTask
+from capture.station.panel.part_pictures.picture_maker import PartPictures
+from capture.station.panel.security import Denied
+from capture.station.results.part_result import PartResult
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel, running_panel
 from tests.capture.station.stations import PASSED, Said
 from tests.chromium import WAIT_S, Chromium, chromium
@@ -300,12 +302,12 @@ def test_a_verdict_is_old_until_the_page_follows_the_station(panel: RunningPanel
 def test_pictures_that_failed_are_asked_for_again(
     panel: RunningPanel, browser: Chromium, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    made, failures = picture_maker.made_pictures, [BrokenExecutor("killed")] * 2
+    made, failures = picture_maker.made_pictures, [Denied(503, "too many parts wait")] * 2
 
-    def fails_at_first(task: PictureTask) -> PartPictures:
+    def fails_at_first(*about: Any) -> PartPictures:
         if failures:
             raise failures.pop()
-        return made(task)
+        return made(*about)
 
     monkeypatch.setattr(picture_maker, "made_pictures", fails_at_first)
     panel.bench.inspector.inspect = lambda _: Said(VERDICTS[Decision.FAIL])
@@ -313,9 +315,9 @@ def test_pictures_that_failed_are_asked_for_again(
     page = browser.page(panel.url)
     page.until("document.querySelectorAll('.picture:not(.blank) img').length >= 8")
     page.until("rejected.querySelector('img.thumbnail:not([hidden])')?.naturalWidth == 32")
-    failures += [BrokenExecutor("killed")]
+    failures += [Denied(503, "too many parts wait")]
     page.go(f"{panel.url}parts/{part_id}")
-    page.until("document.getElementById('no-pictures').textContent.includes('has died')")
+    page.until("document.getElementById('no-pictures').textContent.includes('too many parts wait')")
     page.until("!document.getElementById('pictures').classList.contains('without')")
     assert failures == []
 
@@ -326,9 +328,9 @@ def test_all_pages_show_the_pictures_of_the_same_parts(
 ) -> None:
     made, parts = picture_maker.made_pictures, []
 
-    def noted(task: PictureTask) -> PartPictures:
-        parts.append(task.result.part_id)
-        return made(task)
+    def noted(folder: Any, result: PartResult, *about: Any) -> PartPictures:
+        parts.append(result.part_id)
+        return made(folder, result, *about)
 
     monkeypatch.setattr(picture_maker, "made_pictures", noted)
     panel.until_ready()

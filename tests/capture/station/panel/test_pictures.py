@@ -1,11 +1,7 @@
 """Pictures of stored parts by HTTP, of a station whose rig is fake."""
 
 import base64
-import multiprocessing
-import os
 import threading
-from concurrent.futures import BrokenExecutor, Future
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from urllib.parse import quote
@@ -18,17 +14,11 @@ from capture.sets.captured_set import CapturedSet
 from capture.station.panel import pictures_api
 from capture.station.panel.part_pictures import picture_maker
 from capture.station.panel.part_pictures.painting import PaintedPicture
-from capture.station.panel.part_pictures.picture_maker import (
-    MOST_WAITING,
-    PartPictures,
-    PictureMaker,
-    PictureWorker,
-)
+from capture.station.panel.part_pictures.picture_maker import MOST_WAITING
 from capture.station.results.history import Selection
 from capture.station.results.removals import record_removals
-from classify.base.errors import InputError
 from rig.set_file import pixels_sha256
-from tests.capture.station.panel.panels import PictureThread, RunningPanel
+from tests.capture.station.panel.panels import RunningPanel
 
 UTC = "2026-11-22T17:08:13.042Z"
 NAMES = {f"light-{number}" for number in range(4)} | {
@@ -193,42 +183,6 @@ def test_the_memory_of_kept_pictures_is_bounded(
     assert len(made) == 4
 
 
-# A process of the lowest priority gets hardly any time beside other tests.
-_STARVED_S = 3600.0
-
-
-@pytest.mark.slow
-def test_pictures_come_from_a_process_that_yields_and_is_started_again_after_its_death(
-    panel: RunningPanel,
-) -> None:
-    (part_id,) = panel.parts(1)
-    result = next(panel.bench.store.parts(Selection(part_id=part_id))).result
-    path, maker = set_file(panel, part_id), PictureMaker(panel.bench.folder)
-
-    def made(part: str, path: Path = path) -> PartPictures:
-        future = maker.ask(replace(result, part_id=part), path, "small")
-        assert future is not None
-        return future.result(_STARVED_S)
-
-    try:
-        assert made("first").pictures.keys() == NAMES
-        (process,) = multiprocessing.active_children()
-        assert process.pid is not None
-        assert os.sched_getscheduler(process.pid) == os.SCHED_IDLE
-        assert os.sched_getscheduler(0) == os.SCHED_OTHER
-        with pytest.raises(InputError, match="no such file"):
-            made("gone", path.with_name("x"))
-        process.kill()
-        process.join()
-        with suppress(BrokenExecutor):  # unless the death was noticed before
-            made("second")
-        assert made("third").pictures.keys() == NAMES
-    finally:
-        maker.close()
-    assert multiprocessing.active_children() == []
-    assert maker.ask(replace(result, part_id="late"), path, "small") is None
-
-
 def test_the_description_brings_the_pictures_along_if_asked(panel: RunningPanel) -> None:
     (part_id,) = panel.parts(1)
     address = f"/api/v1/parts/{part_id}/pictures"
@@ -241,103 +195,13 @@ def test_the_description_brings_the_pictures_along_if_asked(panel: RunningPanel)
     assert panel.local.get(f"{address}?content=all").status == 400
 
 
-def test_a_process_that_dies_is_an_answer_to_be_tried_again(
+def test_pictures_that_take_too_long_are_an_answer_to_be_tried_again(
     panel: RunningPanel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def dies(_: object) -> None:
-        raise BrokenExecutor("killed")
-
-    monkeypatch.setattr(picture_maker, "made_pictures", dies)
     (part_id,) = panel.parts(1)
+    going_on = threading.Event()
+    monkeypatch.setattr(pictures_api, "LONGEST_WAIT_S", 0.05)
+    monkeypatch.setattr(picture_maker, "made_pictures", lambda *_: going_on.wait(60))
     answer = panel.local.get(f"/api/v1/parts/{part_id}/pictures")
+    going_on.set()
     assert (answer.status, answer.headers["retry-after"]) == (503, "2")
-    assert "has died" in answer.json["error"]
-
-
-def test_pictures_do_not_wait_for_ever_for_an_idle_processor(
-    panel: RunningPanel, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (part_id,) = panel.parts(1)
-    monkeypatch.setattr(pictures_api, "PATIENCE_S", 0.1)
-    monkeypatch.setattr(PictureThread, "submit", lambda *_: Future())  # never done
-    answer = panel.local.get(f"/api/v1/parts/{part_id}/pictures")
-    assert {each["name"] for each in answer.json["pictures"]} == NAMES
-
-
-class DyingProcess:
-    """A process that died with two parts: a thread tells who waits, and its end waits for that."""
-
-    def __init__(self) -> None:
-        self.futures: list[Future[PartPictures]] = []
-        self.asked_again = threading.Event()
-        self.telling = threading.Thread(target=self._tell, daemon=True)
-
-    def submit(self, *_: object) -> Future[PartPictures]:
-        if len(self.futures) == 2:
-            self.asked_again.set()
-            raise BrokenExecutor("killed")
-        self.futures.append(Future())
-        return self.futures[-1]
-
-    def abort(self) -> None:
-        self.telling.join()
-
-    def _tell(self) -> None:
-        assert self.asked_again.wait(10)
-        for future in self.futures:
-            future.set_exception(BrokenExecutor("killed"))
-
-
-def test_a_process_that_died_is_replaced_while_others_hear_of_it(panel: RunningPanel) -> None:
-    (part_id,) = panel.parts(1)
-    result = next(panel.bench.store.parts(Selection(part_id=part_id))).result
-    path, dying = set_file(panel, part_id), DyingProcess()
-    workers: list[PictureWorker] = [dying, PictureThread()]
-    maker = PictureMaker(panel.bench.folder, lambda: workers.pop(0))
-    for number in range(2):
-        assert maker.ask(replace(result, part_id=f"lost-{number}"), path, "small") is not None
-    dying.telling.start()
-    found: Future[PartPictures] = Future()
-
-    def ask() -> None:
-        future = maker.ask(result, path, "small")
-        assert future is not None
-        found.set_result(future.result(10))
-
-    threading.Thread(target=ask, daemon=True).start()
-    assert found.result(10).pictures.keys() == NAMES
-    maker.close()
-
-
-@pytest.mark.slow
-def test_a_process_that_never_gets_a_processor_fills_no_queue(
-    panel: RunningPanel, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    part_ids = panel.parts(MOST_WAITING + 1)
-    monkeypatch.setattr(pictures_api, "PATIENCE_S", 0.02)
-    monkeypatch.setattr(PictureThread, "submit", lambda *_: Future())  # never done
-    for part_id in part_ids:
-        assert panel.local.get(f"/api/v1/parts/{part_id}/pictures").status == 200
-
-
-def test_a_picture_that_was_made_elsewhere_is_an_answer_for_all_who_wait(
-    panel: RunningPanel, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (part_id,) = panel.parts(1)
-    monkeypatch.setattr(pictures_api, "PATIENCE_S", 20.0)
-    monkeypatch.setattr(PictureThread, "submit", lambda *_: Future())  # never done
-    statuses: list[int] = []
-
-    def get() -> None:
-        statuses.append(panel.local.get(f"/api/v1/parts/{part_id}/pictures").status)
-
-    waiting = threading.Thread(target=get)
-    waiting.start()
-    result = next(panel.bench.store.parts(Selection(part_id=part_id))).result
-    path, maker = set_file(panel, part_id), panel.panel.pictures
-    assert maker.ask(result, path, "small") is maker.ask(result, path, "small")
-    made = maker.ask(result, path, "small", waits=False)
-    assert made is not None
-    made.result(10)
-    waiting.join(10)
-    assert statuses == [200]

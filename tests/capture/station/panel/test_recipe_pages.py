@@ -214,7 +214,7 @@ def test_of_two_engineers_who_start_jobs_at_once_the_second_has_a_row_of_the_end
 
     def record_while_another_starts(*row: Any) -> None:
         monkeypatch.setattr(log, "record", record)
-        jobs.start(Job("teach", "example", "Teach 3 parts", "Ada"), wait, (), lambda _: None)
+        jobs.start(Job("teach", "example", "Teach 3 parts", "Ada"), wait, lambda _: None)
         record(*row)
 
     monkeypatch.setattr(log, "record", record_while_another_starts)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from capture.commands.station.interfaces import panel_of, panel_settings
+from capture.commands.station.interfaces import panel_settings, running_interfaces
 from capture.station.domain.errors import CannotListen
 from capture.station.domain.folder import StationFolder, make_station
 from capture.station.domain.interface_config import PanelConfig
@@ -25,13 +25,15 @@ def test_a_taken_port_stops_only_a_run_that_asked_for_the_panel(
     make_station(tmp_path / "line-1")
     folder, live = StationFolder(tmp_path / "line-1"), LiveStation("line-1", simulated=True)
     with socket.create_server(("127.0.0.1", 0)) as other:
-        settings = PanelConfig(port=other.getsockname()[1])
-        with panel_of(folder, live, settings, is_asked=False):
+        port = other.getsockname()[1]
+        settings = folder.config.panel.model_copy(update={"port": port})
+        object.__setattr__(folder.config, "panel", settings)
+        with running_interfaces(folder, live, "timer", (), is_asked=None, host=None, port=None):
             said = capsys.readouterr().err
-        assert f"warning: no panel: [panel] 127.0.0.1:{settings.port}" in said
+        assert f"warning: no panel: [panel] 127.0.0.1:{port}" in said
         with (
             pytest.raises(CannotListen, match="give another port with --port, or --no-panel"),
-            panel_of(folder, live, settings, is_asked=True),
+            running_interfaces(folder, live, "timer", (), is_asked=True, host=None, port=None),
         ):
             pass
 

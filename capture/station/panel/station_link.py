@@ -1,0 +1,155 @@
+"""`StationLink`: a running station as a panel in another process sees it."""
+
+import itertools
+import json
+import logging
+import socket
+import threading
+from collections.abc import Mapping
+from concurrent.futures import Future
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any
+
+from capture.station.domain.folder import StationFolder
+from capture.station.results.database import ResultsUnavailable
+from capture.station.run.events import RecipeLoaded
+from capture.station.run.live_socket import (
+    SNAPSHOT,
+    Ask,
+    AskAcknowledge,
+    AskAnnounce,
+    AskRecipe,
+    AskTrigger,
+    Reply,
+    Request,
+    live_address,
+)
+from capture.station.run.live_view import LiveSnapshot, LiveView
+from capture.station.run.states import State
+from capture.station.run.subscription import LiveEvent
+from capture.station.run.triggers import Answer, Asker, RecipeRefused, Trigger
+from classify.base.errors import InputError
+
+NO_RUN = "no connection to the run"
+_RECONNECT_S = 0.2
+# For the last events of a run that ends.
+_LAST_S = 1.0
+# A snapshot has the results of 13 parts, each with its defects.
+_MOST_LINE_BYTES = 1 << 24
+_log = logging.getLogger(__name__)
+
+
+class RunUnavailable(ResultsUnavailable):
+    """No run answers: there is none, or it ended before its answer."""
+
+
+class StationLink(LiveView):
+    """Follows the live socket of a station, also across ends and starts of its runs."""
+
+    def __init__(self, folder: StationFolder) -> None:
+        config = folder.config
+        try:
+            is_simulated = folder.rig_config().is_simulated
+        except InputError:
+            is_simulated = False
+        super().__init__(LiveSnapshot(config.name, is_simulated, config.trigger, (), NO_RUN))
+        self._folder = folder.path
+        self._ending = threading.Event()
+        self._sending = threading.Lock()  # guards the three below
+        self._connection: socket.socket | None = None
+        self._numbers = itertools.count(1)
+        self._replies: dict[int, Future[Reply]] = {}
+        self._thread = threading.Thread(target=self._run, name="live socket", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Take the last events of a run that ends, and end all subscriptions."""
+        self._ending.set()
+        with self._sending, suppress(OSError):
+            if self._connection is not None:
+                self._connection.shutdown(socket.SHUT_WR)  # the run closes it after its last event
+        self._thread.join(_LAST_S)
+        super().close()
+
+    def submit(self, trigger: Trigger) -> Answer:
+        """Pass a trigger to the station, or raise RunUnavailable."""
+        value = self._asked(AskTrigger(trigger=trigger)).value
+        if not isinstance(value, Answer):
+            raise RunUnavailable("the run has an unforeseen error; see its log")
+        return value
+
+    def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
+        """Let the station load a recipe; return when it judges all parts triggered from then on."""
+        reply = self._asked(AskRecipe(name=name, by=by))
+        if reply.refused is not None:
+            raise RecipeRefused(reply.reason, reply.refused)
+        assert isinstance(reply.value, RecipeLoaded)
+        return reply.value
+
+    def acknowledge(self, part_id: str, by: str) -> bool:
+        """Record that somebody has seen a rejected part; False if it is not among the last."""
+        return self._asked(AskAcknowledge(part_id=part_id, by=by)).value is True
+
+    def announce(self, about: Mapping[str, Any]) -> None:
+        """Tell all subscribers of something that the panel did; without a run there are none."""
+        with suppress(RunUnavailable):
+            self._asked(AskAnnounce(about=dict(about)))
+
+    def _asked(self, what: Ask) -> Reply:
+        reply: Future[Reply] = Future()
+        with self._sending:
+            if self._connection is None:
+                raise RunUnavailable(NO_RUN)
+            request = Request(id=next(self._numbers), what=what)
+            self._replies[request.id] = reply
+            with suppress(OSError):  # whose end the thread finds
+                self._connection.sendall(request.model_dump_json().encode() + b"\n")
+        return reply.result()
+
+    # The thread that reads.
+
+    def _run(self) -> None:
+        while not self._ending.is_set():
+            try:
+                with (
+                    live_address(self._folder) as address,
+                    socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection,
+                ):
+                    connection.connect(address)
+                    self._follow(connection)
+            except OSError:
+                pass  # there is no run, or it has ended
+            except Exception:
+                _log.exception("the run cannot be followed")
+            self._ending.wait(_RECONNECT_S)
+
+    def _follow(self, connection: socket.socket) -> None:
+        try:
+            with connection.makefile("rb") as lines:
+                while (line := lines.readline(_MOST_LINE_BYTES)).endswith(b"\n"):
+                    self._take(json.loads(line), connection)
+        finally:
+            with self._sending:
+                self._connection = None
+                lost, self._replies = self._replies, {}
+            for reply in lost.values():
+                reply.set_exception(RunUnavailable(f"{NO_RUN}: it ended before its answer"))
+            if not self._ending.is_set():
+                shown = replace(self._snapshot, inspected=None, rejected=())
+                self.begin(replace(shown, state=State.PREOPERATIONAL, reason=NO_RUN))
+
+    def _take(self, line: dict[str, Any], connection: socket.socket) -> None:
+        match line:
+            case {"snapshot": snapshot}:
+                self.begin(SNAPSHOT.validate_python(snapshot))
+                with self._sending:
+                    self._connection = connection
+            case {"reply": fields}:
+                reply = Reply.model_validate(fields)
+                with self._sending:
+                    waiting = self._replies.pop(reply.id)
+                waiting.set_result(reply)
+            case {"id": position, "utc": utc, **about}:
+                if position > self._snapshot.event_id:
+                    self.add(LiveEvent(position, utc, about))

@@ -1,0 +1,236 @@
+"""The live socket: a run's state and events for panels, and their requests, on a Unix socket.
+
+A panel reads lines of JSON: the snapshot, then each event as ``station run --json`` prints it, with
+its position. It writes requests, each of which is answered by its number.
+"""
+
+import logging
+import os
+import socket
+import struct
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, TypeAdapter
+
+from capture.station.domain.errors import CannotListen, error_text
+from capture.station.run.events import RecipeLoaded
+from classify.base.models import Record
+
+from .live_station import LiveStation
+from .live_view import LiveSnapshot
+from .triggers import Accepted, Asker, RecipeRefusal, RecipeRefused, Refused, Trigger
+
+NAME = "live.sock"
+MOST_PANELS = 8
+# A trigger has a part id and a recipe, an override a name and a verdict.
+MOST_REQUEST_BYTES = 1 << 16
+# Threads that wait for the station in the name of one panel; further requests wait in its socket.
+MOST_REQUESTS = 16
+# A panel that reads nothing for five seconds is cut off.
+_SEND_TIME = struct.pack("ll", 5, 0)  # timeval: seconds, microseconds
+_CREDENTIALS = struct.Struct("3i")  # ucred of unix(7): process, user, group
+_log = logging.getLogger(__name__)
+
+
+class AskTrigger(Record):
+    """A part lies below the camera."""
+
+    ask: Literal["trigger"] = "trigger"
+    trigger: Trigger
+
+
+class AskRecipe(Record):
+    """Load a recipe."""
+
+    ask: Literal["load_recipe"] = "load_recipe"
+    name: str
+    by: Asker
+
+
+class AskAcknowledge(Record):
+    """Somebody has seen a rejected part."""
+
+    ask: Literal["acknowledge"] = "acknowledge"
+    part_id: str
+    by: str
+
+
+class AskAnnounce(Record):
+    """Tell all who follow the events of something that a panel did."""
+
+    ask: Literal["announce"] = "announce"
+    about: dict[str, Any]
+
+
+Ask = AskTrigger | AskRecipe | AskAcknowledge | AskAnnounce
+
+
+class Request(Record):
+    """A request with its number."""
+
+    id: int
+    what: Annotated[Ask, Field(discriminator="ask")]
+
+
+class Reply(Record):
+    """The answer to a request, after all events before it."""
+
+    id: int
+    value: Accepted | Refused | RecipeLoaded | bool | None = None
+    refused: RecipeRefusal | None = None  # why a recipe is not loaded
+    reason: str = ""
+
+
+SNAPSHOT = TypeAdapter(LiveSnapshot)
+
+
+@contextmanager
+def live_address(folder: Path) -> Iterator[str]:
+    """Yield the address of a station's socket during the block.
+
+    A path has at most 107 bytes in an address; Linux reaches the folder by its descriptor.
+    """
+    with ExitStack() as stack:
+        if not Path("/proc/self/fd").is_dir():
+            yield str(folder / NAME)
+            return
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        stack.callback(os.close, descriptor)
+        yield f"/proc/self/fd/{descriptor}/{NAME}"
+
+
+@contextmanager
+def serving_live(folder: Path, live: LiveStation) -> Iterator[None]:
+    """Serve the socket of a run while the block runs; the folder is locked for this run."""
+    with ExitStack() as stack:
+        try:
+            listener = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM))
+            address = stack.enter_context(live_address(folder))
+            Path(address).unlink(missing_ok=True)  # of a run that was killed
+            listener.bind(address)
+            stack.callback(partial(Path(address).unlink, missing_ok=True))
+            Path(address).chmod(0o600)
+            listener.listen(MOST_PANELS)
+        except (AttributeError, OSError) as error:  # Windows has no such sockets
+            raise CannotListen(f"{folder / NAME}: {error}; give --no-panel") from error
+        accepting = threading.Thread(target=_accept, args=(listener, live), name="live socket")
+        accepting.start()
+        try:
+            yield
+        finally:
+            live.close()
+            listener.shutdown(socket.SHUT_RDWR)
+            accepting.join()
+
+
+def _accept(listener: socket.socket, live: LiveStation) -> None:
+    panels: list[threading.Thread] = []
+    while True:
+        try:
+            connection, _ = listener.accept()
+        except OSError:  # the end of the run
+            break
+        panels = [panel for panel in panels if panel.is_alive()]
+        if len(panels) >= MOST_PANELS or not _is_own(connection):
+            connection.close()
+            continue
+        panels.append(threading.Thread(target=_Panel(connection, live).serve, name="live panel"))
+        panels[-1].start()
+    for panel in panels:
+        panel.join()
+
+
+def _is_own(connection: socket.socket) -> bool:
+    """Whether the user of this process has connected; elsewhere the mode of the file decides."""
+    if not hasattr(socket, "SO_PEERCRED"):
+        return True
+    about = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+    return bool(_CREDENTIALS.unpack(about)[1] == os.geteuid())
+
+
+class _Panel:
+    """A connected panel: a thread sends, one reads, and some wait for the station."""
+
+    def __init__(self, connection: socket.socket, live: LiveStation) -> None:
+        self._connection, self._live = connection, live
+        self._woken = threading.Event()
+        subscription = live.subscribe(self._woken.set)
+        assert subscription is not None  # their number has no limit here
+        self._subscription = subscription
+        self._sending = threading.Lock()
+        self._has_ended = False
+
+    def serve(self) -> None:
+        """Send the state and all events until one side ends, or the panel is too slow."""
+        snapshot = self._live.snapshot()
+        reading = threading.Thread(target=self._read, name="live requests")
+        with self._connection:
+            self._connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _SEND_TIME)
+            with suppress(OSError):
+                self._connection.sendall(b'{"snapshot":%s}\n' % SNAPSHOT.dump_json(snapshot))
+            reading.start()
+            while not self._has_ended:
+                self._woken.wait()
+                self._woken.clear()
+                self._has_ended |= self._subscription.is_closed  # before the last events
+                self._send(b"")
+            self._live.unsubscribe(self._subscription)
+            with suppress(OSError):
+                self._connection.shutdown(socket.SHUT_RDWR)
+            reading.join()
+
+    def _send(self, reply: bytes) -> None:
+        """Send the events that wait, then a reply; one that lost events must begin anew."""
+        with self._sending:
+            events, lost = self._subscription.take()
+            try:
+                self._connection.sendall(b"".join(event.as_line for event in events) + reply)
+            except OSError:
+                lost = 1
+            if lost:
+                self._has_ended = True
+                self._woken.set()
+
+    def _read(self) -> None:
+        free = threading.BoundedSemaphore(MOST_REQUESTS)
+        with (
+            ThreadPoolExecutor(MOST_REQUESTS, "request of a panel") as pool,
+            suppress(OSError, ValueError),
+            self._connection.makefile("rb") as lines,
+        ):
+            while (line := lines.readline(MOST_REQUEST_BYTES)).endswith(b"\n"):
+                request = Request.model_validate_json(line)
+                free.acquire()
+                pool.submit(self._answer, request).add_done_callback(lambda _: free.release())
+        self._has_ended = True
+        self._woken.set()
+
+    def _answer(self, request: Request) -> None:
+        reply = Reply(id=request.id, **_outcome(request.what, self._live))
+        self._send(b'{"reply":%s}\n' % reply.model_dump_json().encode())
+
+
+def _outcome(what: Ask, live: LiveStation) -> dict[str, Any]:
+    """Return the fields of the reply to a request."""
+    try:
+        match what:
+            case AskTrigger():
+                return {"value": live.submit(what.trigger)}
+            case AskRecipe():
+                return {"value": live.load_recipe(what.name, what.by)}
+            case AskAcknowledge():
+                return {"value": live.acknowledge(what.part_id, what.by)}
+            case AskAnnounce():
+                live.announce(what.about)
+                return {}
+    except RecipeRefused as error:
+        return {"refused": error.kind, "reason": str(error)}
+    except Exception as error:
+        _log.exception("a request of a panel")
+        return {"refused": RecipeRefusal.UNFORESEEN, "reason": error_text(error)}
