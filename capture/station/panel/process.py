@@ -16,7 +16,7 @@ from capture.station.domain.folder import StationFolder
 from capture.station.domain.interface_config import PanelConfig
 
 # Pause before another start: short after a panel that has served for long.
-_FIRST_PAUSE_S, _LONGEST_PAUSE_S, _LONG_S = 0.1, 30.0, 60.0
+_FIRST_PAUSE_S, _LONGEST_PAUSE_S, _LONG_S = 0.1, 10.0, 5.0
 # For its last answers; then it is killed.
 _END_S = 8.0
 

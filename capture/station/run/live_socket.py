@@ -33,7 +33,7 @@ MOST_REQUEST_BYTES = 1 << 16
 # Threads that wait for the station in the name of one panel; further requests wait in its socket.
 MOST_REQUESTS = 16
 # A panel that reads nothing for five seconds is cut off.
-_SEND_TIME = struct.pack("ll", 5, 0)  # timeval: seconds, microseconds
+SEND_TIME = struct.pack("ll", 5, 0)  # timeval: seconds, microseconds
 _CREDENTIALS = struct.Struct("3i")  # ucred of unix(7): process, user, group
 _log = logging.getLogger(__name__)
 
@@ -171,9 +171,11 @@ class _Panel:
         snapshot = self._live.snapshot()
         reading = threading.Thread(target=self._read, name="live requests")
         with self._connection:
-            self._connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _SEND_TIME)
+            self._connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, SEND_TIME)
             with suppress(OSError):
-                self._connection.sendall(b'{"snapshot":%s}\n' % SNAPSHOT.dump_json(snapshot))
+                self._connection.sendall(
+                    b'{"snapshot":%s}\n' % SNAPSHOT.dump_json(snapshot, warnings=False)
+                )
             reading.start()
             while not self._has_ended:
                 self._woken.wait()

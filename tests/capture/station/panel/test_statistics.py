@@ -4,7 +4,6 @@ import csv
 import io
 import json
 import re
-import threading
 from collections.abc import Callable, Iterator
 from html import unescape
 from typing import Any
@@ -209,35 +208,6 @@ def test_the_last_gauge_study_is_shown_with_parts_of_its_rig(filled: RunningPane
             gauge_of(filled.bench.folder, Selection(simulated=True))
     finally:
         files.gauge.unlink()
-
-
-def test_many_requests_for_statistics_leave_the_panel_its_threads(
-    filled: RunningPanel, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    counting, asked = threading.Event(), threading.Semaphore(0)
-
-    def slow(*_: Any) -> list[Any]:
-        asked.release()
-        assert counting.wait(60)
-        return []
-
-    monkeypatch.setattr("capture.station.panel.statistics.counted_periods", slow)
-    answers: list[int] = []
-    threads = [
-        threading.Thread(
-            target=lambda: answers.append(filled.local.get("/api/v1/statistics").status)
-        )
-        for _ in range(30)
-    ]
-    for thread in threads:
-        thread.start()
-    assert asked.acquire(timeout=60)
-    while answers.count(503) < 22:
-        assert filled.local.get("/api/v1/state").status == 200
-    counting.set()
-    for thread in threads:
-        thread.join()
-    assert sorted(answers) == 8 * [200] + 22 * [503]
 
 
 def test_a_recipe_that_cannot_be_has_no_gauge_study(filled: RunningPanel) -> None:

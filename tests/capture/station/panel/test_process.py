@@ -1,0 +1,179 @@
+"""The panel's process beside `ps4rig station run`: killed, stopped, and left alone."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.judge.approval import approve
+from capture.station.panel.station_link import NO_RUN
+from tests.capture.station.panel.panels import WAIT_S, Client
+from tests.capture.station.production import configure
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not Path("/proc").is_dir(), reason="finds processes in /proc"),
+]
+# A verdict takes some 20 ms on an idle machine. One that waits for the panel takes `STOPPED_S`.
+STOPPED_S = 4.0
+# A start takes 0.2 s on an idle machine.
+RESTART_S = 3.0
+
+
+def children(process: int) -> list[int]:
+    """The processes whose parent is `process`."""
+    found = []
+    for status in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            parent = int(status.read_text().rpartition(")")[2].split()[1])
+        except OSError:  # it has ended
+            continue
+        if parent == process:
+            found.append(int(status.parent.name))
+    return found
+
+
+@dataclass
+class Run:
+    """A run with its panel, and the events that it has printed."""
+
+    process: subprocess.Popen[str]
+    client: Client
+    events: list[dict[str, Any]] = field(default_factory=list)
+
+    def panel(self) -> int:
+        """The process of the panel: the one that a fork server has forked."""
+        ends_s = time.monotonic() + WAIT_S
+        while time.monotonic() < ends_s:
+            if found := [
+                grown for child in children(self.process.pid) for grown in children(child)
+            ]:
+                return found[0]
+            time.sleep(0.02)
+        raise AssertionError("there is no panel")
+
+    def state(self) -> dict[str, Any]:
+        return dict(self.client.get("/api/v1/state").json)
+
+    def parts(self) -> list[dict[str, Any]]:
+        return [event for event in self.events if event["event"] == "part"]
+
+    def until_parts(self, count: int) -> None:
+        ends_s = time.monotonic() + WAIT_S
+        while len(self.parts()) < count:
+            assert time.monotonic() < ends_s
+            time.sleep(0.02)
+
+
+@pytest.fixture
+def run(station: Path, files: RecipeFolder, small_rig: Path) -> Iterator[Run]:
+    assert small_rig
+    approve(files, "Ada")
+    configure(station, timer_s=0.3)
+    with started(station, "--port", "0") as running:
+        yield running
+
+
+@contextmanager
+def started(station: Path, *options: str) -> Iterator[Run]:
+    command = [sys.executable, "-m", "capture", "station", "run", str(station), "--json"]
+    with subprocess.Popen(
+        [*command, "--trigger", "timer", *options],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    ) as process:  # fmt: skip
+        assert process.stderr is not None
+        assert process.stdout is not None
+        found = re.search(r"panel: (http://\S+)", process.stderr.readline())
+        assert found is not None
+        running, output = Run(process, Client(found[1])), process.stdout
+
+        def read() -> None:
+            running.events.extend(map(json.loads, output))
+
+        reading = threading.Thread(target=read, daemon=True)
+        reading.start()
+        try:
+            running.until_parts(1)
+            yield running
+        finally:
+            process.send_signal(signal.SIGINT)
+            reading.join(WAIT_S)
+
+
+def test_a_killed_panel_answers_again_and_a_stopped_one_delays_no_verdict(run: Run) -> None:
+    before = run.state()
+    for _ in range(2):
+        os.kill(run.panel(), signal.SIGKILL)
+        killed_s = time.monotonic()
+        # What waits in the socket of the run is answered; only a request being served is lost.
+        while True:
+            try:
+                state = run.state()
+                break
+            except OSError:
+                assert time.monotonic() - killed_s < RESTART_S
+        while state["reason"] == NO_RUN:
+            state = run.state()
+        assert time.monotonic() - killed_s < RESTART_S
+        assert state["run"] == before["run"]
+        assert sum(state["announced"].values()) >= sum(before["announced"].values())
+    stopped, parts = run.panel(), len(run.parts())
+    os.kill(stopped, signal.SIGSTOP)
+    try:
+        time.sleep(STOPPED_S)
+    finally:
+        os.kill(stopped, signal.SIGCONT)
+    assert len(run.parts()) > parts + 2
+    assert max(part["latency_ms"] for part in run.parts()) < 1e3 * STOPPED_S / 4
+    while (state := run.state())["last"]["part_id"] != run.parts()[-1]["part_id"]:
+        assert state["state"] != "error"
+    panel = run.panel()
+    run.process.send_signal(signal.SIGINT)
+    assert run.process.wait(WAIT_S) == 130
+    assert not Path(f"/proc/{panel}").exists()
+
+
+def test_a_panel_ends_with_a_run_that_is_killed(run: Run) -> None:
+    panel = run.panel()
+    run.process.kill()
+    ends_s = time.monotonic() + WAIT_S
+    while Path(f"/proc/{panel}").exists():
+        assert time.monotonic() < ends_s
+        time.sleep(0.02)
+
+
+def test_a_panel_of_its_own_outlives_runs(
+    station: Path, files: RecipeFolder, small_rig: Path
+) -> None:
+    assert small_rig
+    approve(files, "Ada")
+    configure(station, timer_s=0.3)
+    command = [sys.executable, "-m", "capture", "station", "panel", str(station), "--port", "0"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        found = re.search(r"panel: (http://\S+)", process.stderr.readline())
+        assert found is not None
+        client = Client(found[1])
+        assert client.get("/api/v1/state").json["reason"] == NO_RUN
+        command[4:] = ["run", str(station), "--no-panel", "--trigger", "http", "--parts", "1"]
+        with subprocess.Popen(command, stdout=subprocess.PIPE) as run:
+            while client.post("/api/v1/trigger").status != 202:
+                time.sleep(0.05)
+            assert run.wait(WAIT_S) in (0, 1)
+        while client.get("/api/v1/state").json["reason"] != NO_RUN:
+            time.sleep(0.02)
+        assert len(client.get("/api/v1/parts?simulated=true").json["parts"]) == 1
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(WAIT_S) == 130

@@ -1,0 +1,295 @@
+"""The live socket between a run and its panels, and what a panel shows without a run."""
+
+import json
+import socket
+import struct
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from capture.station.domain.errors import CannotListen
+from capture.station.domain.folder import StationFolder, make_station
+from capture.station.domain.verdict import Cause
+from capture.station.panel.panel import Panel
+from capture.station.panel.server import serving_panel
+from capture.station.panel.station_link import NO_RUN, RunUnavailable, StationLink
+from capture.station.run import live_socket
+from capture.station.run.events import PartAnnounced, PartBegun, RecipeLoaded, StateChanged
+from capture.station.run.live_socket import MOST_PANELS, MOST_REQUEST_BYTES, serving_live
+from capture.station.run.live_station import LiveStation
+from capture.station.run.live_view import LiveSnapshot
+from capture.station.run.states import State
+from capture.station.run.subscription import MOST_WAITING
+from capture.station.run.triggers import (
+    Accepted,
+    Answer,
+    Asker,
+    RecipeRefusal,
+    RecipeRefused,
+    Refusal,
+    Refused,
+    Trigger,
+)
+from tests.capture.station.panel.panels import ANY_PORT, Client
+from tests.capture.station.panel.test_live import error, result
+
+WAIT_S = 30.0
+ADA = Asker("Ada", "engineer", "0" * 64)
+LOADED = RecipeLoaded("example", 2, "1" * 64, "Ada")
+
+
+class Station:
+    """The side of a station that triggers see."""
+
+    is_stopping = False
+
+    def __init__(self) -> None:
+        self.asked: list[object] = []
+
+    def submit(self, trigger: Trigger) -> Answer:
+        self.asked.append(trigger)
+        return Refused("busy", Refusal.BUSY) if trigger.part_id else Accepted("part-000001", 1)
+
+    def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
+        self.asked.append((name, by))
+        if name != LOADED.name:
+            raise RecipeRefused("nobody approved it", RecipeRefusal.NOT_APPROVED)
+        return LOADED
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> StationFolder:
+    """A station whose path is longer than the address of a socket."""
+    path = tmp_path.joinpath(*["a folder of this machine"] * 5, "line-1")
+    path.parent.mkdir(parents=True)
+    make_station(path)
+    return StationFolder(path)
+
+
+@contextmanager
+def running(folder: StationFolder) -> Iterator[LiveStation]:
+    live = LiveStation("line-1", simulated=True)
+    live.attach(Station())  # type: ignore[arg-type]
+    with serving_live(folder.path, live):
+        yield live
+
+
+@contextmanager
+def linked(folder: StationFolder) -> Iterator[StationLink]:
+    link = StationLink(folder)
+    try:
+        yield link
+    finally:
+        link.close()
+
+
+def until(is_so: Callable[[], bool]) -> None:
+    ends_s = time.monotonic() + WAIT_S
+    while not is_so():
+        assert time.monotonic() < ends_s
+        time.sleep(0.005)
+
+
+def same(link: StationLink, live: LiveStation) -> bool:
+    def shown(snapshot: LiveSnapshot) -> LiveSnapshot:
+        return replace(snapshot, parts_per_minute=0.0, subscribers=0)
+
+    return shown(link.snapshot()) == shown(live.snapshot())
+
+
+def test_a_panel_shows_what_the_run_shows(folder: StationFolder) -> None:
+    with running(folder) as live, linked(folder) as link:
+        live.tell(PartAnnounced(result(1, error(Cause.CAPTURE)), 12.0))
+        until(lambda: same(link, live))
+        subscription = link.subscribe()
+        assert subscription is not None
+        for event in (
+            LOADED,
+            StateChanged(State.ERROR, "disk: 3 MB free"),
+            PartBegun("part-000002", 2),
+            PartAnnounced(result(2, error(Cause.STORAGE)), 30.0),
+            PartBegun("part-000003", 3),
+        ):
+            live.tell(event)
+        assert link.acknowledge("part-000001", "Ada")
+        # The reply comes after the events before it.
+        assert same(link, live)
+        assert link.snapshot().fields()["rejected"][1]["acknowledged_by"] == "Ada"
+        sent = link.events_after(1)
+        assert sent is not None
+        assert [event.as_json for event in sent] == [
+            event.as_json for event in live.events_after(1) or ()
+        ]
+        assert subscription.take()[0] == sent
+
+
+def test_requests_of_a_panel_have_the_answers_of_the_station(folder: StationFolder) -> None:
+    with running(folder) as live, linked(folder) as link:
+        until(lambda: same(link, live))
+        assert link.submit(Trigger("http")) == Accepted("part-000001", 1)
+        assert link.submit(Trigger("http", "A-1")) == Refused("busy", Refusal.BUSY)
+        assert link.load_recipe("example", ADA) == LOADED
+        assert link.snapshot().recipe == LOADED
+        with pytest.raises(RecipeRefused, match="nobody approved it") as refused:
+            link.load_recipe("other", ADA)
+        assert refused.value.kind is RecipeRefusal.NOT_APPROVED
+        assert not link.acknowledge("part-000009", "Ada")
+        target = live._target
+        assert isinstance(target, Station)
+        assert target.asked == [
+            Trigger("http"), Trigger("http", "A-1"), ("example", ADA), ("other", ADA),
+        ]  # fmt: skip
+        link.announce({"event": "override", "part_id": "part-000001"})
+        assert (live.events_after(live.snapshot().event_id - 1) or ())[0].fields == {
+            "event": "override", "part_id": "part-000001",
+        }  # fmt: skip
+
+
+def test_a_recipe_is_announced_once_however_late_the_publisher_is() -> None:
+    live = LiveStation("line-1", simulated=True)
+    live.attach(Station())  # type: ignore[arg-type]
+    other = replace(LOADED, name="other")
+    live.load_recipe("example", ADA)
+    live.tell(other)
+    live.tell(LOADED)  # published before `other`, and told by the asker already
+    assert live.snapshot().recipe == other
+    events = live.events_after(0) or ()
+    assert [event.fields["name"] for event in events] == ["example", "other"]
+    again = replace(LOADED)  # the same recipe, loaded another time
+    live.tell(again)
+    assert live.snapshot().recipe == again
+
+
+def test_a_panel_without_a_run_says_so_and_follows_the_next_one(folder: StationFolder) -> None:
+    with linked(folder) as link:
+        panel = Panel.of(folder, link, ANY_PORT)
+        with serving_panel(panel) as url:
+            client = Client(url)
+
+            def state() -> dict[str, object]:
+                return dict(client.get("/api/v1/state").json)
+
+            assert (state()["state"], state()["reason"]) == ("preoperational", NO_RUN)
+            answer = client.post("/api/v1/trigger")
+            assert (answer.status, answer.json["error"]) == (503, NO_RUN)
+            assert client.get("/recipes").status == 200
+            link.announce({"event": "override"})  # nobody hears of it
+            runs = []
+            for _ in range(2):
+                with running(folder) as live:
+                    live.tell(PartAnnounced(result(1, error(Cause.CAPTURE)), 12.0))
+                    live.tell(StateChanged(State.READY, "self-test passed"))
+                    until(lambda: state()["state"] == "ready")
+                    assert client.post("/api/v1/trigger").status == 202
+                    runs.append(state()["run"])
+                until(lambda: state()["reason"] == NO_RUN)
+                assert state()["rejected"] == []
+            assert len({*runs}) == 2
+
+
+def test_a_request_whose_run_ends_is_answered(folder: StationFolder) -> None:
+    with linked(folder) as link:
+        with running(folder) as live:
+            until(lambda: same(link, live))
+            begun = threading.Event()
+
+            def never(_: Trigger) -> Answer:
+                begun.set()
+                until(lambda: live._is_closed)
+                time.sleep(0.1)
+                raise OSError("the rig is gone")
+
+            live._target.submit = never  # type: ignore[union-attr,method-assign]
+            failed: list[Exception] = []
+
+            def ask() -> None:
+                try:
+                    link.submit(Trigger("http"))
+                except RunUnavailable as raised:
+                    failed.append(raised)
+
+            asking = threading.Thread(target=ask)
+            asking.start()
+            assert begun.wait(WAIT_S)
+        asking.join(WAIT_S)
+        assert len(failed) == 1
+
+
+@contextmanager
+def connected(folder: StationFolder) -> Iterator[socket.socket]:
+    with (
+        live_socket.live_address(folder.path) as address,
+        socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection,
+    ):
+        connection.settimeout(WAIT_S)
+        connection.connect(address)
+        yield connection
+
+
+def test_only_the_user_of_the_run_may_follow_it(
+    folder: StationFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with running(folder) as live:
+        assert (folder.path / live_socket.NAME).stat().st_mode & 0o777 == 0o600
+        own = live_socket.os.geteuid()
+        monkeypatch.setattr(live_socket.os, "geteuid", lambda: own + 1)
+        with connected(folder) as connection:
+            assert connection.recv(1) == b""
+        assert live.snapshot().subscribers == 0
+
+
+def test_a_panel_that_reads_nothing_is_cut_and_delays_nobody(
+    folder: StationFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(live_socket, "SEND_TIME", struct.pack("ll", 0, 200_000))
+    with running(folder) as live, connected(folder) as stopped, linked(folder) as link:
+        until(lambda: live.snapshot().subscribers == 2 and same(link, live))
+        longest_s = 0.0
+        for number in range(5 * MOST_WAITING):
+            begun_s = time.perf_counter()
+            live.announce({"event": "filler", "number": number, "text": "x" * 2000})
+            longest_s = max(longest_s, time.perf_counter() - begun_s)
+            if number % 50 == 0:  # a station makes no hundred parts at once
+                until(lambda: same(link, live))
+        assert longest_s < 0.5
+        until(lambda: live.snapshot().subscribers == 1)
+        with stopped.makefile("rb") as lines:
+            assert len(list(lines)) < 5 * MOST_WAITING
+        with connected(folder) as again, again.makefile("rb") as lines:
+            assert json.loads(lines.readline())["snapshot"]["event_id"] == 5 * MOST_WAITING
+
+
+def test_panels_and_lines_are_bounded(folder: StationFolder) -> None:
+    with running(folder) as live, connected(folder) as first:
+        until(lambda: live.snapshot().subscribers == 1)
+        first.sendall(b"x" * (2 * MOST_REQUEST_BYTES))
+        until(lambda: live.snapshot().subscribers == 0)
+        for line in (b"{}\n", b'{"id": 1, "what": {"ask": "stop"}}\n', b"\xff\n"):
+            with connected(folder) as connection:
+                until(lambda: live.snapshot().subscribers == 1)
+                connection.sendall(line)
+                until(lambda: live.snapshot().subscribers == 0)
+        links = [StationLink(folder) for _ in range(MOST_PANELS)]
+        until(lambda: live.snapshot().subscribers == MOST_PANELS)
+        with connected(folder) as connection:
+            assert connection.recv(1) == b""
+        for link in links:
+            link.close()
+
+
+def test_a_socket_of_a_killed_run_is_replaced_and_a_folder_that_takes_none_is_named(
+    folder: StationFolder,
+) -> None:
+    with socket.socket(socket.AF_UNIX) as left, live_socket.live_address(folder.path) as address:
+        left.bind(address)
+    with running(folder):
+        pass
+    assert not (folder.path / live_socket.NAME).exists()
+    (folder.path / live_socket.NAME).mkdir()
+    with pytest.raises(CannotListen, match=r"live\.sock"), running(folder):
+        pass
