@@ -26,6 +26,7 @@ _SERIAL = ("ttyACM", "ttyUSB")
 _FIRST_FREE_PORT = 1024
 _HOMES = ("/home", "/root", "/run/user")
 _TEMPORARY = ("/tmp", "/var/tmp")
+_NO_PANEL = " --no-panel"
 
 # Not here: MemoryDenyWriteExecute, which forbids numba to compile; PrivateDevices, which hides the
 # rig; ProcSubset, which hides the number of processors from the libraries.
@@ -61,43 +62,19 @@ def unit_name(config: StationConfig) -> str:
     return f"ps4rig-{config.name}"
 
 
-def unit_text(station: StationFolder, user: str = USER) -> str:
-    """Return the unit that runs a station with this program."""
+def unit_text(station: StationFolder, user: str = USER, panel: bool | None = None) -> str:
+    """Return the unit that runs a station with this program.
+
+    With `panel` it is the unit of its panel alone; False is a run that starts no panel.
+    """
     config, folder = station.config, station.path.resolve()
-    if config.trigger == "enter":
-        raise InputError(
-            f"{folder}: a service has no keyboard; set trigger = 'timer', 'sensor', 'http' or "
-            "'modbus' in station.toml"
-        )
     if not re.fullmatch(r"[a-z_][a-z0-9_-]{0,30}", user):
         raise InputError(f"--user {user!r}: give the name of a user in lower case")
-    rig = station.rig_config()
-    command = " ".join(_word(word) for word in (sys.executable, "-P", "-m", "capture"))
-    devices, groups = _devices(rig)
+    service, devices = _panel_service(station) if panel else _run_service(station, panel)
     lines = [
-        *(f"# {line}".rstrip() for line in _how_to_install(config, folder, user)),
-        "[Unit]",
-        f"Description=ps4rig station {config.name}{', simulated' * rig.is_simulated}",
-        "Wants=network-online.target",
-        "After=network-online.target time-sync.target",
-        "# A rig may be plugged in days later.",
-        "StartLimitIntervalSec=0",
-        "",
-        "[Service]",
-        "Type=notify",
-        "NotifyAccess=main",
-        f"ExecStart={command} station run {_word(folder)}",
+        *(f"# {line}".rstrip() for line in _how_to_install(config, folder, user, panel)),
+        *service,
         f"User={user}",
-        *([f"SupplementaryGroups={' '.join(groups)}"] if groups else []),
-        "# The challenge set is replayed before the station is ready.",
-        "TimeoutStartSec=30min",
-        "# Pinged by the threads that capture and judge.",
-        f"WatchdogSec={_watchdog_s(rig)}",
-        "TimeoutStopSec=60",
-        "Restart=on-failure",
-        "RestartSec=5",
-        "# 1: the challenge set was not met; 2: something must be configured.",
-        "RestartPreventExitStatus=1 2",
         "# After SIGTERM.",
         "SuccessExitStatus=130",
         "CacheDirectory=ps4rig",
@@ -117,18 +94,79 @@ def unit_text(station: StationFolder, user: str = USER) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _how_to_install(config: StationConfig, folder: Path, user: str) -> list[str]:
-    name = unit_name(config)
+def _run_service(station: StationFolder, panel: bool | None) -> tuple[list[str], list[str]]:
+    """Return the lines of the run, and its devices."""
+    config, folder, rig = station.config, station.path.resolve(), station.rig_config()
+    if config.trigger == "enter":
+        raise InputError(
+            f"{folder}: a service has no keyboard; set trigger = 'timer', 'sensor', 'http' or "
+            "'modbus' in station.toml"
+        )
+    devices, groups = _devices(rig)
+    return [
+        "[Unit]",
+        f"Description=ps4rig station {config.name}{', simulated' * rig.is_simulated}",
+        "Wants=network-online.target",
+        "After=network-online.target time-sync.target",
+        "# A rig may be plugged in days later.",
+        "StartLimitIntervalSec=0",
+        "",
+        "[Service]",
+        "Type=notify",
+        "NotifyAccess=main",
+        f"ExecStart={_program()} station run {_word(folder)}{_NO_PANEL if panel is False else ''}",
+        *([f"SupplementaryGroups={' '.join(groups)}"] if groups else []),
+        "# The challenge set is replayed before the station is ready.",
+        "TimeoutStartSec=30min",
+        "# Pinged by the threads that capture and judge.",
+        f"WatchdogSec={_watchdog_s(rig)}",
+        "# The run ends its panel itself.",
+        "KillMode=mixed",
+        "TimeoutStopSec=60",
+        "Restart=on-failure",
+        "RestartSec=5",
+        "# 1: the challenge set was not met; 2: something must be configured.",
+        "RestartPreventExitStatus=1 2",
+    ], devices
+
+
+def _panel_service(station: StationFolder) -> tuple[list[str], list[str]]:
+    """Return the lines of the panel, which needs no device."""
+    return [
+        "[Unit]",
+        f"Description=panel of ps4rig station {station.config.name}",
+        "Wants=network-online.target",
+        "After=network-online.target",
+        "StartLimitIntervalSec=0",
+        "",
+        "[Service]",
+        f"ExecStart={_program()} station panel {_word(station.path.resolve())}",
+        "Restart=on-failure",
+        "RestartSec=1",
+        "# 2: something must be configured.",
+        "RestartPreventExitStatus=2",
+    ], []
+
+
+def _how_to_install(
+    config: StationConfig, folder: Path, user: str, panel: bool | None
+) -> list[str]:
+    name = unit_name(config) + ("-panel" if panel else "")
+    options = {True: " --panel", False: _NO_PANEL, None: ""}[panel]
     program = shlex.join([sys.executable, "-P", "-m", "capture"])
     place = shlex.quote(str(folder))
     return [
         f"Printed by ps4rig station unit, ps4rig {version('ps4rig')}. To install it, as root:",
         f"  id {user} || useradd --system --no-create-home --shell /usr/sbin/nologin {user}",
         f"  chown -R {user}: {place}",
-        f"  {program} station unit {place} --user {user} > {_UNITS}/{name}.service",
+        f"  {program} station unit {place}{options} --user {user} > {_UNITS}/{name}.service",
         "  systemctl daemon-reload",
         f"  systemctl enable --now {name}",
     ]
+
+
+def _program() -> str:
+    return " ".join(_word(word) for word in (sys.executable, "-P", "-m", "capture"))
 
 
 def _word(value: object) -> str:

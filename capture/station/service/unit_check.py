@@ -87,7 +87,8 @@ def _difference(station: StationFolder, path: Path) -> str | None:
     installed = _settings(text)
     users = [line.removeprefix("User=") for line in installed if line.startswith("User=")]
     try:
-        expected = _settings(unit_text(station, users[0] if users else USER))
+        panel = False if " --no-panel\n" in text else None  # that of a unit of its own
+        expected = _settings(unit_text(station, users[0] if users else USER, panel))
     except InputError as error:
         return f"does not fit the station: {error}"
     missing = next((line for line in expected if line not in installed), None)

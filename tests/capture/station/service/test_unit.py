@@ -65,6 +65,18 @@ def test_the_unit_runs_this_station_with_this_program(ps4rig: Any, folder: Path)
     assert "systemctl enable --now ps4rig-line-3" in printed.stdout
 
 
+def test_the_panel_can_have_a_unit_of_its_own(ps4rig: Any, folder: Path) -> None:
+    alone = ps4rig("station", "unit", folder, "--panel").stdout
+    found = settings(alone)
+    assert found["ExecStart"][0].endswith(f"-P -m capture station panel {folder.resolve()}")
+    assert found["ReadWritePaths"] == [str(folder.resolve())]
+    assert "Type" not in found
+    assert f"unit {folder.resolve()} --panel --user ps4rig > " in alone
+    assert "systemctl enable --now ps4rig-line-3-panel" in alone
+    without = settings(ps4rig("station", "unit", folder, "--no-panel").stdout)
+    assert without["ExecStart"][0].endswith(f"station run {folder.resolve()} --no-panel")
+
+
 def test_a_keyboard_is_no_trigger_of_a_service(ps4rig: Any, folder: Path) -> None:
     changed(folder, trigger='"enter"')
     refused = ps4rig("station", "unit", folder)
@@ -121,14 +133,17 @@ def test_a_name_that_is_no_user_is_refused(station: StationFolder, user: str) ->
 
 
 @pytest.mark.systemd
+@pytest.mark.parametrize("panel", [None, True])
 @pytest.mark.parametrize("name", ["line-3", 'odd name $HOME 50% "it\'s" \\x'])
-def test_systemd_reads_the_unit_without_complaint(tmp_path: Path, name: str) -> None:
+def test_systemd_reads_the_unit_without_complaint(
+    tmp_path: Path, name: str, panel: bool | None
+) -> None:
     folder = tmp_path / name
     make_station(tmp_path / "line-3")
     (tmp_path / "line-3").rename(folder)
     unit = tmp_path / "ps4rig-line-3.service"
     # The user of a unit must exist for systemd to verify it.
-    unit.write_text(unit_text(changed(folder, trigger='"http"'), "root"))
+    unit.write_text(unit_text(changed(folder, trigger='"http"'), "root", panel))
     verified = subprocess.run(
         ["systemd-analyze", "verify", "--man=no", str(unit)],
         capture_output=True, text=True, timeout=60, check=False,
@@ -137,9 +152,12 @@ def test_systemd_reads_the_unit_without_complaint(tmp_path: Path, name: str) -> 
 
 
 @pytest.mark.systemd
-def test_systemd_calls_the_unit_well_shielded(station: StationFolder, tmp_path: Path) -> None:
+@pytest.mark.parametrize("panel", [None, True])
+def test_systemd_calls_the_unit_well_shielded(
+    station: StationFolder, tmp_path: Path, panel: bool | None
+) -> None:
     unit = tmp_path / "ps4rig-line-3.service"
-    unit.write_text(unit_text(station))
+    unit.write_text(unit_text(station, panel=panel))
     rated = subprocess.run(
         ["systemd-analyze", "security", "--offline=true", "--no-pager", str(unit)],
         capture_output=True, text=True, timeout=60, check=True,
@@ -168,7 +186,11 @@ def installed(station: StationFolder, tmp_path: Path) -> Path:
     return path
 
 
-def test_a_unit_as_printed_for_any_user_is_good(station: StationFolder, installed: Path) -> None:
+@pytest.mark.parametrize("panel", [None, False])
+def test_a_unit_as_printed_for_any_user_is_good(
+    station: StationFolder, installed: Path, panel: bool | None
+) -> None:
+    installed.write_text(unit_text(station, "kim", panel))
     [check] = checks_of_unit(station, shown(installed))
     assert (check.status, check.seen) == (
         "ok",
