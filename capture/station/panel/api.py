@@ -17,7 +17,7 @@ from capture.station.results.history_table import counts_of, csv_pieces, record_
 from capture.station.run.triggers import Accepted, Refused
 from classify.base.errors import InputError
 
-from .awaiting import subscribed
+from .event_stream import subscribed
 from .filters import FILTERS, selection_of
 from .metrics import MEDIA_TYPE, metrics_text
 from .part_pictures.judged_by import stored_set

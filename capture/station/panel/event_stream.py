@@ -2,18 +2,16 @@
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import suppress
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import contextmanager, suppress
 
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response, StreamingResponse
 
 from capture.station.domain.roles import Role
 from capture.station.run.live_view import LiveSnapshot, LiveView
-from capture.station.run.subscription import LiveEvent
+from capture.station.run.subscription import LiveEvent, Subscription
 
-from .api import whole_number
-from .awaiting import GATHER_MS, gather, subscribed
 from .guard import identity_of
 from .routes import Call, PanelRoute
 from .security import Denied
@@ -21,10 +19,28 @@ from .security import Denied
 # Proxies and browsers give up silent connections after 30 s and more.
 KEEP_ALIVE_S = 15.0
 _RETRY_MS = 1000
-_MOST_GATHER_MS = 1000
 _MEDIA_TYPE = "text/event-stream"
 # The server takes 256 connections: some stay free for other requests.
 MOST_STREAMS = 128
+
+
+@contextmanager
+def subscribed(
+    live: LiveView, most: int | None = None
+) -> Iterator[tuple[Subscription | None, asyncio.Event]]:
+    """Yield a subscription, None beyond `most`, and the event set when it has something."""
+    changed, loop = asyncio.Event(), asyncio.get_running_loop()
+
+    def wake() -> None:
+        with suppress(RuntimeError):  # the loop is closed at the end
+            loop.call_soon_threadsafe(changed.set)
+
+    subscription = live.subscribe(wake, most)
+    try:
+        yield subscription, changed
+    finally:
+        if subscription is not None:
+            live.unsubscribe(subscription)
 
 
 async def events(call: Call) -> Response:
@@ -44,8 +60,7 @@ async def events(call: Call) -> Response:
             return False
         return who is not None and who.role.includes(Role.OPERATOR)
 
-    gather_s = 1e-3 * whole_number(call, "gather_ms", GATHER_MS, _MOST_GATHER_MS)
-    stream = _messages(live, last, gather_s, may_go_on)
+    stream = _messages(live, last, may_go_on)
     # A proxy must not buffer the events.
     headers = {"X-Accel-Buffering": "no"}
     return StreamingResponse(stream, media_type=_MEDIA_TYPE, headers=headers)
@@ -54,7 +69,6 @@ async def events(call: Call) -> Response:
 async def _messages(
     live: LiveView,
     last: str,
-    gather_s: float,
     may_go_on: Callable[[], Awaitable[bool]],
 ) -> AsyncIterator[str]:
     # Subscribe when the stream begins: one that never begins would keep its subscription.
@@ -77,8 +91,6 @@ async def _messages(
                     # Not awaited: it needs a free thread, and the events would wait for it.
                     check = asyncio.ensure_future(may_go_on())
                     check.add_done_callback(lambda _: changed.set())
-            if not subscription.is_closed:
-                await gather(subscription, changed, gather_s)
             changed.clear()
             if check is not None and check.done():
                 if not check.result():
@@ -127,8 +139,6 @@ ROUTES = (
         "Everything that happens, as server-sent events; first the state, or what was missed.",
         query={
             "after": "id of the last event that the client has, like the header Last-Event-ID",
-            "gather_ms": "time for which events other than verdicts are kept, to be sent together; "
-            f"{GATHER_MS} by default, at most {_MOST_GATHER_MS}",
         },
         answer="text/event-stream",
     ),

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
-from multiprocessing.context import ForkServerProcess
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 from capture.base.process_settings import yield_processors
@@ -29,68 +29,50 @@ def panel_process(
 
     The socket stays open between two processes: a browser waits instead of being refused.
     """
-    panel = PanelProcess(folder, settings, listener, warn)
-    thread = threading.Thread(target=panel.keep_running, name="panel process")
+    # Forks processes that have the modules already: to load them takes seconds.
+    context = get_context("forkserver")
+    context.set_forkserver_preload([serve_panel.__module__, f"{__package__}.server"])
+    far_end, lifeline = context.Pipe(duplex=False)
+    is_over = threading.Event()
+    processes: list[BaseProcess] = []  # the present one
+
+    def serve() -> str:
+        process = context.Process(
+            target=serve_panel, args=(folder, settings, listener, far_end), daemon=True
+        )
+        processes[:] = [process]
+        try:
+            with terminal_signals_blocked():
+                process.start()
+        except OSError as error:
+            return str(error)
+        process.join()
+        return f"status {process.exitcode}"
+
+    def keep_serving() -> None:
+        pause_s = _FIRST_PAUSE_S
+        while not is_over.is_set():
+            began_s, why = time.monotonic(), serve()
+            if not is_over.is_set():
+                warn(f"the panel ended ({why}) and is started again")
+            if time.monotonic() - began_s > _LONG_S:
+                pause_s = _FIRST_PAUSE_S
+            is_over.wait(pause_s)
+            pause_s = min(2.0 * pause_s, _LONGEST_PAUSE_S)
+
+    thread = threading.Thread(target=keep_serving, name="panel process")
     thread.start()
     try:
         yield
     finally:
-        panel.end(thread)
-        listener.close()
-
-
-class PanelProcess:
-    """Starts the panel, and starts it again whenever it ends."""
-
-    def __init__(
-        self,
-        folder: Path,
-        settings: PanelConfig,
-        listener: socket.socket,
-        warn: Callable[[str], None],
-    ) -> None:
-        self._panel, self._warn = (folder, settings, listener), warn
-        self._ending = threading.Event()
-        self._process: ForkServerProcess | None = None
-        # Forks processes that have the modules already: to load them takes seconds.
-        self._context = get_context("forkserver")
-        self._context.set_forkserver_preload([serve_panel.__module__, f"{__package__}.server"])
-        self._far_end, self._lifeline = self._context.Pipe(duplex=False)
-
-    def keep_running(self) -> None:
-        """Run the panel until `end`."""
-        pause_s = _FIRST_PAUSE_S
-        while not self._ending.is_set():
-            began_s, status = time.monotonic(), self._run()
-            if self._ending.is_set():
-                return
-            if time.monotonic() - began_s > _LONG_S:
-                pause_s = _FIRST_PAUSE_S
-            self._warn(f"the panel ended ({status}) and is started again")
-            self._ending.wait(pause_s)
-            pause_s = min(2.0 * pause_s, _LONGEST_PAUSE_S)
-
-    def _run(self) -> str:
-        self._process = self._context.Process(
-            target=serve_panel, args=(*self._panel, self._far_end), name="panel", daemon=True
-        )
-        try:
-            with terminal_signals_blocked():
-                self._process.start()
-        except OSError as error:
-            return str(error)
-        self._process.join()
-        return f"status {self._process.exitcode}"
-
-    def end(self, thread: threading.Thread) -> None:
-        """Let the panel end, and the thread that keeps it running."""
-        self._ending.set()
-        self._lifeline.close()
+        is_over.set()
+        lifeline.close()
         thread.join(_END_S)
-        if thread.is_alive() and self._process is not None:
-            self._process.kill()
+        if thread.is_alive():
+            processes[0].kill()
         thread.join()
-        self._far_end.close()
+        far_end.close()
+        listener.close()
 
 
 def serve_panel(

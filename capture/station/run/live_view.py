@@ -172,7 +172,7 @@ class LiveView:
             return replace(self._snapshot, parts_per_minute=self._rate(), subscribers=subscribers)
 
     def subscribe(
-        self, wake: Callable[[], None] | None = None, most: int | None = None
+        self, wake: Callable[[], None] = lambda: None, most: int | None = None
     ) -> Subscription | None:
         """Return a bounded queue of the events from now on; None if there are `most` already."""
         with self._lock:

@@ -37,57 +37,44 @@ class Subscription:
     `wake` is called under a lock from a thread of the station, and must not wait.
     """
 
-    def __init__(self, wake: Callable[[], None] | None = None) -> None:
+    def __init__(self, wake: Callable[[], None] = lambda: None) -> None:
         self._wake = wake
         self._waiting: deque[LiveEvent] = deque()
         self._missed = 0
         self._is_closed = False
-        self._condition = threading.Condition()
+        self._lock = threading.Lock()
 
     @property
     def is_closed(self) -> bool:
         """Whether no further event comes."""
         return self._is_closed
 
-    def holds(self, kind: str) -> bool:
-        """Whether an event of a kind waits to be taken."""
-        with self._condition:
-            return any(event.fields["event"] == kind for event in self._waiting)
-
     def put(self, event: LiveEvent) -> None:
         """Add an event; called by `LiveView`."""
-        with self._condition:
+        with self._lock:
             if len(self._waiting) >= MOST_WAITING:
                 self._missed += len(self._waiting)
                 self._waiting.clear()
             self._waiting.append(event)
-            self._tell()
+            self._wake()
 
     def lose(self) -> None:
         """Drop what waits and what nobody could add; called by `LiveView`."""
-        with self._condition:
+        with self._lock:
             self._missed += len(self._waiting) + 1
             self._waiting.clear()
-            self._tell()
+            self._wake()
 
     def close(self) -> None:
         """Wake the subscriber for the last time."""
-        with self._condition:
+        with self._lock:
             self._is_closed = True
-            self._tell()
+            self._wake()
 
-    def take(self, timeout_s: float = 0.0) -> tuple[list[LiveEvent], int]:
-        """Wait up to `timeout_s` for an event; return all, and how many were lost before them."""
-        with self._condition:
-            self._condition.wait_for(
-                lambda: self._waiting or self._missed or self._is_closed, timeout_s
-            )
+    def take(self) -> tuple[list[LiveEvent], int]:
+        """Return all events that wait, and how many were lost before them."""
+        with self._lock:
             events, missed = list(self._waiting), self._missed
             self._waiting.clear()
             self._missed = 0
             return events, missed
-
-    def _tell(self) -> None:
-        self._condition.notify_all()
-        if self._wake is not None:
-            self._wake()

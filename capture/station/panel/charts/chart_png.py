@@ -1,4 +1,4 @@
-"""Drawings as PNG, by OpenCV: in a few milliseconds, and without the interpreter's lock."""
+"""Drawings as PNG, by OpenCV: in a few milliseconds."""
 
 import cv2
 import numpy as np

@@ -3,9 +3,6 @@ import { ANSWER_MS } from "/static/requests.js";
 import { age, blankPictures, forgetThumbnails, showAges, showPictures, thumbnail } from "/static/part_pictures.js";
 
 const SILENCE_MS = 20000; // the state is asked for each 5 s
-// Most stations judge a part in less time. The begin of the next part is then drawn together with the
-// verdict, and not while the station computes it.
-const GATHER_MS = 150;
 const REFRESH_MS = 5000; // the rate falls without an event, and a proxy may hold events back
 const RETRY_MS = 5000;
 const REJECTED = 12;
@@ -179,7 +176,7 @@ function lost() {
 }
 
 function follow() {
-  const stream = new EventSource(`/api/v1/events?gather_ms=${GATHER_MS}`);
+  const stream = new EventSource("/api/v1/events");
   source = stream;
   for (const [kind, take] of Object.entries(takes)) {
     stream.addEventListener(kind, (message) => {

@@ -2,19 +2,14 @@
 
 import asyncio
 import threading
-import time
 
-from capture.station.panel.awaiting import GATHER_MS, gather, subscribed
+from capture.station.panel.event_stream import subscribed
 from capture.station.run.live_station import LiveStation
-from capture.station.run.subscription import MOST_WAITING, LiveEvent
+from capture.station.run.subscription import MOST_WAITING
 
 READERS = 5
 EVENTS = MOST_WAITING - 1  # none is lost, however late a reader is
 LONGEST_S = 30.0
-
-
-def event(kind: str) -> LiveEvent:
-    return LiveEvent(1, "", {"event": kind})
 
 
 def test_no_reader_misses_an_event_that_a_thread_announces() -> None:
@@ -49,34 +44,3 @@ def test_no_reader_misses_an_event_that_a_thread_announces() -> None:
         return found
 
     assert asyncio.run(seen()) == [list(range(EVENTS))] * READERS
-
-
-def test_events_are_gathered_until_a_verdict_comes() -> None:
-    async def gathered() -> list[LiveEvent]:
-        live, changed = LiveStation("line-1", simulated=True), asyncio.Event()
-        subscription = live.subscribe(changed.set)
-        assert subscription is not None
-        subscription.put(event("state"))
-        waiting = asyncio.create_task(gather(subscription, changed, 2.0 * LONGEST_S))
-        await asyncio.sleep(4e-3 * GATHER_MS)
-        assert not waiting.done()
-        subscription.put(event("begun"))
-        subscription.put(event("part"))
-        await asyncio.wait_for(waiting, LONGEST_S)
-        return subscription.take()[0]
-
-    kinds = [each.fields["event"] for each in asyncio.run(gathered())]
-    assert kinds == ["state", "begun", "part"]
-
-
-def test_events_without_a_verdict_are_gathered_for_their_time() -> None:
-    async def gathered() -> float:
-        live, changed = LiveStation("line-1", simulated=True), asyncio.Event()
-        subscription = live.subscribe(changed.set)
-        assert subscription is not None
-        subscription.put(event("state"))
-        began_s = time.monotonic()
-        await asyncio.wait_for(gather(subscription, changed, 0.05), LONGEST_S)
-        return time.monotonic() - began_s
-
-    assert asyncio.run(gathered()) >= 0.05

@@ -1,4 +1,4 @@
-"""The bench of a station with its panel, in a process of its own, as `ps4rig station run` is.
+"""The bench of a station with its panel, as `ps4rig station run` is.
 
     python -m tests.capture.station.panel.watched_bench FOLDER PARTS FRAME_PX CLASSES
 
@@ -19,11 +19,12 @@ def main(folder: Path, parts: int, frame_px: int, classes: int) -> None:
     """Run the bench; see the module."""
     settle_process()  # before numpy is imported
 
-    from capture.station.domain.folder import StationFolder, make_station
-    from capture.station.panel.panel import Panel
-    from capture.station.panel.server import serving_panel
+    from capture.station.domain.folder import make_station
+    from capture.station.panel.listening import panel_address, panel_listener
+    from capture.station.panel.process import panel_process
     from capture.station.run.bench import run_bench
     from capture.station.run.events import Event, PartAnnounced
+    from capture.station.run.live_socket import serving_live
     from capture.station.run.live_station import LiveStation
     from tests.capture.station.panel.panels import ANY_PORT
 
@@ -35,8 +36,9 @@ def main(folder: Path, parts: int, frame_px: int, classes: int) -> None:
         if isinstance(event, PartAnnounced):
             used_s.append(time.process_time())
 
-    with serving_panel(Panel.of(StationFolder(folder), live, ANY_PORT)) as url:
-        print(url, flush=True)
+    listener = panel_listener(folder, ANY_PORT)
+    with serving_live(folder, live), panel_process(folder, ANY_PORT, listener, print):
+        print(panel_address(ANY_PORT, listener), flush=True)
         sys.stdin.readline()
         result = run_bench(folder, parts, frame_px, classes, subscribers=(live.tell, measure))
         last = live.snapshot().last
