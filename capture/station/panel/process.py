@@ -34,19 +34,20 @@ def panel_process(
     context.set_forkserver_preload([serve_panel.__module__, f"{__package__}.server"])
     far_end, lifeline = context.Pipe(duplex=False)
     is_over = threading.Event()
-    processes: list[BaseProcess] = []  # the present one
+    started: list[BaseProcess] = []  # the present one
 
     def serve() -> str:
         process = context.Process(
             target=serve_panel, args=(folder, settings, listener, far_end), daemon=True
         )
-        processes[:] = [process]
         try:
             with terminal_signals_blocked():
                 process.start()
         except OSError as error:
             return str(error)
+        started.append(process)
         process.join()
+        started.clear()
         return f"status {process.exitcode}"
 
     def keep_serving() -> None:
@@ -60,18 +61,17 @@ def panel_process(
             is_over.wait(pause_s)
             pause_s = min(2.0 * pause_s, _LONGEST_PAUSE_S)
 
-    thread = threading.Thread(target=keep_serving, name="panel process")
+    thread = threading.Thread(target=keep_serving, name="panel process", daemon=True)
     thread.start()
     try:
         yield
     finally:
         is_over.set()
         lifeline.close()
-        thread.join(_END_S)
-        if thread.is_alive():
-            processes[0].kill()
-        thread.join()
-        far_end.close()
+        # One that is being started ends by itself: a run that fails at once does not wait for it.
+        for process in (*started,):
+            process.join(_END_S)
+            process.kill()
         listener.close()
 
 
