@@ -12,6 +12,7 @@ from pathlib import Path
 
 from capture.base.process_settings import yield_processors
 from capture.batch.local_pool import terminal_signals_blocked
+from capture.station.domain.errors import error_text
 from capture.station.domain.folder import StationFolder
 from capture.station.domain.interface_config import PanelConfig
 
@@ -43,8 +44,8 @@ def panel_process(
         try:
             with terminal_signals_blocked():
                 process.start()
-        except OSError as error:
-            return str(error)
+        except (OSError, EOFError) as error:  # of the process that forks
+            return error_text(error)
         started.append(process)
         process.join()
         started.clear()
