@@ -5,6 +5,7 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -14,6 +15,7 @@ from capture.station.domain.folder import StationFolder, make_station
 from capture.station.domain.interface_config import PanelConfig
 from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.judge.approval import approve
+from capture.station.run.live_socket import NAME
 from capture.station.run.live_station import LiveStation
 from classify.base.errors import ConfigError
 from tests.capture.station.panel.panels import Client
@@ -76,3 +78,19 @@ def test_a_run_prints_the_address_of_its_panel_and_takes_its_triggers(
     judged = [line.partition(":")[0] for line in said.splitlines() if "simulated:" in line]
     assert (judged[:2], len(judged)) == (seen, 3)
     assert run.returncode in (0, 1)
+
+
+def test_an_unsafe_panel_ends_the_run_at_its_start(ps4rig: Any, tmp_path: Path) -> None:
+    make_station(tmp_path / "line-1")
+    done = ps4rig("station", "run", tmp_path / "line-1", "--host", "0.0.0.0", "--port", "0")
+    assert done.exit_code == 2
+    assert "other machines would send passwords in the clear" in done.stderr
+    assert not (tmp_path / "line-1" / NAME).exists()
+
+
+def test_a_run_without_a_panel_can_be_followed_by_one(tmp_path: Path) -> None:
+    make_station(tmp_path / "line-1")
+    folder, live = StationFolder(tmp_path / "line-1"), LiveStation("line-1", simulated=True)
+    with running_interfaces(folder, live, "http", (), is_asked=False, host=None, port=None):
+        assert (folder.path / NAME).is_socket()
+    assert not (folder.path / NAME).exists()
