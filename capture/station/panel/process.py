@@ -1,5 +1,6 @@
 """`panel_process`: the panel beside a run, in a process that is started again when it ends."""
 
+import os
 import socket
 import threading
 import time
@@ -11,7 +12,6 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 from capture.base.process_settings import yield_processors
-from capture.batch.local_pool import terminal_signals_blocked
 from capture.station.domain.errors import error_text
 from capture.station.domain.folder import StationFolder
 from capture.station.domain.interface_config import PanelConfig
@@ -42,8 +42,7 @@ def panel_process(
             target=serve_panel, args=(folder, settings, listener, far_end), daemon=True
         )
         try:
-            with terminal_signals_blocked():
-                process.start()
+            process.start()
         except (OSError, EOFError) as error:  # of the process that forks
             return error_text(error)
         started.append(process)
@@ -80,6 +79,7 @@ def serve_panel(
     folder: Path, settings: PanelConfig, listener: socket.socket, lifeline: Connection
 ) -> None:
     """Serve the panel of a station until the other end of `lifeline` is closed."""
+    os.setpgrp()  # the run ends it, not the keys of a terminal
     yield_processors()
     from .panel import Panel
     from .server import serving_panel

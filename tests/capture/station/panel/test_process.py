@@ -91,7 +91,7 @@ def started(station: Path, *options: str) -> Iterator[Run]:
     command = [sys.executable, "-m", "capture", "station", "run", str(station), "--json"]
     with subprocess.Popen(
         [*command, "--trigger", "timer", *options],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
     ) as process:  # fmt: skip
         assert process.stderr is not None
         assert process.stdout is not None
@@ -108,7 +108,8 @@ def started(station: Path, *options: str) -> Iterator[Run]:
             running.until_parts(1)
             yield running
         finally:
-            process.send_signal(signal.SIGINT)
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
             reading.join(WAIT_S)
 
 
@@ -140,9 +141,12 @@ def test_a_killed_panel_answers_again_and_a_stopped_one_delays_no_verdict(run: R
     while (state := run.state())["last"]["part_id"] != run.parts()[-1]["part_id"]:
         assert state["state"] != "error"
     panel = run.panel()
-    run.process.send_signal(signal.SIGINT)
+    os.killpg(run.process.pid, signal.SIGINT)  # as Ctrl-C does
     assert run.process.wait(WAIT_S) == 130
     assert not Path(f"/proc/{panel}").exists()
+    assert run.process.stderr is not None
+    warnings = [line for line in run.process.stderr if "the panel ended" in line]
+    assert len(warnings) == 2
 
 
 def test_a_panel_ends_with_a_run_that_is_killed(run: Run) -> None:
