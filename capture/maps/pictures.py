@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from capture.base.page import image_html
 from capture.sets.captured_set import CapturedSet
 from classify import Lighting
 from classify.shadow_rule import NO_DROPPED_LIGHT
@@ -239,8 +238,3 @@ def tile_uri(picture: Picture) -> str:
     scale = TILE_PX / max(picture.shape[:2])
     size = [max(1, round(scale * side)) for side in picture.shape[1::-1]]
     return data_uri(cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.uint8))
-
-
-def tile_html(name: str, picture: Picture) -> str:
-    """Return a picture as a small figure with its name below it."""
-    return image_html(tile_uri(picture), name, name)
