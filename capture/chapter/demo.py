@@ -11,9 +11,9 @@ from capture.base.console import (
     print_table,
     progress,
 )
+from capture.base.names import SET_SUFFIX
 from capture.base.outputs import check_output
 from capture.sets.captured_set import CapturedSet
-from capture.sets.ome_tiff import SUFFIX
 from classify import (
     Spectra,
     TextureLibrary,
@@ -67,7 +67,7 @@ def run_demo(output: Path, *, force: bool = False) -> None:
     )
     check_output(library_file, suffix=".ps4lib", force=force)
     for path in (*training, *testing):
-        check_output(path, suffix=SUFFIX, force=force)
+        check_output(path, suffix=SET_SUFFIX, force=force)
     config = RigConfig().with_changes(camera={"width_px": FRAME_PX, "height_px": FRAME_PX})
     out.print("Simulated rig: no light, camera or part of this demo is real.")
     with open_rig(config) as rig:
@@ -116,7 +116,7 @@ def _classified(
 def _placed(folder: Path, stem: str, placements: list[Placement]) -> dict[Path, Placement]:
     """Name a file for the set of each placement."""
     return {
-        folder / f"{stem}-{number:02d}-{placement.surface}{SUFFIX}": placement
+        folder / f"{stem}-{number:02d}-{placement.surface}{SET_SUFFIX}": placement
         for number, placement in enumerate(placements)
     }
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from capture.base.folder_lock import LOCK_FILE_SUFFIX, folder_lock
+from capture.base.names import SET_SUFFIX
 from capture.base.outputs import append_line
 from capture.base.utc_time import utc_text
 from capture.calibration.lookup import FOLDER as CALIBRATION
@@ -16,7 +17,7 @@ from capture.sets.archive import JOURNAL, REPLACED
 from capture.sets.captured_set import CapturedSet
 from capture.sets.description import as_captured
 from capture.sets.metadata import SetMetadata
-from capture.sets.ome_tiff import SUFFIX, read_header
+from capture.sets.ome_tiff import read_header
 from classify.base.durable_file import TEMPORARY_PREFIX, durable_file, make_folder
 from classify.base.errors import InputError
 
@@ -221,7 +222,7 @@ class SessionFolder:
 
     def bytes_of_sets(self) -> int:
         """Size of all captured sets."""
-        return sum(path.stat().st_size for path in (self.path / SETS).glob(f"*{SUFFIX}"))
+        return sum(path.stat().st_size for path in (self.path / SETS).glob(f"*{SET_SUFFIX}"))
 
 
 def read_session(path: Path) -> SessionFolder:

@@ -9,6 +9,7 @@ from datetime import date, datetime, time
 from types import MappingProxyType
 from typing import Any, Literal, get_args
 
+from capture.base.names import checked_text
 from capture.base.utc_time import utc_text
 from classify.base.errors import InputError
 from classify.methods import checked_label
@@ -18,8 +19,6 @@ from .metadata import PROPERTY_PREFIX, CorrectionRecord, Property, SetMetadata
 
 Field = Literal["label", "specimen", "operator", "note", "orientation_deg"]
 FIELDS: tuple[Field, ...] = get_args(Field)
-# A page of text; a longer story belongs into a file of its own.
-_MAX_CHARACTERS = 4000
 _MAX_PROPERTIES = 50
 
 
@@ -150,14 +149,3 @@ def _toml_value(text: str) -> object:
     except ValueError:
         return text
     return value if isinstance(value, bool | int | float | date | time) else text
-
-
-def checked_text(name: str, text: str) -> str:
-    """Return `text` if it can stand in the metadata of a set under `name`."""
-    if not text.isprintable():
-        raise InputError(f"{name} {text!r}: use printable characters only")
-    if len(text) > _MAX_CHARACTERS:
-        raise InputError(
-            f"{name}: {len(text)} characters; up to {_MAX_CHARACTERS} are kept in a set"
-        )
-    return text

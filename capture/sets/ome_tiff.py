@@ -13,6 +13,7 @@ import numpy.typing as npt
 import tifffile
 from pydantic import ValidationError
 
+from capture.base.names import SET_SUFFIX
 from classify.base.durable_file import durable_file
 from classify.base.errors import InputError
 from rig.set_file import (
@@ -29,7 +30,6 @@ from .metadata import SetMetadata
 
 _Mask = npt.NDArray[np.bool_]
 
-SUFFIX = ".ome.tif"
 _WHITE = -1  # 0xFFFFFFFF: opaque white in OME-XML
 _OME = "http://www.openmicroscopy.org/Schemas/OME/2016-06"
 
@@ -43,8 +43,8 @@ def write(
     home: Path | None = None,
 ) -> None:
     """Write a captured set to `path`, whole or not at all; `home` as in `durable_file`."""
-    if not path.name.endswith(SUFFIX):
-        raise InputError(f"{path}: a captured set is an OME-TIFF; let its name end in {SUFFIX}")
+    if not path.name.endswith(SET_SUFFIX):
+        raise InputError(f"{path}: a captured set is an OME-TIFF; let its name end in {SET_SUFFIX}")
     if pixels_sha256(images, ambient, mask) != metadata.pixels_sha256:
         raise InputError(f"{path}: pixels_sha256 in the metadata is not the hash of the pixels")
     planes = pages(images, ambient, mask)
