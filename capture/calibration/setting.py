@@ -21,7 +21,7 @@ _DEPENDS_ON_PIXEL_VALUES: tuple[PartName, ...] = ("dark", "response", "noise")
 _DEPENDS_ON_EXPOSURE: tuple[PartName, ...] = ("dark",)
 _DEPENDS_ON_LIGHTS: tuple[PartName, ...] = ("flat_field", "lights")
 
-Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+_Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 Side = Annotated[int, Field(ge=1, le=32768)]
 
 
@@ -40,7 +40,7 @@ class Setting(Record):
     gamma: FiniteFloat | None = None
     pixel_value_controls: dict[str, FiniteFloat] = Field(default_factory=dict)
     photograph_gamma: str = "linear"
-    light_directions: tuple[Vector, ...] = Field(max_length=255)
+    light_directions: tuple[_Vector, ...] = Field(max_length=255)
     led_levels_percent: tuple[int | None, ...] = Field(default=(), max_length=255)
 
     @classmethod

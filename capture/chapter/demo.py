@@ -38,7 +38,7 @@ from .demo_report import (
     write_report,
 )
 
-FRAME_PX = 256
+_FRAME_PX = 256
 # Two test patches of each surface: seed, rotation and shift. They share at most a corner with the
 # training patch, which is the middle of a tile of 512 px.
 _TEST_SEED = 1000
@@ -68,14 +68,14 @@ def run_demo(output: Path, *, force: bool = False) -> None:
     check_output(library_file, suffix=".ps4lib", force=force)
     for path in (*training, *testing):
         check_output(path, suffix=SET_SUFFIX, force=force)
-    config = RigConfig().with_changes(camera={"width_px": FRAME_PX, "height_px": FRAME_PX})
+    config = RigConfig().with_changes(camera={"width_px": _FRAME_PX, "height_px": _FRAME_PX})
     out.print("Simulated rig: no light, camera or part of this demo is real.")
     with open_rig(config) as rig:
         identity = rig.lights.identity
         out.print(
             f"Light controller {identity.model} {identity.serial_number}, firmware "
             f"{identity.firmware_version}, on {rig.lights.port}; camera {rig.camera.info.name}, "
-            f"{FRAME_PX} x {FRAME_PX} px, {rig.camera.info.bit_depth} bit."
+            f"{_FRAME_PX} x {_FRAME_PX} px, {rig.camera.info.bit_depth} bit."
         )
         trained = _captured(rig, training, "train")
         tests = _captured(rig, testing, "test")

@@ -14,11 +14,11 @@ from .plan import BEST_SOLVER, OURS, TEXTONS, THESIS, Plan
 from .runs import library_path
 
 Work: TypeAlias = Callable[[], Any]
-Clock: TypeAlias = Callable[[], float]
+_Clock: TypeAlias = Callable[[], float]
 
 
 def shortest_ms(
-    functions: Mapping[str, Work], rounds: int, clock_s: Clock = time.perf_counter
+    functions: Mapping[str, Work], rounds: int, clock_s: _Clock = time.perf_counter
 ) -> dict[str, float]:
     """Duration of the shortest of `rounds` calls of each function, in milliseconds.
 
@@ -35,7 +35,7 @@ def shortest_ms(
     return shortest
 
 
-def time_ms(function: Work, clock_s: Clock = time.perf_counter) -> float:
+def time_ms(function: Work, clock_s: _Clock = time.perf_counter) -> float:
     """Duration of one call in milliseconds."""
     started_s = clock_s()
     function()

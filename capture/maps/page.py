@@ -3,19 +3,17 @@
 from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
 
 from capture.base.page import rendered
 from capture.calibration.lookup import FoundCalibration
 from capture.sets.captured_set import CapturedSet
 from classify import SurfaceEstimate
+from classify.base.arrays import Floats
 from classify.lights.flat_field import FlatField
 
 from .roughness_table import roughness_note, roughness_parameters
 from .surface_maps import SurfaceMaps
 from .views import MapView
-
-FloatArray = npt.NDArray[np.float64]
 
 # Units on the page that differ from those in files.
 _UNITS = {"1": "", "um": " \N{MICRO SIGN}m"}
@@ -93,10 +91,10 @@ def _divided(fall_off: FlatField | None) -> str:
     return f"fall-off of {fall_off.share:.0%} divided out, with any tilt or bow"
 
 
-def _levels(levels: FloatArray) -> str:
+def _levels(levels: Floats) -> str:
     return ", ".join(f"{level:.3f}" for level in levels)
 
 
-def _span(values: FloatArray) -> str:
+def _span(values: Floats) -> str:
     low, high = f"{values.min():.1f}", f"{values.max():.1f}"
     return low if low == high else f"{low} to {high}"

@@ -47,7 +47,7 @@ class MapView:
         return bool(max(self.picture.shape[:2]) < _SMALL_PX)
 
 
-Section = Literal["Surface", "Slopes and height", "Curvature", "Quality"]
+_Section = Literal["Surface", "Slopes and height", "Curvature", "Quality"]
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class MapKind:
     """One map of ``ps4rig solve``; title, caption and unit may use `SurfaceMaps.words`."""
 
     name: str
-    section: Section
+    section: _Section
     title: str
     caption: str
     # (H, W) or (H, W, 3) float32 values; of a mask, (H, W) uint8

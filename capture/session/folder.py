@@ -26,7 +26,7 @@ from .plan import PlannedSet, SessionPlan, read_plan
 from .sets_table import sets_table
 
 PLAN, TABLE = "plan.toml", "sets.csv"
-LOG, REPORT = "session.log", "report.html"
+_LOG, REPORT = "session.log", "report.html"
 SETS, _LOCK, _RESERVE = "sets", "session.lock", "session.reserve"
 _LOCKS = (_LOCK, _LOCK + LOCK_FILE_SUFFIX)
 # Size of a set in journal and table: 1.2 kB on four lights without warnings (test_disk_full.py).
@@ -92,7 +92,7 @@ class SessionFolder:
 
     def log(self, line: str) -> None:
         """Append a line with the time to ``session.log``."""
-        append_line(self.path / LOG, f"{utc_text()} {line}")
+        append_line(self.path / _LOG, f"{utc_text()} {line}")
 
     def reserve(self) -> None:
         """Reserve the disk space that the end of a run needs, even if others fill the disk."""
@@ -268,4 +268,4 @@ def _lacks_its_journal(folder: Path) -> bool:
     `make_session` was interrupted, or the journal was lost: the next run enters the sets anew.
     """
     names = {path.name for path in folder.iterdir() if not path.name.startswith(TEMPORARY_PREFIX)}
-    return names <= {PLAN, TABLE, LOG, REPORT, SETS, CALIBRATION, REPLACED, _RESERVE, *_LOCKS}
+    return names <= {PLAN, TABLE, _LOG, REPORT, SETS, CALIBRATION, REPLACED, _RESERVE, *_LOCKS}

@@ -206,7 +206,7 @@ def read_plan(path: Path) -> SessionPlan:
     return read_toml_as(path, SessionPlan, missing)
 
 
-EXAMPLE = """\
+_EXAMPLE = """\
 # Plan of a capture session. A line that begins with # is a comment.
 # See what it means in time and disk space: ps4rig session run PLAN.toml --dry-run
 
@@ -239,4 +239,4 @@ surface = "sand"
 
 def example_plan(name: str) -> str:
     """Return a commented plan for a session called `name`."""
-    return EXAMPLE.replace("NAME", name)
+    return _EXAMPLE.replace("NAME", name)

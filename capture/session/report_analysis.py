@@ -9,7 +9,6 @@ from pathlib import Path
 from statistics import NormalDist
 
 import numpy as np
-import numpy.typing as npt
 
 from capture.session.folder import SessionFolder
 from capture.session.journal import SetEntry
@@ -20,6 +19,7 @@ from classify import (
     TextureLibrary,
     surface_spectra,
 )
+from classify.base.arrays import Floats
 from classify.base.errors import InputError
 from classify.library.dissimilarity import (
     Dendrogram,
@@ -29,7 +29,6 @@ from classify.library.dissimilarity import (
     limits_alone,
 )
 
-Matrix = npt.NDArray[np.float64]
 # Distances of patches of one texture are log-normal with this deviation (joint_limits.py). In
 # one of a hundred sessions the largest distance is beyond the limit by chance.
 _SPREAD = 0.43
@@ -52,11 +51,11 @@ class Separation:
     specimens: list[str]  # the C specimens that have a texture
     entries: list[SetEntry]  # the n sets of these specimens
     # (n, C) of each set to the first set of each specimen; NaN for the first sets.
-    distances: Matrix
-    limits: Matrix  # (C,) distance beyond which a part is not the texture of a specimen
-    dissimilarities: Matrix  # (C, C) of the specimens
+    distances: Floats
+    limits: Floats  # (C,) distance beyond which a part is not the texture of a specimen
+    dissimilarities: Floats  # (C, C) of the specimens
     tree: Dendrogram
-    places: Matrix  # (n, 2) of the sets in a plane
+    places: Floats  # (n, 2) of the sets in a plane
 
 
 @dataclass(frozen=True, eq=False)

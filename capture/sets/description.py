@@ -17,8 +17,8 @@ from classify.methods import checked_label
 from .captured_set import CapturedSet
 from .metadata import PROPERTY_PREFIX, CorrectionRecord, Property, SetMetadata
 
-Field = Literal["label", "specimen", "operator", "note", "orientation_deg"]
-FIELDS: tuple[Field, ...] = get_args(Field)
+_Field = Literal["label", "specimen", "operator", "note", "orientation_deg"]
+FIELDS: tuple[_Field, ...] = get_args(_Field)
 _MAX_PROPERTIES = 50
 
 
@@ -48,13 +48,13 @@ def corrected(
 ) -> SetMetadata:
     """Return metadata with other values of some of `FIELDS`; dated entries keep the old ones."""
     date = utc_text(corrected_utc)
-    changes = {name: _value(name, text, value_of(metadata, name)) for name, text in values.items()}
+    changes = {name: _value(name, text, _value_of(metadata, name)) for name, text in values.items()}
     entries = tuple(
         CorrectionRecord.model_validate(
             {"corrected_utc": date, "field": name, "before": before, "after": after}
         )
         for name, after in changes.items()
-        if (before := value_of(metadata, name)) != after or type(before) is not type(after)
+        if (before := _value_of(metadata, name)) != after or type(before) is not type(after)
     )
     fields: dict[str, Any] = {name: changes[name] for name in FIELDS if name in changes}
     named = {
@@ -70,7 +70,7 @@ def corrected(
     return metadata.model_copy(update={**fields, "corrections": corrections})
 
 
-def value_of(metadata: SetMetadata, field: str) -> Property | None:
+def _value_of(metadata: SetMetadata, field: str) -> Property | None:
     """Return the present value of a field of `FIELDS`, or of ``properties.NAME``."""
     if field.startswith(PROPERTY_PREFIX):
         return metadata.properties.get(field.removeprefix(PROPERTY_PREFIX))
@@ -84,7 +84,7 @@ def value_of(metadata: SetMetadata, field: str) -> Property | None:
 def as_captured(metadata: SetMetadata, field: str) -> Property | None:
     """Return the value of a field before all corrections."""
     before = (correction.before for correction in metadata.corrections if correction.field == field)
-    return next(before, value_of(metadata, field))
+    return next(before, _value_of(metadata, field))
 
 
 def plain(value: Property | None) -> str | int | None:

@@ -26,7 +26,7 @@ from classify.lighting import light_fault
 _MAX_BYTES = 2**22  # 16 KiB a light
 _MAX_LIGHTS = 255  # a captured set has up to 256 images, one of them ambient
 _Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]  # no text, no true
-Vector = tuple[_Number, _Number, _Number]
+_Vector = tuple[_Number, _Number, _Number]
 PHOTOGRAPH_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".tga", ".dng")
 _QUOTES = "\"'"
 # Words in the names that others give to the keys of this format.
@@ -47,7 +47,7 @@ _MISSPELT, _LONG_WORD = 0.8, 8
 class _NamedLight(BaseModel):
     model_config = ConfigDict(frozen=True, extra="ignore")
     file: str
-    direction: Vector
+    direction: _Vector
     intensity: Annotated[_Number, Field(gt=0.0)] | None = None
 
 
@@ -60,8 +60,8 @@ _FORM = (
     "not a list of lights; give [[x, y, z], ...] in the order of the images, or "
     '{"images": [{"file": name, "direction": [x, y, z]}, ...]}'
 )
-_JSON: TypeAdapter[_ImagesFile | tuple[_NamedLight, ...] | tuple[Vector, ...]] = TypeAdapter(
-    _ImagesFile | tuple[_NamedLight, ...] | tuple[Vector, ...]
+_JSON: TypeAdapter[_ImagesFile | tuple[_NamedLight, ...] | tuple[_Vector, ...]] = TypeAdapter(
+    _ImagesFile | tuple[_NamedLight, ...] | tuple[_Vector, ...]
 )
 
 
@@ -72,7 +72,7 @@ class LightList:
     source: Path
     names: Sequence[str]
     places: Sequence[str]
-    vectors: Sequence[Vector]
+    vectors: Sequence[_Vector]
     intensities: Sequence[float]
     warnings: Sequence[str] = ()
 

@@ -8,12 +8,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
 import tifffile
 from pydantic import ValidationError
 
 from capture.base.names import SET_SUFFIX
+from classify.base.arrays import BoolArray
 from classify.base.durable_file import durable_file
 from classify.base.errors import InputError
 from rig.set_file import (
@@ -28,8 +27,6 @@ from rig.set_file import (
 
 from .metadata import SetMetadata
 
-_Mask = npt.NDArray[np.bool_]
-
 _WHITE = -1  # 0xFFFFFFFF: opaque white in OME-XML
 _OME = "http://www.openmicroscopy.org/Schemas/OME/2016-06"
 
@@ -39,7 +36,7 @@ def write(
     images: Planes,
     ambient: Planes | None,
     metadata: SetMetadata,
-    mask: _Mask | None = None,
+    mask: BoolArray | None = None,
     home: Path | None = None,
 ) -> None:
     """Write a captured set to `path`, whole or not at all; `home` as in `durable_file`."""
@@ -61,7 +58,7 @@ def write(
         )  # fmt: skip
 
 
-def read(path: Path) -> tuple[Planes, Planes | None, SetMetadata, _Mask | None]:
+def read(path: Path) -> tuple[Planes, Planes | None, SetMetadata, BoolArray | None]:
     """Read light images, ambient image, metadata and mask."""
     planes, fields = read_set_file(path)
     metadata = _metadata(path, fields, len(planes))

@@ -8,14 +8,14 @@ from typing import Any, Literal, cast, get_args
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import BoolArray
 from classify.base.errors import InputError
 from rig.image_file import read_image_file
 from rig.image_metadata import ImageMetadata, linear_from_srgb, luminance
 
 Gamma = Literal["linear", "srgb"]
-GammaSource = Literal["stated", "given", "assumed"]
+_GammaSource = Literal["stated", "given", "assumed"]
 Crop = tuple[int, int, int, int]
-BoolArray = npt.NDArray[np.bool_]
 
 DNG = ".dng"
 # Depths of sensors, of which one is guessed for files of 16 bits.
@@ -31,7 +31,7 @@ class Photographs:
     full_scale: int  # saturated value in `planes`
     largest: int | None  # value in the files, if the depth was guessed from it
     gamma: Gamma
-    gamma_source: GammaSource
+    gamma_source: _GammaSource
     frame: tuple[int, int]  # rows and columns before the crop
     orientation: int  # that was turned upright
     date: str | None
@@ -67,7 +67,7 @@ def read_photographs(
 
 def _response(
     paths: Sequence[Path], stated: Sequence[str | None], has_8_bits: bool, gamma: Gamma | None
-) -> tuple[Gamma, GammaSource, tuple[str, ...]]:
+) -> tuple[Gamma, _GammaSource, tuple[str, ...]]:
     """Return the response to undo, its source and warnings about it."""
     if gamma is not None:
         others = [k for k, other in enumerate(stated) if other not in (None, gamma)]

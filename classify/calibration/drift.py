@@ -18,7 +18,7 @@ from .led_positions import Aim, fit_led_positions
 from .plate import check_evenness, check_sheet, is_known
 from .plate_blocks import BLOCKS, PlateBlocks
 
-DriftKind = Kind | Literal["unexplained"]
+_DriftKind = Kind | Literal["unexplained"]
 Status = Literal["ok", "warning", "fault"]
 
 # Joined blocks along each side of the frame: changes are smooth, and need no more of them.
@@ -52,7 +52,7 @@ _UNEXPLAINED = (0.005, 0.01)
 class DriftCause:
     """One thing that has changed since the calibration."""
 
-    kind: DriftKind
+    kind: _DriftKind
     light: int | None  # index; None for a change that all lights share
     status: Status
     seen: str  # what was found, with numbers

@@ -12,8 +12,8 @@ from classify.surface.estimate import FloatMap
 CELL_PX: Final = 8
 """Pixels on a side of one cell of a defect map."""
 
-Kind = Literal["relief", "albedo", "texture"]
-KINDS: Final[tuple[Kind, ...]] = ("relief", "albedo", "texture")
+_Kind = Literal["relief", "albedo", "texture"]
+KINDS: Final[tuple[_Kind, ...]] = ("relief", "albedo", "texture")
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class DefectRegion:
         (n, 2) int32 x and y of the corners of its outer boundary, pixels of the frame.
     """
 
-    kind: Kind
+    kind: _Kind
     box: tuple[int, int, int, int]
     area_px: int
     score: float
@@ -107,7 +107,7 @@ def regions_of(defect_map: DefectMap) -> tuple[DefectRegion, ...]:
     return tuple(sorted(regions, key=lambda region: -region.score))
 
 
-def _kind_of(shares: dict[Kind, float]) -> Kind:
+def _kind_of(shares: dict[_Kind, float]) -> _Kind:
     largest = max(shares, key=lambda kind: shares[kind])
-    alone: Kind = "relief" if shares["relief"] >= shares["albedo"] else "albedo"
+    alone: _Kind = "relief" if shares["relief"] >= shares["albedo"] else "albedo"
     return alone if shares[alone] > 1.0 else largest

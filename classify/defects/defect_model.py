@@ -29,7 +29,7 @@ The sum and wide scratches have most false alarms from places unlike all that we
 even textures of `python -m tests.evidence.defects`, 30 parts taught, these shares gave 2 alarms of
 325 good parts; with 10 for fine and 1 for wide scratches 3, and 1 % fewer scratches were found.
 """
-CHANNELS = len(CHANNEL_SHARES)
+_CHANNELS = len(CHANNEL_SHARES)
 
 # Shapes of the arrays of a model; None is any length.
 _SHAPES: dict[str, tuple[int | None, ...]] = {
@@ -39,7 +39,7 @@ _SHAPES: dict[str, tuple[int | None, ...]] = {
     "low_excess": (len(LOW),),
     "quantiles": (DEPARTURES, QUANTILES),
     "excess": (DEPARTURES,),
-    "limits": (CHANNELS,),
+    "limits": (_CHANNELS,),
     "good_scores": (None,),
 }
 for _name, _columns in STATISTICS.items():
@@ -63,7 +63,7 @@ class DefectModel:
     evidence
         How improbable that is on good parts, in negative logarithms.
     limits
-        (CHANNELS,) float32 limits of the evidence of the channels.
+        (_CHANNELS,) float32 limits of the evidence of the channels.
     false_alarm_rate
         Share of good parts that may exceed 1.0 anywhere, as asked.
     good_scores
@@ -173,5 +173,5 @@ class DefectModel:
 
 
 def channels_of(evidence: FloatMap) -> FloatMap:
-    """(CHANNELS, h, w) evidence of the channels, from that of the departures."""
+    """(_CHANNELS, h, w) evidence of the channels, from that of the departures."""
     return np.concatenate([evidence.sum(axis=0, keepdims=True), evidence])

@@ -6,19 +6,19 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Floats
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 
 from .defect_map import CELL_PX
 from .defect_model import DefectModel
 from .shapes import Shape, blot, bump, scratch
 
-FOUND_SHARE: Final = 0.9
+_FOUND_SHARE: Final = 0.9
 """Share of the places at which a defect of the stated strength is found."""
 MARGIN_PX: Final = 40
 """Distance of a defect from the border of the frame, near which responses fade."""
-SCRATCH_PX: Final = 40.0
+_SCRATCH_PX: Final = 40.0
 """Length of a scratch."""
 
 # Least and most places in which a defect is tried, and the ratio of the two ends of one standard
@@ -36,17 +36,16 @@ _LEAST_VALID = 0.95
 _WEAKEST, _STEPS = 1.0 / 128.0, 5
 _LEAST_SCORE = 1e-3
 
-Floats = npt.NDArray[np.float64]
-Kind = Literal["scratch", "dent", "stain"]
-Piece = tuple[slice, slice]
+_Kind = Literal["scratch", "dent", "stain"]
+_Piece = tuple[slice, slice]
 
 
 class KnownDefect(NamedTuple):
     """A kind of defect, and its size: width of a scratch, or diameter of a dent or a stain."""
 
-    kind: Kind
+    kind: _Kind
     size_px: float
-    length_px: float = SCRATCH_PX  # of a scratch
+    length_px: float = _SCRATCH_PX  # of a scratch
 
     @property
     def extent_px(self) -> float:
@@ -135,17 +134,17 @@ def detectability(
 
 
 def stated_strength(strengths: Sequence[float]) -> float | None:
-    """Strength that `FOUND_SHARE` of the places need at most; None if it is infinite."""
-    strength = float(np.quantile(strengths, FOUND_SHARE, method="higher"))
+    """Strength that `_FOUND_SHARE` of the places need at most; None if it is infinite."""
+    strength = float(np.quantile(strengths, _FOUND_SHARE, method="higher"))
     return strength if math.isfinite(strength) else None
 
 
 def is_precise(strengths: Sequence[float]) -> bool:
     """Whether one standard error of the stated strength is small, by its order statistics."""
     ordered, count = np.sort(strengths), len(strengths)
-    error = math.sqrt(FOUND_SHARE * (1.0 - FOUND_SHARE) * count)
+    error = math.sqrt(_FOUND_SHARE * (1.0 - _FOUND_SHARE) * count)
     low, high = (
-        ordered[min(int(FOUND_SHARE * count + each), count - 1)] for each in (-error, error)
+        ordered[min(int(_FOUND_SHARE * count + each), count - 1)] for each in (-error, error)
     )
     return bool(np.isinf(low) or high <= _PRECISE * low)
 
@@ -262,7 +261,7 @@ def _strengths(
 class Stamp(NamedTuple):
     """The pixels around a place; slopes of a raised defect and weight of a stain, at strength 1."""
 
-    piece: Piece
+    piece: _Piece
     p: FloatMap
     q: FloatMap
     weight: FloatMap
@@ -289,7 +288,7 @@ class Stamp(NamedTuple):
         return cls(piece, p.astype(np.float32), q.astype(np.float32), np.zeros(p.shape, np.float32))
 
 
-def _piece(shape: tuple[int, ...], place: Place, reach_px: float, cell_px: int = 1) -> Piece:
+def _piece(shape: tuple[int, ...], place: Place, reach_px: float, cell_px: int = 1) -> _Piece:
     """Rows and columns of a map whose cells are within `reach_px` of a place."""
     rows, columns = (
         slice(

@@ -31,7 +31,7 @@ _TINY = np.float32(1e-3)
 _BYTE = np.uint8(252)
 
 
-Plane = FloatMap | npt.NDArray[np.uint8]
+_Plane = FloatMap | npt.NDArray[np.uint8]
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ def part_fields(surface: SurfaceEstimate) -> PartFields:
     return PartFields(p, q, albedo, weight, moments, valid, surface.shape)
 
 
-def resized(plane: Plane, rows: int, columns: int) -> FloatMap:
+def resized(plane: _Plane, rows: int, columns: int) -> FloatMap:
     """Means of the pixels of a finer plane, or a coarser one interpolated."""
     finer = plane.shape[0] > rows
     method = cv2.INTER_AREA if finer else cv2.INTER_LINEAR
@@ -167,7 +167,7 @@ def _padded(side: int) -> int:
     return COARSEST * int(scipy.fft.next_fast_len(-(-side // COARSEST), real=True))
 
 
-def _halved(plane: Plane, rows: int, columns: int) -> FloatMap:
+def _halved(plane: _Plane, rows: int, columns: int) -> FloatMap:
     """Means of 2 x 2 pixels, with zeros beyond the frame."""
     height, width = plane.shape
     if (height, width) != (2 * rows, 2 * columns):

@@ -20,7 +20,7 @@ from .lines import DIRECTIONS, LENGTHS, line_response
 from .whitening import HalfSpectrum, frequencies, low_pass
 
 
-class Filter(NamedTuple):
+class _Filter(NamedTuple):
     """Its departure, half width in pixels of the frame, octave below half resolution, and shape."""
 
     departure: int
@@ -29,14 +29,14 @@ class Filter(NamedTuple):
     is_line: bool
 
 
-SPOTS, FINE, WIDE, ALBEDO = range(4)
+_SPOTS, FINE, WIDE, ALBEDO = range(4)
 """Departures: spots, fine and wide scratches of the relief; spots and scratches of the albedo."""
 # The filter of 1 px found more ploughed grooves of 1.5 px on the even textures than one of 1.5 px.
 FILTERS = (
-    *(Filter(kind, width_px, 1, False) for kind in (SPOTS, ALBEDO) for width_px in (4, 8, 16)),
-    Filter(FINE, 1.0, 0, True),
+    *(_Filter(kind, width_px, 1, False) for kind in (_SPOTS, ALBEDO) for width_px in (4, 8, 16)),
+    _Filter(FINE, 1.0, 0, True),
     *(
-        Filter(kind, width_px, 1, True)
+        _Filter(kind, width_px, 1, True)
         for kind, width_px in ((WIDE, 2.5), (WIDE, 4), (ALBEDO, 2.5))
     ),
 )
@@ -71,7 +71,7 @@ def _filtered(spectrum: HalfSpectrum, profile: HalfSpectrum, octave: int) -> Flo
 
 
 @lru_cache(maxsize=32)
-def _profile(shape: tuple[int, int], each: Filter) -> HalfSpectrum:
+def _profile(shape: tuple[int, int], each: _Filter) -> HalfSpectrum:
     """The radial filter on the half spectrum of the sampled field."""
     step = 1 << each.octave
     sampled = (shape[0] // step, shape[1] // step)

@@ -26,7 +26,7 @@ MOST_PARTS = 100
 # Responses to an albedo that is exactly constant on all good parts are 0.
 _LEAST_SCALE = 1e-6
 
-Item = TypeVar("Item")
+_Item = TypeVar("_Item")
 
 
 def learn_defects(
@@ -145,5 +145,5 @@ def _departures(observations: Sequence[_Observation]) -> Departures:
     )
 
 
-def _without(items: Sequence[Item], left_out: Collection[int]) -> list[Item]:
+def _without(items: Sequence[_Item], left_out: Collection[int]) -> list[_Item]:
     return [item for number, item in enumerate(items) if number not in left_out]

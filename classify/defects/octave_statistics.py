@@ -13,11 +13,11 @@ from classify.surface.estimate import FloatMap
 from .fields import COARSEST, HALF_CELL, gaussian_mean, resized
 from .whitening import HalfSpectrum
 
-LEVELS = 4
+_LEVELS = 4
 """Octaves of the local statistics."""
-OCTAVE_STATISTICS = 2 * LEVELS
+OCTAVE_STATISTICS = 2 * _LEVELS
 """Statistics of a cell: of relief and of albedo."""
-assert 2**LEVELS == COARSEST
+assert 2**_LEVELS == COARSEST
 
 # Cells over which local statistics are averaged: standard deviation of the Gaussian.
 _STATISTICS_CELLS = 1.5
@@ -34,7 +34,7 @@ def octave_statistics(white: tuple[HalfSpectrum, HalfSpectrum], weight: FloatMap
     def statistics(spectrum: HalfSpectrum) -> list[FloatMap]:
         level = np.asarray(scipy.fft.irfft2(spectrum, s=weight.shape), np.float32)
         values = []
-        for number in range(LEVELS):
+        for number in range(_LEVELS):
             energy = resized(_gradient_energies(level, HALF_CELL >> number or 1), rows, columns)
             energy = gaussian_mean(energy, _STATISTICS_CELLS) / around
             values.append(np.log(energy + 2 * _ENERGY_FLOOR))

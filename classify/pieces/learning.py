@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import Floats
 from classify.base.errors import InputError
 from classify.confidence import tolerance_factor
 from classify.surface.estimate import FloatMap, SurfaceEstimate
@@ -19,14 +20,13 @@ from .look_alikes import LookAlikes
 from .piece_model import SIZES, VIEWS, PieceModel
 from .spots import SpotModel, left_out_models, spot_values, subsampled
 from .whole_part import (
-    Floats,
     handedness_measure,
     octave_levels,
     pseudo_scalars,
     scale_measure,
 )
 
-LEAST_PARTS = 3
+_LEAST_PARTS = 3
 SCALE_STEP = 0.05
 """Change of scale from which the direction of a change of scale is learned."""
 
@@ -81,8 +81,8 @@ def learn_pieces(parts: Sequence[GoodPart], scale_direction: Floats) -> PieceMod
     InputError
         For too few parts, or parts of different sizes.
     """
-    if len(parts) < LEAST_PARTS:
-        raise InputError(f"{len(parts)} good parts; give {LEAST_PARTS} or more")
+    if len(parts) < _LEAST_PARTS:
+        raise InputError(f"{len(parts)} good parts; give {_LEAST_PARTS} or more")
     if len({part.moments.shape for part in parts}) > 1:
         raise InputError("the good parts differ in the size of their frames; capture them alike")
     floors = energy_floors(np.mean([part.moments.mean(axis=(0, 1)) for part in parts], axis=0))

@@ -7,6 +7,7 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import Indices
 from classify.surface.estimate import FloatMap
 
 # Good windows that are kept for each compared feature, and at most: half of them at random, so that
@@ -21,8 +22,6 @@ _LEAST_VARIANCE = 1e-6
 # Number of good windows that the mean spread counts as beside those of one centre.
 _PRIOR_WINDOWS = 10.0
 _SEED = 1
-
-Parts = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,12 +79,12 @@ class LookAlikes:
 class _Found:
     """Index and squared distance of the look-alike of every window of each part."""
 
-    nearest: list[Parts]
+    nearest: list[Indices]
     squares: list[FloatMap]
     centres: int
 
     @classmethod
-    def of(cls, white: FloatMap, parts: Parts, kept: Parts) -> Self:
+    def of(cls, white: FloatMap, parts: Indices, kept: Indices) -> Self:
         found = [
             _nearest(white[parts == part], white[kept], parts[kept] != part)
             for part in range(int(parts.max()) + 1)
@@ -107,7 +106,7 @@ class _Found:
         return np.asarray(self.squares[part] / self.spreads(part)[self.nearest[part]], np.float32)
 
 
-def _whitening(features: FloatMap, parts: Parts, order: Parts) -> FloatMap:
+def _whitening(features: FloatMap, parts: Indices, order: Indices) -> FloatMap:
     """(d, d) matrix in whose space windows and their look-alikes of other parts differ by 1."""
     kept, pairs = order[:_MOST_CENTRES], order[-_PAIRS:]
     whitening = np.diag(1.0 / (features.std(axis=0) + 1e-3)).astype(np.float32)
@@ -126,7 +125,7 @@ def _whitening(features: FloatMap, parts: Parts, order: Parts) -> FloatMap:
     return whitening
 
 
-def _spread_out(white: FloatMap, order: Parts) -> Parts:
+def _spread_out(white: FloatMap, order: Indices) -> Indices:
     """Indices of the kept windows; see `_MOST_CENTRES`."""
     most = min(_CENTRES_PER_FEATURE * white.shape[1], _MOST_CENTRES)
     if len(white) <= most:
@@ -145,7 +144,7 @@ def _spread_out(white: FloatMap, order: Parts) -> Parts:
 
 def _nearest(
     white: FloatMap, centres: FloatMap, allowed: npt.NDArray[np.bool_] | None = None
-) -> tuple[Parts, FloatMap]:
+) -> tuple[Indices, FloatMap]:
     """Index and squared distance of the nearest (allowed) centre of each window."""
     lengths = np.square(centres).sum(axis=1)
     if allowed is not None:

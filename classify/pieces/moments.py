@@ -17,7 +17,7 @@ OCTAVES = 4
 """Octaves below the finest one, of which only the energies are measured."""
 PRODUCTS = 8
 MOMENTS = 2 + PRODUCTS * OCTAVES + 3
-MIN_SIDE_PX = 128
+_MIN_SIDE_PX = 128
 
 # Pixels at half resolution over which a is averaged before its means in cells. Without it the level
 # of a joint depends on how the cells cut it, most beside the pixel axes: 4 of 20 good tiles had a
@@ -39,12 +39,12 @@ def band_moments(surface: SurfaceEstimate) -> FloatMap:
     Raises
     ------
     InputError
-        As `texture_fields`, or for a part that is smaller than `MIN_SIDE_PX`.
+        As `texture_fields`, or for a part that is smaller than `_MIN_SIDE_PX`.
     """
-    if min(surface.shape) < MIN_SIDE_PX:
+    if min(surface.shape) < _MIN_SIDE_PX:
         raise InputError(
             f"a part of {surface.shape[1]} x {surface.shape[0]} px; its sides must be "
-            f"{MIN_SIDE_PX} px or more"
+            f"{_MIN_SIDE_PX} px or more"
         )
     fields = texture_fields(surface)
     h, w = (2 * (side // (2 * CELL_PX)) for side in surface.shape)

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.base.array_archive import arrays_sha256
+from classify.base.arrays import Floats
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 
 from . import ps4piece
@@ -16,7 +17,7 @@ from .features import DIRECTIONS, FEATURES, coarser, window_features, window_mom
 from .look_alikes import LookAlikes
 from .moments import MOMENTS, band_moments
 from .spots import DEPARTURES, SPOT_VALUES, SpotModel, spot_values
-from .whole_part import Floats, LinearMeasure, octave_levels, pseudo_scalars
+from .whole_part import LinearMeasure, octave_levels, pseudo_scalars
 
 VIEWS: tuple[tuple[str, int, tuple[int, ...]], ...] = (
     ("window_64", 4, tuple(range(FEATURES))),

@@ -11,8 +11,8 @@ from typing import Self
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Floats
 from classify.base.compiling import Array, kernel
 from classify.base.threads import run_on_rows
 from classify.surface.estimate import FloatMap
@@ -22,7 +22,7 @@ from .moments import OCTAVES, PRODUCTS
 
 DEPARTURES = ("missing", "stain", "dent")
 """Low energies; another log albedo; slopes towards the middle of a spot, or away from it."""
-MARGIN = 3
+_MARGIN = 3
 """Cells at the border of a part without a spot."""
 
 _FINE_OCTAVES = OCTAVES - 1  # pixels of the coarsest octave are larger than a cell
@@ -51,13 +51,11 @@ _RIDGE = 0.01  # share of the variance of a value that is added to it; more for 
 # the size of an error.
 _FLOOR_SHARE, _MOST_LOG_SIZE = 0.05, 1.5
 
-Floats = npt.NDArray[np.float64]
-
 
 def spot_values(moments: FloatMap, floors: FloatMap, orientation_deg: float) -> FloatMap:
     """(SPOT_VALUES, h, w) float32 of the cells within the margin, in the frame of the texture."""
     rows, columns = moments.shape[:2]
-    values = np.empty((SPOT_VALUES, rows - 2 * MARGIN, columns - 2 * MARGIN), np.float32)
+    values = np.empty((SPOT_VALUES, rows - 2 * _MARGIN, columns - 2 * _MARGIN), np.float32)
     # A match knows the orientation modulo 180 degrees.
     turn = np.radians(orientation_deg % 180.0)
     energies = _planes(moments, _ENERGIES) + floors[_ENERGIES, None, None]
@@ -87,7 +85,7 @@ def spot_values(moments: FloatMap, floors: FloatMap, orientation_deg: float) -> 
 def _joints(planes: FloatMap, floors: FloatMap, directions: Floats) -> FloatMap:
     """The lesser log energy, of opposite places, of slopes across the line through both."""
     energies, even, odd = np.split(planes, 3)
-    shape = [side - 2 * MARGIN for side in planes.shape[1:]]
+    shape = [side - 2 * _MARGIN for side in planes.shape[1:]]
     found = np.empty((_POINTS, _FINE_OCTAVES, *shape), np.float32)
     for angle, moved in zip(directions, found, strict=True):
         c, s = np.float32(np.cos(2.0 * angle)), np.float32(np.sin(2.0 * angle))
@@ -111,7 +109,7 @@ def _logs(energies: FloatMap) -> FloatMap:
 
 
 def _inside(cells: FloatMap) -> FloatMap:
-    return cells[..., MARGIN:-MARGIN, MARGIN:-MARGIN]
+    return cells[..., _MARGIN:-_MARGIN, _MARGIN:-_MARGIN]
 
 
 def _padded(planes: Sequence[FloatMap] | FloatMap) -> FloatMap:
@@ -121,8 +119,8 @@ def _padded(planes: Sequence[FloatMap] | FloatMap) -> FloatMap:
 
 def _move(padded: FloatMap, radius: float, angle: float, moved: FloatMap) -> None:
     """Set `moved` to what lies at a radius and an angle from each cell within the margin."""
-    row = MARGIN + _PADDING - radius * np.sin(angle)
-    column = MARGIN + _PADDING + radius * np.cos(angle)
+    row = _MARGIN + _PADDING - radius * np.sin(angle)
+    column = _MARGIN + _PADDING + radius * np.cos(angle)
     top, left = int(row), int(column)
     y, x = row - top, column - left
     shares = np.array([(1 - y) * (1 - x), (1 - y) * x, y * (1 - x), y * x], np.float32)
@@ -208,7 +206,7 @@ class SpotModel:
 
     def cell_scores(self, values: FloatMap) -> FloatMap:
         """(rows, columns) largest score of the spots at and beside each cell of a part."""
-        highest = np.pad(self.scores(values).max(axis=0), MARGIN)
+        highest = np.pad(self.scores(values).max(axis=0), _MARGIN)
         return np.asarray(cv2.dilate(highest, np.ones((3, 3), np.uint8)), np.float32)
 
 

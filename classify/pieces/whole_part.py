@@ -8,13 +8,13 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import Floats
 from classify.surface.estimate import FloatMap
 
 from .features import energy_columns
 from .moments import OCTAVES, PRODUCTS
 
-Floats = npt.NDArray[np.float64]
-Complex = npt.NDArray[np.complex128]
+_Complex = npt.NDArray[np.complex128]
 
 # Share of the covariance of good parts that is taken without correlations: at least this, and more
 # for few parts, whose correlations are mostly chance.
@@ -104,7 +104,7 @@ def pseudo_scalars(moments: FloatMap) -> Floats:
 
 
 def _of_fields(
-    squares: list[Complex], fourths: list[Complex], albedos: list[Complex]
+    squares: list[_Complex], fourths: list[_Complex], albedos: list[_Complex]
 ) -> Iterator[float]:
     means = [[np.asarray(each.mean()) for each in fields] for fields in (squares, fourths, albedos)]
     for twos, fours, ones in ((squares, fourths, albedos), means):

@@ -33,7 +33,7 @@ _NEAR_PLANE = np.float32(0.05)
 
 
 @dataclass(frozen=True, eq=False)
-class NearRows:
+class _NearRows:
     """Some rows of a frame under near lights."""
 
     problem: Problem  # of the whole frame
@@ -224,7 +224,7 @@ def solve_strips(
 
     def solve_prepared(stack: ImageStack, maps: Maps, first: int) -> None:
         height = len(maps.p)
-        near = NearRows.of(problem, first, height)
+        near = _NearRows.of(problem, first, height)
         if near is not None:
             near.subtract_excess(stack)
         solve(stack, maps, 0, height)
@@ -242,7 +242,7 @@ def correct_for_near_lights(problem: Problem, maps: Maps) -> None:
     """Replace the solution b' of distant lights by b of near ones, if they are near."""
 
     def correct(first: int, last: int) -> None:
-        near = NearRows.of(problem, first, last - first)
+        near = _NearRows.of(problem, first, last - first)
         if near is not None:
             near.correct(maps.rows(first, last))
 

@@ -12,7 +12,7 @@ DefectKind = Literal["scratch", "dent", "bump", "stain", "missing", "foreign"]
 RELIEF_KINDS: tuple[DefectKind, ...] = ("scratch", "dent", "bump")
 """Kinds that change the relief alone, by `Defect.depth_px`."""
 
-Place = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
+_Place = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
 
 
 class Defect(Section):
@@ -41,8 +41,8 @@ class Defect(Section):
     """
 
     kind: DefectKind
-    x_px: Place = 0.0
-    y_px: Place = 0.0
+    x_px: _Place = 0.0
+    y_px: _Place = 0.0
     size_px: float = Field(default=24.0, ge=2.0, le=2048.0)
     width_px: float = Field(default=3.0, ge=1.0, le=256.0)
     depth_px: float = Field(default=1.0, gt=0.0, le=256.0)

@@ -21,7 +21,7 @@ from .surfaces import PeriodicSurface, Surface, SurfacePatch, View, from_centre
 TARGETS = ("plate", "mirror_sphere", "matte_sphere", "checkerboard", "lens_cap")
 CHECKERBOARD_CORNERS = (9, 6)
 """Inner corners of the checkerboard along x and y, as OpenCV counts them."""
-SPHERE_MM, SQUARE_MM = 20.0, 5.0
+_SPHERE_MM, SQUARE_MM = 20.0, 5.0
 """Default diameter of a sphere, and side of a square: a common ball bearing, and the example of
 ``ps4rig calibrate scale``."""
 
@@ -54,11 +54,11 @@ def target_named(
     if name == "plate":
         return Plate(seed)
     if name == "lens_cap":
-        return Checkerboard(1.0, white=0.0, black=0.0)
+        return _Checkerboard(1.0, white=0.0, black=0.0)
     board = name == "checkerboard"
     default_px = min(field_px) * (_BOARD_SHARE / (CHECKERBOARD_CORNERS[0] + 1) if board else
                                   _SPHERE_SHARE)  # fmt: skip
-    default_mm = SQUARE_MM if board else SPHERE_MM
+    default_mm = SQUARE_MM if board else _SPHERE_MM
     size_px = default_px if mm_per_px is None else (size_mm or default_mm) / mm_per_px
     width_px = (CHECKERBOARD_CORNERS[0] - 1) * size_px if board else size_px
     if not (width_px < min(field_px) and size_px >= 2.0):
@@ -67,7 +67,7 @@ def target_named(
             "px; set simulation.mm_per_px or simulation.placement.size_mm"
         )
     if board:
-        return Checkerboard(size_px)
+        return _Checkerboard(size_px)
     return Sphere(0.5 * size_px, mirror=name == "mirror_sphere")
 
 
@@ -156,7 +156,7 @@ class Sphere:
 
 
 @dataclass(frozen=True)
-class Checkerboard:
+class _Checkerboard:
     """Black squares on a flat white sheet, `CHECKERBOARD_CORNERS` inner corners."""
 
     square_px: float
