@@ -238,7 +238,9 @@ def _tiff(content: bytes, is_raw: bool = False) -> _Decoded:
         declared = samples * max(8, *np.ravel(page.bitspersample).tolist()) // 8
         _require_size(page.imagelength, page.imagewidth, declared, len(content))
         # Each file of an OME-TIFF lists the images of all of them.
-        stacks = [] if tiff.is_ome else [each for each in tiff.series if each.keyframe is page]
+        stacks = (
+            [] if tiff.is_ome else [series for series in tiff.series if series.keyframe is page]
+        )
         if page.imagedepth > 1 or any(
             series.size != page.size or series.transform for series in stacks
         ):
@@ -260,7 +262,7 @@ def _tiff_pixels(page: "tifffile.TiffPage") -> Array:
     formats = {*np.ravel(page.tags.valueof(339, tifffile.SAMPLEFORMAT.UINT))}
     depths = {*np.ravel(page.tags.valueof(258, 1))}
     if depths not in ({8}, {16}) or formats != {tifffile.SAMPLEFORMAT.UINT}:
-        names = " and ".join(tifffile.SAMPLEFORMAT(each).name for each in formats)
+        names = " and ".join(tifffile.SAMPLEFORMAT(number).name for number in formats)
         bits = " and ".join(map(str, depths))
         raise InputError(
             f"{names} samples of {bits} bits; save it as unsigned integers of 8 or 16 bits"

@@ -103,8 +103,8 @@ def _metadata(
     stated = [("Orientation", ifd.get("Orientation", 0)) for ifd in directories]
     stated += [("ColorSpace", ifd["ColorSpace"]) for ifd in directories if "ColorSpace" in ifd]
     for packet in packets:
-        found = _XMP_NUMBER.findall(packet.replace(b"\0", b""))
-        stated += [(name.decode(), number.decode(errors="replace")) for name, number in found]
+        pairs = _XMP_NUMBER.findall(packet.replace(b"\0", b""))
+        stated += [(name.decode(), number.decode(errors="replace")) for name, number in pairs]
     # Cameras that do not know the orientation write 0.
     orientations = {_whole(value) for name, value in stated if name == "Orientation"} - {0}
     if len(orientations) > 1 or not orientations <= {*range(1, 9)}:

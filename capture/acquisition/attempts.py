@@ -147,22 +147,25 @@ def _attempt(
     """Capture and check a set once; `failures` are the errors of the attempts before."""
     created, info, config = datetime.now(UTC), rig.camera.info, rig.config
     history = FrameHistory(info.frame_period_s)
-    hashed = PixelHash()
-    captured = _capture(rig, average, history, partial(_add_page, hashed, len(rig.lighting)), part)
+    pixel_hash = PixelHash()
+    add_page = partial(_add_page, pixel_hash, len(rig.lighting))
+    captured = _capture(rig, average, history, add_page, part)
     lights = _light_images(captured)
-    ambient, *later = (image for image in captured if image.record.light is None)
+    ambient, *later_ambient = (image for image in captured if image.record.light is None)
     full_scale = (1 << info.bit_depth) - 1 if average == 1 else 65535
     camera = _camera_record(info)
     images = LightImages(
         _stack(lights),
         ambient.pixels,
-        later[0].pixels if later else None,
+        later_ambient[0].pixels if later_ambient else None,
         rig.lighting,
         [light_name(rig, light) for light in range(len(rig.lighting))],
         full_scale,
         image_noise(camera.noise, info.bit_depth, full_scale, average),
     )
-    known = Calibration() if calibration is None else calibration.calibration.at(camera.exposure_ms)
+    at_exposure = (
+        Calibration() if calibration is None else calibration.calibration.at(camera.exposure_ms)
+    )
     placement = None if rig.simulation is None else rig.simulation.placement
     metadata = SetMetadata(
         label=label,
@@ -181,7 +184,7 @@ def _attempt(
         controller=ControllerRecord(**asdict(rig.lights.identity)),
         failed_attempts=tuple(map(str, failures)),
         calibration_ids=() if calibration is None else (calibration.hash,),
-        mm_per_px=known.mm_per_px,
+        mm_per_px=at_exposure.mm_per_px,
         software_version=_SOFTWARE_VERSION,
         pixels_sha256=_NO_HASH,
     )
@@ -191,8 +194,8 @@ def _attempt(
     def retake() -> npt.NDArray[np.uint16]:
         return _stack(_light_images(_capture(rig, average, history, is_retake=True)))
 
-    checks = check_target(images) if is_target else check_set(images, known, retake)
-    checked = {"checks": checks, "pixels_sha256": hashed.sha256()}
+    checks = check_target(images) if is_target else check_set(images, at_exposure, retake)
+    checked = {"checks": checks, "pixels_sha256": pixel_hash.sha256()}
     return replace(unchecked, metadata=metadata.model_copy(update=checked))
 
 
@@ -218,11 +221,12 @@ def _capture(
     return images_under(rig, order, average, history, arrived)
 
 
-def _add_page(hashed: PixelHash, lights: int, image: SetImage) -> None:
+def _add_page(pixel_hash: PixelHash, lights: int, image: SetImage) -> None:
     """Hash an image that the file holds: a light image or the first ambient image."""
     page = lights if image.record.light is None else image.record.light
-    if not (page == lights and hashed.has(lights)):
-        hashed.add(page, image.pixels)
+    is_later_ambient = page == lights and pixel_hash.has(lights)
+    if not is_later_ambient:
+        pixel_hash.add(page, image.pixels)
 
 
 def _light_images(images: list[SetImage]) -> list[SetImage]:

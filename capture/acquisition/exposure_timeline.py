@@ -29,7 +29,7 @@ class ExposureTimeline:
 
     @property
     def last_start_s(self) -> float | None:
-        """Latest possible start of the last frame, by its own stamp and those before; or None."""
+        """Latest possible start of the last frame, by its stamp and earlier ones; None at first."""
         return self._last_start_s
 
     def add(self, stamped_start_s: float) -> None:
@@ -39,7 +39,7 @@ class ExposureTimeline:
             self._last_start_s = max(stamped_start_s, earlier_s + self._shortest_s)
         self._received += 1
         for number, acknowledged_s, name in self._accepted:
-            # Counted by frames received: what gaps in the sequence numbers mean is unknown.
+            # Received frames are counted: the meaning of gaps in sequence numbers is unknown.
             frames = self._received - number
             start_s = stamped_start_s - frames * self._shortest_s
             if frames <= _MAX_FRAMES and start_s < acknowledged_s:

@@ -51,8 +51,8 @@ class Batch:
         self, workers: int | None = None, scheduler: str | None = None, *, starting_s: float = 2.0
     ) -> None:
         self._workers = workers or len(usable_processors())
-        # The time in which a worker on each core of a laptop imports numba, scipy and OpenCV. After
-        # as long here, the total is at most twice that of the better choice.
+        # Start-up time of workers on a laptop: numba, scipy and OpenCV. Starting them after this
+        # much work in this process costs at most twice the better choice (the ski rental problem).
         self._starting_s = starting_s
         self._spent_s = 0.0
         self._pool: _Pool | None = None

@@ -268,7 +268,7 @@ _EXTRAS: dict[PartName, tuple[str, Callable[[_Known], bool]]] = {
 
 
 def _advantage(name: PartName, one: _Known, other: _Known) -> str | None:
-    """What `one` has and `other` lacks."""
+    """Name of the extra data that `one` has and `other` lacks; None without any."""
     if name not in _EXTRAS:
         return None
     extra, has = _EXTRAS[name]
@@ -276,7 +276,7 @@ def _advantage(name: PartName, one: _Known, other: _Known) -> str | None:
 
 
 def _error_of_lights(lights: CalibratedLights) -> float:
-    """Largest error of a position, or of a direction alone, as a share of the distance."""
+    """Largest error of a position as a share of its distance; of distant lights, of a direction."""
     direction = math.radians(float(lights.direction_errors_deg.max()))
     distances = lights.distance_errors
     return math.hypot(direction, 0.0 if distances is None else float(distances.max()))

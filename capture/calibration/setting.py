@@ -14,9 +14,9 @@ from rig import CameraInfo, Rig
 
 from .parts import PartName
 
-# What a part depends on, beside the camera and its frame: response and noise are functions of the
-# pixel value, dark current and hot pixels grow with the exposure, flat field and lights are ratios
-# of images under the lights as they were.
+# Dependences of a part beside camera and frame: response and noise are functions of the pixel
+# value, dark current and hot pixels grow with the exposure, flat field and lights are ratios of
+# images under the lights.
 _DEPENDS_ON_PIXEL_VALUES: tuple[PartName, ...] = ("dark", "response", "noise")
 _DEPENDS_ON_EXPOSURE: tuple[PartName, ...] = ("dark",)
 _DEPENDS_ON_LIGHTS: tuple[PartName, ...] = ("flat_field", "lights")

@@ -12,7 +12,7 @@ from classify.surface.estimate import FloatMap
 
 
 def write_ply(path: Path, height: FloatMap, albedo: FloatMap, per_px: float, unit: str) -> None:
-    """Write a mesh with grey vertices (Stanford PLY 1.0, little-endian), none where height is NaN.
+    """Write a mesh with grey vertices (Stanford PLY 1.0, little-endian), with holes at NaN.
 
     `height` and `per_px`, the length of a pixel, are in `unit`.
     """

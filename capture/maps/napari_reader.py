@@ -37,15 +37,15 @@ def get_reader(path: str | list[str]) -> _Reader | None:
 
 
 def _read_set_layers(path: str) -> list[_Layer]:
-    """Read the pages of a captured set, the first light shown; its metadata go with each."""
+    """Read the pages of a captured set as layers with its metadata; only the first is visible."""
     images, ambient, metadata, mask = ome_tiff.read(Path(path))
     pages = [*images] + [page for page in (ambient, mask) if page is not None]
-    facts = metadata.model_dump(mode="json")
+    description = metadata.model_dump(mode="json")
     return [
         _layer(
             name,
             page,
-            facts,
+            description,
             (0, metadata.full_scale),
             is_mask=name == _MASK_PAGE,
             shown=index == 0,
@@ -55,7 +55,7 @@ def _read_set_layers(path: str) -> list[_Layer]:
 
 
 def read_map_layers(path: str) -> list[_Layer]:
-    """Read the maps in a folder, the albedo shown; the description of each goes with it."""
+    """Read the maps in a folder as layers with their descriptions; only the albedo is visible."""
     return list(_map_layers(Path(path)))
 
 

@@ -97,7 +97,7 @@ class SessionFolder:
     def reserve(self) -> None:
         """Reserve the disk space that the end of a run needs, even if others fill the disk."""
         path, specimens = self.path / _RESERVE, self.plan.specimen
-        # Each entry and row repeats what the plan says of the specimen.
+        # Each entry and row repeats the specimen of the plan.
         description_bytes = sum(
             len(specimen.model_dump_json().encode()) for specimen in specimens
         ) / len(specimens)

@@ -37,7 +37,7 @@ def plan_beside(folder: Path) -> Path | None:
 
 
 def _names(path: Path, session: str) -> bool:
-    """Whether a TOML file is a plan of a session; one that is not TOML may be, by its own name."""
+    """Whether a TOML file is a plan of a session; a damaged file is one if its stem is the name."""
     try:
         values = tomllib.loads(read_regular_file(path, MAX_TOML_BYTES).decode())
     except (InputError, ValueError, RecursionError):

@@ -153,7 +153,7 @@ def _separation(
         own = {}
         if entry.pixels_sha256 in first_hashes:
             surface: SurfaceEstimate | None = usable[entry.piece].surface
-            # The distance of the first set to itself says nothing about repeated captures.
+            # The distance of the first set to itself is not that of a repeated capture.
             own = {entry.piece: math.nan}
         else:
             surface = _surface(_loaded(folder, entry, damaged), entry, damaged)

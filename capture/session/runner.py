@@ -135,7 +135,7 @@ class _Runner:
         self._close_rig()
 
     def read_again(self) -> None:
-        """Set damaged files aside, and enter what was corrected in the others."""
+        """Set damaged files aside, and enter corrections of the others in the journal."""
         self._publish(events.StateChanged(State.READING, None))
         planned_sets, intact = set(self._folder.plan.sets()), []
         for planned, state in self._folder.read_again():

@@ -115,7 +115,7 @@ class LightList:
         return Lighting(np.array(self.vectors)[rows], np.array(intensities))
 
     def _row_of(self, image: Path) -> int:
-        """Row of an image; of namesakes, the one with most folders at its end in common."""
+        """Row of an image; among equal file names, the row that shares the most parent folders."""
         shared = {
             row: _shared_end(self.source.parent / name, image)
             for row, name in enumerate(self.names)
@@ -139,7 +139,7 @@ class LightList:
 
 
 def listed_files(source: Path, names: Sequence[str]) -> list[Path]:
-    """Paths of the images that a list names: as written, or else beside the list."""
+    """Paths of the listed images: as written in the list, or beside the list."""
     written = [_files(source.parent / name) for name in names]
     beside = [_files(source.parent / PureWindowsPath(name).name) for name in names]
     moved = not any(files for files, name in zip(written, names, strict=True) if "/" in name)
@@ -283,14 +283,14 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def _first_fault(error: ValidationError) -> str:
     """Place, fault and value of the entry at fault; may be empty."""
-    # The form that fits best is the one whose check gets deepest into the file.
+    # Of several possible forms, the one that was read deepest is meant.
     deepest = max(error.errors(), key=lambda fault: len(fault["loc"]))
     place = ".".join(map(str, deepest["loc"][1:]))
     return place and f"; {place}: {deepest['msg']}, not {reprlib.repr(deepest['input'])}"
 
 
 def _unknown_keys(content: Any) -> Iterator[tuple[str, str, str | None]]:
-    """Place, name, and the missing key that it looks like, of each key that is not read."""
+    """Place and name of each unknown key, and the missing key with a similar name."""
     listed = content.get("images") if isinstance(content, dict) else content
     images = listed if isinstance(listed, list) else []
     entries = [entry for entry in images if isinstance(entry, dict)]

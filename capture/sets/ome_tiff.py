@@ -92,9 +92,9 @@ def _metadata(path: Path, fields: dict[str, Any], pages: int) -> SetMetadata:
         raise InputError(
             f"{path}: metadata field images does not list the {lights} lights in order"
         )
-    named = len(order) + (metadata.mask_file is not None)
-    if pages != named:
-        raise InputError(f"{path}: holds {pages} images, its metadata name {named}")
+    listed = len(order) + (metadata.mask_file is not None)
+    if pages != listed:
+        raise InputError(f"{path}: holds {pages} images, its metadata list {listed}")
     return metadata
 
 
@@ -137,7 +137,7 @@ def _ome_xml(
     rows, columns = shape
     ome = ET.Element("OME", {"xmlns": _OME, "Creator": f"ps4rig {metadata.software_version}"})
     image = ET.SubElement(ome, "Image", ID="Image:0", Name=metadata.label or "captured set")
-    with suppress(ValueError):  # no date, or a date that is not known
+    with suppress(ValueError):  # a set may have no date, or one that is not in ISO 8601
         captured = datetime.fromisoformat(metadata.captured or "")
         if captured.tzinfo is not None:
             captured = captured.astimezone(UTC).replace(tzinfo=None)

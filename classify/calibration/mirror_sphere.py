@@ -18,7 +18,7 @@ from .sphere import Sphere
 _HIGHLIGHT, _CLIPPED_HIGHLIGHT = 0.5, 0.8
 # Least share in the brightest pixel of a highlight; a lit wall or a glossy table does not reach it.
 _LEAST_PEAK = 0.9
-# Share of the radius that is used; beyond it the blurred outline and the background mix in.
+# Used share of the radius; farther out the pixels mix with the background.
 _INSIDE = 0.97
 # Least ratio of a highlight's peak to the changes of the rest of the sphere, by their robust
 # scatter. Noise alone gives 4.5; a lamp that lights a bright room unevenly leaves 5.7
@@ -26,12 +26,12 @@ _INSIDE = 0.97
 _LEAST_CONTRAST, _LEAST_CHANGE = 5.0, 2.0
 # A second reflection with this share of the light of the first makes the choice doubtful.
 _DOUBTFUL = 0.5
-# Lights this low and lower are reflections from below, such as of the table: z of their direction.
+# Least z of the direction of a light; lower ones are reflections, for example in the table.
 _LOWEST_Z = 0.02
 # A reflection that fills more than this solid angle (steradian, a cone of 30 degrees radius) is a
 # lit wall or an overexposed light image.
 _LARGEST = 2.0 * np.pi * (1.0 - np.cos(np.radians(30.0)))
-# Error of a highlight's centre as a share of its size: a lamp is not brightest in its middle.
+# Error of a highlight's centre as a share of its size, as a lamp is not brightest in its middle.
 _CENTRE_SHARE = 0.1
 # Error in px of the centre of a highlight of a few pixels, whose light is clipped at full scale.
 _PIXEL = 0.15
@@ -61,8 +61,8 @@ def mirror_directions(
         picture[rows - top, columns - left] = share > least
         label = ndimage.label(picture, np.ones((3, 3)))[0][rows - top, columns - left]
         blobs = []
-        for each in range(1, int(label.max()) + 1):
-            at = np.flatnonzero(label == each)
+        for number in range(1, int(label.max()) + 1):
+            at = np.flatnonzero(label == number)
             if share[at].max() < _LEAST_PEAK:
                 continue
             weights = share[at] - least

@@ -29,7 +29,7 @@ class Noise:
             raise InputError(f"the noise has an error of {self.error:g}; give a share of 0 or more")
 
 
-# From this variance V on, rounding adds 1/12 to within 0.003, whatever the mean: the first harmonic
+# Least variance V at which rounding adds 1/12 to within 0.003 at any mean: the first harmonic
 # of rounding is exp(-2 pi^2 v) (4 v + 1 / pi^2) with v = V - 1/12. At 0.24, which EMVA 1288
 # demands, it is 0.03, and the gain of an 8-bit camera on an even sheet comes out 1 % wrong.
 _LEAST_VARIANCE, _ROUNDING_ERROR = 0.4, 0.003
@@ -37,7 +37,7 @@ _LEAST_VARIANCE, _ROUNDING_ERROR = 0.4, 0.003
 _HIGHEST = 0.7
 # Groups of blocks of similar mean, compared with the line; fewer do not show that it is straight.
 _GROUPS, _LEAST_GROUPS = 12, 4
-# The levels must span this part of the range, or the slope is that of a short piece.
+# Least span of the levels, as a share of the range; the slope of a short piece is not meaningful.
 _LEAST_SPAN = 0.2
 # rms departure of the groups from the line, as a share of the variance: 0.6 % at most for linear
 # cameras, 2.7 % and more for a gamma of 1.15 or 0.85 (test_photon_transfer.py).

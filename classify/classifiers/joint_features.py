@@ -92,7 +92,9 @@ def observe_training(surface: SurfaceEstimate, segment_px: int) -> JointTraining
     ]
     return JointTraining(
         frame=_observe_fields(fields, segment_px),
-        quarters=np.stack([_polar(field_spectra(each, segment_px // 2)) for each in quarters]),
+        quarters=np.stack(
+            [_polar(field_spectra(quarter, segment_px // 2)) for quarter in quarters]
+        ),
         rotated=tuple(observe(other, segment_px) for other in under_rotated_lights(surface)),
         blurred=tuple(
             local_statistics(blurred_fields(fields, variance_px2), levels_for(segment_px))
@@ -180,7 +182,8 @@ def blur_curve(
     local = np.zeros((len(rings), len(whitening)))
     if blurred:
         frame, *others = (
-            statistics_rows(each, parameters)[0] for each in (observation.statistics, *blurred)
+            statistics_rows(blurred_statistics, parameters)[0]
+            for blurred_statistics in (observation.statistics, *blurred)
         )
         local[:] = [whitening @ (other - frame) for other in others]
     return np.concatenate([rings, local], axis=1, dtype=np.float32)

@@ -88,7 +88,7 @@ def regions_of(defect_map: DefectMap) -> tuple[DefectRegion, ...]:
     cell = defect_map.cell_px
     regions = []
     for label in range(1, count):
-        left, top, width, height, cells = (int(each) for each in boxes[label])
+        left, top, width, height, cells = map(int, boxes[label])
         place = np.s_[top : top + height, left : left + width]
         inside = labels[place] == label
         peak = int(np.argmax(np.where(inside, score[place], -np.inf)))

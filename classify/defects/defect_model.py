@@ -168,7 +168,7 @@ class DefectModel:
             "good_scores": self.good_scores,
         }
         for name, cells in zip(STATISTICS, part.cells, strict=True):
-            arrays |= {f"{name}_{each}": value for each, value in vars(cells).items()}
+            arrays |= {f"{name}_{field}": value for field, value in vars(cells).items()}
         return arrays
 
 

@@ -44,8 +44,8 @@ class Departures:
 
         def filters() -> FloatMap:
             weights = np.split(1.0 / self.scales, np.cumsum(SIZES)[:-1])
-            for each, response, weight in zip(FILTERS, responses, weights, strict=True):
-                out = departures[each.departure]
+            for matched_filter, response, weight in zip(FILTERS, responses, weights, strict=True):
+                out = departures[matched_filter.departure]
                 np.maximum(out, response(weight)[: out.shape[0], : out.shape[1]], out=out)
             return departures
 

@@ -40,7 +40,7 @@ FILTERS = (
         for kind, width_px in ((WIDE, 2.5), (WIDE, 4), (ALBEDO, 2.5))
     ),
 )
-SIZES = tuple(DIRECTIONS * LENGTHS if each.is_line else 1 for each in FILTERS)
+SIZES = tuple(DIRECTIONS * LENGTHS if matched.is_line else 1 for matched in FILTERS)
 """Number of responses of each filter."""
 
 Response = Callable[[FloatMap], FloatMap]
@@ -51,12 +51,12 @@ def filter_responses(
     spectra: tuple[HalfSpectrum, HalfSpectrum], orientation_deg: float
 ) -> Iterator[Response]:
     """The `Response` of each filter to relief and albedo, divided by the power of their texture."""
-    for each in FILTERS:
-        spectrum = spectra[int(each.departure == ALBEDO)]
+    for matched in FILTERS:
+        spectrum = spectra[int(matched.departure == ALBEDO)]
         shape = (spectrum.shape[0], 2 * (spectrum.shape[1] - 1))
-        field = _filtered(spectrum, _profile(shape, each), each.octave)
-        cell = HALF_CELL >> each.octave
-        if each.is_line:
+        field = _filtered(spectrum, _profile(shape, matched), matched.octave)
+        cell = HALF_CELL >> matched.octave
+        if matched.is_line:
             yield partial(line_response, field, cell, orientation_deg)
         else:
             yield partial(np.multiply, cell_maximum(np.abs(field), cell))
@@ -71,16 +71,16 @@ def _filtered(spectrum: HalfSpectrum, profile: HalfSpectrum, octave: int) -> Flo
 
 
 @lru_cache(maxsize=32)
-def _profile(shape: tuple[int, int], each: _Filter) -> HalfSpectrum:
+def _profile(shape: tuple[int, int], matched: _Filter) -> HalfSpectrum:
     """The radial filter on the half spectrum of the sampled field."""
-    step = 1 << each.octave
+    step = 1 << matched.octave
     sampled = (shape[0] // step, shape[1] // step)
     u, v = frequencies(sampled)
     k = np.hypot(u, v)
-    profile = np.exp(-2.0 * (np.pi * each.width_px / (2 * step) * k) ** 2)
-    if each.octave:
+    profile = np.exp(-2.0 * (np.pi * matched.width_px / (2 * step) * k) ** 2)
+    if matched.octave:
         profile *= low_pass(k)
-    if each.departure != ALBEDO:
+    if matched.departure != ALBEDO:
         profile = profile * k
     # Samples in the middle of the pixels that they stand for; rows run down, and v up.
     shift = 0.5 * (step - 1) / step

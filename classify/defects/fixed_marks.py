@@ -71,7 +71,7 @@ class FixedMarks:
             (highest > limit).astype(np.uint8), connectivity=8
         )
         label = labels.flat[int(np.argmax(highest))]
-        left, top, width, height = (CELL_PX * int(each) for each in boxes[label][:4])
+        left, top, width, height = (CELL_PX * int(side) for side in boxes[label][:4])
         return left, top, width, height
 
 

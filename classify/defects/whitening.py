@@ -78,8 +78,8 @@ class Spectrum:
                 f"no area of {2 * segment} x {2 * segment} px of a good part has enough valid "
                 "pixels; check its light and mask"
             )
-        powers = (scipy.fft.fftshift(each / count) for each in (relief, albedo))
-        return cls(*(_rotated(each, orientation_deg) for each in powers))
+        powers = (scipy.fft.fftshift(power / count) for power in (relief, albedo))
+        return cls(*(_rotated(power, orientation_deg) for power in powers))
 
     def gains(self) -> FloatMap:
         """(2, n + 1, n + 1) float32 whitening gains of relief and albedo."""
@@ -94,8 +94,8 @@ class Spectrum:
 def mean_spectrum(spectra: Sequence[Spectrum]) -> Spectrum:
     """The mean of the spectra of several parts."""
     return Spectrum(
-        np.mean([each.relief for each in spectra], axis=0),
-        np.mean([each.albedo for each in spectra], axis=0),
+        np.mean([spectrum.relief for spectrum in spectra], axis=0),
+        np.mean([spectrum.albedo for spectrum in spectra], axis=0),
     )
 
 

@@ -115,10 +115,10 @@ def noise_of_images(stack: ImageStack, gains: FloatMap, lighting: Lighting) -> f
         ends = energies.size * np.arange(1, groups + 1) // groups - 1
         edges = [-math.inf, *np.sort(brightness)[ends].tolist()]
         members = [(low < brightness) & (brightness <= high) for low, high in pairwise(edges)]
-        sizes = [int(np.count_nonzero(each)) for each in members]
+        sizes = [int(np.count_nonzero(group)) for group in members]
         return min(
-            _variance(energies.compress(each), freedom, rounding**2)
-            for each, size in zip(members, sizes, strict=True)
+            _variance(energies.compress(group), freedom, rounding**2)
+            for group, size in zip(members, sizes, strict=True)
             if size >= max(max(sizes) // 2, 1)
         )
 
@@ -152,7 +152,7 @@ def _flattest(values: FloatMap, lighting: Lighting) -> BoolArray | None:
 
 
 def _variance(energies: FloatMap, freedom: int, least: float) -> float:
-    """Variance of the Gaussian part of `energies`, sums of `freedom` squares each."""
+    """Variance of the Gaussian part of `energies`, each the sum of `freedom` squares."""
     ordered = np.sort(energies)
     sums = np.cumsum(ordered, dtype=np.float64)
     variance = max(least, float(ordered[len(ordered) // 10]) / chi_squared(freedom, _TENTH))

@@ -82,11 +82,11 @@ class FlatField:
 
     @property
     def shared(self) -> "FlatField":
-        """The geometric mean of all lights, for each: vignetting and common fall-off."""
+        """The geometric mean of all lights, once for each light: vignetting and common fall-off."""
         lights = len(self.coefficients)
         coefficients, bounds = (
-            np.repeat(each.mean(axis=0, keepdims=True), lights, axis=0)
-            for each in (self.coefficients, self.bounds)
+            np.repeat(values.mean(axis=0, keepdims=True), lights, axis=0)
+            for values in (self.coefficients, self.bounds)
         )
         return FlatField(coefficients, bounds)
 
@@ -234,11 +234,11 @@ def _multiply_at(
 
 @kernel
 def _exponentials(
-    factors: Array, low: np.float32, high: np.float32, x: Array, found: Array
+    factors: Array, low: np.float32, high: np.float32, x: Array, exponentials: Array
 ) -> None:
     """Exp of a polynomial of x, within two bounds."""
     for c in range(len(x)):
-        found[c] = _factor(factors, low, high, x[c])
+        exponentials[c] = _factor(factors, low, high, x[c])
 
 
 @kernel

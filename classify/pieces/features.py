@@ -9,15 +9,15 @@ from classify.surface.estimate import FloatMap
 from .moments import MOMENTS, OCTAVES, PRODUCTS
 
 FEATURES = 2 + 6 * OCTAVES + 2
-"""Features of a window: those of `window_features`."""
+"""Number of features of a window, see `window_features`."""
 DIRECTIONS = tuple(2 + 6 * octave + k for octave in range(OCTAVES) for k in (1, 2, 3, 4))
-"""The features that turn with the texture."""
+"""The features that depend on the orientation of the texture."""
 
 # Columns of energies of slopes, and of log albedo, in the moments.
 _SLOPES = (0, *(2 + PRODUCTS * octave for octave in range(OCTAVES)))
 _ALBEDOS = (1, *(7 + PRODUCTS * octave for octave in range(OCTAVES)))
-# Share of the mean energy of good parts that is added to each energy: a window without texture
-# differs by the logarithm of this, and not by that of its noise.
+# Floor of the energies, as a share of their mean in good parts, so that the log energy of a window
+# without texture does not depend on its noise.
 _FLOOR_SHARE = 0.005
 _LEAST_ENERGY = 1e-6
 
@@ -28,7 +28,7 @@ def energy_columns() -> list[int]:
 
 
 def energy_floors(mean_moments: FloatMap) -> FloatMap:
-    """(MOMENTS,) energies that are added to the measured ones, from those of good parts."""
+    """(MOMENTS,) floors that are added to energies, from the mean moments of good parts."""
     floors = np.zeros(MOMENTS, np.float32)
     energies = energy_columns()
     floors[energies] = _FLOOR_SHARE * mean_moments[energies] + _LEAST_ENERGY

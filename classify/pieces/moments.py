@@ -19,10 +19,10 @@ PRODUCTS = 8
 MOMENTS = 2 + PRODUCTS * OCTAVES + 3
 _MIN_SIDE_PX = 128
 
-# Pixels at half resolution over which a is averaged before its means in cells. Without it the level
-# of a joint depends on how the cells cut it, most beside the pixel axes: 4 of 20 good tiles had a
-# spot beyond its limit, and none with it. Wider ones, or also of p and q, found no more on the even
-# materials of `python -m tests.evidence.wrong_passes`.
+# Box at half resolution that smooths a before its means in cells, so that the level of a joint does
+# not depend on how the cells cut it: without it 4 of 20 good tiles had a spot beyond its limit, and
+# none with it. Wider boxes, or boxes on p and q, found no more defects on the even materials of
+# `python -m tests.evidence.wrong_passes`.
 _OVERLAP = (5, 5)
 _TINY = np.float32(1e-12)
 _LEAST_ALBEDO = np.float32(1e-2)
@@ -35,11 +35,7 @@ def band_moments(surface: SurfaceEstimate) -> FloatMap:
     with g = p + i q: |g|^2, real and imaginary parts of g^2 and of g^4 / |g|^2, a^2, and p a and
     q a. Last the means of p, q and a, those of a in cells that overlap. A pixel of the coarsest
     octave covers 2 x 2 cells. Rows and columns beyond the last two whole cells are left out.
-
-    Raises
-    ------
-    InputError
-        As `texture_fields`, or for a part that is smaller than `_MIN_SIDE_PX`.
+    InputError as `texture_fields`, or for a part with a side below 128 px.
     """
     if min(surface.shape) < _MIN_SIDE_PX:
         raise InputError(
@@ -74,14 +70,14 @@ def band_moments(surface: SurfaceEstimate) -> FloatMap:
 def _halve(
     p: Array, q: Array, albedo: Array, planes: Array, moments: Array, first: int, stop: int
 ) -> None:
-    """Means of 2 x 2 pixels, and per cell the energy that they lose; rows of cells."""
+    """Means of 2 x 2 pixels, and per cell the energy of the residual; rows of cells."""
     cell = CELL_PX // 2
     columns = planes.shape[2]
     quarter, zero = np.float32(0.25), np.float32(0.0)
     share = np.float32(1.0) / np.float32(4 * cell * cell)
-    lost = np.empty((2, columns), np.float32)
+    residual = np.empty((2, columns), np.float32)
     for row in range(first, stop):
-        lost[:] = zero
+        residual[:] = zero
         for r in range(row * cell, (row + 1) * cell):
             for c in range(columns):
                 y, x = 2 * r, 2 * c
@@ -95,15 +91,15 @@ def _halve(
                 p0, p1, p2, p3 = p0 - pm, p1 - pm, p2 - pm, p3 - pm
                 q0, q1, q2, q3 = q0 - qm, q1 - qm, q2 - qm, q3 - qm
                 a0, a1, a2, a3 = a0 - am, a1 - am, a2 - am, a3 - am
-                lost[0, c] += p0 * p0 + p1 * p1 + p2 * p2 + p3 * p3
-                lost[0, c] += q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3
+                residual[0, c] += p0 * p0 + p1 * p1 + p2 * p2 + p3 * p3
+                residual[0, c] += q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3
                 level = max(am, _LEAST_ALBEDO)
-                lost[1, c] += (a0 * a0 + a1 * a1 + a2 * a2 + a3 * a3) / (level * level)
+                residual[1, c] += (a0 * a0 + a1 * a1 + a2 * a2 + a3 * a3) / (level * level)
         for column in range(moments.shape[1]):
             for index in range(2):
                 total = zero
                 for c in range(column * cell, (column + 1) * cell):
-                    total += lost[index, c]
+                    total += residual[index, c]
                 moments[row, column, index] = share * total
 
 
@@ -123,18 +119,18 @@ def _sum_products(
         for r in range(row * cell, (row + 1) * cell):
             for c in range(columns):
                 x, y = p[r, c] - smooth_p[r, c], q[r, c] - smooth_q[r, c]
-                here = a[r, c] - smooth_a[r, c]
+                level = a[r, c] - smooth_a[r, c]
                 energy = x * x + y * y
-                even, odd = x * x - y * y, two * x * y
+                real, imaginary = x * x - y * y, two * x * y  # of (x + i y)^2
                 inverse = np.float32(1.0) / max(energy, _TINY)
                 sums[0, c] += energy
-                sums[1, c] += even
-                sums[2, c] += odd
-                sums[3, c] += (even * even - odd * odd) * inverse
-                sums[4, c] += two * even * odd * inverse
-                sums[5, c] += here * here
-                sums[6, c] += here * x
-                sums[7, c] += here * y
+                sums[1, c] += real
+                sums[2, c] += imaginary
+                sums[3, c] += (real * real - imaginary * imaginary) * inverse
+                sums[4, c] += two * real * imaginary * inverse
+                sums[5, c] += level * level
+                sums[6, c] += level * x
+                sums[7, c] += level * y
         for column in range(moments.shape[1]):
             for index in range(PRODUCTS):
                 total = zero

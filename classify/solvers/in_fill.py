@@ -35,7 +35,7 @@ _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 def in_fill(problem: Problem, maps: Maps, strip_px: int) -> None:
     """Complete the maps in place where `Maps.unlit` is not 0.
 
-    Pixels in two lights become valid unless one was saturated; those in one or none stay invalid.
+    Pixels in two unsaturated lights become valid; pixels in fewer lights stay invalid.
     """
     unlit = maps.unlit
     assert unlit is not None

@@ -68,7 +68,7 @@ def mr8_responses(image: npt.NDArray[np.generic]) -> FloatMap:
     responses = np.empty((RESPONSES, rows, columns), dtype=np.float32)
     for row in _blocks(normal.shape[0]):
         for column in _blocks(normal.shape[1]):
-            valid = [slice(each.start, each.stop - 2 * _MARGIN) for each in (row, column)]
+            valid = [slice(block.start, block.stop - 2 * _MARGIN) for block in (row, column)]
             responses[:, valid[0], valid[1]] = _block_responses(normal[row, column])
     magnitude = np.sqrt(np.einsum("ijk,ijk->jk", responses, responses))
     # log(1 + m / 0.03) / m tends to 1 / 0.03 where there is no response.

@@ -253,11 +253,11 @@ class OpencvCamera:
         self._read_back[name.lower()] = held
         if obeyed and held == value:
             return []
-        seen = f"{name.lower()} was set to {value:g} through OpenCV and reads {held:g}"
+        finding = f"{name.lower()} was set to {value:g} through OpenCV and reads {held:g}"
         advice = (
             "the camera does not obey, or lacks the control; use kind = 'v4l2' or another camera"
         )
-        return [ControlFault(name.lower(), seen, advice)]
+        return [ControlFault(name.lower(), finding, advice)]
 
 
 def _property(name: str) -> int:

@@ -10,7 +10,7 @@ from .fault_plan import FaultPlan
 
 DefectKind = Literal["scratch", "dent", "bump", "stain", "missing", "foreign"]
 RELIEF_KINDS: tuple[DefectKind, ...] = ("scratch", "dent", "bump")
-"""Kinds that change the relief alone, by `Defect.depth_px`."""
+"""Kinds of defects that change only the relief, by `Defect.depth_px`."""
 
 _Place = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
 
@@ -33,11 +33,11 @@ class Defect(Section):
     depth_px
         Depth of a scratch or a dent, height of a bump.
     angle_deg
-        Anticlockwise: of a scratch, an irregular outline, a foreign texture.
+        Direction of a scratch, an irregular outline or a foreign texture, anticlockwise.
     contrast
         Share by which a stain darkens the albedo; negative for a bright stain.
     surface
-        Texture of a foreign patch, as that of the part.
+        Texture of a foreign patch; the same names as `Placement.surface`.
     """
 
     kind: DefectKind
@@ -51,7 +51,7 @@ class Defect(Section):
     surface: str | None = None
 
     @model_validator(mode="after")
-    def _names_a_foreign_texture(self) -> Self:
+    def _require_foreign_texture(self) -> Self:
         if self.kind == "foreign" and self.surface is None:
             raise ValueError("kind = 'foreign' needs `surface`, the texture of the patch")
         if self.kind != "foreign" and self.surface is not None:
@@ -76,7 +76,7 @@ class Placement(Section):
     shift_px
         Shift of the frame's centre over the periodic surface, right and up, before the rotation.
     seed
-        Of the noise, and of the realisation of a synthetic texture or a plate.
+        Seed of the noise, and of the realisation of a synthetic texture or a plate.
     size_mm
         Diameter of a sphere, by default 20, or side of a square of the checkerboard, by default 5;
         needs `mm_per_px`, without which they are shares of the frame.

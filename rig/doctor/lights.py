@@ -30,39 +30,39 @@ def check_lights(
 
 def _identity(lights: LightController, firmware_version: str) -> Check:
     controller = lights.identity
-    seen = (
+    finding = (
         f"{controller.model} {controller.serial_number} on {lights.port}, "
         f"firmware {controller.firmware_version}, protocol {controller.protocol_version}"
     )
     if controller.firmware_version != firmware_version:
-        seen += f"; this program brings firmware {firmware_version}"
-        return Check("light controller", "warning", seen, "ps4rig rig flash")
-    return Check("light controller", "ok", seen)
+        finding += f"; this program brings firmware {firmware_version}"
+        return Check("light controller", "warning", finding, "ps4rig rig flash")
+    return Check("light controller", "ok", finding)
 
 
 def _led_count(lights: LightController, config: LightsConfig) -> Check:
     named = len(config.tilts_deg)
-    seen = f"the controller has {lights.led_count}, lights.tilts_deg names {named}"
+    finding = f"the controller has {lights.led_count}, lights.tilts_deg names {named}"
     if named > lights.led_count:
-        return Check("LEDs", "fault", seen, "correct lights.tilts_deg, or the board's LED_PINS")
-    return Check("LEDs", "ok", seen)
+        return Check("LEDs", "fault", finding, "correct lights.tilts_deg, or the board's LED_PINS")
+    return Check("LEDs", "ok", finding)
 
 
 def _watchdog(lights: LightController) -> Check:
     if lights.trips_watchdog():
         return Check("watchdog", "ok", "an LED went out by itself when no command came")
-    seen = "an LED stayed on although no command came"
-    return Check("watchdog", "fault", seen, "renew the firmware with ps4rig rig flash")
+    finding = "an LED stayed on although no command came"
+    return Check("watchdog", "fault", finding, "renew the firmware with ps4rig rig flash")
 
 
 def _latency(lights: LightController, clock: Clock) -> Check:
     switch = measure_switch_latency(lights, clock)
-    seen = (
+    finding = (
         f"median {switch.median_ms:.2f} ms, worst {switch.worst_ms:.2f} ms of {switch.switches}, "
         "from writing to acknowledge"
     )
     if switch.median_ms <= _SLOW_SWITCH_MS:
-        return Check("switch latency", "ok", seen)
+        return Check("switch latency", "ok", finding)
     # A port below /dev/serial/by-id is a link to the device that sysfs names.
     name = Path(lights.port).resolve().name
     advice = (
@@ -70,4 +70,4 @@ def _latency(lights: LightController, clock: Clock) -> Check:
         f"echo 1 | sudo tee /sys/bus/usb-serial/devices/{name}/latency_timer; otherwise end other "
         "programs that load the machine"
     )
-    return Check("switch latency", "warning", seen, advice)
+    return Check("switch latency", "warning", finding, advice)

@@ -28,9 +28,9 @@ def check_ports(ports: Sequence[SerialPort], is_simulated: bool) -> Iterator[Che
         parts = (str(port), port.description, link, use, kind)
         yield Check("serial port", "ok", "; ".join(filter(None, parts)))
     if not is_simulated and not any(port.may_be_a_microcontroller for port in ports):
-        seen = f"none of {len(ports)} ports belongs to a known board"
+        finding = f"none of {len(ports)} ports belongs to a known board"
         advice = "plug the light controller in; with a charging cable no port appears"
-        yield Check("serial ports", "warning", seen, advice)
+        yield Check("serial ports", "warning", finding, advice)
 
 
 def check_port(device: str) -> Iterator[Check]:
@@ -45,8 +45,8 @@ def check_port(device: str) -> Iterator[Check]:
     yield check_access("permission", device)
     holders = [holder for holder in port_holders(device) if holder.pid != os.getpid()]
     if holders:
-        seen = f"{device} is open in {', '.join(map(str, holders))}"
-        yield Check("port in use", "fault", seen, "close that program")
+        finding = f"{device} is open in {', '.join(map(str, holders))}"
+        yield Check("port in use", "fault", finding, "close that program")
     else:
         yield Check("port in use", "ok", f"no visible program has {device} open")
 
@@ -67,9 +67,9 @@ def check_access(name: str, device: str) -> Check:
     is_own = status.st_gid in os.getgroups()
     own = "its group is one of yours, but " * is_own
     mode = f"{status.st_mode & 0o777:o}"
-    seen = f"{device} belongs to group {group}, mode {mode}; {own}you may not read and write it"
+    finding = f"{device} belongs to group {group}, mode {mode}; {own}you may not read and write it"
     join = f"sudo usermod -aG {group} $USER and log in again, or " * (not is_own)
-    return Check(name, "fault", seen, f"{join}install the udev rules: {_INSTALL_RULES}")
+    return Check(name, "fault", finding, f"{join}install the udev rules: {_INSTALL_RULES}")
 
 
 def check_modem_manager(
@@ -81,8 +81,8 @@ def check_modem_manager(
         return Check(name, "ok", "is not running")
     if any((folder / RULES_FILE.name).exists() for folder in rules_folders):
         return Check(name, "ok", f"is running, and {RULES_FILE.name} keeps it away from boards")
-    seen = "is running, and treats a board as a modem for some seconds after it is plugged in"
-    return Check(name, "warning", seen, _INSTALL_RULES)
+    finding = "is running, and treats a board as a modem for some seconds after it is plugged in"
+    return Check(name, "warning", finding, _INSTALL_RULES)
 
 
 def _is_modem_manager(comm: Path) -> bool:

@@ -124,8 +124,8 @@ class Sphere:
         cos, sin = math.cos(math.radians(view.rotate_deg)), math.sin(math.radians(view.rotate_deg))
         p, q = (cos * -x - sin * -y) / z, (sin * -x + cos * -y) / z
         albedo = np.where(ball, 0.0 if self.mirror else _WHITE, _BLACK)
-        images = [each.astype(np.float32) for each in (height, p, q, albedo)]
-        return SurfacePatch(images[0], images[1], images[2], images[3], plane_px=0.0)
+        maps = [plane.astype(np.float32) for plane in (height, p, q, albedo)]
+        return SurfacePatch(maps[0], maps[1], maps[2], maps[3], plane_px=0.0)
 
     def reflecting_room(self, scene: SceneImages, ambient: float) -> SceneImages:
         """Add what a mirror reflects besides the LEDs: the room, the dark camera and the card."""

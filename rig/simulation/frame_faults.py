@@ -54,11 +54,11 @@ class FaultyCamera:
         deadline_s = self._clock.now_s() + timeout_s
         while True:
             frame = self._camera.read(max(0.0, deadline_s - self._clock.now_s()))
-            kept = self._faulty(frame)
+            delivered = self._faulty(frame)
             # Faults repeat what the sensor saw, not the result of earlier faults.
             self._before.append(frame)
-            if kept is not None:
-                return kept
+            if delivered is not None:
+                return delivered
 
     def close(self) -> None:
         """Close the camera."""

@@ -205,7 +205,7 @@ class Inspector:
         if match is not None and texture in self._models:
             models = self._models[texture]
             with _timed(timings_ms, "defects"):
-                measure = partial(models.pieces.measure_moments, moments(), match.orientation_deg)
+                measure = partial(models.pieces.measure, moments(), match.orientation_deg)
                 begun = beside(partial(measure, ring_levels(signature)))
                 defect_map = models.defects.map_of_fields(fields(), match.orientation_deg)
                 gap_px = _largest_gap_px(defect_map, measured.inside)

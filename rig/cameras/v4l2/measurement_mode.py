@@ -84,13 +84,13 @@ def set_measurement_mode(device: V4l2Device, config: V4l2CameraConfig) -> Measur
 
 def pixel_values(device: V4l2Device) -> dict[str, Any]:
     """Read gain, gamma and the other controls of pixel values, as in `CameraInfo`."""
-    read: dict[str, float] = {}
+    values: dict[str, float] = {}
     for control_id, name in _PIXEL_VALUE_CONTROLS.items():
         control = find_control(device, control_id)
         if control is not None and control.is_readable:
-            read[name] = float(read_control(device, control))
-    stated = {name: read.pop(name, None) for name in ("gain", "gamma")}
-    return {**stated, "pixel_value_controls": read}
+            values[name] = float(read_control(device, control))
+    gain_and_gamma = {name: values.pop(name, None) for name in ("gain", "gamma")}
+    return {**gain_and_gamma, "pixel_value_controls": values}
 
 
 def exposure_range_ms(device: V4l2Device, config: V4l2CameraConfig) -> tuple[float, float]:
@@ -98,8 +98,8 @@ def exposure_range_ms(device: V4l2Device, config: V4l2CameraConfig) -> tuple[flo
     control = None if config.fixed_exposure else find_control(device, abi.CID_EXPOSURE_ABSOLUTE)
     if control is None:
         return config.exposure_ms, config.exposure_ms
-    units = max(1, control.minimum), control.maximum
-    return units[0] / EXPOSURE_UNITS_PER_MS, units[1] / EXPOSURE_UNITS_PER_MS
+    shortest, longest = max(1, control.minimum), control.maximum
+    return shortest / EXPOSURE_UNITS_PER_MS, longest / EXPOSURE_UNITS_PER_MS
 
 
 def set_exposure(device: V4l2Device, mode: MeasurementMode, exposure_ms: float) -> MeasurementMode:
@@ -192,8 +192,8 @@ def _set_configured(device: V4l2Device, name: str, control_id: int, value: int) 
 
 
 def _missing(device: V4l2Device, name: str, advice: str) -> ControlError:
-    seen = f"{device.card} has no control for its {name}"
-    return ControlError(device.path, ControlFault(name, seen, advice))
+    finding = f"{device.card} has no control for its {name}"
+    return ControlError(device.path, ControlFault(name, finding, advice))
 
 
 def _set_active(device: V4l2Device, control: Control, value: int) -> _Setting:

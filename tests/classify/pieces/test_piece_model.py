@@ -65,7 +65,7 @@ class Taught:
         return ring_levels(self.library.observe(surface))
 
     def measure(self, surface: SurfaceEstimate, orientation_deg: float = 0.0) -> PieceMeasures:
-        return self.model.measure(surface, orientation_deg, self.rings(surface))
+        return self.model.measure(band_moments(surface), orientation_deg, self.rings(surface))
 
 
 @pytest.fixture(scope="module")
