@@ -32,12 +32,10 @@ from classify.lights.agreement import like_signed
 from classify.methods import checked_label
 from rig import CameraInfo, HardwareError, Rig
 
-from .frame_mean import SetImage
 from .fresh_frames import FrameHistory, light_name
-from .hardware_set import images_in_sequence
+from .hardware_set import ArrivedPart, images_in_sequence
 from .light_checks import check_set, check_target
-from .light_images import images_under
-from .part_sensor import ArrivedPart
+from .light_images import SetImage, images_under
 
 # Keeps the sum of 16-bit frames far within 32 bits.
 MAX_AVERAGE = 1024

@@ -10,11 +10,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from capture.maps.pictures import data_uri
 from classify.shadow_rule import NO_DROPPED_LIGHT
 
 from . import pictures
-from .pictures import ColourScale, Picture
+from .pictures import ColourScale, Picture, data_uri
 from .surface_maps import SurfaceMaps
 
 # Light images on the page; a dome may have hundreds.

@@ -13,8 +13,7 @@ from capture.sets.photographs import Photographs
 from classify.base.errors import CalibrationRejected, InputError
 from classify.calibration.block_levels import BlockLevels, Frames, block_levels
 from classify.calibration.calibration import Calibration
-from classify.calibration.dark import Dark
-from classify.calibration.dark_frames import DarkFrames
+from classify.calibration.dark import Dark, DarkFrames
 from classify.calibration.exposure_ladder import ExposureLadder, response_of
 from classify.calibration.photon_transfer import PhotonTransfer, photon_transfer
 

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from capture.maps.differences import field_differences
+from capture.maps.comparison import field_differences
 from classify.base.durable_file import durable_file
 from classify.base.errors import InputError
 from classify.base.models import MAX_TOML_BYTES

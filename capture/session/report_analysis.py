@@ -10,8 +10,6 @@ from statistics import NormalDist
 
 import numpy as np
 
-from capture.session.folder import SessionFolder
-from capture.session.journal import SetEntry
 from capture.sets.loaded_set import LoadedSet
 from classify import (
     Spectra,
@@ -28,6 +26,9 @@ from classify.library.dissimilarity import (
     embedding,
     limits_alone,
 )
+
+from .folder import SessionFolder
+from .journal import SetEntry
 
 # Distances of patches of one texture are log-normal with this deviation (joint_limits.py). In
 # one of a hundred sessions the largest distance is beyond the limit by chance.

@@ -10,10 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from capture.base.page import curve_colour, svg_uri
-from capture.session.journal import SetEntry
 from classify import Spectra
 from classify.lighting import orientation_near
 
+from .journal import SetEntry
 from .report_analysis import Separation
 
 _MARKS = "osD^v<>Ph*"

@@ -9,10 +9,10 @@ from capture.base.page import rendered
 from capture.base.utc_time import readable_utc
 from capture.maps import pictures
 from capture.maps.pictures import tile_uri
-from capture.session.folder import SessionFolder
 from capture.sets.description import plain
 
 from . import report_figures as figures
+from .folder import SessionFolder
 from .report_analysis import SessionAnalysis, SpecimenResult
 
 

@@ -7,7 +7,6 @@ from pathlib import Path
 from capture.calibration.lookup import read_calibration
 from capture.calibration.ps4cal import CalibrationFile
 from capture.procedures.rig_check import checks_of_drift, drift_of_rig, lays_sheet_down
-from capture.session.events import Answer, Ask, PlaceSheet, Publish, RigCompared
 from capture.sets.ome_tiff import read_header
 from classify.base.errors import CalibrationRejected, InputError
 from classify.calibration.dark import Dark, measured_at
@@ -17,6 +16,7 @@ from rig.doctor.check import Check
 from rig.doctor.light_images import capture_light_images, rate_exposure
 from rig.simulation.scenes import require_surface
 
+from .events import Answer, Ask, PlaceSheet, Publish, RigCompared
 from .folder import PLAN, SessionFolder
 from .plan import SEARCH, SessionPlan
 

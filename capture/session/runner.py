@@ -12,7 +12,6 @@ from capture.acquisition.attempts import capture_set
 from capture.base.errors import SetRejected
 from capture.base.utc_time import utc_text
 from capture.calibration.lookup import FoundCalibration, keep_beside, read_calibration
-from capture.session.rig_checks import compare_rig, find_exposure_ms, turn_specimen
 from capture.sets.captured_set import CapturedSet, calibration_of
 from capture.sets.description import described
 from capture.sets.loaded_set import LoadedSet
@@ -27,7 +26,7 @@ from .journal import FinishReason, RunRecord, SetEntry
 from .measures import SpecimenReference, measures_of_first
 from .plan import SEARCH, PlannedSet
 from .plan_change import rig_changes, rig_settings
-from .rig_checks import check_rig
+from .rig_checks import check_rig, compare_rig, find_exposure_ms, turn_specimen
 
 
 @dataclass(frozen=True)

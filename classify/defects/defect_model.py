@@ -13,13 +13,13 @@ from classify.confidence import share_at_most
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 
 from . import ps4def
+from .cell_statistics import LOW
 from .defect_map import DefectMap
 from .departures import DEPARTURES, RELIEF, STATISTICS, TEXTURE, Departures
 from .evidence import QUANTILES, Evidence
 from .fields import PartFields, part_fields
 from .filters import ALBEDO, SIZES
 from .good_cells import CENTRES, GoodCells
-from .window_statistics import LOW
 
 _CHANCES = np.array([1, 10, 30, 3, 10, 10, 10, 10])
 CHANNEL_SHARES = _CHANCES / _CHANCES.sum()

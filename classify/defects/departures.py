@@ -8,13 +8,20 @@ import numpy as np
 from classify.base.threads import map_in_threads
 from classify.surface.estimate import FloatMap
 
+from .cell_statistics import (
+    LOW,
+    OCTAVE_STATISTICS,
+    WINDOW_STATISTICS,
+    mean_around,
+    octave_statistics,
+    smoothed,
+    window_statistics,
+)
 from .evidence import Evidence
 from .fields import PartFields
 from .filters import ALBEDO, FILTERS, SIZES, Response, filter_responses
 from .good_cells import GoodCells
-from .octave_statistics import OCTAVE_STATISTICS, octave_statistics
 from .whitening import white_spectra
-from .window_statistics import LOW, WINDOW_STATISTICS, mean_around, smoothed, window_statistics
 
 STATISTICS = {
     "octaves": slice(0, OCTAVE_STATISTICS),

@@ -7,9 +7,9 @@ from scipy.special import ndtri
 
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 
+from .cell_statistics import window_statistics
 from .defect_map import CELL_PX
 from .fields import gaussian_mean, part_fields
-from .window_statistics import window_statistics
 
 # Cells over which a change is light or form, no mark: standard deviation of the Gaussian.
 _SLOW_CELLS = 6.0

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from classify.base.errors import InputError
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 
+from .cell_statistics import window_statistics
 from .defect_model import CHANNEL_SHARES, DefectModel, channels_of
 from .departures import LOW_STATISTICS, STATISTICS, Departures, observed
 from .evidence import Evidence
@@ -19,7 +20,6 @@ from .filters import SIZES
 from .good_cells import GoodCells, power_sums, unlike_halves
 from .limits import common_limit, tile_maxima
 from .whitening import MIN_SIDE_PX, Spectrum, mean_spectrum
-from .window_statistics import window_statistics
 
 LEAST_PARTS = 3
 MOST_PARTS = 100

@@ -13,9 +13,8 @@ from classify.base.arrays import Floats
 from classify.surface.estimate import FloatMap
 
 from . import ps4piece
-from .features import DIRECTIONS, FEATURES, coarser, window_features, window_moments
+from .features import DIRECTIONS, FEATURES, MOMENTS, coarser, window_features, window_moments
 from .look_alikes import LookAlikes
-from .moments import MOMENTS
 from .spots import DEPARTURES, SPOT_VALUES, SpotModel, spot_values
 from .whole_part import LinearMeasure, octave_levels, pseudo_scalars
 

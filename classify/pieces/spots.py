@@ -17,8 +17,7 @@ from classify.base.compiling import Array, kernel
 from classify.base.threads import run_on_rows
 from classify.surface.estimate import FloatMap
 
-from .features import energy_columns
-from .moments import OCTAVES, PRODUCTS
+from .features import OCTAVES, PRODUCTS, energy_columns
 
 DEPARTURES = ("missing", "stain", "dent")
 """Low energies; another log albedo; slopes towards the middle of a spot, or away from it."""

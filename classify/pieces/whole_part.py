@@ -11,8 +11,7 @@ import numpy.typing as npt
 from classify.base.arrays import Floats
 from classify.surface.estimate import FloatMap
 
-from .features import energy_columns
-from .moments import OCTAVES, PRODUCTS
+from .features import OCTAVES, PRODUCTS, energy_columns
 
 _Complex = npt.NDArray[np.complex128]
 

@@ -8,7 +8,7 @@ from rig.cameras.kinds import CAMERA_KINDS
 from rig.errors import CameraError, ControlError
 
 from .check import Check
-from .serial_ports import check_access
+from .light_controller import check_access
 
 # Frames that are read for the rate and the losses; as few as 3 if more would take longer than this.
 _FRAMES, _FRAMES_TAKE_S = 30, 10.0

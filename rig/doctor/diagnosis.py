@@ -26,9 +26,8 @@ from .cameras import (
     exposure_range_ms,
 )
 from .check import Check, collected
+from .light_controller import check_lights, check_modem_manager, check_port, check_ports
 from .light_images import capture_light_images, check_light_images
-from .lights import check_lights
-from .serial_ports import check_modem_manager, check_port, check_ports
 
 
 def diagnose(

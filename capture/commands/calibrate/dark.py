@@ -68,7 +68,7 @@ def _of_rig(rig: Rig, yes: bool) -> MeasuredPart:
     from capture.acquisition.frame_series import dark_of_rig, frame_series, require_free_running
     from capture.calibration.setting import Setting
     from capture.procedures.camera_parts import dark_part
-    from classify.calibration.dark_frames import with_ambient
+    from classify.calibration.dark import with_ambient
 
     require_free_running(rig)
     simulation = rig.simulation
@@ -96,7 +96,7 @@ def _of_photographs(sources: list[Path], gamma: Gamma | None, bits: int | None) 
     from capture.procedures.camera_parts import dark_part
     from capture.sets.captured_set import CapturedSet
     from capture.sets.photographs import DNG
-    from classify.calibration.dark_frames import dark_of, with_ambient
+    from classify.calibration.dark import dark_of, with_ambient
 
     images, set_paths = flow.source_files(sources)
     if not images:

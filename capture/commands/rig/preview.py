@@ -40,7 +40,7 @@ def preview(
     import threading
     from functools import partial
 
-    from capture.session.placement_guide import PlacementGuide
+    from capture.session.live_view import PlacementGuide
     from capture.session.preview_loop import Preview, run_preview
     from capture.session.preview_server import serving
     from rig.config.rig import config_of

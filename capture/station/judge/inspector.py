@@ -37,7 +37,7 @@ from classify.base.threads import beside
 from classify.classifiers.joint import ring_levels
 from classify.defects.defect_map import KINDS, DefectMap, regions_of
 from classify.defects.fields import part_fields
-from classify.pieces.moments import CELL_PX, band_moments
+from classify.pieces.features import CELL_PX, band_moments
 from classify.pieces.piece_model import PieceMeasures
 
 from .fingerprint import Fingerprint

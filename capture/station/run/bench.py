@@ -33,8 +33,8 @@ from classify.classifiers.joint import ring_levels
 from classify.defects.learning import LEAST_PARTS, learn_defects
 from classify.library.training import TrainingRow, observe
 from classify.methods import default_method
+from classify.pieces.features import band_moments
 from classify.pieces.learning import GoodPart, learn_pieces
-from classify.pieces.moments import band_moments
 from classify.texture.spectra import segment_for
 from rig import Placement, Rig, RigConfig, open_rig
 from rig.doctor.check import Check
