@@ -188,10 +188,7 @@ def _attempt(
     )
     unchecked = CapturedSet(images.images, images.ambient, metadata, calibration=calibration)
     exposed(unchecked)
-
-    def retake() -> npt.NDArray[np.uint16]:
-        return _stack(_light_images(_capture(rig, average, history, is_retake=True)))
-
+    retake = partial(_retake, rig, average, history)
     checks = check_target(images) if is_target else check_set(images, at_exposure, retake)
     checked = {"checks": checks, "pixels_sha256": pixel_hash.sha256()}
     return replace(unchecked, metadata=metadata.model_copy(update=checked))
@@ -217,6 +214,11 @@ def _capture(
     first, second = like_signed(rig.lighting)
     order = (*first, *second)[::-1] if is_retake else (None, *first, None, *second)
     return images_under(rig, order, average, history, arrived)
+
+
+def _retake(rig: Rig, average: int, history: FrameHistory) -> npt.NDArray[np.uint16]:
+    """The light images of a second capture."""
+    return _stack(_light_images(_capture(rig, average, history, is_retake=True)))
 
 
 def _add_page(pixel_hash: PixelHash, lights: int, image: SetImage) -> None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple, Self
 
 import numpy as np
 from scipy import ndimage
 
-from classify.base.arrays import Array, Floats
+from classify.base.arrays import Array, Floats, Indices
 from classify.base.errors import CalibrationRejected
 from classify.images.noise import SIGMA_PER_MAD
 
@@ -37,6 +38,21 @@ _CENTRE_SHARE = 0.1
 _PIXEL = 0.15
 
 
+class _Highlight(NamedTuple):
+    """The image of a lamp in a mirror sphere."""
+
+    brightness: float
+    pixels: Indices
+    weights: Floats
+    direction: Floats  # (3,) of the light
+
+    @classmethod
+    def of(cls, pixels: Indices, change: Floats, weights: Floats, towards: Floats) -> Self:
+        direction = weights[pixels] @ towards[pixels]
+        direction /= np.linalg.norm(direction)
+        return cls(float(change[pixels].sum()), pixels, weights[pixels], direction)
+
+
 def mirror_directions(
     images: Array, sphere: Sphere, ambient: Array | None = None
 ) -> tuple[Floats, Floats, Floats, list[str]]:
@@ -59,41 +75,39 @@ def mirror_directions(
         share, least = _lit_share(values[light], room, light)
         picture = np.zeros(shape, np.bool_)
         picture[rows - top, columns - left] = share > least
-        label = ndimage.label(picture, np.ones((3, 3)))[0][rows - top, columns - left]
-        blobs = []
-        for number in range(1, int(label.max()) + 1):
-            at = np.flatnonzero(label == number)
-            if share[at].max() < _LEAST_PEAK:
-                continue
-            weights = share[at] - least
-            direction = weights @ towards[at]
-            direction /= np.linalg.norm(direction)
-            blobs.append((float(change[at].sum()), at, weights, direction))
-        above = [blob for blob in blobs if blob[3][2] > _LOWEST_Z]
+        labels = ndimage.label(picture, np.ones((3, 3)))[0][rows - top, columns - left]
+        highlights = [
+            _Highlight.of(pixels, change, share - least, towards)
+            for number in range(1, int(labels.max()) + 1)
+            for pixels in [np.flatnonzero(labels == number)]
+            if share[pixels].max() >= _LEAST_PEAK
+        ]
+        above = [highlight for highlight in highlights if highlight.direction[2] > _LOWEST_Z]
         if not above:
             raise CalibrationRejected(
                 f"light image {light}: its brightest reflection is in the rim of the sphere, as of "
                 "a light behind the plane of the part; light it from the camera's side, or leave "
                 "this light out"
             )
-        above.sort(key=lambda blob: -blob[0])
-        total, at, weights, direction = above[0]
-        if at.size * 4.0 / sphere.radius_px**2 > _LARGEST:
+        above.sort(key=lambda highlight: -highlight.brightness)
+        brightness, pixels, weights, direction = above[0]
+        if pixels.size * 4.0 / sphere.radius_px**2 > _LARGEST:
             raise CalibrationRejected(
-                f"light image {light}: the light fills {at.size / len(rows):.0%} of the sphere; "
-                "use a smaller lamp or a shorter exposure, and a polished sphere"
+                f"light image {light}: the light fills {pixels.size / len(rows):.0%} of the "
+                "sphere; use a smaller lamp or a shorter exposure, and a polished sphere"
             )
-        if len(above) > 1 and above[1][0] > _DOUBTFUL * total:
+        if len(above) > 1 and above[1].brightness > _DOUBTFUL * brightness:
             doubts.append(
                 f"light image {light} has two reflections that differ from the other light images, "
-                f"with {above[1][0] / total:.0%} of the light of the brighter one, which was taken"
+                f"with {above[1].brightness / brightness:.0%} of the light of the brighter one, "
+                "which was taken"
             )
-        normal = direction + weights @ views[at] / weights.sum()
+        normal = direction + weights @ views[pixels] / weights.sum()
         normal /= np.linalg.norm(normal)
-        spread = np.sqrt(weights @ ((towards[at] - direction) ** 2).sum(axis=1) / weights.sum())
-        half = max(float(normal[2]), 0.1)
-        # l turns twice as fast as n, which turns by 1 / (radius n_z) per px.
-        outline, pixel = (2.0 * px / sphere.radius_px / half for px in (sphere.error_px, _PIXEL))
+        spread = np.sqrt(weights @ ((towards[pixels] - direction) ** 2).sum(axis=1) / weights.sum())
+        n_z = max(float(normal[2]), 0.1)
+        # Per px, n rotates by 1 / (radius n_z), and l by twice as much.
+        outline, pixel = (2.0 * px / sphere.radius_px / n_z for px in (sphere.error_px, _PIXEL))
         errors.append(np.degrees(np.sqrt(outline**2 + pixel**2 + (_CENTRE_SHARE * spread) ** 2)))
         directions.append(direction)
         points.append(sphere.centre + sphere.radius_px * normal)

@@ -76,7 +76,7 @@ class Placement(Section):
     shift_px
         Shift of the frame's centre over the periodic surface, right and up, before the rotation.
     seed
-        Seed of the noise, and of the realisation of a synthetic texture or a plate.
+        Of the noise, and of the realisation of a synthetic texture or a plate.
     size_mm
         Diameter of a sphere, by default 20, or side of a square of the checkerboard, by default 5;
         needs `mm_per_px`, without which they are shares of the frame.
