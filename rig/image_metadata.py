@@ -165,9 +165,11 @@ def _profile_response(profile: bytes | None) -> str:
         return "a damaged colour profile"
     lightness = np.asarray(lab)[0, :, 0]
     light = np.arange(256, dtype=np.float32) / np.float32(255.0)
-    for name, known in (("linear", light), ("srgb", linear_from_srgb(light))):
+    for name, linear in (("linear", light), ("srgb", linear_from_srgb(light))):
         # CIE 1976 lightness.
-        expected = np.where(known > 216 / 24389, 116.0 * np.cbrt(known) - 16.0, known * 24389 / 27)
+        expected = np.where(
+            linear > 216 / 24389, 116.0 * np.cbrt(linear) - 16.0, linear * 24389 / 27
+        )
         if np.abs(lightness - 2.55 * expected).max() < _PROFILE_TOLERANCE:
             return name
     return f"the colour profile {' '.join((source.profile.profile_description or '').split())!r}"

@@ -24,9 +24,11 @@ from rig import acceptance
 _STAYS_ON_CORRELATION = 0.3
 
 
-def check_set(images: LightImages, known: Calibration, retake: Callable[[], Array]) -> ChecksRecord:
+def check_set(
+    images: LightImages, calibration: Calibration, retake: Callable[[], Array]
+) -> ChecksRecord:
     """Check the images of a set; undecided checks call `retake` once, which captures them again."""
-    calibrated = images.calibrated(known)
+    calibrated = images.calibrated(calibration)
     ambient_change = _check_ambient(images)
     check_images(images)
     _check_different(images)

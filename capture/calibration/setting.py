@@ -123,9 +123,9 @@ class Setting(Record):
 
     @property
     def _controls(self) -> dict[str, float]:
-        stated = {"gain": self.gain, "gamma": self.gamma}
-        known = {name: value for name, value in stated.items() if value is not None}
-        return {**known, **self.pixel_value_controls}
+        controls = {"gain": self.gain, "gamma": self.gamma}
+        stated = {name: value for name, value in controls.items() if value is not None}
+        return {**stated, **self.pixel_value_controls}
 
     @property
     def _size(self) -> str:

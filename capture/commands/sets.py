@@ -80,7 +80,7 @@ def capture(
     config = config_of(rig)
     if calibration is None and config.calibration is not None and not target:
         calibration = Path(config.calibration)
-    known = None if calibration is None else read_calibration(calibration)
+    calibration_file = None if calibration is None else read_calibration(calibration)
     recording = config.camera.recording
     recordings = [] if recording is None else [recording]
     orientations_deg: list[float] | list[None] = rotate or [None]
@@ -119,7 +119,7 @@ def capture(
     )
     with open_rig(configs[0]) as opened:
         placements = [config.simulation.placement for config in configs]
-        sets = _captured(opened, placements, count, label, average, known, target)
+        sets = _captured(opened, placements, count, label, average, calibration_file, target)
         answer = []
         for path, captured in zip(paths, progress(sets, len(paths), "capture"), strict=True):
             describe(captured).save(path)
@@ -275,17 +275,17 @@ def import_(
         tilts_deg = options.degrees("--tilts", _RING if tilts is None else tilts, _RING)
         lighting = Lighting.from_angles(tilts_deg, slant)
     check_output(output, suffix=SET_SUFFIX, inputs=[*images, *inputs], force=force)
-    known = None if calibration is None else read_calibration(calibration)
+    calibration_file = None if calibration is None else read_calibration(calibration)
     captured = import_images(
         images, lighting, gamma=gamma, ambient=ambient, label=label, bits=bits, mask=mask,
         crop=None if crop is None else _crop(crop), accept=accept or (), warnings=warnings,
-        calibration=None if known is None else known.calibration,
+        calibration=None if calibration_file is None else calibration_file.calibration,
     )  # fmt: skip
     captured = described(
         captured, specimen=specimen, operator=operator, note=note, orientation_deg=orientation
     )
-    if known is not None:
-        captured = captured.with_calibration(known)
+    if calibration_file is not None:
+        captured = captured.with_calibration(calibration_file)
     captured.save(output)
     metadata = captured.metadata
     for warning in metadata.warnings:

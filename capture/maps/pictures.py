@@ -176,12 +176,12 @@ def reduced(
     if scale >= 1.0:
         return values
     size = (max(1, round(columns * scale)), max(1, round(rows * scale)))
-    known = ~np.isnan(values)
-    if known.all():
+    is_number = ~np.isnan(values)
+    if is_number.all():
         return cv2.resize(values, size, interpolation=interpolation)
     share, summed = (
         cv2.resize(image.astype(np.float32), size, interpolation=interpolation)
-        for image in (known, np.where(known, values, 0.0))
+        for image in (is_number, np.where(is_number, values, 0.0))
     )
     return np.where(share >= 0.5, summed / np.maximum(share, 0.5), np.float32(np.nan))
 

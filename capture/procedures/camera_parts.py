@@ -109,8 +109,8 @@ def levels_of(
     """Levels of frames in values of the camera, without its hot pixels."""
     dark = calibration.dark
     hot = [] if dark is None else [exposure.hot_pixels for exposure in dark.exposures]
-    known = bool(hot) and not any((exposure >= frames.shape[1:]).any() for exposure in hot)
-    hot_pixels = np.unique(np.concatenate(hot), axis=0) if known else None
+    hot_pixels_fit = bool(hot) and not any((exposure >= frames.shape[1:]).any() for exposure in hot)
+    hot_pixels = np.unique(np.concatenate(hot), axis=0) if hot_pixels_fit else None
     levels = block_levels(frames, full_scale, hot_pixels)
     stretch = full_scale / ((1 << bit_depth) - 1)
     return replace(levels, means=levels.means / stretch, variances=levels.variances / stretch**2)

@@ -205,11 +205,11 @@ def outliers(separation: Separation) -> Iterator[tuple[str, str]]:
         for entry, first in zip(entries, is_first, strict=True)
         if first
     }
-    known = shares[~is_first]
-    if not len(known):
+    repeated_shares = shares[~is_first]
+    if not len(repeated_shares):
         return
-    deviations = NormalDist().inv_cdf(1.0 - _CHANCE / len(known))
-    far = max(1.0, float(np.median(known)) * math.exp(_SPREAD * deviations))
+    deviations = NormalDist().inv_cdf(1.0 - _CHANCE / len(repeated_shares))
+    far = max(1.0, float(np.median(repeated_shares)) * math.exp(_SPREAD * deviations))
     for entry, row, share in zip(entries, separation.distances, shares, strict=True):
         nearest = names[int(np.nanargmin(row))]
         if math.isnan(share):

@@ -65,7 +65,7 @@ def _specimen(name: str, result: SpecimenResult, analysis: SessionAnalysis) -> d
         "relief": pictures.shaded(surface.normals),
     }
     entries = [entry for entry in analysis.entries if entry.piece == name]
-    values: dict[str, dict[str, None]] = {}  # in order, each once
+    values: dict[str, dict[str, None]] = {}  # distinct texts of each property, in order
     for entry in entries:
         if entry.description is not None:
             for key, value in entry.description.properties.items():

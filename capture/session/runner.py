@@ -163,12 +163,16 @@ class _Runner:
 
     def compare_rig(self) -> None:
         """Compare the rig with its calibration, if it has one, by a white sheet."""
-        known = None if self._calibration is None else self._calibration.file
-        if known is None or known.calibration.flat_field is None or not self._missing():
+        calibration_file = None if self._calibration is None else self._calibration.file
+        if (
+            calibration_file is None
+            or calibration_file.calibration.flat_field is None
+            or not self._missing()
+        ):
             return
         self._publish(events.StateChanged(State.COMPARING, None))
         self._rig = self._closing.enter_context(open_rig(self._config))
-        if compare_rig(self._rig, known, self._ask, self._publish) is Answer.STOP:
+        if compare_rig(self._rig, calibration_file, self._ask, self._publish) is Answer.STOP:
             raise _Stopped(_Finish("stopped"))
 
     def capture_all(self) -> None:

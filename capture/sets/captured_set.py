@@ -141,22 +141,22 @@ class CapturedSet:
         """
         if calibration is not None and raw:
             raise InputError("a calibration and raw=True exclude each other; give one of them")
-        known = Calibration() if raw else calibration or self._named_calibration()
-        known = known.at(self.setting.exposure_ms)
+        applied = Calibration() if raw else calibration or self._named_calibration()
+        applied = applied.at(self.setting.exposure_ms)
         full_scale = self.metadata.full_scale
-        stack = known.corrected(ImageStack(self.images, self.ambient), full_scale)
+        stack = applied.corrected(ImageStack(self.images, self.ambient), full_scale)
         return photometric_stereo(
-            stack.images, known.lighting_of(self.lighting), method, ambient=stack.ambient,
-            full_scale=full_scale, noise=self.noise_with(known), planar=planar,
-            mask=None if self.mask is None else known.corrected_mask(self.mask),
-            flat_field=known.flat_field, on_progress=on_progress,
-            lobe_exponent=None if known.lights is None else known.lights.lobe_exponent,
+            stack.images, applied.lighting_of(self.lighting), method, ambient=stack.ambient,
+            full_scale=full_scale, noise=self.noise_with(applied), planar=planar,
+            mask=None if self.mask is None else applied.corrected_mask(self.mask),
+            flat_field=applied.flat_field, on_progress=on_progress,
+            lobe_exponent=None if applied.lights is None else applied.lights.lobe_exponent,
         )  # fmt: skip
 
     def _named_calibration(self) -> Calibration:
-        known = self.calibration
-        if known is not None and known.hash in self.metadata.calibration_ids:
-            return known.calibration
+        own = self.calibration
+        if own is not None and own.hash in self.metadata.calibration_ids:
+            return own.calibration
         path = self.path or Path("a set without a file")
         calibration = calibration_of(path, self.metadata, self.images.shape[1:], way_out=_WAY_OUT)
         for text in () if calibration is None else calibration.warnings:
@@ -177,8 +177,8 @@ class CapturedSet:
             sensor = calibration.noise.sensor
         frames = max((len(image.frames) for image in metadata.images), default=1) or 1
         noise = image_noise(sensor, metadata.bit_depth, metadata.full_scale, frames)
-        known = calibration.at(None if camera is None else camera.exposure_ms)
-        return known.noise_of(noise, has_ambient=self.ambient is not None)
+        at_exposure = calibration.at(None if camera is None else camera.exposure_ms)
+        return at_exposure.noise_of(noise, has_ambient=self.ambient is not None)
 
     def save(self, path: str | Path, *, home: Path | None = None) -> None:
         """Write an ``.ome.tif``, whole or not at all; an existing file is replaced.

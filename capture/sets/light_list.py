@@ -245,10 +245,10 @@ def _parsed_json(path: Path, text: str, unknown_keys: bool) -> LightList:
     except (ValueError, RecursionError):  # a number of thousands of digits, nested too deep
         raise InputError(f"{path}: {_FORM}") from None
     ignored = [*_unknown_keys(raw)]
-    for place, key, known in ignored:
-        if known is not None and not unknown_keys:
+    for place, key, similar in ignored:
+        if similar is not None and not unknown_keys:
             raise InputError(
-                f'{path}: {place} has the unknown key "{key}", which looks like "{known}"; '
+                f'{path}: {place} has the unknown key "{key}", which looks like "{similar}"; '
                 "rename it if it is that, or give --accept light-keys to ignore it"
             )
     try:
@@ -294,7 +294,7 @@ def _unknown_keys(content: Any) -> Iterator[tuple[str, str, str | None]]:
     listed = content.get("images") if isinstance(content, dict) else content
     images = listed if isinstance(listed, list) else []
     entries = [entry for entry in images if isinstance(entry, dict)]
-    known = [*_NamedLight.model_fields]
+    light_keys = [*_NamedLight.model_fields]
     if isinstance(content, dict):
         missing = [] if isinstance(listed, list) else ["images"]
         missing += [] if any("intensity" in entry for entry in entries) else ["intensity"]
@@ -302,21 +302,22 @@ def _unknown_keys(content: Any) -> Iterator[tuple[str, str, str | None]]:
             if key != "images":
                 yield "the file", key, _look_alike(key, content[key], missing)
     for number, entry in enumerate(entries):
-        missing = [key for key in known if key not in entry]
+        missing = [key for key in light_keys if key not in entry]
         for key in entry:
-            if key not in known:
+            if key not in light_keys:
                 yield f"image {number}", key, _look_alike(key, entry[key], missing)
 
 
 def _look_alike(key: str, value: Any, missing: Iterable[str]) -> str | None:
     """Return the missing key that `key` is a variant or a misspelling of, if any."""
     words = {word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+", key)}
-    for known in missing:
-        if known == "intensity" and (value is None or isinstance(value, str)):
+    for candidate in missing:
+        if candidate == "intensity" and (value is None or isinstance(value, str)):
             continue  # a remark
-        long = [word for word in _ALIKE[known] if len(word) >= _LONG_WORD]
-        if words & _ALIKE[known] or any(get_close_matches(w, long, 1, _MISSPELT) for w in words):
-            return known
+        similar = _ALIKE[candidate]
+        long = [word for word in similar if len(word) >= _LONG_WORD]
+        if words & similar or any(get_close_matches(w, long, 1, _MISSPELT) for w in words):
+            return candidate
     return None
 
 

@@ -46,13 +46,15 @@ class LoadedSet:
 
         With a flat field in the calibration, no fall-off is fitted to the part.
         """
-        known = self.calibration
-        return self.solve(method, planar=planar and (known is None or known.flat_field is None))
+        has_flat_field = self.calibration is not None and self.calibration.flat_field is not None
+        return self.solve(method, planar=planar and not has_flat_field)
 
     def solve(self, method: Method | None = None, *, planar: bool = False) -> SurfaceEstimate:
         """Solve with the calibration, or without one if there is none."""
-        known = self.calibration
-        return self.captured.solve(method, planar=planar, calibration=known, raw=known is None)
+        calibration = self.calibration
+        return self.captured.solve(
+            method, planar=planar, calibration=calibration, raw=calibration is None
+        )
 
 
 @contextmanager

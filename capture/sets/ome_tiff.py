@@ -94,7 +94,7 @@ def _metadata(path: Path, fields: dict[str, Any], pages: int) -> SetMetadata:
         )
     listed = len(order) + (metadata.mask_file is not None)
     if pages != listed:
-        raise InputError(f"{path}: holds {pages} images, its metadata list {listed}")
+        raise InputError(f"{path}: holds {pages} images, its metadata name {listed}")
     return metadata
 
 

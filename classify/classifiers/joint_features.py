@@ -37,7 +37,7 @@ SERIES = CHANNELS * RADII
 """Number of Fourier series in a signature: one for each channel and radius."""
 
 SPECTRAL_SHARE = "spectral_share"
-"""Parameter: weight of the distance of spectra; that of statistics has the rest."""
+"""Parameter: weight of the distance of spectra; 1 minus it is that of the statistics."""
 
 CONTRAST_GAINS = "contrast_gains"
 """Parameter: factor of the contrast of each channel in a distance."""
@@ -162,7 +162,7 @@ def _contrast_directions() -> FloatMap:
 
 @lru_cache(maxsize=8)
 def _root_weights(channel_weights: tuple[float, ...], cap_bins: float) -> FloatMap:
-    # Radii in bins of 128 px segments; those of other segments differ in the last rings alone.
+    # Radii in bins of 128 px segments; in other segments only the last rings have other radii.
     bins = np.minimum(polar_radii_px(128), cap_bins)
     weights = np.outer(channel_weights, bins)
     roots: FloatMap = np.sqrt(weights / weights.sum()).astype(np.float32)
@@ -213,9 +213,9 @@ def quarter_distances(
     parameters: Parameters,
 ) -> tuple[Floats, Floats]:
     """(sets, 6) squared distances between quarters, of spectra and (sets, 5, d) statistics."""
-    white = statistics[:, 1:] @ parameters["whitening"].T
+    whitened = statistics[:, 1:] @ parameters["whitening"].T
     local = np.stack(
-        [np.square(white[:, i] - white[:, j]).sum(axis=1) for i, j in _QUARTER_PAIRS], axis=1
+        [np.square(whitened[:, i] - whitened[:, j]).sum(axis=1) for i, j in _QUARTER_PAIRS], axis=1
     )
     spectral = np.empty((len(trainings), len(_QUARTER_PAIRS)))
     for row, training in zip(spectral, trainings, strict=True):

@@ -182,10 +182,10 @@ def _multiply(
     ambient = dark.any()
     for k in range(lights):
         low, high = bounds[k]
-        known = -1
+        current_node = -1
         for r in range(rows):
             node, beyond = divmod(first + r, apart)
-            if node != known:
+            if node != current_node:
                 if r > 0 and apart > 1:
                     # As a loop: numba copies a slice more slowly.
                     for c in range(columns):
@@ -194,7 +194,7 @@ def _multiply(
                     _exponentials(factors[k, node], low, high, x, begin)
                 if apart > 1:
                     _exponentials(factors[k, node + 1], low, high, x, end)
-                known = node
+                current_node = node
             share = np.float32(beyond / apart)
             dark_row = dark[min(r, len(dark) - 1)]
             if not ambient:

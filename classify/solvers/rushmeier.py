@@ -64,7 +64,7 @@ def _drop_extremes(
                 bz[c] += z * v
                 lowest[c] = min(lowest[c], v)
                 highest[c] = max(highest[c], v)
-        # The number of lights that are as low, and the sum of their indices: if one, its index.
+        # Number of lights with the lowest value, and sum of their indices: the index, if it is one.
         lows = np.zeros(columns, np.float32)
         low = np.zeros(columns, np.float32)
         highs = np.zeros(columns, np.float32)

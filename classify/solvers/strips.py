@@ -97,15 +97,15 @@ def _undo_shear(
                 across + cz * inner,
             )
             square = bx * bx + by * by + bz * bz
-            known = (across > _NEAR_PLANE) & (bz > zero) & (bz * bz > least * square)
+            is_determined = (across > _NEAR_PLANE) & (bz > zero) & (bz * bz > least * square)
             # One quotient for both: divisions take most of the time.
             scale = across * across * (one + p[r, c] * p[r, c] + q[r, c] * q[r, c])
-            quotient = one / (bz * scale if known else one)
-            slope = -quotient * scale if known else zero
-            albedo[r, c] *= np.sqrt(square * quotient * bz) if known else one
+            quotient = one / (bz * scale if is_determined else one)
+            slope = -quotient * scale if is_determined else zero
+            albedo[r, c] *= np.sqrt(square * quotient * bz) if is_determined else one
             p[r, c] = bx * slope
             q[r, c] = by * slope
-            valid[r, c] &= known
+            valid[r, c] &= is_determined
 
 
 @kernel

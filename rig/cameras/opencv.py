@@ -223,9 +223,9 @@ class OpencvCamera:
         # Read here, because a thread reads frames later.
         names = ("GAIN", "GAMMA", *_PIXEL_VALUE_CONTROLS)
         read = {name: video.get(_property(name)) for name in names}
-        known = {name.lower(): value for name, value in read.items() if value != _LACKING}
-        stated = {name: known.pop(name, None) for name in ("gain", "gamma")}
-        self._pixel_values: dict[str, Any] = {**stated, "pixel_value_controls": known}
+        values = {name.lower(): value for name, value in read.items() if value != _LACKING}
+        gain_and_gamma = {name: values.pop(name, None) for name in ("gain", "gamma")}
+        self._pixel_values: dict[str, Any] = {**gain_and_gamma, "pixel_value_controls": values}
 
     def _set_exposure(self) -> list[ControlFault]:
         if self._video_backend != _V4L2:
