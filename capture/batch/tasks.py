@@ -17,8 +17,7 @@ from capture.base.errors import SetRejected
 from capture.maps.files import write_maps
 from capture.maps.surface_maps import RELIT_LIGHT
 from capture.sets import ome_tiff
-from capture.sets.captured_set import calibration_of
-from capture.sets.loaded_set import PLANAR, LoadedSet, named
+from capture.sets.captured_set import PLANAR, LoadedSet, calibration_of, named
 from capture.sets.metadata import SetMetadata
 from classify import Lighting, Match, Method, TextureLibrary
 from classify.base.errors import InputError

@@ -16,7 +16,7 @@ from classify.methods import METHODS, Method
 
 if TYPE_CHECKING:
     from capture.batch.tasks import SolvedSet
-    from capture.sets.loaded_set import LoadedSet
+    from capture.sets.captured_set import LoadedSet
     from classify import Lighting
 
 _RELIT = "135,45"
@@ -190,8 +190,7 @@ def export(
     from capture.base.outputs import check_output
     from capture.batch.tasks import SolveTask, solve_set
     from capture.maps.set_files import write_light_folder, write_numpy_file
-    from capture.sets.captured_set import CapturedSet
-    from capture.sets.loaded_set import LoadedSet, named
+    from capture.sets.captured_set import CapturedSet, LoadedSet, named
 
     suffix = output.suffix.lower()
     if suffix and (maps or suffix not in FORMATS):

@@ -11,8 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from capture.base.names import SET_SUFFIX
-from capture.sets.captured_set import CapturedSet
-from capture.sets.loaded_set import LoadedSet, named
+from capture.sets.captured_set import CapturedSet, LoadedSet, named
 from classify import SurfaceEstimate
 from classify.base.errors import InputError
 

@@ -8,7 +8,7 @@ from datetime import datetime
 import numpy as np
 
 from capture.base.errors import SetRejected
-from capture.sets.loaded_set import LoadedSet
+from capture.sets.captured_set import LoadedSet
 from capture.sets.metadata import SetMetadata
 from classify import SurfaceEstimate, integrate_gradients
 from classify.base.errors import InputError

@@ -10,7 +10,7 @@ from typing import Self
 
 import numpy as np
 
-from capture.sets.loaded_set import LoadedSet
+from capture.sets.captured_set import LoadedSet
 from classify import Lighting, photometric_stereo
 from classify.base.errors import InputError, Ps4rigError
 from rig import Frame, HardwareError, Rig

@@ -10,7 +10,7 @@ from statistics import NormalDist
 
 import numpy as np
 
-from capture.sets.loaded_set import LoadedSet
+from capture.sets.captured_set import LoadedSet
 from classify import (
     Spectra,
     SurfaceEstimate,

@@ -12,9 +12,8 @@ from capture.acquisition.attempts import capture_set
 from capture.base.errors import SetRejected
 from capture.base.utc_time import utc_text
 from capture.calibration.lookup import FoundCalibration, keep_beside, read_calibration
-from capture.sets.captured_set import CapturedSet, calibration_of
+from capture.sets.captured_set import CapturedSet, LoadedSet, calibration_of
 from capture.sets.description import described
-from capture.sets.loaded_set import LoadedSet
 from classify.base.errors import InputError, Ps4rigError
 from rig import HardwareError, Placement, Rig, RigConfig, open_rig
 

@@ -1,11 +1,13 @@
-"""One captured set: the images of a surface under each light, and their metadata."""
+"""`CapturedSet`: the images of one surface under each light, with their metadata; `LoadedSet`."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -18,12 +20,12 @@ from capture.calibration.lookup import (
 )
 from capture.calibration.ps4cal import CalibrationFile
 from capture.calibration.setting import Setting
+from capture.sets import ome_tiff
 from classify import Lighting, Method, SensorNoise, SurfaceEstimate, photometric_stereo
 from classify.base.errors import InputError
 from classify.calibration.calibration import Calibration
 from classify.images.stack import ImageStack
 
-from . import ome_tiff
 from .metadata import SetMetadata, image_noise
 
 _OF_THE_CAMERA = {"exposure_ms", "gain", "gamma", "pixel_value_controls"}
@@ -234,3 +236,56 @@ def _setting_of(metadata: SetMetadata, shape: tuple[int, ...]) -> Setting:
         **metadata.model_dump(include={"simulated", "rig_name", "crop", "bit_depth"}),
         **({"exposure_ms": None} | stated),
     )  # fmt: skip
+
+
+# Training sets are solved as planar parts: near lights fall off, textures have no tilt or bow.
+PLANAR = True
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedSet:
+    """A captured set with its calibration, if it has one."""
+
+    captured: CapturedSet
+    found_calibration: FoundCalibration | None
+
+    @classmethod
+    def of(cls, path: Path, calibration: Path | None = None, *, raw: bool = False) -> Self:
+        """Load a set with `calibration`, or the one that it names, or if `raw` with none."""
+        captured = CapturedSet.load(path)
+        metadata, shape = captured.metadata, captured.images.shape[1:]
+        return cls(captured, None if raw else calibration_of(path, metadata, shape, calibration))
+
+    @property
+    def calibration(self) -> Calibration | None:
+        """The calibration of the rig; None without one."""
+        return None if self.found_calibration is None else self.found_calibration.file.calibration
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings about the calibration."""
+        return () if self.found_calibration is None else self.found_calibration.warnings
+
+    def solve_texture(self, method: Method | None, *, planar: bool) -> SurfaceEstimate:
+        """Solve a part with a texture.
+
+        With a flat field in the calibration, no fall-off is fitted to the part.
+        """
+        has_flat_field = self.calibration is not None and self.calibration.flat_field is not None
+        return self.solve(method, planar=planar and not has_flat_field)
+
+    def solve(self, method: Method | None = None, *, planar: bool = False) -> SurfaceEstimate:
+        """Solve with the calibration, or without one if there is none."""
+        calibration = self.calibration
+        return self.captured.solve(
+            method, planar=planar, calibration=calibration, raw=calibration is None
+        )
+
+
+@contextmanager
+def named(path: Path) -> Iterator[None]:
+    """Put the name of the file in front of the message of an `InputError`."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error

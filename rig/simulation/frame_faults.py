@@ -9,7 +9,7 @@ import numpy as np
 
 from firmware_sim import Clock
 from rig.cameras.camera import Camera, CameraInfo, Frame
-from rig.config.fault_plan import MAX_FRAMES_BACK, FrameFault
+from rig.config.simulation import MAX_FRAMES_BACK, FrameFault
 from rig.errors import CameraError
 
 from .sensor import digital

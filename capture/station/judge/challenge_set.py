@@ -10,7 +10,7 @@ from pydantic import Field
 
 from capture.base.folder_lock import folder_lock
 from capture.base.names import Name
-from capture.sets.loaded_set import LoadedSet
+from capture.sets.captured_set import LoadedSet
 from capture.station.domain.errors import RecipeError
 from capture.station.domain.verdict import Decision
 from classify.base.durable_file import durable_file, make_folder

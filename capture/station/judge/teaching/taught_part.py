@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from capture.calibration.setting import Setting
-from capture.sets.loaded_set import LoadedSet
+from capture.sets.captured_set import LoadedSet
 from capture.station.domain.errors import RecipeError
 from capture.station.domain.recipe import Region
 from capture.station.judge.inspector import setting_differences

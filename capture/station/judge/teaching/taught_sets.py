@@ -7,7 +7,7 @@ from pathlib import Path
 
 from capture.base.names import SET_SUFFIX
 from capture.calibration.lookup import keep_beside
-from capture.sets.loaded_set import LoadedSet
+from capture.sets.captured_set import LoadedSet
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.domain.taught import read_taught
