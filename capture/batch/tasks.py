@@ -22,7 +22,7 @@ from capture.sets.metadata import SetMetadata
 from classify import Lighting, Match, Method, TextureLibrary
 from classify.base.errors import InputError
 from classify.classifiers import Observation
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 from classify.library.training import observe
 from classify.lights.fall_off import fall_off
 from classify.methods import DEFAULT_CLASSIFIER, checked_label, default_method, suits

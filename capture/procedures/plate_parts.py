@@ -11,7 +11,7 @@ from capture.sets.captured_set import CapturedSet
 from classify.base.errors import InputError
 from classify.calibration.calibration import CalibratedLights, Calibration
 from classify.calibration.plate import MeasuredPlate, measure_plate
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 
 # Figure of a flat field by which a later light image of a sheet shows another exposure.
 SHEET_BRIGHTNESS = "sheet_brightness"

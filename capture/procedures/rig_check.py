@@ -17,7 +17,7 @@ from capture.calibration.setting import Setting
 from classify import Lighting
 from classify.calibration.dark import SAME_EXPOSURE
 from classify.calibration.drift import Drift, plate_drift
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 from rig import Rig
 from rig.doctor.check import Check, collected
 from rig.doctor.light_images import capture_light_images

@@ -21,7 +21,7 @@ from classify.calibration.spheres import (
     lights_from_spheres,
     scale_of_spheres,
 )
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 
 # Errors of directions in words: the aim is 0.5 degrees with a mirror sphere and 2 with a matt one;
 # four degrees of slant turn the normals by three (tests/evidence/calibration).

@@ -24,7 +24,7 @@ from capture.sets import ome_tiff
 from classify import Lighting, Method, SensorNoise, SurfaceEstimate, photometric_stereo
 from classify.base.errors import InputError
 from classify.calibration.calibration import Calibration
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 
 from .metadata import SetMetadata, image_noise
 

@@ -15,8 +15,7 @@ from classify import Lighting
 from classify.base.arrays import Array
 from classify.base.errors import InputError
 from classify.calibration.calibration import Calibration
-from classify.images.noise import SensorNoise
-from classify.images.stack import ImageStack
+from classify.images import ImageStack, SensorNoise
 from classify.lights.agreement import LightAgreement, light_agreement
 
 # Columns that are compared before all of a row are.

@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field, FiniteFloat, StrictBool, StrictInt
 
 from classify import Lighting
 from classify.base.models import Record
-from classify.images.noise import ROUNDING_VARIANCE, SensorNoise
+from classify.images import ROUNDING_VARIANCE, SensorNoise
 from rig import Placement
 
 _Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]

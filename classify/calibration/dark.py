@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from classify.base.arrays import Floats
 from classify.base.errors import CalibrationRejected, InputError
-from classify.images.noise import ROUNDING_VARIANCE
+from classify.images import ROUNDING_VARIANCE
 
 from .block_levels import BLOCKS, Frames, in_blocks, temporal_variances
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from classify.base.arrays import Floats
 from classify.base.errors import InputError
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 from classify.lighting import Lighting
 
 from .calibration import Calibration

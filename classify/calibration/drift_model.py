@@ -16,7 +16,7 @@ import numpy.typing as npt
 from scipy.linalg import cholesky, solve_triangular
 
 from classify.base.arrays import Floats
-from classify.images.noise import SIGMA_PER_MAD
+from classify.images import SIGMA_PER_MAD
 
 from .led_positions import Aim
 

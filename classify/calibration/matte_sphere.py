@@ -9,7 +9,7 @@ from scipy import optimize
 
 from classify.base.arrays import Array, BoolArray, Floats
 from classify.base.errors import CalibrationRejected
-from classify.images.noise import SIGMA_PER_MAD
+from classify.images import SIGMA_PER_MAD
 
 from .sphere import Sphere
 

@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from classify.base.arrays import Array, Floats, Indices
 from classify.base.errors import CalibrationRejected
-from classify.images.noise import SIGMA_PER_MAD
+from classify.images import SIGMA_PER_MAD
 
 from .sphere import Sphere
 

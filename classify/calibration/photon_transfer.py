@@ -12,7 +12,7 @@ import numpy as np
 
 from classify.base.arrays import Floats
 from classify.base.errors import CalibrationRejected, InputError
-from classify.images.noise import ROUNDING_VARIANCE, SensorNoise
+from classify.images import ROUNDING_VARIANCE, SensorNoise
 
 from .block_levels import BlockLevels
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from classify.base.arrays import BoolArray, Floats
 from classify.base.errors import CalibrationRejected, InputError
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 from classify.lighting import Lighting
 
 from .calibration import CalibratedLights

@@ -15,7 +15,7 @@ import numpy as np
 
 from classify.base.arrays import Array, BoolArray, FloatMap, Floats, Indices
 from classify.base.compiling import kernel
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
 

@@ -10,7 +10,7 @@ from classify.base.arrays import Array, FloatMap, Floats, Indices
 from classify.base.compiling import kernel
 from classify.base.errors import InputError
 from classify.base.threads import run_on_rows
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 from classify.lighting import Lighting
 
 # Powers of a coordinate that the kernel takes: degree 6, which LEDs at two fields of view need

@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 
 from classify.base.arrays import Array, BoolArray, FloatMap, Floats
-from classify.images.noise import SIGMA_PER_MAD
+from classify.images import SIGMA_PER_MAD
 from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
 

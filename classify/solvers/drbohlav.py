@@ -4,8 +4,7 @@ import numpy as np
 
 from classify.base.arrays import Array, FloatMap
 from classify.base.compiling import kernel
-from classify.images.noise import BEYOND_NOISE, chi_squared
-from classify.images.stack import ImageStack
+from classify.images import BEYOND_NOISE, ImageStack, chi_squared
 from classify.lights.algebra import least_squares_weights
 from classify.shadow_rule import NO_DROPPED_LIGHT, SHADOW_FRACTION
 

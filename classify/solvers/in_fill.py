@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from classify.base.arrays import FloatMap, Indices
 from classify.base.threads import run_on_rows
-from classify.images.stack import sample_pixels
+from classify.images import sample_pixels
 from classify.lighting import Lighting
 
 from .problem import Maps, Problem

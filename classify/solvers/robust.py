@@ -11,7 +11,7 @@ import numpy as np
 from classify.base.arrays import Array
 from classify.base.compiling import kernel
 from classify.base.threads import STRIP_PX
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 from classify.lights.algebra import drop_one_constants
 from classify.lights.led_levels import LitSamples, level_corrections, residual_spread
 from classify.shadow_rule import MIN_NORMAL_Z, MIN_SCALED_Z, NO_DROPPED_LIGHT, SHADOW_FRACTION

@@ -4,7 +4,7 @@ import numpy as np
 
 from classify.base.arrays import Array
 from classify.base.compiling import kernel
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 from classify.lights.algebra import drop_two_inverses, least_squares_weights
 from classify.shadow_rule import NO_DROPPED_LIGHT
 

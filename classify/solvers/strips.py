@@ -14,7 +14,7 @@ import numpy as np
 from classify.base.arrays import Array, FloatMap
 from classify.base.compiling import kernel
 from classify.base.threads import STRIP_PX, run_on_rows
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 from classify.lights.flat_field import DividedStack
 from classify.lights.near_light import Shear
 from classify.shadow_rule import MIN_NORMAL_Z, SHADOW_FLOOR, SHADOW_FRACTION

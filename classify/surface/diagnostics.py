@@ -4,7 +4,7 @@ import numpy as np
 
 from classify.base.arrays import Array, FloatMap
 from classify.base.compiling import kernel
-from classify.images.noise import SIGMA_PER_MAD
+from classify.images import SIGMA_PER_MAD
 from classify.shadow_rule import SHADOW_FLOOR, SHADOW_FRACTION
 
 # A highlight gives at least this multiple of the Lambertian prediction, which is taken as at least
