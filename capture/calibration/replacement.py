@@ -1,4 +1,4 @@
-"""Whether a new part of a calibration may replace the one that is there."""
+"""Whether a new part of a calibration may replace the present part."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -160,22 +160,22 @@ def _lights(present: _RecordedPart, measured: _RecordedPart) -> Iterator[Differe
     cosines = np.einsum("lx,lx->l", before.lighting.directions, now.lighting.directions)
     angles_deg = np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))
     errors_deg = zip(before.direction_errors_deg, now.direction_errors_deg, strict=True)
-    ours, theirs = before.lighting.positions_px, now.lighting.positions_px
+    positions_before, positions_now = before.lighting.positions_px, now.lighting.positions_px
     floors_deg = np.full(len(angles_deg), _FLOOR_DIRECTION_DEG)
-    single = ours if theirs is None else theirs if ours is None else None
-    if single is not None:
-        # A direction alone is that from the place of the sphere, above the plane of the positions.
+    positions = positions_now if positions_before is None else positions_before
+    if positions is not None and (positions_before is None or positions_now is None):
+        # A direction without a position is measured at the sphere, above the plane of the part.
         half_px = 0.5 * max(present.record.setting.width_px, present.record.setting.height_px)
-        parallax = np.arctan(half_px / np.linalg.norm(single, axis=1))
+        parallax = np.arctan(half_px / np.linalg.norm(positions, axis=1))
         floors_deg = np.maximum(floors_deg, np.degrees(parallax))
     for light, (angle_deg, errors) in enumerate(zip(angles_deg, errors_deg, strict=True)):
         limit_deg = _limit(floors_deg[light], *errors)
         yield Difference(f"light {light} in another direction", angle_deg, limit_deg, "degrees")
-    if ours is None or theirs is None:
+    if positions_before is None or positions_now is None:
         return
     assert before.distance_errors is not None
     assert now.distance_errors is not None
-    distances = np.linalg.norm(ours, axis=1), np.linalg.norm(theirs, axis=1)
+    distances = np.linalg.norm(positions_before, axis=1), np.linalg.norm(positions_now, axis=1)
     for light, (first_px, second_px) in enumerate(zip(*distances, strict=True)):
         limit = _limit(_FLOOR_DISTANCE, before.distance_errors[light], now.distance_errors[light])
         text = f"light {light} at {second_px:.4g} px instead of {first_px:.4g}"
@@ -192,7 +192,7 @@ def _flat_field(present: _RecordedPart, measured: _RecordedPart) -> Iterator[Dif
     before: FlatField = present.part
     now: FlatField = measured.part
     changes = now.logarithms(x, y) - before.logarithms(x, y)
-    changes -= np.median(changes)  # the exposure, not the one light that changed
+    changes -= np.median(changes)  # a change of the exposure
     errors = [part.figure("error_percent") / 100.0 for part in (present, measured)]
     for light, change in enumerate(np.abs(changes).max(axis=(1, 2)).tolist()):
         limit = _limit(_FLOOR_FLAT_FIELD, *errors)
@@ -245,24 +245,24 @@ _DIFFERENCES: dict[PartName, Callable[[_RecordedPart, _RecordedPart], Iterator[D
 }
 # Errors of the parts, for the comparison of two of one kind.
 _ERRORS: dict[PartName, Callable[[_RecordedPart], float]] = {
-    "dark": lambda present: present.figure("frames") ** -0.5 if present.figure("frames") else 0.0,
-    "response": lambda present: float(present.part.error),
-    "noise": lambda present: present.figure("gain_error_share"),
-    "flat_field": lambda present: present.figure("error_percent") / 100.0,
-    "lights": lambda present: _error_of_lights(present.part),
-    "scale": lambda present: float(present.part.error),
+    "dark": lambda part: part.figure("frames") ** -0.5 if part.figure("frames") else 0.0,
+    "response": lambda part: float(part.part.error),
+    "noise": lambda part: part.figure("gain_error_share"),
+    "flat_field": lambda part: part.figure("error_percent") / 100.0,
+    "lights": lambda part: _error_of_lights(part.part),
+    "scale": lambda part: float(part.part.error),
 }
 # Errors too small to change the normals and lengths of a part.
 _SMALL: dict[PartName, float] = {
     "dark": 0.0, "response": 5e-4, "noise": 5e-3, "flat_field": 1e-3, "lights": 2e-3, "scale": 5e-4,
 }  # fmt: skip
-# What some parts of a kind have and others lack.
+# Extra data of a part, and whether a part has them.
 _EXTRAS: dict[PartName, tuple[str, Callable[[_RecordedPart], bool]]] = {
-    "scale": ("a focal length", lambda present: present.part.focal_px is not None),
-    "lights": (_POSITIONS, lambda present: present.part.distance_errors is not None),
+    "scale": ("a focal length", lambda part: part.part.focal_px is not None),
+    "lights": (_POSITIONS, lambda part: part.part.distance_errors is not None),
     "flat_field": (
         "two placements of the sheet",
-        lambda present: present.figure("placements") > 1.0,
+        lambda part: part.figure("placements") > 1.0,
     ),
 }
 

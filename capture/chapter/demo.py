@@ -40,9 +40,9 @@ from rig import (
     surface_names,
 )
 
-COLUMNS = ("true", "found", "true, °", "found, °", "distance", "runner-up", "margin")
+_COLUMNS = ("true", "found", "true, °", "found, °", "distance", "runner-up", "margin")
 
-ANGLE_NOTE = (
+_ANGLE_NOTE = (
     "Angles are modulo 180 degrees. A texture without direction (rock, malv) has none, and one "
     "that looks the same after 90 degrees (Tiles036) is known modulo 90 only."
 )
@@ -59,7 +59,7 @@ class ReportEntry:
     reference: Spectra
 
 
-def write_report(
+def _write_report(
     path: Path,
     entries: list[ReportEntry],
     result: Evaluation,
@@ -73,16 +73,16 @@ def write_report(
         controller=controller,
         config=config,
         result=result,
-        angle_note=ANGLE_NOTE,
-        columns=COLUMNS,
-        rows=[(entry.trial.is_correct, cells_of(entry.trial)) for entry in entries],
+        angle_note=_ANGLE_NOTE,
+        columns=_COLUMNS,
+        rows=[(entry.trial.is_correct, _cells_of(entry.trial)) for entry in entries],
         entries=[(entry, _tiles(entry), _polar_plots(entry)) for entry in entries],
     )
     with durable_file(path) as temporary:
         temporary.write_text(page, encoding="utf-8")
 
 
-def cells_of(trial: Trial) -> tuple[str, ...]:
+def _cells_of(trial: Trial) -> tuple[str, ...]:
     """Texts of a row of the table: one for each of `COLUMNS`."""
     match = trial.match
     return (
@@ -194,12 +194,12 @@ def run_demo(output: Path, *, force: bool = False) -> None:
     trials = [entry.trial for entry in entries]
     result = evaluate(trials, library.classes)
     report = output / "report.html"
-    write_report(report, entries, result, identity, config)
-    table = new_table(*COLUMNS)
+    _write_report(report, entries, result, identity, config)
+    table = new_table(*_COLUMNS)
     for trial in trials:
-        table.add_row(*cells_of(trial), style=None if trial.is_correct else "red")
+        table.add_row(*_cells_of(trial), style=None if trial.is_correct else "red")
     print_table(table)
-    out.print(ANGLE_NOTE)
+    out.print(_ANGLE_NOTE)
     out.print(
         f"{result.correct} of {result.sets} right. Simulated rig. "
         f"Report: {report}, sets: {sets_folder}",

@@ -43,7 +43,7 @@ def roughness_note(mm_per_px: float | None) -> str:
     return _RELATIVE_NOTE if mm_per_px is None else _LENGTHS_NOTE.format(_OF_A_PIXEL, mm_per_px)
 
 
-def roughness_parameters(
+def _roughness_parameters(
     roughness: Roughness | None, mm_per_px: float | None
 ) -> dict[str, dict[str, Any]]:
     """Return name, value and unit of each parameter by symbol, and whether it is relative.
@@ -88,7 +88,7 @@ def map_page(
         metadata=metadata,
         facts=(*_facts(captured, maps), *_calibration(maps.surface, calibration, raw_residual)),
         views=views,
-        roughness=roughness_parameters(maps.roughness, maps.mm_per_px),
+        roughness=_roughness_parameters(maps.roughness, maps.mm_per_px),
         roughness_note=roughness_note(maps.mm_per_px),
         units=_UNITS,
     )
@@ -192,7 +192,7 @@ def write_maps(
     roughness = {
         "valid_pixels": int(np.count_nonzero(surface.valid)),
         "note": roughness_note(mm_per_px),
-        "parameters": roughness_parameters(maps.roughness, mm_per_px),
+        "parameters": _roughness_parameters(maps.roughness, mm_per_px),
     }
     texts = {
         "roughness.json": json.dumps(origin | roughness, indent=2, allow_nan=False),

@@ -79,10 +79,11 @@ class DriftModel:
         nuisances = np.array(list(self._nuisances()))
         lights, blocks = self._strengths.shape
         shared = np.kron(np.ones((lights, lights)), np.eye(blocks))
-        own = np.eye(lights * blocks)
-        covariance = nuisances.T @ nuisances + _RATIO_SPREAD**2 * own + _COMMON_SPREAD**2 * shared
+        identity = np.eye(lights * blocks)
+        covariance = nuisances.T @ nuisances + _RATIO_SPREAD**2 * identity
+        covariance += _COMMON_SPREAD**2 * shared
         lower = cholesky(covariance, lower=True)
-        self._whitener = solve_triangular(lower, own, lower=True)
+        self._whitener = solve_triangular(lower, identity, lower=True)
         self._posterior = nuisances @ self._whitener.T @ self._whitener
         self._nuisance_changes = nuisances
         self._causes = tuple(self._all_causes())
@@ -93,10 +94,10 @@ class DriftModel:
         score, numbers = self._fit(change, chosen, np.empty(0))
         while len(chosen) < _MOST_CAUSES:
             longer, better, fitted = self._best(change, chosen, numbers)
-            for place in range(len(longer) - 1):
-                # An earlier cause may have stood for others that are known now.
-                rest = longer[:place] + longer[place + 1 :]
-                exchanged = self._best(change, rest, _without(fitted, longer, place))
+            for index in range(len(longer) - 1):
+                # An earlier cause may have been a substitute for the causes chosen later.
+                others = longer[:index] + longer[index + 1 :]
+                exchanged = self._best(change, others, _without(fitted, longer, index))
                 if exchanged[1] < better:
                     longer, better, fitted = exchanged
             if better >= score:
@@ -168,7 +169,7 @@ class DriftModel:
     ) -> Explanation:
         unexplained = change - self._change(causes, numbers)
         nuisances = self._posterior @ unexplained.ravel()
-        rest = unexplained - (nuisances @ self._nuisance_changes).reshape(unexplained.shape)
+        remainder = unexplained - (nuisances @ self._nuisance_changes).reshape(unexplained.shape)
         brightness = _WHITE_SPREAD * float(nuisances[0])
         slope = _TILT_SPREAD * nuisances[1:3]
         levels = _LEVEL_SPREAD * nuisances[3 : 3 + len(change)]
@@ -183,8 +184,8 @@ class DriftModel:
                 brightness += float(own[0])
             elif cause.kind == "sheet tilted":
                 slope += own
-        shared = rest.mean(axis=0)
-        residual = float(np.sqrt(np.square(rest - shared).mean()))
+        shared = remainder.mean(axis=0)
+        residual = float(np.sqrt(np.square(remainder - shared).mean()))
         unevenness = SIGMA_PER_MAD * float(np.median(np.abs(shared)))
         return Explanation(tuple(named), levels, brightness, slope, residual, unevenness)
 
@@ -235,8 +236,8 @@ class DriftModel:
 
         def change(numbers: Floats) -> Floats:
             moved = self._even(0.0)
-            place = moved_light(self.positions[light], numbers)
-            moved[light] = self._strength(place, self._x, self._y) - self._strengths[light]
+            position = moved_light(self.positions[light], numbers)
+            moved[light] = self._strength(position, self._x, self._y) - self._strengths[light]
             return moved
 
         return change

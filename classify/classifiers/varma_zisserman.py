@@ -27,7 +27,7 @@ from .thesis import first_light, images_of
 FILTER_PX = 49
 """Side of the filters."""
 
-RESPONSES = 8
+_RESPONSES = 8
 """Edges at three scales, bars at three scales, Gaussian, Laplacian of Gaussian."""
 
 _MIN_IMAGE_PX = 64
@@ -74,7 +74,7 @@ def mr8_responses(image: npt.NDArray[np.generic]) -> FloatMap:
     """
     normal = _normalised(image)
     rows, columns = (side - 2 * _MARGIN for side in normal.shape)
-    responses = np.empty((RESPONSES, rows, columns), dtype=np.float32)
+    responses = np.empty((_RESPONSES, rows, columns), dtype=np.float32)
     for row in _blocks(normal.shape[0]):
         for column in _blocks(normal.shape[1]):
             valid = [slice(block.start, block.stop - 2 * _MARGIN) for block in (row, column)]
@@ -130,7 +130,7 @@ def _block_responses(block: FloatMap) -> FloatMap:
         images: FloatMap = scipy.fft.irfft(along_rows, shape[1], axis=2)
         return images[:, :, valid_columns]
 
-    responses = np.empty((RESPONSES, rows - 2 * _MARGIN, columns - 2 * _MARGIN), np.float32)
+    responses = np.empty((_RESPONSES, rows - 2 * _MARGIN, columns - 2 * _MARGIN), np.float32)
     edges, bars, isotropic = _transfer_functions(*shape)
     for index, (edge, bar) in enumerate(zip(edges, bars, strict=True)):
         np.abs(filtered(1j * spectrum, edge)).max(axis=0, out=responses[index])
@@ -211,7 +211,7 @@ def chi_squared(histogram: FloatMap, references: FloatMap) -> FloatMap:
 
 def _pixels(responses: FloatMap) -> FloatMap:
     """(H W, 8), one row per pixel."""
-    return np.ascontiguousarray(responses.reshape(RESPONSES, -1).T, dtype=np.float32)
+    return np.ascontiguousarray(responses.reshape(_RESPONSES, -1).T, dtype=np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,7 +239,7 @@ def _learn(observations: Sequence[_FilterResponses], labels: Sequence[str]) -> P
 
 
 def _parameter_shapes(_segment_px: int) -> Mapping[str, Shape]:
-    return {"textons": (-1, RESPONSES)}
+    return {"textons": (-1, _RESPONSES)}
 
 
 def _histograms(observation: _FilterResponses, parameters: Parameters) -> FloatMap:

@@ -123,15 +123,15 @@ class _Filter(NamedTuple):
     is_line: bool
 
 
-_SPOTS, FINE, WIDE, ALBEDO = range(4)
+_SPOTS, _FINE, _WIDE, ALBEDO = range(4)
 """Departures: spots, fine and wide scratches of the relief; spots and scratches of the albedo."""
 # The filter of 1 px found more ploughed grooves of 1.5 px on the even textures than one of 1.5 px.
 FILTERS = (
     *(_Filter(kind, width_px, 1, False) for kind in (_SPOTS, ALBEDO) for width_px in (4, 8, 16)),
-    _Filter(FINE, 1.0, 0, True),
+    _Filter(_FINE, 1.0, 0, True),
     *(
         _Filter(kind, width_px, 1, True)
-        for kind, width_px in ((WIDE, 2.5), (WIDE, 4), (ALBEDO, 2.5))
+        for kind, width_px in ((_WIDE, 2.5), (_WIDE, 4), (ALBEDO, 2.5))
     ),
 )
 SIZES = tuple(DIRECTIONS * LENGTHS if matched.is_line else 1 for matched in FILTERS)

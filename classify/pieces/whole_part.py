@@ -54,7 +54,7 @@ class LinearMeasure:
 
 
 def scale_measure(good: Floats, direction: Floats) -> tuple[LinearMeasure, Floats]:
-    """Measure of the logarithm of the scale, and that of each good part when it is left out.
+    """Measure of the logarithm of the scale, and the left-out measure of each good part.
 
     `direction` is the change of the features by a scale of e.
     """

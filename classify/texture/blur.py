@@ -111,7 +111,7 @@ def _least_rows(
 def path_products(
     test: Array, test_curve: Array, reference: Array, curve: Array, rings: int
 ) -> tuple[Any, Any]:
-    """Squared differences at `_POINTS_PX2`, and inner products of neighbouring ones."""
+    """Squared differences at the six `_POINTS_PX2`, and inner products of neighbours."""
     zero = np.float32(0.0)
     s0, s1, s2, s3, s4, s5 = zero, zero, zero, zero, zero, zero
     p0, p1, p2, p3, p4 = zero, zero, zero, zero, zero
