@@ -16,7 +16,7 @@ from classify.base.errors import InputError, Ps4rigError
 from .base.console import complain
 from .base.interrupts import INTERRUPTED_STATUS
 from .base.process_settings import settle_process
-from .commands import compare, export, info, sets, solve, studies, textures, verify
+from .commands import info, sets, solve, studies, textures
 from .commands.calibrate import calibrate_app
 from .commands.rig import rig_app
 from .commands.session import session_app
@@ -36,9 +36,9 @@ app.command()(textures.train)
 app.command()(textures.classify)
 app.command("evaluate")(textures.evaluate_)
 app.command()(info.info)
-app.command()(export.export)
-app.command()(compare.compare)
-app.command()(verify.verify)
+app.command()(solve.export)
+app.command()(info.compare)
+app.command()(info.verify)
 app.command()(studies.reproduce)
 app.add_typer(calibrate_app, name="calibrate")
 app.add_typer(rig_app, name="rig")

@@ -3,7 +3,7 @@ from .calibration.calibration import Calibration
 from .defects.defect_map import DefectMap, DefectRegion, regions_of
 from .defects.defect_model import DefectModel
 from .defects.learning import learn_defects
-from .images.noise import SensorNoise
+from .images import SensorNoise
 from .library.evaluation import Evaluation, Trial, evaluate
 from .library.match import Match
 from .library.texture_library import TextureLibrary

@@ -195,7 +195,7 @@ class Lighting:
 def light_fault(direction: Sequence[float], intensity: float = 1.0) -> str | None:
     """Why there can be no light of this direction and intensity; None if there can."""
     # Squares of larger numbers would overflow.
-    if not all(abs(each) <= 1e9 for each in direction) or max(map(abs, direction)) < 1e-9:
+    if not all(abs(component) <= 1e9 for component in direction) or max(map(abs, direction)) < 1e-9:
         return (
             f"has a direction that is zero or not finite, or beyond 1e9: {[*direction]}; give "
             "(x, y, z) towards it"

@@ -11,7 +11,7 @@ from .clock import Clock
 from .firmware import STROBE_BUFFER_EDGES
 
 # The history reaches back to the oldest frame in a camera's buffers. A set switches an LED twice:
-# 8192 switches cover 4,000 sets of which no frame is read, and take 1.3 MB for each LED.
+# 8192 switches cover 4,000 sets without a read frame, and take 1.3 MB for each LED.
 _HISTORY_EVENTS = 8192
 _TAU_PER_10_90 = 1.0 / math.log(9.0)  # an exponential goes from 10 % to 90 % in tau * ln 9
 

@@ -89,7 +89,7 @@ class RealClock:
             callback()
 
     def _next_call(self) -> Callable[[], object] | None:
-        """Wait for the next call; None, which ends the thread, without one."""
+        """Wait for the next call; None ends the thread when no call is left."""
         with self._changed:
             while (next_ns := self._agenda.next_ns()) is not None:
                 callback = self._agenda.take(time.monotonic_ns())

@@ -19,7 +19,7 @@ class HostLine(Protocol):
         """Return up to `limit` bytes that have arrived, nothing if the host has hung up."""
 
     def write(self, data: bytes) -> int:
-        """Send what fits; return its length."""
+        """Send as many bytes as the line accepts; return their number."""
 
 
 class Endpoint:

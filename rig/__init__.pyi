@@ -1,9 +1,8 @@
 from .cameras.camera import Camera, CameraInfo, Frame, FrameFlag, ListedCamera
 from .cameras.kinds import list_cameras
-from .config.fault_plan import FaultPlan
 from .config.rig import RigConfig, load_config
 from .config.sequence_plan import SequencePlan
-from .config.simulation import Defect, Placement
+from .config.simulation import Defect, FaultPlan, Placement
 from .errors import CameraError, ConfigError, HardwareError, LightControllerError
 from .lights.driver import LightController, Switch
 from .lights.link import ControllerIdentity

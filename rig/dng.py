@@ -34,7 +34,9 @@ def linear_raw(content: bytes, page: Any) -> npt.NDArray[np.uint16]:
     deltas = (_numbers(page, tag, 0) for tag in (_BLACK_DELTA_H, _BLACK_DELTA_V))
     if not is_known or page.sampleformat != _UNSIGNED or any(delta.any() for delta in deltas):
         raise refusal
-    for opcode in (each for tag in _OPCODE_LISTS for each in _opcodes(page.tags.valueof(tag, b""))):
+    for opcode in (
+        opcode for tag in _OPCODE_LISTS for opcode in _opcodes(page.tags.valueof(tag, b""))
+    ):
         if opcode in _RESPONSE_OPCODES:
             raise InputError(f"corrected by opcode {opcode}, which is not handled; convert to TIFF")
     with rawpy.imread(io.BytesIO(content)) as raw:

@@ -38,8 +38,8 @@ _MAX_SIDE_PX = 32768
 # Zeros are compressed by 1000 and more, photographs with noise by less than 100.
 _SMALL_BYTES = 2**26
 _MAX_COMPRESSION = 200
-# Turns by 90 degrees anticlockwise after mirroring left to right (EXIF 2.32, section 4.6.4).
-_TURNS = {1: 0, 2: 0, 3: 2, 4: 2, 5: 1, 6: 3, 7: 3, 8: 1}
+# Rotations by 90 degrees anticlockwise after mirroring left to right (EXIF 2.32, section 4.6.4).
+_ROTATIONS = {1: 0, 2: 0, 3: 2, 4: 2, 5: 1, 6: 3, 7: 3, 8: 1}
 _MIRRORED = (2, 4, 5, 7)
 _TGA_SIGNATURE, _TGA_PREMULTIPLIED = b"TRUEVISION-XFILE.\0", 4
 _PREMULTIPLIED = "its colours are multiplied by their alpha; save it without alpha"
@@ -95,7 +95,7 @@ def read_image_file(path: Path) -> tuple[Image, ImageMetadata]:
         raise InputError(f"{path}: {message}") from error
     if metadata.orientation in _MIRRORED:
         pixels = pixels[:, ::-1]
-    return np.ascontiguousarray(np.rot90(pixels, _TURNS[metadata.orientation])), metadata
+    return np.ascontiguousarray(np.rot90(pixels, _ROTATIONS[metadata.orientation])), metadata
 
 
 def _require_size(rows: int, columns: int, declared_bytes: int, held_bytes: int) -> None:
@@ -125,10 +125,10 @@ def _jpeg(content: bytes) -> _Decoded:
     if sum(data[6:10] in (b"II*\0", b"MM\0*") for data in exif) > 1:
         raise InputError("holds EXIF data twice; remove one of them")
     # EXIF data of more than one segment begin in the first.
-    whole = [b"".join((exif[0], *(data[6:] for data in exif[1:])))] if exif else []
+    joined_exif = [b"".join((exif[0], *(data[6:] for data in exif[1:])))] if exif else []
     others = [data for data in segments if data not in exif]
     info = {name: header.info[name] for name in header.info.keys() - {"exif", "xmp"}}
-    metadata = metadata_of_info(info, segments=[*whole, *others])
+    metadata = metadata_of_info(info, segments=[*joined_exif, *others])
     return image[:, :, 0] if grey else image, metadata
 
 
@@ -154,13 +154,13 @@ def _png(content: bytes) -> _Decoded:
     critical = (b"IHDR", b"IDAT", b"IEND", *((b"PLTE",) if colour_type == _PNG_PALETTE else ()))
     plain = _PNG_SIGNATURE + b"".join(chunk for chunk in chunks if chunk[4:8] in critical)
     image: Any = imagecodecs.png_decode(plain)
-    # Pillow reads what stands in front of the pixels.
+    # Pillow reads only the chunks before the pixels.
     chunks.sort(key=lambda chunk: chunk[4:8] in (b"IDAT", b"IEND"))
     info = PngImageFile(io.BytesIO(_PNG_SIGNATURE + b"".join(chunks))).info
     # Transfer characteristics of ITU-T H.273, then full-range RGB.
     code = kinds.get(b"cICP", b"")[1:]
-    known = {b"\x08\0\1": "linear", b"\x0d\0\1": "srgb"}
-    stated = known.get(code, f"colour space {[*code]}")
+    responses = {b"\x08\0\1": "linear", b"\x0d\0\1": "srgb"}
+    stated = responses.get(code, f"colour space {[*code]}")
     metadata = metadata_of_info(info, *[stated] * (b"cICP" in kinds))
     if image.ndim == 2 or colour_type == _PNG_GREY_ALPHA:
         return np.atleast_3d(image)[:, :, 0], metadata
@@ -231,14 +231,16 @@ def _tiff(content: bytes, is_raw: bool = False) -> _Decoded:
         if len(full) != 1:
             raise InputError(f"holds {len(full)} images of full resolution; save one in a file")
         page, parent = full[0]
-        places = zip(page.dataoffsets, page.databytecounts, strict=True)
-        if any(size == 0 or start + size > len(content) for start, size in places):
+        segments = zip(page.dataoffsets, page.databytecounts, strict=True)
+        if any(size == 0 or start + size > len(content) for start, size in segments):
             raise ValueError("a part of the pixels is missing")
         samples = math.prod(page.chunked) * math.prod(page.chunks)
         declared = samples * max(8, *np.ravel(page.bitspersample).tolist()) // 8
         _require_size(page.imagelength, page.imagewidth, declared, len(content))
         # Each file of an OME-TIFF lists the images of all of them.
-        stacks = [] if tiff.is_ome else [each for each in tiff.series if each.keyframe is page]
+        stacks = (
+            [] if tiff.is_ome else [series for series in tiff.series if series.keyframe is page]
+        )
         if page.imagedepth > 1 or any(
             series.size != page.size or series.transform for series in stacks
         ):
@@ -260,7 +262,7 @@ def _tiff_pixels(page: "tifffile.TiffPage") -> Array:
     formats = {*np.ravel(page.tags.valueof(339, tifffile.SAMPLEFORMAT.UINT))}
     depths = {*np.ravel(page.tags.valueof(258, 1))}
     if depths not in ({8}, {16}) or formats != {tifffile.SAMPLEFORMAT.UINT}:
-        names = " and ".join(tifffile.SAMPLEFORMAT(each).name for each in formats)
+        names = " and ".join(tifffile.SAMPLEFORMAT(number).name for number in formats)
         bits = " and ".join(map(str, depths))
         raise InputError(
             f"{names} samples of {bits} bits; save it as unsigned integers of 8 or 16 bits"

@@ -103,8 +103,8 @@ def _metadata(
     stated = [("Orientation", ifd.get("Orientation", 0)) for ifd in directories]
     stated += [("ColorSpace", ifd["ColorSpace"]) for ifd in directories if "ColorSpace" in ifd]
     for packet in packets:
-        found = _XMP_NUMBER.findall(packet.replace(b"\0", b""))
-        stated += [(name.decode(), number.decode(errors="replace")) for name, number in found]
+        pairs = _XMP_NUMBER.findall(packet.replace(b"\0", b""))
+        stated += [(name.decode(), number.decode(errors="replace")) for name, number in pairs]
     # Cameras that do not know the orientation write 0.
     orientations = {_whole(value) for name, value in stated if name == "Orientation"} - {0}
     if len(orientations) > 1 or not orientations <= {*range(1, 9)}:
@@ -165,9 +165,11 @@ def _profile_response(profile: bytes | None) -> str:
         return "a damaged colour profile"
     lightness = np.asarray(lab)[0, :, 0]
     light = np.arange(256, dtype=np.float32) / np.float32(255.0)
-    for name, known in (("linear", light), ("srgb", linear_from_srgb(light))):
+    for name, linear in (("linear", light), ("srgb", linear_from_srgb(light))):
         # CIE 1976 lightness.
-        expected = np.where(known > 216 / 24389, 116.0 * np.cbrt(known) - 16.0, known * 24389 / 27)
+        expected = np.where(
+            linear > 216 / 24389, 116.0 * np.cbrt(linear) - 16.0, linear * 24389 / 27
+        )
         if np.abs(lightness - 2.55 * expected).max() < _PROFILE_TOLERANCE:
             return name
     return f"the colour profile {' '.join((source.profile.profile_description or '').split())!r}"

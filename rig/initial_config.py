@@ -54,9 +54,9 @@ def initial_config(controllers: _Controllers, cameras: Sequence[ListedCamera]) -
 
 def _port_lines(controllers: _Controllers) -> list[str]:
     lines = [
-        f"# Found: light controller {who.serial_number} ({who.model}, firmware "
-        f"{who.firmware_version}) at {port.by_id or port.device}"
-        for port, who in controllers
+        f"# Found: light controller {identity.serial_number} ({identity.model}, firmware "
+        f"{identity.firmware_version}) at {port.by_id or port.device}"
+        for port, identity in controllers
     ]
     if not controllers:
         return [
@@ -64,12 +64,12 @@ def _port_lines(controllers: _Controllers) -> list[str]:
             "# the # and give its port:",
             '# port = "/dev/ttyACM0"',
         ]
-    port, who = controllers[0]
+    port, identity = controllers[0]
     if not port.may_be_a_microcontroller:  # "auto" would not ask there
         return [*lines, f"port = {_text(port.by_id or port.device)}"]
     lines.append(f'port = "{AUTO}"                  # found wherever it is plugged in')
     if len(controllers) > 1:
-        lines.append(f"serial_number = {_text(who.serial_number)}")
+        lines.append(f"serial_number = {_text(identity.serial_number)}")
     return lines
 
 

@@ -234,10 +234,10 @@ def measure_latency(
     rig: Rig,
     led: int = 0,
     steps: int = 40,
-    each: Callable[[range], Iterable[int]] = iter,
+    progress: Callable[[range], Iterable[int]] = iter,
 ) -> CameraLatency:
     """Switch an LED on and off `steps` times, and measure when the frames show it."""
-    recording = _record_steps(rig, led, each(range(2 * steps)), 2 * steps)
+    recording = _record_steps(rig, led, progress(range(2 * steps)), 2 * steps)
     evaluation = _evaluate(rig, recording)
     fit = evaluation.fit
     if fit.misfit > _MAX_MISFIT:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 from classify.lighting import light_vectors
 
 Array = np.ndarray

@@ -32,12 +32,10 @@ from classify.lights.agreement import like_signed
 from classify.methods import checked_label
 from rig import CameraInfo, HardwareError, Rig
 
-from .frame_mean import SetImage
 from .fresh_frames import FrameHistory, light_name
-from .hardware_set import images_in_sequence
+from .hardware_set import ArrivedPart, images_in_sequence
 from .light_checks import check_set, check_target
-from .light_images import images_under
-from .part_sensor import ArrivedPart
+from .light_images import SetImage, images_under
 
 # Keeps the sum of 16-bit frames far within 32 bits.
 MAX_AVERAGE = 1024
@@ -147,22 +145,25 @@ def _attempt(
     """Capture and check a set once; `failures` are the errors of the attempts before."""
     created, info, config = datetime.now(UTC), rig.camera.info, rig.config
     history = FrameHistory(info.frame_period_s)
-    hashed = PixelHash()
-    captured = _capture(rig, average, history, partial(_add_page, hashed, len(rig.lighting)), part)
+    pixel_hash = PixelHash()
+    add_page = partial(_add_page, pixel_hash, len(rig.lighting))
+    captured = _capture(rig, average, history, add_page, part)
     lights = _light_images(captured)
-    ambient, *later = (image for image in captured if image.record.light is None)
+    ambient, *later_ambient = (image for image in captured if image.record.light is None)
     full_scale = (1 << info.bit_depth) - 1 if average == 1 else 65535
     camera = _camera_record(info)
     images = LightImages(
         _stack(lights),
         ambient.pixels,
-        later[0].pixels if later else None,
+        later_ambient[0].pixels if later_ambient else None,
         rig.lighting,
         [light_name(rig, light) for light in range(len(rig.lighting))],
         full_scale,
         image_noise(camera.noise, info.bit_depth, full_scale, average),
     )
-    known = Calibration() if calibration is None else calibration.calibration.at(camera.exposure_ms)
+    at_exposure = (
+        Calibration() if calibration is None else calibration.calibration.at(camera.exposure_ms)
+    )
     placement = None if rig.simulation is None else rig.simulation.placement
     metadata = SetMetadata(
         label=label,
@@ -181,18 +182,15 @@ def _attempt(
         controller=ControllerRecord(**asdict(rig.lights.identity)),
         failed_attempts=tuple(map(str, failures)),
         calibration_ids=() if calibration is None else (calibration.hash,),
-        mm_per_px=known.mm_per_px,
+        mm_per_px=at_exposure.mm_per_px,
         software_version=_SOFTWARE_VERSION,
         pixels_sha256=_NO_HASH,
     )
     unchecked = CapturedSet(images.images, images.ambient, metadata, calibration=calibration)
     exposed(unchecked)
-
-    def retake() -> npt.NDArray[np.uint16]:
-        return _stack(_light_images(_capture(rig, average, history, is_retake=True)))
-
-    checks = check_target(images) if is_target else check_set(images, known, retake)
-    checked = {"checks": checks, "pixels_sha256": hashed.sha256()}
+    retake = partial(_retake, rig, average, history)
+    checks = check_target(images) if is_target else check_set(images, at_exposure, retake)
+    checked = {"checks": checks, "pixels_sha256": pixel_hash.sha256()}
     return replace(unchecked, metadata=metadata.model_copy(update=checked))
 
 
@@ -218,11 +216,17 @@ def _capture(
     return images_under(rig, order, average, history, arrived)
 
 
-def _add_page(hashed: PixelHash, lights: int, image: SetImage) -> None:
+def _retake(rig: Rig, average: int, history: FrameHistory) -> npt.NDArray[np.uint16]:
+    """The light images of a second capture."""
+    return _stack(_light_images(_capture(rig, average, history, is_retake=True)))
+
+
+def _add_page(pixel_hash: PixelHash, lights: int, image: SetImage) -> None:
     """Hash an image that the file holds: a light image or the first ambient image."""
     page = lights if image.record.light is None else image.record.light
-    if not (page == lights and hashed.has(lights)):
-        hashed.add(page, image.pixels)
+    is_later_ambient = page == lights and pixel_hash.has(lights)
+    if not is_later_ambient:
+        pixel_hash.add(page, image.pixels)
 
 
 def _light_images(images: list[SetImage]) -> list[SetImage]:

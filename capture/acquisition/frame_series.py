@@ -10,14 +10,14 @@ import numpy.typing as npt
 from capture.procedures.camera_parts import Rung, levels_of
 from classify.base.errors import ConfigError
 from classify.calibration.calibration import Calibration
-from classify.calibration.dark_frames import DarkFrames, dark_of
+from classify.calibration.dark import DarkFrames, dark_of
 from rig import Frame, Rig
 from rig.cameras.camera import EXPOSURE_LAG_FRAMES, Pixels
 from rig.errors import CameraError
 from rig.fresh_frame import SPARE_S, FrameKind, fresh_frame, kind_of, next_fresh_frame, switch_to
 from rig.signals import signals_held_back
 
-from .frame_checks import RepeatDetector, check_frame
+from .fresh_frames import RepeatDetector, check_frame
 
 # Ratios of each exposure to the next shorter one. The first steps are small, because the highest
 # levels tell most about the curve. The range is 1 to 63, so that a camera of gamma 2.2 also shows

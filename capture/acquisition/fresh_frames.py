@@ -1,13 +1,130 @@
-"""Fresh frames of one light slot, and counts of all other frames."""
+"""Fresh frames of one light slot: checks of each frame, exposure times, counts of other frames."""
 
-from collections import Counter
+import math
+from collections import Counter, deque
 
 from capture.base.errors import SetRejected
-from rig import Frame, Rig, Switch
+from rig import CameraError, CameraInfo, Frame, Rig, Switch
 from rig.fresh_frame import FrameKind, NoFreshFrameError, kind_of, next_fresh_frame
 
-from .exposure_timeline import ExposureTimeline
-from .frame_checks import RepeatDetector, check_frame
+# Pixels compared. With noise of 1 DN two exposures agree in a third of their pixels; even where
+# most of the noise is rounded away, some of so many pixels differ.
+_SAMPLED_PX = 4096
+
+
+def check_frame(frame: Frame, info: CameraInfo, now_s: float) -> None:
+    """Reject a frame that the camera did not announce, or that is stamped in the future."""
+    rows, columns = frame.pixels.shape
+    if (rows, columns, frame.bit_depth) != (info.height_px, info.width_px, info.bit_depth):
+        raise CameraError(
+            f"the camera sent {columns} x {rows} px of {frame.bit_depth} bit instead of "
+            f"{info.width_px} x {info.height_px} px of {info.bit_depth} bit; open it again"
+        )
+    if not frame.exposure_start_s <= frame.exposure_end_s <= now_s:
+        raise CameraError(
+            f"frame {frame.sequence} is stamped {frame.exposure_start_s:.6f} to "
+            f"{frame.exposure_end_s:.6f} s and arrived at {now_s:.6f} s; the camera's time stamps "
+            "are not on the rig's clock: run ps4rig rig latency, or use another camera"
+        )
+
+
+class RepeatDetector:
+    """A detector of frames that repeat the previous frame.
+
+    A camera without noise, such as one that replays a set, delivers the same pixels each time: a
+    frame whose pixels come a third time in a row is not a repeat.
+    """
+
+    def __init__(self) -> None:
+        self._sequence: int | None = None
+        self._sample = b""
+        self._is_repeat = False
+
+    def is_repeat(self, frame: Frame) -> bool:
+        """Whether a frame repeats the one of the previous call."""
+        sample = _sample(frame)
+        same_number = self._sequence is not None and frame.sequence <= self._sequence
+        same_pixels = sample != b"" and sample == self._sample and not self._is_repeat
+        self._is_repeat = same_number or same_pixels
+        self._sequence = max(frame.sequence, self._sequence or 0)
+        self._sample = sample
+        return self._is_repeat
+
+
+def _sample(frame: Frame) -> bytes:
+    """Pixels spread over the frame; empty for a uniform one: dark frames may be equal."""
+    pixels = frame.pixels.reshape(-1)
+    sample = pixels[:: max(1, pixels.size // _SAMPLED_PX)]
+    return sample.tobytes() if int(sample.max()) - int(sample.min()) > 1 else b""
+
+
+# Frames over which one time stamp bounds another: the buffers of a V4L2 camera. Over more frames,
+# the error of the period is larger than the pause between two exposures.
+_MAX_FRAMES = 4
+# Relative error of the frame period that a camera reports: `RATE_TOLERANCE` of
+# rig/cameras/v4l2/device.py.
+_PERIOD_ERROR = 0.01
+
+
+class ExposureTimeline:
+    """Exposure starts of the frames received so far.
+
+    Exposures start at least one frame period apart: the stamps of earlier frames predict the next
+    start, and the stamps of later frames show that an earlier one was too late.
+    """
+
+    def __init__(self, period_s: float) -> None:
+        self._period_s = period_s
+        self._shortest_s = period_s * (1.0 - _PERIOD_ERROR)
+        self._last_start_s: float | None = None
+        self._received = 0
+        self._accepted: deque[tuple[int, float, str]] = deque(maxlen=_MAX_FRAMES)
+
+    @property
+    def last_start_s(self) -> float | None:
+        """Latest possible start of the last frame, by its stamp and earlier ones; None at first."""
+        return self._last_start_s
+
+    def add(self, stamped_start_s: float) -> None:
+        """Add the time stamp of the next frame, and check the accepted frames against it."""
+        earlier_s, self._last_start_s = self._last_start_s, stamped_start_s
+        if earlier_s is not None:
+            self._last_start_s = max(stamped_start_s, earlier_s + self._shortest_s)
+        self._received += 1
+        for number, acknowledged_s, name in self._accepted:
+            # Received frames are counted: the meaning of gaps in sequence numbers is unknown.
+            frames = self._received - number
+            start_s = stamped_start_s - frames * self._shortest_s
+            if frames <= _MAX_FRAMES and start_s < acknowledged_s:
+                raise SetRejected(
+                    f"set rejected: the time stamp of a frame under {name} was late: the stamps of "
+                    f"later frames show that it was exposed {1e3 * (acknowledged_s - start_s):.0f} "
+                    "ms or more before the switch; check the camera's cable and the computer's load"
+                )
+
+    def accept(self, acknowledged_s: float, name: str) -> None:
+        """Mark the last frame as used for the light that was acknowledged at `acknowledged_s`."""
+        self._accepted.append((self._received, acknowledged_s, name))
+
+    def next_start_s(
+        self, not_before_s: float, start_known_to_s: float, max_frames: int
+    ) -> float | None:
+        """Predicted start of the first frame exposed after `not_before_s`, at the latest.
+
+        None if no frame was received yet, if that frame is more than `max_frames` ahead, or if the
+        uncertainty of a time stamp, `start_known_to_s`, leaves two frames possible.
+        """
+        if self._last_start_s is None:
+            return None
+        frames = max(1, math.ceil((not_before_s - self._last_start_s) / self._period_s))
+        error_s = start_known_to_s + frames * self._period_s * _PERIOD_ERROR
+        start_s = self._last_start_s + frames * self._period_s
+        margin_s = start_s - not_before_s
+        is_certain = error_s <= margin_s and (frames == 1 or margin_s <= self._period_s - error_s)
+        if not is_certain or frames > min(max_frames, _MAX_FRAMES):
+            return None
+        return start_s + error_s
+
 
 # Time to wait for a frame beyond what frame rate and queue explain. It is shorter than that of
 # `rig.fresh_frame`, because a set has several attempts.

@@ -1,29 +1,103 @@
-"""Images of a sequence that the light controller runs by itself.
+"""Images of a sequence that the light controller runs by itself, also when a part arrives.
 
 The controller records the edges of the camera's strobe, this computer receives the frames. A frame
 is assigned to a light only if both agree, in the number of frames from light to light and in time.
 """
 
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from capture.base.errors import SetRejected
 from capture.sets.metadata import ImageRecord
+from classify.base.errors import InputError
 from rig import (
+    CameraError,
     Frame,
+    FrameFlag,
+    HardwareError,
+    LightControllerError,
     LightStep,
     Rig,
+    RunningSequence,
     SequencePlan,
     SequenceReport,
 )
 from rig.cameras.config import StampedCameraConfig
 from rig.fresh_frame import begin_sequence
 
-from .frame_mean import FrameMean, SetImage
-from .fresh_frames import SET_SPARE_S, light_name
-from .part_sensor import ArrivedPart
-from .sequence_frames import SequenceFrames
+from .fresh_frames import SET_SPARE_S, check_frame, light_name
+from .light_images import FrameMean, SetImage
+
+
+class SequenceFrames:
+    """The frames `received` that were exposed after a sequence was started."""
+
+    def __init__(self, rig: Rig, since_s: float, deadline_s: float) -> None:
+        self._rig = rig
+        self._since_s = since_s
+        self._deadline_s = deadline_s
+        self._previous: int | None = None
+        self.received: list[Frame] = []
+
+    def take(self) -> bool:
+        """Read one more frame; return False if none arrives in time."""
+        camera, clock = self._rig.camera, self._rig.clock
+        try:
+            frame = camera.read(max(0.0, self._deadline_s - clock.now_s()))
+        except CameraError:
+            if not self.received:
+                raise
+            return False
+        check_frame(frame, camera.info, clock.now_s())
+        previous = self._previous
+        if previous is not None and frame.sequence <= previous:
+            raise SetRejected(
+                f"set rejected: frame {frame.sequence} came twice: the camera repeats frames; "
+                "check its cable"
+            )
+        self._previous = frame.sequence
+        if self.received and previous is not None and frame.sequence > previous + 1:
+            raise SetRejected(
+                f"set rejected: frame {previous + 1} was lost; check the camera's cable and the "
+                "computer's load"
+            )
+        if frame.exposure_end_s >= self._since_s:
+            self.received.append(frame)
+        return True
+
+    def begin(self, since_s: float, deadline_s: float) -> None:
+        """Forget the frames that were exposed before `since_s`; read until `deadline_s`."""
+        self._since_s, self._deadline_s = since_s, deadline_s
+        self.received = [frame for frame in self.received if frame.exposure_end_s >= since_s]
+
+    def at(self, begun_s: float, tolerance_s: float, name: str) -> Frame:
+        """The good frame whose exposure began at `begun_s`."""
+        near = [f for f in self.received if abs(f.exposure_start_s - begun_s) <= tolerance_s]
+        if len(near) != 1:
+            nearest_ms = 1e3 * min((f.exposure_start_s - begun_s for f in self.received), key=abs)
+            raise SetRejected(
+                f"set rejected: {len(near)} of {len(self.received)} frames fit the exposure under "
+                f"{name}, the nearest began {nearest_ms:+.1f} ms from it; if that stays so, run "
+                "ps4rig rig latency"
+            )
+        if near[0].flags != FrameFlag.GOOD:
+            raise SetRejected(
+                f"set rejected: the frame under {name} is corrupt; check the camera's cable"
+            )
+        return near[0]
+
+
+@dataclass(frozen=True)
+class ArrivedPart:
+    """A part whose first light is lit already; `capture_set` captures the rest of its set."""
+
+    sequence: RunningSequence
+    frames: SequenceFrames
+
 
 # Largest distance of a frame's time stamp from the controller's edge, on top of the configured
 # uncertainty of the stamps: an optocoupler and an interrupt delay the strobe by far less.
@@ -183,3 +257,61 @@ def _exposures_s(rig: Rig, plan: SequencePlan, report: SequenceReport) -> list[f
             )
         begun_s.append(report.clock.on_rig_s(begun_us))
     return begun_s
+
+
+# Interval of the queries whether the part has come; the controller does not wait for them.
+_SENSOR_POLL_S = 0.005
+
+
+def wait_for_part(
+    rig: Rig, delay_s: float, is_stopping: Callable[[], bool] = lambda: False
+) -> ArrivedPart | None:
+    """Wait until the controller has begun the set of a part, `delay_s` after the sensor's edge.
+
+    Give the part to `capture_set` at once; None if `is_stopping`, which is polled, ended the wait.
+    """
+    plan = rig.config.sequence_plan
+    if plan is None:
+        raise InputError(
+            "a part sensor needs lights.synchronisation = 'strobe' or 'trigger' in rig.toml"
+        )
+    rig.lights.recover()
+    try:
+        return _arrived_part(rig, plan, is_stopping, delay_s)
+    except BaseException:
+        # The controller would still wait for the part, and light it with nobody looking.
+        with suppress(HardwareError):
+            rig.lights.put_out()
+        raise
+
+
+def _arrived_part(
+    rig: Rig, plan: SequencePlan, is_stopping: Callable[[], bool], delay_s: float
+) -> ArrivedPart | None:
+    sequence = begin_sequence(rig, plan, part_delay_s=delay_s)
+    frames = SequenceFrames(rig, sequence.asked_s, sequence.asked_s)
+    set_frames = plan.frames_per_step * len(plan.lights)
+    while sequence.is_running() and not sequence.has_begun:
+        if is_stopping():
+            rig.lights.off()
+            return None
+        if plan.triggers:
+            rig.clock.sleep_s(_SENSOR_POLL_S)
+            continue
+        # The camera runs freely. The set may have begun during the latest frames.
+        deadline_s = rig.clock.now_s() + rig.camera.info.frame_period_s + SET_SPARE_S
+        frames.begin(sequence.asked_s, deadline_s)
+        try:
+            frames.take()
+        except SetRejected:
+            # A fault before the part. If the set has begun already, its first frame is missing.
+            frames.received.clear()
+        del frames.received[:-set_frames]
+    if not sequence.has_begun:
+        raise LightControllerError(
+            f"{rig.lights.port}: the controller ended the wait for a part: "
+            f"{sequence.report().cause}"
+        )
+    begun_s = sequence.begun_s()
+    frames.begin(begun_s, begun_s + plan.duration_s + SET_SPARE_S)
+    return ArrivedPart(sequence, frames)

@@ -10,8 +10,9 @@ from typing import Literal
 import numpy as np
 
 from capture.base.errors import SetRejected
-from capture.sets.image_checks import Images, LightImages
+from capture.sets.image_checks import LightImages
 from capture.sets.metadata import ChecksRecord
+from classify.base.arrays import Array
 from classify.calibration.calibration import Calibration
 from classify.lights.agreement import LightAgreement, image_difference
 from classify.lights.order import light_order
@@ -24,10 +25,10 @@ _STAYS_ON_CORRELATION = 0.3
 
 
 def check_set(
-    images: LightImages, known: Calibration, retake: Callable[[], Images]
+    images: LightImages, calibration: Calibration, retake: Callable[[], Array]
 ) -> ChecksRecord:
     """Check the images of a set; undecided checks call `retake` once, which captures them again."""
-    calibrated = images.calibrated(known)
+    calibrated = images.calibrated(calibration)
     ambient_change = _check_ambient(images)
     check_images(images)
     _check_different(images)
@@ -132,7 +133,7 @@ def _retake_reasons(agreement: LightAgreement | None) -> tuple[str, ...]:
     return tuple(causes)
 
 
-def _check_retake(images: LightImages, retaken: Images) -> None:
+def _check_retake(images: LightImages, retaken: Array) -> None:
     """Reject light images that a retake does not confirm."""
     ambient, signals = images.ambient_mean, images.signals
     for name, first, second, signal in zip(

@@ -18,14 +18,14 @@ from .interrupts import INTERRUPTED_STATUS, interruptible
 if TYPE_CHECKING:
     from rich.table import Table
 
-_ANY_WIDTH = 100_000  # of a terminal, to measure a table without a limit
+_UNLIMITED_WIDTH = 100_000  # columns of a terminal on which no table is wrapped
 _LINE_WIDTH, _LEAST_PROSE = 80, 12
 
 P = ParamSpec("P")
 R = TypeVar("R")
 T = TypeVar("T")
 
-# Without markup: a file may be called [oak].ome.tif. No line is broken: it may go into a log.
+# No markup, because a file may be called [oak].ome.tif; no wrapping, because lines go into logs.
 out = Console(highlight=False, markup=False, emoji=False, soft_wrap=True)
 
 
@@ -35,7 +35,7 @@ def print_json(value: Any) -> None:
 
 
 class ItemProgress:
-    """Shows the share of the present item of a `progress` bar that is done."""
+    """Moves a `progress` bar by the finished share of the current item."""
 
     def __init__(self) -> None:
         self.show: Callable[[float], None] | None = None
@@ -46,16 +46,16 @@ class ItemProgress:
 
 
 class ShowProgress(Protocol):
-    """Yields items, and shows how many of a total have been taken, as `progress` does."""
+    """Yields items and shows the number of finished ones, as `progress` does."""
 
     def __call__(self, items: Iterable[T], total: int, description: str, /) -> Iterator[T]:
         """Yield `items`."""
 
 
 def progress(
-    items: Iterable[T], total: int, description: str, present: ItemProgress | None = None
+    items: Iterable[T], total: int, description: str, item_progress: ItemProgress | None = None
 ) -> Iterator[T]:
-    """Yield `items` and show a progress bar on a terminal; `present` moves it during an item."""
+    """Yield `items` and show a progress bar on a terminal; `item_progress` moves it within one."""
     console = Console(stderr=True)
     if not console.is_terminal:
         yield from items
@@ -65,8 +65,8 @@ def progress(
     columns = ("{task.description}", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bar:
         task, done = bar.add_task(description, total=total), 0
-        if present is not None:
-            present.show = lambda share: bar.update(task, completed=done + share)
+        if item_progress is not None:
+            item_progress.show = lambda share: bar.update(task, completed=done + share)
         for item in items:
             yield item
             done += 1
@@ -115,15 +115,15 @@ def new_table(*columns: str, prose: str | None = None) -> Table:
 
 
 def print_table(table: Table) -> None:
-    """Print a table, alike on every terminal, in a pipe and in a log.
+    """Print a table, with the same line breaks on every terminal, in a pipe and in a log.
 
-    The column of prose ends where a line of `_LINE_WIDTH` does, unless the others need its place.
+    The column of prose is wrapped so that lines have `_LINE_WIDTH` characters, if the others fit.
     """
     from rich.cells import cell_len
     from rich.measure import Measurement
 
     def width() -> int:
-        return Measurement.get(out, out.options.update(width=_ANY_WIDTH), table).maximum
+        return Measurement.get(out, out.options.update(width=_UNLIMITED_WIDTH), table).maximum
 
     if table.title:
         out.print(table.title)

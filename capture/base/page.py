@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Iterable, Mapping
 from functools import cache
-from html import escape
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -51,41 +49,6 @@ def svg_uri(figure: Figure) -> str:
     # A date would make two equal pages differ.
     figure.savefig(text, format="svg", metadata={"Date": None})
     return "data:image/svg+xml;base64," + base64.b64encode(text.getvalue()).decode("ascii")
-
-
-# HTML in strings, for the pages of sessions and of teaching.
-
-
-def page_html(
-    title: str,
-    kind: str,
-    sections: Mapping[str, str],
-    *,
-    facts: Iterable[tuple[str, str]],
-    notices: Iterable[str],
-    note: str,
-) -> str:
-    """Return a page of sections, HTML by heading; notices are HTML too."""
-    parts = {"sections": sections, "facts": facts, "notices": notices, "note": note}
-    return rendered("base/sections.html", title=title, kind=kind, **parts)
-
-
-def simulated_notice(thing: str) -> str:
-    """Return the notice of a page from simulated images of a `thing`."""
-    text = f"No light, camera or {escape(thing)} is real."
-    return f'<p class="notice"><b>Simulated.</b> {text}</p>'
-
-
-def table_html(columns: Iterable[str], rows: Iterable[str]) -> str:
-    """Return a table with escaped column names; a row is HTML: `<tr>...</tr>`."""
-    heads = "".join(f"<th>{escape(column)}</th>" for column in columns)
-    return f'<div class="table"><table><tr>{heads}</tr>{"".join(rows)}</table></div>'
-
-
-def image_html(address: str, name: str, caption: str = "") -> str:
-    """Return the image at an address, such as a data URI; name and caption are escaped."""
-    below = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
-    return f'<figure><img alt="{escape(name)}" src="{address}">{below}</figure>'
 
 
 _COLOURS = ("#2166ac", "#b2182b", "#1b7837", "#762a83", "#e08214", "#01665e", "#555555", "#c51b7d")

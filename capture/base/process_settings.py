@@ -44,8 +44,8 @@ def settle_process() -> None:
     for variable, option, size in (
         ("MALLOC_TRIM_THRESHOLD_", _M_TRIM_THRESHOLD, _TRIM_BYTES),
         ("MALLOC_MMAP_THRESHOLD_", _M_MMAP_THRESHOLD, _MMAP_BYTES),
-        # Memory that one thread has freed is then used by the others, and kept: the arenas of
-        # other threads return theirs, whatever the thresholds.
+        # All threads then share one arena, which keeps freed memory; the arenas of other threads
+        # ignore the thresholds.
         ("MALLOC_ARENA_MAX", _M_ARENA_MAX, 1),
     ):
         if variable in os.environ:
@@ -62,7 +62,7 @@ def settle_station() -> None:
 
     Modules live as long as the station: to look through them for garbage takes 0.1 s. The threads
     of OpenCV wait for one another in busy loops, which takes the processor from the threads that
-    judge a part. Those have processors of their own.
+    judge a part. Each of those is bound to a processor.
     """
     import cv2
 

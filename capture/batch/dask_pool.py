@@ -15,8 +15,8 @@ from .local_pool import call_in_one_thread
 # memory, because an item is a path.
 _MIN_IN_FLIGHT = 256
 
-Item = TypeVar("Item")
-Result = TypeVar("Result")
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
 
 
 async def _greet(address: str, answer_s: float) -> None:
@@ -84,7 +84,7 @@ class DaskPool:
                     "version on all machines"
                 )
 
-    def submit(self, function: Callable[[Item], Result], item: Item) -> Future[Result]:
+    def submit(self, function: Callable[[_Item], _Result], item: _Item) -> Future[_Result]:
         return self._executor.submit(call_in_one_thread, function, item)
 
     def renew(self) -> None:

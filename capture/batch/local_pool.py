@@ -18,8 +18,8 @@ _CLEANUP_S = 1
 at_work = threading.Event()
 _one_at_a_time = threading.Lock()
 
-Item = TypeVar("Item")
-Result = TypeVar("Result")
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
 
 
 class LocalPool:
@@ -38,7 +38,7 @@ class LocalPool:
         self.in_flight = 4 * workers
         self._start()
 
-    def submit(self, function: Callable[[Item], Result], item: Item) -> Future[Result]:
+    def submit(self, function: Callable[[_Item], _Result], item: _Item) -> Future[_Result]:
         try:
             with terminal_signals_blocked():
                 return self._executor.submit(_call, function, item)
@@ -124,7 +124,7 @@ def _end(*_: object) -> NoReturn:
     raise SystemExit(1)
 
 
-def _call(function: Callable[[Item], Result], item: Item) -> Result:
+def _call(function: Callable[[_Item], _Result], item: _Item) -> _Result:
     at_work.set()
     try:
         return call_in_one_thread(function, item)
@@ -135,7 +135,7 @@ def _call(function: Callable[[Item], Result], item: Item) -> Result:
         at_work.clear()
 
 
-def call_in_one_thread(function: Callable[[Item], Result], item: Item) -> Result:
+def call_in_one_thread(function: Callable[[_Item], _Result], item: _Item) -> _Result:
     """Return ``function(item)``, computed in one thread: each core has its own worker."""
     import cv2
 

@@ -15,11 +15,11 @@ from typing import Generic, Protocol, Self, TypeVar
 from classify.base.errors import InputError
 from classify.base.threads import usable_processors
 
-Item = TypeVar("Item")
-Result = TypeVar("Result")
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
 
 
-class Pool(Protocol):
+class _Pool(Protocol):
     """Workers that are used through the futures of `concurrent.futures`."""
 
     workers: int  # items that run at a time
@@ -27,7 +27,7 @@ class Pool(Protocol):
     attempts: int  # times that an item's worker may die before the item is given up
     died: tuple[type[Exception], ...]  # of the future of an item whose worker died
 
-    def submit(self, function: Callable[[Item], Result], item: Item) -> Future[Result]:
+    def submit(self, function: Callable[[_Item], _Result], item: _Item) -> Future[_Result]:
         """Have a worker call the function."""
 
     def renew(self) -> None:
@@ -51,11 +51,11 @@ class Batch:
         self, workers: int | None = None, scheduler: str | None = None, *, starting_s: float = 2.0
     ) -> None:
         self._workers = workers or len(usable_processors())
-        # The time in which a worker on each core of a laptop imports numba, scipy and OpenCV. After
-        # as long here, the total is at most twice that of the better choice.
+        # Start-up time of workers on a laptop: numba, scipy and OpenCV. Starting them after this
+        # much work in this process costs at most twice the better choice (the ski rental problem).
         self._starting_s = starting_s
         self._spent_s = 0.0
-        self._pool: Pool | None = None
+        self._pool: _Pool | None = None
         if scheduler is not None:
             from .dask_pool import DaskPool
 
@@ -63,10 +63,10 @@ class Batch:
 
     def map(
         self,
-        function: Callable[[Item], Result],
-        items: Iterable[Item],
-        here: Callable[[Item], Result] | None = None,
-    ) -> Iterator[Result]:
+        function: Callable[[_Item], _Result],
+        items: Iterable[_Item],
+        here: Callable[[_Item], _Result] | None = None,
+    ) -> Iterator[_Result]:
         """Yield ``function(item)`` for each item, in order.
 
         `items` are read when a worker needs one. In this process `here` is called instead of the
@@ -97,22 +97,22 @@ class Batch:
 
 
 @dataclass
-class _Job(Generic[Item, Result]):
-    item: Item
-    future: Future[Result] | None = None
+class _Job(Generic[_Item, _Result]):
+    item: _Item
+    future: Future[_Result] | None = None
     deaths: int = 0
 
 
 def _in_order(
-    pool: Pool, function: Callable[[Item], Result], items: Iterator[Item]
-) -> Iterator[Result]:
+    pool: _Pool, function: Callable[[_Item], _Result], items: Iterator[_Item]
+) -> Iterator[_Result]:
     """Yield the results in order; after a worker's death, run suspects one at a time.
 
     The death of one worker ends all futures and does not tell which item killed it. Items start in
     order, so the running ones are among the first unfinished, one for each worker. An item that
     runs alone and kills its worker again is the cause.
     """
-    jobs: deque[_Job[Item, Result]] = deque()
+    jobs: deque[_Job[_Item, _Result]] = deque()
     suspects = 0
     while True:
         jobs.extend(_Job(item) for item in islice(items, pool.in_flight - len(jobs)))

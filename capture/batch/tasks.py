@@ -17,13 +17,12 @@ from capture.base.errors import SetRejected
 from capture.maps.files import write_maps
 from capture.maps.surface_maps import RELIT_LIGHT
 from capture.sets import ome_tiff
-from capture.sets.captured_set import calibration_of
-from capture.sets.loaded_set import PLANAR, LoadedSet, named
+from capture.sets.captured_set import PLANAR, LoadedSet, calibration_of, named
 from capture.sets.metadata import SetMetadata
 from classify import Lighting, Match, Method, TextureLibrary
 from classify.base.errors import InputError
 from classify.classifiers import Observation
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 from classify.library.training import observe
 from classify.lights.fall_off import fall_off
 from classify.methods import DEFAULT_CLASSIFIER, checked_label, default_method, suits
@@ -189,13 +188,13 @@ def solve_set(
 ) -> SolvedSet:
     """Solve a set and write its maps; see `LoadedSet.of` and `CapturedSet.solve`."""
     loaded = LoadedSet.of(task.path, calibration, raw=raw)
-    captured, known, source = loaded.captured, loaded.calibration, loaded.found_calibration
+    captured, applied, source = loaded.captured, loaded.calibration, loaded.found_calibration
     with named(task.path):
         surface = captured.solve(
-            method, planar=planar, calibration=known, raw=raw, on_progress=on_progress
+            method, planar=planar, calibration=applied, raw=raw, on_progress=on_progress
         )
         raw_residual = None
-        if known is not None:
+        if applied is not None:
             raw_residual = captured.solve(method, planar=planar, raw=True).residual_share
     saturated = float(surface.saturated.mean())
     shadowed = float(surface.shadow_mask.mean())
@@ -210,7 +209,7 @@ def solve_set(
         stack = ImageStack(captured.images, captured.ambient)
         flat_fall_off = fall_off(stack, captured.lighting, surface.full_scale, captured.mask)
     levels = surface.led_levels
-    mm_per_px = None if known is None else known.mm_per_px
+    mm_per_px = None if applied is None else applied.mm_per_px
     written = write_maps(
         captured,
         surface,

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from capture.base.console import progress
-from capture.sets.loaded_set import PLANAR
+from capture.sets.captured_set import PLANAR
 from classify import Method, TextureLibrary
 from classify.base.errors import InputError, LibraryError
 from classify.library.training import TrainingRow, common_lighting

@@ -4,15 +4,14 @@ from dataclasses import fields, is_dataclass
 from typing import Any, Final, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import TypeAdapter
 
 from classify import Lighting
+from classify.base.arrays import Array
 from classify.base.errors import InputError
 from classify.calibration.calibration import Calibration
 
-Array = npt.NDArray[Any]
-Values = dict[str, Any]
+_Values = dict[str, Any]
 
 # A dark part of 16 exposures has 15.
 _MOST_LEVELS = 20
@@ -21,9 +20,9 @@ PartName = Literal["dark", "response", "noise", "flat_field", "lights", "scale"]
 PART_NAMES: Final[tuple[PartName, ...]] = get_args(PartName)
 
 
-def flattened(part: Any) -> tuple[Values, dict[str, Array]]:
+def flattened(part: Any) -> tuple[_Values, dict[str, Array]]:
     """The plain values and the arrays of a part, each by the path of its field."""
-    values: Values = {}
+    values: _Values = {}
     arrays: dict[str, Array] = {}
 
     def take(owner: Any, path: str) -> None:
@@ -44,7 +43,7 @@ def flattened(part: Any) -> tuple[Values, dict[str, Array]]:
     return values, arrays
 
 
-def rebuilt(name: PartName, values: Values, arrays: dict[str, Array]) -> Any:
+def rebuilt(name: PartName, values: _Values, arrays: dict[str, Array]) -> Any:
     """Return the part of `flattened`."""
     left = {*values, *arrays}
     if max((field_path.count(".") for field_path in left), default=0) > _MOST_LEVELS:

@@ -1,4 +1,4 @@
-"""Whether a new part of a calibration may replace the one that is there."""
+"""Whether a new part of a calibration may replace the present part."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -52,7 +52,7 @@ class Difference:
 
 
 @dataclass(frozen=True, eq=False)
-class _Known:
+class _RecordedPart:
     """A part with its record."""
 
     part: Any
@@ -64,22 +64,22 @@ class _Known:
 
 def kept_because(file: CalibrationFile, new: MeasuredPart) -> str | None:
     """Say why the part of a calibration is better than a new one; None if it is not."""
-    known, measured = _known(file, new), _Known(new.part, new.record)
-    if known is None:
+    present, measured = _present_part(file, new), _RecordedPart(new.part, new.record)
+    if present is None:
         return None
-    for difference in _DIFFERENCES[new.name](known, measured):
+    for difference in _DIFFERENCES[new.name](present, measured):
         if difference.size > difference.limit:
             raise CalibrationRejected(
                 f"{file.path}: {new.name.replace('_', ' ')}: {difference}, measured "
-                f"{known.record.date}; check the target and its size, or take the new measurement "
-                "with --replace"
+                f"{present.record.date}; check the target and its size, or take the new "
+                "measurement with --replace"
             )
-    if (known.record.age_days(datetime.now(UTC)) or 0) > OLD_DAYS:
+    if (present.record.age_days(datetime.now(UTC)) or 0) > OLD_DAYS:
         return None
-    lost, gained = _advantage(new.name, known, measured), _advantage(new.name, measured, known)
+    lost, gained = _advantage(new.name, present, measured), _advantage(new.name, measured, present)
     if lost is not None:
         return f"it has {lost}, which the new one lacks"
-    before, now = (_ERRORS[new.name](one) for one in (known, measured))
+    before, now = (_ERRORS[new.name](part) for part in (present, measured))
     if now <= max(_WORSE * before, _SMALL[new.name]) or gained == _POSITIONS:
         return None
     return f"its error is {before:.2g}, that of the new one {now:.2g}"
@@ -111,7 +111,7 @@ def with_other_exposures(new: MeasuredPart, file: CalibrationFile) -> MeasuredPa
     return replace(new, part=merged, record=new.record.model_copy(update=changes))
 
 
-def _known(file: CalibrationFile, new: MeasuredPart) -> _Known | None:
+def _present_part(file: CalibrationFile, new: MeasuredPart) -> _RecordedPart | None:
     """The part that a new one is compared with; None if there is none that holds."""
     if new.name not in file.records:
         return None
@@ -119,9 +119,9 @@ def _known(file: CalibrationFile, new: MeasuredPart) -> _Known | None:
     if new.name == "dark":
         same = (dark for dark in part.exposures if dark.holds_at(new.part.exposure_ms))
         part = None if _other_camera_setting(file, new) else next(same, None)
-        return None if part is None else _Known(part, record)
+        return None if part is None else _RecordedPart(part, record)
     outdated = new.name in file.outdated or file.differences(new.name, new.record.setting)
-    return None if outdated else _Known(part, record)
+    return None if outdated else _RecordedPart(part, record)
 
 
 def _other_camera_setting(file: CalibrationFile, new: MeasuredPart) -> bool:
@@ -133,13 +133,13 @@ def _limit(floor: float, *errors: float) -> float:
     return max(floor, _FACTOR * math.hypot(*errors))
 
 
-def _relative_change(known: float, measured: float) -> float:
+def _relative_change(present: float, measured: float) -> float:
     """Difference of two positive values as a share."""
-    return math.expm1(abs(math.log(measured / known)))
+    return math.expm1(abs(math.log(measured / present)))
 
 
-def _scale(known: _Known, measured: _Known) -> Iterator[Difference]:
-    before: Scale = known.part
+def _scale(present: _RecordedPart, measured: _RecordedPart) -> Iterator[Difference]:
+    before: Scale = present.part
     now: Scale = measured.part
     yield Difference(
         f"{now.mm_per_px:.5g} mm per px instead of {before.mm_per_px:.5g}",
@@ -154,53 +154,53 @@ def _scale(known: _Known, measured: _Known) -> Iterator[Difference]:
         )
 
 
-def _lights(known: _Known, measured: _Known) -> Iterator[Difference]:
-    before: CalibratedLights = known.part
+def _lights(present: _RecordedPart, measured: _RecordedPart) -> Iterator[Difference]:
+    before: CalibratedLights = present.part
     now: CalibratedLights = measured.part
     cosines = np.einsum("lx,lx->l", before.lighting.directions, now.lighting.directions)
     angles_deg = np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))
     errors_deg = zip(before.direction_errors_deg, now.direction_errors_deg, strict=True)
-    ours, theirs = before.lighting.positions_px, now.lighting.positions_px
+    positions_before, positions_now = before.lighting.positions_px, now.lighting.positions_px
     floors_deg = np.full(len(angles_deg), _FLOOR_DIRECTION_DEG)
-    single = ours if theirs is None else theirs if ours is None else None
-    if single is not None:
-        # A direction alone is that from the place of the sphere, above the plane of the positions.
-        half_px = 0.5 * max(known.record.setting.width_px, known.record.setting.height_px)
-        parallax = np.arctan(half_px / np.linalg.norm(single, axis=1))
+    positions = positions_now if positions_before is None else positions_before
+    if positions is not None and (positions_before is None or positions_now is None):
+        # A direction without a position is measured at the sphere, above the plane of the part.
+        half_px = 0.5 * max(present.record.setting.width_px, present.record.setting.height_px)
+        parallax = np.arctan(half_px / np.linalg.norm(positions, axis=1))
         floors_deg = np.maximum(floors_deg, np.degrees(parallax))
     for light, (angle_deg, errors) in enumerate(zip(angles_deg, errors_deg, strict=True)):
         limit_deg = _limit(floors_deg[light], *errors)
         yield Difference(f"light {light} in another direction", angle_deg, limit_deg, "degrees")
-    if ours is None or theirs is None:
+    if positions_before is None or positions_now is None:
         return
     assert before.distance_errors is not None
     assert now.distance_errors is not None
-    distances = np.linalg.norm(ours, axis=1), np.linalg.norm(theirs, axis=1)
+    distances = np.linalg.norm(positions_before, axis=1), np.linalg.norm(positions_now, axis=1)
     for light, (first_px, second_px) in enumerate(zip(*distances, strict=True)):
         limit = _limit(_FLOOR_DISTANCE, before.distance_errors[light], now.distance_errors[light])
         text = f"light {light} at {second_px:.4g} px instead of {first_px:.4g}"
         yield Difference(text, _relative_change(first_px, second_px), limit)
 
 
-def _flat_field(known: _Known, measured: _Known) -> Iterator[Difference]:
-    setting = known.record.setting
+def _flat_field(present: _RecordedPart, measured: _RecordedPart) -> Iterator[Difference]:
+    setting = present.record.setting
     longer = max(setting.width_px, setting.height_px)
     x, y = (
         np.linspace(-side / longer, side / longer, _PLACES)
         for side in (setting.width_px, setting.height_px)
     )
-    before: FlatField = known.part
+    before: FlatField = present.part
     now: FlatField = measured.part
     changes = now.logarithms(x, y) - before.logarithms(x, y)
-    changes -= np.median(changes)  # the exposure, not the one light that changed
-    errors = [part.figure("error_percent") / 100.0 for part in (known, measured)]
+    changes -= np.median(changes)  # a change of the exposure
+    errors = [part.figure("error_percent") / 100.0 for part in (present, measured)]
     for light, change in enumerate(np.abs(changes).max(axis=(1, 2)).tolist()):
         limit = _limit(_FLOOR_FLAT_FIELD, *errors)
         yield Difference(f"light {light} of another strength", math.expm1(change), limit)
 
 
-def _response(known: _Known, measured: _Known) -> Iterator[Difference]:
-    before: Response = known.part
+def _response(present: _RecordedPart, measured: _RecordedPart) -> Iterator[Difference]:
+    before: Response = present.part
     now: Response = measured.part
     straight = np.linspace(0.0, 1.0, len(before.curve))
     curves = [straight if response.linear else response.curve for response in (before, now)]
@@ -208,22 +208,22 @@ def _response(known: _Known, measured: _Known) -> Iterator[Difference]:
     yield Difference("another curve", size, _limit(_FLOOR_RESPONSE, before.error, now.error))
 
 
-def _noise(known: _Known, measured: _Known) -> Iterator[Difference]:
-    before: Noise = known.part
+def _noise(present: _RecordedPart, measured: _RecordedPart) -> Iterator[Difference]:
+    before: Noise = present.part
     now: Noise = measured.part
     gains = before.sensor.gain_e_per_dn, now.sensor.gain_e_per_dn
-    errors = [part.figure("gain_error_share") for part in (known, measured)]
+    errors = [part.figure("gain_error_share") for part in (present, measured)]
     text = f"{gains[1]:.4g} electrons per pixel value instead of {gains[0]:.4g}"
     yield Difference(text, _relative_change(*gains), _limit(_FLOOR_GAIN, *errors))
     reads = before.sensor.read_noise_dn, now.sensor.read_noise_dn
-    errors = [part.figure("read_noise_error_dn") / max(*reads, 1.0) for part in (known, measured)]
+    errors = [part.figure("read_noise_error_dn") / max(*reads, 1.0) for part in (present, measured)]
     text = f"a read noise of {reads[1]:.3g} instead of {reads[0]:.3g}"
     size = abs(reads[1] - reads[0]) / max(*reads, 1.0)
     yield Difference(text, size, _limit(_FLOOR_NOISE, *errors))
 
 
-def _dark(known: _Known, measured: _Known) -> Iterator[Difference]:
-    before: Dark = known.part
+def _dark(present: _RecordedPart, measured: _RecordedPart) -> Iterator[Difference]:
+    before: Dark = present.part
     now: Dark = measured.part
     full = before.full_scale
     offset = now.offset * full / now.full_scale
@@ -235,7 +235,7 @@ def _dark(known: _Known, measured: _Known) -> Iterator[Difference]:
     yield Difference(text, size, _FLOOR_NOISE)
 
 
-_DIFFERENCES: dict[PartName, Callable[[_Known, _Known], Iterator[Difference]]] = {
+_DIFFERENCES: dict[PartName, Callable[[_RecordedPart, _RecordedPart], Iterator[Difference]]] = {
     "dark": _dark,
     "response": _response,
     "noise": _noise,
@@ -244,39 +244,39 @@ _DIFFERENCES: dict[PartName, Callable[[_Known, _Known], Iterator[Difference]]] =
     "scale": _scale,
 }
 # Errors of the parts, for the comparison of two of one kind.
-_ERRORS: dict[PartName, Callable[[_Known], float]] = {
-    "dark": lambda known: known.figure("frames") ** -0.5 if known.figure("frames") else 0.0,
-    "response": lambda known: float(known.part.error),
-    "noise": lambda known: known.figure("gain_error_share"),
-    "flat_field": lambda known: known.figure("error_percent") / 100.0,
-    "lights": lambda known: _error_of_lights(known.part),
-    "scale": lambda known: float(known.part.error),
+_ERRORS: dict[PartName, Callable[[_RecordedPart], float]] = {
+    "dark": lambda part: part.figure("frames") ** -0.5 if part.figure("frames") else 0.0,
+    "response": lambda part: float(part.part.error),
+    "noise": lambda part: part.figure("gain_error_share"),
+    "flat_field": lambda part: part.figure("error_percent") / 100.0,
+    "lights": lambda part: _error_of_lights(part.part),
+    "scale": lambda part: float(part.part.error),
 }
 # Errors too small to change the normals and lengths of a part.
 _SMALL: dict[PartName, float] = {
     "dark": 0.0, "response": 5e-4, "noise": 5e-3, "flat_field": 1e-3, "lights": 2e-3, "scale": 5e-4,
 }  # fmt: skip
-# What some parts of a kind have and others lack.
-_EXTRAS: dict[PartName, tuple[str, Callable[[_Known], bool]]] = {
-    "scale": ("a focal length", lambda known: known.part.focal_px is not None),
-    "lights": (_POSITIONS, lambda known: known.part.distance_errors is not None),
+# Extra data of a part, and whether a part has them.
+_EXTRAS: dict[PartName, tuple[str, Callable[[_RecordedPart], bool]]] = {
+    "scale": ("a focal length", lambda part: part.part.focal_px is not None),
+    "lights": (_POSITIONS, lambda part: part.part.distance_errors is not None),
     "flat_field": (
         "two placements of the sheet",
-        lambda known: known.figure("placements") > 1.0,
+        lambda part: part.figure("placements") > 1.0,
     ),
 }
 
 
-def _advantage(name: PartName, one: _Known, other: _Known) -> str | None:
-    """What `one` has and `other` lacks."""
+def _advantage(name: PartName, part: _RecordedPart, other: _RecordedPart) -> str | None:
+    """Name of the extra data that `part` has and `other` lacks; None without any."""
     if name not in _EXTRAS:
         return None
     extra, has = _EXTRAS[name]
-    return extra if has(one) and not has(other) else None
+    return extra if has(part) and not has(other) else None
 
 
 def _error_of_lights(lights: CalibratedLights) -> float:
-    """Largest error of a position, or of a direction alone, as a share of the distance."""
+    """Largest error of a position as a share of its distance; of distant lights, of a direction."""
     direction = math.radians(float(lights.direction_errors_deg.max()))
     distances = lights.distance_errors
     return math.hypot(direction, 0.0 if distances is None else float(distances.max()))

@@ -14,14 +14,14 @@ from rig import CameraInfo, Rig
 
 from .parts import PartName
 
-# What a part depends on, beside the camera and its frame: response and noise are functions of the
-# pixel value, dark current and hot pixels grow with the exposure, flat field and lights are ratios
-# of images under the lights as they were.
+# Dependences of a part beside camera and frame: response and noise are functions of the pixel
+# value, dark current and hot pixels grow with the exposure, flat field and lights are ratios of
+# images under the lights.
 _DEPENDS_ON_PIXEL_VALUES: tuple[PartName, ...] = ("dark", "response", "noise")
 _DEPENDS_ON_EXPOSURE: tuple[PartName, ...] = ("dark",)
 _DEPENDS_ON_LIGHTS: tuple[PartName, ...] = ("flat_field", "lights")
 
-Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+_Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 Side = Annotated[int, Field(ge=1, le=32768)]
 
 
@@ -40,7 +40,7 @@ class Setting(Record):
     gamma: FiniteFloat | None = None
     pixel_value_controls: dict[str, FiniteFloat] = Field(default_factory=dict)
     photograph_gamma: str = "linear"
-    light_directions: tuple[Vector, ...] = Field(max_length=255)
+    light_directions: tuple[_Vector, ...] = Field(max_length=255)
     led_levels_percent: tuple[int | None, ...] = Field(default=(), max_length=255)
 
     @classmethod
@@ -123,9 +123,9 @@ class Setting(Record):
 
     @property
     def _controls(self) -> dict[str, float]:
-        stated = {"gain": self.gain, "gamma": self.gamma}
-        known = {name: value for name, value in stated.items() if value is not None}
-        return {**known, **self.pixel_value_controls}
+        controls = {"gain": self.gain, "gamma": self.gamma}
+        stated = {name: value for name, value in controls.items() if value is not None}
+        return {**stated, **self.pixel_value_controls}
 
     @property
     def _size(self) -> str:

@@ -130,7 +130,7 @@ def _maps(
     errors: Mapping[str, float] | None = None,
     digits: int = 3,
 ) -> Exhibit:
-    """Maps of the solvers and the truth; the text has ratios of the error of PS3a to the others."""
+    """Maps of the solvers and the truth; the caption has ratios of the error of PS3a."""
     values = {"slant": _SLANT}
     if errors is not None:
         values["gain_ps4"] = f"{errors['ps3a'] / errors['ps4']:.1f}"

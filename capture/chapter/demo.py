@@ -1,8 +1,11 @@
-"""``ps4rig demo``: capture, train and classify on the simulated rig."""
+"""``ps4rig demo``: capture, train and classify on the simulated rig, with an HTML report."""
 
+import math
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+from markupsafe import Markup
 
 from capture.acquisition.attempts import capture_set
 from capture.base.console import (
@@ -11,18 +14,25 @@ from capture.base.console import (
     print_table,
     progress,
 )
+from capture.base.names import SET_SUFFIX
 from capture.base.outputs import check_output
+from capture.base.page import rendered
+from capture.maps import pictures
+from capture.maps.pictures import TILE_PX, tile_uri
 from capture.sets.captured_set import CapturedSet
-from capture.sets.ome_tiff import SUFFIX
 from classify import (
+    Evaluation,
     Spectra,
+    SurfaceEstimate,
     TextureLibrary,
     Trial,
     evaluate,
     surface_spectra,
 )
-from classify.base.durable_file import make_folder
+from classify.base.durable_file import durable_file, make_folder
+from classify.surface.estimate import FloatMap
 from rig import (
+    ControllerIdentity,
     Placement,
     Rig,
     RigConfig,
@@ -30,15 +40,108 @@ from rig import (
     surface_names,
 )
 
-from .demo_report import (
-    ANGLE_NOTE,
-    COLUMNS,
-    ReportEntry,
-    cells_of,
-    write_report,
+_COLUMNS = ("true", "found", "true, °", "found, °", "distance", "runner-up", "margin")
+
+_ANGLE_NOTE = (
+    "Angles are modulo 180 degrees. A texture without direction (rock, malv) has none, and one "
+    "that looks the same after 90 degrees (Tiles036) is known modulo 90 only."
 )
 
-FRAME_PX = 256
+
+@dataclass(frozen=True, eq=False)
+class ReportEntry:
+    """One classified set; `reference` are the spectra of the nearest training set."""
+
+    captured: CapturedSet
+    surface: SurfaceEstimate
+    trial: Trial
+    spectra: Spectra
+    reference: Spectra
+
+
+def _write_report(
+    path: Path,
+    entries: list[ReportEntry],
+    result: Evaluation,
+    controller: ControllerIdentity,
+    config: RigConfig,
+) -> None:
+    """Write the report as a whole or not at all."""
+    page = rendered(
+        "chapter/demo_report.html",
+        title="ps4rig demo",
+        controller=controller,
+        config=config,
+        result=result,
+        angle_note=_ANGLE_NOTE,
+        columns=_COLUMNS,
+        rows=[(entry.trial.is_correct, _cells_of(entry.trial)) for entry in entries],
+        entries=[(entry, _tiles(entry), _polar_plots(entry)) for entry in entries],
+    )
+    with durable_file(path) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+
+
+def _cells_of(trial: Trial) -> tuple[str, ...]:
+    """Texts of a row of the table: one for each of `COLUMNS`."""
+    match = trial.match
+    return (
+        trial.label,
+        match.label or "unknown",
+        f"{trial.orientation_deg or 0.0:.1f}",
+        f"{match.orientation_deg:.1f}",
+        f"{match.distance:.4f}",
+        match.runner_up or "-",
+        "-" if match.margin is None else f"{match.margin:.2f}",
+    )
+
+
+def _tiles(entry: ReportEntry) -> dict[str, str]:
+    maps = {
+        **pictures.light_images(entry.captured, 4),
+        "lights in shadow": pictures.coloured(
+            entry.surface.shadow_count, pictures.shadow_colours()
+        ),
+        "albedo": pictures.grey(entry.surface.albedo),
+        "relief": pictures.shaded(entry.surface.normals),
+        "normals": pictures.normal_map(entry.surface.normals),
+    }
+    return {name: tile_uri(picture) for name, picture in maps.items()}
+
+
+def _polar_plots(entry: ReportEntry) -> dict[str, Markup]:
+    orientation_deg = entry.trial.match.orientation_deg or 0.0
+    return {
+        name: _polar_plot(test, reference, orientation_deg)
+        for name, test, reference in zip(
+            ("gradient", "albedo"), entry.spectra.polar, entry.reference.polar, strict=True
+        )
+    }
+
+
+def _polar_plot(test: FloatMap, reference: FloatMap, orientation_deg: float) -> Markup:
+    """SVG: the test as a line, the nearest training set at the orientation found as an area."""
+    top = max(float(test.max()), float(reference.max()), 1e-12)
+    return Markup(
+        f'<svg viewBox="-1.1 -1.1 2.2 2.2" width="{TILE_PX}" height="{TILE_PX}">'
+        '<circle r="1" class="frame"/><circle r="0.5" class="frame"/>'
+        f'<polygon class="reference" points="{_points(reference / top, orientation_deg)}"/>'
+        f'<polygon class="test" points="{_points(test / top, 0.0)}"/></svg>'
+    )
+
+
+def _points(radii: FloatMap, orientation_deg: float) -> str:
+    # The spectrum covers 180 degrees; the other half is equal by point symmetry.
+    count = len(radii)
+    points = []
+    for index in range(2 * count):
+        angle = math.pi * index / count + math.radians(orientation_deg)
+        radius = float(radii[index % count])
+        points.append(f"{radius * math.cos(angle):.3f},{-radius * math.sin(angle):.3f}")
+    return " ".join(points)
+
+
+_FRAME_PX = 256
 # Two test patches of each surface: seed, rotation and shift. They share at most a corner with the
 # training patch, which is the middle of a tile of 512 px.
 _TEST_SEED = 1000
@@ -67,15 +170,15 @@ def run_demo(output: Path, *, force: bool = False) -> None:
     )
     check_output(library_file, suffix=".ps4lib", force=force)
     for path in (*training, *testing):
-        check_output(path, suffix=SUFFIX, force=force)
-    config = RigConfig().with_changes(camera={"width_px": FRAME_PX, "height_px": FRAME_PX})
+        check_output(path, suffix=SET_SUFFIX, force=force)
+    config = RigConfig().with_changes(camera={"width_px": _FRAME_PX, "height_px": _FRAME_PX})
     out.print("Simulated rig: no light, camera or part of this demo is real.")
     with open_rig(config) as rig:
         identity = rig.lights.identity
         out.print(
             f"Light controller {identity.model} {identity.serial_number}, firmware "
             f"{identity.firmware_version}, on {rig.lights.port}; camera {rig.camera.info.name}, "
-            f"{FRAME_PX} x {FRAME_PX} px, {rig.camera.info.bit_depth} bit."
+            f"{_FRAME_PX} x {_FRAME_PX} px, {rig.camera.info.bit_depth} bit."
         )
         trained = _captured(rig, training, "train")
         tests = _captured(rig, testing, "test")
@@ -91,12 +194,12 @@ def run_demo(output: Path, *, force: bool = False) -> None:
     trials = [entry.trial for entry in entries]
     result = evaluate(trials, library.classes)
     report = output / "report.html"
-    write_report(report, entries, result, identity, config)
-    table = new_table(*COLUMNS)
+    _write_report(report, entries, result, identity, config)
+    table = new_table(*_COLUMNS)
     for trial in trials:
-        table.add_row(*cells_of(trial), style=None if trial.is_correct else "red")
+        table.add_row(*_cells_of(trial), style=None if trial.is_correct else "red")
     print_table(table)
-    out.print(ANGLE_NOTE)
+    out.print(_ANGLE_NOTE)
     out.print(
         f"{result.correct} of {result.sets} right. Simulated rig. "
         f"Report: {report}, sets: {sets_folder}",
@@ -116,7 +219,7 @@ def _classified(
 def _placed(folder: Path, stem: str, placements: list[Placement]) -> dict[Path, Placement]:
     """Name a file for the set of each placement."""
     return {
-        folder / f"{stem}-{number:02d}-{placement.surface}{SUFFIX}": placement
+        folder / f"{stem}-{number:02d}-{placement.surface}{SET_SUFFIX}": placement
         for number, placement in enumerate(placements)
     }
 

@@ -38,7 +38,7 @@ _Table = list[list[tuple[str, str]]]
 
 @dataclass(frozen=True)
 class PageInfo:
-    """Name of a page, the HTML file of its introduction, and what its numbers are.
+    """Name of a page, the HTML file of its introduction, and the meaning of its numbers.
 
     The texts of the exhibits are in ``notes.toml`` beside the introduction.
     """

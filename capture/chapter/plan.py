@@ -83,7 +83,7 @@ class Conditions:
     shadows: bool = True
     exposure: float = 1.0  # relative to the 20 ms that fill 85 % of the well for white
     weak_led: float = 1.0  # level of the second LED, unknown to the solver
-    # Not in the text from which the noise is drawn, so that it is that of the set without faults.
+    # Not in the repr, which seeds the noise: a set with faults has the noise of the set without.
     faults: SceneFaults | None = field(default=None, repr=False)
 
 

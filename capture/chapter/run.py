@@ -27,8 +27,8 @@ from .timing import measured_costs
 
 _SHADOW_SLANTS_DEG = tuple(map(float, range(10, 90, 10)))  # figures 9.2 and 9.3
 _POLAR_ORIENTATIONS_DEG = (0.0, 30.0, 60.0, 90.0, 120.0, 150.0)  # figures 9.5 and 9.10
-Item = TypeVar("Item")
-Result = TypeVar("Result")
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
 
 
 def reproduce(
@@ -71,8 +71,8 @@ def measure(
     ):
 
         def run(
-            function: Callable[[Item], Result], items: Sequence[Item], name: str
-        ) -> Iterator[Result]:
+            function: Callable[[_Item], _Result], items: Sequence[_Item], name: str
+        ) -> Iterator[_Result]:
             return progress(batch.map(function, items), len(items), name)
 
         folder = Path(libraries)

@@ -15,7 +15,7 @@ from .patches import expose, load_surface, render_patch, solve
 from .plan import SOLVERS, Conditions, PatchPosition, Texture
 
 SAND_SLANT_DEG = 60.0
-"""A fifth of sand is in shadow of each light at this slant; that of the thesis is unknown."""
+"""Each light leaves a fifth of sand in shadow; the thesis does not state its slant."""
 
 SHADOW_TILTS_DEG = (0.0, 30.0, 60.0, 90.0)
 _SHADOW_PX = 512
@@ -55,8 +55,8 @@ def polar_spectra(rotate_deg: float, size_px: int) -> Polar:
     fields[TRUTH] = TextureFields(scene.p, scene.q, scene.albedo)
     segment_px = segment_for(scene.p.shape)
     return {
-        name: [float(value) for value in field_spectra(fields_of_map, segment_px).polar[0]]
-        for name, fields_of_map in fields.items()
+        name: [float(value) for value in field_spectra(fields[name], segment_px).polar[0]]
+        for name in fields
     }
 
 
@@ -68,8 +68,8 @@ def sand_maps(size_px: int) -> SandMaps:
     albedo = {TRUTH: scene.albedo}
     errors = {}
     for solver, surface in surfaces.items():
-        common = (shadows == 0) & surface.valid
-        scale = scene.albedo[common].mean() / surface.albedo[common].mean()
+        lit = (shadows == 0) & surface.valid
+        scale = scene.albedo[lit].mean() / surface.albedo[lit].mean()
         albedo[solver] = surface.albedo * scale
         relief[solver] = integrate_gradients(surface.p, surface.q)
         estimates = (surface.p, surface.q, albedo[solver])

@@ -14,11 +14,11 @@ from .plan import BEST_SOLVER, OURS, TEXTONS, THESIS, Plan
 from .runs import library_path
 
 Work: TypeAlias = Callable[[], Any]
-Clock: TypeAlias = Callable[[], float]
+_Clock: TypeAlias = Callable[[], float]
 
 
 def shortest_ms(
-    functions: Mapping[str, Work], rounds: int, clock_s: Clock = time.perf_counter
+    functions: Mapping[str, Work], rounds: int, clock_s: _Clock = time.perf_counter
 ) -> dict[str, float]:
     """Duration of the shortest of `rounds` calls of each function, in milliseconds.
 
@@ -35,7 +35,7 @@ def shortest_ms(
     return shortest
 
 
-def time_ms(function: Work, clock_s: Clock = time.perf_counter) -> float:
+def time_ms(function: Work, clock_s: _Clock = time.perf_counter) -> float:
     """Duration of one call in milliseconds."""
     started_s = clock_s()
     function()
@@ -62,7 +62,9 @@ def measured_costs(plan: Plan, folder: Path) -> list[Cost]:
     experiment = plan.thirty
     position = experiment.test_position(experiment.textures[0], 0, "disjoint")
     costs = []
-    for test in experiment.tests[: len(experiment.tests) // len(plan.chapter_slants_deg)]:
+    # The tests are ordered by slant; those of the first slant suffice.
+    tests_per_slant = len(experiment.tests) // len(plan.chapter_slants_deg)
+    for test in experiment.tests[:tests_per_slant]:
         run = test.training
         if run.one_segment:
             continue
@@ -75,15 +77,16 @@ def measured_costs(plan: Plan, folder: Path) -> list[Cost]:
                 path = library_path(folder, experiment.name, run, BEST_SOLVER, classifier)
                 work[classifier] = partial(TextureLibrary.load(path).classify, surface)
         times = shortest_ms(work, _ROUNDS)
-        for classifier in list(work)[1:]:
+        solve_ms = times.pop("solve")
+        for classifier, match_ms in times.items():
             one_image = classifier == TEXTONS
             costs.append(
                 Cost(
                     classifier,
                     training_images=4 * len(run.orientations_deg),
                     images=1 if one_image else 4,
-                    solve_ms=0.0 if one_image else times["solve"],
-                    match_ms=times[classifier],
+                    solve_ms=0.0 if one_image else solve_ms,
+                    match_ms=match_ms,
                 )
             )
     return costs

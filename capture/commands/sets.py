@@ -12,6 +12,7 @@ import typer
 
 from capture.base.console import complain, out, print_json, progress, reported
 from capture.base.errors import ImportCause
+from capture.base.names import SET_SUFFIX
 from capture.base.outputs import check_output
 from classify.base.errors import InputError
 
@@ -73,20 +74,19 @@ def capture(
     """Capture one set or several: the ambient image, then one image under each LED."""
     from capture.calibration.lookup import read_calibration
     from capture.sets.description import described
-    from capture.sets.ome_tiff import SUFFIX
     from rig import ConfigError, open_rig
     from rig.config.rig import config_of
 
     config = config_of(rig)
     if calibration is None and config.calibration is not None and not target:
         calibration = Path(config.calibration)
-    known = None if calibration is None else read_calibration(calibration)
+    calibration_file = None if calibration is None else read_calibration(calibration)
     recording = config.camera.recording
     recordings = [] if recording is None else [recording]
     orientations_deg: list[float] | list[None] = rotate or [None]
     paths = _numbered(output, len(orientations_deg) * count, replace=force)
     for path in paths:
-        check_output(path, suffix=SUFFIX, inputs=recordings, force=force)
+        check_output(path, suffix=SET_SUFFIX, inputs=recordings, force=force)
     simulated_only = (surface, rotate, slant, shift_px, defect, seed, bits, size)
     has_surface = config.is_simulated and recording is None
     if not has_surface and any(value is not None for value in simulated_only):
@@ -119,7 +119,7 @@ def capture(
     )
     with open_rig(configs[0]) as opened:
         placements = [config.simulation.placement for config in configs]
-        sets = _captured(opened, placements, count, label, average, known, target)
+        sets = _captured(opened, placements, count, label, average, calibration_file, target)
         answer = []
         for path, captured in zip(paths, progress(sets, len(paths), "capture"), strict=True):
             describe(captured).save(path)
@@ -169,19 +169,17 @@ def _numbered(output: Path, count: int, replace: bool) -> list[Path]:
 
     The numbers go on after the highest that exists; with `replace` they begin at 1.
     """
-    from capture.sets.ome_tiff import SUFFIX
-
     if count == 1:
         return [output]
-    stem = output.name.removesuffix(SUFFIX)
+    stem = output.name.removesuffix(SET_SUFFIX)
     last = 0
     if output.parent.is_dir() and not replace:
-        numbered = re.compile(f"{re.escape(stem)}-([0-9]+){re.escape(SUFFIX)}")
+        numbered = re.compile(f"{re.escape(stem)}-([0-9]+){re.escape(SET_SUFFIX)}")
         names = (numbered.fullmatch(path.name) for path in output.parent.iterdir())
         last = max((int(match[1]) for match in names if match), default=0)
     numbers = range(last + 1, last + count + 1)
     digits = max(3, len(str(numbers[-1])))
-    return [output.with_name(f"{stem}-{number:0{digits}d}{SUFFIX}") for number in numbers]
+    return [output.with_name(f"{stem}-{number:0{digits}d}{SET_SUFFIX}") for number in numbers]
 
 
 @reported
@@ -255,7 +253,6 @@ def import_(
     from capture.sets.description import described
     from capture.sets.image_import import import_images
     from capture.sets.light_list import load_light_list
-    from capture.sets.ome_tiff import SUFFIX
     from classify import Lighting
 
     options.check_orientations("--orientation", orientation)
@@ -277,18 +274,18 @@ def import_(
             raise InputError("give --slant DEG of the lights, or --lights FILE")
         tilts_deg = options.degrees("--tilts", _RING if tilts is None else tilts, _RING)
         lighting = Lighting.from_angles(tilts_deg, slant)
-    check_output(output, suffix=SUFFIX, inputs=[*images, *inputs], force=force)
-    known = None if calibration is None else read_calibration(calibration)
+    check_output(output, suffix=SET_SUFFIX, inputs=[*images, *inputs], force=force)
+    calibration_file = None if calibration is None else read_calibration(calibration)
     captured = import_images(
         images, lighting, gamma=gamma, ambient=ambient, label=label, bits=bits, mask=mask,
         crop=None if crop is None else _crop(crop), accept=accept or (), warnings=warnings,
-        calibration=None if known is None else known.calibration,
+        calibration=None if calibration_file is None else calibration_file.calibration,
     )  # fmt: skip
     captured = described(
         captured, specimen=specimen, operator=operator, note=note, orientation_deg=orientation
     )
-    if known is not None:
-        captured = captured.with_calibration(known)
+    if calibration_file is not None:
+        captured = captured.with_calibration(calibration_file)
     captured.save(output)
     metadata = captured.metadata
     for warning in metadata.warnings:

@@ -307,8 +307,8 @@ def _library_for(
 def _trial(answer: ClassifiedSet, trained: TextureLibrary) -> Trial:
     from classify import Trial
 
-    known = answer.label in trained.oriented
-    return Trial(answer.label or "", answer.orientation_deg if known else None, answer.match)
+    is_oriented = answer.label in trained.oriented
+    return Trial(answer.label or "", answer.orientation_deg if is_oriented else None, answer.match)
 
 
 def _warn_not_oriented(

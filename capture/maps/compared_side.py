@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from capture.sets.captured_set import CapturedSet
-from capture.sets.loaded_set import LoadedSet, named
-from capture.sets.ome_tiff import SUFFIX
+from capture.base.names import SET_SUFFIX
+from capture.sets.captured_set import CapturedSet, LoadedSet, named
 from classify import SurfaceEstimate
 from classify.base.errors import InputError
 
@@ -43,17 +42,17 @@ def side_of(path: Path, calibration: Path | None = None, *, raw: bool = False) -
     """Read and solve a set as `LoadedSet.of`, or read a folder of maps of ``ps4rig solve``."""
     if path.is_dir():
         return _folder(path)
-    if not path.name.endswith(SUFFIX):
-        raise InputError(f"{path}: give a captured set ({SUFFIX}) or a folder of maps")
+    if not path.name.endswith(SET_SUFFIX):
+        raise InputError(f"{path}: give a captured set ({SET_SUFFIX}) or a folder of maps")
     loaded = LoadedSet.of(path, calibration, raw=raw)
     with named(path):
         return _set(path, loaded)
 
 
 def _set(path: Path, loaded: LoadedSet) -> Side:
-    captured, known = loaded.captured, loaded.calibration
+    captured, applied = loaded.captured, loaded.calibration
     surface = loaded.solve()
-    mm_per_px = None if known is None or known.scale is None else known.scale.mm_per_px
+    mm_per_px = None if applied is None or applied.scale is None else applied.scale.mm_per_px
     solved = SurfaceMaps(surface, mm_per_px=mm_per_px)
     maps: _Maps = {}
     for name, kind in _compared().items():

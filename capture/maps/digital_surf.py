@@ -15,12 +15,12 @@ from .height_map import HeightMap
 _HEADER = struct.Struct("<12s4h30s30s5hf4xh5i3f" + 9 * "16s" + "3f3h12x7hfI6x2h128s5f13s13s")
 _SURFACE = 2
 _BITS = 32
-# Points are whole numbers of steps above the offset, up to this; 32 bits hold twice as many.
+# Largest point, as a number of steps above the offset; 32 bits could hold twice as many.
 _HIGHEST = 2**30
 # Readers differ in whether the lowest point is subtracted (rosettasciio) or not (surfalize), and in
 # the unit of the offset. With 0 as the lowest point and micrometres they agree.
 _LOWEST = 0
-_SMALLEST_RANGE_UM = 1e-9  # of a level surface; far below what any instrument sees
+_SMALLEST_RANGE_UM = 1e-9  # of a level surface; far below the resolution of any instrument
 _MISSING = _LOWEST - 2  # by the format
 _UNIT, _UM_PER_MM = "\N{MICRO SIGN}m", 1e3
 _MAX_COMMENT_BYTES = 2**15 - 1
@@ -30,7 +30,7 @@ def write_sur(path: Path, heights: HeightMap) -> None:
     """Write heights in micrometres, rows from the top; NaN becomes a missing point."""
     heights_um = _UM_PER_MM * heights.heights_mm.astype(np.float64)
     missing = np.isnan(heights_um)
-    # Offset and step are float32 in the file: the points are computed from what readers will read.
+    # Offset and step are float32 in the file, so the points are computed from the rounded values.
     offset_um = np.nextafter(np.float32(np.nanmin(heights_um)), np.float32(-np.inf))
     heights_um -= offset_um
     step_um = np.float32(max(np.nanmax(heights_um), _SMALLEST_RANGE_UM) / _HIGHEST)

@@ -1,7 +1,7 @@
-"""The maps of a solved set as files: float32 TIFF, PNG, JSON and a page."""
+"""The maps of a solved set as files: float32 TIFF, PNG, JSON and one self-contained HTML page."""
 
 import json
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -9,20 +9,150 @@ from typing import Any
 import numpy as np
 
 from capture.base.outputs import is_input
+from capture.base.page import rendered
 from capture.calibration.lookup import FoundCalibration
+from capture.maps import pictures
 from capture.sets.captured_set import CapturedSet
-from classify import Lighting, SurfaceEstimate
+from classify import Lighting, Roughness, SurfaceEstimate
+from classify.base.arrays import Floats
 from classify.base.durable_file import durable_folder
 from classify.base.errors import InputError
+from classify.lights.flat_field import FlatField
 
-from . import pictures
 from .map_kinds import MAP_KINDS, map_views
 from .map_tiff import write_channels, write_values
-from .page import map_page
 from .pictures import Picture
-from .roughness_table import roughness_note, roughness_parameters
 from .surface_maps import RELIT_LIGHT, SurfaceMaps
 from .views import MapKind, MapView, mask_picture
+
+_OF_A_PIXEL = "ISO 25178-2 over the valid pixels, at the scale of a pixel"
+_RELATIVE_NOTE = (
+    f"{_OF_A_PIXEL}; noise raises all of them. Sa and Sq come from relative height without its "
+    "mean plane and are not lengths: compare them only between images of one size and "
+    "magnification."
+)
+_LENGTHS_NOTE = (
+    "{}, {:.3g} mm; noise raises all of them. Sa and Sq come from height without its mean plane. "
+    "Errors of slopes add up over the frame: compare them only between images of one size."
+)
+_UM_PER_MM = 1e3
+
+
+def roughness_note(mm_per_px: float | None) -> str:
+    """Return what the parameters mean, for a scale that is known or not."""
+    return _RELATIVE_NOTE if mm_per_px is None else _LENGTHS_NOTE.format(_OF_A_PIXEL, mm_per_px)
+
+
+def _roughness_parameters(
+    roughness: Roughness | None, mm_per_px: float | None
+) -> dict[str, dict[str, Any]]:
+    """Return name, value and unit of each parameter by symbol, and whether it is relative.
+
+    A value is None if no pixel is valid; Sa and Sq are in um, or relative in px without a scale.
+    """
+    relative = mm_per_px is None
+    unit, per_px = ("px", 1.0) if mm_per_px is None else ("um", _UM_PER_MM * mm_per_px)
+    rows = (
+        ("Sdq", "root mean square gradient", "sdq", "1", 1.0, False),
+        ("Sdr", "developed interfacial area ratio", "sdr_percent", "%", 1.0, False),
+        ("Sa", "arithmetical mean height", "sa_px", unit, per_px, relative),
+        ("Sq", "root mean square height", "sq_px", unit, per_px, relative),
+    )
+    return {
+        symbol: {
+            "name": name,
+            "value": None if roughness is None else factor * getattr(roughness, field),
+            "unit": unit,
+            "relative": relative,
+        }
+        for symbol, name, field, unit, factor, relative in rows
+    }
+
+
+# Units on the page that differ from those in files.
+_UNITS = {"1": "", "um": " \N{MICRO SIGN}m"}
+
+
+def map_page(
+    captured: CapturedSet,
+    maps: SurfaceMaps,
+    views: dict[str, list[MapView]],
+    calibration: FoundCalibration | None = None,
+    raw_residual: float | None = None,
+) -> str:
+    """Return the page as HTML; `raw_residual` is the residual without the calibration."""
+    metadata = captured.metadata
+    return rendered(
+        "maps/page.html",
+        title=metadata.label or "Captured set without a label",
+        metadata=metadata,
+        facts=(*_facts(captured, maps), *_calibration(maps.surface, calibration, raw_residual)),
+        views=views,
+        roughness=_roughness_parameters(maps.roughness, maps.mm_per_px),
+        roughness_note=roughness_note(maps.mm_per_px),
+        units=_UNITS,
+    )
+
+
+def _facts(captured: CapturedSet, maps: SurfaceMaps) -> Iterator[tuple[str, str]]:
+    surface, metadata = maps.surface, captured.metadata
+    lighting = surface.lighting or captured.lighting
+    rows, columns = surface.shape
+    yield "solver", surface.method
+    if surface.planar:
+        yield "planar part", _divided(surface.fall_off)
+    yield "image", f"{columns} x {rows} px, {metadata.bit_depth} bit"
+    if maps.mm_per_px is not None:
+        yield "scale", f"{maps.mm_per_px:.4g} mm/px"
+    yield "lights", f"{len(lighting)}, slant {_span(lighting.slants_deg)}°"
+    if lighting.positions_px is not None:
+        distances_px = np.linalg.norm(lighting.positions_px, axis=1)
+        yield "distance of the lights", f"{_span(distances_px)} px"
+    if surface.divided_by is not None:
+        yield "LED levels", "in the flat field of the calibration"
+    elif captured.lighting.intensities_given:
+        yield "LED levels", f"{_levels(captured.lighting.intensities)}, as given"
+    elif surface.led_levels is not None:
+        yield "LED levels", f"{_levels(surface.led_levels)}, found in the images"
+    yield from metadata.facts
+    if metadata.orientation_deg is not None:
+        yield "orientation", f"{metadata.orientation_deg:g}°"
+    if captured.mask is not None:
+        yield "mask", f"{metadata.mask_file}, {captured.mask.mean():.1%} of the image"
+    if metadata.crop is not None:
+        yield "crop", f"from column {metadata.crop[0]}, row {metadata.crop[1]}"
+    yield "valid", f"{surface.valid.mean():.1%}"
+    yield "saturated", f"{surface.saturated.mean():.1%}"
+    yield "in shadow of a light", f"{surface.shadow_mask.mean():.1%}"
+    yield "SHA-256 of pixels", f"{metadata.pixels_sha256[:12]}…"
+
+
+def _calibration(
+    surface: SurfaceEstimate, calibration: FoundCalibration | None, raw_residual: float | None
+) -> Iterator[tuple[str, str]]:
+    yield "calibration", "none" if calibration is None else calibration.path.name
+    if calibration is not None:
+        yield "SHA-256 of calibration", f"{calibration.file.hash[:12]}…"
+    residual = surface.residual_share
+    if residual is not None:
+        without = "" if raw_residual is None else f", {raw_residual:.2%} without calibration"
+        yield "median residual", f"{residual:.2%} of the signal{without}"
+
+
+def _divided(fall_off: FlatField | None) -> str:
+    if fall_off is None:
+        return "too little of it is lit: no fall-off divided out"
+    return f"fall-off of {fall_off.share:.0%} divided out, with any tilt or bow"
+
+
+def _levels(levels: Floats) -> str:
+    return ", ".join(f"{level:.3f}" for level in levels)
+
+
+def _span(values: Floats) -> str:
+    low, high = f"{values.min():.1f}", f"{values.max():.1f}"
+    return low if low == high else f"{low} to {high}"
+
 
 # preview.png shows the first maps of each section of the page, in rows of four.
 _PREVIEW_ROW = 4
@@ -62,7 +192,7 @@ def write_maps(
     roughness = {
         "valid_pixels": int(np.count_nonzero(surface.valid)),
         "note": roughness_note(mm_per_px),
-        "parameters": roughness_parameters(maps.roughness, mm_per_px),
+        "parameters": _roughness_parameters(maps.roughness, mm_per_px),
     }
     texts = {
         "roughness.json": json.dumps(origin | roughness, indent=2, allow_nan=False),

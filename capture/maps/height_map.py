@@ -8,7 +8,7 @@ from datetime import datetime
 import numpy as np
 
 from capture.base.errors import SetRejected
-from capture.sets.loaded_set import LoadedSet
+from capture.sets.captured_set import LoadedSet
 from capture.sets.metadata import SetMetadata
 from classify import SurfaceEstimate, integrate_gradients
 from classify.base.errors import InputError
@@ -42,8 +42,8 @@ class HeightMap:
     def of(cls, loaded: LoadedSet) -> HeightMap:
         """Solve a set with its calibration, and integrate its slopes."""
         metadata = loaded.captured.metadata
-        source, known = loaded.found_calibration, loaded.calibration
-        if source is None or known is None or known.mm_per_px is None:
+        source, calibration = loaded.found_calibration, loaded.calibration
+        if source is None or calibration is None or calibration.mm_per_px is None:
             raise InputError(
                 "has no calibrated scale, and the file holds lengths; measure it with "
                 "ps4rig calibrate scale, or export to .ply or .stl"
@@ -56,10 +56,10 @@ class HeightMap:
                 "part again, or export to .ply or .stl"
             ) from None
         surface, heights_mm = solved_height(loaded)
-        heights_mm *= known.mm_per_px
+        heights_mm *= calibration.mm_per_px
         return cls(
             heights_mm=heights_mm,
-            mm_per_px=known.mm_per_px,
+            mm_per_px=calibration.mm_per_px,
             scale_date=source.file.records["scale"].date,
             captured_at=captured_at,
             metadata=metadata,

@@ -14,11 +14,11 @@ from capture.sets.ome_tiff import resolution
 from classify.base.errors import InputError
 from rig.set_file import opened_tiff
 
-Description = dict[str, Any]
+_Description = dict[str, Any]
 
 
 def write_values(
-    path: Path, values: npt.NDArray[np.float32], description: Description, mm_per_px: float | None
+    path: Path, values: npt.NDArray[np.float32], description: _Description, mm_per_px: float | None
 ) -> None:
     """Write (H, W) float32 values."""
     tifffile.imwrite(
@@ -32,7 +32,7 @@ def write_channels(
     channels: npt.NDArray[np.float32] | npt.NDArray[np.uint8],
     names: tuple[str, ...],
     limits: tuple[float, float],
-    description: Description,
+    description: _Description,
     mm_per_px: float | None,
 ) -> None:
     """Write (C, H, W) channels, or one (H, W) channel, as an ImageJ hyperstack.
@@ -51,13 +51,13 @@ def write_channels(
     )  # fmt: skip
 
 
-def read_description(path: Path) -> Description:
+def read_description(path: Path) -> _Description:
     """Read the description of a map that ps4rig wrote."""
     with opened_tiff(path) as tiff:
         return _description(tiff, path)
 
 
-def read_map(path: Path) -> tuple[npt.NDArray[Any], Description]:
+def read_map(path: Path) -> tuple[npt.NDArray[Any], _Description]:
     """Read a map, (H, W) or (C, H, W), and its description."""
     with opened_tiff(path) as tiff:
         description = _description(tiff, path)
@@ -66,7 +66,7 @@ def read_map(path: Path) -> tuple[npt.NDArray[Any], Description]:
         return tiff.asarray(), description
 
 
-def _description(tiff: tifffile.TiffFile, path: Path) -> Description:
+def _description(tiff: tifffile.TiffFile, path: Path) -> _Description:
     hyperstack = tiff.imagej_metadata
     text = tiff.pages.first.description if hyperstack is None else hyperstack.get("Info", "")
     try:

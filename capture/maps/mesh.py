@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Array
 from classify.base.durable_file import durable_file
 from classify.surface.estimate import FloatMap
 
-Array = npt.NDArray[Any]
-
 
 def write_ply(path: Path, height: FloatMap, albedo: FloatMap, per_px: float, unit: str) -> None:
-    """Write a mesh with grey vertices (Stanford PLY 1.0, little-endian), none where height is NaN.
+    """Write a mesh with grey vertices (Stanford PLY 1.0, little-endian), with holes at NaN.
 
     `height` and `per_px`, the length of a pixel, are in `unit`.
     """
-    known = np.isfinite(height)
-    white = float(np.percentile(albedo[known], 99.5)) or 1.0
+    is_finite = np.isfinite(height)
+    white = float(np.percentile(albedo[is_finite], 99.5)) or 1.0
     places, corners = _triangles(height, per_px)
     vertices = np.empty(len(places), [("place", "<f4", 3), ("grey", "u1", 3)])
     vertices["place"] = places
-    grey = np.clip(255.0 / white * albedo[known] + 0.5, 0.0, 255.0).astype(np.uint8)
+    grey = np.clip(255.0 / white * albedo[is_finite] + 0.5, 0.0, 255.0).astype(np.uint8)
     vertices["grey"] = grey[:, None]
     faces = np.empty(len(corners), [("count", "u1"), ("corners", "<i4", 3)])
     faces["count"], faces["corners"] = 3, corners
@@ -65,10 +62,10 @@ def _triangles(height: FloatMap, per_px: float) -> tuple[FloatMap, Array]:
     places[..., 0] = per_px * (np.arange(columns) - 0.5 * (columns - 1))
     places[..., 1] = per_px * (0.5 * (rows - 1) - np.arange(rows))[:, None]
     places[..., 2] = height
-    known = np.isfinite(height).ravel()
+    is_finite = np.isfinite(height).ravel()
     corners = _corners(height.shape)
-    vertices = np.cumsum(known, dtype=np.int32) - 1
-    return places.reshape(-1, 3)[known], vertices[corners[known[corners].all(axis=1)]]
+    vertices = np.cumsum(is_finite, dtype=np.int32) - 1
+    return places.reshape(-1, 3)[is_finite], vertices[corners[is_finite[corners].all(axis=1)]]
 
 
 def _corners(shape: tuple[int, ...]) -> Array:

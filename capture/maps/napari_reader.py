@@ -14,15 +14,15 @@ from classify.base.errors import InputError
 from .map_tiff import read_description, read_map
 
 # Values, arguments of the layer, and its kind, as napari asks for.
-Layer = tuple[npt.NDArray[Any], dict[str, Any], str]
-Reader = Callable[[str], list[Layer]]
+_Layer = tuple[npt.NDArray[Any], dict[str, Any], str]
+_Reader = Callable[[str], list[_Layer]]
 _RECOGNISED_BY = "p.tif"  # in every folder of maps
 # Pages and maps with two values are label layers; the others are image layers.
 _MASK_PAGE = "mask"
 _SHOWN_MAP = "albedo"
 
 
-def get_reader(path: str | list[str]) -> Reader | None:
+def get_reader(path: str | list[str]) -> _Reader | None:
     """Return a reader for a captured set or a folder of maps, or None for anything else."""
     if not isinstance(path, str):  # sets may differ in size and lights: they are not stacked
         return None
@@ -33,19 +33,19 @@ def get_reader(path: str | list[str]) -> Reader | None:
         ome_tiff.read_header(Path(path))
     except InputError:
         return None
-    return read_set_layers
+    return _read_set_layers
 
 
-def read_set_layers(path: str) -> list[Layer]:
-    """Read the pages of a captured set, the first light shown; its metadata go with each."""
+def _read_set_layers(path: str) -> list[_Layer]:
+    """Read the pages of a captured set as layers with its metadata; only the first is visible."""
     images, ambient, metadata, mask = ome_tiff.read(Path(path))
     pages = [*images] + [page for page in (ambient, mask) if page is not None]
-    facts = metadata.model_dump(mode="json")
+    description = metadata.model_dump(mode="json")
     return [
         _layer(
             name,
             page,
-            facts,
+            description,
             (0, metadata.full_scale),
             is_mask=name == _MASK_PAGE,
             shown=index == 0,
@@ -54,12 +54,12 @@ def read_set_layers(path: str) -> list[Layer]:
     ]
 
 
-def read_map_layers(path: str) -> list[Layer]:
-    """Read the maps in a folder, the albedo shown; the description of each goes with it."""
+def read_map_layers(path: str) -> list[_Layer]:
+    """Read the maps in a folder as layers with their descriptions; only the albedo is visible."""
     return list(_map_layers(Path(path)))
 
 
-def _map_layers(folder: Path) -> Iterator[Layer]:
+def _map_layers(folder: Path) -> Iterator[_Layer]:
     from .map_kinds import MAP_KINDS  # here, since a set is read without a solver
     from .views import YES_NO
 
@@ -86,7 +86,7 @@ def _layer(
     *,
     is_mask: bool,
     shown: bool,
-) -> Layer:
+) -> _Layer:
     arguments: dict[str, Any] = {
         "name": name,
         "visible": shown,

@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from capture.base.page import image_html
 from capture.sets.captured_set import CapturedSet
 from classify import Lighting
 from classify.shadow_rule import NO_DROPPED_LIGHT
@@ -177,12 +176,12 @@ def reduced(
     if scale >= 1.0:
         return values
     size = (max(1, round(columns * scale)), max(1, round(rows * scale)))
-    known = ~np.isnan(values)
-    if known.all():
+    is_number = ~np.isnan(values)
+    if is_number.all():
         return cv2.resize(values, size, interpolation=interpolation)
     share, summed = (
         cv2.resize(image.astype(np.float32), size, interpolation=interpolation)
-        for image in (known, np.where(known, values, 0.0))
+        for image in (is_number, np.where(is_number, values, 0.0))
     )
     return np.where(share >= 0.5, summed / np.maximum(share, 0.5), np.float32(np.nan))
 
@@ -239,8 +238,3 @@ def tile_uri(picture: Picture) -> str:
     scale = TILE_PX / max(picture.shape[:2])
     size = [max(1, round(scale * side)) for side in picture.shape[1::-1]]
     return data_uri(cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.uint8))
-
-
-def tile_html(name: str, picture: Picture) -> str:
-    """Return a picture as a small figure with its name below it."""
-    return image_html(tile_uri(picture), name, name)

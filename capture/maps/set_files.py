@@ -13,7 +13,7 @@ from capture.sets.light_list import write_light_list
 from classify.base.durable_file import durable_file, durable_folder
 from classify.base.errors import InputError
 
-LIGHTS, _AMBIENT, _MASK, _METADATA = "lights.lp", "ambient.tif", "mask.tif", "metadata.json"
+_LIGHTS, _AMBIENT, _MASK, _METADATA = "lights.lp", "ambient.tif", "mask.tif", "metadata.json"
 
 
 def write_light_folder(captured: CapturedSet, folder: Path) -> str:
@@ -26,17 +26,17 @@ def write_light_folder(captured: CapturedSet, folder: Path) -> str:
     digits = len(str(len(captured.images) - 1))
     names = [f"light{index:0{digits}d}.tif" for index in range(len(captured.images))]
     pages = dict(zip(names, captured.images, strict=True))
-    options = ["--lights", str(folder / LIGHTS)]
+    options = ["--lights", str(folder / _LIGHTS)]
     if captured.ambient is not None:
         pages[_AMBIENT] = captured.ambient
         options += ["--ambient", str(folder / _AMBIENT)]
     if captured.mask is not None:
         pages[_MASK] = captured.mask.astype("u2") * 65535
         options += ["--mask", str(folder / _MASK)]
-    with durable_folder(folder, [*pages, LIGHTS, _METADATA], LIGHTS) as temporary:
+    with durable_folder(folder, [*pages, _LIGHTS, _METADATA], _LIGHTS) as temporary:
         for name, page in pages.items():
             tifffile.imwrite(temporary / name, page, photometric="minisblack")
-        write_light_list(temporary / LIGHTS, captured.lighting, names)
+        write_light_list(temporary / _LIGHTS, captured.lighting, names)
         (temporary / _METADATA).write_text(
             captured.metadata.model_dump_json(indent=1), encoding="utf-8"
         )

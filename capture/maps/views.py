@@ -10,11 +10,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from capture.maps.pictures import data_uri
 from classify.shadow_rule import NO_DROPPED_LIGHT
 
 from . import pictures
-from .pictures import ColourScale, Picture
+from .pictures import ColourScale, Picture, data_uri
 from .surface_maps import SurfaceMaps
 
 # Light images on the page; a dome may have hundreds.
@@ -47,7 +46,7 @@ class MapView:
         return bool(max(self.picture.shape[:2]) < _SMALL_PX)
 
 
-Section = Literal["Surface", "Slopes and height", "Curvature", "Quality"]
+_Section = Literal["Surface", "Slopes and height", "Curvature", "Quality"]
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,7 @@ class MapKind:
     """One map of ``ps4rig solve``; title, caption and unit may use `SurfaceMaps.words`."""
 
     name: str
-    section: Section
+    section: _Section
     title: str
     caption: str
     # (H, W) or (H, W, 3) float32 values; of a mask, (H, W) uint8

@@ -38,7 +38,7 @@ def _md5(data: bytes) -> str:
 
 def _main_xml(heights: HeightMap, data_md5: str) -> bytes:
     metadata, (rows, columns) = heights.metadata, heights.heights_mm.shape
-    side = {
+    axis = {
         "AxisType": "I",
         "DataType": "D",
         "Increment": repr(heights.mm_per_px * _M_PER_MM),
@@ -49,7 +49,7 @@ def _main_xml(heights: HeightMap, data_md5: str) -> bytes:
         "Record1": {
             "Revision": "ISO5436 - 2000",
             "FeatureType": "SUR",
-            "Axes": {"CX": side, "CY": side, "CZ": side | {"AxisType": "A", "Increment": "1"}},
+            "Axes": {"CX": axis, "CY": axis, "CZ": axis | {"AxisType": "A", "Increment": "1"}},
         },
         "Record2": {
             "Date": heights.captured_at.isoformat(),
@@ -80,7 +80,7 @@ def _main_xml(heights: HeightMap, data_md5: str) -> bytes:
 
 
 def _add(parent: ET.Element, fields: Mapping[str, Any]) -> None:
-    """Add elements in the order of the schema, in which it prescribes them."""
+    """Add elements in the order of the mapping, which must be that of the schema."""
     for name, value in fields.items():
         child = ET.SubElement(parent, name)
         if isinstance(value, Mapping):

@@ -13,8 +13,7 @@ from capture.sets.photographs import Photographs
 from classify.base.errors import CalibrationRejected, InputError
 from classify.calibration.block_levels import BlockLevels, Frames, block_levels
 from classify.calibration.calibration import Calibration
-from classify.calibration.dark import Dark
-from classify.calibration.dark_frames import DarkFrames
+from classify.calibration.dark import Dark, DarkFrames
 from classify.calibration.exposure_ladder import ExposureLadder, response_of
 from classify.calibration.photon_transfer import PhotonTransfer, photon_transfer
 
@@ -110,8 +109,8 @@ def levels_of(
     """Levels of frames in values of the camera, without its hot pixels."""
     dark = calibration.dark
     hot = [] if dark is None else [exposure.hot_pixels for exposure in dark.exposures]
-    known = bool(hot) and not any((exposure >= frames.shape[1:]).any() for exposure in hot)
-    hot_pixels = np.unique(np.concatenate(hot), axis=0) if known else None
+    hot_pixels_fit = bool(hot) and not any((exposure >= frames.shape[1:]).any() for exposure in hot)
+    hot_pixels = np.unique(np.concatenate(hot), axis=0) if hot_pixels_fit else None
     levels = block_levels(frames, full_scale, hot_pixels)
     stretch = full_scale / ((1 << bit_depth) - 1)
     return replace(levels, means=levels.means / stretch, variances=levels.variances / stretch**2)

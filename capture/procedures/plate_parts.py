@@ -11,7 +11,7 @@ from capture.sets.captured_set import CapturedSet
 from classify.base.errors import InputError
 from classify.calibration.calibration import CalibratedLights, Calibration
 from classify.calibration.plate import MeasuredPlate, measure_plate
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 
 # Figure of a flat field by which a later light image of a sheet shows another exposure.
 SHEET_BRIGHTNESS = "sheet_brightness"
@@ -51,9 +51,9 @@ def plate_parts(
             mask = captured.mask if mask is None else mask & captured.mask
     full_scale = float(first.metadata.full_scale)
     has_ambient = all(captured.ambient is not None for captured in sets)
-    known = (calibration.holding_at if has_ambient else calibration.at)(setting.exposure_ms)
+    at_exposure = (calibration.holding_at if has_ambient else calibration.at)(setting.exposure_ms)
     placements = [
-        known.corrected(ImageStack(captured.images, captured.ambient), full_scale)
+        at_exposure.corrected(ImageStack(captured.images, captured.ambient), full_scale)
         for captured in sets
     ]
     if mask is not None:

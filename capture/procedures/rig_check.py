@@ -17,7 +17,7 @@ from capture.calibration.setting import Setting
 from classify import Lighting
 from classify.calibration.dark import SAME_EXPOSURE
 from classify.calibration.drift import Drift, plate_drift
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 from rig import Rig
 from rig.doctor.check import Check, collected
 from rig.doctor.light_images import capture_light_images
@@ -100,8 +100,8 @@ def _drift(
     brightness = record.figures.get(SHEET_BRIGHTNESS)
     if brightness is not None:
         brightness *= _exposure_ratio(record, setting)
-    known = file.calibration.holding_at(setting.exposure_ms)
-    return plate_drift(stack, full_scale, known, lighting, brightness=brightness)
+    calibration = file.calibration.holding_at(setting.exposure_ms)
+    return plate_drift(stack, full_scale, calibration, lighting, brightness=brightness)
 
 
 def _exposure(rig: Rig, file: CalibrationFile) -> Iterator[Check]:
@@ -125,9 +125,9 @@ def _exposure_ratio(record: PartRecord, setting: Setting) -> float:
 
 def _age(path: Path, file: CalibrationFile) -> Check:
     ages = {name: record.age_days(datetime.now(UTC)) for name, record in file.records.items()}
-    known = [days for days in ages.values() if days is not None]
+    known_days = [days for days in ages.values() if days is not None]
     parts = ", ".join(name.replace("_", " ") for name in ages)
-    message = f"{path}: {parts}; the oldest was measured {max(known, default=0)} days ago"
-    if max(known, default=0) > OLD_DAYS:
+    message = f"{path}: {parts}; the oldest was measured {max(known_days, default=0)} days ago"
+    if max(known_days, default=0) > OLD_DAYS:
         return Check("calibration", "warning", message, "calibrate again")
     return Check("calibration", "ok", message)

@@ -21,7 +21,7 @@ from classify.calibration.spheres import (
     lights_from_spheres,
     scale_of_spheres,
 )
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 
 # Errors of directions in words: the aim is 0.5 degrees with a mirror sphere and 2 with a matt one;
 # four degrees of slant turn the normals by three (tests/evidence/calibration).
@@ -30,33 +30,34 @@ _OF_IMAGES: tuple[PartName, ...] = ("dark", "response", "scale", "flat_field")
 
 
 def images_of_photographs(
-    read: Photographs, masks: Sequence[Path], lights: int | None, file: CalibrationFile
+    pictures: Photographs, masks: Sequence[Path], lights: int | None, file: CalibrationFile
 ) -> tuple[list[SphereImages], Setting]:
     """Return images of a sphere, one per light, placement after placement.
 
-    `masks` are none, or one per placement. All photographs show one placement if `lights` is None.
+    `masks` is empty or has one mask per placement. If `lights` is None, there is one placement.
     """
-    lights = lights or len(read.planes)
-    if len(read.planes) % lights:
+    lights = lights or len(pictures.planes)
+    if len(pictures.planes) % lights:
         raise InputError(
-            f"{len(read.planes)} photographs of a sphere for {lights} lights; give one photograph "
-            "per light, and all lights again for each further placement. A mask goes after --mask"
+            f"{len(pictures.planes)} photographs of a sphere for {lights} lights; give one "
+            "photograph per light, and all lights again for each further placement. A mask goes "
+            "after --mask"
         )
-    count = len(read.planes) // lights
+    count = len(pictures.planes) // lights
     if len(masks) not in (0, count):
         raise InputError(
             f"{len(masks)} masks for {count} placements of the sphere; give one each, or none"
         )
-    planes = np.stack(read.planes)
+    planes = np.stack(pictures.planes)
     placements = [
         SphereImages(
             planes[lights * k : lights * (k + 1)],
-            read.full_scale,
-            mask=read_mask(masks[k], read.frame, None, read.orientation) if masks else None,
+            pictures.full_scale,
+            mask=read_mask(masks[k], pictures.frame, None, pictures.orientation) if masks else None,
         )
         for k in range(count)
     ]
-    setting = Setting.of_photographs(read.planes[0].shape, read.bit_depth, read.gamma)
+    setting = Setting.of_photographs(pictures.planes[0].shape, pictures.bit_depth, pictures.gamma)
     return [_corrected(placement, setting, file) for placement in placements], setting
 
 
@@ -84,14 +85,14 @@ def _corrected(sphere: SphereImages, setting: Setting, file: CalibrationFile) ->
         for name in _OF_IMAGES
         if name in file.records and not file.differences(name, setting)
     }
-    known, full_scale = Calibration(**parts).at(setting.exposure_ms), sphere.full_scale
-    stack = known.corrected(ImageStack(sphere.images, sphere.ambient), full_scale)
-    if known.flat_field is not None:
-        shared = known.flat_field.shared
+    calibration, full_scale = Calibration(**parts).at(setting.exposure_ms), sphere.full_scale
+    stack = calibration.corrected(ImageStack(sphere.images, sphere.ambient), full_scale)
+    if calibration.flat_field is not None:
+        shared = calibration.flat_field.shared
         stack = shared.divide(stack, full_scale)
         full_scale = float(shared.saturation(full_scale))
-    mask = None if sphere.mask is None else known.corrected_mask(sphere.mask)
-    vignetting = None if known.flat_field is None else 0.0
+    mask = None if sphere.mask is None else calibration.corrected_mask(sphere.mask)
+    vignetting = None if calibration.flat_field is None else 0.0
     return SphereImages(stack.images, full_scale, stack.ambient, mask, vignetting)
 
 
@@ -114,7 +115,7 @@ def sphere_parts(
     parts = [_lights_part(fit, kind, focal_px, setting, source)]
     if diameter_mm is not None:
         measured = scale_of_spheres(fit.spheres, diameter_mm)
-        if scale is not None:  # what is known of the lens stays
+        if scale is not None:  # the lens parameters are kept
             measured = replace(scale, mm_per_px=measured.mm_per_px, error=measured.error)
         parts.append(_scale_part(measured, fit, diameter_mm, setting, source))
     return parts

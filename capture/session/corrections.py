@@ -5,7 +5,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from capture.sets.archive import JOURNAL
-from capture.sets.loaded_set import LoadedSet
+from capture.sets.captured_set import LoadedSet
 from capture.sets.metadata import SetMetadata
 from capture.sets.ome_tiff import read_header
 from classify.base.errors import InputError

@@ -9,6 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from capture.base.folder_lock import LOCK_FILE_SUFFIX, folder_lock
+from capture.base.names import SET_SUFFIX
 from capture.base.outputs import append_line
 from capture.base.utc_time import utc_text
 from capture.calibration.lookup import FOLDER as CALIBRATION
@@ -16,7 +17,7 @@ from capture.sets.archive import JOURNAL, REPLACED
 from capture.sets.captured_set import CapturedSet
 from capture.sets.description import as_captured
 from capture.sets.metadata import SetMetadata
-from capture.sets.ome_tiff import SUFFIX, read_header
+from capture.sets.ome_tiff import read_header
 from classify.base.durable_file import TEMPORARY_PREFIX, durable_file, make_folder
 from classify.base.errors import InputError
 
@@ -25,7 +26,7 @@ from .plan import PlannedSet, SessionPlan, read_plan
 from .sets_table import sets_table
 
 PLAN, TABLE = "plan.toml", "sets.csv"
-LOG, REPORT = "session.log", "report.html"
+_LOG, REPORT = "session.log", "report.html"
 SETS, _LOCK, _RESERVE = "sets", "session.lock", "session.reserve"
 _LOCKS = (_LOCK, _LOCK + LOCK_FILE_SUFFIX)
 # Size of a set in journal and table: 1.2 kB on four lights without warnings (test_disk_full.py).
@@ -91,12 +92,12 @@ class SessionFolder:
 
     def log(self, line: str) -> None:
         """Append a line with the time to ``session.log``."""
-        append_line(self.path / LOG, f"{utc_text()} {line}")
+        append_line(self.path / _LOG, f"{utc_text()} {line}")
 
     def reserve(self) -> None:
         """Reserve the disk space that the end of a run needs, even if others fill the disk."""
         path, specimens = self.path / _RESERVE, self.plan.specimen
-        # Each entry and row repeats what the plan says of the specimen.
+        # Each entry and row repeats the specimen of the plan.
         description_bytes = sum(
             len(specimen.model_dump_json().encode()) for specimen in specimens
         ) / len(specimens)
@@ -221,7 +222,7 @@ class SessionFolder:
 
     def bytes_of_sets(self) -> int:
         """Size of all captured sets."""
-        return sum(path.stat().st_size for path in (self.path / SETS).glob(f"*{SUFFIX}"))
+        return sum(path.stat().st_size for path in (self.path / SETS).glob(f"*{SET_SUFFIX}"))
 
 
 def read_session(path: Path) -> SessionFolder:
@@ -267,4 +268,4 @@ def _lacks_its_journal(folder: Path) -> bool:
     `make_session` was interrupted, or the journal was lost: the next run enters the sets anew.
     """
     names = {path.name for path in folder.iterdir() if not path.name.startswith(TEMPORARY_PREFIX)}
-    return names <= {PLAN, TABLE, LOG, REPORT, SETS, CALIBRATION, REPLACED, _RESERVE, *_LOCKS}
+    return names <= {PLAN, TABLE, _LOG, REPORT, SETS, CALIBRATION, REPLACED, _RESERVE, *_LOCKS}

@@ -39,7 +39,7 @@ def _with_slashes(file: str) -> str:
 
 
 class Description(Record):
-    """What the file of a set says of it."""
+    """The description in the file of a set."""
 
     label: str | None
     specimen: str | None

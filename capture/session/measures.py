@@ -5,8 +5,7 @@ from contextlib import suppress
 import cv2
 import numpy as np
 
-from capture.sets.captured_set import CapturedSet
-from capture.sets.loaded_set import LoadedSet
+from capture.sets.captured_set import CapturedSet, LoadedSet
 from classify import SurfaceEstimate, TextureLibrary
 from classify.base.errors import InputError
 from classify.lighting import orientation_near

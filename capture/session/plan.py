@@ -10,21 +10,18 @@ from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from pydantic import (
-    AfterValidator,
     BeforeValidator,
     Field,
-    ValidationInfo,
     field_validator,
     model_validator,
 )
 
 from capture.acquisition.attempts import MAX_AVERAGE
-from capture.sets.description import checked_properties, checked_text
+from capture.base.names import SET_SUFFIX, Label, Name, Text, file_name, usable_label
+from capture.sets.description import checked_properties
 from capture.sets.metadata import Property
-from capture.sets.ome_tiff import SUFFIX
 from classify.base.errors import InputError
 from classify.base.models import Degrees, Section, read_toml_as
-from classify.methods import checked_label
 
 # A year of captures at one a minute.
 _MAX_SETS = 500_000
@@ -32,36 +29,11 @@ _PLACE = "{angle}"
 SEARCH: Literal["search"] = "search"
 
 
-def _usable_label(label: str) -> str:
-    try:
-        return checked_label(label)
-    except InputError as error:
-        raise ValueError(str(error)) from error
-
-
-def _usable_text(text: str, context: ValidationInfo) -> str:
-    # A set with a text that is not printable could not be read again.
-    try:
-        return checked_text(context.field_name or "text", text)
-    except InputError as error:
-        raise ValueError(str(error)) from error
-
-
 def _usable_properties(values: object) -> object:
     try:
         return checked_properties(values) if isinstance(values, dict) else values
     except InputError as error:
         raise ValueError(str(error)) from error
-
-
-def file_name(name: str) -> str:
-    """Return a name that can be that of a file on every system; ValueError for another."""
-    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}", name):
-        raise ValueError(
-            f"{name!r} becomes part of names of files; use up to 100 letters, digits and _ . -, "
-            "and begin with a letter or digit"
-        )
-    return name
 
 
 def _exposure(value: object) -> object:
@@ -79,10 +51,7 @@ def _words(command: str) -> list[str]:
     return list(split)
 
 
-Name = Annotated[str, AfterValidator(file_name)]
 Exposure = Annotated[float | None, Field(gt=0.0, le=10_000.0)] | Literal["search"]
-Text = Annotated[str, AfterValidator(_usable_text)]
-Label = Annotated[str, AfterValidator(_usable_label)]
 
 
 class Specimen(Section):
@@ -100,7 +69,7 @@ class Specimen(Section):
     @model_validator(mode="after")
     def _check_label(self) -> Self:
         if self.label is None:
-            _usable_label(self.id)
+            usable_label(self.id)
         return self
 
 
@@ -219,7 +188,7 @@ class SessionPlan(Section):
         # No str.format: it would evaluate attributes.
         name = self.file_name.replace("{specimen}", specimen)
         name = name.replace(_PLACE, f"{orientation_deg:g}").replace("{repeat}", str(repeat))
-        return PlannedSet(specimen, orientation_deg, repeat, name + SUFFIX)
+        return PlannedSet(specimen, orientation_deg, repeat, name + SET_SUFFIX)
 
     def specimen_named(self, name: str) -> Specimen:
         """Return the specimen with this id."""
@@ -237,7 +206,7 @@ def read_plan(path: Path) -> SessionPlan:
     return read_toml_as(path, SessionPlan, missing)
 
 
-EXAMPLE = """\
+_EXAMPLE = """\
 # Plan of a capture session. A line that begins with # is a comment.
 # See what it means in time and disk space: ps4rig session run PLAN.toml --dry-run
 
@@ -270,4 +239,4 @@ surface = "sand"
 
 def example_plan(name: str) -> str:
     """Return a commented plan for a session called `name`."""
-    return EXAMPLE.replace("NAME", name)
+    return _EXAMPLE.replace("NAME", name)

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from capture.maps.differences import field_differences
+from capture.maps.comparison import field_differences
 from classify.base.durable_file import durable_file
 from classify.base.errors import InputError
 from classify.base.models import MAX_TOML_BYTES
@@ -37,7 +37,7 @@ def plan_beside(folder: Path) -> Path | None:
 
 
 def _names(path: Path, session: str) -> bool:
-    """Whether a TOML file is a plan of a session; one that is not TOML may be, by its own name."""
+    """Whether a TOML file is a plan of a session; a damaged file is one if its stem is the name."""
     try:
         values = tomllib.loads(read_regular_file(path, MAX_TOML_BYTES).decode())
     except (InputError, ValueError, RecursionError):

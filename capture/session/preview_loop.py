@@ -1,10 +1,15 @@
-"""Loop of the preview: show light after light, and reopen the rig after an error."""
+"""The preview of light after light: image and histogram of a frame, page layout, loop."""
 
 import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from itertools import combinations
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
 
 from classify.base.errors import Ps4rigError
 from rig import (
@@ -17,9 +22,102 @@ from rig import (
 from rig.acceptance import MAX_SATURATED_SHARE
 from rig.fresh_frame import fresh_frame
 
-from .preview_image import PreviewImage, preview_image
-from .preview_layout import Places, places_of
 from .preview_outline import Outline
+
+# Enough to judge focus and framing where the page shows four images.
+_LONGEST_SIDE_PX = 800
+_BINS = 64  # 2^6, see the shift by bit_depth - 6
+# BGR; every other pixel is grey.
+_SATURATED_COLOUR = (40, 40, 255)
+
+
+@dataclass(frozen=True, eq=False)
+class PreviewImage:
+    """One frame as the page shows it."""
+
+    png: bytes  # at most 800 px wide or high, saturated pixels in red
+    sequence: int
+    exposed_s: float  # start of exposure on the rig's clock
+    mean_share: float
+    saturated_share: float
+    focus: float  # variance of the Laplacian over the squared mean; highest when sharp
+    histogram: tuple[float, ...]  # shares of the pixels, 64 bins
+
+
+def preview_image(frame: Frame) -> PreviewImage:
+    full_scale = (1 << frame.bit_depth) - 1
+    pixels = frame.pixels
+    saturated = pixels >= full_scale
+    counts = np.bincount((pixels >> max(frame.bit_depth - 6, 0)).ravel(), minlength=_BINS)
+    mean = float(pixels.mean())
+    detail = cv2.Laplacian(pixels.astype(np.float32), cv2.CV_32F)
+    return PreviewImage(
+        png=_png(pixels, saturated, frame.bit_depth),
+        sequence=frame.sequence,
+        exposed_s=frame.exposure_start_s,
+        mean_share=mean / full_scale,
+        saturated_share=float(saturated.mean()),
+        focus=float(detail.var()) / max(mean, 1.0) ** 2,
+        histogram=tuple((counts[:_BINS] / pixels.size).round(5).tolist()),
+    )
+
+
+def _png(
+    pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16],
+    saturated: npt.NDArray[np.bool_],
+    bit_depth: int,
+) -> bytes:
+    grey = (pixels >> (bit_depth - 8)).astype(np.uint8)
+    rows, columns = grey.shape
+    scale = min(1.0, _LONGEST_SIDE_PX / max(rows, columns))
+    if scale < 1.0:
+        size = (max(1, round(columns * scale)), max(1, round(rows * scale)))
+        grey = cv2.resize(grey, size, interpolation=cv2.INTER_AREA).astype(np.uint8)
+        # A smaller pixel with any saturated share is red, so a single one stays visible.
+        shares = cv2.resize(saturated.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        saturated = shares > 0
+    colour = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
+    colour[saturated] = _SATURATED_COLOUR
+    _, png = cv2.imencode(".png", colour, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    return png.tobytes()
+
+
+# Images that are smaller than a seventh of the page show neither focus nor framing.
+_LEAST_SHARE = 1.0 / 7.0
+# Lights whose directions differ by less, as a share of the ring, have no places of their own.
+_LEAST_GAP = 1e-3
+
+
+class Places(NamedTuple):
+    """Places on the page as shares of its width or height."""
+
+    lights: tuple[tuple[float, float], ...]  # (left, top) of each
+    part: tuple[float, float]  # in the middle
+    size: float  # width and height of each image
+
+
+def places_of(directions: npt.NDArray[np.float64]) -> Places | None:
+    """Place images as the lights stand, by their (N, 3) directions with y up.
+
+    The images are the largest that overlap neither each other nor the part; None if they are
+    smaller than a seventh of the page, as for a light above the part or a dome of many.
+    """
+    offsets = directions[:, :2] * (1.0, -1.0)  # on the page y points down
+    reach = np.abs(offsets).max(initial=_LEAST_GAP)
+    centres = np.vstack([offsets / reach, np.zeros((1, 2))])
+    gap = min(np.abs(one - other).max() for one, other in combinations(centres, 2))
+    if gap < _LEAST_GAP:
+        return None
+    # In units of an image: centres lie within +-1/gap, and images reach half an image further.
+    low, high = centres.min(axis=0), centres.max(axis=0)
+    spans = (high - low) / gap + 1.0
+    size = 1.0 / float(spans.max())
+    if size < _LEAST_SHARE:
+        return None
+    corners = (centres - 0.5 * (low + high)) * size / gap + 0.5 - 0.5 * size
+    *lights, part = [(float(left), float(top)) for left, top in corners.round(4)]
+    return Places(tuple(lights), part, round(size, 4))
+
 
 Measure = Callable[[Sequence[Frame]], str | None]
 # Pause before the rig is opened again: time to plug in a cable.

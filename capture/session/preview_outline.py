@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from capture.sets.captured_set import CapturedSet
+from classify.base.arrays import FloatMap
 
 # Largest shares of the frame and of its border that a part with an outline covers.
 _LARGEST_SHARE, _MOST_BORDER = 0.9, 0.25
@@ -27,8 +28,6 @@ _MOST_LINES = 300
 # Largest distance of the simplified line from the contour; lines are 2 px wide.
 _TOLERANCE_PX = 0.7
 
-Line = npt.NDArray[np.float32]
-
 
 @dataclass(frozen=True, eq=False)
 class Outline:
@@ -36,7 +35,7 @@ class Outline:
 
     width_px: int
     height_px: int
-    lines: tuple[Line, ...]  # each closed, (n, 2): x, y down in px; the top left pixel is at 0, 0
+    lines: tuple[FloatMap, ...]  # closed, (n, 2): x, y down in px from the top left pixel
     is_of_part: bool  # False for the edges of a texture that fills the frame
 
     def rotated(self, angle_deg: float) -> "Outline":
@@ -111,7 +110,7 @@ def _part_in(mean: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_] | None:
     return np.asarray(largest, np.bool_)
 
 
-def _edges(images: npt.NDArray[np.float32]) -> tuple[Line, ...]:
+def _edges(images: npt.NDArray[np.float32]) -> tuple[FloatMap, ...]:
     """The strongest edges under all lights."""
     strength = np.zeros(images.shape[1:], np.float32)
     for image in images:
@@ -128,7 +127,7 @@ def _contours(pixels: npt.NDArray[np.bool_]) -> Sequence[npt.NDArray[Any]]:
     return cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
 
 
-def _simplified(lines: Iterable[npt.NDArray[Any]]) -> tuple[Line, ...]:
+def _simplified(lines: Iterable[npt.NDArray[Any]]) -> tuple[FloatMap, ...]:
     return tuple(
         cv2.approxPolyDP(line, _TOLERANCE_PX, True).reshape(-1, 2).astype(np.float32)
         for line in lines

@@ -9,17 +9,15 @@ from pathlib import Path
 from statistics import NormalDist
 
 import numpy as np
-import numpy.typing as npt
 
-from capture.session.folder import SessionFolder
-from capture.session.journal import SetEntry
-from capture.sets.loaded_set import LoadedSet
+from capture.sets.captured_set import LoadedSet
 from classify import (
     Spectra,
     SurfaceEstimate,
     TextureLibrary,
     surface_spectra,
 )
+from classify.base.arrays import Floats
 from classify.base.errors import InputError
 from classify.library.dissimilarity import (
     Dendrogram,
@@ -29,7 +27,9 @@ from classify.library.dissimilarity import (
     limits_alone,
 )
 
-Matrix = npt.NDArray[np.float64]
+from .folder import SessionFolder
+from .journal import SetEntry
+
 # Distances of patches of one texture are log-normal with this deviation (joint_limits.py). In
 # one of a hundred sessions the largest distance is beyond the limit by chance.
 _SPREAD = 0.43
@@ -52,11 +52,11 @@ class Separation:
     specimens: list[str]  # the C specimens that have a texture
     entries: list[SetEntry]  # the n sets of these specimens
     # (n, C) of each set to the first set of each specimen; NaN for the first sets.
-    distances: Matrix
-    limits: Matrix  # (C,) distance beyond which a part is not the texture of a specimen
-    dissimilarities: Matrix  # (C, C) of the specimens
+    distances: Floats
+    limits: Floats  # (C,) distance beyond which a part is not the texture of a specimen
+    dissimilarities: Floats  # (C, C) of the specimens
     tree: Dendrogram
-    places: Matrix  # (n, 2) of the sets in a plane
+    places: Floats  # (n, 2) of the sets in a plane
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +154,7 @@ def _separation(
         own = {}
         if entry.pixels_sha256 in first_hashes:
             surface: SurfaceEstimate | None = usable[entry.piece].surface
-            # The distance of the first set to itself says nothing about repeated captures.
+            # The distance of the first set to itself is not that of a repeated capture.
             own = {entry.piece: math.nan}
         else:
             surface = _surface(_loaded(folder, entry, damaged), entry, damaged)
@@ -205,11 +205,11 @@ def outliers(separation: Separation) -> Iterator[tuple[str, str]]:
         for entry, first in zip(entries, is_first, strict=True)
         if first
     }
-    known = shares[~is_first]
-    if not len(known):
+    repeated_shares = shares[~is_first]
+    if not len(repeated_shares):
         return
-    deviations = NormalDist().inv_cdf(1.0 - _CHANCE / len(known))
-    far = max(1.0, float(np.median(known)) * math.exp(_SPREAD * deviations))
+    deviations = NormalDist().inv_cdf(1.0 - _CHANCE / len(repeated_shares))
+    far = max(1.0, float(np.median(repeated_shares)) * math.exp(_SPREAD * deviations))
     for entry, row, share in zip(entries, separation.distances, shares, strict=True):
         nearest = names[int(np.nanargmin(row))]
         if math.isnan(share):

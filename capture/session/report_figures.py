@@ -10,10 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from capture.base.page import curve_colour, svg_uri
-from capture.session.journal import SetEntry
 from classify import Spectra
 from classify.lighting import orientation_near
 
+from .journal import SetEntry
 from .report_analysis import Separation
 
 _MARKS = "osD^v<>Ph*"
@@ -54,7 +54,7 @@ def orientations_figure(entries: Sequence[SetEntry]) -> str:
         points = [
             (entry.entered_deg, off_deg)
             for entry in entries
-            if entry.piece == specimen and (off_deg := orientation_error_deg(entry)) is not None
+            if entry.piece == specimen and (off_deg := _orientation_error_deg(entry)) is not None
         ]
         if points:
             axes.plot(
@@ -68,7 +68,7 @@ def orientations_figure(entries: Sequence[SetEntry]) -> str:
     return svg_uri(figure)
 
 
-def orientation_error_deg(entry: SetEntry) -> float | None:
+def _orientation_error_deg(entry: SetEntry) -> float | None:
     """Estimated less entered orientation, [-90, 90); None where none was estimated."""
     entered_deg = entry.entered_deg
     if entry.measures is None or entry.measures.estimated_deg is None or entered_deg is None:

@@ -9,10 +9,10 @@ from capture.base.page import rendered
 from capture.base.utc_time import readable_utc
 from capture.maps import pictures
 from capture.maps.pictures import tile_uri
-from capture.session.folder import SessionFolder
 from capture.sets.description import plain
 
 from . import report_figures as figures
+from .folder import SessionFolder
 from .report_analysis import SessionAnalysis, SpecimenResult
 
 
@@ -65,7 +65,7 @@ def _specimen(name: str, result: SpecimenResult, analysis: SessionAnalysis) -> d
         "relief": pictures.shaded(surface.normals),
     }
     entries = [entry for entry in analysis.entries if entry.piece == name]
-    values: dict[str, dict[str, None]] = {}  # in order, each once
+    values: dict[str, dict[str, None]] = {}  # distinct texts of each property, in order
     for entry in entries:
         if entry.description is not None:
             for key, value in entry.description.properties.items():

@@ -7,7 +7,6 @@ from pathlib import Path
 from capture.calibration.lookup import read_calibration
 from capture.calibration.ps4cal import CalibrationFile
 from capture.procedures.rig_check import checks_of_drift, drift_of_rig, lays_sheet_down
-from capture.session.events import Answer, Ask, PlaceSheet, Publish, RigCompared
 from capture.sets.ome_tiff import read_header
 from classify.base.errors import CalibrationRejected, InputError
 from classify.calibration.dark import Dark, measured_at
@@ -17,6 +16,7 @@ from rig.doctor.check import Check
 from rig.doctor.light_images import capture_light_images, rate_exposure
 from rig.simulation.scenes import require_surface
 
+from .events import Answer, Ask, PlaceSheet, Publish, RigCompared
 from .folder import PLAN, SessionFolder
 from .plan import SEARCH, SessionPlan
 
@@ -104,11 +104,12 @@ def _dark_of(config: RigConfig) -> Dark | None:
 
 def _check_lights(folder: SessionFolder, config: RigConfig) -> None:
     """Refuse a rig whose sets could not be compared with those of the session."""
-    lights, known = len(config.lights.tilts_deg), folder.journal.lights
-    if known not in (None, lights):
+    lights, session_lights = len(config.lights.tilts_deg), folder.journal.lights
+    if session_lights not in (None, lights):
         raise InputError(
-            f"{folder.path}: its sets have {known} lights, the rig {config.name} has {lights}; "
-            "give --rig with the rig of the session, or another name in the plan for a new session"
+            f"{folder.path}: its sets have {session_lights} lights, the rig {config.name} has "
+            f"{lights}; give --rig with the rig of the session, or another name in the plan for a "
+            "new session"
         )
 
 
@@ -194,7 +195,7 @@ _NOT_COMPARED = Check(
 )
 
 
-def compare_rig(rig: Rig, known: CalibrationFile, ask: Ask, publish: Publish) -> Answer:
+def compare_rig(rig: Rig, file: CalibrationFile, ask: Ask, publish: Publish) -> Answer:
     """Compare a rig with its calibration by a white sheet, and publish the result.
 
     Return GO, or STOP if the person stops before the first comparison; raise CalibrationRejected on
@@ -212,7 +213,7 @@ def compare_rig(rig: Rig, known: CalibrationFile, ask: Ask, publish: Publish) ->
                 return Answer.STOP
             raise CalibrationRejected(cause)
         try:
-            checks = tuple(checks_of_drift(drift_of_rig(rig, known)))
+            checks = tuple(checks_of_drift(drift_of_rig(rig, file)))
         except CalibrationRejected as error:
             cause = str(error)
         else:

@@ -12,10 +12,8 @@ from capture.acquisition.attempts import capture_set
 from capture.base.errors import SetRejected
 from capture.base.utc_time import utc_text
 from capture.calibration.lookup import FoundCalibration, keep_beside, read_calibration
-from capture.session.rig_checks import compare_rig, find_exposure_ms, turn_specimen
-from capture.sets.captured_set import CapturedSet, calibration_of
+from capture.sets.captured_set import CapturedSet, LoadedSet, calibration_of
 from capture.sets.description import described
-from capture.sets.loaded_set import LoadedSet
 from classify.base.errors import InputError, Ps4rigError
 from rig import HardwareError, Placement, Rig, RigConfig, open_rig
 
@@ -27,7 +25,7 @@ from .journal import FinishReason, RunRecord, SetEntry
 from .measures import SpecimenReference, measures_of_first
 from .plan import SEARCH, PlannedSet
 from .plan_change import rig_changes, rig_settings
-from .rig_checks import check_rig
+from .rig_checks import check_rig, compare_rig, find_exposure_ms, turn_specimen
 
 
 @dataclass(frozen=True)
@@ -135,7 +133,7 @@ class _Runner:
         self._close_rig()
 
     def read_again(self) -> None:
-        """Set damaged files aside, and enter what was corrected in the others."""
+        """Set damaged files aside, and enter corrections of the others in the journal."""
         self._publish(events.StateChanged(State.READING, None))
         planned_sets, intact = set(self._folder.plan.sets()), []
         for planned, state in self._folder.read_again():
@@ -164,12 +162,16 @@ class _Runner:
 
     def compare_rig(self) -> None:
         """Compare the rig with its calibration, if it has one, by a white sheet."""
-        known = None if self._calibration is None else self._calibration.file
-        if known is None or known.calibration.flat_field is None or not self._missing():
+        calibration_file = None if self._calibration is None else self._calibration.file
+        if (
+            calibration_file is None
+            or calibration_file.calibration.flat_field is None
+            or not self._missing()
+        ):
             return
         self._publish(events.StateChanged(State.COMPARING, None))
         self._rig = self._closing.enter_context(open_rig(self._config))
-        if compare_rig(self._rig, known, self._ask, self._publish) is Answer.STOP:
+        if compare_rig(self._rig, calibration_file, self._ask, self._publish) is Answer.STOP:
             raise _Stopped(_Finish("stopped"))
 
     def capture_all(self) -> None:

@@ -9,7 +9,7 @@ from capture.sets.description import plain
 from .journal import SetEntry
 from .plan import SessionPlan
 
-Cell = str | float | None
+_Cell = str | float | None
 COLUMNS = (
     "specimen", "label", "orientation_deg", "repeat", "planned", "state", "file", "captured_utc",
     "exposure_ms", "operator", "note", "calibration", "estimated_deg", "saturated_share",
@@ -54,8 +54,8 @@ def sets_table(
     return text.getvalue()
 
 
-def _row(entry: SetEntry) -> dict[str, Cell]:
-    row: dict[str, Cell] = {
+def _row(entry: SetEntry) -> dict[str, _Cell]:
+    row: dict[str, _Cell] = {
         "specimen": entry.piece,
         "orientation_deg": plain(entry.entered_deg),
         "repeat": entry.repeat,

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from capture.base.names import SET_SUFFIX
 from capture.calibration.ps4cal import SUFFIX as CALIBRATION_SUFFIX
 from capture.calibration.ps4cal import CalibrationFile
 from capture.sets.archive import JOURNAL, is_set_aside
 from capture.sets.captured_set import CapturedSet, calibration_of
-from capture.sets.ome_tiff import SUFFIX as SET_SUFFIX
 from capture.sets.ome_tiff import read_header
 from classify import TextureLibrary
 from classify.base.errors import InputError

@@ -4,9 +4,8 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from capture.base.names import SET_SUFFIX
 from classify.base.errors import InputError
-
-from .ome_tiff import SUFFIX
 
 # Of a session: its journal, and the folder for files that it has set aside.
 JOURNAL, REPLACED = "journal.json", "replaced"
@@ -28,11 +27,11 @@ def find_sets(places: Sequence[Path]) -> list[Path]:
         if place.is_dir():
             below = sorted(
                 path
-                for path in place.rglob(f"*{SUFFIX}")
+                for path in place.rglob(f"*{SET_SUFFIX}")
                 if path.is_file() and (not is_set_aside(path) or place == path.parent)
             )
             if not below:
-                raise InputError(f"{place}: holds no captured sets (*{SUFFIX})")
+                raise InputError(f"{place}: holds no captured sets (*{SET_SUFFIX})")
             for path in below:
                 add(path)
         elif place.exists():
@@ -60,7 +59,8 @@ def output_folders(places: Sequence[Path], output: Path) -> dict[Path, Path]:
             f"{', '.join(map(str, places))}: on different drives; run the command for each drive"
         ) from error
     return {
-        path: output / _absolute(path).relative_to(top).with_name(path.name.removesuffix(SUFFIX))
+        path: output
+        / _absolute(path).relative_to(top).with_name(path.name.removesuffix(SET_SUFFIX))
         for path in sets
     }
 

@@ -1,11 +1,13 @@
-"""One captured set: the images of a surface under each light, and their metadata."""
+"""`CapturedSet`: the images of one surface under each light, with their metadata; `LoadedSet`."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -18,12 +20,12 @@ from capture.calibration.lookup import (
 )
 from capture.calibration.ps4cal import CalibrationFile
 from capture.calibration.setting import Setting
+from capture.sets import ome_tiff
 from classify import Lighting, Method, SensorNoise, SurfaceEstimate, photometric_stereo
 from classify.base.errors import InputError
 from classify.calibration.calibration import Calibration
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 
-from . import ome_tiff
 from .metadata import SetMetadata, image_noise
 
 _OF_THE_CAMERA = {"exposure_ms", "gain", "gamma", "pixel_value_controls"}
@@ -141,22 +143,22 @@ class CapturedSet:
         """
         if calibration is not None and raw:
             raise InputError("a calibration and raw=True exclude each other; give one of them")
-        known = Calibration() if raw else calibration or self._named_calibration()
-        known = known.at(self.setting.exposure_ms)
+        applied = Calibration() if raw else calibration or self._named_calibration()
+        applied = applied.at(self.setting.exposure_ms)
         full_scale = self.metadata.full_scale
-        stack = known.corrected(ImageStack(self.images, self.ambient), full_scale)
+        stack = applied.corrected(ImageStack(self.images, self.ambient), full_scale)
         return photometric_stereo(
-            stack.images, known.lighting_of(self.lighting), method, ambient=stack.ambient,
-            full_scale=full_scale, noise=self.noise_with(known), planar=planar,
-            mask=None if self.mask is None else known.corrected_mask(self.mask),
-            flat_field=known.flat_field, on_progress=on_progress,
-            lobe_exponent=None if known.lights is None else known.lights.lobe_exponent,
+            stack.images, applied.lighting_of(self.lighting), method, ambient=stack.ambient,
+            full_scale=full_scale, noise=self.noise_with(applied), planar=planar,
+            mask=None if self.mask is None else applied.corrected_mask(self.mask),
+            flat_field=applied.flat_field, on_progress=on_progress,
+            lobe_exponent=None if applied.lights is None else applied.lights.lobe_exponent,
         )  # fmt: skip
 
     def _named_calibration(self) -> Calibration:
-        known = self.calibration
-        if known is not None and known.hash in self.metadata.calibration_ids:
-            return known.calibration
+        own = self.calibration
+        if own is not None and own.hash in self.metadata.calibration_ids:
+            return own.calibration
         path = self.path or Path("a set without a file")
         calibration = calibration_of(path, self.metadata, self.images.shape[1:], way_out=_WAY_OUT)
         for text in () if calibration is None else calibration.warnings:
@@ -177,8 +179,8 @@ class CapturedSet:
             sensor = calibration.noise.sensor
         frames = max((len(image.frames) for image in metadata.images), default=1) or 1
         noise = image_noise(sensor, metadata.bit_depth, metadata.full_scale, frames)
-        known = calibration.at(None if camera is None else camera.exposure_ms)
-        return known.noise_of(noise, has_ambient=self.ambient is not None)
+        at_exposure = calibration.at(None if camera is None else camera.exposure_ms)
+        return at_exposure.noise_of(noise, has_ambient=self.ambient is not None)
 
     def save(self, path: str | Path, *, home: Path | None = None) -> None:
         """Write an ``.ome.tif``, whole or not at all; an existing file is replaced.
@@ -234,3 +236,56 @@ def _setting_of(metadata: SetMetadata, shape: tuple[int, ...]) -> Setting:
         **metadata.model_dump(include={"simulated", "rig_name", "crop", "bit_depth"}),
         **({"exposure_ms": None} | stated),
     )  # fmt: skip
+
+
+# Training sets are solved as planar parts: near lights fall off, textures have no tilt or bow.
+PLANAR = True
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedSet:
+    """A captured set with its calibration, if it has one."""
+
+    captured: CapturedSet
+    found_calibration: FoundCalibration | None
+
+    @classmethod
+    def of(cls, path: Path, calibration: Path | None = None, *, raw: bool = False) -> Self:
+        """Load a set with `calibration`, or the one that it names, or if `raw` with none."""
+        captured = CapturedSet.load(path)
+        metadata, shape = captured.metadata, captured.images.shape[1:]
+        return cls(captured, None if raw else calibration_of(path, metadata, shape, calibration))
+
+    @property
+    def calibration(self) -> Calibration | None:
+        """The calibration of the rig; None without one."""
+        return None if self.found_calibration is None else self.found_calibration.file.calibration
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings about the calibration."""
+        return () if self.found_calibration is None else self.found_calibration.warnings
+
+    def solve_texture(self, method: Method | None, *, planar: bool) -> SurfaceEstimate:
+        """Solve a part with a texture.
+
+        With a flat field in the calibration, no fall-off is fitted to the part.
+        """
+        has_flat_field = self.calibration is not None and self.calibration.flat_field is not None
+        return self.solve(method, planar=planar and not has_flat_field)
+
+    def solve(self, method: Method | None = None, *, planar: bool = False) -> SurfaceEstimate:
+        """Solve with the calibration, or without one if there is none."""
+        calibration = self.calibration
+        return self.captured.solve(
+            method, planar=planar, calibration=calibration, raw=calibration is None
+        )
+
+
+@contextmanager
+def named(path: Path) -> Iterator[None]:
+    """Put the name of the file in front of the message of an `InputError`."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error

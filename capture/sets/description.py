@@ -9,6 +9,7 @@ from datetime import date, datetime, time
 from types import MappingProxyType
 from typing import Any, Literal, get_args
 
+from capture.base.names import checked_text
 from capture.base.utc_time import utc_text
 from classify.base.errors import InputError
 from classify.methods import checked_label
@@ -16,10 +17,8 @@ from classify.methods import checked_label
 from .captured_set import CapturedSet
 from .metadata import PROPERTY_PREFIX, CorrectionRecord, Property, SetMetadata
 
-Field = Literal["label", "specimen", "operator", "note", "orientation_deg"]
-FIELDS: tuple[Field, ...] = get_args(Field)
-# A page of text; a longer story belongs into a file of its own.
-_MAX_CHARACTERS = 4000
+_Field = Literal["label", "specimen", "operator", "note", "orientation_deg"]
+FIELDS: tuple[_Field, ...] = get_args(_Field)
 _MAX_PROPERTIES = 50
 
 
@@ -49,13 +48,13 @@ def corrected(
 ) -> SetMetadata:
     """Return metadata with other values of some of `FIELDS`; dated entries keep the old ones."""
     date = utc_text(corrected_utc)
-    changes = {name: _value(name, text, value_of(metadata, name)) for name, text in values.items()}
+    changes = {name: _value(name, text, _value_of(metadata, name)) for name, text in values.items()}
     entries = tuple(
         CorrectionRecord.model_validate(
             {"corrected_utc": date, "field": name, "before": before, "after": after}
         )
         for name, after in changes.items()
-        if (before := value_of(metadata, name)) != after or type(before) is not type(after)
+        if (before := _value_of(metadata, name)) != after or type(before) is not type(after)
     )
     fields: dict[str, Any] = {name: changes[name] for name in FIELDS if name in changes}
     named = {
@@ -71,7 +70,7 @@ def corrected(
     return metadata.model_copy(update={**fields, "corrections": corrections})
 
 
-def value_of(metadata: SetMetadata, field: str) -> Property | None:
+def _value_of(metadata: SetMetadata, field: str) -> Property | None:
     """Return the present value of a field of `FIELDS`, or of ``properties.NAME``."""
     if field.startswith(PROPERTY_PREFIX):
         return metadata.properties.get(field.removeprefix(PROPERTY_PREFIX))
@@ -85,7 +84,7 @@ def value_of(metadata: SetMetadata, field: str) -> Property | None:
 def as_captured(metadata: SetMetadata, field: str) -> Property | None:
     """Return the value of a field before all corrections."""
     before = (correction.before for correction in metadata.corrections if correction.field == field)
-    return next(before, value_of(metadata, field))
+    return next(before, _value_of(metadata, field))
 
 
 def plain(value: Property | None) -> str | int | None:
@@ -150,14 +149,3 @@ def _toml_value(text: str) -> object:
     except ValueError:
         return text
     return value if isinstance(value, bool | int | float | date | time) else text
-
-
-def checked_text(name: str, text: str) -> str:
-    """Return `text` if it can stand in the metadata of a set under `name`."""
-    if not text.isprintable():
-        raise InputError(f"{name} {text!r}: use printable characters only")
-    if len(text) > _MAX_CHARACTERS:
-        raise InputError(
-            f"{name}: {len(text)} characters; up to {_MAX_CHARACTERS} are kept in a set"
-        )
-    return text

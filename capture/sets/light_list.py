@@ -26,7 +26,7 @@ from classify.lighting import light_fault
 _MAX_BYTES = 2**22  # 16 KiB a light
 _MAX_LIGHTS = 255  # a captured set has up to 256 images, one of them ambient
 _Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]  # no text, no true
-Vector = tuple[_Number, _Number, _Number]
+_Vector = tuple[_Number, _Number, _Number]
 PHOTOGRAPH_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".tga", ".dng")
 _QUOTES = "\"'"
 # Words in the names that others give to the keys of this format.
@@ -47,7 +47,7 @@ _MISSPELT, _LONG_WORD = 0.8, 8
 class _NamedLight(BaseModel):
     model_config = ConfigDict(frozen=True, extra="ignore")
     file: str
-    direction: Vector
+    direction: _Vector
     intensity: Annotated[_Number, Field(gt=0.0)] | None = None
 
 
@@ -60,8 +60,8 @@ _FORM = (
     "not a list of lights; give [[x, y, z], ...] in the order of the images, or "
     '{"images": [{"file": name, "direction": [x, y, z]}, ...]}'
 )
-_JSON: TypeAdapter[_ImagesFile | tuple[_NamedLight, ...] | tuple[Vector, ...]] = TypeAdapter(
-    _ImagesFile | tuple[_NamedLight, ...] | tuple[Vector, ...]
+_JSON: TypeAdapter[_ImagesFile | tuple[_NamedLight, ...] | tuple[_Vector, ...]] = TypeAdapter(
+    _ImagesFile | tuple[_NamedLight, ...] | tuple[_Vector, ...]
 )
 
 
@@ -72,7 +72,7 @@ class LightList:
     source: Path
     names: Sequence[str]
     places: Sequence[str]
-    vectors: Sequence[Vector]
+    vectors: Sequence[_Vector]
     intensities: Sequence[float]
     warnings: Sequence[str] = ()
 
@@ -115,7 +115,7 @@ class LightList:
         return Lighting(np.array(self.vectors)[rows], np.array(intensities))
 
     def _row_of(self, image: Path) -> int:
-        """Row of an image; of namesakes, the one with most folders at its end in common."""
+        """Row of an image; among equal file names, the row that shares the most parent folders."""
         shared = {
             row: _shared_end(self.source.parent / name, image)
             for row, name in enumerate(self.names)
@@ -139,7 +139,7 @@ class LightList:
 
 
 def listed_files(source: Path, names: Sequence[str]) -> list[Path]:
-    """Paths of the images that a list names: as written, or else beside the list."""
+    """Paths of the listed images: as written in the list, or beside the list."""
     written = [_files(source.parent / name) for name in names]
     beside = [_files(source.parent / PureWindowsPath(name).name) for name in names]
     moved = not any(files for files, name in zip(written, names, strict=True) if "/" in name)
@@ -245,10 +245,10 @@ def _parsed_json(path: Path, text: str, unknown_keys: bool) -> LightList:
     except (ValueError, RecursionError):  # a number of thousands of digits, nested too deep
         raise InputError(f"{path}: {_FORM}") from None
     ignored = [*_unknown_keys(raw)]
-    for place, key, known in ignored:
-        if known is not None and not unknown_keys:
+    for place, key, similar in ignored:
+        if similar is not None and not unknown_keys:
             raise InputError(
-                f'{path}: {place} has the unknown key "{key}", which looks like "{known}"; '
+                f'{path}: {place} has the unknown key "{key}", which looks like "{similar}"; '
                 "rename it if it is that, or give --accept light-keys to ignore it"
             )
     try:
@@ -283,18 +283,18 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def _first_fault(error: ValidationError) -> str:
     """Place, fault and value of the entry at fault; may be empty."""
-    # The form that fits best is the one whose check gets deepest into the file.
+    # Of several possible forms, the one that was read deepest is meant.
     deepest = max(error.errors(), key=lambda fault: len(fault["loc"]))
     place = ".".join(map(str, deepest["loc"][1:]))
     return place and f"; {place}: {deepest['msg']}, not {reprlib.repr(deepest['input'])}"
 
 
 def _unknown_keys(content: Any) -> Iterator[tuple[str, str, str | None]]:
-    """Place, name, and the missing key that it looks like, of each key that is not read."""
+    """Place and name of each unknown key, and the missing key with a similar name."""
     listed = content.get("images") if isinstance(content, dict) else content
     images = listed if isinstance(listed, list) else []
     entries = [entry for entry in images if isinstance(entry, dict)]
-    known = [*_NamedLight.model_fields]
+    light_keys = [*_NamedLight.model_fields]
     if isinstance(content, dict):
         missing = [] if isinstance(listed, list) else ["images"]
         missing += [] if any("intensity" in entry for entry in entries) else ["intensity"]
@@ -302,21 +302,22 @@ def _unknown_keys(content: Any) -> Iterator[tuple[str, str, str | None]]:
             if key != "images":
                 yield "the file", key, _look_alike(key, content[key], missing)
     for number, entry in enumerate(entries):
-        missing = [key for key in known if key not in entry]
+        missing = [key for key in light_keys if key not in entry]
         for key in entry:
-            if key not in known:
+            if key not in light_keys:
                 yield f"image {number}", key, _look_alike(key, entry[key], missing)
 
 
 def _look_alike(key: str, value: Any, missing: Iterable[str]) -> str | None:
     """Return the missing key that `key` is a variant or a misspelling of, if any."""
     words = {word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+", key)}
-    for known in missing:
-        if known == "intensity" and (value is None or isinstance(value, str)):
+    for candidate in missing:
+        if candidate == "intensity" and (value is None or isinstance(value, str)):
             continue  # a remark
-        long = [word for word in _ALIKE[known] if len(word) >= _LONG_WORD]
-        if words & _ALIKE[known] or any(get_close_matches(w, long, 1, _MISSPELT) for w in words):
-            return known
+        similar = _ALIKE[candidate]
+        long = [word for word in similar if len(word) >= _LONG_WORD]
+        if words & similar or any(get_close_matches(w, long, 1, _MISSPELT) for w in words):
+            return candidate
     return None
 
 

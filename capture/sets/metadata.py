@@ -9,12 +9,12 @@ from pydantic import AfterValidator, Field, FiniteFloat, StrictBool, StrictInt
 
 from classify import Lighting
 from classify.base.models import Record
-from classify.images.noise import ROUNDING_VARIANCE, SensorNoise
+from classify.images import ROUNDING_VARIANCE, SensorNoise
 from rig import Placement
 
-Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+_Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 # Wider than the range of any camera; squares and quotients stay finite in float32.
-Gain = Annotated[float, Field(ge=1e-6, le=1e6)]
+_Gain = Annotated[float, Field(ge=1e-6, le=1e6)]
 _PixelValue = Annotated[float, Field(ge=0.0, le=65535.0)]
 
 
@@ -33,10 +33,10 @@ PROPERTY_PREFIX = "properties."
 class LightingRecord(Record):
     """Unit vectors, intensities and, for near lights, positions, as in `Lighting`."""
 
-    directions: tuple[Vector, ...] = Field(min_length=1)
+    directions: tuple[_Vector, ...] = Field(min_length=1)
     intensities: tuple[FiniteFloat, ...]
     intensities_given: bool
-    positions_px: tuple[Vector, ...] | None = None
+    positions_px: tuple[_Vector, ...] | None = None
 
     @classmethod
     def of(cls, lighting: Lighting) -> Self:
@@ -91,7 +91,7 @@ class CameraRecord(Record):
     name: str
     exposure_ms: FiniteFloat
     frame_rate_hz: FiniteFloat
-    gain_e_per_dn: Gain | None
+    gain_e_per_dn: _Gain | None
     read_noise_dn: _PixelValue | None
     black_level_dn: _PixelValue | None
     gain: FiniteFloat | None

@@ -8,11 +8,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
 import tifffile
 from pydantic import ValidationError
 
+from capture.base.names import SET_SUFFIX
+from classify.base.arrays import BoolArray
 from classify.base.durable_file import durable_file
 from classify.base.errors import InputError
 from rig.set_file import (
@@ -27,9 +27,6 @@ from rig.set_file import (
 
 from .metadata import SetMetadata
 
-_Mask = npt.NDArray[np.bool_]
-
-SUFFIX = ".ome.tif"
 _WHITE = -1  # 0xFFFFFFFF: opaque white in OME-XML
 _OME = "http://www.openmicroscopy.org/Schemas/OME/2016-06"
 
@@ -39,12 +36,12 @@ def write(
     images: Planes,
     ambient: Planes | None,
     metadata: SetMetadata,
-    mask: _Mask | None = None,
+    mask: BoolArray | None = None,
     home: Path | None = None,
 ) -> None:
     """Write a captured set to `path`, whole or not at all; `home` as in `durable_file`."""
-    if not path.name.endswith(SUFFIX):
-        raise InputError(f"{path}: a captured set is an OME-TIFF; let its name end in {SUFFIX}")
+    if not path.name.endswith(SET_SUFFIX):
+        raise InputError(f"{path}: a captured set is an OME-TIFF; let its name end in {SET_SUFFIX}")
     if pixels_sha256(images, ambient, mask) != metadata.pixels_sha256:
         raise InputError(f"{path}: pixels_sha256 in the metadata is not the hash of the pixels")
     planes = pages(images, ambient, mask)
@@ -61,7 +58,7 @@ def write(
         )  # fmt: skip
 
 
-def read(path: Path) -> tuple[Planes, Planes | None, SetMetadata, _Mask | None]:
+def read(path: Path) -> tuple[Planes, Planes | None, SetMetadata, BoolArray | None]:
     """Read light images, ambient image, metadata and mask."""
     planes, fields = read_set_file(path)
     metadata = _metadata(path, fields, len(planes))
@@ -95,9 +92,9 @@ def _metadata(path: Path, fields: dict[str, Any], pages: int) -> SetMetadata:
         raise InputError(
             f"{path}: metadata field images does not list the {lights} lights in order"
         )
-    named = len(order) + (metadata.mask_file is not None)
-    if pages != named:
-        raise InputError(f"{path}: holds {pages} images, its metadata name {named}")
+    listed = len(order) + (metadata.mask_file is not None)
+    if pages != listed:
+        raise InputError(f"{path}: holds {pages} images, its metadata name {listed}")
     return metadata
 
 
@@ -140,7 +137,7 @@ def _ome_xml(
     rows, columns = shape
     ome = ET.Element("OME", {"xmlns": _OME, "Creator": f"ps4rig {metadata.software_version}"})
     image = ET.SubElement(ome, "Image", ID="Image:0", Name=metadata.label or "captured set")
-    with suppress(ValueError):  # no date, or a date that is not known
+    with suppress(ValueError):  # a set may have no date, or one that is not in ISO 8601
         captured = datetime.fromisoformat(metadata.captured or "")
         if captured.tzinfo is not None:
             captured = captured.astimezone(UTC).replace(tzinfo=None)

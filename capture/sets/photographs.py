@@ -8,14 +8,14 @@ from typing import Any, Literal, cast, get_args
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import BoolArray
 from classify.base.errors import InputError
 from rig.image_file import read_image_file
 from rig.image_metadata import ImageMetadata, linear_from_srgb, luminance
 
 Gamma = Literal["linear", "srgb"]
-GammaSource = Literal["stated", "given", "assumed"]
+_GammaSource = Literal["stated", "given", "assumed"]
 Crop = tuple[int, int, int, int]
-BoolArray = npt.NDArray[np.bool_]
 
 DNG = ".dng"
 # Depths of sensors, of which one is guessed for files of 16 bits.
@@ -29,11 +29,11 @@ class Photographs:
     planes: list[npt.NDArray[np.uint16]]  # (H, W) uint16 each
     bit_depth: int
     full_scale: int  # saturated value in `planes`
-    largest: int | None  # value in the files, if the depth was guessed from it
+    largest: int | None  # largest value in the files, if the depth was guessed from it
     gamma: Gamma
-    gamma_source: GammaSource
+    gamma_source: _GammaSource
     frame: tuple[int, int]  # rows and columns before the crop
-    orientation: int  # that was turned upright
+    orientation: int  # EXIF orientation of the files; `planes` are upright
     date: str | None
     warnings: tuple[str, ...]  # about the response
 
@@ -48,26 +48,26 @@ def read_photographs(
     if raw and (gamma == "srgb" or bits is not None):
         raise InputError("a DNG is linear and states its depth; leave out --gamma and --bits")
     frames, metadata = _read_alike(paths)
-    stated = [one.response for one in metadata]
+    stated = [file.response for file in metadata]
     response, source, warnings = _response(paths, stated, frames[0].dtype == np.uint8, gamma)
     images = [_cropped(frame, crop) for frame in frames]
-    bit_depth, top, largest = (16, 65535, None) if raw else _depth(images, bits)
+    bit_depth, full_scale, largest = (16, 65535, None) if raw else _depth(images, bits)
     if response == "srgb" or any(image.ndim == 3 for image in images):
-        planes = [_linear_luminance(image, top, response == "srgb") for image in images]
-        top = 65535
+        planes = [_linear_luminance(image, full_scale, response == "srgb") for image in images]
+        full_scale = 65535
     else:
         planes = [image.astype(np.uint16) for image in images]
     rows, columns = frames[0].shape[:2]
-    date = next(filter(None, (one.taken for one in metadata)), None)
+    date = next(filter(None, (file.taken for file in metadata)), None)
     return Photographs(
-        planes, bit_depth, top, largest, response, source, (rows, columns),
+        planes, bit_depth, full_scale, largest, response, source, (rows, columns),
         metadata[0].orientation, date, warnings,
     )  # fmt: skip
 
 
 def _response(
     paths: Sequence[Path], stated: Sequence[str | None], has_8_bits: bool, gamma: Gamma | None
-) -> tuple[Gamma, GammaSource, tuple[str, ...]]:
+) -> tuple[Gamma, _GammaSource, tuple[str, ...]]:
     """Return the response to undo, its source and warnings about it."""
     if gamma is not None:
         others = [k for k, other in enumerate(stated) if other not in (None, gamma)]
@@ -169,28 +169,33 @@ def _depth(images: Sequence[npt.NDArray[Any]], bits: int | None) -> tuple[int, i
     """Depth of the data, saturation value, and largest value if depth was guessed."""
     file_bits = 8 * images[0].dtype.itemsize
     largest = max(int(image.max()) for image in images)
-    used = int(np.bitwise_or.reduce([np.bitwise_or.reduce(image, axis=None) for image in images]))
+    used_bits = int(
+        np.bitwise_or.reduce([np.bitwise_or.reduce(image, axis=None) for image in images])
+    )
     guessed = bits is None and file_bits == 16
-    bits = bits or (_guessed_depth(largest, used) if guessed else file_bits)
+    bits = bits or (_guessed_depth(largest, used_bits) if guessed else file_bits)
     if not 1 <= bits <= file_bits:
         raise InputError(f"--bits {bits}: the files have {file_bits} bits")
+    # Cameras write the data into the lower or the upper bits of a value.
     shift = 0 if largest < 1 << bits else file_bits - bits
-    if used & ((1 << shift) - 1):
+    if used_bits & ((1 << shift) - 1):
         raise InputError(f"--bits {bits}: the value {largest} in the files has more bits")
     return bits, ((1 << bits) - 1) << shift, largest if guessed else None
 
 
-def _guessed_depth(largest: int, used: int) -> int:
-    """Depth of data in 16 bits, of which `used` are not 0 in all pixels."""
-    unused = max((used & -used).bit_length() - 1, 0)  # black images use no bit at all
-    # Data in the upper bits use all of those; a few values only may have lower bits 0 by chance.
-    if used == (1 << 16) - (1 << unused):
+def _guessed_depth(largest: int, used_bits: int) -> int:
+    """Depth of data in 16 bits; `used_bits` are the bits that are set in some pixel."""
+    unused = max((used_bits & -used_bits).bit_length() - 1, 0)  # of the lower bits; 0 if all black
+    # Data in the upper bits use all of them; among few values the lower bits may be 0 by chance.
+    if used_bits == (1 << 16) - (1 << unused):
         return next(depth for depth in _DEPTHS if depth + unused >= 16)
     return next(depth for depth in _DEPTHS if largest < 1 << depth)
 
 
-def _linear_luminance(image: npt.NDArray[Any], top: int, srgb: bool) -> npt.NDArray[np.uint16]:
-    levels = np.arange(np.iinfo(image.dtype).max + 1, dtype=np.float32) / np.float32(top)
+def _linear_luminance(
+    image: npt.NDArray[Any], full_scale: int, srgb: bool
+) -> npt.NDArray[np.uint16]:
+    levels = np.arange(np.iinfo(image.dtype).max + 1, dtype=np.float32) / np.float32(full_scale)
     levels = np.minimum(levels, np.float32(1.0))
     if srgb:
         levels = linear_from_srgb(levels)
@@ -199,7 +204,7 @@ def _linear_luminance(image: npt.NDArray[Any], top: int, srgb: bool) -> npt.NDAr
     brightest = image.max(axis=2) if colours else image
     luminances = luminance(linear) if colours else linear
     stored: npt.NDArray[np.uint16] = np.rint(luminances * np.float32(65535.0)).astype(np.uint16)
-    stored[brightest >= top] = 65535
+    stored[brightest >= full_scale] = 65535
     return stored
 
 

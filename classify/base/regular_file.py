@@ -24,11 +24,11 @@ def open_regular_file(path: Path, max_bytes: int) -> BinaryIO:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
     except ValueError as error:  # NUL, or characters that no file name can hold
         raise InputError(f"{str(path)!r}: not a file name ({error})") from error
-    about = os.fstat(file.fileno())
-    if stat.S_ISREG(about.st_mode) and about.st_size <= max_bytes:
+    status = os.fstat(file.fileno())
+    if stat.S_ISREG(status.st_mode) and status.st_size <= max_bytes:
         return file
     file.close()
-    if stat.S_ISREG(about.st_mode):
+    if stat.S_ISREG(status.st_mode):
         raise _too_large(path, max_bytes)
     raise InputError(f"{path}: cannot be read: it is a pipe or a device; give a file")
 

@@ -9,8 +9,7 @@ import numpy as np
 
 from classify.base.arrays import BoolArray, Floats
 from classify.base.errors import InputError
-from classify.images.noise import SensorNoise
-from classify.images.stack import ImageStack
+from classify.images import ImageStack, SensorNoise
 from classify.lighting import Lighting
 from classify.lights.flat_field import FlatField
 

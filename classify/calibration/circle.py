@@ -1,4 +1,4 @@
-"""Circles through points and their errors, and circles that edges vote for."""
+"""Fit circles to points, with errors, and detect circles by a Hough transform."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def fitted_circle(points: Floats, weights: Floats, start: Circle) -> Circle:
 
 
 def centre_error(rim: Floats, weights: Floats, circle: Circle) -> float:
-    """Standard error of the centre, from fits that leave out one sector each."""
+    """Jackknife standard error of the centre; each fit leaves out one of eight sectors."""
     angles = np.arctan2(rim[:, 1] - circle.row, rim[:, 0] - circle.column)
     sector = np.floor((angles / (2.0 * np.pi) + 0.5) * _SECTORS).astype(int) % _SECTORS
     fits = np.array([
@@ -59,16 +59,20 @@ def circles_through(points: Floats) -> Floats:
     return np.stack([first[:, 0] + x, first[:, 1] + y, np.hypot(x, y)], axis=1)
 
 
-# Gradients point to the centre within about this angle, in radians.
+# Angle in radians within which gradients point to the centre.
 _VOTE_SCATTER = 0.05
 # Ratio of neighbouring radii: half a step is within the scatter of the votes.
 _RADIUS_STEP = 1.05
-# Circles that `sphere_outline` compares; the time of the search is proportional to it.
+# Number of circles that `sphere_outline` compares; its time is proportional to it.
 _CANDIDATES = 12
 
 
 def voted_circles(images: Sequence[FloatMap], smallest_radius_px: float) -> list[Circle]:
-    """Return circles in (H, W) images that many edges are on, the likeliest first."""
+    """Detect circles in (H, W) images, the likeliest first.
+
+    Hough transform in which an edge pixel votes for the two centres along its gradient (Kimme,
+    Ballard and Sklansky 1975), and non-maximum suppression.
+    """
     points, gradients, weights = _edges(images)
     height, width = images[0].shape
     candidates: list[tuple[float, Circle]] = []
@@ -76,16 +80,16 @@ def voted_circles(images: Sequence[FloatMap], smallest_radius_px: float) -> list
     while radius <= 0.55 * min(height, width):
         votes = np.zeros(height * width)
         for sign in (-radius, radius):
-            at = np.rint(points + sign * gradients).astype(np.intp)
-            inside = ((at >= 0) & (at < (width, height))).all(axis=1)
-            cell = at[inside, 1] * width + at[inside, 0]
+            centres = np.rint(points + sign * gradients).astype(np.intp)
+            inside = ((centres >= 0) & (centres < (width, height))).all(axis=1)
+            cell = centres[inside, 1] * width + centres[inside, 0]
             votes += np.bincount(cell, weights[inside], height * width)
         scatter = max(1.0, _VOTE_SCATTER * radius)
         image = votes.reshape(height, width)
         area = 4.0 * np.pi * scatter**2
         count = cv2.GaussianBlur(image, (0, 0), scatter) * area
         expected = cv2.GaussianBlur(image, (0, 0), 4.0 * scatter) * area
-        # Standard deviations above what edges in random places give.
+        # Excess over edges in random places, in standard deviations (Poisson, with a floor).
         score = (count - expected) / np.sqrt(expected + 0.2 * radius)
         peaks = (score == cv2.dilate(score, np.ones((5, 5)))) & (score > 0.0)
         candidates += [
@@ -108,24 +112,24 @@ def voted_circles(images: Sequence[FloatMap], smallest_radius_px: float) -> list
 
 
 def _edges(images: Sequence[FloatMap]) -> tuple[Floats, Floats, Floats]:
-    """(n, 2) columns and rows, unit gradients, and (n,) weights of edge pixels."""
+    """(n, 2) columns and rows, unit gradients, and (n,) weights of edge pixels (Canny 1986)."""
     edges_by_image = []
     for image in images:
         smooth = cv2.GaussianBlur(image, (0, 0), 1.0)
         gx, gy = (cv2.Scharr(smooth, cv2.CV_32F, dx, 1 - dx) for dx in (1, 0))
-        size = np.hypot(gx, gy)
-        typical = float(np.median(size)) + 1e-6
-        rows, columns = np.nonzero(size > 2.0 * typical)
-        here = size[rows, columns]
-        ux, uy = gx[rows, columns] / here, gy[rows, columns] / here
+        magnitude = np.hypot(gx, gy)
+        typical = float(np.median(magnitude)) + 1e-6
+        rows, columns = np.nonzero(magnitude > 2.0 * typical)
+        strength = magnitude[rows, columns]
+        ux, uy = gx[rows, columns] / strength, gy[rows, columns] / strength
         before, after = (
             ndimage.map_coordinates(
-                size, (rows + k * uy, columns + k * ux), order=1, mode="nearest"
+                magnitude, (rows + k * uy, columns + k * ux), order=1, mode="nearest"
             )
             for k in (-1, 1)
         )
-        weight = here / (here + 4.0 * typical)
+        weight = strength / (strength + 4.0 * typical)
         edges = np.stack([columns, rows, ux, uy, weight], axis=1)
-        edges_by_image.append(edges[(here >= before) & (here > after)])
+        edges_by_image.append(edges[(strength >= before) & (strength > after)])
     edges = np.concatenate(edges_by_image).astype(np.float64)
     return edges[:, :2], edges[:, 2:4], edges[:, 4]

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from classify.base.arrays import Array, BoolArray, FloatMap, Floats
 from classify.base.errors import InputError
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 
 from .dark import Dark
 

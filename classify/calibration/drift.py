@@ -9,7 +9,7 @@ import numpy as np
 
 from classify.base.arrays import Floats
 from classify.base.errors import InputError
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 from classify.lighting import Lighting
 
 from .calibration import Calibration
@@ -18,21 +18,20 @@ from .led_positions import Aim, fit_led_positions
 from .plate import check_evenness, check_sheet, is_known
 from .plate_blocks import BLOCKS, PlateBlocks
 
-DriftKind = Kind | Literal["unexplained"]
+_DriftKind = Kind | Literal["unexplained"]
 Status = Literal["ok", "warning", "fault"]
 
-# Joined blocks along each side of the frame: changes are smooth, and need no more of them.
+# Blocks along each side of the frame; changes are smooth and need no more.
 _JOINED = 8
-# Distance that stands for a distant light, in half of the longer side: its light falls off by 0.3 %
-# over the frame.
+# Distance of distant lights in half of the longer side; the fall-off over the frame is 0.3 %.
 _DISTANT = 1e3
-# Ratios that vary less over the frame are those of distant lights, at more than 50 fields of view.
+# Lights are distant, at more than 50 fields of view, if their ratios vary less over the frame.
 _EVEN = 0.01
 _FEWEST_LIGHTS = 3  # least number that `fit_led_positions` takes
 # Changes beyond the first value are a warning, beyond the second a fault. An LED that is 10 % off
 # tilts a level part by 3 degrees at slant 45, 15 % by 4; a light 5 degrees lower gives 8 % less
-# light there, and its angle is known to 0.6 degrees (test_drift.py). What a check resolves at
-# other distances is in classify/README.md.
+# light there, and its angle is known to 0.6 degrees (test_drift.py). classify/README.md has the
+# resolution of a check at other distances.
 _LED_LEVEL = (0.10, 0.15)
 _LIGHT_MOVED_DEG = (2.5, 4.0)
 _CAMERA_SHIFT = (0.05, 0.10)  # share of the frame's longer side
@@ -41,8 +40,8 @@ _MAGNIFICATION = (0.05, 0.10)
 _SHEET_TILT_DEG = (2.5, 5.0)
 # A brighter or darker corner is common to all lights: it changes the albedo only.
 _VIGNETTING = (0.05, math.inf)
-# White sheets differ by less. A common factor changes no slope; beyond twice the brightness, the
-# noise and the hot pixels are not those of the calibration.
+# White sheets differ by less. A common factor changes no slope; beyond twice the brightness, noise
+# and hot pixels differ from the calibration.
 _BRIGHTNESS = (0.25, 1.0)
 # Residual of the ratios of lights; 1 % tilts normals by a third of a degree.
 _UNEXPLAINED = (0.005, 0.01)
@@ -52,7 +51,7 @@ _UNEXPLAINED = (0.005, 0.01)
 class DriftCause:
     """One thing that has changed since the calibration."""
 
-    kind: DriftKind
+    kind: _DriftKind
     light: int | None  # index; None for a change that all lights share
     status: Status
     seen: str  # what was found, with numbers

@@ -16,18 +16,18 @@ import numpy.typing as npt
 from scipy.linalg import cholesky, solve_triangular
 
 from classify.base.arrays import Floats
-from classify.images.noise import SIGMA_PER_MAD
+from classify.images import SIGMA_PER_MAD
 
 from .led_positions import Aim
 
 Kind = Literal["led level", "light moved", "camera moved", "lens", "exposure", "sheet tilted"]
 
-# Standard deviations of the logarithm in a block: of the ratio of lights (noise, and what the flat
-# field does not fit), and of what all lights have in common (grain and dust of the sheet too).
+# Standard deviations of logarithms in a block: of the ratio of lights (noise and misfit of the flat
+# field), and of the common part of all lights (also grain and dust of the sheet).
 _RATIO_SPREAD, _COMMON_SPREAD = 0.0015, 0.01
 # Another white sheet: brightness (paper reflects 75 to 95 %), and smooth unevenness.
 _WHITE_SPREAD, _UNEVEN_SPREAD = 0.07, 0.01
-# How a sheet lies: slope, and slope at the edge of the frame if it is bowed (0.13 mm in 50 mm).
+# Slope of a sheet, and slope at the edge of the frame of a bowed one (0.13 mm in 50 mm).
 _TILT_SPREAD, _BOW_SPREAD = 0.009, 0.01
 # Level of an LED, gradient and curvature of its light, without a cause worth a warning: its
 # temperature, another paper's sheen.
@@ -61,7 +61,7 @@ class Explanation:
     levels: Floats  # (N,) logarithm of each light's level, without the common part
     brightness: float  # logarithm of the brightness that all lights share
     slope: Floats  # (2,) of the sheet along x and y
-    residual: float  # rms of the ratios of lights that nothing explains
+    residual: float  # rms of the unexplained ratios of lights
     unevenness: float  # robust standard deviation of the unexplained common part
 
 
@@ -79,29 +79,30 @@ class DriftModel:
         nuisances = np.array(list(self._nuisances()))
         lights, blocks = self._strengths.shape
         shared = np.kron(np.ones((lights, lights)), np.eye(blocks))
-        own = np.eye(lights * blocks)
-        covariance = nuisances.T @ nuisances + _RATIO_SPREAD**2 * own + _COMMON_SPREAD**2 * shared
+        identity = np.eye(lights * blocks)
+        covariance = nuisances.T @ nuisances + _RATIO_SPREAD**2 * identity
+        covariance += _COMMON_SPREAD**2 * shared
         lower = cholesky(covariance, lower=True)
-        self._whitener = solve_triangular(lower, own, lower=True)
+        self._whitener = solve_triangular(lower, identity, lower=True)
         self._posterior = nuisances @ self._whitener.T @ self._whitener
         self._nuisance_changes = nuisances
         self._causes = tuple(self._all_causes())
 
     def explain(self, change: Floats) -> Explanation:
-        """The causes of a change (N, B), at most three."""
+        """The causes of a change (N, B), at most three, by stepwise selection with exchanges."""
         chosen: tuple[PossibleCause, ...] = ()
         score, numbers = self._fit(change, chosen, np.empty(0))
         while len(chosen) < _MOST_CAUSES:
-            longer, better, found = self._best(change, chosen, numbers)
-            for place in range(len(longer) - 1):
-                # An earlier cause may have stood for others that are known now.
-                rest = longer[:place] + longer[place + 1 :]
-                other, lower, instead = self._best(change, rest, _without(found, longer, place))
-                if lower < better:
-                    longer, better, found = other, lower, instead
+            longer, better, fitted = self._best(change, chosen, numbers)
+            for index in range(len(longer) - 1):
+                # An earlier cause may have been a substitute for the causes chosen later.
+                others = longer[:index] + longer[index + 1 :]
+                exchanged = self._best(change, others, _without(fitted, longer, index))
+                if exchanged[1] < better:
+                    longer, better, fitted = exchanged
             if better >= score:
                 break
-            chosen, score, numbers = longer, better, found
+            chosen, score, numbers = longer, better, fitted
         return self._explanation(change, chosen, numbers)
 
     def shows_moved_lights(self, angle: float) -> bool:
@@ -126,33 +127,34 @@ class DriftModel:
                 longer = (*chosen, cause)
                 start = np.append(numbers, np.zeros(len(cause.spreads)))
                 tried.append((longer, *self._fit(change, longer, start)))
-        return min(tried, key=lambda each: each[1])
+        return min(tried, key=lambda fit: fit[1])
 
     def _fit(
         self, change: Floats, causes: Sequence[PossibleCause], start: Floats
     ) -> tuple[float, Floats]:
         """Minus twice the log evidence of causes, up to a constant, and their numbers."""
         spreads = np.array([spread for cause in causes for spread in cause.spreads])
-        scaled, here = start / spreads, self._change(causes, start)
+        scaled, predicted = start / spreads, self._change(causes, start)
         odds = sum(
             _LOG_ODDS_TILT if cause.kind == "sheet tilted" else _LOG_ODDS for cause in causes
         )
-        left, volume = self._whitener @ (change - here).ravel(), 0.0
+        residual, volume = self._whitener @ (change - predicted).ravel(), 0.0
         for _ in range(_MOST_STEPS if causes else 0):
             slopes = [
-                self._whitener @ (self._change(causes, (scaled + shift) * spreads) - here).ravel()
+                self._whitener
+                @ (self._change(causes, (scaled + shift) * spreads) - predicted).ravel()
                 for shift in _STEP * np.eye(len(spreads))
             ]
             jacobian = np.stack(slopes, axis=1) / _STEP
             precision = jacobian.T @ jacobian + np.eye(len(spreads))
-            step = np.linalg.solve(precision, jacobian.T @ left - scaled)
+            step = np.linalg.solve(precision, jacobian.T @ residual - scaled)
             volume = float(np.linalg.slogdet(precision)[1])
             scaled = scaled + np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
-            here = self._change(causes, scaled * spreads)
-            left = self._whitener @ (change - here).ravel()
+            predicted = self._change(causes, scaled * spreads)
+            residual = self._whitener @ (change - predicted).ravel()
             if np.abs(step).max() < _STEP:
                 break
-        return float(left @ left + scaled @ scaled) + 2.0 * odds + volume, scaled * spreads
+        return float(residual @ residual + scaled @ scaled) + 2.0 * odds + volume, scaled * spreads
 
     def _change(self, causes: Sequence[PossibleCause], numbers: Floats) -> Floats:
         total, first = np.zeros_like(self._strengths), 0
@@ -165,25 +167,25 @@ class DriftModel:
     def _explanation(
         self, change: Floats, causes: tuple[PossibleCause, ...], numbers: Floats
     ) -> Explanation:
-        left = change - self._change(causes, numbers)
-        nuisances = self._posterior @ left.ravel()
-        rest = left - (nuisances @ self._nuisance_changes).reshape(left.shape)
+        unexplained = change - self._change(causes, numbers)
+        nuisances = self._posterior @ unexplained.ravel()
+        remainder = unexplained - (nuisances @ self._nuisance_changes).reshape(unexplained.shape)
         brightness = _WHITE_SPREAD * float(nuisances[0])
         slope = _TILT_SPREAD * nuisances[1:3]
         levels = _LEVEL_SPREAD * nuisances[3 : 3 + len(change)]
         named, first = [], 0
         for cause in causes:
-            found = numbers[first : first + len(cause.spreads)]
-            first += len(found)
-            named.append((cause, found))
+            own = numbers[first : first + len(cause.spreads)]
+            first += len(own)
+            named.append((cause, own))
             if cause.kind == "led level" and cause.light is not None:
-                levels[cause.light] += found[0]
+                levels[cause.light] += own[0]
             elif cause.kind == "exposure":
-                brightness += float(found[0])
+                brightness += float(own[0])
             elif cause.kind == "sheet tilted":
-                slope += found
-        shared = rest.mean(axis=0)
-        residual = float(np.sqrt(np.square(rest - shared).mean()))
+                slope += own
+        shared = remainder.mean(axis=0)
+        residual = float(np.sqrt(np.square(remainder - shared).mean()))
         unevenness = SIGMA_PER_MAD * float(np.median(np.abs(shared)))
         return Explanation(tuple(named), levels, brightness, slope, residual, unevenness)
 
@@ -234,8 +236,8 @@ class DriftModel:
 
         def change(numbers: Floats) -> Floats:
             moved = self._even(0.0)
-            place = moved_light(self.positions[light], numbers)
-            moved[light] = self._strength(place, self._x, self._y) - self._strengths[light]
+            position = moved_light(self.positions[light], numbers)
+            moved[light] = self._strength(position, self._x, self._y) - self._strengths[light]
             return moved
 
         return change
@@ -251,8 +253,8 @@ class DriftModel:
         """Numbers: logarithm of the magnification, vignetting by radius^2 and radius^4."""
         field = float(np.exp(-numbers[0]))
         vignetting = numbers[1] * self._radius_2 + numbers[2] * self._radius_2**2
-        seen = self._all_strengths(field * self._x, field * self._y)
-        return np.asarray(seen - self._strengths + vignetting, np.float64)
+        magnified = self._all_strengths(field * self._x, field * self._y)
+        return np.asarray(magnified - self._strengths + vignetting, np.float64)
 
     def _tilt_change(self, numbers: Floats) -> Floats:
         """Numbers: slope of the sheet along x and y; its middle stays in place."""

@@ -93,7 +93,7 @@ class _Fit:
         for degree in _DEGREES[1:]:
             fitted = _evaluated(coefficients, chosen, bases[chosen])
             means, weights, *_ = _combined(targets - fitted, usable)
-            low, high = (prediction_error(bases[each], means, weights) for each in (chosen, degree))
+            low, high = (prediction_error(bases[d], means, weights) for d in (chosen, degree))
             if high > _BETTER * low:
                 break
             chosen = degree

@@ -1,8 +1,8 @@
 """Positions of LEDs near a white sheet, from the ratios of their light images.
 
-The ratio of two lights' light images of a matt sheet contains neither the sheet nor the lens. What
-remains is cos(sheet) cos^m(LED) / r^2 of each light, and a constant for its level. For an LED at P,
-relative to the middle of the frame, and v = P / |P|^2, this is at a place X of the sheet
+The ratio of two light images of a matt sheet contains neither the sheet nor the lens, but for each
+light its level and cos(incidence) cos^m(emission) / r^2. For an LED at P, relative to the middle of
+the frame, and v = P / |P|^2, this factor is at a place X of the sheet
 
     (1 - v . X)^m (1 - 2 v . X + |v|^2 |X|^2)^(-(3 + m) / 2)        LED that points to the middle
     (1 - 2 v . X + |v|^2 |X|^2)^(-(3 + m) / 2)                      LED that points straight down
@@ -23,11 +23,11 @@ Aim = Literal["centre", "down"]
 # Distances in half of the longer side from which the fit starts, and the slant; it converges from
 # each for LEDs at 3 to 30 (tests/classify/calibration/test_led_positions.py).
 _STARTS, _START_SLANT_DEG = (3.0, 10.0), 45.0
-# A lobe narrower than cos^20, 25 degrees, lights no frame.
+# Largest lobe exponent: the beam of cos^20 is too narrow to light a frame.
 _NARROWEST = 20.0
-# Blocks along the frame that are fitted, parts along it whose residuals count as independent, and
-# the lights above which half as many blocks are fitted: the Jacobian would need gigabytes.
-_BLOCKS, _PARTS, _MANY_LIGHTS = 16, 8, 16
+_BLOCKS = 16  # fitted blocks along the frame
+_CLUSTERS = 8  # clusters along the frame, whose residuals count as independent
+_MANY_LIGHTS = 16  # above it half as many blocks are fitted: the Jacobian would need gigabytes
 # Factor on the standard errors: without it 12 % of the errors on 40 rendered sheets exceeded two
 # standard errors, instead of 5 % (random lights, lobes, dust and tilts as in
 # tests/classify/calibration/test_led_positions.py).
@@ -56,25 +56,25 @@ def fit_led_positions(ratios: Floats, weights: Floats, x: Floats, y: Floats) -> 
     columns, rows = np.meshgrid(x, y)
     x, y = (_sums(axis * weights, size)[used] / total[used] for axis in (columns, rows))
     data = _sums(ratios * weights, size)[:, used] / total[used]
-    root = np.sqrt(pooled[used] / pooled.max())
+    root_weights = np.sqrt(pooled[used] / pooled.max())
     aims: tuple[Aim, ...] = ("centre", "down")
-    models = [_Model(x, y, data, root, aim) for aim in aims]
+    models = [_Model(x, y, data, root_weights, aim) for aim in aims]
     fits = [(model.fitted(start), model) for model in models for start in model.starts()]
     solution, model = min(fits, key=lambda fit: fit[0].cost)
-    inverted, exponent = solution.x[: 3 * len(data)].reshape(-1, 3), float(solution.x[-1])
-    squares = np.square(inverted).sum(axis=1)
+    v, exponent = solution.x[: 3 * len(data)].reshape(-1, 3), float(solution.x[-1])
+    squares = np.square(v).sum(axis=1)
     along, across = model.errors(solution)
-    whole = _Model(
+    all_blocks = _Model(
         x=_means(columns, size).ravel(),
         y=_means(rows, size).ravel(),
         data=_means(ratios, size).reshape(len(data), -1),
         root_weights=np.ones(size * size),
         aim=model.aim,
     )
-    residuals = -whole.evaluated(solution.x)[0].reshape(len(data), size, size)
-    mean_square = np.square(solution.fun).sum() / (len(data) * np.square(root).sum())
+    residuals = -all_blocks.evaluated(solution.x)[0].reshape(len(data), size, size)
+    mean_square = np.square(solution.fun).sum() / (len(data) * np.square(root_weights).sum())
     return LedPositions(
-        positions=inverted / squares[:, None],
+        positions=v / squares[:, None],
         direction_errors_deg=np.degrees(across / np.sqrt(squares)),
         distance_errors=along / np.sqrt(squares),
         lobe_exponent=exponent,
@@ -98,7 +98,7 @@ class _Model:
     aim: Aim
 
     def starts(self) -> list[Floats]:
-        """Parameters from which to start: light comes from where it is brighter."""
+        """Start parameters: each LED is where its gradient points, at two distances."""
         plane = np.stack([np.ones_like(self.x), self.x, self.y], axis=1)
         level, *gradient = np.linalg.lstsq(plane, self.data.T, rcond=None)[0]
         towards = np.stack(gradient, axis=1)
@@ -122,16 +122,16 @@ class _Model:
     def errors(self, solution: Any) -> tuple[Floats, Floats]:
         """(N,) clustered standard errors (Cameron and Miller 2015) of v along itself and across."""
         lights = len(self.data)
-        columns, rows = (np.floor((axis + 1.0) * 0.5 * _PARTS) for axis in (self.x, self.y))
-        part = columns * 2 * _PARTS + rows
-        scores = (solution.jac * solution.fun[:, None]).reshape(lights, part.size, -1).sum(axis=0)
-        clustered = np.stack([scores[part == number].sum(axis=0) for number in np.unique(part)])
-        if (
-            np.linalg.matrix_rank(solution.jac) < solution.x.size
-        ):  # for example lights that do not differ
+        columns, rows = (np.floor((axis + 1.0) * 0.5 * _CLUSTERS) for axis in (self.x, self.y))
+        cluster = columns * 2 * _CLUSTERS + rows
+        scores = (solution.jac * solution.fun[:, None]).reshape(lights, cluster.size, -1)
+        scores = scores.sum(axis=0)
+        clustered = np.stack([scores[cluster == k].sum(axis=0) for k in np.unique(cluster)])
+        # The rank is too low, for example, if all lights are in one place.
+        if np.linalg.matrix_rank(solution.jac) < solution.x.size:
             return np.full(lights, np.inf), np.full(lights, np.inf)
         inverse = np.linalg.pinv(solution.jac.T @ solution.jac)
-        freedom = max((lights - 1) * part.size - solution.x.size, 1)
+        freedom = max((lights - 1) * cluster.size - solution.x.size, 1)
         covariance = inverse @ (clustered.T @ clustered) @ inverse
         covariance += inverse * np.square(solution.fun).sum() / freedom
         along, across = np.empty(lights), np.empty(lights)
@@ -145,11 +145,11 @@ class _Model:
     def evaluated(self, parameters: Floats) -> tuple[Floats, Floats]:
         """Weighted differences (N n,) and their derivatives (N n, parameters)."""
         lights = len(self.data)
-        inverted, exponent = parameters[: 3 * lights].reshape(lights, 3), parameters[-1]
+        v, exponent = parameters[: 3 * lights].reshape(lights, 3), parameters[-1]
         levels = np.concatenate([[0.0], parameters[3 * lights : -1]])
         squared = self.x * self.x + self.y * self.y
-        along = inverted[:, :1] * self.x + inverted[:, 1:2] * self.y
-        distance = 1.0 - 2.0 * along + np.square(inverted).sum(axis=1)[:, None] * squared
+        along = v[:, :1] * self.x + v[:, 1:2] * self.y
+        distance = 1.0 - 2.0 * along + np.square(v).sum(axis=1)[:, None] * squared
         log_distance = np.log(distance)
         half = 0.5 * (3.0 + exponent)
         values = levels[:, None] - half * log_distance
@@ -165,9 +165,7 @@ class _Model:
         by_square = -half * squared / distance
         for light in range(lights):
             for axis in range(3):
-                derivatives[light, :, 3 * light + axis] = (
-                    2.0 * inverted[light, axis] * by_square[light]
-                )
+                derivatives[light, :, 3 * light + axis] = 2.0 * v[light, axis] * by_square[light]
             derivatives[light, :, 3 * light] += by_along[light] * self.x
             derivatives[light, :, 3 * light + 1] += by_along[light] * self.y
             if light > 0:

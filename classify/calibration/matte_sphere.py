@@ -9,7 +9,7 @@ from scipy import optimize
 
 from classify.base.arrays import Array, BoolArray, Floats
 from classify.base.errors import CalibrationRejected
-from classify.images.noise import SIGMA_PER_MAD
+from classify.images import SIGMA_PER_MAD
 
 from .sphere import Sphere
 
@@ -21,12 +21,12 @@ _INSIDE = 0.9
 _LIT = 0.25
 # Share of full scale from which on a pixel counts as saturated.
 SATURATED = 0.995
-# With less of the sphere below full scale its brightest part, which shows the light best, is gone.
+# Least share of the sphere below full scale: its brightest part shows the light best.
 _LEAST_UNSATURATED = 0.6
 # Share of the sphere that must be lit and fit. A light at slant 75 reaches 0.4 of it.
 _LEAST_USED = 0.2
 _MOST_PIXELS = 3000
-# Error that vignetting and the response leave; fits without a sector do not show it. Half of the
+# Error by vignetting and response, which the jackknife does not show. Half of the
 # lights of matt spheres in masks are within 0.2 degrees, 90 % within 0.65 (test_sphere_rates.py).
 _MODEL_DEG = 0.3
 _SECTORS = 8
@@ -34,10 +34,10 @@ _ROUNDS = 4
 # Powers of n . l in the shading: Lambert's law is linear; rough plaster, a response that is not
 # linear, and a near lamp bend it, all as functions of n . l.
 _POWERS = 3
-# Light that the lens takes in the corners of the frame, as a share: bounds of the fit. Lenses take
-# up to 0.6; roughness of the sphere may look like a little of the opposite.
+# Bounds of the fitted vignetting, as the share of light missing in the corners. Lenses have up to
+# 0.6; a rough sphere may look like slightly negative vignetting.
 _VIGNETTING = (-0.2, 0.6)
-# rms residual of the shading, as a share of its range, beyond which it is no matt sphere. Glossy
+# Largest rms residual of the shading of a matt sphere, as a share of its range. Glossy
 # paint gives 0.05, a mirror 0.3 and more (test_matte_sphere.py).
 _WORST_RESIDUAL = 0.12
 

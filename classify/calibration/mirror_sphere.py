@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple, Self
 
 import numpy as np
 from scipy import ndimage
 
-from classify.base.arrays import Array, Floats
+from classify.base.arrays import Array, Floats, Indices
 from classify.base.errors import CalibrationRejected
-from classify.images.noise import SIGMA_PER_MAD
+from classify.images import SIGMA_PER_MAD
 
 from .sphere import Sphere
 
@@ -18,7 +19,7 @@ from .sphere import Sphere
 _HIGHLIGHT, _CLIPPED_HIGHLIGHT = 0.5, 0.8
 # Least share in the brightest pixel of a highlight; a lit wall or a glossy table does not reach it.
 _LEAST_PEAK = 0.9
-# Share of the radius that is used; beyond it the blurred outline and the background mix in.
+# Used share of the radius; farther out the pixels mix with the background.
 _INSIDE = 0.97
 # Least ratio of a highlight's peak to the changes of the rest of the sphere, by their robust
 # scatter. Noise alone gives 4.5; a lamp that lights a bright room unevenly leaves 5.7
@@ -26,15 +27,30 @@ _INSIDE = 0.97
 _LEAST_CONTRAST, _LEAST_CHANGE = 5.0, 2.0
 # A second reflection with this share of the light of the first makes the choice doubtful.
 _DOUBTFUL = 0.5
-# Lights this low and lower are reflections from below, such as of the table: z of their direction.
+# Least z of the direction of a light; lower ones are reflections, for example in the table.
 _LOWEST_Z = 0.02
 # A reflection that fills more than this solid angle (steradian, a cone of 30 degrees radius) is a
 # lit wall or an overexposed light image.
 _LARGEST = 2.0 * np.pi * (1.0 - np.cos(np.radians(30.0)))
-# Error of a highlight's centre as a share of its size: a lamp is not brightest in its middle.
+# Error of a highlight's centre as a share of its size, as a lamp is not brightest in its middle.
 _CENTRE_SHARE = 0.1
 # Error in px of the centre of a highlight of a few pixels, whose light is clipped at full scale.
 _PIXEL = 0.15
+
+
+class _Highlight(NamedTuple):
+    """The image of a lamp in a mirror sphere."""
+
+    brightness: float
+    pixels: Indices
+    weights: Floats
+    direction: Floats  # (3,) of the light
+
+    @classmethod
+    def of(cls, pixels: Indices, change: Floats, weights: Floats, towards: Floats) -> Self:
+        direction = weights[pixels] @ towards[pixels]
+        direction /= np.linalg.norm(direction)
+        return cls(float(change[pixels].sum()), pixels, weights[pixels], direction)
 
 
 def mirror_directions(
@@ -59,41 +75,39 @@ def mirror_directions(
         share, least = _lit_share(values[light], room, light)
         picture = np.zeros(shape, np.bool_)
         picture[rows - top, columns - left] = share > least
-        label = ndimage.label(picture, np.ones((3, 3)))[0][rows - top, columns - left]
-        blobs = []
-        for each in range(1, int(label.max()) + 1):
-            at = np.flatnonzero(label == each)
-            if share[at].max() < _LEAST_PEAK:
-                continue
-            weights = share[at] - least
-            direction = weights @ towards[at]
-            direction /= np.linalg.norm(direction)
-            blobs.append((float(change[at].sum()), at, weights, direction))
-        above = [blob for blob in blobs if blob[3][2] > _LOWEST_Z]
+        labels = ndimage.label(picture, np.ones((3, 3)))[0][rows - top, columns - left]
+        highlights = [
+            _Highlight.of(pixels, change, share - least, towards)
+            for number in range(1, int(labels.max()) + 1)
+            for pixels in [np.flatnonzero(labels == number)]
+            if share[pixels].max() >= _LEAST_PEAK
+        ]
+        above = [highlight for highlight in highlights if highlight.direction[2] > _LOWEST_Z]
         if not above:
             raise CalibrationRejected(
                 f"light image {light}: its brightest reflection is in the rim of the sphere, as of "
                 "a light behind the plane of the part; light it from the camera's side, or leave "
                 "this light out"
             )
-        above.sort(key=lambda blob: -blob[0])
-        total, at, weights, direction = above[0]
-        if at.size * 4.0 / sphere.radius_px**2 > _LARGEST:
+        above.sort(key=lambda highlight: -highlight.brightness)
+        brightness, pixels, weights, direction = above[0]
+        if pixels.size * 4.0 / sphere.radius_px**2 > _LARGEST:
             raise CalibrationRejected(
-                f"light image {light}: the light fills {at.size / len(rows):.0%} of the sphere; "
-                "use a smaller lamp or a shorter exposure, and a polished sphere"
+                f"light image {light}: the light fills {pixels.size / len(rows):.0%} of the "
+                "sphere; use a smaller lamp or a shorter exposure, and a polished sphere"
             )
-        if len(above) > 1 and above[1][0] > _DOUBTFUL * total:
+        if len(above) > 1 and above[1].brightness > _DOUBTFUL * brightness:
             doubts.append(
                 f"light image {light} has two reflections that differ from the other light images, "
-                f"with {above[1][0] / total:.0%} of the light of the brighter one, which was taken"
+                f"with {above[1].brightness / brightness:.0%} of the light of the brighter one, "
+                "which was taken"
             )
-        normal = direction + weights @ views[at] / weights.sum()
+        normal = direction + weights @ views[pixels] / weights.sum()
         normal /= np.linalg.norm(normal)
-        spread = np.sqrt(weights @ ((towards[at] - direction) ** 2).sum(axis=1) / weights.sum())
-        half = max(float(normal[2]), 0.1)
-        # l turns twice as fast as n, which turns by 1 / (radius n_z) per px.
-        outline, pixel = (2.0 * px / sphere.radius_px / half for px in (sphere.error_px, _PIXEL))
+        spread = np.sqrt(weights @ ((towards[pixels] - direction) ** 2).sum(axis=1) / weights.sum())
+        n_z = max(float(normal[2]), 0.1)
+        # Per px, n rotates by 1 / (radius n_z), and l by twice as much.
+        outline, pixel = (2.0 * px / sphere.radius_px / n_z for px in (sphere.error_px, _PIXEL))
         errors.append(np.degrees(np.sqrt(outline**2 + pixel**2 + (_CENTRE_SHARE * spread) ** 2)))
         directions.append(direction)
         points.append(sphere.centre + sphere.radius_px * normal)

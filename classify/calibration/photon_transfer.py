@@ -12,7 +12,7 @@ import numpy as np
 
 from classify.base.arrays import Floats
 from classify.base.errors import CalibrationRejected, InputError
-from classify.images.noise import ROUNDING_VARIANCE, SensorNoise
+from classify.images import ROUNDING_VARIANCE, SensorNoise
 
 from .block_levels import BlockLevels
 
@@ -29,7 +29,7 @@ class Noise:
             raise InputError(f"the noise has an error of {self.error:g}; give a share of 0 or more")
 
 
-# From this variance V on, rounding adds 1/12 to within 0.003, whatever the mean: the first harmonic
+# Least variance V at which rounding adds 1/12 to within 0.003 at any mean: the first harmonic
 # of rounding is exp(-2 pi^2 v) (4 v + 1 / pi^2) with v = V - 1/12. At 0.24, which EMVA 1288
 # demands, it is 0.03, and the gain of an 8-bit camera on an even sheet comes out 1 % wrong.
 _LEAST_VARIANCE, _ROUNDING_ERROR = 0.4, 0.003
@@ -37,7 +37,7 @@ _LEAST_VARIANCE, _ROUNDING_ERROR = 0.4, 0.003
 _HIGHEST = 0.7
 # Groups of blocks of similar mean, compared with the line; fewer do not show that it is straight.
 _GROUPS, _LEAST_GROUPS = 12, 4
-# The levels must span this part of the range, or the slope is that of a short piece.
+# Least span of the levels, as a share of the range; the slope of a short piece is not meaningful.
 _LEAST_SPAN = 0.2
 # rms departure of the groups from the line, as a share of the variance: 0.6 % at most for linear
 # cameras, 2.7 % and more for a gamma of 1.15 or 0.85 (test_photon_transfer.py).
@@ -67,9 +67,9 @@ def photon_transfer(
     highest = _HIGHEST * (full_scale - black_level_dn)
     usable = (means <= highest) & (variances >= 0.0)  # false for NaN
     means, variances, freedom = means[usable], variances[usable], freedom[usable]
-    known = None
+    dark_variance = None
     if dark_noise_dn is not None and dark_noise_dn**2 >= _LEAST_VARIANCE:
-        known = dark_noise_dn**2
+        dark_variance = dark_noise_dn**2
     # Selected by expected variances, not by the noisy ones: first by the mean of similar blocks,
     # then by the line.
     selected = _smoothed(means, variances) >= _LEAST_VARIANCE
@@ -81,7 +81,7 @@ def photon_transfer(
                 f"values, where rounding hides it below {_LEAST_VARIANCE:g}, or too few levels are "
                 "lit; use a camera format with more bits, or longer exposures"
             )
-        line, covariance = _fit(lit, variances[selected], freedom[selected], known)
+        line, covariance = _fit(lit, variances[selected], freedom[selected], dark_variance)
         error = _departure(lit, variances[selected], line)
         selected = line[0] + line[1] * means >= _LEAST_VARIANCE
     if not (line[1] > 0.0 and error <= _MAX_ERROR):
@@ -91,7 +91,7 @@ def photon_transfer(
         )
     read_noise = np.sqrt(max(0.0, float(line[0]) - ROUNDING_VARIANCE))
     read_error = None
-    if known is None:
+    if dark_variance is None:
         # Standard error of sqrt(variance): delta method, except near 0.
         variance_error = float(np.hypot(np.sqrt(covariance[0, 0]), _ROUNDING_ERROR))
         read_error = min(variance_error / max(2.0 * read_noise, 1e-12), np.sqrt(variance_error))
@@ -101,9 +101,9 @@ def photon_transfer(
 
 
 def _fit(
-    means: Floats, variances: Floats, freedom: Floats, known: float | None
+    means: Floats, variances: Floats, freedom: Floats, intercept: float | None
 ) -> tuple[Floats, Floats]:
-    """Intercept (`known`, or None to fit it) and slope with their covariance.
+    """Intercept, which is fitted if None, and slope, with their covariance.
 
     A variance V of n degrees of freedom has the variance 2 V^2 / n, here with V from the line.
     """
@@ -113,12 +113,14 @@ def _fit(
     for _ in range(_ROUNDS):
         weights = freedom / (2.0 * np.square(expected))
         covariance = np.zeros((2, 2))
-        if known is None:
+        if intercept is None:
             covariance[:] = np.linalg.inv(terms * weights @ terms.T)
             line = covariance @ (terms * weights @ variances)
         else:
             covariance[1, 1] = 1.0 / (weights @ np.square(means))
-            line = np.array([known, covariance[1, 1] * (weights * means @ (variances - known))])
+            line = np.array(
+                [intercept, covariance[1, 1] * (weights * means @ (variances - intercept))]
+            )
         expected = np.maximum(line @ terms, _LEAST_VARIANCE)
     # Scatter beyond the noise of the variances, for example by flickering light.
     excess = float(np.mean(np.square(variances - line @ terms) * weights))

@@ -7,7 +7,7 @@ import numpy as np
 
 from classify.base.arrays import BoolArray, Floats
 from classify.base.errors import CalibrationRejected, InputError
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 from classify.lighting import Lighting
 
 from .calibration import CalibratedLights
@@ -23,9 +23,9 @@ _DARKEST = 0.05
 _FEWEST_BLOCKS, _MOST_UNUSED = 0.125, 0.5
 _STEEPEST_RELIEF, _ROUGHEST_RATIO, _MOST_UNEVEN = 0.08, 0.02, 0.03
 _SHINIEST, _ON_ITS_SIDE, _MANY = 0.01, 0.2, 0.6
-# Largest tilt of a sheet, by three estimates: the change of the lights when it is rotated;
-# the difference of measured and configured lights; the levels of distant lights, of which 10 % look
-# like 6 degrees.
+# Largest tilt of a sheet by three estimates: the change of the lights when it is rotated, the
+# difference of measured and configured lights, and the levels of distant lights (10 % are 6
+# degrees).
 _MOST_TILTED_DEG, _MOST_TILTED_ALONE_DEG, _MOST_TILTED_BY_LEVELS_DEG = 4.0, 7.0, 12.0
 # A tilt explains differences of directions, or of levels, if it leaves at most this share of them.
 _MOST_UNEXPLAINED_DIRECTIONS, _MOST_UNEXPLAINED_LEVELS = 0.5, 0.05

@@ -7,8 +7,7 @@ import cv2
 import numpy as np
 
 from classify.base.arrays import Array, BoolArray, FloatMap, Floats
-from classify.images.noise import SIGMA_PER_MAD
-from classify.images.stack import ImageStack
+from classify.images import SIGMA_PER_MAD, ImageStack
 from classify.lights.flat_field import coordinates
 
 # Blocks along each side of the frame, and the most cells along the side of a block. Within a block

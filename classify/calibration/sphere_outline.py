@@ -30,11 +30,12 @@ _TRIALS = 240
 _COARSE, _FINE = ((0.15, 0.01), (0.08, 0.01)), ((0.05, 0.005),)
 _SMALLEST_TOLERANCES_PX = {0.01: 1.0, 0.005: 0.5}
 # Rooms rendered without a sphere give 0 to 0.2, spheres in them 0.07 to 1
-# (tests/sphere_pictures.py). What has no highlight or no shading of a sphere is refused later.
+# (tests/sphere_pictures.py). A later step refuses circles without the highlight or the shading of a
+# sphere.
 _LOWEST_SCORE = 0.05
 # At the finer scale wrong outlines of test_sphere_rates.py had 0.02 and 0.03, right ones 0.05 to 1.
 _LOWEST_FINE_SCORE = 0.04
-# Added to shares of full scale: in a black background of 8 bits, noise of one digit is no edge.
+# Added to shares of full scale, so that noise of one digit in a black background is no edge.
 _FLOOR = 0.02
 # Least number of lights for a ratio: the brightest is left out, and two remain.
 _RATIO_LIGHTS = 3
@@ -45,8 +46,8 @@ _SYSTEMATIC_PX, _SYSTEMATIC_SHARE = 0.2, 0.002
 # A circle around the best one is the outline if it has this share of its score: windows and lamps
 # in a mirror are small circles too.
 _OUTER_SHARE, _OUTER_RADIUS = 0.4, 1.5
-# So is one about the same centre, to this share of its radius: a mirror shows the end of the ground
-# it rests on as a circle of 0.75 to 0.9 of its radius (tests/capture/procedures).
+# A larger circle with the same centre, to this share of its radius, is the outline too: a mirror
+# shows the edge of the ground as a circle of 0.75 to 0.9 of its radius (tests/capture/procedures).
 _SAME_CENTRE, _LARGER = 0.02, 1.05
 # A circle of about the same radius with this share of the score may be the outline as well. Of 96
 # rendered mirrors (tests/sphere_pictures.py, four kinds of background) the two whose circle is off
@@ -55,7 +56,7 @@ _RIVAL_SHARE, _RIVAL_RADIUS = 0.85, 1.3
 # rms deviation of a mask from a circle, as a share of the radius. Perspective gives 0.01 at 15
 # degrees from the axis, a square 0.08.
 _ROUND = 0.02
-# Masks are drawn to whole pixels; 0.1 px is what rounding leaves on circles of 60 to 200 px across.
+# Error of masks in whole pixels: the rounding of circles of 60 to 200 px across.
 _MASK_PX = 0.1
 # Share of the circumference that may be beyond the frame.
 _CUT = 0.01

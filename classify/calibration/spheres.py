@@ -22,14 +22,14 @@ from .sphere_outline import find_outline, outline_of_mask
 
 SphereKind = Literal["mirror", "matte"]
 
-# Positions are kept if each distance is known to this share of it; else the lights count as
-# distant. Near light at five fields of view costs 10 degrees (table in classify/README.md),
-# of which a distance 15 % off leaves 1.5.
+# Largest relative error of the distances of near lights; otherwise the lights count as distant.
+# That costs 10 degrees at five fields of view (table in classify/README.md), a distance 15 % off
+# 1.5.
 _KNOWN_DISTANCE = 0.15
 # Condition number above which rays are parallel within the rounding of float64. It is the squared
 # ratio of the errors of distance and direction: 1e8 for `_KNOWN_DISTANCE` and 1e-5 rad.
 _PARALLEL = 1e12
-# Errors beyond this are not worth keeping: four lights 10 degrees off turn the normals as far.
+# Largest usable error: four lights that are 10 degrees off tilt the normals by as much.
 _WORST_ERROR_DEG = 10.0
 
 

@@ -60,8 +60,8 @@ class Classifier(Generic[Tested, _Trained]):
     # Whether there are `bounds`; a large library then compares few references.
     has_invariants: bool = False
     # (n, k) of (n, ...) signatures.
-    invariants: Callable[[FloatMap, Parameters], FloatMap] = lambda each, _parameters: np.ones(
-        (len(each), 1), np.float32
+    invariants: Callable[[FloatMap, Parameters], FloatMap] = lambda signatures, _parameters: (
+        np.ones((len(signatures), 1), np.float32)
     )
     # (n,) numbers that do not exceed the distances, from (k,) and (n, k) invariants.
     bounds: Callable[[FloatMap, FloatMap, Parameters], Floats] = (

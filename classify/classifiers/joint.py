@@ -88,11 +88,11 @@ def _vector(
     series = spectral_series(observation.polar, parameters)
     series *= np.float32(spectral_unit(parameters))
     statistics = statistics_rows(observation.statistics, parameters)
-    white = statistics[0] @ parameters["whitening"].T
-    white *= local_unit(parameters)
+    whitened = statistics[0] @ parameters["whitening"].T
+    whitened *= local_unit(parameters)
     heading = heading_numbers(observation.statistics.headings, parameters["heading_variances"])
     curve = blur_curve(observation, blurred, parameters)
-    parts = (series.view(np.float32), white.astype(np.float32), curve, heading, np.float32(last))
+    parts = (series.view(np.float32), whitened.astype(np.float32), curve, heading, np.float32(last))
     return np.concatenate([part.ravel() for part in parts])
 
 

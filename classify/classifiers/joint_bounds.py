@@ -82,11 +82,13 @@ def bounds(test: FloatMap, references: FloatMap, parameters: Parameters) -> Floa
         paths += [numbers[:, :size], changes, numbers[:, 4 * size :]]
     own, curve, own_reach, *others = paths
     penalty = blur_penalty(float(parameters["pixels"]))
-    found = np.empty(len(references), np.float64)
+    lower_bounds = np.empty(len(references), np.float64)
     path = (own[0], curve[0], own_reach[0], *others)
-    bound_rows = partial(_bounds, SERIES, test[:plain], references, *path, penalty, test[-1], found)
+    bound_rows = partial(
+        _bounds, SERIES, test[:plain], references, *path, penalty, test[-1], lower_bounds
+    )
     run_on_rows(bound_rows, references.shape)
-    return found
+    return lower_bounds
 
 
 @kernel

@@ -37,7 +37,7 @@ SERIES = CHANNELS * RADII
 """Number of Fourier series in a signature: one for each channel and radius."""
 
 SPECTRAL_SHARE = "spectral_share"
-"""Parameter: weight of the distance of spectra; that of statistics has the rest."""
+"""Parameter: weight of the distance of spectra; 1 minus it is that of the statistics."""
 
 CONTRAST_GAINS = "contrast_gains"
 """Parameter: factor of the contrast of each channel in a distance."""
@@ -92,7 +92,9 @@ def observe_training(surface: SurfaceEstimate, segment_px: int) -> JointTraining
     ]
     return JointTraining(
         frame=_observe_fields(fields, segment_px),
-        quarters=np.stack([_polar(field_spectra(each, segment_px // 2)) for each in quarters]),
+        quarters=np.stack(
+            [_polar(field_spectra(quarter, segment_px // 2)) for quarter in quarters]
+        ),
         rotated=tuple(observe(other, segment_px) for other in under_rotated_lights(surface)),
         blurred=tuple(
             local_statistics(blurred_fields(fields, variance_px2), levels_for(segment_px))
@@ -160,7 +162,7 @@ def _contrast_directions() -> FloatMap:
 
 @lru_cache(maxsize=8)
 def _root_weights(channel_weights: tuple[float, ...], cap_bins: float) -> FloatMap:
-    # Radii in bins of 128 px segments; those of other segments differ in the last rings alone.
+    # Radii in bins of 128 px segments; in other segments only the last rings have other radii.
     bins = np.minimum(polar_radii_px(128), cap_bins)
     weights = np.outer(channel_weights, bins)
     roots: FloatMap = np.sqrt(weights / weights.sum()).astype(np.float32)
@@ -180,7 +182,8 @@ def blur_curve(
     local = np.zeros((len(rings), len(whitening)))
     if blurred:
         frame, *others = (
-            statistics_rows(each, parameters)[0] for each in (observation.statistics, *blurred)
+            statistics_rows(blurred_statistics, parameters)[0]
+            for blurred_statistics in (observation.statistics, *blurred)
         )
         local[:] = [whitening @ (other - frame) for other in others]
     return np.concatenate([rings, local], axis=1, dtype=np.float32)
@@ -210,9 +213,9 @@ def quarter_distances(
     parameters: Parameters,
 ) -> tuple[Floats, Floats]:
     """(sets, 6) squared distances between quarters, of spectra and (sets, 5, d) statistics."""
-    white = statistics[:, 1:] @ parameters["whitening"].T
+    whitened = statistics[:, 1:] @ parameters["whitening"].T
     local = np.stack(
-        [np.square(white[:, i] - white[:, j]).sum(axis=1) for i, j in _QUARTER_PAIRS], axis=1
+        [np.square(whitened[:, i] - whitened[:, j]).sum(axis=1) for i, j in _QUARTER_PAIRS], axis=1
     )
     spectral = np.empty((len(trainings), len(_QUARTER_PAIRS)))
     for row, training in zip(spectral, trainings, strict=True):

@@ -100,7 +100,9 @@ def learn(trainings: Sequence[JointTraining], _labels: Sequence[str]) -> Paramet
         "spectral_scatter": np.array(_spectral_unit(spectral.mean(axis=1))),
         "local_scatter": np.array(max(float(local.mean()), _LEAST_DISTANCE)),
     }
-    curves = np.stack([blur_curve(each.frame, each.blurred, learned) for each in trainings])
+    curves = np.stack(
+        [blur_curve(training.frame, training.blurred, learned) for training in trainings]
+    )
     learned[BLUR_BASIS] = blur_basis(curves, SERIES)
     return {**learned, "limit": np.array(unit_limit(float(learned["pixels"])))}
 

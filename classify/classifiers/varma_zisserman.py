@@ -1,24 +1,157 @@
 """The classifier of Varma and Zisserman: textons of the images of a set.
 
 "A statistical approach to texture classification from single images", International Journal of
-Computer Vision 62, 2005. Textons are cluster centres of the MR8 responses of each class; those of
-all classes are the dictionary. An image is the histogram of the nearest textons of its pixels. The
-class is that of the nearest training histogram by chi-squared.
+Computer Vision 62, 2005. The MR8 filter bank of section 3 has 38 filters with 8 responses, maxima
+over orientations. They do not change when the image is rotated; when the surface is rotated under
+fixed lights, the image itself changes. Textons are cluster centres of the responses of each class;
+those of all classes are the dictionary. An image is the histogram of the nearest textons of its
+pixels. The class is that of the nearest training histogram by chi-squared.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
+import numpy.typing as npt
+import scipy.fft
 from scipy.cluster.vq import kmeans2
 
 from classify.base.arrays import FloatMap
 from classify.base.errors import InputError
 from classify.surface.estimate import SurfaceEstimate
-from classify.texture.filter_bank import RESPONSES, mr8_responses
 
 from .classifier import Classifier, Comparison, Observation, Parameters, Shape
 from .thesis import first_light, images_of
+
+FILTER_PX = 49
+"""Side of the filters."""
+
+_RESPONSES = 8
+"""Edges at three scales, bars at three scales, Gaussian, Laplacian of Gaussian."""
+
+_MIN_IMAGE_PX = 64
+"""Shortest side of an image: 16 x 16 pixels then have a whole filter around them."""
+
+_SCALES_PX = (1.0, 2.0, 4.0)
+_ELONGATION = 3.0
+_ORIENTATIONS = 6
+_ISOTROPIC_PX = 10.0
+_WEBER = np.float32(0.03)
+_MARGIN = FILTER_PX // 2
+# Transforms of larger blocks do not fit into the caches.
+_MAX_BLOCK_PX = 512
+
+
+@lru_cache(maxsize=1)
+def mr8_filters() -> FloatMap:
+    """The filters, (38, 49, 49) float32, of mean 0 and L1 norm 1."""
+    offsets = np.arange(FILTER_PX) - _MARGIN
+    x, y = offsets[None, :], -offsets[:, None]
+    edges, bars = [], []
+    for sigma in _SCALES_PX:
+        for angle in np.arange(_ORIENTATIONS) * (np.pi / _ORIENTATIONS):
+            across = np.cos(angle) * x + np.sin(angle) * y
+            along = np.cos(angle) * y - np.sin(angle) * x
+            gaussian = np.exp(-0.5 * (across**2 + (along / _ELONGATION) ** 2) / sigma**2)
+            edges.append(-across * gaussian)
+            bars.append((across**2 - sigma**2) * gaussian)
+    square = x**2 + y**2
+    blob = np.exp(-0.5 * square / _ISOTROPIC_PX**2)
+    filters = np.stack([*edges, *bars, blob, (square - 2.0 * _ISOTROPIC_PX**2) * blob])
+    filters -= filters.mean(axis=(1, 2), keepdims=True)
+    filters /= np.abs(filters).sum(axis=(1, 2), keepdims=True)
+    filters = filters.astype(np.float32)
+    filters.flags.writeable = False
+    return filters
+
+
+def mr8_responses(image: npt.NDArray[np.generic]) -> FloatMap:
+    """(8, H - 48, W - 48) float32 MR8 responses to an (H, W) image under one light.
+
+    Edges and bars give the largest magnitude over their orientations; each pixel's vector R becomes
+    R log(1 + |R| / 0.03) / |R| (Weber's law).
+    """
+    normal = _normalised(image)
+    rows, columns = (side - 2 * _MARGIN for side in normal.shape)
+    responses = np.empty((_RESPONSES, rows, columns), dtype=np.float32)
+    for row in _blocks(normal.shape[0]):
+        for column in _blocks(normal.shape[1]):
+            valid = [slice(block.start, block.stop - 2 * _MARGIN) for block in (row, column)]
+            responses[:, valid[0], valid[1]] = _block_responses(normal[row, column])
+    magnitude = np.sqrt(np.einsum("ijk,ijk->jk", responses, responses))
+    # log(1 + m / 0.03) / m tends to 1 / 0.03 where there is no response.
+    safe = np.maximum(magnitude, np.float32(1e-12))
+    responses *= np.log1p(safe / _WEBER) / safe
+    return responses
+
+
+def _normalised(image: npt.NDArray[np.generic]) -> FloatMap:
+    if image.ndim != 2 or min(image.shape) < _MIN_IMAGE_PX:
+        raise InputError(
+            f"an image of shape {image.shape} for the filter bank; give (rows, columns) of at "
+            f"least {_MIN_IMAGE_PX} each"
+        )
+    values = image.astype(np.float32)
+    if not np.isfinite(values).all():
+        raise InputError("the image for the filter bank contains NaN or infinity; replace them")
+    mean, std = float(values.mean(dtype=np.float64)), float(values.std(dtype=np.float64))
+    # A constant image of floats has a deviation of its last bit, by rounding.
+    if std <= 1e-6 * abs(mean):
+        raise InputError(
+            f"the image for the filter bank is constant, {mean:g} throughout; "
+            "check its light and its exposure"
+        )
+    values -= np.float32(mean)
+    values *= np.float32(1.0 / std)
+    return values
+
+
+def _blocks(length: int) -> Iterator[slice]:
+    """Equal slices of at most `_MAX_BLOCK_PX`; their valid parts cover the length."""
+    valid = length - 2 * _MARGIN
+    count = -(-valid // (_MAX_BLOCK_PX - 2 * _MARGIN))
+    side = -(-valid // count) + 2 * _MARGIN
+    for index in range(count):
+        first = min(index * (side - 2 * _MARGIN), length - side)
+        yield slice(first, first + side)
+
+
+def _block_responses(block: FloatMap) -> FloatMap:
+    """The 8 responses before Weber's law, (8, H - 48, W - 48)."""
+    rows, columns = block.shape
+    shape = scipy.fft.next_fast_len(rows), scipy.fft.next_fast_len(columns, real=True)
+    spectrum = scipy.fft.rfft2(block, s=shape)
+    valid_rows, valid_columns = (slice(_MARGIN, side - _MARGIN) for side in block.shape)
+
+    def filtered(spectrum: npt.NDArray[np.complex64], bank: FloatMap) -> FloatMap:
+        # Four times as fast as irfft2 of a stack.
+        along_rows = scipy.fft.ifft(spectrum * bank, axis=1, overwrite_x=True)[:, valid_rows]
+        images: FloatMap = scipy.fft.irfft(along_rows, shape[1], axis=2)
+        return images[:, :, valid_columns]
+
+    responses = np.empty((_RESPONSES, rows - 2 * _MARGIN, columns - 2 * _MARGIN), np.float32)
+    edges, bars, isotropic = _transfer_functions(*shape)
+    for index, (edge, bar) in enumerate(zip(edges, bars, strict=True)):
+        np.abs(filtered(1j * spectrum, edge)).max(axis=0, out=responses[index])
+        np.abs(filtered(spectrum, bar)).max(axis=0, out=responses[len(edges) + index])
+    responses[-len(isotropic) :] = filtered(spectrum, isotropic)
+    return responses
+
+
+@lru_cache(maxsize=4)
+def _transfer_functions(rows: int, columns: int) -> tuple[FloatMap, FloatMap, FloatMap]:
+    """Transfer functions of edges, of bars (3, 6, ...), and of the isotropic filters (2, ...)."""
+    padded = np.zeros((len(mr8_filters()), rows, columns), np.float32)
+    padded[:, :FILTER_PX, :FILTER_PX] = mr8_filters()
+    centred = np.roll(padded, (-_MARGIN, -_MARGIN), axis=(1, 2))
+    transforms = np.stack([scipy.fft.rfft2(image) for image in centred])
+    oriented = (len(_SCALES_PX), _ORIENTATIONS, rows, columns // 2 + 1)
+    count = len(_SCALES_PX) * _ORIENTATIONS
+    edges = np.ascontiguousarray(transforms[:count].imag).reshape(oriented)
+    bars = np.ascontiguousarray(transforms[count : 2 * count].real).reshape(oriented)
+    return edges, bars, np.ascontiguousarray(transforms[2 * count :].real)
+
 
 TEXTONS_PER_CLASS = 10
 """As in the paper."""
@@ -78,7 +211,7 @@ def chi_squared(histogram: FloatMap, references: FloatMap) -> FloatMap:
 
 def _pixels(responses: FloatMap) -> FloatMap:
     """(H W, 8), one row per pixel."""
-    return np.ascontiguousarray(responses.reshape(RESPONSES, -1).T, dtype=np.float32)
+    return np.ascontiguousarray(responses.reshape(_RESPONSES, -1).T, dtype=np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +239,7 @@ def _learn(observations: Sequence[_FilterResponses], labels: Sequence[str]) -> P
 
 
 def _parameter_shapes(_segment_px: int) -> Mapping[str, Shape]:
-    return {"textons": (-1, RESPONSES)}
+    return {"textons": (-1, _RESPONSES)}
 
 
 def _histograms(observation: _FilterResponses, parameters: Parameters) -> FloatMap:

@@ -12,8 +12,8 @@ from classify.surface.estimate import FloatMap
 CELL_PX: Final = 8
 """Pixels on a side of one cell of a defect map."""
 
-Kind = Literal["relief", "albedo", "texture"]
-KINDS: Final[tuple[Kind, ...]] = ("relief", "albedo", "texture")
+_Kind = Literal["relief", "albedo", "texture"]
+KINDS: Final[tuple[_Kind, ...]] = ("relief", "albedo", "texture")
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +33,8 @@ class DefectMap:
         Local statistics: another texture, or a missing one. The highest alone, or half of their
         share in the sum.
     score
-        The highest departure in units of its own limit, or the sum of the evidence of all in units
-        of that of the sum, which may exceed 1 although none alone does.
+        The larger of two: the highest departure in units of its limit, and the sum of the evidence
+        of all departures in units of the limit of the sum.
     shape
         Rows and columns of the frame, px.
     """
@@ -59,9 +59,8 @@ class DefectRegion:
     Attributes
     ----------
     kind
-        The kind with the largest part of the score, where that is highest. If spots and lines of
-        the relief or the albedo alone exceed 1.0, theirs is the kind: they change the local
-        statistics, too.
+        The kind with the largest share of the highest score. It is relief or albedo if its spots
+        and lines alone exceed 1.0, because they change the local statistics too.
     box
         x, y, width, height in pixels of the frame: column and row of the upper left corner.
     area_px
@@ -72,7 +71,7 @@ class DefectRegion:
         (n, 2) int32 x and y of the corners of its outer boundary, pixels of the frame.
     """
 
-    kind: Kind
+    kind: _Kind
     box: tuple[int, int, int, int]
     area_px: int
     score: float
@@ -88,11 +87,11 @@ def regions_of(defect_map: DefectMap) -> tuple[DefectRegion, ...]:
     cell = defect_map.cell_px
     regions = []
     for label in range(1, count):
-        left, top, width, height, cells = (int(each) for each in boxes[label])
-        place = np.s_[top : top + height, left : left + width]
-        inside = labels[place] == label
-        peak = int(np.argmax(np.where(inside, score[place], -np.inf)))
-        shares = {kind: float(getattr(defect_map, kind)[place].flat[peak]) for kind in KINDS}
+        left, top, width, height, cells = map(int, boxes[label])
+        box_slice = np.s_[top : top + height, left : left + width]
+        inside = labels[box_slice] == label
+        peak = int(np.argmax(np.where(inside, score[box_slice], -np.inf)))
+        shares = {kind: float(getattr(defect_map, kind)[box_slice].flat[peak]) for kind in KINDS}
         # Cells as blocks of pixels: the outline follows their borders.
         block = np.kron(inside.astype(np.uint8), np.ones((cell, cell), np.uint8))
         outlines, _ = cv2.findContours(block, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
@@ -102,12 +101,12 @@ def regions_of(defect_map: DefectMap) -> tuple[DefectRegion, ...]:
             left * cell, top * cell,
             min(width * cell, columns - left * cell), min(height * cell, rows - top * cell),
         )  # fmt: skip
-        highest = float(score[place].flat[peak])
+        highest = float(score[box_slice].flat[peak])
         regions.append(DefectRegion(_kind_of(shares), box, cells * cell**2, highest, outline))
     return tuple(sorted(regions, key=lambda region: -region.score))
 
 
-def _kind_of(shares: dict[Kind, float]) -> Kind:
+def _kind_of(shares: dict[_Kind, float]) -> _Kind:
     largest = max(shares, key=lambda kind: shares[kind])
-    alone: Kind = "relief" if shares["relief"] >= shares["albedo"] else "albedo"
-    return alone if shares[alone] > 1.0 else largest
+    local: _Kind = "relief" if shares["relief"] >= shares["albedo"] else "albedo"
+    return local if shares[local] > 1.0 else largest

@@ -13,13 +13,13 @@ from classify.confidence import share_at_most
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 
 from . import ps4def
+from .cell_statistics import LOW
 from .defect_map import DefectMap
 from .departures import DEPARTURES, RELIEF, STATISTICS, TEXTURE, Departures
 from .evidence import QUANTILES, Evidence
 from .fields import PartFields, part_fields
 from .filters import ALBEDO, SIZES
 from .good_cells import CENTRES, GoodCells
-from .window_statistics import LOW
 
 _CHANCES = np.array([1, 10, 30, 3, 10, 10, 10, 10])
 CHANNEL_SHARES = _CHANCES / _CHANCES.sum()
@@ -29,7 +29,7 @@ The sum and wide scratches have most false alarms from places unlike all that we
 even textures of `python -m tests.evidence.defects`, 30 parts taught, these shares gave 2 alarms of
 325 good parts; with 10 for fine and 1 for wide scratches 3, and 1 % fewer scratches were found.
 """
-CHANNELS = len(CHANNEL_SHARES)
+_CHANNELS = len(CHANNEL_SHARES)
 
 # Shapes of the arrays of a model; None is any length.
 _SHAPES: dict[str, tuple[int | None, ...]] = {
@@ -39,7 +39,7 @@ _SHAPES: dict[str, tuple[int | None, ...]] = {
     "low_excess": (len(LOW),),
     "quantiles": (DEPARTURES, QUANTILES),
     "excess": (DEPARTURES,),
-    "limits": (CHANNELS,),
+    "limits": (_CHANNELS,),
     "good_scores": (None,),
 }
 for _name, _columns in STATISTICS.items():
@@ -63,7 +63,7 @@ class DefectModel:
     evidence
         How improbable that is on good parts, in negative logarithms.
     limits
-        (CHANNELS,) float32 limits of the evidence of the channels.
+        (_CHANNELS,) float32 limits of the evidence of the channels.
     false_alarm_rate
         Share of good parts that may exceed 1.0 anywhere, as asked.
     good_scores
@@ -168,10 +168,10 @@ class DefectModel:
             "good_scores": self.good_scores,
         }
         for name, cells in zip(STATISTICS, part.cells, strict=True):
-            arrays |= {f"{name}_{each}": value for each, value in vars(cells).items()}
+            arrays |= {f"{name}_{field}": value for field, value in vars(cells).items()}
         return arrays
 
 
 def channels_of(evidence: FloatMap) -> FloatMap:
-    """(CHANNELS, h, w) evidence of the channels, from that of the departures."""
+    """(_CHANNELS, h, w) evidence of the channels, from that of the departures."""
     return np.concatenate([evidence.sum(axis=0, keepdims=True), evidence])

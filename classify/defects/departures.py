@@ -8,13 +8,20 @@ import numpy as np
 from classify.base.threads import map_in_threads
 from classify.surface.estimate import FloatMap
 
+from .cell_statistics import (
+    LOW,
+    OCTAVE_STATISTICS,
+    WINDOW_STATISTICS,
+    mean_around,
+    octave_statistics,
+    smoothed,
+    window_statistics,
+)
 from .evidence import Evidence
 from .fields import PartFields
 from .filters import ALBEDO, FILTERS, SIZES, Response, filter_responses
 from .good_cells import GoodCells
-from .octave_statistics import OCTAVE_STATISTICS, octave_statistics
 from .whitening import white_spectra
-from .window_statistics import LOW, WINDOW_STATISTICS, mean_around, smoothed, window_statistics
 
 STATISTICS = {
     "octaves": slice(0, OCTAVE_STATISTICS),
@@ -44,8 +51,8 @@ class Departures:
 
         def filters() -> FloatMap:
             weights = np.split(1.0 / self.scales, np.cumsum(SIZES)[:-1])
-            for each, response, weight in zip(FILTERS, responses, weights, strict=True):
-                out = departures[each.departure]
+            for matched_filter, response, weight in zip(FILTERS, responses, weights, strict=True):
+                out = departures[matched_filter.departure]
                 np.maximum(out, response(weight)[: out.shape[0], : out.shape[1]], out=out)
             return departures
 

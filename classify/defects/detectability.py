@@ -6,47 +6,46 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Floats
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 
 from .defect_map import CELL_PX
 from .defect_model import DefectModel
 from .shapes import Shape, blot, bump, scratch
 
-FOUND_SHARE: Final = 0.9
+_FOUND_SHARE: Final = 0.9
 """Share of the places at which a defect of the stated strength is found."""
 MARGIN_PX: Final = 40
 """Distance of a defect from the border of the frame, near which responses fade."""
-SCRATCH_PX: Final = 40.0
+_SCRATCH_PX: Final = 40.0
 """Length of a scratch."""
 
-# Least and most places in which a defect is tried, and the ratio of the two ends of one standard
-# error of its strength at which they are enough. A texture that is alike everywhere needs few.
+# Fewest and most places in which a defect is tried. It is tried in more until the ratio of the ends
+# of the 1-sigma interval of its strength is below `_PRECISE`; an even texture needs few.
 _LEAST_PLACES, _MOST_PLACES, _PRECISE = 48, 256, 1.15
 # Side of the piece of a large part that is used: enough for 16 places.
 _SIDE_PX = 512
-# Distance between defects of one part, beyond which one does not change the score of another, and
-# how far they are moved from a grid.
+# Spacing of the defects on one part, at which one does not change the score of another, and the
+# width of their random offset from a grid.
 _SPACING_PX, _MOVED_PX = 112.0, 16.0
-# A cell this far from a defect can show it, and pixels of a place that must be valid.
+# Distance from a defect within which a cell can show it; share of valid pixels of a usable place.
 _REACH_PX = 16.0
 _LEAST_VALID = 0.95
-# Weakest of the strengths that are tried, as a share of the strongest, and bisections between them.
+# Weakest tried strength as a share of the strongest; number of bisections between them.
 _WEAKEST, _STEPS = 1.0 / 128.0, 5
 _LEAST_SCORE = 1e-3
 
-Floats = npt.NDArray[np.float64]
-Kind = Literal["scratch", "dent", "stain"]
-Piece = tuple[slice, slice]
+_Kind = Literal["scratch", "dent", "stain"]
+_Piece = tuple[slice, slice]
 
 
 class KnownDefect(NamedTuple):
     """A kind of defect, and its size: width of a scratch, or diameter of a dent or a stain."""
 
-    kind: Kind
+    kind: _Kind
     size_px: float
-    length_px: float = SCRATCH_PX  # of a scratch
+    length_px: float = _SCRATCH_PX  # of a scratch
 
     @property
     def extent_px(self) -> float:
@@ -76,15 +75,10 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True)
 class Detectability:
-    """How strong a defect must be to be found in 9 of 10 places.
-
-    Attributes
-    ----------
-    strength
-        Depth in px, or contrast of a stain; None if not even the strongest that is tried is found.
-    """
+    """How strong a defect must be to be found in 9 of 10 places."""
 
     defect: KnownDefect
+    # Depth in px, or contrast of a stain; None if not even the strongest that is tried is found.
     strength: float | None
 
 
@@ -102,27 +96,19 @@ def detectability(
     filter it is proportional to limit / d', where d'^2 = sum |d(k)|^2 / S(k) is the signal-to-noise
     ratio of a defect of unit strength d over texture of power S (North 1943).
 
-    Parameters
-    ----------
-    parts
-        Good parts with their orientations, as for `learn_defects`; as many as needed are taken.
-    limit
-        Limit of the score of the map.
-
-    Returns
-    -------
-    One for each defect; empty if no part has a place for it.
+    Takes as many of the good parts, with their orientations, as it needs. The result is empty if no
+    part has a place for a defect.
     """
     draw = np.random.default_rng(0)
     strengths: dict[KnownDefect, list[float]] = {defect: [] for defect in defects}
     for whole, orientation_deg in parts:
         part = _middle_of(whole)
-        rough = [defect for defect, known in strengths.items() if not _is_enough(known)]
-        if not rough:
+        unsettled = [defect for defect, known in strengths.items() if not _is_enough(known)]
+        if not unsettled:
             break
-        for defect in rough:
+        for defect in unsettled:
             places = places_for(part.shape, defect, draw)
-            places = [each for each in places if _is_valid(part, defect, each)]
+            places = [place for place in places if _is_valid(part, defect, place)]
             if places:
                 strengths[defect] += _strengths(
                     model, part, orientation_deg or 0.0, limit, defect, places
@@ -135,17 +121,17 @@ def detectability(
 
 
 def stated_strength(strengths: Sequence[float]) -> float | None:
-    """Strength that `FOUND_SHARE` of the places need at most; None if it is infinite."""
-    strength = float(np.quantile(strengths, FOUND_SHARE, method="higher"))
+    """Strength that `_FOUND_SHARE` of the places need at most; None if it is infinite."""
+    strength = float(np.quantile(strengths, _FOUND_SHARE, method="higher"))
     return strength if math.isfinite(strength) else None
 
 
 def is_precise(strengths: Sequence[float]) -> bool:
     """Whether one standard error of the stated strength is small, by its order statistics."""
     ordered, count = np.sort(strengths), len(strengths)
-    error = math.sqrt(FOUND_SHARE * (1.0 - FOUND_SHARE) * count)
+    error = math.sqrt(_FOUND_SHARE * (1.0 - _FOUND_SHARE) * count)
     low, high = (
-        ordered[min(int(FOUND_SHARE * count + each), count - 1)] for each in (-error, error)
+        ordered[min(int(_FOUND_SHARE * count + offset), count - 1)] for offset in (-error, error)
     )
     return bool(np.isinf(low) or high <= _PRECISE * low)
 
@@ -192,9 +178,9 @@ def least_found(
     is_ever_found = above > 0.0
     for _ in range(steps):
         middle = 0.5 * (low + high)
-        found = logs(middle)
-        is_found = found > 0.0
-        below, above = np.where(is_found, below, found), np.where(is_found, found, above)
+        score = logs(middle)
+        is_found = score > 0.0
+        below, above = np.where(is_found, below, score), np.where(is_found, score, above)
         low, high = np.where(is_found, low, middle), np.where(is_found, middle, high)
     # A place where even the weaker ones are found has no lower score.
     share = np.where(np.isnan(below), 0.5, -below / np.maximum(above - below, _LEAST_SCORE))
@@ -205,8 +191,8 @@ def least_found(
 def scores_at(score: FloatMap, defect: KnownDefect, places: Sequence[Place]) -> Floats:
     """The highest score of the cells that can show the defect at each place; 0 without any."""
     reach = 0.5 * defect.extent_px + _REACH_PX
-    found = np.nan_to_num(score)
-    return np.array([found[_piece(score.shape, place, reach, CELL_PX)].max() for place in places])
+    finite = np.nan_to_num(score)
+    return np.array([finite[_piece(score.shape, place, reach, CELL_PX)].max() for place in places])
 
 
 def with_stamps(
@@ -231,7 +217,7 @@ def _middle_of(surface: SurfaceEstimate) -> SurfaceEstimate:
         slice(corner, corner + _SIDE_PX)
         for corner in (max(side - _SIDE_PX, 0) // 2 for side in surface.shape)
     )
-    p, q, albedo = (each[rows, columns] for each in (surface.p, surface.q, surface.albedo))
+    p, q, albedo = (plane[rows, columns] for plane in (surface.p, surface.q, surface.albedo))
     return SurfaceEstimate(p, q, albedo, surface.valid[rows, columns], surface.method)
 
 
@@ -251,18 +237,17 @@ def _strengths(
     stamps = [Stamp.of(part.shape, defect, place) for place in places]
 
     def scores(strengths: Floats) -> Floats:
-        found = model.map_of(with_stamps(part, stamps, strengths), orientation_deg)
-        return scores_at(found.score, defect, places) / limit
+        defect_map = model.map_of(with_stamps(part, stamps, strengths), orientation_deg)
+        return scores_at(defect_map.score, defect, places) / limit
 
     strongest = defect.strongest
-    found = least_found(scores, len(places), _WEAKEST * strongest, strongest, _STEPS)
-    return [*found.tolist()]
+    return [*least_found(scores, len(places), _WEAKEST * strongest, strongest, _STEPS)]
 
 
 class Stamp(NamedTuple):
     """The pixels around a place; slopes of a raised defect and weight of a stain, at strength 1."""
 
-    piece: Piece
+    piece: _Piece
     p: FloatMap
     q: FloatMap
     weight: FloatMap
@@ -272,7 +257,7 @@ class Stamp(NamedTuple):
         # A groove has ridges beside it.
         reach = 0.5 * defect.extent_px + 3.0 * defect.size_px * (defect.kind == "scratch")
         piece = _piece(frame, place, reach)
-        rows, columns = (np.arange(each.start, each.stop) for each in piece)
+        rows, columns = (np.arange(side.start, side.stop) for side in piece)
         right, up = columns[None, :] - place.column, place.row - rows[:, None]
         c, s = math.cos(place.angle), math.sin(place.angle)
         along, across = c * right + s * up, c * up - s * right
@@ -289,7 +274,7 @@ class Stamp(NamedTuple):
         return cls(piece, p.astype(np.float32), q.astype(np.float32), np.zeros(p.shape, np.float32))
 
 
-def _piece(shape: tuple[int, ...], place: Place, reach_px: float, cell_px: int = 1) -> Piece:
+def _piece(shape: tuple[int, ...], place: Place, reach_px: float, cell_px: int = 1) -> _Piece:
     """Rows and columns of a map whose cells are within `reach_px` of a place."""
     rows, columns = (
         slice(

@@ -23,15 +23,17 @@ COARSEST = 16
 # a transform repeats the frame, and a step at its border would look like a scratch. This width,
 # and the numbers of the files beside this one, are tested in test_defect_constants.py.
 _FADE = 17
-# Gaussian that fills gaps, and the share of valid pixels below it that makes a gap too large.
+# Sigma of the Gaussian that fills gaps. A gap is too large to fill where the Gaussian mean of valid
+# pixels is below `_LEAST_FILLED`.
 _FILL_PX = 2.0
 _LEAST_FILLED = np.float32(0.25)
 _LEAST_VALID = np.float32(0.5)
 _TINY = np.float32(1e-3)
+# Valid pixels as bytes, which OpenCV resizes faster; a quarter of the value is a whole number.
 _BYTE = np.uint8(252)
 
 
-Plane = FloatMap | npt.NDArray[np.uint8]
+_Plane = FloatMap | npt.NDArray[np.uint8]
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,9 +48,9 @@ class PartFields:
     p: FloatMap
     q: FloatMap
     albedo: FloatMap
-    weight: FloatMap  # 0 to 1, how far a pixel has faded
+    weight: FloatMap  # 1, and 0 where a pixel has faded away
     moments: FloatMap
-    valid: npt.NDArray[np.bool_]  # cells of which at least half of the pixels are
+    valid: npt.NDArray[np.bool_]  # cells with at least half of their pixels valid
     shape: tuple[int, int]  # rows and columns of the frame, px
 
 
@@ -60,16 +62,15 @@ def part_fields(surface: SurfaceEstimate) -> PartFields:
     whole, weight = _whole_frame(surface.shape, rows, columns)
     share = whole
     if not surface.valid.all():
-        # Bytes are resized faster; a quarter of this one is a whole number.
         share = _halved(surface.valid * _BYTE, rows, columns) / np.float32(_BYTE)
-        near = gaussian_mean(share, _FILL_PX)
+        blurred_share = gaussian_mean(share, _FILL_PX)
         # Pixels that are not valid have the mean of the frame.
         gap = np.unravel_index(np.argmin(surface.valid), surface.shape)
         means = (plane[gap] for plane in (fields.p, fields.q, fields.albedo))
         for plane, mean in zip(planes, means, strict=True):
             plane -= (1.0 - share) * mean
-        planes = [_filled(plane, share, near) for plane in planes]
-        weight = _faded(near)
+        planes = [_filled(plane, share, blurred_share) for plane in planes]
+        weight = _faded(blurred_share)
     total = max(float(weight.sum()), 1.0)
     np.log(np.maximum(planes[2], _TINY), out=planes[2])
     h, w = (-(-side // CELL_PX) for side in surface.shape)
@@ -79,14 +80,15 @@ def part_fields(surface: SurfaceEstimate) -> PartFields:
     for plane in planes:
         plane *= weight
     cells, covered = (
-        resized(each, rows // HALF_CELL, columns // HALF_CELL)[:h, :w] for each in (share, whole)
+        resized(shares, rows // HALF_CELL, columns // HALF_CELL)[:h, :w]
+        for shares in (share, whole)
     )
     p, q, albedo = planes
     valid = cells >= _LEAST_VALID * covered
     return PartFields(p, q, albedo, weight, moments, valid, surface.shape)
 
 
-def resized(plane: Plane, rows: int, columns: int) -> FloatMap:
+def resized(plane: _Plane, rows: int, columns: int) -> FloatMap:
     """Means of the pixels of a finer plane, or a coarser one interpolated."""
     finer = plane.shape[0] > rows
     method = cv2.INTER_AREA if finer else cv2.INTER_LINEAR
@@ -145,15 +147,15 @@ def _sum_moments(
         sums[:] = np.float32(0.0)
         for r in range(row * cell, (row + 1) * cell):
             for c in range(columns):
-                here, x, y, a = share[r, c], p[r, c], q[r, c], albedo[r, c]
-                sums[0, c] += here
-                sums[1, c] += here * x
-                sums[2, c] += here * y
-                sums[3, c] += here * a
-                sums[4, c] += here * x * x
-                sums[5, c] += here * y * y
-                sums[6, c] += here * x * y
-                sums[7, c] += here * a * a
+                w, x, y, a = share[r, c], p[r, c], q[r, c], albedo[r, c]
+                sums[0, c] += w
+                sums[1, c] += w * x
+                sums[2, c] += w * y
+                sums[3, c] += w * a
+                sums[4, c] += w * x * x
+                sums[5, c] += w * y * y
+                sums[6, c] += w * x * y
+                sums[7, c] += w * a * a
         for column in range(moments.shape[1]):
             for index in range(8):
                 total = np.float32(0.0)
@@ -163,11 +165,11 @@ def _sum_moments(
 
 
 def _padded(side: int) -> int:
-    """A fast length of a transform that is a multiple of `COARSEST`."""
+    """Next length that is fast to transform and a multiple of `COARSEST`."""
     return COARSEST * int(scipy.fft.next_fast_len(-(-side // COARSEST), real=True))
 
 
-def _halved(plane: Plane, rows: int, columns: int) -> FloatMap:
+def _halved(plane: _Plane, rows: int, columns: int) -> FloatMap:
     """Means of 2 x 2 pixels, with zeros beyond the frame."""
     height, width = plane.shape
     if (height, width) != (2 * rows, 2 * columns):
@@ -176,11 +178,8 @@ def _halved(plane: Plane, rows: int, columns: int) -> FloatMap:
     return resized(plane, rows, columns)
 
 
-def _filled(total: FloatMap, share: FloatMap, near: FloatMap) -> FloatMap:
-    """Means of the valid pixels from their sums; Gaussian means where none is valid.
-
-    `near` is the Gaussian mean of `share`.
-    """
-    around = gaussian_mean(total, _FILL_PX) / np.maximum(near, _TINY)
-    filled: FloatMap = np.where(share > 0.0, total / np.maximum(share, _TINY), around)
+def _filled(total: FloatMap, share: FloatMap, blurred_share: FloatMap) -> FloatMap:
+    """Means of the valid pixels, from sums; gaps by normalized convolution (Knutsson 1993)."""
+    gaussian = gaussian_mean(total, _FILL_PX) / np.maximum(blurred_share, _TINY)
+    filled: FloatMap = np.where(share > 0.0, total / np.maximum(share, _TINY), gaussian)
     return filled

@@ -7,9 +7,9 @@ from scipy.special import ndtri
 
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 
+from .cell_statistics import window_statistics
 from .defect_map import CELL_PX
 from .fields import gaussian_mean, part_fields
-from .window_statistics import window_statistics
 
 # Cells over which a change is light or form, no mark: standard deviation of the Gaussian.
 _SLOW_CELLS = 6.0
@@ -71,7 +71,7 @@ class FixedMarks:
             (highest > limit).astype(np.uint8), connectivity=8
         )
         label = labels.flat[int(np.argmax(highest))]
-        left, top, width, height = (CELL_PX * int(each) for each in boxes[label][:4])
+        left, top, width, height = (CELL_PX * int(side) for side in boxes[label][:4])
         return left, top, width, height
 
 

@@ -10,11 +10,10 @@ import numpy.typing as npt
 from classify.surface.estimate import FloatMap
 
 CENTRES = 200
-"""Number of good cells that are kept."""
-# Cells among which they are chosen, evenly from all parts.
+"""Number of good cells in a model."""
+# Cells from which the centres are chosen, evenly from all parts.
 _MOST_CELLS = 20_000
-# Share of the variance of each statistic that is added to it, so that directions in which a few
-# parts agree by chance do not decide.
+# Ridge on the variances, so that directions in which a few parts agree by chance do not decide.
 _RIDGE = 0.01
 # A statistic that does not vary, as of an albedo without noise, must not decide.
 _LEAST_VARIANCE = 1e-6
@@ -41,7 +40,7 @@ class GoodCells:
 
         Each centre is the cell that is farthest from those chosen before it (Gonzalez 1985).
         """
-        moments = np.sum([power_sums(each) for each in parts], axis=0)
+        moments = np.sum([power_sums(part) for part in parts], axis=0)
         moments = moments / moments[0, 0]
         mean = moments[0, 1:]
         covariance = moments[1:, 1:] - np.outer(mean, mean)
@@ -68,10 +67,10 @@ class GoodCells:
         centres = np.concatenate([squares, -2.0 * self.centres], axis=1)
         extended = np.pad(cells, ((0, 0), (1, 0)), constant_values=1.0)
         blocks = np.split(extended, range(_BLOCK, len(cells), _BLOCK))
-        nearest = np.concatenate([np.min(centres @ each.T, axis=0) for each in blocks])
+        nearest = np.concatenate([np.min(centres @ block.T, axis=0) for block in blocks])
         nearest += np.einsum("nd,nd->n", cells, cells)
-        found: FloatMap = np.maximum(nearest, 0.0).reshape(statistics.shape[:2])
-        return found
+        distances: FloatMap = np.maximum(nearest, 0.0).reshape(statistics.shape[:2])
+        return distances
 
 
 def power_sums(samples: FloatMap) -> PowerSums:
@@ -90,7 +89,7 @@ def unlike_halves(sums: Sequence[PowerSums]) -> tuple[list[int], list[int]]:
     total = np.sum(sums, axis=0)
     total = total / total[0, 0]
     deviations = np.sqrt(np.maximum(np.diag(total)[1:] - total[0, 1:] ** 2, 1e-12))
-    means = np.array([each[0, 1:] / each[0, 0] for each in sums]) / deviations
+    means = np.array([part[0, 1:] / part[0, 0] for part in sums]) / deviations
     _, _, components = np.linalg.svd(means - means.mean(axis=0), full_matrices=False)
     lower, upper = np.array_split(np.argsort(means @ components[0], kind="stable"), 2)
     return lower.tolist(), upper.tolist()

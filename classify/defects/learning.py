@@ -11,6 +11,7 @@ import numpy.typing as npt
 from classify.base.errors import InputError
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 
+from .cell_statistics import window_statistics
 from .defect_model import CHANNEL_SHARES, DefectModel, channels_of
 from .departures import LOW_STATISTICS, STATISTICS, Departures, observed
 from .evidence import Evidence
@@ -19,14 +20,13 @@ from .filters import SIZES
 from .good_cells import GoodCells, power_sums, unlike_halves
 from .limits import common_limit, tile_maxima
 from .whitening import MIN_SIDE_PX, Spectrum, mean_spectrum
-from .window_statistics import window_statistics
 
 LEAST_PARTS = 3
 MOST_PARTS = 100
 # Responses to an albedo that is exactly constant on all good parts are 0.
 _LEAST_SCALE = 1e-6
 
-Item = TypeVar("Item")
+_Item = TypeVar("_Item")
 
 
 def learn_defects(
@@ -61,7 +61,7 @@ def learn_defects(
             f"a false alarm rate of {false_alarm_rate}; give a share above 0 and below 0.5"
         )
     parts = [part_fields(_checked(surface)) for surface in surfaces]
-    angles = [0.0 if each is None else float(each) for each in orientations_deg]
+    angles = [0.0 if angle is None else float(angle) for angle in orientations_deg]
     if not LEAST_PARTS <= len(parts) <= MOST_PARTS:
         raise InputError(f"{len(parts)} good parts; give {LEAST_PARTS} to {MOST_PARTS}")
     if len(angles) != len(parts) or not all(map(math.isfinite, angles)):
@@ -73,13 +73,16 @@ def learn_defects(
     observations = _observations(parts, angles)
     departures: dict[int, FloatMap] = {}
     windows = STATISTICS["windows"]
-    for half in unlike_halves([power_sums(each.statistics[:, windows]) for each in observations]):
+    for half in unlike_halves([power_sums(part.statistics[:, windows]) for part in observations]):
         others = _departures(_without(observations, half))
         departures |= {index: others.of(parts[index], angles[index]) for index in half}
-    inside = np.concatenate([each[:, parts[n].valid] for n, each in departures.items()], axis=1)
+    inside = np.concatenate([part[:, parts[n].valid] for n, part in departures.items()], axis=1)
     evidence = Evidence.learn(inside)
     maxima = np.array([
-        [tile_maxima(each, part.valid) for each in channels_of(evidence.of(departures[index]))]
+        [
+            tile_maxima(channel, part.valid)
+            for channel in channels_of(evidence.of(departures[index]))
+        ]
         for index, part in enumerate(parts)
     ])  # fmt: skip
     limits = np.array([
@@ -114,8 +117,8 @@ def _observations(parts: Sequence[PartFields], angles: Sequence[float]) -> list[
         window_statistics(part.moments, angle)[part.valid]
         for part, angle in zip(parts, angles, strict=True)
     ]
-    found = {}
-    for half in unlike_halves([power_sums(each) for each in windows]):
+    observations = {}
+    for half in unlike_halves([power_sums(part) for part in windows]):
         gains = mean_spectrum(_without(spectra, half)).gains()
         for index in half:
             valid = parts[index].valid
@@ -126,24 +129,24 @@ def _observations(parts: Sequence[PartFields], angles: Sequence[float]) -> list[
                 for weights in np.eye(size, dtype=np.float32)
             ])  # fmt: skip
             scales = maxima[:, np.isfinite(maxima[0])].mean(axis=1)
-            found[index] = _Observation(spectra[index], scales, statistics()[valid])
-    return [found[index] for index in range(len(parts))]
+            observations[index] = _Observation(spectra[index], scales, statistics()[valid])
+    return [observations[index] for index in range(len(parts))]
 
 
 def _departures(observations: Sequence[_Observation]) -> Departures:
-    statistics = [each.statistics for each in observations]
-    scales = np.mean([each.scales for each in observations], axis=0)
-    low = np.concatenate([-each[:, LOW_STATISTICS] for each in statistics])
+    statistics = [part.statistics for part in observations]
+    scales = np.mean([part.scales for part in observations], axis=0)
+    low = np.concatenate([-part[:, LOW_STATISTICS] for part in statistics])
     return Departures(
-        mean_spectrum([each.spectrum for each in observations]).gains(),
+        mean_spectrum([part.spectrum for part in observations]).gains(),
         np.maximum(scales, _LEAST_SCALE).astype(np.float32),
         tuple(
-            GoodCells.of([each[:, columns] for each in statistics])
+            GoodCells.of([part[:, columns] for part in statistics])
             for columns in STATISTICS.values()
         ),
         Evidence.learn(low.T),
     )
 
 
-def _without(items: Sequence[Item], left_out: Collection[int]) -> list[Item]:
+def _without(items: Sequence[_Item], left_out: Collection[int]) -> list[_Item]:
     return [item for number, item in enumerate(items) if number not in left_out]

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import Floats
 from classify.base.errors import InputError
 from classify.surface.estimate import FloatMap
 
@@ -28,10 +29,8 @@ _CONFIDENCE_BOUND = 1.645
 # as. The deviation was 0.2 to 0.3 on most textures of `python -m tests.evidence.defects`.
 _PRIOR_SPREAD, _PRIOR_FREEDOM = 0.25, 4
 
-Maxima = npt.NDArray[np.float64]
 
-
-def tile_maxima(response: FloatMap, valid: npt.NDArray[np.bool_]) -> Maxima:
+def tile_maxima(response: FloatMap, valid: npt.NDArray[np.bool_]) -> Floats:
     """Largest valid response of every tile, -inf where no cell of a tile is valid."""
     rows, columns = valid.shape
     whole = np.full((-(-rows // _TILE) * _TILE, -(-columns // _TILE) * _TILE), -np.inf)
@@ -40,7 +39,7 @@ def tile_maxima(response: FloatMap, valid: npt.NDArray[np.bool_]) -> Maxima:
     return np.asarray(tiles.max(axis=(1, 3)).ravel())
 
 
-def limits_of(maxima: Maxima, false_alarm_rate: float) -> Maxima:
+def limits_of(maxima: Floats, false_alarm_rate: float) -> Floats:
     """(m,) values that a share of good parts exceeds anywhere, from (parts, m, tiles) maxima.
 
     A generalised Pareto distribution, fitted by probability-weighted moments (Hosking and Wallis
@@ -71,7 +70,7 @@ def limits_of(maxima: Maxima, false_alarm_rate: float) -> Maxima:
     return np.asarray(np.maximum(start + mean * (1.0 - shapes) * reach, _LEAST_LIMIT))
 
 
-def common_limit(maxima: Maxima, false_alarm_rate: float) -> float:
+def common_limit(maxima: Floats, false_alarm_rate: float) -> float:
     """The limit of one score, from the (parts, tiles) maxima of left-out good parts.
 
     Tiles of one part are alike: N parts tell the level of the limit no better than to a standard

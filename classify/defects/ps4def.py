@@ -2,21 +2,21 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
-import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
 from classify.base.array_archive import ArchiveKind, arrays_sha256, open_archive, write_archive
+from classify.base.arrays import Array
 from classify.base.durable_file import require_folder
 from classify.base.errors import DefectModelError
 
 SUFFIX = ".ps4def"
-VERSION: Final = 3
+_VERSION: Final = 3
 _KIND = ArchiveKind(
     noun="defect model",
     header="defects.json",
-    version=VERSION,
+    version=_VERSION,
     if_missing="make one with ps4rig station teach",
     remedy="teach it again",
     error=DefectModelError,
@@ -25,13 +25,11 @@ _KIND = ArchiveKind(
     max_header_bytes=2**16,
 )
 
-Array = npt.NDArray[Any]
-
 
 class _Header(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
     format: Literal["ps4def"] = "ps4def"
-    version: Literal[3] = VERSION
+    version: Literal[3] = _VERSION
     false_alarm_rate: float = Field(gt=0.0, lt=0.5)
     sha256: str
 
@@ -60,4 +58,4 @@ def read(
 
 def digest(false_alarm_rate: float, arrays: Mapping[str, Array]) -> str:
     """SHA-256 over version, rate and arrays."""
-    return arrays_sha256(f"{VERSION} {false_alarm_rate!r}", arrays)
+    return arrays_sha256(f"{_VERSION} {false_alarm_rate!r}", arrays)

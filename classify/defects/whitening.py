@@ -36,7 +36,7 @@ _FLOOR = 1e-3
 # Low-pass in cycles per pixel, so that all orientations are alike.
 _PASS, _STOP = 0.40, 0.48
 
-Power = npt.NDArray[np.float64]
+_Power = npt.NDArray[np.float64]
 HalfSpectrum = npt.NDArray[np.complex64]
 
 
@@ -48,8 +48,8 @@ class Spectrum:
     is the slope along the wave vector, which no curl enters.
     """
 
-    relief: Power
-    albedo: Power
+    relief: _Power
+    albedo: _Power
 
     @classmethod
     def of(cls, fields: PartFields, orientation_deg: float) -> Self:
@@ -78,8 +78,8 @@ class Spectrum:
                 f"no area of {2 * segment} x {2 * segment} px of a good part has enough valid "
                 "pixels; check its light and mask"
             )
-        powers = (scipy.fft.fftshift(each / count) for each in (relief, albedo))
-        return cls(*(_rotated(each, orientation_deg) for each in powers))
+        powers = (scipy.fft.fftshift(power / count) for power in (relief, albedo))
+        return cls(*(_rotated(power, orientation_deg) for power in powers))
 
     def gains(self) -> FloatMap:
         """(2, n + 1, n + 1) float32 whitening gains of relief and albedo."""
@@ -94,8 +94,8 @@ class Spectrum:
 def mean_spectrum(spectra: Sequence[Spectrum]) -> Spectrum:
     """The mean of the spectra of several parts."""
     return Spectrum(
-        np.mean([each.relief for each in spectra], axis=0),
-        np.mean([each.albedo for each in spectra], axis=0),
+        np.mean([spectrum.relief for spectrum in spectra], axis=0),
+        np.mean([spectrum.albedo for spectrum in spectra], axis=0),
     )
 
 
@@ -142,12 +142,12 @@ def _band(shape: tuple[int, int], segment: int) -> FloatMap:
     return np.asarray(low_pass(radius) * -np.expm1(-((radius * segment) ** 2)), np.float32)
 
 
-def low_pass(radius: Power) -> Power:
+def low_pass(radius: _Power) -> _Power:
     """Isotropic low-pass at a distance from zero frequency, in cycles per pixel."""
     return 0.5 + 0.5 * np.cos(np.pi * np.clip((radius - _PASS) / (_STOP - _PASS), 0.0, 1.0))
 
 
-def frequencies(shape: tuple[int, int]) -> tuple[Power, Power]:
+def frequencies(shape: tuple[int, int]) -> tuple[_Power, _Power]:
     """U to the right, (1, columns // 2 + 1), and v up, (rows, 1), of a half spectrum."""
     rows, columns = shape
     u, v = np.fft.rfftfreq(columns), -np.fft.fftfreq(rows)
@@ -200,7 +200,7 @@ def _apply_gains(
             a[r, k] = albedo_gain * albedo[r, k]
 
 
-def _rotated(power: Power, orientation_deg: float) -> Power:
+def _rotated(power: _Power, orientation_deg: float) -> _Power:
     """The spectrum in the frame of a texture at `orientation_deg` in the image."""
     angle = np.radians(orientation_deg)
     c, s = np.cos(angle), np.sin(angle)
@@ -217,7 +217,7 @@ def _rotated(power: Power, orientation_deg: float) -> Power:
     return rotated.astype(np.float64)
 
 
-def _lowest_replaced(power: Power) -> Power:
+def _lowest_replaced(power: _Power) -> _Power:
     """Replace the frequencies that the window mixes with 0 by the highest around them."""
     index = np.arange(len(power)) - len(power) // 2
     radius = np.hypot(index[None, :], index[:, None])

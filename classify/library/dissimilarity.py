@@ -24,7 +24,7 @@ def class_dissimilarities(distances: Floats, classes: Sequence[int]) -> Floats:
     """(C, C) median distances of the sets of one class to another, mean of both ways."""
     members = np.asarray(classes)
     one_way = np.stack(
-        [np.median(distances[members == each], axis=0) for each in range(distances.shape[1])]
+        [np.median(distances[members == index], axis=0) for index in range(distances.shape[1])]
     )
     both: Floats = 0.5 * (one_way + one_way.T)
     np.fill_diagonal(both, 0.0)
@@ -34,12 +34,13 @@ def class_dissimilarities(distances: Floats, classes: Sequence[int]) -> Floats:
 def limits_alone(library: TextureLibrary) -> dict[str, float]:
     """Limit of each class by its own scatter: it may exceed the distance to another class."""
     limits, labels = classifier_named(library.classifier).limits, np.array(library.labels)
-    found: dict[str, float] = {}
+    limit_of_class: dict[str, float] = {}
     for label in library.classes:
-        own = labels == label
-        found |= limits(labels[own].tolist(), [0] * int(own.sum()), library.signatures[own],
-                        library.parameters)  # fmt: skip
-    return found
+        is_member = labels == label
+        names, sets = labels[is_member].tolist(), [0] * int(is_member.sum())
+        signatures = library.signatures[is_member]
+        limit_of_class |= limits(names, sets, signatures, library.parameters)
+    return limit_of_class
 
 
 class Dendrogram(NamedTuple):
@@ -87,12 +88,12 @@ class TexturePair:
 def compare_textures(first: SurfaceEstimate, second: SurfaceEstimate) -> TexturePair:
     """Compare two surfaces as the joint classifier does, without any training."""
     segment_px = min(segment_for(first.shape), segment_for(second.shape))
-    there, back = _match(first, second, segment_px), _match(second, first, segment_px)
+    forward, backward = _match(first, second, segment_px), _match(second, first, segment_px)
     return TexturePair(
-        distance=0.5 * (there.distance + back.distance),
-        angle_deg=((there.orientation_deg or 0.0) + 90.0) % 180.0 - 90.0,
-        sharpness=there.sharpness or 0.0,
-        blur_px=there.blur_px or 0.0,
+        distance=0.5 * (forward.distance + backward.distance),
+        angle_deg=((forward.orientation_deg or 0.0) + 90.0) % 180.0 - 90.0,
+        sharpness=forward.sharpness or 0.0,
+        blur_px=forward.blur_px or 0.0,
     )
 
 

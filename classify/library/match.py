@@ -166,21 +166,21 @@ def nearest_references(
     # NaN, which a mapped file may contain, gives no bound.
     bounds = np.fmax(bounds, 0.0)
     lowest = _lowest(bounds, FIRST)
-    rest = np.flatnonzero(classes != classes[lowest[0]])
-    first = np.union1d(lowest, rest[_lowest(bounds[rest], FIRST)])
+    other_classes = np.flatnonzero(classes != classes[lowest[0]])
+    first = np.union1d(lowest, other_classes[_lowest(bounds[other_classes], FIRST)])
     comparison = compare(first)
     best = int(np.argmin(comparison.distances))
-    others = classes != classes[first[best]]
-    second_best = comparison.distances[others[first]].min(initial=np.inf)
-    within = bounds <= np.where(others, second_best, comparison.distances[best])
-    within[first] = False
-    more = np.flatnonzero(within)
-    more = more[_lowest(bounds[more], MOST)]
-    if not len(more):
+    is_other_class = classes != classes[first[best]]
+    second_best = comparison.distances[is_other_class[first]].min(initial=np.inf)
+    may_be_nearer = bounds <= np.where(is_other_class, second_best, comparison.distances[best])
+    may_be_nearer[first] = False
+    candidates = np.flatnonzero(may_be_nearer)
+    candidates = candidates[_lowest(bounds[candidates], MOST)]
+    if not len(candidates):
         return first, comparison
-    indices = np.concatenate([first, more])
+    indices = np.concatenate([first, candidates])
     order = np.argsort(indices)
-    return indices[order], _joined(comparison, compare(more), order)
+    return indices[order], _joined(comparison, compare(candidates), order)
 
 
 def _lowest(values: Floats, count: int) -> Indices:

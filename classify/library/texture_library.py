@@ -65,8 +65,9 @@ class TextureLibrary:
     sources
         (name, SHA-256 of the pixels) of each training set, as given in training.
     compare_all_up_to
-        Number of references up to which all are compared. In a larger library bounds select a few;
-        with fewer references bounds cost what they save (``tests.evidence.benchmark``). Not saved.
+        Number of references up to which all are compared. In a larger library lower bounds of the
+        distances select a few; in a smaller one the bounds cost as much as they save
+        (``tests.evidence.benchmark``). Not saved.
     """
 
     classifier: str
@@ -91,11 +92,11 @@ class TextureLibrary:
         for name, shape in classifier.parameter_shapes(self.segment_px).items():
             if name not in self.parameters:
                 raise LibraryError(f"{self.classifier} needs a parameter {name}; train it again")
-            shape_found = self.parameters[name].shape
-            fits = all(n == m or m < 0 < n for n, m in zip(shape_found, shape, strict=False))
-            if len(shape_found) != len(shape) or not fits:
+            actual = self.parameters[name].shape
+            fits = all(n == m or m < 0 < n for n, m in zip(actual, shape, strict=False))
+            if len(actual) != len(shape) or not fits:
                 raise LibraryError(
-                    f"parameter {name} has shape {shape_found}, that of {self.classifier} {shape}; "
+                    f"parameter {name} has shape {actual}, that of {self.classifier} {shape}; "
                     "train it again"
                 )
 
@@ -107,8 +108,8 @@ class TextureLibrary:
     @cached_property
     def class_indices(self) -> npt.NDArray[np.int32]:
         """(n,) index into `classes` of each reference."""
-        numbers = {label: index for index, label in enumerate(self.classes)}
-        return np.array([numbers[label] for label in self.labels], np.int32)
+        index_of = {label: index for index, label in enumerate(self.classes)}
+        return np.array([index_of[label] for label in self.labels], np.int32)
 
     @cached_property
     def invariants(self) -> FloatMap | None:
@@ -151,8 +152,8 @@ class TextureLibrary:
             raise LibraryError("nothing to train on; give at least one set")
         solved = {(surface.method, surface.planar): label for label, surface, _ in rows}
         if len(solved) > 1:
-            each = (f"{_solver(*solver)} ({label})" for solver, label in solved.items())
-            raise LibraryError(f"training sets are solved {', '.join(each)}; solve all alike")
+            solvers = (f"{_solver(*solver)} ({label})" for solver, label in solved.items())
+            raise LibraryError(f"training sets are solved {', '.join(solvers)}; solve all alike")
         method = rows[0][1].method
         segment_px = min(segment_for(surface.shape) for _, surface, _ in rows)
         return cls.from_observations(
@@ -303,7 +304,7 @@ class TextureLibrary:
         indices, comparison = self.candidates(signature)
         nearest = int(indices[np.argmin(comparison.distances)])
         (agreement,) = classifier.agreement(signature, self.signatures[nearest : nearest + 1])
-        # From the zero of the reference to that of the training sets.
+        # Orientations of a reference count from its own training set.
         degrees = np.arange(180) - self.orientations_deg[nearest]
         return OrientationProfile(np.interp(degrees, np.arange(180), agreement, period=180.0))
 
@@ -314,8 +315,8 @@ class TextureLibrary:
         """
         classifier = classifier_named(self.classifier)
         if self.invariants is None:
-            everything = np.arange(len(self.labels))
-            return everything, classifier.compare(signature, self.signatures, self.parameters)
+            all_indices = np.arange(len(self.labels))
+            return all_indices, classifier.compare(signature, self.signatures, self.parameters)
         invariants = classifier.invariants(signature[None], self.parameters)[0]
         if invariants.shape != self.invariants.shape[1:]:
             raise LibraryError("the library's invariants do not fit its signatures; train it again")

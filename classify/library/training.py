@@ -101,11 +101,11 @@ def _aligned(
     references: FloatMap, first: FloatMap, classifier: Classifier[Any, Any], parameters: Parameters
 ) -> tuple[FloatMap, float]:
     """References of a set, and its orientation in degrees from the first set."""
-    found = classifier.compare(references[0], first[None], parameters)
-    if found.orientations_deg is None:
+    comparison = classifier.compare(references[0], first[None], parameters)
+    if comparison.orientations_deg is None:
         return references, 0.0
-    heading = 0.0 if found.headings is None else float(found.headings[0])
+    heading = 0.0 if comparison.headings is None else float(comparison.headings[0])
     if abs(heading) < LEAST_SCORE:
         # Its orientation may be off by 180 degrees: it must not give headings.
         references = classifier.without_heading(references)
-    return references, float(found.orientations_deg[0]) + 180.0 * (heading < 0.0)
+    return references, float(comparison.orientations_deg[0]) + 180.0 * (heading < 0.0)

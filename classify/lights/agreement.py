@@ -14,8 +14,14 @@ from classify.base.arrays import BoolArray, FloatMap, Floats, Indices
 from classify.base.compiling import kernel
 from classify.base.errors import InputError
 from classify.base.threads import map_in_threads
-from classify.images.noise import ROUNDING_VARIANCE, SIGMA_PER_MAD, SensorNoise, noise_of_images
-from classify.images.stack import ImageStack, symmetric_samples
+from classify.images import (
+    ROUNDING_VARIANCE,
+    SIGMA_PER_MAD,
+    ImageStack,
+    SensorNoise,
+    noise_of_images,
+    symmetric_samples,
+)
 from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
 

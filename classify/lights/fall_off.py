@@ -15,7 +15,7 @@ import numpy as np
 
 from classify.base.arrays import Array, BoolArray, FloatMap, Floats, Indices
 from classify.base.compiling import kernel
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
 
@@ -96,7 +96,7 @@ class _Grid:
         rows, columns = (_positions(count) for count in shape)
         x, y = coordinates(rows, columns, shape)
         block_x, block_y = (
-            powers(each.reshape(_BLOCKS, -1).mean(axis=1), _TERMS) for each in (x, y)
+            powers(axis.reshape(_BLOCKS, -1).mean(axis=1), _TERMS) for axis in (x, y)
         )
         bases = {}
         for degree in (_DEGREE, _HIGHER_DEGREE):
@@ -244,5 +244,5 @@ def _no_relief(lighting: Lighting, means: Floats, weights: Floats) -> bool:
     cancelling = np.linalg.svd(directions.T)[2][3:]
     redundant = np.tensordot(cancelling, means, 1)
     redundant -= np.average(redundant, axis=(1, 2), weights=weights, keepdims=True)
-    energy, total = (float((np.square(each) * weights).sum()) for each in (redundant, means))
+    energy, total = (float((np.square(values) * weights).sum()) for values in (redundant, means))
     return energy > _NO_RELIEF**2 * total

@@ -10,7 +10,7 @@ from classify.base.arrays import Array, FloatMap, Floats, Indices
 from classify.base.compiling import kernel
 from classify.base.errors import InputError
 from classify.base.threads import run_on_rows
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 from classify.lighting import Lighting
 
 # Powers of a coordinate that the kernel takes: degree 6, which LEDs at two fields of view need
@@ -82,11 +82,11 @@ class FlatField:
 
     @property
     def shared(self) -> "FlatField":
-        """The geometric mean of all lights, for each: vignetting and common fall-off."""
+        """The geometric mean of all lights, once for each light: vignetting and common fall-off."""
         lights = len(self.coefficients)
         coefficients, bounds = (
-            np.repeat(each.mean(axis=0, keepdims=True), lights, axis=0)
-            for each in (self.coefficients, self.bounds)
+            np.repeat(values.mean(axis=0, keepdims=True), lights, axis=0)
+            for values in (self.coefficients, self.bounds)
         )
         return FlatField(coefficients, bounds)
 
@@ -182,10 +182,10 @@ def _multiply(
     ambient = dark.any()
     for k in range(lights):
         low, high = bounds[k]
-        known = -1
+        current_node = -1
         for r in range(rows):
             node, beyond = divmod(first + r, apart)
-            if node != known:
+            if node != current_node:
                 if r > 0 and apart > 1:
                     # As a loop: numba copies a slice more slowly.
                     for c in range(columns):
@@ -194,7 +194,7 @@ def _multiply(
                     _exponentials(factors[k, node], low, high, x, begin)
                 if apart > 1:
                     _exponentials(factors[k, node + 1], low, high, x, end)
-                known = node
+                current_node = node
             share = np.float32(beyond / apart)
             dark_row = dark[min(r, len(dark) - 1)]
             if not ambient:
@@ -234,11 +234,11 @@ def _multiply_at(
 
 @kernel
 def _exponentials(
-    factors: Array, low: np.float32, high: np.float32, x: Array, found: Array
+    factors: Array, low: np.float32, high: np.float32, x: Array, exponentials: Array
 ) -> None:
     """Exp of a polynomial of x, within two bounds."""
     for c in range(len(x)):
-        found[c] = _factor(factors, low, high, x[c])
+        exponentials[c] = _factor(factors, low, high, x[c])
 
 
 @kernel

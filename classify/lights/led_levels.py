@@ -19,8 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.base.arrays import FloatMap, Floats
-from classify.images.noise import SIGMA_PER_MAD
-from classify.images.stack import ImageStack, sample_pixels
+from classify.images import SIGMA_PER_MAD, ImageStack, sample_pixels
 from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
 

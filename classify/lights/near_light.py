@@ -49,7 +49,7 @@ class Shear:
             inverse = 1.0 / np.linalg.norm(lighting.positions_px, axis=1)
         plane = np.linalg.pinv(lighting.directions) @ inverse
         excess = lighting.directions @ plane - inverse
-        return cls(*(each.astype(np.float32) for each in (plane, excess, inverse)))
+        return cls(*(values.astype(np.float32) for values in (plane, excess, inverse)))
 
 
 def middle_px(count: int) -> FloatMap:

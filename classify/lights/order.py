@@ -10,7 +10,7 @@ import numpy as np
 from classify.base.arrays import Array, BoolArray, FloatMap, Floats
 from classify.base.compiling import kernel
 from classify.base.errors import InputError
-from classify.images.stack import Images, checked_ambient, checked_stack
+from classify.images import Images, checked_ambient, checked_stack
 from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
 

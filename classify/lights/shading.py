@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 
 from classify.base.arrays import Array, BoolArray, FloatMap, Floats
-from classify.images.noise import SIGMA_PER_MAD
+from classify.images import SIGMA_PER_MAD
 from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
 
@@ -43,12 +43,12 @@ _MIN_SAMPLES = 2000
 _MAYBE_NOISE = 0.1
 # Contrasts beyond this many standard deviations are gloss and edges of shadows; they are clipped.
 _OUTLIER = 3.0
-# A light order is refuted by another one whose residual is this many times smaller than that of the
-# given order, and than that by chance. With the true order, 63 picks of four lights from
+# An order refutes the given one if its residual is this many times smaller than the given order's
+# and than chance. With the true order, 63 picks of four lights from
 # photographs of four objects reach 1.9.
 _CLEARLY_LESS = 2.0
-# It is also refuted by an order whose curl is the first number of times smaller, and below the
-# second, which is less than by chance. With the true order the same picks reach 1.12.
+# It also refutes it if its curl is smaller by the first factor, and below the second number, which
+# is less than chance. With the true order the same picks reach 1.12.
 _CLEARLY_LESS_CURL, _LITTLE_CURL = 1.25, 0.8
 # The order that refutes may be worse by this factor in the other of the two measures.
 _AS_GOOD = 1.1

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import Floats
 from classify.base.errors import InputError
 from classify.confidence import tolerance_factor
 from classify.surface.estimate import FloatMap, SurfaceEstimate
@@ -19,70 +20,45 @@ from .look_alikes import LookAlikes
 from .piece_model import SIZES, VIEWS, PieceModel
 from .spots import SpotModel, left_out_models, spot_values, subsampled
 from .whole_part import (
-    Floats,
     handedness_measure,
     octave_levels,
     pseudo_scalars,
     scale_measure,
 )
 
-LEAST_PARTS = 3
+_LEAST_PARTS = 3
 SCALE_STEP = 0.05
 """Change of scale from which the direction of a change of scale is learned."""
 
-# Shares of good parts within the limit of a view by its kind, and of an octave, of which a part has
-# many. A piece that lies otherwise is far beyond its limit. The good parts that are rejected are
-# those of `python -m tests.evidence.wrong_passes`.
+# Coverage of the tolerance limits, by the kind of a view, and for an octave. A misplaced piece is
+# far beyond its limit; `python -m tests.evidence.wrong_passes` counts rejected good parts.
 _COVERAGES = {"window": 0.999, "spot": 0.99, "seam": 0.9999}
 _OCTAVE_COVERAGE = 0.999
-# Least share of good parts with a window that is farther from good ones at 90 degrees than any
-# window that was left out, of a texture with a direction.
-_LEAST_TURNED = 0.9
+# A texture has a direction if at 90 degrees this share of its good parts has a window farther from
+# the good ones than any left-out window at 0 degrees.
+_LEAST_DIRECTED = 0.9
 # Prior of the standard deviation of the logarithm of the highest scores of good parts, and the
 # number of parts that it counts as: it was 0.05 to 0.25 on the textures of that command.
 _PRIOR_SPREAD, _PRIOR_FREEDOM = 0.12, 4
-# Spots from which their model is learned, and folds of parts that are left out in turn.
+# Largest number of training spots; folds of the cross-validation.
 _MOST_SPOTS, _FOLDS = 25_000, 5
-# Least departure of the root mean square of an octave that exceeds its limit.
+# Smallest limit on the departure of the rms of an octave.
 _LEAST_OCTAVE = math.log(1.05)
 
 
 @dataclass(frozen=True, eq=False)
 class GoodPart:
-    """What is learned from one good part.
+    """A good part, as `learn_pieces` needs it."""
 
-    Attributes
-    ----------
-    moments
-        Its `band_moments`.
-    orientation_deg
-        Orientation of its texture; None counts as 0.
-    rings
-        Its `ring_levels`.
-    """
-
-    moments: FloatMap
-    orientation_deg: float | None
-    rings: Floats
+    moments: FloatMap  # `band_moments`
+    orientation_deg: float | None  # None counts as 0
+    rings: Floats  # `ring_levels`
 
 
 def learn_pieces(parts: Sequence[GoodPart], scale_direction: Floats) -> PieceModel:
-    """Learn what good parts of one texture look like in pieces, and as a whole.
-
-    Parameters
-    ----------
-    parts
-        Good parts, three or more of one size.
-    scale_direction
-        Change of the rings by a scale of e, from `scaled_surface`.
-
-    Raises
-    ------
-    InputError
-        For too few parts, or parts of different sizes.
-    """
-    if len(parts) < LEAST_PARTS:
-        raise InputError(f"{len(parts)} good parts; give {LEAST_PARTS} or more")
+    """Learn a `PieceModel`; `scale_direction` is the change of the rings by a scale of e."""
+    if len(parts) < _LEAST_PARTS:
+        raise InputError(f"{len(parts)} good parts; give {_LEAST_PARTS} or more")
     if len({part.moments.shape for part in parts}) > 1:
         raise InputError("the good parts differ in the size of their frames; capture them alike")
     floors = energy_floors(np.mean([part.moments.mean(axis=(0, 1)) for part in parts], axis=0))
@@ -97,20 +73,20 @@ def learn_pieces(parts: Sequence[GoodPart], scale_direction: Floats) -> PieceMod
         for angle in (0.0, 90.0)
     }
     views = {}
-    turned = np.zeros(len(parts), np.bool_)
+    has_direction = np.zeros(len(parts), np.bool_)
     for name, size, columns in VIEWS:
-        found, scores = LookAlikes.of(features[size, 0.0], columns)
+        look_alikes, scores = LookAlikes.of(features[size, 0.0], columns)
         kind = name.partition("_")[0]
-        highest = np.array([each.max() for each in scores])
+        highest = np.array([part_scores.max() for part_scores in scores])
         if kind == "seam":
-            others = (found.scores(each).max() for each in features[size, 90.0])
-            turned |= [other > highest.max() for other in others]
+            rotated = (look_alikes.scores(part).max() for part in features[size, 90.0])
+            has_direction |= [score > highest.max() for score in rotated]
         limit = _limit(np.sqrt(highest), kind)
-        views[name] = replace(found, spreads=found.spreads * np.float32(limit**2))
+        views[name] = replace(look_alikes, spreads=look_alikes.spreads * np.float32(limit**2))
     factor = tolerance_factor(len(parts), _OCTAVE_COVERAGE)
-    levels = np.array([octave_levels(each) for each in coarses])
+    levels = np.array([octave_levels(coarse) for coarse in coarses])
     scale, scales = scale_measure(np.array([part.rings for part in parts]), scale_direction)
-    handedness, hands = handedness_measure(np.array([pseudo_scalars(each) for each in coarses]))
+    handedness, hands = handedness_measure(np.array([pseudo_scalars(coarse) for coarse in coarses]))
     least = hands.mean() - tolerance_factor(len(parts)) * hands.std(ddof=1)
     return PieceModel(
         floors,
@@ -120,7 +96,7 @@ def learn_pieces(parts: Sequence[GoodPart], scale_direction: Floats) -> PieceMod
         np.maximum(factor * levels.std(axis=0, ddof=1), _LEAST_OCTAVE),
         scale,
         handedness if least > 0.0 else None,
-        bool(turned.mean() >= _LEAST_TURNED),
+        bool(has_direction.mean() >= _LEAST_DIRECTED),
         float(scales.std(ddof=1)),
     )
 
@@ -135,7 +111,7 @@ def _spot_model(parts: Sequence[GoodPart], floors: FloatMap) -> SpotModel:
     highest = np.array([
         models[n % folds].scores(values(part)).max(axis=(1, 2)) for n, part in enumerate(parts)
     ])  # fmt: skip
-    limits = np.array([_limit(each, "spot") for each in highest.T])
+    limits = np.array([_limit(departure, "spot") for departure in highest.T])
     return SpotModel.of(np.hstack(rows)).with_limits(limits)
 
 

@@ -1,4 +1,4 @@
-"""How far windows of a part are from the good windows that look most like them."""
+"""Distance of the windows of a part from the nearest good windows, their look-alikes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,41 +7,31 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import Indices
 from classify.surface.estimate import FloatMap
 
-# Good windows that are kept for each compared feature, and at most: half of them at random, so that
-# common ones have many, and half of them by their distance from all others, so that rare ones have
-# one. With 150 instead of 400 windows of 4 features twice as many holes of 80 px passed.
+# Centres for each compared feature, and at most. Half are drawn at random, so that common windows
+# have many, and half by farthest-point sampling (Gonzalez 1985), so that rare ones have one.
+# With 150 instead of 400 windows of 4 features twice as many holes of 80 px passed.
 _CENTRES_PER_FEATURE, _MOST_CENTRES = 100, 1000
-# Good windows whose differences from their look-alikes give the whitening, in rounds.
+# Pairs of look-alikes whose differences give the whitening, and rounds of pairing and whitening.
 _PAIRS, _ROUNDS = 1500, 2
-# Share of the variance of each feature that is added to it; more where few windows measure it.
+# Ridge on the variances of the features; more where few windows measure them.
 _RIDGE = 0.05
 _LEAST_VARIANCE = 1e-6
-# Number of good windows that the mean spread counts as beside those of one centre.
+# Weight of the mean spread in the spread of one centre, as a number of windows.
 _PRIOR_WINDOWS = 10.0
 _SEED = 1
-
-Parts = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
 class LookAlikes:
-    """Good windows of one size, whitened so that look-alikes of two parts differ by about 1.
+    """Good windows of one size, whitened so that look-alikes of two parts differ by about 1."""
 
-    Attributes
-    ----------
-    whitening
-        (FEATURES, d) float32.
-    centres
-        (k, d) float32 good windows.
-    spreads
-        (k,) float32 mean squared distance of good windows of other parts from each of them. A place
-        where good parts differ more, as a joint between bricks, excuses only its look-alikes.
-    """
-
-    whitening: FloatMap
-    centres: FloatMap
+    whitening: FloatMap  # (FEATURES, d)
+    centres: FloatMap  # (k, d) good windows
+    # (k,) mean squared distance of good windows of other parts from each centre. Places where good
+    # parts differ more, such as joints between bricks, have a larger spread.
     spreads: FloatMap
 
     @classmethod
@@ -52,52 +42,56 @@ class LookAlikes:
         """
         features = np.concatenate(windows)
         chosen = features[:, columns]
-        parts = np.repeat(np.arange(len(windows)), [len(each) for each in windows])
+        parts = np.repeat(np.arange(len(windows)), [len(part) for part in windows])
         order = np.random.default_rng(_SEED).permutation(len(features))
         whitening = _whitening(chosen, parts, order)
-        kept = _spread_out(chosen @ whitening, order)
-        found = _Found.of(chosen @ whitening, parts, kept)
+        centres = _centres(chosen @ whitening, order)
+        pairs = _Pairs.of(chosen @ whitening, parts, centres)
         scores: list[FloatMap] = [np.zeros(0, np.float32)] * len(windows)
         for half in (0, 1):
-            # The differences of a part must not have shaped the space in which it is scored; two
-            # parts are needed for a difference.
+            # Cross-validation: parts are scored by a whitening from the other half, which needs two
+            # parts.
             others = order[parts[order] % 2 != half] if len(windows) > 3 else order
-            other = _whitening(chosen, parts, others)
-            left_out = _Found.of(chosen @ other, parts, kept)
+            left_out_whitening = _whitening(chosen, parts, others)
+            left_out = _Pairs.of(chosen @ left_out_whitening, parts, centres)
             for part in range(half, len(windows), 2):
                 scores[part] = left_out.scores_of(part)
         rows = np.zeros((features.shape[1], len(columns)), np.float32)
         rows[list(columns)] = whitening
-        return cls(rows, (chosen @ whitening)[kept], found.spreads()), scores
+        return cls(rows, (chosen @ whitening)[centres], pairs.spreads()), scores
 
     def scores(self, features: FloatMap) -> FloatMap:
         """(n,) squared distances of (n, FEATURES) windows, in units of the spread there."""
-        n, squares = _nearest(features @ self.whitening, self.centres)
-        return np.asarray(squares / self.spreads[n], np.float32)
+        nearest, squares = _nearest(features @ self.whitening, self.centres)
+        return np.asarray(squares / self.spreads[nearest], np.float32)
 
 
 @dataclass(frozen=True, eq=False)
-class _Found:
+class _Pairs:
     """Index and squared distance of the look-alike of every window of each part."""
 
-    nearest: list[Parts]
+    nearest: list[Indices]
     squares: list[FloatMap]
     centres: int
 
     @classmethod
-    def of(cls, white: FloatMap, parts: Parts, kept: Parts) -> Self:
-        found = [
-            _nearest(white[parts == part], white[kept], parts[kept] != part)
-            for part in range(int(parts.max()) + 1)
-        ]
-        return cls([n for n, _ in found], [squares for _, squares in found], len(kept))
+    def of(cls, whitened: FloatMap, parts: Indices, centres: Indices) -> Self:
+        nearest, squares = zip(
+            *(
+                _nearest(whitened[parts == part], whitened[centres], parts[centres] != part)
+                for part in range(int(parts.max()) + 1)
+            ),
+            strict=True,
+        )
+        return cls([*nearest], [*squares], len(centres))
 
     def spreads(self, without: int | None = None) -> FloatMap:
         """Mean squared distance of the windows from each centre; one part may be left out."""
         used = [part for part in range(len(self.nearest)) if part != without]
-        n = np.concatenate([self.nearest[part] for part in used])
+        nearest = np.concatenate([self.nearest[part] for part in used])
         squares = np.concatenate([self.squares[part] for part in used])
-        sums, counts = (np.bincount(n, each, self.centres) for each in (squares, np.ones(len(n))))
+        sums = np.bincount(nearest, squares, self.centres)
+        counts = np.bincount(nearest, minlength=self.centres)
         prior = _PRIOR_WINDOWS * squares.mean()
         spreads = (sums + prior) / (counts + _PRIOR_WINDOWS)
         return np.asarray(np.maximum(spreads, _LEAST_VARIANCE), np.float32)
@@ -107,16 +101,17 @@ class _Found:
         return np.asarray(self.squares[part] / self.spreads(part)[self.nearest[part]], np.float32)
 
 
-def _whitening(features: FloatMap, parts: Parts, order: Parts) -> FloatMap:
+def _whitening(features: FloatMap, parts: Indices, order: Indices) -> FloatMap:
     """(d, d) matrix in whose space windows and their look-alikes of other parts differ by 1."""
-    kept, pairs = order[:_MOST_CENTRES], order[-_PAIRS:]
+    candidates, pairs = order[:_MOST_CENTRES], order[-_PAIRS:]
     whitening = np.diag(1.0 / (features.std(axis=0) + 1e-3)).astype(np.float32)
     for _ in range(_ROUNDS):
-        centres, differences = features[kept] @ whitening, []
+        centres, differences = features[candidates] @ whitening, []
         for part in np.unique(parts[pairs]):
             own = pairs[parts[pairs] == part]
-            n, _ = _nearest(features[own] @ whitening, centres, parts[kept] != part)
-            differences.append((features[own] - features[kept][n]).astype(np.float64))
+            nearest, _ = _nearest(features[own] @ whitening, centres, parts[candidates] != part)
+            look_alikes = features[candidates][nearest]
+            differences.append((features[own] - look_alikes).astype(np.float64))
         rows = np.concatenate(differences)
         covariance = rows.T @ rows / len(rows)
         ridge = max(_RIDGE, len(covariance) / len(rows))
@@ -126,32 +121,33 @@ def _whitening(features: FloatMap, parts: Parts, order: Parts) -> FloatMap:
     return whitening
 
 
-def _spread_out(white: FloatMap, order: Parts) -> Parts:
-    """Indices of the kept windows; see `_MOST_CENTRES`."""
-    most = min(_CENTRES_PER_FEATURE * white.shape[1], _MOST_CENTRES)
-    if len(white) <= most:
+def _centres(whitened: FloatMap, order: Indices) -> Indices:
+    """Indices of the windows that become centres; see `_MOST_CENTRES`."""
+    count = min(_CENTRES_PER_FEATURE * whitened.shape[1], _MOST_CENTRES)
+    if len(whitened) <= count:
         return order
-    kept = order[: most // 2].tolist()
-    squares = np.square(white).sum(axis=1)
-    blocks = (white[start : start + 4096] for start in range(0, len(white), 4096))
-    distances = np.concatenate([_nearest(block, white[kept])[1] for block in blocks])
-    while len(kept) < most:
-        kept.append(int(distances.argmax()))
-        last = white[kept[-1]]
-        np.minimum(distances, squares - 2.0 * (white @ last) + squares[kept[-1]], out=distances)
-        distances[kept[-1]] = 0.0
-    return np.array(kept)
+    centres = order[: count // 2].tolist()
+    squares = np.square(whitened).sum(axis=1)
+    blocks = (whitened[start : start + 4096] for start in range(0, len(whitened), 4096))
+    distances = np.concatenate([_nearest(block, whitened[centres])[1] for block in blocks])
+    while len(centres) < count:
+        farthest = int(distances.argmax())
+        centres.append(farthest)
+        products = whitened @ whitened[farthest]
+        np.minimum(distances, squares - 2.0 * products + squares[farthest], out=distances)
+        distances[farthest] = 0.0
+    return np.array(centres)
 
 
 def _nearest(
-    white: FloatMap, centres: FloatMap, allowed: npt.NDArray[np.bool_] | None = None
-) -> tuple[Parts, FloatMap]:
+    whitened: FloatMap, centres: FloatMap, allowed: npt.NDArray[np.bool_] | None = None
+) -> tuple[Indices, FloatMap]:
     """Index and squared distance of the nearest (allowed) centre of each window."""
     lengths = np.square(centres).sum(axis=1)
     if allowed is not None:
         lengths = np.where(allowed, lengths, np.float32(np.inf))
-    squares = white @ (-2.0 * centres.T)
+    squares = whitened @ (-2.0 * centres.T)
     squares += lengths
     nearest = squares.argmin(axis=1)
-    least = squares[np.arange(len(white)), nearest] + np.square(white).sum(axis=1)
+    least = squares[np.arange(len(whitened)), nearest] + np.square(whitened).sum(axis=1)
     return nearest, np.maximum(least, 0.0)

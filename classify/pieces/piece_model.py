@@ -9,14 +9,14 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.base.array_archive import arrays_sha256
-from classify.surface.estimate import FloatMap, SurfaceEstimate
+from classify.base.arrays import Floats
+from classify.surface.estimate import FloatMap
 
 from . import ps4piece
-from .features import DIRECTIONS, FEATURES, coarser, window_features, window_moments
+from .features import DIRECTIONS, FEATURES, MOMENTS, coarser, window_features, window_moments
 from .look_alikes import LookAlikes
-from .moments import MOMENTS, band_moments
 from .spots import DEPARTURES, SPOT_VALUES, SpotModel, spot_values
-from .whole_part import Floats, LinearMeasure, octave_levels, pseudo_scalars
+from .whole_part import LinearMeasure, octave_levels, pseudo_scalars
 
 VIEWS: tuple[tuple[str, int, tuple[int, ...]], ...] = (
     ("window_64", 4, tuple(range(FEATURES))),
@@ -26,35 +26,21 @@ VIEWS: tuple[tuple[str, int, tuple[int, ...]], ...] = (
 )
 """Name, side in pairs of cells, and compared features of every view of a part.
 
-`python -m tests.evidence.wrong_passes` shows what they find together. In all features at once the
-many that differ between good windows hide the few that a small fault changes: for it there are
-spots.
+`python -m tests.evidence.wrong_passes` counts the faults that they find. The features of a window
+scatter too much for small faults, which change few of them: spots find these.
 """
 SIZES = tuple(dict.fromkeys(size for _, size, _ in VIEWS))
 
 
 @dataclass(frozen=True, eq=False)
 class PieceMeasures:
-    """How far a part is from good parts, in pieces and as a whole.
+    """How far a part is from good parts, in pieces and as a whole; 1.0 is a limit."""
 
-    Attributes
-    ----------
-    window_map, seam_map
-        (h, w) float32 scores of the cells, of spots and windows; 1.0 is the limit. The second
-        compares only the directions of the octaves of the windows around a cell.
-    octaves
-        Largest departure of the power in an octave of relief or albedo; 1.0 is the limit.
-    scale
-        Size of the texture, 1 as taught.
-    handedness
-        1 as taught, -1 in a mirror; None where the texture has none.
-    """
-
-    window_map: FloatMap
-    seam_map: FloatMap
-    octaves: float
-    scale: float
-    handedness: float | None
+    window_map: FloatMap  # (h, w) scores of the cells, by spots and windows
+    seam_map: FloatMap  # (h, w) scores by the directions of the windows around a cell
+    octaves: float  # largest departure of the power in an octave of relief or albedo
+    scale: float  # size of the texture, 1 as taught
+    handedness: float | None  # 1 as taught, -1 mirrored; None if mirror images look alike
 
     @property
     def window(self) -> float:
@@ -69,76 +55,34 @@ class PieceMeasures:
 
 @dataclass(frozen=True, eq=False)
 class PieceModel:
-    """Windows and wholes of good parts of one texture.
+    """Model of the windows, the spots and the whole of good parts of one texture."""
 
-    Attributes
-    ----------
-    floors
-        (MOMENTS,) energies that are added to measured ones.
-    views
-        Look-alikes by the name of the view, in units of whose limits the scores are.
-    spots
-        What surroundings let expect of spots, in units of its limits.
-    octave_means, octave_limits
-        Levels of good parts in each octave of relief and of albedo, and their largest departures.
-    scale
-        Measure of the logarithm of the scale.
-    handedness
-        Measure of handedness; None for a texture without one.
-    has_direction
-        Whether windows at 90 degrees look unlike all good ones.
-    scale_deviation
-        Standard deviation of the logarithm of the scale of good parts that are left out.
-    """
-
-    floors: FloatMap
-    views: dict[str, LookAlikes]
+    floors: FloatMap  # (MOMENTS,) added to the energies
+    views: dict[str, LookAlikes]  # by the name of the view; scores in units of its limit
     spots: SpotModel
-    octave_means: Floats
-    octave_limits: Floats
-    scale: LinearMeasure
-    handedness: LinearMeasure | None
-    has_direction: bool
-    scale_deviation: float
+    octave_means: Floats  # levels of good parts in each octave of relief and of albedo
+    octave_limits: Floats  # largest departures from `octave_means`
+    scale: LinearMeasure  # of the logarithm of the scale
+    handedness: LinearMeasure | None  # None if mirror images look alike
+    has_direction: bool  # whether windows at 90 degrees look unlike all good ones
+    scale_deviation: float  # standard deviation of the log scale of good parts that are left out
 
     def measure(
-        self, surface: SurfaceEstimate, orientation_deg: float | None, rings: Floats
-    ) -> PieceMeasures:
-        """Measure a part.
-
-        Parameters
-        ----------
-        surface
-            The part, of the same size of pixel on the part as the good parts.
-        orientation_deg
-            Orientation of its texture, as of `Match.orientation_deg`; None counts as 0.
-        rings
-            Its `ring_levels`, by the library of the good parts.
-
-        Raises
-        ------
-        InputError
-            As `band_moments`.
-        """
-        return self.measure_moments(band_moments(surface), orientation_deg, rings)
-
-    def measure_moments(
         self, moments: FloatMap, orientation_deg: float | None, rings: Floats
     ) -> PieceMeasures:
-        """As `measure`, for a part whose moments are known."""
+        """Measure a part by its `band_moments` and the `ring_levels` of its library."""
         orientation_deg = orientation_deg or 0.0
         spots = self.spots.cell_scores(spot_values(moments, self.floors, orientation_deg))
         pairs = coarser(moments)
         maps = {kind: np.zeros(pairs.shape[:2], np.float32) for kind in ("window", "seam")}
         windows = {size: window_moments(pairs, size) for size in SIZES}
         features = {
-            size: window_features(each, self.floors, orientation_deg)
-            for size, each in windows.items()
+            size: window_features(windows[size], self.floors, orientation_deg) for size in SIZES
         }
         for name, size, _ in VIEWS:
             scores = np.sqrt(self.views[name].scores(features[size]))
             _cover(maps[name.partition("_")[0]], scores.reshape(windows[size].shape[:2]), size)
-        cells = [each.repeat(2, axis=0).repeat(2, axis=1) for each in maps.values()]
+        cells = [scores.repeat(2, axis=0).repeat(2, axis=1) for scores in maps.values()]
         departures = np.abs(octave_levels(pairs) - self.octave_means) / self.octave_limits
         hand = self.handedness
         return PieceMeasures(

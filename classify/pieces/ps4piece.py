@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
-import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict
 
 from classify.base.array_archive import ArchiveKind, arrays_sha256, open_archive, write_archive
+from classify.base.arrays import Array
 from classify.base.durable_file import require_folder
 from classify.base.errors import PieceModelError
 
@@ -23,8 +23,6 @@ _KIND = ArchiveKind(
     max_bytes=2**22,
     max_header_bytes=2**16,
 )
-
-Array = npt.NDArray[Any]
 
 
 class _Header(BaseModel):

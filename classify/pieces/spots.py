@@ -1,7 +1,7 @@
-"""What the surroundings of a spot let expect of it, and how far a part departs from that.
+"""Departure of spots from a prediction by their surroundings.
 
-A linear regression predicts a spot from rings around it, and another one the size of the error,
-because next to a joint a spot is hard to predict. Both are learned from good parts.
+A linear regression predicts a spot from rings around it, and a second one predicts the size of the
+error, because beside a joint a spot is hard to predict. Both are learned from good parts.
 """
 
 from collections.abc import Sequence
@@ -11,28 +11,28 @@ from typing import Self
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from classify.base.arrays import Floats
 from classify.base.compiling import Array, kernel
 from classify.base.threads import run_on_rows
 from classify.surface.estimate import FloatMap
 
-from .features import energy_columns
-from .moments import OCTAVES, PRODUCTS
+from .features import OCTAVES, PRODUCTS, energy_columns
 
 DEPARTURES = ("missing", "stain", "dent")
 """Low energies; another log albedo; slopes towards the middle of a spot, or away from it."""
-MARGIN = 3
+_MARGIN = 3
 """Cells at the border of a part without a spot."""
 
 _FINE_OCTAVES = OCTAVES - 1  # pixels of the coarsest octave are larger than a cell
 # Columns of the energies: finest octave and others, of slopes, then of log albedo.
 _ENERGIES = [c for n, c in enumerate(energy_columns()) if n % (OCTAVES + 1) < OCTAVES]
-# Radii in cells, of rings whose means are measured; lengths of the vectors of departures along
-# the measured levels, and along the slopes of a dent of 40 px.
+# Measured rings as (radius in cells, template): levels of log albedo in a stain, and outward slopes
+# in a dent of 40 px.
 _LEVELS, _SLOPES = ((0.0, 1.0), (1.0, 1.0), (2.0, 1.0)), ((1.0, 1.0), (2.0, 0.6))
-# Radii in cells of the surroundings, and of the places where a joint comes in and leaves. On the
-# materials with even numbers of `python -m tests.evidence.wrong_passes`, three rings found no more.
+# Radii in cells: rings of the surroundings, and the ends of a joint that crosses the spot; points
+# on a ring. On the even materials of `python -m tests.evidence.wrong_passes`, three rings found no
+# more defects.
 _RINGS, _JOINT, _POINTS = (3.5, 5.5), 2.5, 8
 _MEASURED = len(_ENERGIES) + len(_LEVELS) + len(_SLOPES)
 _AROUND = len(_RINGS) * _POINTS * (len(_ENERGIES) + 3) + _POINTS // 2 * _FINE_OCTAVES
@@ -43,58 +43,58 @@ SPOT_VALUES = _MEASURED + _AROUND
 _DIRECTED = [2 + PRODUCTS * octave + n for n in range(3) for octave in range(_FINE_OCTAVES)]
 _DISC = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.float32) / np.float32(5)
 _BOX = np.full((3, 3), 1 / 9, np.float32)
-_SOFT = np.outer(*[np.asarray(cv2.getGaussianKernel(5, 0.6), np.float32)] * 2)
+_GAUSSIAN = np.outer(*[np.asarray(cv2.getGaussianKernel(5, 0.6), np.float32)] * 2)
 _PADDING = 4  # cells; more than the largest radius beyond the margin
 _LEAST_ENERGY = np.float32(1e-6)
-_RIDGE = 0.01  # share of the variance of a value that is added to it; more for few spots
-# Share of the mean square that is added to squares before logarithms, and the largest logarithm of
-# the size of an error.
+_RIDGE = 0.01  # ridge of the regression, as a share of the variances; more for few spots
+# Floor of squares before logarithms, as a share of their mean; largest log size of an error.
 _FLOOR_SHARE, _MOST_LOG_SIZE = 0.05, 1.5
-
-Floats = npt.NDArray[np.float64]
 
 
 def spot_values(moments: FloatMap, floors: FloatMap, orientation_deg: float) -> FloatMap:
     """(SPOT_VALUES, h, w) float32 of the cells within the margin, in the frame of the texture."""
     rows, columns = moments.shape[:2]
-    values = np.empty((SPOT_VALUES, rows - 2 * MARGIN, columns - 2 * MARGIN), np.float32)
+    values = np.empty((SPOT_VALUES, rows - 2 * _MARGIN, columns - 2 * _MARGIN), np.float32)
     # A match knows the orientation modulo 180 degrees.
-    turn = np.radians(orientation_deg % 180.0)
+    orientation = np.radians(orientation_deg % 180.0)
     energies = _planes(moments, _ENERGIES) + floors[_ENERGIES, None, None]
     means = _planes(moments, [-3, -2, -1])
     values[: len(_ENERGIES)] = _logs(_inside(_filtered(energies, _DISC)))
-    place = len(_ENERGIES)
+    row = len(_ENERGIES)
     for radius, _ in _LEVELS:
-        values[place] = _inside(_filtered(means[2:], _ring(radius)[0]))[0]
-        place += 1
+        values[row] = _inside(_filtered(means[2:], _ring(radius)[0]))[0]
+        row += 1
     for radius, _ in _SLOPES:
         _, x, y = _ring(radius)
-        values[place] = _inside(cv2.filter2D(means[0], -1, x) + cv2.filter2D(means[1], -1, y))
-        place += 1
-    directions = turn + 2.0 * np.pi / _POINTS * np.arange(_POINTS)
-    p, q, level = _filtered(means, _SOFT)
-    c, s = np.float32(np.cos(turn)), np.float32(np.sin(turn))
-    around = [level, c * p + s * q, c * q - s * p, *_logs(_filtered(energies, _BOX))]
-    padded = _padded(around)
+        values[row] = _inside(cv2.filter2D(means[0], -1, x) + cv2.filter2D(means[1], -1, y))
+        row += 1
+    directions = orientation + 2.0 * np.pi / _POINTS * np.arange(_POINTS)
+    p, q, level = _filtered(means, _GAUSSIAN)
+    c, s = np.float32(np.cos(orientation)), np.float32(np.sin(orientation))
+    surroundings = [level, c * p + s * q, c * q - s * p, *_logs(_filtered(energies, _BOX))]
+    padded = _padded(surroundings)
     for radius in _RINGS:
         for angle in directions:
-            _move(padded, radius, angle, values[place : place + len(padded)])
-            place += len(padded)
-    values[place:] = _joints(_filtered(_planes(moments, _DIRECTED), _DISC), floors, directions)
+            _shift(padded, radius, angle, values[row : row + len(padded)])
+            row += len(padded)
+    values[row:] = _joints(_filtered(_planes(moments, _DIRECTED), _DISC), floors, directions)
     return values
 
 
 def _joints(planes: FloatMap, floors: FloatMap, directions: Floats) -> FloatMap:
-    """The lesser log energy, of opposite places, of slopes across the line through both."""
+    """Log energy of slopes across a line through the spot: the lesser of its two ends.
+
+    A joint that crosses the spot has this energy at both ends.
+    """
     energies, even, odd = np.split(planes, 3)
-    shape = [side - 2 * MARGIN for side in planes.shape[1:]]
-    found = np.empty((_POINTS, _FINE_OCTAVES, *shape), np.float32)
-    for angle, moved in zip(directions, found, strict=True):
+    shape = [side - 2 * _MARGIN for side in planes.shape[1:]]
+    energies_at = np.empty((_POINTS, _FINE_OCTAVES, *shape), np.float32)
+    for angle, shifted in zip(directions, energies_at, strict=True):
         c, s = np.float32(np.cos(2.0 * angle)), np.float32(np.sin(2.0 * angle))
         across = np.float32(0.5) * (energies - c * even - s * odd)
         across = np.maximum(across, 0.0) + floors[_DIRECTED[:_FINE_OCTAVES], None, None]
-        _move(_padded(across), _JOINT, angle, moved)
-    lesser = np.minimum(*np.split(found, 2))
+        _shift(_padded(across), _JOINT, angle, shifted)
+    lesser = np.minimum(*np.split(energies_at, 2))
     return _logs(lesser.reshape(-1, *shape))
 
 
@@ -111,44 +111,47 @@ def _logs(energies: FloatMap) -> FloatMap:
 
 
 def _inside(cells: FloatMap) -> FloatMap:
-    return cells[..., MARGIN:-MARGIN, MARGIN:-MARGIN]
+    return cells[..., _MARGIN:-_MARGIN, _MARGIN:-_MARGIN]
 
 
 def _padded(planes: Sequence[FloatMap] | FloatMap) -> FloatMap:
     sides = (_PADDING,) * 4
-    return np.stack([cv2.copyMakeBorder(each, *sides, cv2.BORDER_REFLECT_101) for each in planes])
+    return np.stack([cv2.copyMakeBorder(plane, *sides, cv2.BORDER_REFLECT_101) for plane in planes])
 
 
-def _move(padded: FloatMap, radius: float, angle: float, moved: FloatMap) -> None:
-    """Set `moved` to what lies at a radius and an angle from each cell within the margin."""
-    row = MARGIN + _PADDING - radius * np.sin(angle)
-    column = MARGIN + _PADDING + radius * np.cos(angle)
+def _shift(padded: FloatMap, radius: float, angle: float, shifted: FloatMap) -> None:
+    """Set `shifted` to the planes shifted by a vector in polar coordinates, without the margin."""
+    row = _MARGIN + _PADDING - radius * np.sin(angle)
+    column = _MARGIN + _PADDING + radius * np.cos(angle)
     top, left = int(row), int(column)
     y, x = row - top, column - left
     shares = np.array([(1 - y) * (1 - x), (1 - y) * x, y * (1 - x), y * x], np.float32)
-    run_on_rows(partial(_mix, padded, shares, top, left, moved), (moved.shape[1], moved[:, 0].size))
+    run_on_rows(
+        partial(_interpolate, padded, shares, top, left, shifted),
+        (shifted.shape[1], shifted[:, 0].size),
+    )
 
 
 @kernel
-def _mix(
-    planes: Array, shares: Array, top: int, left: int, mixed: Array, first: int, stop: int
+def _interpolate(
+    planes: Array, shares: Array, top: int, left: int, shifted: Array, first: int, stop: int
 ) -> None:
-    """Linear interpolation of moved planes; rows of the result."""
+    """Bilinear interpolation of shifted planes; rows of the result."""
     s0, s1, s2, s3 = shares
-    width = mixed.shape[2]
-    for n in range(mixed.shape[0]):
+    width = shifted.shape[2]
+    for n in range(shifted.shape[0]):
         for r in range(first, stop):
             # Slices from 0, because an index that may be negative prevents vectorisation.
             upper = planes[n, top + r, left : left + width + 1]
             lower = planes[n, top + r + 1, left : left + width + 1]
-            out = mixed[n, r]
+            out = shifted[n, r]
             for c in range(width):
                 out[c] = s0 * upper[c] + s1 * upper[c + 1] + s2 * lower[c] + s3 * lower[c + 1]
 
 
 @lru_cache(maxsize=8)
 def _ring(radius: float) -> tuple[FloatMap, FloatMap, FloatMap]:
-    """Kernels of a ring: the mean, and the parts of the mean outward component of a vector."""
+    """Kernels of a ring: the mean, and those of x and y for the mean outward component."""
     y, x = np.mgrid[4:-5:-1, -4:5].astype(np.float32)
     distance = np.hypot(x, y)
     weight = np.exp(-0.5 * ((distance - radius) / 0.45) ** 2)
@@ -159,17 +162,13 @@ def _ring(radius: float) -> tuple[FloatMap, FloatMap, FloatMap]:
 
 @dataclass(frozen=True, eq=False)
 class SpotModel:
-    """Departures of spots from what their surroundings let expect, in units of their limits.
+    """Linear map from the values of a spot to its k departures and their log sizes.
 
-    Attributes
-    ----------
-    weights, offsets
-        (SPOT_VALUES, 2 k) and (2 k,) float32, from the values of a spot to its k departures, and to
-        the logarithms of what good spots in such surroundings depart by.
+    The departures are from the prediction by the surroundings, in units of their limits.
     """
 
-    weights: FloatMap
-    offsets: FloatMap
+    weights: FloatMap  # (SPOT_VALUES, 2 k)
+    offsets: FloatMap  # (2 k,)
 
     @classmethod
     def of(cls, values: FloatMap) -> Self:
@@ -208,7 +207,7 @@ class SpotModel:
 
     def cell_scores(self, values: FloatMap) -> FloatMap:
         """(rows, columns) largest score of the spots at and beside each cell of a part."""
-        highest = np.pad(self.scores(values).max(axis=0), MARGIN)
+        highest = np.pad(self.scores(values).max(axis=0), _MARGIN)
         return np.asarray(cv2.dilate(highest, np.ones((3, 3), np.uint8)), np.float32)
 
 
@@ -225,15 +224,16 @@ def _to_departures(errors: Floats) -> Floats:
     low[:count] = -1.0
     stain[count:last] = [length for _, length in _LEVELS]
     dent[last:] = [length for _, length in _SLOPES]
-    # A stain or a dent changes energies, too; what it does to them is not known, and without
-    # texture the level is that of the surroundings.
-    alone = np.zeros(_MEASURED)
-    alone[:count] = np.linalg.solve(covariance[:count, :count], low[:count])
-    return np.column_stack([alone, *(np.linalg.solve(covariance, each) for each in (stain, dent))])
+    # The filter of missing texture uses energies alone: how a missing texture changes the level or
+    # the slopes is unknown.
+    energy_filter = np.zeros(_MEASURED)
+    energy_filter[:count] = np.linalg.solve(covariance[:count, :count], low[:count])
+    filters = (np.linalg.solve(covariance, template) for template in (stain, dent))
+    return np.column_stack([energy_filter, *filters])
 
 
 def subsampled(values: FloatMap, most: int) -> FloatMap:
-    """About `most` or fewer of the (SPOT_VALUES, h, w) values, evenly spaced: (SPOT_VALUES, n)."""
+    """An even grid of about `most` spots of (SPOT_VALUES, h, w) values: (SPOT_VALUES, n)."""
     step = max(2, round(np.sqrt(values[0].size / most)))
     return values[:, ::step, ::step].reshape(SPOT_VALUES, -1)
 
@@ -241,6 +241,6 @@ def subsampled(values: FloatMap, most: int) -> FloatMap:
 def left_out_models(values: Sequence[FloatMap], folds: int) -> list[SpotModel]:
     """For each fold the model of the others; part n is in fold n % folds."""
     return [
-        SpotModel.of(np.hstack([each for n, each in enumerate(values) if n % folds != fold]))
+        SpotModel.of(np.hstack([part for n, part in enumerate(values) if n % folds != fold]))
         for fold in range(folds)
     ]

@@ -8,16 +8,15 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import Floats
 from classify.surface.estimate import FloatMap
 
-from .features import energy_columns
-from .moments import OCTAVES, PRODUCTS
+from .features import OCTAVES, PRODUCTS, energy_columns
 
-Floats = npt.NDArray[np.float64]
-Complex = npt.NDArray[np.complex128]
+_Complex = npt.NDArray[np.complex128]
 
-# Share of the covariance of good parts that is taken without correlations: at least this, and more
-# for few parts, whose correlations are mostly chance.
+# Shrinkage of the covariance towards its diagonal: at least this, and more for few parts, whose
+# correlations are mostly chance.
 _LEAST_SHRINKAGE = 0.2
 _LEAST_VARIANCE = 1e-10
 
@@ -26,30 +25,27 @@ _LEAST_VARIANCE = 1e-10
 class LinearMeasure:
     """How far the features of a part lie along a direction: (features - origin) @ weights.
 
-    Attributes
-    ----------
-    origin, weights
-        (d,) float64. A part at `origin` measures 0, and one at `origin` + direction measures 1.
+    A part at `origin` measures 0, and one at `origin` + direction measures 1.
     """
 
-    origin: Floats
-    weights: Floats
+    origin: Floats  # (d,)
+    weights: Floats  # (d,)
 
     @classmethod
     def of(cls, good: Floats, direction: Floats, origin: Floats | None = None) -> Self:
-        """Weights that measure a direction with the least variance on (n, d) good parts.
+        """Weights of the direction with the least variance on (n, d) good parts (Fisher 1936).
 
         `origin` is by default the mean of the good parts.
         """
         middle = good.mean(axis=0)
         deviations = good - middle
         covariance = deviations.T @ deviations / (len(good) - 1)
-        alone = np.diag(np.diag(covariance) + _LEAST_VARIANCE)
+        variances = np.diag(np.diag(covariance) + _LEAST_VARIANCE)
         share = _LEAST_SHRINKAGE + (1.0 - _LEAST_SHRINKAGE) / (len(good) - 1)
-        weights = np.linalg.solve((1.0 - share) * covariance + share * alone, direction)
-        along = float(direction @ weights)
-        if along > 0.0:
-            weights /= along
+        weights = np.linalg.solve((1.0 - share) * covariance + share * variances, direction)
+        response = float(direction @ weights)
+        if response > 0.0:
+            weights /= response
         return cls(middle if origin is None else origin, weights)
 
     def of_part(self, features: Floats) -> float:
@@ -58,13 +54,13 @@ class LinearMeasure:
 
 
 def scale_measure(good: Floats, direction: Floats) -> tuple[LinearMeasure, Floats]:
-    """Measure of the logarithm of the scale, and that of each good part when it is left out.
+    """Measure of the logarithm of the scale, and the left-out measure of each good part.
 
     `direction` is the change of the features by a scale of e.
     """
     left_out = [
-        LinearMeasure.of(np.delete(good, n, axis=0), direction).of_part(each)
-        for n, each in enumerate(good)
+        LinearMeasure.of(np.delete(good, n, axis=0), direction).of_part(part)
+        for n, part in enumerate(good)
     ]
     return LinearMeasure.of(good, direction), np.array(left_out)
 
@@ -75,7 +71,7 @@ def handedness_measure(good: Floats) -> tuple[LinearMeasure, Floats]:
     def measure(parts: Floats) -> LinearMeasure:
         return LinearMeasure.of(parts, parts.mean(axis=0), np.zeros(parts.shape[1]))
 
-    left_out = [measure(np.delete(good, n, axis=0)).of_part(each) for n, each in enumerate(good)]
+    left_out = [measure(np.delete(good, n, axis=0)).of_part(part) for n, part in enumerate(good)]
     return measure(good), np.array(left_out)
 
 
@@ -100,18 +96,21 @@ def pseudo_scalars(moments: FloatMap) -> Floats:
         squares.append((c2 + 1j * s2) / unit)
         fourths.append((c4 + 1j * s4) / unit)
         albedos.append((pa + 1j * qa) / np.sqrt(unit * max(float(albedo.mean()), 1e-12)))
-    return np.array([*_of_fields(squares, fourths, albedos)])
+    return np.array([*_angles_between(squares, fourths, albedos)])
 
 
-def _of_fields(
-    squares: list[Complex], fourths: list[Complex], albedos: list[Complex]
+def _angles_between(
+    squares: list[_Complex], fourths: list[_Complex], albedos: list[_Complex]
 ) -> Iterator[float]:
-    means = [[np.asarray(each.mean()) for each in fields] for fields in (squares, fourths, albedos)]
+    """Imaginary parts of conj(u) v of all pairs of fields with spin 1, 2 or 4."""
+    means = [
+        [np.asarray(field.mean()) for field in fields] for fields in (squares, fourths, albedos)
+    ]
     for twos, fours, ones in ((squares, fourths, albedos), means):
         for fields in (
             ones,
-            [*twos, *(each**2 for each in ones)],
-            [*fours, *(each**2 for each in twos)],
+            [*twos, *(field**2 for field in ones)],
+            [*fours, *(field**2 for field in twos)],
         ):
             for u, v in combinations(fields, 2):
                 yield float((u.conj() * v).imag.mean())

@@ -94,9 +94,9 @@ def surface_curvature(
     mean, gaussian = (np.empty(surface.shape, np.float32) for _ in range(2))
     for first in range(0, rows, height):
         top, last = max(0, first - reach), min(rows, first + height)
-        seen = np.s_[top : last + reach]
+        strip = np.s_[top : last + reach]
         inner = np.s_[first - top : last - top]
-        H, K = _curvature(surface.p[seen], surface.q[seen], surface.valid[seen], scale_px, reach)
+        H, K = _curvature(surface.p[strip], surface.q[strip], surface.valid[strip], scale_px, reach)
         mean[first:last], gaussian[first:last] = H[inner], K[inner]
     return Curvature(mean=mean, gaussian=gaussian)
 

@@ -4,8 +4,7 @@ import numpy as np
 
 from classify.base.arrays import Array, FloatMap
 from classify.base.compiling import kernel
-from classify.images.noise import BEYOND_NOISE, chi_squared
-from classify.images.stack import ImageStack
+from classify.images import BEYOND_NOISE, ImageStack, chi_squared
 from classify.lights.algebra import least_squares_weights
 from classify.shadow_rule import NO_DROPPED_LIGHT, SHADOW_FRACTION
 
@@ -69,7 +68,7 @@ def _drop_inconsistent(
         squares = np.zeros(columns, np.float32)
         variance = np.zeros(columns, np.float32)
         brightest = np.zeros(columns, np.float32)
-        most = np.zeros(columns, np.float32)
+        largest = np.zeros(columns, np.float32)
         for k in range(count):
             gain, share = gains[k], gains[k] * gains[k] / np.float32(count)
             x, y, z = weights[:, k]
@@ -78,7 +77,7 @@ def _drop_inconsistent(
                 brightest[c] = max(brightest[c], raw)
                 variance[c] += share * (a + slope * max(raw - black, zero))
                 v = (raw - dark[c]) * gain
-                most[c] = max(most[c], v)
+                largest[c] = max(largest[c], v)
                 bx[c] += x * v
                 by[c] += y * v
                 bz[c] += z * v
@@ -90,10 +89,10 @@ def _drop_inconsistent(
                 squares[c] += ((images[k, r, c] - dark[c]) * gain - s) ** 2
         dropped[r] = NO_DROPPED_LIGHT
         highlights[r] = False
-        gate = limit * variance + (TOLERANCE * most) ** 2
+        gate = limit * variance + (TOLERANCE * largest) ** 2
         for column in np.flatnonzero((squares > gate) | (brightest >= saturation)):
             dark_variance = frames * (a + slope * max(dark[column] - black, zero))
-            first, highlight, x, y, z = _replace(
+            first, highlight, x, y, z = _solve_consistent(
                 images, dark[column], dark_variance, lights, gains, directions, saturation, gates,
                 variance[column], r, column,
             )  # fmt: skip
@@ -107,11 +106,11 @@ def _drop_inconsistent(
 
 
 @kernel
-def _replace(
+def _solve_consistent(
     images: Array, dark: np.float32, dark_variance: np.float32, lights: Array, gains: Array,
     directions: Array, saturation: np.float32, gates: Array, variance: np.float32, r: int, c: int,
 ) -> tuple[int, bool, np.float32, np.float32, np.float32]:  # fmt: skip
-    """Leave out lights until the rest agree; return the first, whether a highlight, and b.
+    """Leave out lights until the others agree; return the first, whether a highlight, and b.
 
     Dark lights go first, then the one whose absence leaves the smallest residuals; of four, see
     `_one_of_four`. With e the residual of light l and h = l . (L^T L)^-1 l its leverage, its
@@ -217,16 +216,17 @@ def _least_consistent(
     yy, yz, zz = np.float32(inverse[3]), np.float32(inverse[4]), np.float32(inverse[5])
     one, none = np.float32(1.0), np.float32(-1.0)
     smallest = np.float32(least)
-    gains = np.empty(len(errors), np.float32)
+    reductions = np.empty(len(errors), np.float32)  # of the sum of squared residuals
     for k in range(len(errors)):
         x, y, z = directions[0, k], directions[1, k], directions[2, k]
-        rest = one - (x * (xx * x + xy * y + xz * z) + y * (yy * y + yz * z) + zz * z * z)
-        gain = errors[k] * errors[k] / rest
-        gains[k] = gain if eligible[k] & (rest > smallest) else none
+        leverage = x * (xx * x + xy * y + xz * z) + y * (yy * y + yz * z) + zz * z * z
+        rest = one - leverage
+        reduction = errors[k] * errors[k] / rest
+        reductions[k] = reduction if eligible[k] & (rest > smallest) else none
     chosen, largest = -1, none
     for k in range(len(errors)):
-        if gains[k] > largest:
-            chosen, largest = k, gains[k]
+        if reductions[k] > largest:
+            chosen, largest = k, reductions[k]
     return chosen
 
 
@@ -235,7 +235,12 @@ def _one_of_four(
     images: Array, dark: np.float32, lights: Array, gains: Array, directions: Array,
     used: Array, eligible: Array, values: Array, errors: Array, any_dark: bool, r: int, c: int,
 ) -> int:  # fmt: skip
-    """The light to leave out of four, any three of which agree; -1 for none."""
+    """The light to leave out of four; -1 for none.
+
+    Any three lights fit a normal exactly, so residuals cannot decide. The darkest light goes if
+    one is dark. Otherwise the darkest of those below the fit (a shadow) or the brightest of those
+    above it (a highlight) goes, whichever leaves the flatter surface.
+    """
     darkest, low, high = -1, -1, -1
     for k in range(len(values)):
         if eligible[k]:

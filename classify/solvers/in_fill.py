@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from classify.base.arrays import FloatMap, Indices
 from classify.base.threads import run_on_rows
-from classify.images.stack import sample_pixels
+from classify.images import sample_pixels
 from classify.lighting import Lighting
 
 from .problem import Maps, Problem
@@ -35,7 +35,7 @@ _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 def in_fill(problem: Problem, maps: Maps, strip_px: int) -> None:
     """Complete the maps in place where `Maps.unlit` is not 0.
 
-    Pixels in two lights become valid unless one was saturated; those in one or none stay invalid.
+    Pixels in two unsaturated lights become valid; pixels in fewer lights stay invalid.
     """
     unlit = maps.unlit
     assert unlit is not None

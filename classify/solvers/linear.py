@@ -8,7 +8,7 @@ import numpy as np
 
 from classify.base.arrays import Array
 from classify.base.compiling import kernel
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 from classify.lights.algebra import least_squares_weights, three_of_ring
 from classify.shadow_rule import (
     MIN_NORMAL_Z,

@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.base.arrays import Array, BoolArray, FloatMap
-from classify.images.noise import SensorNoise, noise_of_images, noise_of_sensor
-from classify.images.stack import ImageStack, sample_pixels
+from classify.images import ImageStack, SensorNoise, noise_of_images, noise_of_sensor, sample_pixels
 from classify.lighting import Lighting
 from classify.lights.near_light import Shear, middle_px
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from classify.base.arrays import Array
 from classify.base.compiling import kernel
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 from classify.lights.algebra import drop_one_constants
 from classify.shadow_rule import MIN_NORMAL_Z, MIN_SCALED_Z, SHADOW_FLOOR, SHADOW_FRACTION
 

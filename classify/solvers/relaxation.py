@@ -20,19 +20,19 @@ from .unsolved import (
     neighbour_factors,
 )
 
-# Largest distance from a solved pixel at which slopes are filled in, with one light or none and
-# with two. The error grows with it; test_ps4_robust.py limits the error of the slopes.
+# Largest distance from a solved pixel at which slopes are filled in: with one light or none, and
+# with two lights. The error grows with it; test_ps4_robust.py limits the error of the slopes.
 _REACH_DARK_PX, _REACH_PX = 8, 24
 # Further steps change slopes by less than the noise (test_ps4_robust.py limits the errors).
 _STEPS = 15
-# Smallest eigenvalue that is iterated for, as a share of the largest: that of an error across about
-# ten pixels. A smaller one leaves more error in narrow shadows after so many steps.
+# Smallest damped eigenvalue, as a share of the largest; it belongs to errors about ten pixels wide.
+# A smaller one leaves more error in narrow shadows after the same number of steps.
 _SMALLEST = 0.012
 # Smallest z of a normal on the line of two lights: a slope of 75 degrees. The ends of the line are
 # steeper, and a camera from above would not see such a surface.
 _MIN_NZ = np.float32(0.26)
-# Square of the slope by which a move may overshoot: accelerated steps do at first. More lets them
-# diverge, less stops them early (test_known_truth.py, thirty textures at slant 70).
+# Squared slope by which a step may overshoot, as accelerated steps do at first. With more they
+# diverge, with less they stop early (test_known_truth.py, thirty textures at slant 70).
 _OVERSHOOT = np.float32(0.01)
 # Additional weight of the curl, which is zero for every surface, while steps of slope are not.
 _CURL = 2.0

@@ -11,7 +11,7 @@ import numpy as np
 from classify.base.arrays import Array
 from classify.base.compiling import kernel
 from classify.base.threads import STRIP_PX
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 from classify.lights.algebra import drop_one_constants
 from classify.lights.led_levels import LitSamples, level_corrections, residual_spread
 from classify.shadow_rule import MIN_NORMAL_Z, MIN_SCALED_Z, NO_DROPPED_LIGHT, SHADOW_FRACTION
@@ -181,10 +181,10 @@ def _gate(
             w2 = w2 if count == zero else o2
             w3 = w3 if count == zero else o3
             total = one / max((w0 + w1) + (w2 + w3), _TINY)
-            taken = share * total
-            p[r, c] = bx - taken * ((w0 * cx0 + w1 * cx1) + (w2 * cx2 + w3 * cx3))
-            q[r, c] = by - taken * ((w0 * cy0 + w1 * cy1) + (w2 * cy2 + w3 * cy3))
-            albedo[r, c] = bz - taken * ((w0 * cz0 + w1 * cz1) + (w2 * cz2 + w3 * cz3))
+            correction = share * total
+            p[r, c] = bx - correction * ((w0 * cx0 + w1 * cx1) + (w2 * cx2 + w3 * cx3))
+            q[r, c] = by - correction * ((w0 * cy0 + w1 * cy1) + (w2 * cy2 + w3 * cy3))
+            albedo[r, c] = bz - correction * ((w0 * cz0 + w1 * cz1) + (w2 * cz2 + w3 * cz3))
             largest = max(max(w0, w1), max(w2, w3))
             index = np.uint8(2) if w2 == largest else np.uint8(3)
             index = np.uint8(1) if w1 == largest else index

@@ -4,7 +4,7 @@ import numpy as np
 
 from classify.base.arrays import Array
 from classify.base.compiling import kernel
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 from classify.lights.algebra import drop_two_inverses, least_squares_weights
 from classify.shadow_rule import NO_DROPPED_LIGHT
 
@@ -64,7 +64,7 @@ def _drop_extremes(
                 bz[c] += z * v
                 lowest[c] = min(lowest[c], v)
                 highest[c] = max(highest[c], v)
-        # The number of lights that are as low, and the sum of their indices: if one, its index.
+        # Number of lights with the lowest value, and sum of their indices: the index, if it is one.
         lows = np.zeros(columns, np.float32)
         low = np.zeros(columns, np.float32)
         highs = np.zeros(columns, np.float32)

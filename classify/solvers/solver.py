@@ -8,8 +8,7 @@ import numpy as np
 
 from classify.base.arrays import Array, BoolArray
 from classify.base.errors import InputError
-from classify.images.noise import SensorNoise
-from classify.images.stack import Images, ImageStack
+from classify.images import Images, ImageStack, SensorNoise
 from classify.lighting import Lighting
 from classify.lights.fall_off import fall_off
 from classify.lights.flat_field import DividedStack, FlatField

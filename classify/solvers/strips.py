@@ -14,7 +14,7 @@ import numpy as np
 from classify.base.arrays import Array, FloatMap
 from classify.base.compiling import kernel
 from classify.base.threads import STRIP_PX, run_on_rows
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 from classify.lights.flat_field import DividedStack
 from classify.lights.near_light import Shear
 from classify.shadow_rule import MIN_NORMAL_Z, SHADOW_FLOOR, SHADOW_FRACTION
@@ -33,7 +33,7 @@ _NEAR_PLANE = np.float32(0.05)
 
 
 @dataclass(frozen=True, eq=False)
-class NearRows:
+class _NearRows:
     """Some rows of a frame under near lights."""
 
     problem: Problem  # of the whole frame
@@ -97,15 +97,15 @@ def _undo_shear(
                 across + cz * inner,
             )
             square = bx * bx + by * by + bz * bz
-            known = (across > _NEAR_PLANE) & (bz > zero) & (bz * bz > least * square)
+            is_determined = (across > _NEAR_PLANE) & (bz > zero) & (bz * bz > least * square)
             # One quotient for both: divisions take most of the time.
             scale = across * across * (one + p[r, c] * p[r, c] + q[r, c] * q[r, c])
-            quotient = one / (bz * scale if known else one)
-            slope = -quotient * scale if known else zero
-            albedo[r, c] *= np.sqrt(square * quotient * bz) if known else one
+            quotient = one / (bz * scale if is_determined else one)
+            slope = -quotient * scale if is_determined else zero
+            albedo[r, c] *= np.sqrt(square * quotient * bz) if is_determined else one
             p[r, c] = bx * slope
             q[r, c] = by * slope
-            valid[r, c] &= known
+            valid[r, c] &= is_determined
 
 
 @kernel
@@ -224,7 +224,7 @@ def solve_strips(
 
     def solve_prepared(stack: ImageStack, maps: Maps, first: int) -> None:
         height = len(maps.p)
-        near = NearRows.of(problem, first, height)
+        near = _NearRows.of(problem, first, height)
         if near is not None:
             near.subtract_excess(stack)
         solve(stack, maps, 0, height)
@@ -242,7 +242,7 @@ def correct_for_near_lights(problem: Problem, maps: Maps) -> None:
     """Replace the solution b' of distant lights by b of near ones, if they are near."""
 
     def correct(first: int, last: int) -> None:
-        near = NearRows.of(problem, first, last - first)
+        near = _NearRows.of(problem, first, last - first)
         if near is not None:
             near.correct(maps.rows(first, last))
 

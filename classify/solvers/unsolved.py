@@ -14,24 +14,24 @@ from classify.base.threads import run_on_rows
 # lowest bits are the lights in shadow or saturated.
 LOST, SATURATED = np.uint8(16), np.uint8(32)
 NOT_REACHED = np.uint8(255)
-# In place of the index of a pair of lights: fewer than two lights, or a pixel to be left alone.
+# Codes in place of a pair of lights: fewer than two lights, or a pixel that is not changed.
 NO_LINE, SKIPPED = np.uint8(6), np.uint8(7)
 
-# In place of the index of a neighbour: one that is solved, or that has no slope.
+# Codes in place of a neighbour: it is solved, or it has no slope.
 _SOLVED, NOTHING = -1, -2
-# Neighbours are in rows: nw, n, ne, w, e, sw, s, se. Those that share a side with the pixel, and
-# the weight of each in first values.
+# Neighbours row by row: nw, n, ne, w, e, sw, s, se. `_BESIDE` marks those that share a side with
+# the pixel; the weights are for the first values.
 _BESIDE = np.array([0, 1, 0, 1, 1, 0, 1, 0], np.bool_)
 FIRST_WEIGHTS = np.where(_BESIDE, 1.0, 0.7).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
 class Unsolved:
-    """The pixels to be filled in, row by row, with all that their values depend on."""
+    """The pixels to be filled in, row by row, with their lights and neighbours."""
 
     pixels: Array  # (n,) flat indices, ascending
     lines: Array  # (n, 4) b0 and t of each pixel on its line of scaled normals; t is written
-    pairs: Array  # (n,) pair of lights, `NO_LINE` or `SKIPPED`, which `relax` leaves alone
+    pairs: Array  # (n,) pair of lights, `NO_LINE`, or `SKIPPED` by `relax`
     along: Array  # (7, 3) direction d of the line of each pair
     near: Array  # (n, 8) index of each neighbour in this list, or `_SOLVED` or `NOTHING`
     solved: Array  # (n, 7) sums of solved neighbours: weighted p, q, albedo, 1; parts of the minima

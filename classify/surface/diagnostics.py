@@ -4,7 +4,7 @@ import numpy as np
 
 from classify.base.arrays import Array, FloatMap
 from classify.base.compiling import kernel
-from classify.images.noise import SIGMA_PER_MAD
+from classify.images import SIGMA_PER_MAD
 from classify.shadow_rule import SHADOW_FLOOR, SHADOW_FRACTION
 
 # A highlight gives at least this multiple of the Lambertian prediction, which is taken as at least
@@ -84,9 +84,11 @@ def compare_with_prediction(
                 inner = x[c] * p[r, c] + y[r] * q[r, c]
                 s = scales[c] * (lz - lx * p[r, c] - ly * q[r, c] + near * inner)
                 rho = albedo[r, c]
-                known = determined[r, c]
-                shadow_count[r, c] += known & (v <= SHADOW_FRACTION * max(s, SHADOW_FLOOR * rho))
-                highlights[r, c] |= known & (v >= limit * max(s, _HIGHLIGHT_FLOOR * rho))
+                has_slope = determined[r, c]
+                shadow_count[r, c] += has_slope & (
+                    v <= SHADOW_FRACTION * max(s, SHADOW_FLOOR * rho)
+                )
+                highlights[r, c] |= has_slope & (v >= limit * max(s, _HIGHLIGHT_FLOOR * rho))
 
 
 def highlight_limits(

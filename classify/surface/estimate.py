@@ -11,7 +11,7 @@ from classify.base.arrays import Array, BoolArray, Floats
 from classify.base.arrays import FloatMap as FloatMap
 from classify.base.errors import InputError
 from classify.base.threads import run_on_rows
-from classify.images.stack import ImageStack, sample_pixels
+from classify.images import ImageStack, sample_pixels
 from classify.lighting import Lighting
 from classify.lights.flat_field import DividedStack, FlatField
 from classify.lights.near_light import Shear, middle_px

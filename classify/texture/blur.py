@@ -34,12 +34,12 @@ The second is smaller, because the statistics of the reference are then extrapol
 """
 
 EXTRAPOLATION = KNOTS_PX2[1] / KNOTS_PX2[0]
-"""Extrapolation to a sharper reference: its change at the second knot, over that at the first."""
+"""Ratio of the first two knots: statistics are extrapolated in proportion to the variance."""
 
 # Variances of the points between which the difference of a test and a reference is linear.
 _POINTS_PX2 = (-KNOTS_PX2[1], -KNOTS_PX2[0], 0.0, *KNOTS_PX2)
-# Added to a squared distance per px^2, and more in smaller frames, whose coarse textures differ
-# by as much as blur would make them: see "Focus" in classify/DECISIONS.md.
+# Penalty on a squared distance per px^2 of blur. It grows in frames below `_SUFFICIENT_PX` squared,
+# where textures scatter as much as blur changes them: see "Focus" in classify/DECISIONS.md.
 _PENALTY = 0.1
 _AREA_POWER = 1.5
 _SUFFICIENT_PX = 256
@@ -74,8 +74,8 @@ def blurred_surface(surface: SurfaceEstimate, sigma_px: float) -> SurfaceEstimat
 
 def blur_penalty(pixels: float) -> np.float32:
     """Penalty per px^2 of blur, for training frames of that many pixels."""
-    missing = max(_SUFFICIENT_PX**2 / max(pixels, 1.0), 1.0)
-    return np.float32(_PENALTY * missing**_AREA_POWER)
+    deficit = max(_SUFFICIENT_PX**2 / max(pixels, 1.0), 1.0)
+    return np.float32(_PENALTY * deficit**_AREA_POWER)
 
 
 def least_over_blurs(
@@ -111,7 +111,7 @@ def _least_rows(
 def path_products(
     test: Array, test_curve: Array, reference: Array, curve: Array, rings: int
 ) -> tuple[Any, Any]:
-    """Squared differences at six points of the path, and products of neighbours."""
+    """Squared differences at the six `_POINTS_PX2`, and inner products of neighbours."""
     zero = np.float32(0.0)
     s0, s1, s2, s3, s4, s5 = zero, zero, zero, zero, zero, zero
     p0, p1, p2, p3, p4 = zero, zero, zero, zero, zero
@@ -141,16 +141,19 @@ def path_products(
 def least_on_path(
     squares: Any, products: Any, penalty: np.float32
 ) -> tuple[np.float32, np.float32]:
-    """Least squared distance plus penalty on a path of lines, and its variance."""
+    """Least squared distance plus penalty on a piecewise linear path, and its variance.
+
+    Each segment is a parabola: its minimum is where the path is nearest to the origin.
+    """
     zero = np.float32(0.0)
     least, variance = squares[2], zero
     for k in range(len(products)):
         low, high = np.float32(_POINTS_PX2[k]), np.float32(_POINTS_PX2[k + 1])
-        along = squares[k] - products[k]
-        across = max(along + squares[k + 1] - products[k], np.float32(1e-12))
+        fall = squares[k] - products[k]  # half of the decrease per share, at the start
+        length = max(fall + squares[k + 1] - products[k], np.float32(1e-12))  # squared
         cost = penalty * (abs(high) - abs(low))
-        share = min(max((along - np.float32(0.5) * cost) / across, zero), np.float32(1.0))
-        square = squares[k] + share * (share * across - np.float32(2.0) * along)
+        share = min(max((fall - np.float32(0.5) * cost) / length, zero), np.float32(1.0))
+        square = squares[k] + share * (share * length - np.float32(2.0) * fall)
         square += penalty * abs(low) + share * cost
         if square < least:
             least, variance = square, low + share * (high - low)

@@ -26,7 +26,7 @@ _SPINS = np.tile([1.0, 1.0, 1.0, 1.0, 1.0, 3.0], _MAX_LEVELS)
 # Mean ratio of squared moments to their variance from which a surface has a heading: noise gives 1.
 _LEAST_SIGNIFICANCE = 2.0
 
-Complex = npt.NDArray[np.complex128]
+_Complex = npt.NDArray[np.complex128]
 
 
 @kernel
@@ -61,7 +61,7 @@ def add_row(
         sums[index] = totals[index]
 
 
-def heading_moments(sums: Floats, counts: Floats, variances: Floats) -> Complex:
+def heading_moments(sums: Floats, counts: Floats, variances: Floats) -> _Complex:
     """(..., 6) complex moments without unit, from (..., 13) sums of `add_row`.
 
     With g = p + i q minus its mean, z and a the responses of relief and albedo, these are the means
@@ -77,7 +77,7 @@ def heading_moments(sums: Floats, counts: Floats, variances: Floats) -> Complex:
     return np.asarray(moments / units, np.complex128)
 
 
-def heading_variances(moments: Complex) -> Floats:
+def heading_variances(moments: _Complex) -> Floats:
     """(levels, 6) variance of a frame's moments, from (5, levels, 6) of it and its quarters."""
     quarters = moments[1:]
     deviations = np.abs(quarters - quarters.mean(axis=0))
@@ -85,7 +85,7 @@ def heading_variances(moments: Complex) -> Floats:
     return variances
 
 
-def heading_numbers(moments: Complex, typical: Floats) -> FloatMap:
+def heading_numbers(moments: _Complex, typical: Floats) -> FloatMap:
     """(72,) float32: (5, levels, 6) moments, and the weights they have in a reference."""
     padded = np.zeros((_MAX_LEVELS, MOMENTS), np.complex128)
     weights = np.zeros((_MAX_LEVELS, MOMENTS))

@@ -46,11 +46,11 @@ def squared_errors_by_shift(
 
 def best_shift(errors: Floats) -> Floats:
     """(n,) shift in grid steps at the lowest of (n, A) errors, refined by a parabola."""
-    shifts, _ = refined_minima(errors, 1e-12 * np.abs(errors.min(axis=-1)))
+    shifts, _ = _refined_minima(errors, 1e-12 * np.abs(errors.min(axis=-1)))
     return np.mod(shifts, errors.shape[-1])
 
 
-def refined_minima(errors: Floats, flat_below: Floats) -> tuple[Floats, Floats]:
+def _refined_minima(errors: Floats, flat_below: Floats) -> tuple[Floats, Floats]:
     """(n,) positions and values of the minima of (n, A) periodic errors, by a parabola."""
     count = errors.shape[-1]
     lowest = np.argmin(errors, axis=-1)
@@ -93,7 +93,7 @@ class OrientationProfile:
         around = self.agreement[[index - 1, index, (index + 1) % 180]]
         if around.argmax() != 1:
             return float(index), float(around[1])
-        offset, least = refined_minima(-around[None, :], np.zeros(1))
+        offset, least = _refined_minima(-around[None, :], np.zeros(1))
         return float((index - 1 + offset[0]) % 180.0), float(-least[0])
 
 
@@ -130,7 +130,7 @@ def least_error(test: Complex, references: Complex) -> LeastError:
     correlations, zeroth, energies = _correlations(test, references)
     total = energies.sum(axis=1)
     errors = total[:, None] - 2.0 * correlations
-    shifts, least = refined_minima(errors, _LEAST_CURVATURE * total)
+    shifts, least = _refined_minima(errors, _LEAST_CURVATURE * total)
     sharpness = np.clip(_agreed(correlations.max(axis=1), zeroth, energies), 0.0, 1.0)
     # The second modulo: a remainder of -1e-17 is rounded up to 180.
     shifts_deg = (shifts % _SHIFTS % _SHIFTS) * _STEP_DEG

@@ -79,8 +79,8 @@ def _summed_powers(planes: tuple[Array, ...], window: FloatMap, pairs: Sequence[
     slopes, albedo = np.empty((2, side, side, 2), np.float32), np.empty((side, side, 2), np.float32)
     for corners in pairs:
         _cut(planes, corners, window, weight, slopes, albedo)
-        for each in (*slopes[: len(corners)], albedo):
-            cv2.dft(each, each)
+        for plane in (*slopes[: len(corners)], albedo):
+            cv2.dft(plane, plane)
         _add_powers(slopes[: len(corners)], albedo, sums)
     return sums
 

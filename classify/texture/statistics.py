@@ -28,10 +28,10 @@ _BLUR_PX = 0.8
 _BLUR_SIZE = (5, 5)
 # The coarsest level has at least this many pixels on a side of a quarter.
 _COARSEST_PX = 16
-# Share of the mean energy that is added to each energy: logarithms of noise would outweigh others.
+# Floor of the energies, as a share of their mean; without it logarithms of noise would dominate.
 _ENERGY_FLOOR = np.float32(0.01)
-# Share of the local energy of relief that is added to that of albedo: penumbra, gloss and unequal
-# lights leak about as much of the relief into a constant albedo.
+# Share of the local relief energy that is added to the albedo energy: penumbra, gloss and unequal
+# lights leak about as much relief into a constant albedo.
 _LEAK = np.float32(0.025)
 # Rows and columns at the edge of the frame that the repeated border changes.
 _BORDER = 2

@@ -14,9 +14,9 @@ import numpy.typing as npt
 from rig.errors import CameraError
 
 EXPOSURE_LAG_FRAMES = 3
-"""Frames after a change of the exposure that may have the previous one.
+"""Number of frames after a change of the exposure that may still have the old one.
 
-Sensors take a new value at the next frame or the one after it, USB cameras one later.
+Sensors apply a new value after one or two frames, USB cameras after one more.
 """
 
 Pixels = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]

@@ -223,9 +223,9 @@ class OpencvCamera:
         # Read here, because a thread reads frames later.
         names = ("GAIN", "GAMMA", *_PIXEL_VALUE_CONTROLS)
         read = {name: video.get(_property(name)) for name in names}
-        known = {name.lower(): value for name, value in read.items() if value != _LACKING}
-        stated = {name: known.pop(name, None) for name in ("gain", "gamma")}
-        self._pixel_values: dict[str, Any] = {**stated, "pixel_value_controls": known}
+        values = {name.lower(): value for name, value in read.items() if value != _LACKING}
+        gain_and_gamma = {name: values.pop(name, None) for name in ("gain", "gamma")}
+        self._pixel_values: dict[str, Any] = {**gain_and_gamma, "pixel_value_controls": values}
 
     def _set_exposure(self) -> list[ControlFault]:
         if self._video_backend != _V4L2:
@@ -253,11 +253,11 @@ class OpencvCamera:
         self._read_back[name.lower()] = held
         if obeyed and held == value:
             return []
-        seen = f"{name.lower()} was set to {value:g} through OpenCV and reads {held:g}"
+        finding = f"{name.lower()} was set to {value:g} through OpenCV and reads {held:g}"
         advice = (
             "the camera does not obey, or lacks the control; use kind = 'v4l2' or another camera"
         )
-        return [ControlFault(name.lower(), seen, advice)]
+        return [ControlFault(name.lower(), finding, advice)]
 
 
 def _property(name: str) -> int:

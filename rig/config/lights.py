@@ -15,7 +15,7 @@ SIMULATED = "simulated"
 """Value of `port` for the simulated controller: the firmware on a pty of this machine."""
 AUTO = "auto"
 """Value of `port` for a controller that is searched for."""
-Intensity = Annotated[FiniteFloat, Field(ge=0.01, le=100.0)]
+_Intensity = Annotated[FiniteFloat, Field(ge=0.01, le=100.0)]
 
 
 class LightsConfig(Section):
@@ -48,7 +48,7 @@ class LightsConfig(Section):
     slant_deg: float = Field(
         default=45.0, gt=0.0, le=85.0, description="of all LEDs, from the camera's axis"
     )
-    intensities: tuple[Intensity, ...] = Field(
+    intensities: tuple[_Intensity, ...] = Field(
         default=(), strict=False, description="LED levels as built, relative to each other"
     )
     settle_ms: float = Field(

@@ -9,8 +9,8 @@ from firmware_sim.firmware import MAX_STEP_US, MAX_STEPS
 # its main loop (0.2 ms each at most, `controller_turn_us`) and the delay of an optocoupler. Each
 # set measures the true one, and `ps4rig rig timing` prints it.
 REACTION_S = 0.0005
-# A strobe without an edge for this long beyond the frame period counts as disconnected, and so does
-# that of a camera that stalls for longer.
+# A strobe without an edge for this long beyond the frame period counts as disconnected; so does a
+# camera that stalls.
 _STROBE_PATIENCE_S = 0.25
 
 

@@ -1,18 +1,70 @@
-"""The section ``[simulation]`` of ``rig.toml``, for simulated rigs only, with defects."""
+"""The section ``[simulation]`` of ``rig.toml``, for simulated rigs: hardware, defects, faults."""
 
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, FiniteFloat, model_validator
 
 from classify.base.models import Degrees, Section
+from firmware_sim.faults import LedFault, LineFault, When
 
-from .fault_plan import FaultPlan
+MAX_FRAMES_BACK = 4
+"""Number of the simulated driver's buffers; a torn frame shows the old content of one."""
+
+
+class FrameFault(Section):
+    """A fault in frames."""
+
+    kind: Literal[
+        "dropped", "repeated_pixels", "repeated_frame", "torn", "black", "dark", "late",
+        "stamped_late", "drift", "gone",
+    ] = Field(
+        description="repeated_pixels: with a new number and times; torn: rows of an earlier frame; "
+        "black: all zero; dark: without light; drift: of the exposure; gone: no frame from then on"
+    )  # fmt: skip
+    row_share: float = Field(
+        default=0.5,
+        gt=0.0,
+        lt=1.0,
+        description="of a torn frame: where the earlier frame begins",
+    )
+    frames_back: int = Field(
+        default=1, ge=1, le=MAX_FRAMES_BACK, description="of a torn frame, 1 to 4"
+    )
+    delay_ms: float = Field(
+        default=10.0, ge=0.0, le=60_000.0, description="of late and stamped_late"
+    )
+    rate_per_s: FiniteFloat = Field(
+        default=0.5, description="of drift: share of the exposure per second"
+    )
+    when: When = Field(default=When(), description="as of a line")
+
+
+class FaultPlan(Section):
+    """Faults of a simulated rig, injected below the drivers.
+
+    Attributes
+    ----------
+    seed
+        Of all random faults.
+    lines
+        Of the serial line.
+    leds
+        In the light of the LEDs.
+    frames
+        In the camera's frames.
+    """
+
+    seed: int = Field(default=1, ge=0, lt=2**63)
+    lines: tuple[LineFault, ...] = Field(default=(), strict=False)
+    leds: tuple[LedFault, ...] = Field(default=(), strict=False)
+    frames: tuple[FrameFault, ...] = Field(default=(), strict=False)
+
 
 DefectKind = Literal["scratch", "dent", "bump", "stain", "missing", "foreign"]
 RELIEF_KINDS: tuple[DefectKind, ...] = ("scratch", "dent", "bump")
-"""Kinds that change the relief alone, by `Defect.depth_px`."""
+"""Kinds of defects that change only the relief, by `Defect.depth_px`."""
 
-Place = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
+_Place = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
 
 
 class Defect(Section):
@@ -33,16 +85,16 @@ class Defect(Section):
     depth_px
         Depth of a scratch or a dent, height of a bump.
     angle_deg
-        Anticlockwise: of a scratch, an irregular outline, a foreign texture.
+        Direction of a scratch, an irregular outline or a foreign texture, anticlockwise.
     contrast
         Share by which a stain darkens the albedo; negative for a bright stain.
     surface
-        Texture of a foreign patch, as that of the part.
+        Texture of a foreign patch; the same names as `Placement.surface`.
     """
 
     kind: DefectKind
-    x_px: Place = 0.0
-    y_px: Place = 0.0
+    x_px: _Place = 0.0
+    y_px: _Place = 0.0
     size_px: float = Field(default=24.0, ge=2.0, le=2048.0)
     width_px: float = Field(default=3.0, ge=1.0, le=256.0)
     depth_px: float = Field(default=1.0, gt=0.0, le=256.0)
@@ -51,7 +103,7 @@ class Defect(Section):
     surface: str | None = None
 
     @model_validator(mode="after")
-    def _names_a_foreign_texture(self) -> Self:
+    def _require_foreign_texture(self) -> Self:
         if self.kind == "foreign" and self.surface is None:
             raise ValueError("kind = 'foreign' needs `surface`, the texture of the patch")
         if self.kind != "foreign" and self.surface is not None:

@@ -8,7 +8,7 @@ from rig.cameras.kinds import CAMERA_KINDS
 from rig.errors import CameraError, ControlError
 
 from .check import Check
-from .serial_ports import check_access
+from .light_controller import check_access
 
 # Frames that are read for the rate and the losses; as few as 3 if more would take longer than this.
 _FRAMES, _FRAMES_TAKE_S = 30, 10.0
@@ -27,16 +27,16 @@ def check_cameras(cameras: Sequence[ListedCamera], config: CameraConfig | None) 
         formats = ", ".join(camera.formats[:_MOST_FORMATS])
         more = len(camera.formats) - _MOST_FORMATS
         more_formats = f" and {more} more formats" if more > 0 else ""
-        seen = f"{camera.name} ({camera.driver}) at {camera.device}: {formats}{more_formats}"
-        yield Check("camera", "ok", seen)
+        finding = f"{camera.name} ({camera.driver}) at {camera.device}: {formats}{more_formats}"
+        yield Check("camera", "ok", finding)
     if isinstance(config, DeviceCameraConfig):
         own = next((camera for camera in cameras if config.matches(camera)), None)
         if own is not None and own.node is not None:
             yield check_access("permission", str(own.node))
         elif own is None:
-            seen = f"{config.device} is not among the {len(cameras)} cameras found"
+            finding = f"{config.device} is not among the {len(cameras)} cameras found"
             advice = "is it plugged in? Set camera.device to one of the names above"
-            yield Check("camera.device", "fault", seen, advice)
+            yield Check("camera.device", "fault", finding, advice)
 
 
 def check_controls(error: ControlError) -> Iterator[Check]:
@@ -58,37 +58,38 @@ def check_frames(camera: Camera) -> Iterator[Check]:
     """Check the frame rate, and count lost and corrupt frames."""
     info = camera.info
     frames = max(3, min(_FRAMES, round(_FRAMES_TAKE_S / info.frame_period_s)))
-    taken: list[Frame] = []
+    read_frames: list[Frame] = []
     # Frames that waited in the queue do not show the rate.
     for number in range(info.queue_length + frames):
         frame = camera.read(_READ_TIMEOUT_S + info.frame_period_s)
         if number >= info.queue_length:
-            taken.append(frame)
-    steps = taken[-1].sequence - taken[0].sequence
-    elapsed_s = taken[-1].exposure_start_s - taken[0].exposure_start_s
+            read_frames.append(frame)
+    steps = read_frames[-1].sequence - read_frames[0].sequence
+    elapsed_s = read_frames[-1].exposure_start_s - read_frames[0].exposure_start_s
     if steps <= 0 or elapsed_s <= 0.0:
+        numbers = f"{read_frames[0].sequence} to {read_frames[-1].sequence}"
         raise CameraError(
-            f"{frames} frames from number {taken[0].sequence} to {taken[-1].sequence} in "
-            f"{elapsed_s:.3f} s: the camera's numbers or time stamps do not advance"
+            f"{frames} frames from number {numbers} in {elapsed_s:.3f} s: the camera's numbers or "
+            "time stamps do not advance"
         )
     rate_hz, asked_hz = steps / elapsed_s, 1.0 / info.frame_period_s
-    seen = f"{rate_hz:.2f} Hz reached, {asked_hz:.2f} Hz asked for"
+    finding = f"{rate_hz:.2f} Hz reached, {asked_hz:.2f} Hz asked for"
     if abs(rate_hz / asked_hz - 1.0) <= _RATE_TOLERANCE:
-        yield Check("frame rate", "ok", seen)
+        yield Check("frame rate", "ok", finding)
     else:
         advice = (
             "set camera.frame_rate_hz to the rate reached; an exposure longer than a frame, a "
             "dynamic frame rate in dim light, or a full USB bus slows a camera down"
         )
-        yield Check("frame rate", "warning", seen, advice)
-    lost = steps + 1 - len(taken)
-    corrupt = sum(frame.flags != FrameFlag.GOOD for frame in taken)
-    seen = f"{lost} lost and {corrupt} corrupt of {steps + 1}"
+        yield Check("frame rate", "warning", finding, advice)
+    lost = steps + 1 - len(read_frames)
+    corrupt = sum(frame.flags != FrameFlag.GOOD for frame in read_frames)
+    finding = f"{lost} lost and {corrupt} corrupt of {steps + 1}"
     if lost == 0 and corrupt == 0:
-        yield Check("frames", "ok", seen)
+        yield Check("frames", "ok", finding)
     else:
         advice = "give the camera its own USB port, a shorter cable, or a lower frame rate"
-        yield Check("frames", "warning", seen, advice)
+        yield Check("frames", "warning", finding, advice)
 
 
 def exposure_range_ms(

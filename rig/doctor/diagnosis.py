@@ -26,9 +26,8 @@ from .cameras import (
     exposure_range_ms,
 )
 from .check import Check, collected
+from .light_controller import check_lights, check_modem_manager, check_port, check_ports
 from .light_images import capture_light_images, check_light_images
-from .lights import check_lights
-from .serial_ports import check_modem_manager, check_port, check_ports
 
 
 def diagnose(
@@ -68,9 +67,9 @@ def check_kernel_cache(folder: Path | None) -> Check:
     """Check that compiled kernels are kept between commands."""
     if folder is not None:
         return Check("compiled kernels", "ok", f"are kept in {folder}")
-    seen = "are not kept, since no folder can be written: each command compiles them for seconds"
+    finding = "are not kept, since no folder can be written: each command compiles them for seconds"
     advice = "set the environment variable NUMBA_CACHE_DIR to a folder that you may write to"
-    return Check("compiled kernels", "warning", seen, advice)
+    return Check("compiled kernels", "warning", finding, advice)
 
 
 def _diagnose_open(
@@ -137,8 +136,8 @@ def _diagnose_open(
 
 
 def _measurement_mode(info: CameraInfo) -> Check:
-    seen = (
+    finding = (
         f"{info.name}: {info.width_px} x {info.height_px} px of {info.bit_depth} bit, exposure "
         f"{1e3 * info.exposure_s:g} ms; all controls were set and read back"
     )
-    return Check("measurement mode", "ok", seen)
+    return Check("measurement mode", "ok", finding)

@@ -78,32 +78,34 @@ def check_leds(images: LightImages) -> Iterator[Check]:
 
 
 def _ambient(share: float) -> Check:
-    seen = f"{share:.1%} of full scale with all LEDs off"
+    finding = f"{share:.1%} of full scale with all LEDs off"
     if share <= HIGH_AMBIENT_SHARE:
-        return Check("ambient light", "ok", seen)
+        return Check("ambient light", "ok", finding)
     status: Status = "fault" if share > MAX_AMBIENT_SHARE else "warning"
     advice = "shield the rig from other light; does an LED stay on?"
-    return Check("ambient light", status, seen, advice)
+    return Check("ambient light", status, finding, advice)
 
 
 def _led(led: int, signal: float, brightest: float) -> Check:
     name = f"LED {led}"
-    seen = f"{signal:.1%} of full scale above dark"
+    finding = f"{signal:.1%} of full scale above dark"
     if signal < MIN_SIGNAL_SHARE or signal < DEAD_LED_SHARE * brightest:
         advice = "check its wiring, its resistor and whether something stands before it"
-        return Check(name, "fault", f"{seen}: dead", advice)
-    seen += f", {signal / brightest:.0%} of the brightest LED"
+        return Check(name, "fault", f"{finding}: dead", advice)
+    finding += f", {signal / brightest:.0%} of the brightest LED"
     if signal < WEAK_LED_SHARE * brightest:
-        return Check(name, "warning", f"{seen}: weak", "clean or replace it, or lower the others")
-    return Check(name, "ok", seen)
+        return Check(
+            name, "warning", f"{finding}: weak", "clean or replace it, or lower the others"
+        )
+    return Check(name, "ok", finding)
 
 
 def _saturation(images: LightImages) -> Check:
     white = (images.lights >= images.full_scale).mean(axis=(1, 2))
-    seen = f"at most {white.max():.2%} of the pixels are saturated, under LED {white.argmax()}"
+    finding = f"at most {white.max():.2%} of the pixels are saturated, under LED {white.argmax()}"
     if white.max() > MAX_SATURATED_SHARE:
-        return Check("saturation", "fault", seen, "shorten the exposure; see below")
-    return Check("saturation", "ok", seen)
+        return Check("saturation", "fault", finding, "shorten the exposure; see below")
+    return Check("saturation", "ok", finding)
 
 
 @dataclass(frozen=True)
@@ -140,12 +142,12 @@ def rate_exposure(images: LightImages) -> ExposureRating:
 
 def _exposure(images: LightImages, exposure_ms: float, range_ms: tuple[float, float]) -> Check:
     rating = rate_exposure(images)
-    seen = (
+    finding = (
         f"{exposure_ms:g} ms; the brightest {1 - _BRIGHT_PERCENTILE / 100:.1%} of the pixels under "
         f"LED {rating.led} are at {rating.share:.0%} of full scale"
     )
     if rating.is_good:
-        return Check("exposure", "ok", seen)
+        return Check("exposure", "ok", finding)
     wanted_ms, (shortest_ms, longest_ms) = exposure_ms * rating.factor, range_ms
     if shortest_ms == longest_ms:
         less, more = "dim the LEDs, or close the aperture", "brighter LEDs, or open the aperture"
@@ -159,7 +161,7 @@ def _exposure(images: LightImages, exposure_ms: float, range_ms: tuple[float, fl
             f"set camera.exposure_ms = {_rounded_down(longest_ms):g}, the longest at this frame "
             "rate; a lower frame rate, more gain or brighter LEDs would help"
         )
-    return Check("exposure", "warning", seen, advice)
+    return Check("exposure", "warning", finding, advice)
 
 
 def _rounded_down(exposure_ms: float) -> float:
@@ -176,32 +178,34 @@ def _levels(images: LightImages, lighting: Lighting) -> Check:
     if agreement.levels is None or agreement.level_error > MAX_LED_LEVEL_ERROR:
         advice = "put something matt with relief in all directions below the camera"
         return Check(name, "unknown", "cannot be estimated from these images", advice)
-    seen = "relative to the configured " + ", ".join(f"{level:.1%}" for level in agreement.levels)
+    finding = "relative to the configured " + ", ".join(
+        f"{level:.1%}" for level in agreement.levels
+    )
     if all(abs(level - 1.0) <= EQUAL_LED_LEVELS for level in agreement.levels):
-        return Check(name, "ok", seen)
+        return Check(name, "ok", finding)
     line = ", ".join(f"{level:.3f}" for level in lighting.intensities * agreement.levels)
     advice = f"if the LEDs are built with these levels, set lights.intensities = [{line}]"
-    return Check(name, "warning", seen, advice)
+    return Check(name, "warning", finding, advice)
 
 
 def _order(images: LightImages, lighting: Lighting) -> Check:
     name = "LED order"
     if len(lighting) != 4:
         return Check(name, "unknown", "can be checked for four LEDs only")
-    found = light_order(
+    order = light_order(
         images.lights, lighting, ambient=images.ambient, full_scale=images.full_scale
     )
-    if found.is_refuted:
-        orders = sorted(found.plausible, key=lambda order: len(_moved(order)))[:2]
-        likely = " or ".join(_exchange(order) for order in orders if _moved(order))
-        seen = f"the shading contradicts lights.tilts_deg: {likely}"
-        return Check(name, "fault", seen, "exchange their plugs, or correct lights.tilts_deg")
-    if found.is_confirmed:
-        seen = "the shading agrees with lights.tilts_deg; a rotation of all LEDs by 180 degrees "
-        return Check(name, "ok", seen + "does not show in images")
-    seen = f"{len(found.plausible)} of 24 orders explain these images"
+    if order.is_refuted:
+        orders = sorted(order.plausible, key=lambda plausible: len(_moved(plausible)))[:2]
+        likely = " or ".join(_exchange(plausible) for plausible in orders if _moved(plausible))
+        finding = f"the shading contradicts lights.tilts_deg: {likely}"
+        return Check(name, "fault", finding, "exchange their plugs, or correct lights.tilts_deg")
+    if order.is_confirmed:
+        finding = "the shading agrees with lights.tilts_deg; a rotation of all LEDs by 180 degrees "
+        return Check(name, "ok", finding + "does not show in images")
+    finding = f"{len(order.plausible)} of 24 orders explain these images"
     advice = "put a coin or a rough stone below the camera, with relief in all directions"
-    return Check(name, "unknown", seen, advice)
+    return Check(name, "unknown", finding, advice)
 
 
 def _moved(order: Order) -> list[int]:

@@ -54,8 +54,8 @@ class SerialPort:
 
     def __str__(self) -> str:
         parts = (self.usb_id, self.serial_number and f"serial number {self.serial_number}")
-        known = ", ".join(filter(None, parts))
-        return f"{self.device} ({known})" if known else self.device
+        identity = ", ".join(filter(None, parts))
+        return f"{self.device} ({identity})" if identity else self.device
 
 
 _Ask = Callable[[str], ControllerIdentity]
@@ -139,8 +139,8 @@ def find_controller(lights: LightsConfig, ports: Sequence[SerialPort], ask: _Ask
     if len(answered) == 1:
         return answered[0][0].device
     if answered:
-        raise LightControllerError(_ambiguous(answered))
-    raise LightControllerError(_nothing(lights, ports, silent))
+        raise LightControllerError(_ambiguity_text(answered))
+    raise LightControllerError(_not_found_text(lights, ports, silent))
 
 
 def known_port(port: str, ports: Iterable[SerialPort]) -> SerialPort:
@@ -167,9 +167,9 @@ def _same(one: str | None, other: str) -> bool:
     return one is not None and one.casefold() == other.casefold()
 
 
-def _ambiguous(answered: Sequence[tuple[SerialPort, ControllerIdentity]]) -> str:
-    named = ", ".join(f"{port.device} ({who.serial_number})" for port, who in answered)
-    numbers = {who.serial_number.casefold() for _, who in answered}
+def _ambiguity_text(answered: Sequence[tuple[SerialPort, ControllerIdentity]]) -> str:
+    named = ", ".join(f"{port.device} ({identity.serial_number})" for port, identity in answered)
+    numbers = {identity.serial_number.casefold() for _, identity in answered}
     if len(numbers) == len(answered):
         remedy = f'set lights.serial_number, such as "{answered[0][1].serial_number}"'
     else:
@@ -178,7 +178,9 @@ def _ambiguous(answered: Sequence[tuple[SerialPort, ControllerIdentity]]) -> str
     return f"{len(answered)} light controllers answer: {named}; {remedy}"
 
 
-def _nothing(lights: LightsConfig, ports: Sequence[SerialPort], silent: Sequence[str]) -> str:
+def _not_found_text(
+    lights: LightsConfig, ports: Sequence[SerialPort], silent: Sequence[str]
+) -> str:
     number, usb_id = lights.serial_number, lights.usb_id
     keys = (number and f"serial number {number}", usb_id and f"USB id {usb_id}")
     selection = " and ".join(filter(None, keys))

@@ -73,18 +73,18 @@ def load_material(folder: str | Path) -> PeriodicSurface:
         if albedo_file
         else np.full(shape, _DEFAULT_ALBEDO)
     )
-    units = maps[height_file].mean(axis=2) if height_file else None
+    levels = maps[height_file].mean(axis=2) if height_file else None  # 0 black to 1 white
     scale = _known_scale(folder, width_px=shape[1])
     if normal_file:
         p, q = _slopes(maps[normal_file], normal_file)
-        if units is None or np.ptp(units) == 0.0:
+        if levels is None or np.ptp(levels) == 0.0:
             surface = PeriodicSurface.from_gradients(p, q, albedo, folder.name)
         else:
-            scale = scale or _fitted_scale(units, p, q, folder)
-            surface = PeriodicSurface(units * scale, p, q, albedo, folder.name)
-    elif units is not None:
-        scale = scale or _default_scale(units)
-        surface = PeriodicSurface.from_height(units * scale, albedo, folder.name)
+            scale = scale or _fitted_scale(levels, p, q, folder)
+            surface = PeriodicSurface(levels * scale, p, q, albedo, folder.name)
+    elif levels is not None:
+        scale = scale or _default_scale(levels)
+        surface = PeriodicSurface.from_height(levels * scale, albedo, folder.name)
     return surface.band_limited()
 
 
@@ -121,15 +121,17 @@ def _slopes(rgb: FloatMap, file: Path) -> tuple[FloatMap, FloatMap]:
             f"{file}: most normals point away from the viewer; give a tangent-space normal map "
             "(mostly blue), OpenGL convention"
         )
-    # The lower bound on z keeps the direction of a steep slope; the factor then limits the slope.
+    # The lower bound on z keeps the direction of a steep slope; the factor limits its size.
     steepness = np.hypot(x, y) / np.maximum(z, 1e-3)
-    limit = np.minimum(1.0, _STEEPEST_SLOPE / np.maximum(steepness, 1e-9)) / np.maximum(z, 1e-3)
-    return np.asarray(-x * limit, np.float32), np.asarray(-y * limit, np.float32)
+    factor = np.minimum(1.0, _STEEPEST_SLOPE / np.maximum(steepness, 1e-9)) / np.maximum(z, 1e-3)
+    return np.asarray(-x * factor, np.float32), np.asarray(-y * factor, np.float32)
 
 
-def _fitted_scale(units: npt.NDArray[np.floating], p: FloatMap, q: FloatMap, folder: Path) -> float:
-    """Pixels per unit of height, fitted to p and q by least squares."""
-    unit_p, unit_q = spectral_gradients(np.asarray(units, np.float32))
+def _fitted_scale(
+    levels: npt.NDArray[np.floating], p: FloatMap, q: FloatMap, folder: Path
+) -> float:
+    """Pixels of height from black to white, fitted to p and q by least squares."""
+    unit_p, unit_q = spectral_gradients(np.asarray(levels, np.float32))
     slope = rms_slope(unit_p, unit_q)
     scale = float(np.mean(unit_p * p + unit_q * q)) / slope**2 if slope > 0.0 else 0.0
     if scale <= 0.0:
@@ -140,8 +142,8 @@ def _fitted_scale(units: npt.NDArray[np.floating], p: FloatMap, q: FloatMap, fol
     return scale
 
 
-def _default_scale(units: npt.NDArray[np.floating]) -> float:
-    slope = rms_slope(*spectral_gradients(np.asarray(units, np.float32)))
+def _default_scale(levels: npt.NDArray[np.floating]) -> float:
+    slope = rms_slope(*spectral_gradients(np.asarray(levels, np.float32)))
     return _DEFAULT_RMS_SLOPE / slope if slope > 0.0 else 1.0
 
 

@@ -17,7 +17,7 @@ from classify.relief.relighting import cast_shadow
 
 from .surfaces import Surface, SurfacePatch, View
 
-AMBIENT = 0.02
+_AMBIENT = 0.02
 """Default ambient light as a share of the light of one LED: what a shrouded rig lets in."""
 
 _Vector = tuple[FloatMap | np.float32, FloatMap | np.float32, FloatMap | np.float32]
@@ -71,7 +71,7 @@ class SceneImages:
 def render_scene(
     patch: SurfacePatch,
     lighting: Lighting,
-    ambient: float = AMBIENT,
+    ambient: float = _AMBIENT,
     margin_px: int = 0,
     *,
     led_distance_px: npt.ArrayLike = DISTANT,
@@ -117,7 +117,7 @@ def render_frame(
     size_px: int,
     rotate_deg: float = 0.0,
     shift_px: tuple[float, float] = (0.0, 0.0),
-    ambient: float = AMBIENT,
+    ambient: float = _AMBIENT,
     *,
     magnification: float = 1.0,
     led_distance_px: npt.ArrayLike = DISTANT,

@@ -21,7 +21,7 @@ from .surfaces import PeriodicSurface, Surface, SurfacePatch, View, from_centre
 TARGETS = ("plate", "mirror_sphere", "matte_sphere", "checkerboard", "lens_cap")
 CHECKERBOARD_CORNERS = (9, 6)
 """Inner corners of the checkerboard along x and y, as OpenCV counts them."""
-SPHERE_MM, SQUARE_MM = 20.0, 5.0
+_SPHERE_MM, SQUARE_MM = 20.0, 5.0
 """Default diameter of a sphere, and side of a square: a common ball bearing, and the example of
 ``ps4rig calibrate scale``."""
 
@@ -54,11 +54,11 @@ def target_named(
     if name == "plate":
         return Plate(seed)
     if name == "lens_cap":
-        return Checkerboard(1.0, white=0.0, black=0.0)
+        return _Checkerboard(1.0, white=0.0, black=0.0)
     board = name == "checkerboard"
     default_px = min(field_px) * (_BOARD_SHARE / (CHECKERBOARD_CORNERS[0] + 1) if board else
                                   _SPHERE_SHARE)  # fmt: skip
-    default_mm = SQUARE_MM if board else SPHERE_MM
+    default_mm = SQUARE_MM if board else _SPHERE_MM
     size_px = default_px if mm_per_px is None else (size_mm or default_mm) / mm_per_px
     width_px = (CHECKERBOARD_CORNERS[0] - 1) * size_px if board else size_px
     if not (width_px < min(field_px) and size_px >= 2.0):
@@ -67,7 +67,7 @@ def target_named(
             "px; set simulation.mm_per_px or simulation.placement.size_mm"
         )
     if board:
-        return Checkerboard(size_px)
+        return _Checkerboard(size_px)
     return Sphere(0.5 * size_px, mirror=name == "mirror_sphere")
 
 
@@ -124,8 +124,8 @@ class Sphere:
         cos, sin = math.cos(math.radians(view.rotate_deg)), math.sin(math.radians(view.rotate_deg))
         p, q = (cos * -x - sin * -y) / z, (sin * -x + cos * -y) / z
         albedo = np.where(ball, 0.0 if self.mirror else _WHITE, _BLACK)
-        images = [each.astype(np.float32) for each in (height, p, q, albedo)]
-        return SurfacePatch(images[0], images[1], images[2], images[3], plane_px=0.0)
+        maps = [plane.astype(np.float32) for plane in (height, p, q, albedo)]
+        return SurfacePatch(maps[0], maps[1], maps[2], maps[3], plane_px=0.0)
 
     def reflecting_room(self, scene: SceneImages, ambient: float) -> SceneImages:
         """Add what a mirror reflects besides the LEDs: the room, the dark camera and the card."""
@@ -156,7 +156,7 @@ class Sphere:
 
 
 @dataclass(frozen=True)
-class Checkerboard:
+class _Checkerboard:
     """Black squares on a flat white sheet, `CHECKERBOARD_CORNERS` inner corners."""
 
     square_px: float

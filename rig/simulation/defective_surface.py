@@ -23,13 +23,13 @@ _Number = TypeVar("_Number", float, Image)
 _Window = tuple[slice, slice]
 
 _MAPS = ("height", "p", "q", "albedo")
-# At six half widths a groove has come back to 1e-6 of its depth.
+# Half widths at which the height of a groove is below 1e-6 of its depth.
 _GROOVE_REACH = 6.0
 
 
 @dataclass(frozen=True, eq=False)
 class DefectiveSurface:
-    """A surface with defects, in this order; `foreign` has the textures of foreign patches."""
+    """A surface with defects, applied in this order; `foreign` has foreign textures by name."""
 
     surface: Surface
     defects: tuple[Defect, ...]
@@ -38,8 +38,9 @@ class DefectiveSurface:
     @property
     def relief_px(self) -> float:
         """Bound on the height of the highest point above the lowest, in pixels."""
-        # A scratch reaches from its ground to its ridges.
-        added = sum(1.5 * each.depth_px for each in self.defects if each.kind in RELIEF_KINDS)
+        # A scratch is 1.5 depths from its ground to the top of its ridges.
+        depths_px = [defect.depth_px for defect in self.defects if defect.kind in RELIEF_KINDS]
+        added = 1.5 * sum(depths_px)
         return self.surface.relief_px + added + sum(s.relief_px for s in self.foreign.values())
 
     def patch(self, view: View) -> SurfacePatch:
@@ -48,13 +49,12 @@ class DefectiveSurface:
         patch = replace(patch, **{name: getattr(patch, name).copy() for name in _MAPS})
         x, y = view.part_coordinates()
         for defect in self.defects:
-            # Only the pixels around the defect: a frame with its margin may be a hundred times as
-            # large.
-            near = _window(defect, x, y)
-            piece = replace(patch, **{name: getattr(patch, name)[near] for name in _MAPS})
-            changed = self._with_defect(defect, piece, x[near], y[near], near, view)
+            # The window alone is computed: the frame may be a hundred times as large.
+            window = _window(defect, x, y)
+            piece = replace(patch, **{name: getattr(patch, name)[window] for name in _MAPS})
+            changed = self._with_defect(defect, piece, x[window], y[window], window, view)
             for name in _MAPS:
-                getattr(patch, name)[near] = getattr(changed, name)
+                getattr(patch, name)[window] = getattr(changed, name)
         return patch
 
     def mask(
@@ -64,29 +64,29 @@ class DefectiveSurface:
         x, y = View(size_px, rotate_deg, shift_px).part_coordinates()
         inside = np.zeros(x.shape, np.bool_)
         for defect in self.defects:
-            near = _window(defect, x, y)
-            along, across = _from_defect(defect, x[near], y[near])
+            window = _window(defect, x, y)
+            along, across = _from_defect(defect, x[window], y[window])
             if defect.kind == "scratch":
                 # Beyond 2.5 half widths the ridges are below a quarter of the depth and fall.
                 on_line = np.abs(along) < 0.5 * defect.size_px
-                inside[near] |= on_line & (np.abs(across) < 1.25 * defect.width_px)
+                inside[window] |= on_line & (np.abs(across) < 1.25 * defect.width_px)
             elif defect.kind in RELIEF_KINDS:
-                inside[near] |= np.hypot(along, across) < 0.5 * defect.size_px
+                inside[window] |= np.hypot(along, across) < 0.5 * defect.size_px
             else:
-                inside[near] |= blot(defect.size_px, along, across).value > 0.0
+                inside[window] |= blot(defect.size_px, along, across).value > 0.0
         return inside
 
     def _with_defect(
-        self, defect: Defect, piece: SurfacePatch, x: Image, y: Image, near: _Window, view: View
+        self, defect: Defect, piece: SurfacePatch, x: Image, y: Image, window: _Window, view: View
     ) -> SurfacePatch:
-        """The pixels `near` a defect with it; x and y are their coordinates on the part."""
+        """Add a defect to the `window` of a patch; x and y are its coordinates on the part."""
         angle_deg, magnification = view.rotate_deg + defect.angle_deg, view.magnification
         along, across = _from_defect(defect, x, y)
         if defect.kind == "stain":
             faded = 1.0 - defect.contrast * blot(defect.size_px, along, across).value
             return replace(piece, albedo=np.float32(faded) * piece.albedo)
         if defect.kind not in RELIEF_KINDS:
-            other = self._filling(defect, along, across, near, view)
+            other = self._filling(defect, along, across, window, view)
             weight = blot(defect.size_px, along, across)
             return _blended(piece, other, weight, angle_deg, magnification)
         height_px = defect.depth_px if defect.kind == "bump" else -defect.depth_px
@@ -103,7 +103,7 @@ class DefectiveSurface:
         )
 
     def _filling(
-        self, defect: Defect, along: Image, across: Image, near: _Window, view: View
+        self, defect: Defect, along: Image, across: Image, window: _Window, view: View
     ) -> SurfacePatch:
         """The mean plane of the replaced texture, with the relief of the foreign one."""
         level, p, q, albedo = _means_around(self.surface, defect, (defect.x_px, defect.y_px))
@@ -113,12 +113,14 @@ class DefectiveSurface:
                 view.shift_px[0] - defect.x_px, view.shift_px[1] - defect.y_px, -defect.angle_deg
             )
             other = self.foreign[defect.surface]
-            level_there, p_there, q_there, _ = _means_around(other, defect, (0.0, 0.0))
-            uncut = other.patch(
+            other_level, other_p, other_q, _ = _means_around(other, defect, (0.0, 0.0))
+            whole_patch = other.patch(
                 replace(view, rotate_deg=view.rotate_deg + defect.angle_deg, shift_px=shift)
             )
-            patch = replace(uncut, **{name: getattr(uncut, name)[near] for name in _MAPS})
-            level, p, q = level - level_there, p - p_there, q - q_there
+            patch = replace(
+                whole_patch, **{name: getattr(whole_patch, name)[window] for name in _MAPS}
+            )
+            level, p, q = level - other_level, p - other_p, q - other_q
         else:
             flat = np.zeros(along.shape, np.float32)
             patch = SurfacePatch(flat, flat, flat, np.full_like(flat, albedo))
@@ -141,7 +143,7 @@ def _means_around(
     weight = bump(defect.size_px, *View(side_px).part_coordinates()).value
     weight /= weight.sum()
     height, p, q, albedo = (
-        float((weight * each).sum()) for each in (patch.height, patch.p, patch.q, patch.albedo)
+        float((weight * plane).sum()) for plane in (patch.height, patch.p, patch.q, patch.albedo)
     )
     return height, p, q, albedo
 
@@ -169,8 +171,8 @@ def _blended(
 def _window(defect: Defect, x: Image, y: Image) -> _Window:
     """Rows and columns of the pixels that a defect can change; empty if it is outside."""
     reach_px = 0.5 * (defect.size_px + _GROOVE_REACH * defect.width_px)
-    near = (abs(x - defect.x_px) <= reach_px) & (abs(y - defect.y_px) <= reach_px)
-    rows, cols = (np.flatnonzero(near.any(axis=axis)) for axis in (1, 0))
+    in_reach = (abs(x - defect.x_px) <= reach_px) & (abs(y - defect.y_px) <= reach_px)
+    rows, cols = (np.flatnonzero(in_reach.any(axis=axis)) for axis in (1, 0))
     if not len(rows):
         return slice(0, 0), slice(0, 0)
     return slice(rows[0], rows[-1] + 1), slice(cols[0], cols[-1] + 1)

@@ -16,8 +16,7 @@ TRANSFER_S = 0.004
 _TRIGGER_POLL_S = 0.001
 # A clock that slept until a frame was ready may be early by a rounding error.
 _ROUNDING_S = 1e-6
-# Least number of starts that are kept for frames in the driver's buffers: those of 1,600 sets of
-# which no frame is read.
+# Number of recorded starts, for frames in the driver's buffers: 1,600 sets without a read.
 KEPT_STARTS = 8192
 
 _Strobe = Callable[[bool, float], object]

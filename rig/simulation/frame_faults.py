@@ -9,7 +9,7 @@ import numpy as np
 
 from firmware_sim import Clock
 from rig.cameras.camera import Camera, CameraInfo, Frame
-from rig.config.fault_plan import MAX_FRAMES_BACK, FrameFault
+from rig.config.simulation import MAX_FRAMES_BACK, FrameFault
 from rig.errors import CameraError
 
 from .sensor import digital
@@ -54,11 +54,11 @@ class FaultyCamera:
         deadline_s = self._clock.now_s() + timeout_s
         while True:
             frame = self._camera.read(max(0.0, deadline_s - self._clock.now_s()))
-            kept = self._faulty(frame)
+            delivered = self._faulty(frame)
             # Faults repeat what the sensor saw, not the result of earlier faults.
             self._before.append(frame)
-            if kept is not None:
-                return kept
+            if delivered is not None:
+                return delivered
 
     def close(self) -> None:
         """Close the camera."""

@@ -16,9 +16,8 @@ from firmware_sim.board import Led
 from firmware_sim.faults import FaultyLine, faulty_leds
 from rig.cameras.camera import Camera
 from rig.cameras.config import ReplayCameraConfig, SimulatedCameraConfig
-from rig.config.fault_plan import FaultPlan
 from rig.config.rig import RigConfig
-from rig.config.simulation import Placement
+from rig.config.simulation import FaultPlan, Placement
 from rig.lights.keep_alive import KeepAliveClock
 
 from .camera import LitScene, SimulatedCamera, reported_timing

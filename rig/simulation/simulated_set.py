@@ -14,7 +14,7 @@ from rig.scene.render import SceneImages
 from .sensor import SensorModel
 
 EXPOSURE_MS = 20.0
-"""A white surface facing an LED then fills 85 % of the well of the default `SensorModel`."""
+"""Exposure at which a white surface facing an LED fills 85 % of the default sensor's well."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +25,7 @@ class SimulatedSet:
     ambient: Array | None  # (H, W)
     lighting: Lighting  # assumed by the solver
     full_scale: float  # highest pixel value of the sensor
-    noise: SensorNoise | None  # None for a set without shadow, which no sensor can take
+    noise: SensorNoise | None  # None if exposed with `shadows=False`
 
     @classmethod
     def expose(
@@ -39,17 +39,20 @@ class SimulatedSet:
         led_levels: npt.ArrayLike | None = None,
         shadows: bool = True,
     ) -> SimulatedSet:
-        """Expose a scene: one image under each light, then the ambient image."""
+        """Expose one image under each light, then the ambient image.
+
+        Without `shadows` the scene has no shadow and the sensor neither noise nor saturation.
+        """
         rng = np.random.default_rng(seed)
-        take = sensor.expose if shadows else sensor.expose_unclipped
+        expose = sensor.expose if shadows else sensor.expose_unclipped
         lit_scene = scene if shadows else scene.without_shadow(lighting)
         levels = np.ones(len(lighting)) if led_levels is None else np.asarray(led_levels)
         time_ms = np.float32(exposure_ms)
         images = [
-            take((light * np.float32(level) + scene.ambient) * time_ms, rng)
+            expose((light * np.float32(level) + scene.ambient) * time_ms, rng)
             for light, level in zip(lit_scene.lights, levels, strict=True)
         ]
-        ambient = take(scene.ambient * time_ms, rng)
+        ambient = expose(scene.ambient * time_ms, rng)
         noise = SensorNoise(sensor.gain_e_per_dn, sensor.read_noise_dn, sensor.black_level_dn)
         return cls(
             np.stack(images),

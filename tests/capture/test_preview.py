@@ -20,8 +20,7 @@ import cv2
 import numpy as np
 import pytest
 
-from capture.session.preview_image import preview_image
-from capture.session.preview_loop import Preview, run_preview
+from capture.session.preview_loop import Preview, preview_image, run_preview
 from capture.session.preview_outline import Outline
 from capture.session.preview_server import MAX_REQUESTS, serving
 from classify.base.errors import InputError

@@ -19,8 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from capture.sets.captured_set import CapturedSet
-from capture.sets.loaded_set import PLANAR, LoadedSet
+from capture.sets.captured_set import PLANAR, CapturedSet, LoadedSet
 from classify import DefectModel, SurfaceEstimate, TextureLibrary, learn_defects
 from classify.defects.defect_map import DefectMap
 from classify.defects.detectability import (

@@ -4,7 +4,7 @@ from capture.base.crash_log import CRASH_STATUS
 from capture.base.interrupts import INTERRUPTED_STATUS
 from capture.base.streams import BROKEN_PIPE_STATUS
 from capture.calibration.ps4cal import PartRecord
-from capture.commands.export import FOLDER, FORMATS
+from capture.commands.solve import FOLDER, FORMATS
 from capture.session.plan import SessionPlan
 from capture.session.sets_table import COLUMNS
 from capture.sets.metadata import SetMetadata

@@ -3,16 +3,14 @@
 from collections import defaultdict
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
 
+from classify.base.arrays import Floats
 from classify.calibration.calibration import CalibratedLights
 from classify.calibration.correction import Response, Scale
 from classify.calibration.dark import Dark
-
-FloatArray = npt.NDArray[np.float64]
 
 _SIDE_IN = 3.2
 _MARGIN = 1.25  # drawn range, as a multiple of the largest coordinate
@@ -23,19 +21,17 @@ _MOST_DOTS = 2000
 _LED, _ERROR, _GREY = "#d6a400", "#b2182b", "#cccccc"
 
 
-def lights_from_above(lights: CalibratedLights, scale: Scale | None, frame: FloatArray) -> Figure:
+def lights_from_above(lights: CalibratedLights, scale: Scale | None, frame: Floats) -> Figure:
     """Draw the lights over the frame (width, height in px): x to the right, y up."""
     return _lights(lights, scale, frame, up=1)
 
 
-def lights_from_the_side(
-    lights: CalibratedLights, scale: Scale | None, frame: FloatArray
-) -> Figure:
+def lights_from_the_side(lights: CalibratedLights, scale: Scale | None, frame: Floats) -> Figure:
     """Draw the lights above the plane of the part: x to the right, z up."""
     return _lights(lights, scale, frame, up=2)
 
 
-def _lights(lights: CalibratedLights, scale: Scale | None, frame: FloatArray, up: int) -> Figure:
+def _lights(lights: CalibratedLights, scale: Scale | None, frame: Floats, up: int) -> Figure:
     """Draw the lights with the coordinate `up` upwards: 1 for y, 2 for z."""
     positions = lights.lighting.positions_px
     per_px, unit = (1.0, "px") if scale is None else (scale.mm_per_px, "mm")
@@ -67,18 +63,18 @@ def _lights(lights: CalibratedLights, scale: Scale | None, frame: FloatArray, up
     return figure
 
 
-def _covariance(lights: CalibratedLights, index: int, place: FloatArray) -> FloatArray:
+def _covariance(lights: CalibratedLights, index: int, place: Floats) -> Floats:
     """(3, 3) covariance of a position from the errors of its direction and its distance."""
     distance = float(np.linalg.norm(place))
     along = np.outer(place, place) / distance**2
     across = np.eye(3) - along
     angle = np.radians(lights.direction_errors_deg[index])
     share = 0.0 if lights.distance_errors is None else lights.distance_errors[index]
-    covariance: FloatArray = distance**2 * (share**2 * along + angle**2 * across)
+    covariance: Floats = distance**2 * (share**2 * along + angle**2 * across)
     return covariance
 
 
-def _ellipse(point: FloatArray, covariance: FloatArray) -> Ellipse:
+def _ellipse(point: Floats, covariance: Floats) -> Ellipse:
     variances, axes = np.linalg.eigh(covariance)
     height, width = 2.0 * _STANDARD_ERRORS * np.sqrt(np.maximum(variances, 0.0))
     angle_deg = float(np.degrees(np.arctan2(axes[1, 1], axes[0, 1])))
@@ -95,7 +91,7 @@ def response_curve(response: Response) -> Figure:
     return figure
 
 
-def hot_pixel_map(dark: Dark, frame: FloatArray) -> Figure:
+def hot_pixel_map(dark: Dark, frame: Floats) -> Figure:
     """Draw the places of hot pixels in the frame (width, height in px)."""
     figure, axes = _figure()
     rows, columns = dark.hot_pixels[:_MOST_DOTS].T

@@ -90,8 +90,8 @@ def _sets_of(places: Sequence[Path]) -> tuple[list[CapturedSet], tuple[str, ...]
 
 def source_files(places: Sequence[Path]) -> tuple[list[Path], list[Path]]:
     """Return the photographs and the sets among the files of ``--from`` and in its folders."""
+    from capture.base.names import SET_SUFFIX
     from capture.sets.light_list import PHOTOGRAPH_SUFFIXES
-    from capture.sets.ome_tiff import SUFFIX
 
     files: list[Path] = []
     for place in places:
@@ -102,7 +102,7 @@ def source_files(places: Sequence[Path]) -> tuple[list[Path], list[Path]]:
         if not photographs:
             raise InputError(f"{place}: holds no photographs ({', '.join(PHOTOGRAPH_SUFFIXES)})")
         files += photographs
-    sets = [path for path in files if path.name.endswith(SUFFIX)]
+    sets = [path for path in files if path.name.endswith(SET_SUFFIX)]
     return [path for path in files if path not in sets], sets
 
 

@@ -14,7 +14,8 @@ from capture.commands import options
 
 if TYPE_CHECKING:
     from capture.calibration.ps4cal import CalibrationFile
-    from capture.commands.calibrate.page import Benefit
+
+    from .page import Benefit
 
 _PAGE_SUFFIX = ".html"
 
@@ -35,8 +36,9 @@ def show(
 ) -> None:
     """Report quality, age, benefit and missing parts of a calibration; write a page."""
     from capture.calibration.ps4cal import CalibrationFile
-    from capture.commands.calibrate.page import benefit_of, calibration_page, summary_json
     from classify.base.durable_file import durable_file
+
+    from .page import benefit_of, calibration_page, summary_json
 
     page = output if output is not None or json else path.with_suffix(_PAGE_SUFFIX)
     if page is not None:
@@ -54,7 +56,7 @@ def show(
 
 
 def _print(file: CalibrationFile, benefit: Benefit, now: datetime) -> None:
-    from capture.commands.calibrate.page import part_summaries
+    from .page import part_summaries
 
     parts = part_summaries(file, now)
     table = new_table("part", "age", "quality", prose="quality")

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, FiniteFloat, model_validator
 
-from capture.session.plan import Name, Text
+from capture.base.names import Name, Text
 from classify.base.models import Degrees, Section, read_toml_as
 from rig.config.simulation import DefectKind
 

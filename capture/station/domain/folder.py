@@ -8,10 +8,9 @@ from typing import Literal
 from pydantic import ValidationError
 
 from capture.base.folder_lock import folder_lock
+from capture.base.names import SET_SUFFIX, Name, file_name
 from capture.base.outputs import append_line
 from capture.base.utc_time import utc_text
-from capture.session.plan import Name, file_name
-from capture.sets.ome_tiff import SUFFIX
 from classify.base.durable_file import durable_file, make_folder
 from classify.base.errors import InputError
 from classify.base.models import Record, first_fault
@@ -56,7 +55,7 @@ class StationFolder:
 
     def has_sets(self) -> bool:
         """Whether sets of parts exist, which a new database would overwrite: it counts from 1."""
-        return any(self.parts.glob(f"*/*{SUFFIX}"))
+        return any(self.parts.glob(f"*/*{SET_SUFFIX}"))
 
     def log(self, line: str) -> None:
         """Append a line with the time to ``station.log``; a full log becomes ``station.log.1``."""
@@ -71,7 +70,7 @@ class StationFolder:
 
 def set_file_of(part_id: str, triggered_utc: str) -> str:
     """Return the set file of a part, relative to the station: one folder for each UTC day."""
-    return f"{PARTS}/{triggered_utc[:10]}/{part_id}{SUFFIX}"
+    return f"{PARTS}/{triggered_utc[:10]}/{part_id}{SET_SUFFIX}"
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
-from capture.session.plan import Name
+from capture.base.names import Name
 from classify.base.models import Section
 
 from .errors import CannotListen

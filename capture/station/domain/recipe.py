@@ -5,7 +5,7 @@ from typing import Annotated, Self
 
 from pydantic import ConfigDict, Field, FiniteFloat, model_validator
 
-from capture.session.plan import Label, Name, Text
+from capture.base.names import Label, Name, Text
 from capture.station.domain.errors import NotApproved
 from classify.base.models import Section
 from rig.set_file import fields_sha256

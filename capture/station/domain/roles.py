@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
 
-from capture.session.plan import file_name
+from capture.base.names import file_name
 from classify.base.errors import InputError
 
 

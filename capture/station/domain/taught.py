@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, FiniteFloat, ValidationError
 
+from capture.base.names import Label, Name
 from capture.calibration.setting import Setting
-from capture.session.plan import Label, Name
 from capture.station.domain.errors import RecipeError
 from classify.base.durable_file import durable_file
 from classify.base.errors import InputError

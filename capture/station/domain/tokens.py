@@ -6,8 +6,8 @@ from pathlib import Path
 
 from pydantic import Field
 
+from capture.base.names import Name
 from capture.base.utc_time import utc_text
-from capture.session.plan import Name
 from classify.base.errors import InputError
 from classify.base.models import Section, validated
 

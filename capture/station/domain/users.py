@@ -9,7 +9,7 @@ from argon2 import PasswordHasher
 from argon2.exceptions import Argon2Error, InvalidHashError
 from pydantic import Field, field_validator
 
-from capture.session.plan import Name
+from capture.base.names import Name
 from classify.base.errors import InputError
 from classify.base.models import Section
 

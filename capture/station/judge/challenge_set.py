@@ -9,8 +9,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from capture.base.folder_lock import folder_lock
-from capture.session.plan import Name
-from capture.sets.loaded_set import LoadedSet
+from capture.base.names import Name
+from capture.sets.captured_set import LoadedSet
 from capture.station.domain.errors import RecipeError
 from capture.station.domain.verdict import Decision
 from classify.base.durable_file import durable_file, make_folder

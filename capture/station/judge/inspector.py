@@ -37,7 +37,7 @@ from classify.base.threads import beside
 from classify.classifiers.joint import ring_levels
 from classify.defects.defect_map import KINDS, DefectMap, regions_of
 from classify.defects.fields import part_fields
-from classify.pieces.moments import CELL_PX, band_moments
+from classify.pieces.features import CELL_PX, band_moments
 from classify.pieces.piece_model import PieceMeasures
 
 from .fingerprint import Fingerprint
@@ -205,7 +205,7 @@ class Inspector:
         if match is not None and texture in self._models:
             models = self._models[texture]
             with _timed(timings_ms, "defects"):
-                measure = partial(models.pieces.measure_moments, moments(), match.orientation_deg)
+                measure = partial(models.pieces.measure, moments(), match.orientation_deg)
                 begun = beside(partial(measure, ring_levels(signature)))
                 defect_map = models.defects.map_of_fields(fields(), match.orientation_deg)
                 gap_px = _largest_gap_px(defect_map, measured.inside)

@@ -9,8 +9,7 @@ import numpy.typing as npt
 
 from capture.calibration.lookup import FoundCalibration
 from capture.session.measures import light_signals
-from capture.sets.captured_set import CapturedSet
-from capture.sets.loaded_set import PLANAR, LoadedSet
+from capture.sets.captured_set import PLANAR, CapturedSet, LoadedSet
 from capture.station.domain.recipe import Region
 from classify import Method, SurfaceEstimate
 from classify.relief.roughness import root_mean_square_slope

@@ -5,8 +5,9 @@ from pathlib import Path
 
 from sqlalchemy import func, select
 
+from capture.base.names import SET_SUFFIX
 from capture.session.verification import FileFinding
-from capture.sets.ome_tiff import SUFFIX, read_header
+from capture.sets.ome_tiff import read_header
 from capture.station.domain.config import CONFIG
 from capture.station.domain.folder import PARTS, StationFolder
 from classify.base.errors import InputError, Ps4rigError
@@ -47,7 +48,7 @@ def _results(folder: Path, store: ResultStore) -> Iterator[FileFinding]:
             path = folder / entry.result.set_file
             named.add(path)
             yield from _set_file(path, entry)
-    for path in sorted((folder / PARTS).glob(f"*/*{SUFFIX}")):
+    for path in sorted((folder / PARTS).glob(f"*/*{SET_SUFFIX}")):
         if path not in named:
             yield FileFinding(path, "not in results", "no result of the station names it")
 

@@ -13,9 +13,8 @@ import numpy as np
 from capture.acquisition.attempts import capture_set
 from capture.acquisition.light_checks import check_set
 from capture.base.process_settings import resident_bytes, settle_station
-from capture.sets.captured_set import CapturedSet
+from capture.sets.captured_set import PLANAR, CapturedSet
 from capture.sets.image_checks import LightImages
-from capture.sets.loaded_set import PLANAR
 from capture.sets.pixel_hash import PixelHash
 from capture.station.domain.config import StationConfig
 from capture.station.domain.recipe import Recipe
@@ -33,8 +32,8 @@ from classify.classifiers.joint import ring_levels
 from classify.defects.learning import LEAST_PARTS, learn_defects
 from classify.library.training import TrainingRow, observe
 from classify.methods import default_method
+from classify.pieces.features import band_moments
 from classify.pieces.learning import GoodPart, learn_pieces
-from classify.pieces.moments import band_moments
 from classify.texture.spectra import segment_for
 from rig import Placement, Rig, RigConfig, open_rig
 from rig.doctor.check import Check

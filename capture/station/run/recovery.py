@@ -5,8 +5,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from capture.base.names import SET_SUFFIX
 from capture.sets.captured_set import CapturedSet
-from capture.sets.ome_tiff import SUFFIX
 from capture.station.domain.folder import PARTS, set_file_of
 from capture.station.results.part_result import PartResult
 from capture.station.results.store import BegunPart, ResultStore
@@ -66,9 +66,9 @@ def damaged_sets(folder: Path, store: ResultStore) -> Iterator[str]:
 
 def unknown_files(folder: Path, store: ResultStore) -> Iterator[str]:
     """Yield a line for each set file whose part is not in the results."""
-    names = (path for path in sorted((folder / PARTS).glob(f"*/*{SUFFIX}")))
+    names = (path for path in sorted((folder / PARTS).glob(f"*/*{SET_SUFFIX}")))
     while some := list(islice(names, _FILES_AT_A_TIME)):
-        ids = {path.name.removesuffix(SUFFIX): path for path in some}
+        ids = {path.name.removesuffix(SET_SUFFIX): path for path in some}
         for part_id in sorted(ids.keys() - store.known(ids)):
             path = ids[part_id].relative_to(folder)
             yield f"{path}: no part of the results; keep it elsewhere, or restore the database"

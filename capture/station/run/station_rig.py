@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Protocol
 
 from capture.acquisition.attempts import capture_set
-from capture.acquisition.part_sensor import ArrivedPart, wait_for_part
+from capture.acquisition.hardware_set import ArrivedPart, wait_for_part
 from capture.calibration.lookup import read_calibration
 from capture.calibration.ps4cal import CalibrationFile
 from capture.sets.captured_set import CapturedSet

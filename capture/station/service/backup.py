@@ -11,8 +11,8 @@ from importlib.metadata import version
 from pathlib import Path
 
 from capture.base.folder_lock import LOCK_FILE_SUFFIX
+from capture.base.names import SET_SUFFIX
 from capture.base.utc_time import utc_text
-from capture.sets.ome_tiff import SUFFIX as SET_SUFFIX
 from capture.station.domain.config import CONFIG, SIM, StationConfig
 from capture.station.domain.folder import PARTS, RECIPES, StationFolder
 from capture.station.results.snapshot import ResultsSnapshot, copy_results

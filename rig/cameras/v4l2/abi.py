@@ -118,7 +118,7 @@ class FrmSizeEnum(ctypes.Structure):
     )
 
 
-class PixFormat(ctypes.Structure):
+class _PixFormat(ctypes.Structure):
     """``struct v4l2_pix_format``."""
 
     _fields_ = _words(
@@ -129,7 +129,7 @@ class PixFormat(ctypes.Structure):
 
 class _FormatUnion(ctypes.Union):
     # The kernel's union holds pointers too, which align it to 8 bytes.
-    _fields_ = (("pix", PixFormat), ("raw_data", c_uint8 * 200), ("aligned", c_uint64))
+    _fields_ = (("pix", _PixFormat), ("raw_data", c_uint8 * 200), ("aligned", c_uint64))
 
 
 class Format(ctypes.Structure):
@@ -138,25 +138,25 @@ class Format(ctypes.Structure):
     _fields_ = (("type", c_uint32), ("fmt", _FormatUnion))
 
 
-class Fract(ctypes.Structure):
+class _Fract(ctypes.Structure):
     """``struct v4l2_fract``."""
 
     _fields_ = _words("numerator denominator")
 
 
-class CaptureParm(ctypes.Structure):
+class _CaptureParm(ctypes.Structure):
     """``struct v4l2_captureparm``; ``v4l2_outputparm`` has the same layout."""
 
     _fields_ = (
         *_words("capability capturemode"),
-        ("timeperframe", Fract),
+        ("timeperframe", _Fract),
         *_words("extendedmode readbuffers"),
         ("reserved", c_uint32 * 4),
     )
 
 
 class _ParmUnion(ctypes.Union):
-    _fields_ = (("capture", CaptureParm), ("raw_data", c_uint8 * 200))
+    _fields_ = (("capture", _CaptureParm), ("raw_data", c_uint8 * 200))
 
 
 class StreamParm(ctypes.Structure):
@@ -171,7 +171,7 @@ class RequestBuffers(ctypes.Structure):
     _fields_ = _words("count type memory capabilities flags")
 
 
-class TimeVal(ctypes.Structure):
+class _TimeVal(ctypes.Structure):
     """``struct timeval``."""
 
     _fields_ = (("tv_sec", c_int64), ("tv_usec", c_int64))
@@ -186,7 +186,7 @@ class Buffer(ctypes.Structure):
 
     _fields_ = (
         *_words("index type bytesused flags field"),
-        ("timestamp", TimeVal),
+        ("timestamp", _TimeVal),
         ("timecode", c_uint32 * 4),  # struct v4l2_timecode, which is never read
         *_words("sequence memory"),
         ("m", _MemoryUnion),

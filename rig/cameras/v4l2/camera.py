@@ -197,9 +197,9 @@ class WrittenFrames:
     """Numbers frames by their time stamps, for a driver that does not count them.
 
     ``v4l2loopback`` replaces the stamps of all its frames by the current time whenever a program
-    claims buffers. So a frame has no number if its stamp is not later than `opened_s`, the
-    monotonic time at which this program claimed its buffers, or not a whole number of periods
-    after that of the last numbered frame.
+    claims buffers. A frame therefore gets a number only if its stamp is later than `opened_s`, the
+    monotonic time at which this program claimed its buffers, and a whole number of periods after
+    the last numbered frame.
     """
 
     def __init__(self, opened_s: float, period_s: float) -> None:

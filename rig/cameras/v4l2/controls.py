@@ -124,8 +124,8 @@ def write_control(device: V4l2Device, control: Control, value: int) -> None:
     except OSError as error:
         if error.errno in _DEVICE_ERRORS:
             device.fail(f"control {control.slug} refuses {value}", error)
-        seen = f"refuses {value} ({error.strerror}){_held(device, control)}"
-        raise _error(device, control, seen) from error
+        finding = f"refuses {value} ({error.strerror}){_held(device, control)}"
+        raise _error(device, control, finding) from error
     if control.is_readable:
         check_control(device, control, value)
 
@@ -137,13 +137,13 @@ def check_control(device: V4l2Device, control: Control, value: int) -> None:
         raise _error(device, control, f"was set to {value} and reads {held}")
 
 
-def _error(device: V4l2Device, control: Control, seen: str, advice: str = "") -> ControlError:
+def _error(device: V4l2Device, control: Control, finding: str, advice: str = "") -> ControlError:
     """An error about a control; the default advice is for one that does not keep its value."""
     advice = advice or (
         "the camera does not obey: close other programs that use it; if v4l2-ctl -d "
         f"{device.path} cannot set it either, {_OTHER}"
     )
-    fault = ControlFault(control.slug, f"control {control.slug} {seen}", advice)
+    fault = ControlFault(control.slug, f"control {control.slug} {finding}", advice)
     return ControlError(device.path, fault)
 
 

@@ -52,20 +52,20 @@ _PIXEL_VALUE_CONTROLS = {
 }
 
 
-Setting = tuple[Control, int]
+_Setting = tuple[Control, int]
 
 
 @dataclass(frozen=True)
 class MeasurementMode:
     """Controls with the values that they must keep, and the exposure time."""
 
-    settings: tuple[Setting, ...]
+    settings: tuple[_Setting, ...]
     exposure_s: float
 
 
 def set_measurement_mode(device: V4l2Device, config: V4l2CameraConfig) -> MeasurementMode:
     """Set exposure, gain and gamma, turn off automatic controls, read all back."""
-    settings: list[Setting] = []
+    settings: list[_Setting] = []
     faults: list[ControlFault] = []
     for step in _steps(device, config):
         try:
@@ -84,13 +84,13 @@ def set_measurement_mode(device: V4l2Device, config: V4l2CameraConfig) -> Measur
 
 def pixel_values(device: V4l2Device) -> dict[str, Any]:
     """Read gain, gamma and the other controls of pixel values, as in `CameraInfo`."""
-    read: dict[str, float] = {}
+    values: dict[str, float] = {}
     for control_id, name in _PIXEL_VALUE_CONTROLS.items():
         control = find_control(device, control_id)
         if control is not None and control.is_readable:
-            read[name] = float(read_control(device, control))
-    stated = {name: read.pop(name, None) for name in ("gain", "gamma")}
-    return {**stated, "pixel_value_controls": read}
+            values[name] = float(read_control(device, control))
+    gain_and_gamma = {name: values.pop(name, None) for name in ("gain", "gamma")}
+    return {**gain_and_gamma, "pixel_value_controls": values}
 
 
 def exposure_range_ms(device: V4l2Device, config: V4l2CameraConfig) -> tuple[float, float]:
@@ -98,8 +98,8 @@ def exposure_range_ms(device: V4l2Device, config: V4l2CameraConfig) -> tuple[flo
     control = None if config.fixed_exposure else find_control(device, abi.CID_EXPOSURE_ABSOLUTE)
     if control is None:
         return config.exposure_ms, config.exposure_ms
-    units = max(1, control.minimum), control.maximum
-    return units[0] / EXPOSURE_UNITS_PER_MS, units[1] / EXPOSURE_UNITS_PER_MS
+    shortest, longest = max(1, control.minimum), control.maximum
+    return shortest / EXPOSURE_UNITS_PER_MS, longest / EXPOSURE_UNITS_PER_MS
 
 
 def set_exposure(device: V4l2Device, mode: MeasurementMode, exposure_ms: float) -> MeasurementMode:
@@ -127,7 +127,7 @@ def _changed(device: V4l2Device, mode: MeasurementMode) -> list[ControlFault]:
     return faults
 
 
-def _steps(device: V4l2Device, config: V4l2CameraConfig) -> Iterator[Callable[[], Setting]]:
+def _steps(device: V4l2Device, config: V4l2CameraConfig) -> Iterator[Callable[[], _Setting]]:
     """Actions that each set one control, in order; a failure does not stop the next."""
     yield from _exposure_steps(device, config)
     for control_id in _AUTOMATIC:
@@ -146,7 +146,7 @@ def _steps(device: V4l2Device, config: V4l2CameraConfig) -> Iterator[Callable[[]
 
 def _exposure_steps(
     device: V4l2Device, config: V4l2CameraConfig
-) -> Iterator[Callable[[], Setting]]:
+) -> Iterator[Callable[[], _Setting]]:
     """Manual mode first: with automatic exposure, setting its time has no defined effect."""
     if config.fixed_exposure:
         control = find_control(device, abi.CID_EXPOSURE_ABSOLUTE)
@@ -162,7 +162,7 @@ def _exposure_steps(
     yield partial(_set_exposure_time, device, config.exposure_ms)
 
 
-def _set_exposure_time(device: V4l2Device, exposure_ms: float) -> Setting:
+def _set_exposure_time(device: V4l2Device, exposure_ms: float) -> _Setting:
     control = find_control(device, abi.CID_EXPOSURE_ABSOLUTE)
     if control is None:
         raise _missing(
@@ -184,7 +184,7 @@ def _set_exposure_time(device: V4l2Device, exposure_ms: float) -> Setting:
     return _set_active(device, control, units)
 
 
-def _set_configured(device: V4l2Device, name: str, control_id: int, value: int) -> Setting:
+def _set_configured(device: V4l2Device, name: str, control_id: int, value: int) -> _Setting:
     control = find_control(device, control_id)
     if control is None:
         raise _missing(device, name, f"remove camera.{name}")
@@ -192,11 +192,11 @@ def _set_configured(device: V4l2Device, name: str, control_id: int, value: int) 
 
 
 def _missing(device: V4l2Device, name: str, advice: str) -> ControlError:
-    seen = f"{device.card} has no control for its {name}"
-    return ControlError(device.path, ControlFault(name, seen, advice))
+    finding = f"{device.card} has no control for its {name}"
+    return ControlError(device.path, ControlFault(name, finding, advice))
 
 
-def _set_active(device: V4l2Device, control: Control, value: int) -> Setting:
+def _set_active(device: V4l2Device, control: Control, value: int) -> _Setting:
     """Set a control, and check that no other one overrides it."""
     setting = _set(device, control, value)
     after = find_control(device, control.id)
@@ -210,7 +210,7 @@ def _set_active(device: V4l2Device, control: Control, value: int) -> Setting:
     return setting
 
 
-def _set(device: V4l2Device, control: Control, value: int) -> Setting:
+def _set(device: V4l2Device, control: Control, value: int) -> _Setting:
     # A read-only control may have the value already.
     if not control.is_readable or read_control(device, control) != value:
         write_control(device, control, value)

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from capture import SetRejected
-from capture.acquisition.exposure_timeline import ExposureTimeline
-from capture.acquisition.frame_checks import RepeatDetector
+from capture.acquisition.fresh_frames import ExposureTimeline, RepeatDetector
 from rig import Frame
 
 NOISY, OTHER = np.random.default_rng(1).integers(0, 255, (2, 8, 8), dtype=np.uint8)

@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from capture import capture_set
-from capture.acquisition.part_sensor import wait_for_part
+from capture.acquisition.hardware_set import wait_for_part
 from capture.base.errors import SetRejected
 from classify.base.errors import InputError
 from rig import CameraError, LightControllerError, Rig, open_rig

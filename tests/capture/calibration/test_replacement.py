@@ -19,7 +19,7 @@ from classify.calibration.calibration import CalibratedLights
 from classify.calibration.correction import Response, Scale
 from classify.calibration.dark import Dark
 from classify.calibration.photon_transfer import Noise
-from classify.images.noise import SensorNoise
+from classify.images import SensorNoise
 from classify.lights.flat_field import FlatField
 
 SETTING = Setting(

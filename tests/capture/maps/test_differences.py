@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture.maps.differences import (
+from capture.maps.comparison import (
     FieldDifference,
     field_differences,
     map_difference,

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from capture import CapturedSet
+from capture.maps.files import map_page
 from capture.maps.map_kinds import map_views
-from capture.maps.page import map_page
 from capture.maps.surface_maps import SurfaceMaps
 from tests.html_page import Page
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture.session.preview_layout import Places, places_of
+from capture.session.preview_loop import Places, places_of
 from classify import Lighting
 
 

@@ -9,8 +9,7 @@ import pytest
 
 from capture.session.events import Answer, PlaceSpecimen, Question, SetCaptured
 from capture.session.folder import SessionFolder, session_folder
-from capture.session.live_view import LiveView
-from capture.session.placement_guide import PlacementGuide
+from capture.session.live_view import LiveView, PlacementGuide
 from capture.session.runner import run_session
 from rig import RigConfig, open_rig
 from rig.fresh_frame import fresh_frame

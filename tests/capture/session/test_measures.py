@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from capture.session.measures import SpecimenReference
-from capture.sets.loaded_set import LoadedSet
+from capture.sets.captured_set import LoadedSet
 
 
 @pytest.mark.parametrize("entered_deg", [50.0, 230.0, -130.0, 100.0])

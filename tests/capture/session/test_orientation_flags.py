@@ -16,7 +16,7 @@ import pytest
 
 from capture import CapturedSet
 from capture.session.measures import SpecimenReference
-from capture.sets.loaded_set import LoadedSet
+from capture.sets.captured_set import LoadedSet
 from classify import Lighting, TextureLibrary
 from classify.texture.orientation import LEAST_SHARPNESS
 from rig.scene.material_folder import bundled_materials, load_material

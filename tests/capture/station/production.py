@@ -18,8 +18,8 @@ from pathlib import Path
 from shutil import disk_usage
 from typing import Any
 
+from capture.base.names import SET_SUFFIX
 from capture.session.verification import verify_file
-from capture.sets.ome_tiff import SUFFIX
 from capture.station.domain.config import CONFIG
 from capture.station.domain.folder import StationFolder, make_station, station_folder
 from capture.station.judge.approval import approve
@@ -184,7 +184,7 @@ def contradictions(
     for finding in verify_station(folder):
         if finding.state != "good":
             yield str(finding)
-    for path in islice((folder / "parts").glob(f"*/*{SUFFIX}"), None, None, read_every):
+    for path in islice((folder / "parts").glob(f"*/*{SET_SUFFIX}"), None, None, read_every):
         yield from (str(each) for each in verify_file(path) if each.state != "good")
 
 

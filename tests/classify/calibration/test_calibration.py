@@ -10,7 +10,7 @@ from classify import InputError, Lighting, SensorNoise
 from classify.calibration.calibration import CalibratedLights, Calibration
 from classify.calibration.correction import Response, Scale
 from classify.calibration.dark import Dark
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 
 FULL = 4095.0
 GAMMA = Response(np.linspace(0.0, 1.0, 257) ** 2.2, 0.0, linear=False)

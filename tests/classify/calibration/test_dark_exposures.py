@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from classify.base.errors import InputError
 from classify.calibration.calibration import Calibration
 from classify.calibration.dark import Dark
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 
 FULL = 4095.0
 

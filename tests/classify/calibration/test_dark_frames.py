@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from classify.base.errors import CalibrationRejected, InputError
 from classify.calibration.block_levels import block_levels
-from classify.calibration.dark_frames import dark_of, with_ambient
+from classify.calibration.dark import dark_of, with_ambient
 
 SHAPE = (96, 130)
 FULL = 4095.0

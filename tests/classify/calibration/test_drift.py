@@ -16,7 +16,7 @@ from classify.calibration.drift import Drift, plate_drift
 from classify.calibration.drift_model import moved_light
 from classify.calibration.flat_field import fit_flat_field
 from classify.calibration.plate_blocks import PlateBlocks
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 from classify.lighting import Lighting
 from tests.plates import Plate, ring_positions
 

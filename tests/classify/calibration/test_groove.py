@@ -5,7 +5,7 @@ import pytest
 
 from classify import Lighting, Method, integrate_gradients, photometric_stereo
 from classify.calibration.plate import measure_plate
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 from tests.plates import Plate, ring_positions
 
 PLATE = Plate(ring_positions(4.0), lobe=2.0, grain=0.0, noise=0.0, bits=8, shape=(192, 256))

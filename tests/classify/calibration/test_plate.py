@@ -8,7 +8,7 @@ import pytest
 from classify import Lighting
 from classify.base.errors import CalibrationRejected, InputError
 from classify.calibration.plate import MeasuredPlate, measure_plate
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 from tests.plates import Plate, ring_positions
 
 RING = Lighting.ring(45.0)

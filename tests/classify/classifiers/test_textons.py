@@ -11,9 +11,9 @@ from classify.classifiers.varma_zisserman import (
     TEXTONS_PER_CLASS,
     chi_squared,
     learn_textons,
+    mr8_responses,
     texton_histogram,
 )
-from classify.texture.filter_bank import mr8_responses
 
 HISTOGRAMS = arrays(np.float32, (3, 12), elements=st.integers(0, 20)).map(
     lambda counts: (counts + np.eye(3, 12)) / (counts + np.eye(3, 12)).sum(axis=1, keepdims=True)

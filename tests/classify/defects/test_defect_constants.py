@@ -12,14 +12,7 @@ import pytest
 
 from capture.chapter.plan import Texture, material_textures
 from classify import TextureLibrary, learn_defects
-from classify.defects import (
-    fields,
-    good_cells,
-    limits,
-    octave_statistics,
-    whitening,
-    window_statistics,
-)
+from classify.defects import cell_statistics, fields, good_cells, limits, whitening
 from classify.surface.estimate import SurfaceEstimate
 from tests.evidence.defects import measure
 from tests.evidence.defects.parts import part_of
@@ -38,8 +31,7 @@ GROUPS = (slice(0, 3), slice(3, 5), slice(5, 7))
 CONSTANTS = {
     whitening: {"_FLOOR": (1e-4, 1e-2, 1e9), "_SEGMENTS": ((128, 128), (32, 32))},
     fields: {"_FADE": (9, 25)},
-    octave_statistics: {"_STATISTICS_CELLS": (0.75, 3.0)},
-    window_statistics: {"_SMOOTHING_CELLS": (0.5, 2.0)},
+    cell_statistics: {"_STATISTICS_CELLS": (0.75, 3.0), "_SMOOTHING_CELLS": (0.5, 2.0)},
     good_cells: {"_RIDGE": (0.005, 0.02), "_MOST_CELLS": (5_000, 80_000)},
     limits: {
         "_PRIOR_SPREAD": (0.125, 0.5),

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from classify.defects.evidence import Evidence
+from classify.defects.filters import DIRECTIONS, LENGTHS, line_response
 from classify.defects.good_cells import CENTRES, GoodCells
-from classify.defects.lines import DIRECTIONS, LENGTHS, line_response
 
 
 def _responses(field: np.ndarray, cell: int, orientation_deg: float) -> np.ndarray:

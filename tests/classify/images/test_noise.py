@@ -5,8 +5,7 @@ import pytest
 
 from classify import Lighting
 from classify.base.errors import InputError
-from classify.images.noise import SensorNoise, noise_of_images
-from classify.images.stack import ImageStack
+from classify.images import ImageStack, SensorNoise, noise_of_images
 from rig.scene.material_folder import bundled_materials, load_material
 from rig.scene.render import Gloss, render_frame
 

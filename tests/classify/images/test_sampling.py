@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from classify.images.stack import sample_pixels, symmetric_samples
+from classify.images import sample_pixels, symmetric_samples
 
 sizes = st.integers(0, 400)
 

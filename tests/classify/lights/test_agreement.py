@@ -5,7 +5,7 @@ import numpy.typing as npt
 import pytest
 
 from classify import Lighting
-from classify.images.noise import SensorNoise
+from classify.images import SensorNoise
 from classify.lights.agreement import image_difference, light_agreement, like_signed
 
 Images = npt.NDArray[np.uint16]

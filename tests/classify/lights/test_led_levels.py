@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from classify import Lighting, SensorNoise, photometric_stereo
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 from classify.lights.led_levels import LitSamples, level_corrections
 
 SIDE = 128

@@ -4,8 +4,16 @@ import numpy as np
 import pytest
 
 from classify.base.errors import InputError
-from classify.pieces.features import energy_floors, window_features, window_moments
-from classify.pieces.moments import CELL_PX, MOMENTS, OCTAVES, PRODUCTS, band_moments
+from classify.pieces.features import (
+    CELL_PX,
+    MOMENTS,
+    OCTAVES,
+    PRODUCTS,
+    band_moments,
+    energy_floors,
+    window_features,
+    window_moments,
+)
 from classify.pieces.piece_model import _cover
 from tests.classify.conftest import estimate
 

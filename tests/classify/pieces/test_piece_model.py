@@ -9,8 +9,8 @@ import pytest
 from classify import InputError, SurfaceEstimate, TextureLibrary
 from classify.base.errors import PieceModelError
 from classify.classifiers.joint import ring_levels
+from classify.pieces.features import CELL_PX, band_moments
 from classify.pieces.learning import SCALE_STEP, GoodPart, learn_pieces, scaled_surface
-from classify.pieces.moments import CELL_PX, band_moments
 from classify.pieces.piece_model import PieceMeasures, PieceModel
 
 SIDE = 256
@@ -65,7 +65,7 @@ class Taught:
         return ring_levels(self.library.observe(surface))
 
     def measure(self, surface: SurfaceEstimate, orientation_deg: float = 0.0) -> PieceMeasures:
-        return self.model.measure(surface, orientation_deg, self.rings(surface))
+        return self.model.measure(band_moments(surface), orientation_deg, self.rings(surface))
 
 
 @pytest.fixture(scope="module")

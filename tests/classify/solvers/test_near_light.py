@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from classify import InputError, Lighting, Method, SurfaceEstimate, photometric_stereo, relight
 from classify.classifiers.thesis import images_of
-from classify.images.noise import SensorNoise
-from classify.images.stack import ImageStack
+from classify.images import ImageStack, SensorNoise
 from classify.lights.flat_field import FlatField
 from classify.lights.near_light import Shear, middle_px, sheet_of
 from classify.solvers.problem import Problem

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from classify import Lighting, SensorNoise, SurfaceEstimate, photometric_stereo
 from classify.base.threads import set_thread_count
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 from classify.solvers.problem import Problem
 from classify.solvers.robust import solve_ps4_robust
 from rig.scene.material_folder import bundled_materials, load_material

@@ -26,9 +26,9 @@ from unittest.mock import patch
 # The kernels run in one thread, so that other tests have the other cores.
 os.environ |= {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
+from capture.base.names import SET_SUFFIX
 from capture.base.process_settings import settle_process, settle_station
 from capture.base.utc_time import utc_text
-from capture.sets.ome_tiff import SUFFIX
 from capture.station.domain.config import SimulatedParts
 from capture.station.domain.folder import StationFolder
 from capture.station.domain.simulated_parts import SimulatedPart, simulated_part
@@ -168,7 +168,7 @@ def main(parts: int) -> int:
         with open_store(config.results_in(folder), config.name) as store:
             rows = store.counters().simulated.parts
             removed = sum(entry.set_removed_utc is not None for entry in store.parts())
-        kept = sum(1 for _ in (folder / "parts").glob(f"*/*{SUFFIX}"))
+        kept = sum(1 for _ in (folder / "parts").glob(f"*/*{SET_SUFFIX}"))
         if not told.total() == rows == parts == removed + kept:
             wrong.append(
                 f"{told.total()} announced, {rows} rows, {kept} files and {removed} removed ones "

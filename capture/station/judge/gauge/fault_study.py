@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import ValidationError
 
-from capture.sets.loaded_set import LoadedSet
+from capture.sets.captured_set import LoadedSet
 from capture.station.domain.errors import RecipeError
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_folder import RecipeFolder

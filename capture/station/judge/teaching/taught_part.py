@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from capture.calibration.setting import Setting
-from capture.sets.loaded_set import LoadedSet
+from capture.sets.captured_set import LoadedSet
 from capture.station.domain.errors import RecipeError
 from capture.station.domain.recipe import Region
 from capture.station.judge.inspector import setting_differences
@@ -14,8 +14,8 @@ from classify.base.errors import InputError
 from classify.classifiers import Observation, classifier_named
 from classify.library.training import TrainingRow, observe
 from classify.methods import DEFAULT_CLASSIFIER
+from classify.pieces.features import band_moments
 from classify.pieces.learning import SCALE_STEP, scaled_surface
-from classify.pieces.moments import band_moments
 from classify.surface.estimate import FloatMap
 from classify.texture.spectra import segment_for
 

@@ -5,9 +5,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from capture.base.names import SET_SUFFIX
 from capture.calibration.lookup import keep_beside
-from capture.sets.loaded_set import LoadedSet
-from capture.sets.ome_tiff import SUFFIX
+from capture.sets.captured_set import LoadedSet
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.domain.taught import read_taught
@@ -50,7 +50,7 @@ def keep_sets(
     for path in paths:
         loaded = LoadedSet.of(path)
         metadata = loaded.captured.metadata
-        copy = folder / f"{metadata.pixels_sha256[:_DIGITS]}{SUFFIX}"
+        copy = folder / f"{metadata.pixels_sha256[:_DIGITS]}{SET_SUFFIX}"
         if not copy.exists():
             with durable_file(copy) as temporary:
                 shutil.copyfile(path, temporary)

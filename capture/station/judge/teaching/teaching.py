@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from capture.base.console import ShowProgress, progress
-from capture.sets.loaded_set import PLANAR, LoadedSet
+from capture.sets.captured_set import PLANAR, LoadedSet
 from capture.station.domain.errors import RecipeError
 from capture.station.domain.limits import Limits
 from capture.station.domain.recipe import Recipe

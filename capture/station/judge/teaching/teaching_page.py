@@ -1,18 +1,16 @@
 """The page ``teaching.html``: taught sets, limits, overlaps, expected error rates."""
 
 from collections.abc import Iterable, Iterator
-from html import escape
 
-from capture.base.page import page_html, simulated_notice, table_html
+from capture.base.page import rendered
 from capture.maps import pictures
-from capture.maps.pictures import tile_html
 from capture.station.domain.limits import RANGES
 from capture.station.domain.recipe import Recipe
 from classify.base.durable_file import durable_file
 
 from .taught_part import solved
 from .taught_sets import KeptSet
-from .teaching_result import Overlap, Teaching
+from .teaching_result import Teaching
 
 # Sets of an overlap with pictures; the table of all sets names the others.
 _MOST_PICTURES = 4
@@ -27,27 +25,35 @@ def write_teaching_page(teaching: Teaching) -> None:
 def teaching_page(teaching: Teaching) -> str:
     """Return the page as HTML; all text of sets and recipe is escaped."""
     recipe = teaching.recipe
-    sections = {
-        "To look at": _lines(teaching.remarks) or "<p>Nothing stands out.</p>",
-        "What these parts show": _lines(teaching.promises()),
-        "What is found on them": _lines(teaching.least_found()),
-        "Textures that overlap": "".join(
-            _overlap(overlap, teaching) for overlap in teaching.overlaps
-        ),
-        "Limits": _limits(recipe),
-        "Textures": "".join(
-            f"<h3>{escape(name)}</h3>{_pictures(_sets_of(teaching, name)[:1], teaching)}"
-            for name in teaching.taught.textures
-        ),
-        "Sets": _sets(teaching),
-    }
-    return page_html(
-        f"{recipe.name}, version {recipe.version}",
-        "teaching",
-        sections,
+
+    def first_sets(texture: str) -> list[KeptSet]:
+        return [part.kept for part in teaching.parts if part.kept.texture == texture][:1]
+
+    def tiles(sets: Iterable[KeptSet]) -> Iterator[tuple[str, str]]:
+        for taught_set in sets:
+            surface = solved(taught_set, recipe.region)[1].surface
+            name = f"{taught_set.texture} {taught_set.path.name}"
+            relief = pictures.reduced(pictures.shaded(surface.normals))
+            albedo = pictures.reduced(pictures.grey(surface.albedo))
+            yield f"{name}: relief", pictures.tile_uri(relief)
+            yield f"{name}: albedo", pictures.tile_uri(albedo)
+
+    return rendered(
+        "station/judge/teaching/teaching.html",
+        title=f"{recipe.name}, version {recipe.version}",
         facts=_facts(teaching),
-        notices=[simulated_notice("part") * teaching.taught.setting.simulated],
-        note="Distances are to a library that was taught all sets but this one.",
+        is_simulated=teaching.taught.setting.simulated,
+        remarks=teaching.remarks,
+        promises=list(teaching.promises()),
+        least_defects=list(teaching.least_found()),
+        overlaps=[
+            (overlap, [*overlap.sets[:_MOST_PICTURES], *first_sets(overlap.other)])
+            for overlap in teaching.overlaps
+        ],
+        limits=_limits(recipe),
+        textures=[(name, first_sets(name)) for name in teaching.taught.textures],
+        sets=_sets(teaching),
+        tiles=tiles,
     )
 
 
@@ -61,48 +67,18 @@ def _facts(teaching: Teaching) -> Iterator[tuple[str, str]]:
     yield "calibration", "yes" if teaching.taught.has_calibration else "none"
 
 
-def _lines(texts: Iterable[str]) -> str:
-    items = "".join(f"<li>{escape(text)}</li>" for text in texts)
-    return f"<ul>{items}</ul>" if items else ""
-
-
-def _overlap(overlap: Overlap, teaching: Teaching) -> str:
-    shown = [*overlap.sets[:_MOST_PICTURES], *_sets_of(teaching, overlap.other)[:1]]
-    return f"<p>{escape(str(overlap))}</p>{_pictures(shown, teaching)}"
-
-
-def _sets_of(teaching: Teaching, texture: str) -> list[KeptSet]:
-    return [part.kept for part in teaching.parts if part.kept.texture == texture]
-
-
-def _pictures(sets: Iterable[KeptSet], teaching: Teaching) -> str:
-    tiles = []
-    for kept in sets:
-        surface = solved(kept, teaching.recipe.region)[1].surface
-        relief = pictures.reduced(pictures.shaded(surface.normals))
-        albedo = pictures.reduced(pictures.grey(surface.albedo))
-        name = f"{kept.texture} {kept.path.name}"
-        tiles += [tile_html(f"{name}: relief", relief), tile_html(f"{name}: albedo", albedo)]
-    return f'<div class="tiles">{"".join(tiles)}</div>'
-
-
-def _limits(recipe: Recipe) -> str:
-    rows = []
+def _limits(recipe: Recipe) -> Iterator[tuple[str, str, str]]:
     for name in recipe.passes:
         for key, value in recipe.limits_for(name).model_dump(exclude_none=True).items():
-            text = (
-                " to ".join(f"{bound:.4g}" for bound in value) if key in RANGES else f"{value:.4g}"
-            )
-            rows.append(f"<tr><td>{escape(name)}</td><td>{key}</td><td>{text}</td></tr>")
-    return table_html(("texture", "limit", "value"), rows)
+            bounds = value if key in RANGES else (value,)
+            yield name, key, " to ".join(f"{bound:.4g}" for bound in bounds)
 
 
-def _sets(teaching: Teaching) -> str:
-    rows = []
+def _sets(teaching: Teaching) -> Iterator[tuple[str, ...]]:
     for part, match, inspection in zip(
         teaching.parts, teaching.matches, teaching.inspections, strict=True
     ):
-        cells = (
+        yield (
             part.kept.path.name,
             part.kept.texture,
             "-" if match is None else match.label or "unknown",
@@ -112,6 +88,3 @@ def _sets(teaching: Teaching) -> str:
             inspection.verdict.decision,
             inspection.verdict.reason,
         )
-        rows.append(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in cells)}</tr>")
-    head = ("set", "texture", "found", "distance", "Sdq", "shadow", "verdict", "reason")
-    return table_html(head, rows)

@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from capture.base.errors import CalibrationError
-from capture.sets.captured_set import CapturedSet
-from capture.sets.loaded_set import LoadedSet
+from capture.sets.captured_set import CapturedSet, LoadedSet
 from capture.station.domain.folder import StationFolder
 from capture.station.domain.recipe import Region
 from capture.station.judge.measured_surface import MeasuredSurface, fits

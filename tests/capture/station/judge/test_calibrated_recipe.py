@@ -22,7 +22,7 @@ from capture.station.judge.teaching.teaching import teach
 from capture.station.run.self_test import check_calibration_age
 from classify.calibration.flat_field import fit_flat_field
 from classify.calibration.plate_blocks import PlateBlocks
-from classify.images.stack import ImageStack
+from classify.images import ImageStack
 from rig import Placement, RigConfig, open_rig
 from rig.config.simulation import Defect
 

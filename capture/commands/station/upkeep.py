@@ -1,4 +1,4 @@
-"""``ps4rig station backup`` and ``ps4rig station restore``."""
+"""Commands around a station: station init, doctor, unit, backup, restore."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,8 +7,60 @@ import typer
 
 from capture.base.console import complain, out, progress, reported
 from capture.base.utc_time import readable_utc
+from capture.commands import options
+from capture.commands.rig.show import print_checks
 
 from .teach import Station
+
+
+@reported
+def init(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder to make.")],
+) -> None:
+    """Make the folder of a station with a commented configuration."""
+    from capture.station.domain.folder import make_station
+
+    make_station(folder)
+    out.print(
+        f"{folder}: edit station.toml, then capture parts with ps4rig station run {folder} "
+        f"--collect and teach them in the panel, or run ps4rig station teach {folder} SET...",
+    )
+
+
+@reported
+def doctor(folder: Station, as_json: options.Json = False) -> None:
+    """Check everything that a station needs.
+
+    It checks recipe, challenge set, calibration, results, disk and rig; where systemd runs, also
+    the unit of the station. The exit status is 1 if there is a fault.
+    """
+    from capture.station.run.diagnosis import diagnose_station
+    from capture.station.service.unit_check import diagnose_unit
+
+    print_checks([*diagnose_station(folder), *diagnose_unit(folder)], as_json=as_json)
+
+
+@reported
+def unit(
+    folder: Station,
+    user: Annotated[
+        str, typer.Option(help="The user that the station runs as.", metavar="NAME")
+    ] = "ps4rig",
+    panel: Annotated[
+        bool | None,
+        typer.Option(
+            "--panel/--no-panel",
+            help="The unit of the panel alone, or of a run without it.",
+            show_default="a run with its panel",
+        ),
+    ] = None,
+) -> None:
+    """Print the systemd unit of a station, with the commands that install it as comments."""
+    from capture.station.domain.folder import StationFolder
+    from capture.station.service.unit import unit_text
+
+    print(unit_text(StationFolder(folder), user, panel), end="")
+
 
 BackupFile = Annotated[
     Path, typer.Argument(metavar="BACKUP", help="The file, such as line-3.ps4backup.")

@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.signal import fftconvolve
 
 from classify.base.errors import InputError
-from classify.texture.filter_bank import FILTER_PX, mr8_filters, mr8_responses
+from classify.classifiers.varma_zisserman import FILTER_PX, mr8_filters, mr8_responses
 
 EDGES, BARS = slice(0, 18), slice(18, 36)
 GAUSSIAN, LAPLACIAN = 36, 37

@@ -1,10 +1,14 @@
-"""Checks of serial ports: their list, permissions, and programs that use them."""
+"""Checks of serial ports and of the light controller on one of them."""
 
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from firmware_sim import Clock
+from firmware_sim.firmware import FIRMWARE_VERSION
+from rig.config.lights import LightsConfig
 from rig.lights.discovery import SerialPort
+from rig.lights.driver import LightController, measure_switch_latency
 from rig.lights.serial_line import port_holders
 
 from .check import Check
@@ -28,9 +32,9 @@ def check_ports(ports: Sequence[SerialPort], is_simulated: bool) -> Iterator[Che
         parts = (str(port), port.description, link, use, kind)
         yield Check("serial port", "ok", "; ".join(filter(None, parts)))
     if not is_simulated and not any(port.may_be_a_microcontroller for port in ports):
-        seen = f"none of {len(ports)} ports belongs to a known board"
+        finding = f"none of {len(ports)} ports belongs to a known board"
         advice = "plug the light controller in; with a charging cable no port appears"
-        yield Check("serial ports", "warning", seen, advice)
+        yield Check("serial ports", "warning", finding, advice)
 
 
 def check_port(device: str) -> Iterator[Check]:
@@ -45,8 +49,8 @@ def check_port(device: str) -> Iterator[Check]:
     yield check_access("permission", device)
     holders = [holder for holder in port_holders(device) if holder.pid != os.getpid()]
     if holders:
-        seen = f"{device} is open in {', '.join(map(str, holders))}"
-        yield Check("port in use", "fault", seen, "close that program")
+        finding = f"{device} is open in {', '.join(map(str, holders))}"
+        yield Check("port in use", "fault", finding, "close that program")
     else:
         yield Check("port in use", "ok", f"no visible program has {device} open")
 
@@ -67,9 +71,9 @@ def check_access(name: str, device: str) -> Check:
     is_own = status.st_gid in os.getgroups()
     own = "its group is one of yours, but " * is_own
     mode = f"{status.st_mode & 0o777:o}"
-    seen = f"{device} belongs to group {group}, mode {mode}; {own}you may not read and write it"
+    finding = f"{device} belongs to group {group}, mode {mode}; {own}you may not read and write it"
     join = f"sudo usermod -aG {group} $USER and log in again, or " * (not is_own)
-    return Check(name, "fault", seen, f"{join}install the udev rules: {_INSTALL_RULES}")
+    return Check(name, "fault", finding, f"{join}install the udev rules: {_INSTALL_RULES}")
 
 
 def check_modem_manager(
@@ -81,8 +85,8 @@ def check_modem_manager(
         return Check(name, "ok", "is not running")
     if any((folder / RULES_FILE.name).exists() for folder in rules_folders):
         return Check(name, "ok", f"is running, and {RULES_FILE.name} keeps it away from boards")
-    seen = "is running, and treats a board as a modem for some seconds after it is plugged in"
-    return Check(name, "warning", seen, _INSTALL_RULES)
+    finding = "is running, and treats a board as a modem for some seconds after it is plugged in"
+    return Check(name, "warning", finding, _INSTALL_RULES)
 
 
 def _is_modem_manager(comm: Path) -> bool:
@@ -90,3 +94,66 @@ def _is_modem_manager(comm: Path) -> bool:
         return comm.read_text(encoding="utf-8", errors="replace").strip() == "ModemManager"
     except OSError:  # it has just ended
         return False
+
+
+# A timer in a USB chip (16 ms in an FTDI) or a loaded machine causes slower switches, which add to
+# the time of each set.
+_SLOW_SWITCH_MS = 10.0
+
+
+def check_lights(
+    lights: LightController,
+    clock: Clock,
+    config: LightsConfig,
+    firmware_version: str = FIRMWARE_VERSION,
+) -> Iterator[Check]:
+    """Check identity, number of LEDs, watchdog and switch time; LEDs are lit and put out again."""
+    yield _identity(lights, firmware_version)
+    yield _led_count(lights, config)
+    yield _watchdog(lights)
+    yield _latency(lights, clock)
+
+
+def _identity(lights: LightController, firmware_version: str) -> Check:
+    controller = lights.identity
+    finding = (
+        f"{controller.model} {controller.serial_number} on {lights.port}, "
+        f"firmware {controller.firmware_version}, protocol {controller.protocol_version}"
+    )
+    if controller.firmware_version != firmware_version:
+        finding += f"; this program brings firmware {firmware_version}"
+        return Check("light controller", "warning", finding, "ps4rig rig flash")
+    return Check("light controller", "ok", finding)
+
+
+def _led_count(lights: LightController, config: LightsConfig) -> Check:
+    named = len(config.tilts_deg)
+    finding = f"the controller has {lights.led_count}, lights.tilts_deg names {named}"
+    if named > lights.led_count:
+        return Check("LEDs", "fault", finding, "correct lights.tilts_deg, or the board's LED_PINS")
+    return Check("LEDs", "ok", finding)
+
+
+def _watchdog(lights: LightController) -> Check:
+    if lights.trips_watchdog():
+        return Check("watchdog", "ok", "an LED went out by itself when no command came")
+    finding = "an LED stayed on although no command came"
+    return Check("watchdog", "fault", finding, "renew the firmware with ps4rig rig flash")
+
+
+def _latency(lights: LightController, clock: Clock) -> Check:
+    switch = measure_switch_latency(lights, clock)
+    finding = (
+        f"median {switch.median_ms:.2f} ms, worst {switch.worst_ms:.2f} ms of {switch.switches}, "
+        "from writing to acknowledge"
+    )
+    if switch.median_ms <= _SLOW_SWITCH_MS:
+        return Check("switch latency", "ok", finding)
+    # A port below /dev/serial/by-id is a link to the device that sysfs names.
+    name = Path(lights.port).resolve().name
+    advice = (
+        "with an FTDI chip, lower its timer: "
+        f"echo 1 | sudo tee /sys/bus/usb-serial/devices/{name}/latency_timer; otherwise end other "
+        "programs that load the machine"
+    )
+    return Check("switch latency", "warning", finding, advice)

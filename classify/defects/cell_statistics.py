@@ -1,9 +1,10 @@
-"""Energy of the whitened fields around each cell."""
+"""Statistics of slopes and log albedo in and around each cell: octaves and windows."""
 
 from functools import partial
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 import scipy.fft
 
 from classify.base.compiling import Array, kernel
@@ -13,11 +14,11 @@ from classify.surface.estimate import FloatMap
 from .fields import COARSEST, HALF_CELL, gaussian_mean, resized
 from .whitening import HalfSpectrum
 
-LEVELS = 4
+_LEVELS = 4
 """Octaves of the local statistics."""
-OCTAVE_STATISTICS = 2 * LEVELS
+OCTAVE_STATISTICS = 2 * _LEVELS
 """Statistics of a cell: of relief and of albedo."""
-assert 2**LEVELS == COARSEST
+assert 2**_LEVELS == COARSEST
 
 # Cells over which local statistics are averaged: standard deviation of the Gaussian.
 _STATISTICS_CELLS = 1.5
@@ -34,7 +35,7 @@ def octave_statistics(white: tuple[HalfSpectrum, HalfSpectrum], weight: FloatMap
     def statistics(spectrum: HalfSpectrum) -> list[FloatMap]:
         level = np.asarray(scipy.fft.irfft2(spectrum, s=weight.shape), np.float32)
         values = []
-        for number in range(LEVELS):
+        for number in range(_LEVELS):
             energy = resized(_gradient_energies(level, HALF_CELL >> number or 1), rows, columns)
             energy = gaussian_mean(energy, _STATISTICS_CELLS) / around
             values.append(np.log(energy + 2 * _ENERGY_FLOOR))
@@ -77,3 +78,57 @@ def _sum_energies(level: Array, pixels: int, energies: Array, first: int, stop: 
             for c in range(column * pixels, (column + 1) * pixels):
                 total += sums[c]
             energies[row, column] = share * total
+
+
+# Sides of the windows in cells.
+_WINDOWS = (1, 3)
+WINDOW_STATISTICS = 5 * len(_WINDOWS)
+"""Window statistics of a cell."""
+LOW = [0, 3]
+"""Those that fall in the smallest window where the texture is missing."""
+
+# Cells over which squared distances are averaged: standard deviation of the Gaussian.
+_SMOOTHING_CELLS = 1.0
+# Least variance of slopes and of log albedo: that of values rounded to 8 bit is 1e-6.
+_LEAST_VARIANCE = np.float32(1e-6)
+_LEAST_SHARE = np.float32(1e-3)
+
+
+def window_statistics(moments: FloatMap, orientation_deg: float) -> FloatMap:
+    """(h, w, WINDOW_STATISTICS) statistics around every cell, in the frame of the texture.
+
+    For each window: the log deviation of the slopes, its anisotropy as cosine and sine of twice the
+    direction, the log deviation of the log albedo, and its mean.
+    """
+    angle = np.radians(2.0 * orientation_deg)
+    c, s = np.float32(np.cos(angle)), np.float32(np.sin(angle))
+    half = np.float32(0.5)
+    values: list[Array] = []
+    for side in _WINDOWS:
+        sums: Array = cv2.blur(moments, (side, side), borderType=cv2.BORDER_CONSTANT)
+        means: Array = np.moveaxis(sums / np.maximum(sums[..., :1], _LEAST_SHARE), -1, 0)
+        _, p, q, a, pp, qq, pq, aa = means
+        xx, yy, xy = pp - p * p, qq - q * q, pq - p * q
+        total = np.maximum(xx + yy, _LEAST_VARIANCE)
+        even, odd = (xx - yy) / total, (xy + xy) / total
+        values += [
+            half * np.log(total), c * even + s * odd, c * odd - s * even,
+            half * np.log(np.maximum(aa - a * a, _LEAST_VARIANCE)), a,
+        ]  # fmt: skip
+    return np.stack(values, axis=-1)
+
+
+def smoothed(squares: FloatMap, valid: npt.NDArray[np.bool_]) -> FloatMap:
+    """Gaussian mean of the squared distances of the valid cells around every cell."""
+    share = valid.astype(np.float32)
+    around = np.maximum(gaussian_mean(share, _SMOOTHING_CELLS), _LEAST_SHARE)
+    mean: Array = gaussian_mean(squares * share, _SMOOTHING_CELLS) / around
+    return mean
+
+
+def mean_around(values: FloatMap, valid: npt.NDArray[np.bool_]) -> FloatMap:
+    """Mean of the valid ones among a cell and its eight neighbours."""
+    share = valid.astype(np.float32)
+    sums: Array = cv2.blur(values * share, (3, 3), borderType=cv2.BORDER_CONSTANT)
+    around: Array = cv2.blur(share, (3, 3), borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(sums / np.maximum(around, _LEAST_SHARE), np.float32)

@@ -1,0 +1,56 @@
+"""Names and texts of files: what people may write in plans, recipes and stations."""
+
+import re
+from typing import Annotated
+
+from pydantic import AfterValidator, ValidationInfo
+
+from classify.base.errors import InputError
+from classify.methods import checked_label
+
+SET_SUFFIX = ".ome.tif"
+"""End of the name of a captured set."""
+# A page of text; a longer story belongs into a file of its own.
+_MAX_CHARACTERS = 4000
+
+
+def file_name(name: str) -> str:
+    """Return a name that can be that of a file on every system; ValueError for another."""
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}", name):
+        raise ValueError(
+            f"{name!r} becomes part of names of files; use up to 100 letters, digits and _ . -, "
+            "and begin with a letter or digit"
+        )
+    return name
+
+
+def checked_text(name: str, text: str) -> str:
+    """Return `text` if it can stand in the metadata of a set under `name`."""
+    if not text.isprintable():
+        raise InputError(f"{name} {text!r}: use printable characters only")
+    if len(text) > _MAX_CHARACTERS:
+        raise InputError(
+            f"{name}: {len(text)} characters; up to {_MAX_CHARACTERS} are kept in a set"
+        )
+    return text
+
+
+def usable_label(label: str) -> str:
+    """Return a label that can name a class; ValueError for another."""
+    try:
+        return checked_label(label)
+    except InputError as error:
+        raise ValueError(str(error)) from error
+
+
+def _usable_text(text: str, context: ValidationInfo) -> str:
+    # A set with a text that is not printable could not be read again.
+    try:
+        return checked_text(context.field_name or "text", text)
+    except InputError as error:
+        raise ValueError(str(error)) from error
+
+
+Name = Annotated[str, AfterValidator(file_name)]
+Text = Annotated[str, AfterValidator(_usable_text)]
+Label = Annotated[str, AfterValidator(usable_label)]

@@ -1,1 +1,0 @@
-"""Images as they are given, display colours, and image noise."""
