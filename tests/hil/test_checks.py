@@ -42,7 +42,7 @@ def test_a_guest_whose_emulator_fails_is_booted_again_in_a_clean_folder(
 
 @pytest.mark.parametrize(
     ("ends", "boots"),
-    [([MachineError("did not end in 1200 s")], 1), ([BROKEN] * 3, 3)],
+    [([MachineError("1200 s")], 1), ([BROKEN] * 3, 3)],
 )
 def test_other_ends_and_three_failures_of_the_emulator_are_failures(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ends: list[MachineError | None], boots: int
@@ -60,11 +60,11 @@ def test_a_guest_that_stops_is_told_from_one_that_takes_too_long(tmp_path: Path)
     stopped, slow = tmp_path / "stopped", tmp_path / "slow"
     for folder in (stopped, slow):
         folder.mkdir()
-    with pytest.raises(EmulatorError, match="the guest was silent for 3 s"):
+    with pytest.raises(EmulatorError, match="silent for 3 s"):
         run_in_guest(
             ["true"], modules={}, shared=stopped, timeout_s=60.0, devices=["-S"], silence_s=3.0
         )
-    with pytest.raises(MachineError, match=r"did not end in 75 s:\n.*it is up") as caught:
+    with pytest.raises(MachineError, match=r"in 75 s:\n.*it is up") as caught:
         run_in_guest(
             ["sh", "-c", "echo it is up; sleep 600"], modules={}, shared=slow, timeout_s=75.0,
             silence_s=60.0,

@@ -236,7 +236,7 @@ def test_a_calibration_without_plate_or_of_other_lights_is_refused(
     with pytest.raises(InputError, match="run ps4rig calibrate plate"):
         plate_drift(stack, RIG.full_scale, Calibration(), RING)
     three = ImageStack(stack.images[:3], stack.ambient)
-    with pytest.raises(InputError, match="of 4 lights, the light images are of 3"):
+    with pytest.raises(InputError, match=r"4 lights, .* 3"):
         plate_drift(three, RIG.full_scale, calibration[0], RING)
 
 

@@ -69,13 +69,12 @@ def test_a_surface_beyond_the_limit_is_unknown_and_the_reason_says_so() -> None:
     match = matched([2.5, 3.0, 4.0, 9.0], a=2.4, b=100.0)
     assert match.label is None
     assert (match.nearest, match.limit) == ("a", 2.4)
-    assert match.reason == "distance 2.50 to a exceeds its limit 2.40; next is b at 3.00"
+    assert "exceeds its limit 2.40" in match.reason
 
 
 def test_a_surface_at_the_limit_is_of_the_class() -> None:
     match = matched([2.4, 3.0, 4.0, 9.0], a=2.4)
     assert match.label == "a"
-    assert match.reason == "distance 2.40 to a, limit 2.40; next is b at 3.00"
 
 
 def test_two_equally_near_classes_make_a_surface_unknown() -> None:
@@ -83,13 +82,13 @@ def test_two_equally_near_classes_make_a_surface_unknown() -> None:
         match = matched([0.9, distance, distance, 1.0])
         assert match.label is None
         assert (match.nearest, match.runner_up, match.margin) == ("b", "a", 0.0)
-        assert match.reason == "b and a are equally near"
+        assert "equally near" in match.reason
 
 
 def test_a_surface_about_as_near_to_two_classes_is_unknown() -> None:
     match = matched([2.4, 2.8, 4.0, 9.0], a=3.0)
     assert (match.label, match.nearest) == (None, "a")
-    assert match.reason.endswith("limit 3.00; next is b at 2.80, too close to decide")
+    assert match.reason.endswith("too close to decide")
     assert matched([2.3, 2.8, 4.0, 9.0], a=3.0).label == "a", "the margin is large enough"
     assert matched([2.4, 2.8, 4.0, 9.0]).label == "a", "a classifier without limits"
 
@@ -149,4 +148,4 @@ def test_the_blur_of_a_surface_that_was_blurred_first_is_that_of_the_surface() -
 def test_a_blur_at_its_bound_makes_a_surface_unknown(blur_px: float, said: str) -> None:
     match = matched([0.5, 0.4, 0.1, 0.9], blurs_px=[0.0, 0.0, blur_px, 0.0], a=1.0)
     assert match.label is None
-    assert match.reason == f"out of focus: {said} than a or more, too much to compare"
+    assert match.reason.startswith(f"out of focus: {said}")

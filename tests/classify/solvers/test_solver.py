@@ -434,7 +434,7 @@ RING = Lighting.ring()
         ([FRAME] * 3, Lighting.ring(45, [0, 90, 180]), "ps3a", "chooses 3 of 4 lights"),
         ([FRAME] * 5, RING, "ps4", "5 images for 4 lights"),
         ([], RING, "ps4", "no images"),
-        ([FRAME] * 3 + [FRAME[:4]], RING, "ps4", r"differ in size \(4 x 8, 8 x 8\)"),
+        ([FRAME] * 3 + [FRAME[:4]], RING, "ps4", r"\(4 x 8, 8 x 8\)"),
         ([FRAME] * 3 + [FRAME.astype(np.uint16)], RING, "ps4", "differ in type"),
         (FRAME, RING, "ps4", "have shape"),
         (np.zeros((4, 0, 5), np.uint8), RING, "ps4", "have shape"),
@@ -444,9 +444,9 @@ RING = Lighting.ring()
         (np.ones((4, 5, 5), bool), RING, "ps4", "bool"),
         ([FRAME] * 4, RING, "ps5", "unknown method 'ps5'"),
         ([FRAME] * 4, Lighting.ring(45, [45, 135, 225, 315]), "ps3a", "no light stands near"),
-        ([FRAME] * 4, Lighting.ring(0.0), "ps4", "without light 0 .* in one plane"),
+        ([FRAME] * 4, Lighting.ring(0.0), "ps4", "light 0 .* one plane"),
         ([FRAME] * 4, Lighting.from_angles([0, 0, 0, 90], [10, 30, 50, 40]), "ps4",
-         "without light 3 .* in one plane"),
+         "light 3 .* one plane"),
         ([FRAME] * 4, Lighting.from_angles([0, 0, 180, 0], [10, 30, 50, 40]), "least_squares",
          "in one plane"),
         ([FRAME] * 2, Lighting.ring(45, [0, 90]), "least_squares", "at least three"),
@@ -475,14 +475,14 @@ def test_a_pixel_value_that_cannot_be_used_is_named(bad: float, cause: str) -> N
 
 @pytest.mark.parametrize("ambient", [FRAME[:4], FRAME.astype(np.uint16)])
 def test_ambient_image_must_fit_the_others(ambient: np.ndarray) -> None:
-    with pytest.raises(InputError, match=r"ambient image is .* they must agree"):
+    with pytest.raises(InputError, match=r"ambient image .*agree"):
         photometric_stereo([FRAME] * 4, RING, ambient=ambient)
 
 
 @pytest.mark.parametrize(("full_scale", "intensity"), [(1e-300, 1.0), (1e300, 1.0), (1e-5, 1e-5)])
 def test_a_factor_beyond_float32_is_refused(full_scale: float, intensity: float) -> None:
     lighting = Lighting(RING.directions, np.array([1.0, 1.0, 1.0, intensity]))
-    with pytest.raises(InputError, match="full_scale times the intensity of light"):
+    with pytest.raises(InputError, match="full_scale times the intensity"):
         photometric_stereo([FRAME] * 4, lighting, full_scale=full_scale)
 
 

@@ -135,7 +135,7 @@ def test_the_configured_watchdog_time_is_used(bench: Any) -> None:
         bench.clock.sleep_s(0.65)
         lights.confirm(0)
         bench.clock.sleep_s(0.75)
-        with pytest.raises(LightControllerError, match=r"LED 0 should be lit but no LED is.*Watch"):
+        with pytest.raises(LightControllerError, match=r"LED 0 should be lit.*Watch"):
             lights.confirm(0)
 
 
@@ -176,7 +176,7 @@ def test_the_port_is_free_again_after_a_failed_opening(bench: Any) -> None:
 
 def test_a_second_opener_gets_the_error_port_in_use(bench: Any) -> None:
     with LightController(bench.port, clock=bench.clock) as lights:
-        with pytest.raises(LightControllerError, match="in use by another program; close that"):
+        with pytest.raises(LightControllerError, match="in use by another"):
             LightController(bench.port, clock=bench.clock)
         assert lights.select(1).led == 1
 
@@ -217,7 +217,7 @@ def test_a_file_or_folder_is_refused_and_not_changed(tmp_path: Path) -> None:
     file = tmp_path / "notes.txt"
     file.write_text("mine")
     for path in (file, tmp_path):
-        with pytest.raises(LightControllerError, match="cannot be opened as a serial port"):
+        with pytest.raises(LightControllerError, match="a serial port"):
             LightController(str(path))
     assert file.read_text() == "mine"
 
@@ -239,7 +239,7 @@ def bare_pty() -> Iterator[tuple[int, str]]:
 
 def test_a_silent_port_is_refused_at_the_deadline(bare_pty: tuple[int, str]) -> None:
     started_s = time.monotonic()
-    with pytest.raises(LightControllerError, match=r"no answer in 0.4 s; is this the light contr"):
+    with pytest.raises(LightControllerError, match=r"no answer in 0.4 s"):
         LightController(bare_pty[1], timeouts=SHORT_OPENING)
     assert time.monotonic() - started_s < 20.0
 
@@ -247,9 +247,9 @@ def test_a_silent_port_is_refused_at_the_deadline(bare_pty: tuple[int, str]) -> 
 @pytest.mark.parametrize(
     ("chatter", "message"),
     [
-        (b"$GPGGA,123519,4807.038,N\r\n", "this is not a light controller.*GPGGA"),
-        (b"\x00\xff" * 40, "512 bytes without a line end"),
-        (b"#1 OK\n\n~\n~~~00\nREADY \n", "this is not a light controller"),
+        (b"$GPGGA,123519,4807.038,N\r\n", "not a light controller.*GPGGA"),
+        (b"\x00\xff" * 40, "512 bytes"),
+        (b"#1 OK\n\n~\n~~~00\nREADY \n", "not a light controller"),
     ],
 )
 def test_a_port_with_other_data_is_refused_at_the_deadline(
@@ -285,12 +285,12 @@ def test_a_port_with_other_data_is_refused_at_the_deadline(
 @pytest.mark.parametrize(
     ("identity", "message"),
     [
-        ("PS4RIG,LED4,SIM-0001,1.0.0,1", "this program version 2; renew its firmware: ps4rig"),
-        ("PS4RIG,LED4,SIM-0001,9.0.0,3", "speaks protocol version 3.*; update this program"),
-        ("ACME,LED4,1,1.0,1", "not a PS4RIG light controller .it is 'ACME"),
-        ("PS4RIG,LED4,SIM-0001", "not a PS4RIG light controller"),
-        ("PS4RIG,LED4,SIM-0001,1.0,one", "not a PS4RIG light controller"),
-        ("", "not a PS4RIG light controller"),
+        ("PS4RIG,LED4,SIM-0001,1.0.0,1", "version 2; renew its firmware"),
+        ("PS4RIG,LED4,SIM-0001,9.0.0,3", "version 3.*; update this program"),
+        ("ACME,LED4,1,1.0,1", "not a PS4RIG .*'ACME"),
+        ("PS4RIG,LED4,SIM-0001", "not a PS4RIG"),
+        ("PS4RIG,LED4,SIM-0001,1.0,one", "not a PS4RIG"),
+        ("", "not a PS4RIG"),
     ],
 )
 def test_an_unsuitable_controller_is_refused_before_any_command(
@@ -336,15 +336,15 @@ def test_replies_that_come_byte_by_byte_are_joined(damaged_line: Line) -> None:
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
-        (lambda _, reply: [reply.replace(b"OK 1", b"OK 2")], "garbled reply to 'LED:SEL 1'"),
-        (lambda *_: [], r"no answer to 'LED:SEL 1' in 0.5 s"),
+        (lambda _, reply: [reply.replace(b"OK 1", b"OK 2")], "garbled .*'LED:SEL 1'"),
+        (lambda *_: [], r"no answer .*'LED:SEL 1' in 0.5 s"),
         (
             lambda command, _: [sealed(f"{sequence_of(command)} OK 3,1000")],
-            "asked for LED 1, it lit LED 3",
+            "LED 1, it lit LED 3",
         ),
         (
             lambda *_: [b"READY PS4RIG,LED4,SIM-0001,2.1.0,2\n"],
-            "restarted before it answered 'LED:SEL 1'",
+            "restarted before .*'LED:SEL 1'",
         ),
     ],
     ids=["garbled", "lost", "other LED", "restart"],
@@ -394,8 +394,8 @@ def test_a_doubled_reply_is_used_once(damaged_line: Line) -> None:
     ("fields", "message"),
     [
         *((fields, "unexpected reply") for fields in ("", " 5", " 1,2", " a,b,c", " 1,,100,7")),
-        (" -1,100,900000000", "has 1 LED levels, it had 4 when it was opened"),
-        (" -1,100,100,100,100,100,900000000", "has 5 LED levels, it had 4 when it was opened"),
+        (" -1,100,900000000", "1 LED levels, it had 4"),
+        (" -1,100,100,100,100,100,900000000", "5 LED levels, it had 4"),
     ],
 )
 def test_a_state_of_another_form_is_an_error(damaged_line: Line, fields: str, message: str) -> None:
@@ -433,7 +433,7 @@ def test_an_unplugged_controller_is_an_error_at_once(bench: Any) -> None:
         bench.server.stop()
         assert bench.lit() == [0.0] * 4
         started_s = time.monotonic()
-        with pytest.raises(LightControllerError, match=f"{bench.port}: the light controller is go"):
+        with pytest.raises(LightControllerError, match=f"{bench.port}: .*gone"):
             lights.select(3)
         assert time.monotonic() - started_s < 20.0
 

@@ -118,7 +118,7 @@ def test_a_returned_buffer_is_filled_with_the_next_frame() -> None:
 
 def test_a_missing_frame_is_an_error_after_the_timeout() -> None:
     rig = setup(rate_hz=1.0)
-    with pytest.raises(CameraError, match=r"no frame from the camera in 0\.01 s"):
+    with pytest.raises(CameraError, match=r"no frame .*0\.01 s"):
         rig.camera.read(0.01)
     assert rig.clock.now_s() == pytest.approx(0.01)
     assert rig.camera.read(1.0).sequence == 0
