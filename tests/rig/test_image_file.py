@@ -204,5 +204,5 @@ def test_other_files_are_named(tmp_path: Path, capfd: Any) -> None:
     os.mkfifo(tmp_path / "pipe.png")
     (tmp_path / "link.png").symlink_to("/dev/zero")
     for name in ("none", "folder", "pipe", "link"):
-        with pytest.raises(InputError, match=rf"{name}\.png: (no such file|cannot be read)"):
+        with pytest.raises(InputError, match=rf"{name}\.png: (no such|cannot be)"):
             read_image(tmp_path / f"{name}.png")

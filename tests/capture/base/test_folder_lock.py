@@ -34,7 +34,7 @@ def test_a_folder_is_for_one_program_until_it_ends_or_is_killed(
         assert first.stdout.readline() == "held\n"
         assert f"ps4rig, process {first.pid} since" in second().stderr
         (tmp_path / "owner.lock").unlink()  # it only names the owner
-        assert "in use by another program" in second().stderr
+        assert "by another program" in second().stderr
         first.kill()
         first.wait()
     assert second().stdout == "held\n"

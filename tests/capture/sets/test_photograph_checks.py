@@ -156,7 +156,7 @@ def test_weak_lights_are_warnings(tmp_path: Path) -> None:
         ([30.0] * 4, 45.0, "4 lights stand in 1"),
         ([0.0, 180.0, 0.0, 180.0], 45.0, "4 lights stand in 2 directions"),
         ([0.0, 90.0], 45.0, "2 lights stand in 2 directions"),
-        ([0.0, 0.0, 180.0, 180.0], [20.0, 50.0, 20.0, 50.0], "lights lie in one plane"),
+        ([0.0, 0.0, 180.0, 180.0], [20.0, 50.0, 20.0, 50.0], "in one plane"),
         ([0.0, 90.0, 180.0, 270.0], 0.0, "4 lights stand in 1 direction"),
     ],
 )

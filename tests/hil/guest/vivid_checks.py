@@ -188,7 +188,7 @@ def test_the_doctor_names_every_control_that_does_not_hold(tmp_path: Path) -> No
     )
     faults = {check.name: check for check in diagnose(path) if check.status == "fault"}
     assert {"control exposure time", "control gain", "control gamma"} <= faults.keys()
-    assert faults["control gain"].seen == "control gain = 300 is not possible; it takes 0 to 255"
+    assert faults["control gain"].seen.startswith("control gain = 300 ")
 
 
 @pytest.mark.parametrize(

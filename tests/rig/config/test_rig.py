@@ -98,7 +98,7 @@ def test_a_wrong_value_is_refused_with_file_and_key(tmp_path: Path, text: str, f
 def test_a_missing_file_says_how_to_simulate(tmp_path: Path) -> None:
     with pytest.raises(
         ConfigError,
-        match=r"ps4rig rig init, or use --rig sim",
+        match=r"or use --rig sim",
     ):
         load_config(tmp_path / "rig.toml")
 

@@ -99,7 +99,7 @@ def test_a_sequence_that_is_too_long_for_the_controller_is_a_fault(checks_of: An
     checks = checks_of(text=text)
     assert checks["LEDs"].status == "ok"
     assert checks["light controller"].status == "fault"
-    assert "15 lights has more than 64 bytes" in checks["light controller"].seen
+    assert "more than 64 bytes" in checks["light controller"].seen
 
 
 def test_a_failing_camera_does_not_prevent_the_other_checks(checks_of: Any) -> None:

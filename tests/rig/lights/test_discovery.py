@@ -115,7 +115,7 @@ def test_several_controllers_are_an_error_that_names_them_and_the_key(
 @pytest.mark.parametrize(
     ("ports", "message"),
     [
-        ([], "there are no serial ports"),
+        ([], "no serial ports"),
         ([SerialPort("/dev/ttyS0")], "no light controller .*/dev/ttyS0"),
         ([SerialPort("/dev/ttyUSB0", UNKNOWN, "7")], "1234:5678, serial number 7"),
     ],
