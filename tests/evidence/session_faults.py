@@ -1,18 +1,21 @@
 """The cost of a session, and the sets that it accepts from a rig with faults.
 
-Measured at full length by the command below; CI runs a short form:
-PS4RIG_TEXTURES=30 PS4RIG_ORIENTATIONS=18 PS4RIG_SIDE_PX=512 PS4RIG_FAULTS=300 pytest -m slow FILE
+    python -m tests.evidence.session_faults [--quick]
+
+A session of 30 textures at 18 orientations of 512 px, and 300 sessions on rigs with random faults.
+--quick has 3 textures at 3 orientations of 128 px, and 12 rigs.
 """
 
+import argparse
 import os
+import subprocess
+import sys
+import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from subprocess import Popen
-
-import pytest
 
 from capture import CapturedSet
 from capture.session.events import SetFailed, without_questions
@@ -21,12 +24,9 @@ from capture.session.runner import run_session
 from rig import HardwareError, RigConfig, open_rig
 from rig.scene.synthetic import SYNTHETIC_30
 from tests.capture.acquisition.test_fault_matrix import TOLERANCE, error_of, random_set
+from tests.capture.conftest import COMMAND
 
-TEXTURES = int(os.environ.get("PS4RIG_TEXTURES", "3"))
-ORIENTATIONS = int(os.environ.get("PS4RIG_ORIENTATIONS", "3"))
-SIDE_PX = int(os.environ.get("PS4RIG_SIDE_PX", "128"))
-FAULTS = int(os.environ.get("PS4RIG_FAULTS", "40"))
-Spawn = Callable[..., Popen[str]]
+from .limits import at_least, at_most
 
 
 def plan_of(name: str, textures: int, orientations: int) -> str:
@@ -38,35 +38,35 @@ def plan_of(name: str, textures: int, orientations: int) -> str:
     return f'name = "{name}"\norientations_deg = {angles}\nspecimen = [{specimens}]\n'
 
 
-@pytest.mark.slow
-def test_a_session_of_many_sets_is_complete(
-    tmp_path: Path, spawn: Spawn, show_figures: Callable[[str], None]
-) -> None:
-    rig, plan = tmp_path / "rig.toml", tmp_path / "many.toml"
+def _complete(folder: Path, textures: int, orientations: int, side_px: int) -> bool:
+    """Run a session by its command, on a rig without faults."""
+    rig, plan = folder / "rig.toml", folder / "many.toml"
     rig.write_text(
-        f'[lights]\nport = "simulated"\n[camera]\nwidth_px = {SIDE_PX}\nheight_px = {SIDE_PX}\n'
+        f'[lights]\nport = "simulated"\n[camera]\nwidth_px = {side_px}\nheight_px = {side_px}\n'
     )
-    plan.write_text(plan_of("many", TEXTURES, ORIENTATIONS))
+    plan.write_text(plan_of("many", textures, orientations))
     begun_s, begun = time.monotonic(), os.times()
-    process = spawn("session", "run", plan, "--rig", rig, "--yes")
-    out, error = process.communicate()
+    subprocess.run([*COMMAND, "session", "run", plan, "--rig", rig, "--yes"], check=True)
     wall_s, ended = time.monotonic() - begun_s, os.times()
     cpu_s = ended.children_user - begun.children_user + ended.children_system
     cpu_s -= begun.children_system
-    assert (process.returncode, error) == (0, ""), out
-    session = SessionFolder(tmp_path / "many")
-    sets = TEXTURES * ORIENTATIONS
-    assert len(session.journal.entries) == sets
+    session = SessionFolder(folder / "many")
     said = [each for entry in session.journal.entries if entry.measures
             for each in entry.measures.warnings]  # fmt: skip
-    show_figures(
-        f"{TEXTURES} textures x {ORIENTATIONS} orientations of {SIDE_PX} x {SIDE_PX} px: "
+    sets = textures * orientations
+    print(
+        f"{textures} textures x {orientations} orientations of {side_px} x {side_px} px: "
         f"{wall_s:.0f} s of wall time, {cpu_s:.0f} s of processor time, "
         f"{1e3 * cpu_s / sets:.0f} ms of it a set, "
         f"{session.bytes_of_sets() / 1e6:.0f} MB, {len(said)} warnings"
     )
     # The simulated rig turns each part exactly.
-    assert not [each for each in said if "the texture stands at" in each]
+    turned = [each for each in said if "the texture stands at" in each]
+    are_met = [
+        at_least("sets", len(session.journal.entries), sets),
+        at_most("orientations doubted", len(turned), 0),
+    ]
+    return all(are_met)
 
 
 def is_wrong(captured: CapturedSet, config: RigConfig) -> bool:
@@ -78,32 +78,49 @@ def is_wrong(captured: CapturedSet, config: RigConfig) -> bool:
     return error > max(TOLERANCE, 5.0 * (captured.metadata.checks.light_levels_error or 0.0))
 
 
-@pytest.mark.slow
-def test_a_session_on_a_rig_with_faults_accepts_no_wrong_set(
-    tmp_path: Path, show_figures: Callable[[str], None]
-) -> None:
+def _no_wrong_sets(folder: Path, rigs: int) -> bool:
+    """Run sessions on rigs with random faults."""
     counts: Counter[str] = Counter()
-    wrong = []
-    for seed in range(FAULTS):
+    for seed in range(rigs):
         kinds, config = random_set(seed)
-        plan = tmp_path / f"faults-{seed}.toml"
+        plan = folder / f"faults-{seed}.toml"
         plan.write_text(plan_of(f"faults-{seed}", 2, 2))
         events: list[object] = []
-        with session_folder(make_session(plan)) as folder:
+        with session_folder(make_session(plan)) as session:
             with suppress(HardwareError):
-                run_session(folder, config, without_questions, events.append)
-            entries = [entry for entry in folder.journal.entries if entry.file]
-            counts["captured"] += len(entries)
-            counts["missing"] += len(folder.missing())
+                run_session(session, config, without_questions, events.append)
+            entries = [entry for entry in session.journal.entries if entry.file]
             for entry in entries:
-                captured = CapturedSet.load(folder.path / str(entry.file))
-                if is_wrong(captured, config):
-                    wrong.append((seed, kinds, entry.file))
-        failed = sum(isinstance(event, SetFailed) for event in events)
-        # What failed is missing, and nothing else, but for a rig that was lost.
-        assert len(folder.missing()) >= failed
-        counts["sessions with failures"] += failed > 0
-    show_figures(f"{FAULTS} sessions on rigs with faults: {dict(counts)}, {len(wrong)} wrong")
-    assert counts["captured"] > FAULTS
-    assert counts["missing"] > 0
-    assert wrong == []
+                if is_wrong(CapturedSet.load(session.path / str(entry.file)), config):
+                    print(seed, kinds, entry.file)
+                    counts["wrong"] += 1
+            failed = sum(isinstance(event, SetFailed) for event in events)
+            counts["captured"] += len(entries)
+            counts["missing"] += len(session.missing())
+            # What failed is missing, and nothing else, but for a rig that was lost.
+            counts["failed but not missing"] += max(failed - len(session.missing()), 0)
+    print(f"{rigs} sessions on rigs with faults: {dict(counts)}")
+    are_met = [
+        at_most("wrong sets", counts["wrong"], 0),
+        at_most("failed but not missing", counts["failed but not missing"], 0),
+        at_least("captured", counts["captured"], rigs),
+        at_least("missing", counts["missing"], 1),
+    ]
+    return all(are_met)
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Print the figures; return 1 if a session lacks a set or has a wrong one."""
+    parser = argparse.ArgumentParser(prog="session_faults")
+    parser.add_argument("--quick", action="store_true")
+    is_quick = parser.parse_args(arguments).quick
+    with tempfile.TemporaryDirectory() as folder:
+        are_met = [
+            _complete(Path(folder), *((3, 3, 128) if is_quick else (30, 18, 512))),
+            _no_wrong_sets(Path(folder), 12 if is_quick else 300),
+        ]
+    return int(not all(are_met))
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,20 +1,20 @@
 """A session whose program is killed again and again loses, doubles and damages nothing.
 
-The figure of capture/README.md, 200 kills over one session of 30 textures at 18 orientations:
-PS4RIG_KILLS=200 PS4RIG_TEXTURES=30 PS4RIG_ORIENTATIONS=18 pytest -s -m slow FILE
+    python -m tests.evidence.session_kills [--quick]
+
+200 kills over sessions of 30 textures at 18 orientations; --quick has 20 over sessions of 9 sets.
 """
 
+import argparse
 import csv
-import os
 import random
 import signal
-import subprocess
+import sys
+import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Sequence
 from multiprocessing import get_context
 from pathlib import Path
-
-import pytest
 
 from capture import CapturedSet
 from capture.session.events import without_questions
@@ -23,12 +23,11 @@ from capture.session.runner import run_session
 from classify.base.threads import set_thread_count
 from rig import load_config
 
-from .test_session_figures import ORIENTATIONS, TEXTURES, plan_of
+from .limits import at_most
+from .session_faults import plan_of
 
-KILLS = int(os.environ.get("PS4RIG_KILLS", "40"))
 # A kill comes after up to so many new files, and so much later: longer than a set takes.
 _MOST_FILES, _LATEST_S = 3, 0.3
-Spawn = Callable[..., subprocess.Popen[str]]
 
 
 def small_rig(folder: Path) -> Path:
@@ -41,27 +40,25 @@ def files_of(session: Path) -> int:
     return len(list((session / "sets").glob("*.ome.tif")))
 
 
-def assert_whole(session: Path) -> int:
-    """Assert that journal, table and files agree, and return the number of captured sets."""
+def _damage(session: Path) -> tuple[int, int]:
+    """Number of captured sets, and of contradictions of journal, table and files."""
     folder = SessionFolder(session)
     table = session / "sets.csv"
     text = table.read_text(encoding="utf-8").splitlines() if table.is_file() else []
-    rows = list(csv.DictReader(text))
-    by_file = {row["file"]: row for row in rows if row["file"]}
+    by_file = {row["file"]: row["pixels_sha256"] for row in csv.DictReader(text) if row["file"]}
     entries = [entry for entry in folder.journal.entries if entry.file]
-    hashes = set()
+    damaged, hashes = 0, set()
     for entry in entries:
-        assert entry.file is not None
-        captured = CapturedSet.load(session / entry.file)  # checks both hashes
-        assert captured.metadata.pixels_sha256 == entry.pixels_sha256
-        assert captured.metadata.specimen == entry.specimen
-        assert captured.metadata.orientation_deg == entry.orientation_deg
+        captured = CapturedSet.load(session / str(entry.file))  # checks both hashes
+        stored = captured.metadata
+        own = (stored.pixels_sha256, stored.specimen, stored.orientation_deg)
+        damaged += own != (entry.pixels_sha256, entry.specimen, entry.orientation_deg)
         hashes.add(entry.pixels_sha256)
-    assert len(hashes) == len(entries), "a set is there twice"
+    damaged += len(entries) - len(hashes)  # a set is there twice
     # A kill between the journal and the table leaves the table one entry behind until the next run.
-    assert len(entries) - len(by_file) in (0, 1)
-    assert all(by_file[name]["pixels_sha256"] in hashes for name in by_file)
-    return len(entries)
+    damaged += len(entries) - len(by_file) not in (0, 1)
+    damaged += len(set(by_file.values()) - hashes)
+    return len(entries), damaged
 
 
 def _resume(session: Path, rig: Path) -> None:
@@ -71,35 +68,41 @@ def _resume(session: Path, rig: Path) -> None:
         run_session(folder, load_config(rig), without_questions, lambda _: None)
 
 
-@pytest.mark.slow
-def test_a_killed_session_loses_the_set_in_progress_at_most(
-    tmp_path: Path, spawn: Spawn, show_figures: Callable[[str], None]
-) -> None:
-    rig = small_rig(tmp_path)
+def main(arguments: Sequence[str]) -> int:
+    """Print what was lost, doubled or damaged; return 1 if anything was."""
+    parser = argparse.ArgumentParser(prog="session_kills")
+    parser.add_argument("--quick", action="store_true")
+    is_quick = parser.parse_args(arguments).quick
+    least, textures, orientations = (20, 3, 3) if is_quick else (200, 30, 18)
     choice = random.Random(20260101)
-    kills = rounds = 0
-    while kills < KILLS:
-        rounds += 1
-        plan = tmp_path / f"killed-{rounds}.toml"
-        plan.write_text(plan_of(f"killed-{rounds}", TEXTURES, ORIENTATIONS))
-        session = make_session(plan)
-        while SessionFolder(session).missing():
-            process = get_context("fork").Process(target=_resume, args=(session, rig))
-            process.start()
-            wanted = files_of(session) + choice.randint(0, _MOST_FILES)
-            while files_of(session) < wanted and process.is_alive():
-                time.sleep(0.002)
-            time.sleep(choice.uniform(0.0, _LATEST_S))
-            process.kill()
-            process.join()
-            assert process.exitcode in (0, -signal.SIGKILL)
-            kills += process.exitcode != 0
-            # The set in progress may have a file, and no entry yet.
-            assert files_of(session) - assert_whole(session) in (0, 1)
-        done = spawn("session", "resume", session, "--rig", rig, "--yes")
-        out, error = done.communicate(timeout=120)
-        assert (done.returncode, error) == (0, ""), out
-        assert assert_whole(session) == TEXTURES * ORIENTATIONS
-    show_figures(
-        f"{kills} kills over {rounds} sessions of {TEXTURES * ORIENTATIONS} sets: none lost"
-    )
+    kills = rounds = damaged = lost = 0
+    with tempfile.TemporaryDirectory() as folder:
+        rig = small_rig(Path(folder))
+        while kills < least:
+            rounds += 1
+            plan = Path(folder) / f"killed-{rounds}.toml"
+            plan.write_text(plan_of(f"killed-{rounds}", textures, orientations))
+            session = make_session(plan)
+            while SessionFolder(session).missing():
+                process = get_context("fork").Process(target=_resume, args=(session, rig))
+                process.start()
+                wanted = files_of(session) + choice.randint(0, _MOST_FILES)
+                while files_of(session) < wanted and process.is_alive():
+                    time.sleep(0.002)
+                time.sleep(choice.uniform(0.0, _LATEST_S))
+                process.kill()
+                process.join()
+                kills += process.exitcode == -signal.SIGKILL
+                damaged += process.exitcode not in (0, -signal.SIGKILL)
+                captured, contradictions = _damage(session)
+                # The set in progress may have a file, and no entry yet.
+                damaged += contradictions + (files_of(session) - captured not in (0, 1))
+            captured, contradictions = _damage(session)
+            damaged += contradictions
+            lost += textures * orientations - captured
+    print(f"{kills} kills over {rounds} sessions of {textures * orientations} sets")
+    return int(not all([at_most("lost", lost, 0), at_most("doubled or damaged", damaged, 0)]))
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
