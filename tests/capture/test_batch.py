@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from itertools import count, islice
 from pathlib import Path
@@ -375,30 +375,6 @@ def test_results_and_errors_are_the_same_everywhere(
         results.append((answers, solved, learned, written))
     assert results[1] == results[0]
     assert results[2] == results[0]
-
-
-# Enough repetitions that the workers are still busy when one of them is killed.
-@pytest.mark.parametrize(("place", "times"), [("local", 2), ("dask", 40)])
-def test_a_killed_worker_changes_no_answer(
-    sets: Path, library: Path, cluster: Cluster, place: str, times: int
-) -> None:
-    task = partial(classify_set, library=library)
-    paths = sorted(sets.glob("*.ome.tif"))
-    expected = [task(path) for path in paths]
-    others = workers()
-
-    def kill_a_process() -> None:
-        os.kill(min(eventually(lambda: workers() - others)), signal.SIGKILL)
-
-    options = everywhere(cluster)[place]
-    kill = kill_a_process if place == "local" else cluster.kill_a_worker_at_work
-    with Batch(**options) as run, ThreadPoolExecutor(1) as threads:
-        killing = threads.submit(kill)
-        is_killed = False
-        while not is_killed:
-            assert list(run.map(task, paths * times)) == expected * times
-            is_killed = killing.done()
-        killing.result()
 
 
 def test_commands_print_the_same_with_a_cluster(

@@ -69,20 +69,6 @@ def test_leaving_the_block_puts_the_leds_out() -> None:
     assert threading.active_count() == threads
 
 
-def test_an_exception_in_the_block_puts_the_leds_out() -> None:
-    def fail() -> Iterator[Rig]:
-        with open_rig(SMALL) as rig:
-            yield rig
-            rig.lights.select(2)
-            raise KeyboardInterrupt
-
-    failing = fail()
-    rig = next(failing)
-    with pytest.raises(KeyboardInterrupt):
-        next(failing)
-    assert outputs(rig) == [0.0] * 4
-
-
 def test_an_interrupt_while_the_lights_are_closed_still_closes_the_rest(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

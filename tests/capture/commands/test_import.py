@@ -118,25 +118,3 @@ def test_a_wrong_option_of_import_is_one_line(
 
 
 # in a separate process, where other libraries could print too
-
-
-@pytest.mark.slow
-def test_a_damaged_file_is_one_line_and_libraries_print_nothing(
-    spawn: Command, sets: Path, photographs: list[Path], tmp_path: Path
-) -> None:
-    whole = (sets / "rock-001.ome.tif").read_bytes()
-    cut = tmp_path / "cut.ome.tif"
-    cut.write_bytes(whole[:1000])
-    bad = tmp_path / "bad.png"
-    content = bytearray(photographs[0].read_bytes())
-    content[len(content) // 2] ^= 1
-    bad.write_bytes(content)
-    commands = (
-        ["solve", cut, "--out", tmp_path / "o"],
-        ["import", bad, *photographs[1:], "--slant", 45, tmp_path / "a.ome.tif"],
-    )
-    for process in [spawn(*arguments) for arguments in commands]:
-        stdout, stderr = process.communicate(timeout=120)
-        assert (process.returncode, stdout) == (2, "")
-        assert len(stderr.splitlines()) == 1, stderr
-        assert stderr.startswith("ps4rig: ")

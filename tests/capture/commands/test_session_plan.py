@@ -194,23 +194,6 @@ def test_a_left_out_set_that_fails_again_stays_left_out(
     assert json.loads(done.stdout)["left_out"] == 1
 
 
-def test_a_plan_that_gives_a_set_the_file_of_a_captured_one_is_refused(
-    ps4rig: Command, plan: Path
-) -> None:
-    before = files()
-    # Two other specimens whose files are named as those of rock-1 were.
-    plan.write_text(
-        PLAN.replace("name =", 'file_name = "{specimen}{angle}-{repeat}"\nname =', 1).replace(
-            '"rock-1"', '"rock-1-"'
-        )
-    )
-    done = ps4rig("session", "resume", "stones", "--yes", "--new-plan")
-    assert done.exit_code == 2
-    said = done.stderr
-    assert "sets/rock-1-0-1.ome.tif, which is rock-1" in said
-    assert files() == before
-
-
 def test_the_plan_is_found_from_inside_the_session(
     ps4rig: Command, plan: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

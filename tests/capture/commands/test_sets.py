@@ -2,7 +2,6 @@
 
 import json
 import re
-import resource
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,6 @@ import tifffile
 
 from capture import CapturedSet
 from classify import Lighting
-from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serve_pty
 from rig import Defect, Placement
 
 Command = Callable[..., Any]
@@ -149,18 +147,6 @@ def test_the_default_rig_is_rig_toml_and_not_the_simulated_rig(
         '[lights]\nport = "simulated"\n[camera]\nwidth_px = 64\nheight_px = 48\n'
     )
     assert ps4rig("capture", "a.ome.tif").exit_code == 0
-
-
-def test_a_real_controller_with_a_simulated_camera_is_refused(
-    refused: Refused, in_folder: Path
-) -> None:
-    clock = VirtualClock()
-    with serve_pty(SimulatedController(SimulatedBoard(clock), clock)) as server:
-        Path("rig.toml").write_text(
-            f'[lights]\nport = "{server.address}"\n[camera]\nkind = "simulated"\n'
-        )
-        assert "cannot see the LEDs" in refused("capture", "a.ome.tif")
-    assert [path.name for path in in_folder.iterdir()] == ["rig.toml"]
 
 
 @pytest.mark.parametrize(
@@ -324,19 +310,6 @@ def test_a_wrong_option_of_solve_is_one_line(
 
 
 # in a separate process, where other libraries could print too
-
-
-@pytest.mark.slow
-def test_a_full_disk_is_one_line_and_no_file(spawn: Command, tmp_path: Path) -> None:
-    process = spawn(
-        "capture", "--rig", "sim", "--size", 256, tmp_path / "a.ome.tif",
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000)),
-    )  # fmt: skip
-    stdout, stderr = process.communicate(timeout=120)
-    assert (process.returncode, stdout) == (2, "")
-    (line,) = stderr.splitlines()
-    assert f"{tmp_path}/a.ome.tif: cannot be written" in line
-    assert list(tmp_path.iterdir()) == []
 
 
 # real photographs: tests/data/butterfly_crop/README.md

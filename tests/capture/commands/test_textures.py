@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 
 from capture import CapturedSet
-from capture.batch.tasks import classify_set
 from capture.maps.map_tiff import read_description
-from classify import InputError, Lighting, TextureLibrary
+from classify import Lighting, TextureLibrary
 
 Command = Callable[..., Any]
 Refused = Callable[..., str]
@@ -422,8 +421,3 @@ def test_a_wrong_argument_is_one_line(
     places = {"rock": sets / "rock-001.ome.tif", "here": tmp_path, "lib": library}
     assert message in refused(*(argument.format(**places) for argument in arguments))
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
-
-
-def test_a_task_names_a_missing_library(sets: Path, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"gone\.ps4lib: no such"):
-        classify_set(next(sets.glob("*.ome.tif")), tmp_path / "gone.ps4lib")

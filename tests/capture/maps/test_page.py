@@ -87,14 +87,6 @@ def test_colour_bars_run_from_lowest_to_highest(made_set: Callable[..., Captured
     assert "without a label" not in text
 
 
-def test_text_of_a_set_is_escaped(made_set: Callable[..., CapturedSet]) -> None:
-    evil = "<script>alert(\"$title & 'x'\")</script>"
-    set_ = made_set(np.full((4, 8, 9), 1000, np.uint16), label=evil, created_utc=evil)
-    page = page_of(set_)
-    assert not page.all("script")
-    assert page.text.count(evil) == 3  # title, heading, date
-
-
 def test_warnings_mask_and_crop_of_an_import_are_shown(
     made_set: Callable[..., CapturedSet],
 ) -> None:

@@ -400,22 +400,6 @@ def test_intensities_beside_the_images_are_refused(tmp_path: Path) -> None:
         load_light_list(path)
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        ({"lights": VECTORS}, '"lights", .*"images"'),
-        ([{"name": "a.png", "direction": [0, 0, 1]}], 'image 0 .* "name", .* like "file"'),
-        ([{"file": "a.png", "vector": [0, 0, 1]}], 'image 0 .* "vector", .* "direction"'),
-        ([{"file": "a.png", "direcion": [0, 0, 1]}], 'image 0 .* "direcion", .* "direction"'),
-    ],
-)
-def test_a_key_in_the_place_of_a_needed_one_is_named(
-    tmp_path: Path, content: Any, message: str
-) -> None:
-    with pytest.raises(InputError, match=message):
-        load_light_list(as_json(tmp_path, content))
-
-
 def test_other_unknown_keys_are_named_in_a_warning(tmp_path: Path) -> None:
     """As the lights of public data sets have them."""
     entries = named(tilt_deg=3.0, source_direction=[0, 0, 1], height_mm=3)

@@ -243,58 +243,6 @@ def test_ps4_equals_a_plain_drop_of_the_darkest_light(
     assert (surface.p[part][b[..., 2] <= 0.0] == 0).all()
 
 
-def test_tied_lights_favour_neither_axis() -> None:
-    """A reflection in the diagonal swaps p and q, at tied pixels too."""
-    lighting = Lighting.ring(60.0)
-    p, q = random_slopes(8, (200, 200), steepest=1.5)
-    images = np.round(np.maximum(render(p, q, 220.0, lighting), 0.0)).astype(np.uint8)
-    tied = (images == 0).sum(axis=0) >= 2
-    assert 0.02 < tied.mean() < 0.5
-    surface = photometric_stereo(images, lighting, "ps4")
-    reflected = photometric_stereo(images[[1, 0, 3, 2]], lighting, "ps4")
-    np.testing.assert_allclose(reflected.p, surface.q, atol=1e-3)
-    np.testing.assert_allclose(reflected.q, surface.p, atol=1e-3)
-    rms_p = np.sqrt(np.mean((surface.p - p)[tied] ** 2))
-    rms_q = np.sqrt(np.mean((surface.q - q)[tied] ** 2))
-    assert rms_p == pytest.approx(rms_q, rel=0.05)
-
-
-@given(general_lights(), SEEDS)
-def test_null_vector_gives_every_three_light_solution(lighting: Lighting, seed: int) -> None:
-    """Without light k, b is pinv(L) i - (nul . i) pinv(L)[:, k] / nul[k]."""
-    pinv, null = drop_one_constants(lighting, "ps4")
-    np.testing.assert_allclose(pinv, np.linalg.pinv(lighting.directions), atol=1e-9)
-    np.testing.assert_allclose(null @ lighting.directions, 0.0, atol=1e-6)
-    assert np.linalg.norm(null) == pytest.approx(1.0, abs=1e-6)
-    values = np.random.default_rng(seed).uniform(0, 1, 4)
-    for k in range(4):
-        expected = np.linalg.solve(np.delete(lighting.directions, k, 0), np.delete(values, k))
-        found = pinv @ values - (null @ values) * pinv[:, k] / null[k]
-        np.testing.assert_allclose(found, expected, atol=1e-4 * (1 + np.abs(expected).max()))
-
-
-def test_null_vector_of_the_ring_is_the_alternating_sum() -> None:
-    null = drop_one_constants(Lighting.ring(33.0), "ps4")[1]
-    np.testing.assert_allclose(null * np.sign(null[0]), [0.5, -0.5, 0.5, -0.5], atol=1e-6)
-
-
-def test_a_wrong_light_order_raises_the_residual() -> None:
-    p, q = random_slopes(4, (30, 30))
-    images = render(p, q, 100.0, Lighting.ring()).astype(np.float32)
-    swapped = photometric_stereo(images[[1, 0, 2, 3]], Lighting.ring())
-    assert np.median(swapped.residual) > 5.0
-
-
-def test_the_dropped_light_is_the_first_in_shadow() -> None:
-    p, q = random_slopes(6, (8, 4))
-    images = render(p, q, 100.0, Lighting.ring()).astype(np.float32)
-    for light in range(4):
-        images[light, 2 * light : 2 * light + 2] = 0.0
-    images[3, :2] = 0.0
-    surface = photometric_stereo(images, Lighting.ring(), "ps4")
-    assert (surface.dropped == np.arange(8)[:, None] // 2).all()
-
-
 @pytest.mark.parametrize("method", ["ps4", "drbohlav", "ps4_robust"])
 @pytest.mark.parametrize("light", range(4))
 def test_a_cast_shadow_is_counted_and_does_not_change_the_slopes(light: int, method: str) -> None:

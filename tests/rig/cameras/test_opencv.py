@@ -89,14 +89,6 @@ def test_the_end_of_the_images_is_an_error_each_time(camera: OpencvCamera) -> No
             camera.read(2.0)
 
 
-def test_close_ends_the_frames_and_may_be_repeated(camera: OpencvCamera) -> None:
-    camera.read(2.0)
-    camera.close()
-    camera.close()
-    with pytest.raises(CameraError, match="is closed"):
-        camera.read(2.0)
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

@@ -21,7 +21,7 @@ from firmware_sim import (
     serve_pty,
 )
 from rig import LightControllerError
-from rig.lights.driver import LightController, LightState
+from rig.lights.driver import LightController
 from rig.lights.link import PROTOCOL_VERSION as DRIVER_PROTOCOL_VERSION
 from rig.lights.link import LinkTimeouts
 
@@ -63,28 +63,6 @@ def test_opening_puts_the_leds_out_and_forgets_levels(bench: Any) -> None:
         assert lights.state().levels_percent == (100, 100, 100, 100)
 
 
-def test_select_lights_one_led_and_no_other(bench: Any) -> None:
-    with LightController(bench.port, clock=bench.clock) as lights:
-        for led in (2, 0, 3, 1):
-            assert lights.select(led).led == led
-            assert bench.lit() == [float(other == led) for other in range(4)]
-            assert lights.state().led == led
-        assert lights.off().led is None
-        assert bench.lit() == [0.0] * 4
-
-
-def test_an_acknowledge_is_later_than_the_change_on_the_rig_clock(bench: Any) -> None:
-    with LightController(bench.port, clock=bench.clock) as lights:
-        for led in range(4):
-            before_s = bench.clock.now_s()
-            switch = lights.select(led)
-            changed_s = switch.controller_time_us / 1e6  # the board booted at time 0
-            assert before_s < changed_s <= switch.acknowledged_s <= bench.clock.now_s()
-            assert bench.board.output(led, changed_s) == 0.0
-            bench.clock.sleep_s(0.01)
-            assert bench.board.output(led, changed_s + 0.001) > 0.5
-
-
 def test_a_program_that_stands_still_while_it_writes_has_lost_nothing(
     bench: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -99,34 +77,6 @@ def test_a_program_that_stands_still_while_it_writes_has_lost_nothing(
     with LightController(bench.port, clock=bench.clock) as lights:
         monkeypatch.setattr("serial.serialposix.os.write", slow)
         assert lights.state().led is None
-
-
-def test_a_level_dims_the_led(bench: Any) -> None:
-    with LightController(bench.port, clock=bench.clock) as lights:
-        lights.set_level(1, 25)
-        lights.select(1)
-        assert bench.lit() == [0.0, 0.25, 0.0, 0.0]
-        state = lights.state()
-        assert state == LightState(1, (100, 25, 100, 100), state.controller_time_us)
-
-
-@pytest.mark.parametrize(("led", "percent"), [(0, 101), (4, 50), (-1, 50), (0, -5)])
-def test_a_level_out_of_range_is_refused_by_the_controller(
-    bench: Any, led: int, percent: int
-) -> None:
-    with (
-        LightController(bench.port, clock=bench.clock) as lights,
-        pytest.raises(LightControllerError, match="was refused"),
-    ):
-        lights.set_level(led, percent)
-
-
-def test_an_unknown_led_is_refused_and_nothing_is_lit(bench: Any) -> None:
-    with LightController(bench.port, clock=bench.clock) as lights:
-        with pytest.raises(LightControllerError, match=r"LED:SEL 4.*refused.*out of range"):
-            lights.select(4)
-        assert bench.lit() == [0.0] * 4
-        assert lights.select(3).led == 3
 
 
 def test_the_configured_watchdog_time_is_used(bench: Any) -> None:
@@ -459,11 +409,3 @@ def test_close_puts_the_led_out_after_an_interrupted_write(bench: Any) -> None:
         lights.select(2)
         lights._link._line.write(b"#9 LED:S")
     assert bench.lit() == [0.0] * 4
-
-
-def test_sequence_numbers_start_at_random(bench: Any) -> None:
-    first = []
-    for _ in range(6):
-        with LightController(bench.port, clock=bench.clock) as lights:
-            first.append(lights._link._sequence)
-    assert len(set(first)) > 3

@@ -106,23 +106,6 @@ def test_gamma_of_an_eight_bit_camera_is_found_and_its_noise_left_out(
     assert kept.dark.ambient > 1.0
 
 
-def test_the_exposure_is_as_before_the_ladder(ps4rig: Run, tmp_path: Path) -> None:
-    calibrated(ps4rig, tmp_path, "response")
-    record = CalibrationFile.read(tmp_path / "rig.ps4cal").records["response"]
-    assert record.setting.exposure_ms == pytest.approx(20.0)
-    assert record.source == ("captured",)
-
-
-@pytest.mark.parametrize("command", ["dark", "response"])
-def test_a_rig_or_files_are_needed_and_not_both(
-    refused: Callable[..., str], tmp_path: Path, command: str
-) -> None:
-    path = tmp_path / "rig.ps4cal"
-    assert "give --rig RIG" in refused("calibrate", command, path)
-    assert "give --rig RIG" in refused("calibrate", command, path, "--rig", "sim", "--from", path)
-    assert not path.exists()
-
-
 def test_sets_of_several_exposures_show_the_response(ps4rig: Run, tmp_path: Path) -> None:
     sets = []
     with open_rig(rig_toml(tmp_path, response_gamma=1.8)) as rig:

@@ -116,16 +116,6 @@ def test_each_part_reduces_the_error_of_near_unequal_lights(whole: CalibrationFi
     assert degrees[3] < 0.6 * degrees[2]
 
 
-def test_a_perfect_rig_gains_nothing(near_calibration: CalibrationFile) -> None:
-    record = near_calibration.records["lights"]
-    measured = near_calibration.calibration.lights
-    assert measured is not None
-    ideal = replace(measured, lighting=Lighting.ring(45.0), distance_errors=None)
-    ((_, before), (_, after)) = benefit_of(CalibrationFile().with_part("lights", ideal, record))
-    assert before < 0.01
-    assert after == pytest.approx(before)
-
-
 def test_a_calibration_without_sheet_or_with_a_strange_date_is_summarised(
     near_calibration: CalibrationFile,
 ) -> None:
