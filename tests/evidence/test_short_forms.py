@@ -8,6 +8,7 @@ from . import (
     defect_constants,
     drift_rates,
     joint_constants,
+    light_order_rates,
     orientation_flags,
     photograph_rates,
     session_faults,
@@ -16,8 +17,8 @@ from . import (
 )
 
 STUDIES = (
-    defect_constants, drift_rates, joint_constants, orientation_flags, photograph_rates,
-    session_faults, session_kills, sphere_rates,
+    defect_constants, drift_rates, joint_constants, light_order_rates, orientation_flags,
+    photograph_rates, session_faults, session_kills, sphere_rates,
 )  # fmt: skip
 Main = Callable[[Sequence[str]], int]
 

@@ -285,8 +285,7 @@ def damage(path: Path, how: str) -> None:
     path.write_bytes(whole)
 
 
-@pytest.mark.parametrize("how", ["flipped", "cut", "exchanged"])
-@pytest.mark.parametrize("number", [0, 1])
+@pytest.mark.parametrize(("how", "number"), [("flipped", 0), ("cut", 1), ("exchanged", 1)])
 def test_a_captured_set_that_was_damaged_later_is_captured_again(
     run: Run, folder: Folder, session: Path, how: str, number: int
 ) -> None:
