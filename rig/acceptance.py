@@ -41,7 +41,7 @@ LED_LEVEL_STANDARD_ERRORS = 4.0
 EQUAL_LED_LEVELS = 0.02
 # Least share of the detail of a photograph that a mix of the others under the same lights must
 # explain; below the second a warning. Photographs of four real objects reach 0.51, with one of
-# another scene 0.22 (tests/capture/sets/test_photograph_rates.py).
+# another scene 0.22 (tests/evidence/photograph_rates.py).
 MIN_EXPLAINED_DETAIL, LITTLE_EXPLAINED_DETAIL = 0.3, 0.4
 # Least share of rows in which the four light images are compared: a row left out may be torn.
 MIN_COMPARED_ROWS = 1.0

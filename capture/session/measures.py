@@ -18,7 +18,7 @@ from .journal import SetMeasures
 # digit is 10 degrees or more.
 _MAX_PLACEMENT_DEG = 8.0
 # An entered orientation that agrees this much less than the best is doubted: a weave agrees as well
-# after a quarter turn (tests/capture/session/test_orientation_flags.py).
+# after a quarter turn (tests/evidence/orientation_flags.py).
 _LEAST_DROP = 0.03
 # Blur that costs the statistics of the finest scale (classify/texture/blur.py).
 _MAX_BLUR_PX = 1.0

@@ -33,7 +33,7 @@ _TILT_SPREAD, _BOW_SPREAD = 0.009, 0.01
 # temperature, another paper's sheen.
 _LEVEL_SPREAD, _GRADIENT_SPREAD, _CURVATURE_SPREAD = 0.01, 0.001, 0.0005
 # Natural logarithm of the odds against a cause, and against a tilted sheet, rare on a table.
-# test_drift.py counts which causes are mistaken for others.
+# tests/evidence/drift_rates.py counts which causes are mistaken for others.
 _LOG_ODDS, _LOG_ODDS_TILT = 3.0, 6.0
 _MOST_CAUSES = 3
 # Gauss-Newton, in standard deviations of the numbers: step of derivatives and of convergence,

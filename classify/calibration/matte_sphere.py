@@ -27,7 +27,7 @@ _LEAST_UNSATURATED = 0.6
 _LEAST_USED = 0.2
 _MOST_PIXELS = 3000
 # Error by vignetting and response, which the jackknife does not show. Half of the
-# lights of matt spheres in masks are within 0.2 degrees, 90 % within 0.65 (test_sphere_rates.py).
+# lights of matt spheres in masks are within 0.2 degrees, 90 % within 0.65 (sphere_rates.py).
 _MODEL_DEG = 0.3
 _SECTORS = 8
 _ROUNDS = 4

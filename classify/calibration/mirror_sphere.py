@@ -23,7 +23,7 @@ _LEAST_PEAK = 0.9
 _INSIDE = 0.97
 # Least ratio of a highlight's peak to the changes of the rest of the sphere, by their robust
 # scatter. Noise alone gives 4.5; a lamp that lights a bright room unevenly leaves 5.7
-# (test_sphere_rates.py).
+# (sphere_rates.py).
 _LEAST_CONTRAST, _LEAST_CHANGE = 5.0, 2.0
 # A second reflection with this share of the light of the first makes the choice doubtful.
 _DOUBTFUL = 0.5

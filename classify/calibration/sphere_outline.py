@@ -22,7 +22,7 @@ _SEARCH_PX, _FIT_RADIUS_PX = 320, 200.0
 # At 12 px an outline known to 0.2 px gives lights to 2 degrees.
 _SMALLEST_RADIUS_PX = 12.0
 # Candidates that are fitted, rays from the centre, sectors of a score, edges kept on a ray, and
-# random circles of each fit. More take more time; test_sphere_rates.py prints the errors.
+# random circles of each fit. More take more time; sphere_rates.py prints the errors.
 _FINALISTS = 5
 _RAYS, _SECTORS, _EDGES_PER_RAY = 240, 8, 5
 _TRIALS = 240
@@ -33,7 +33,7 @@ _SMALLEST_TOLERANCES_PX = {0.01: 1.0, 0.005: 0.5}
 # (tests/sphere_pictures.py). A later step refuses circles without the highlight or the shading of a
 # sphere.
 _LOWEST_SCORE = 0.05
-# At the finer scale wrong outlines of test_sphere_rates.py had 0.02 and 0.03, right ones 0.05 to 1.
+# At the finer scale wrong outlines of sphere_rates.py had 0.02 and 0.03, right ones 0.05 to 1.
 _LOWEST_FINE_SCORE = 0.04
 # Added to shares of full scale, so that noise of one digit in a black background is no edge.
 _FLOOR = 0.02

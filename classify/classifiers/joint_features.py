@@ -1,6 +1,6 @@
 """Features of the joint classifier: observations, series and statistics.
 
-``tests/classify/classifiers/test_joint_constants.py`` prints what each tuned number gives halved
+``tests/evidence/joint_constants.py`` prints what each tuned number gives halved
 and doubled.
 """
 

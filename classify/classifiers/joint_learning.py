@@ -3,7 +3,7 @@
 The four quarters of every training set show how much one surface differs from itself: how far its
 spectra and statistics scatter, and which statistics scatter together. A distance of 1 is the
 typical distance between two quarters of a set.
-``tests/classify/classifiers/test_joint_constants.py`` prints what each tuned number gives halved
+``tests/evidence/joint_constants.py`` prints what each tuned number gives halved
 and doubled.
 """
 

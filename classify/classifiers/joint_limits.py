@@ -2,7 +2,7 @@
 
 The distance of another patch of a class is taken as log-normal. Its median is expected from the
 scatter of the quarters of a training frame, and measured where a class has several sets.
-``tests/classify/classifiers/test_joint_constants.py`` prints what each tuned number gives halved
+``tests/evidence/joint_constants.py`` prints what each tuned number gives halved
 and doubled.
 """
 
@@ -25,7 +25,7 @@ _LEAST_SCATTER = 0.5
 _LARGEST_FACTOR = 1.5
 # Median distance of another patch to a class of scatter 1, and standard deviations of its logarithm
 # between classes of equal scatter and between patches of one class, together 0.43. On 22 scanned
-# materials the median is 0.84 and the deviation 0.53; test_joint_constants.py prints what larger
+# materials the median is 0.84 and the deviation 0.53; joint_constants.py prints what larger
 # ones accept. A limit is the 99th percentile, 2.33 deviations above the median.
 _MEDIAN = 0.82
 _CLASS_SPREAD = 0.34

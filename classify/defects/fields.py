@@ -21,7 +21,7 @@ HALF_CELL = CELL_PX // 2
 COARSEST = 16
 # Pixels at half resolution over which the fields fade to zero towards the frame and large gaps:
 # a transform repeats the frame, and a step at its border would look like a scratch. This width,
-# and the numbers of the files beside this one, are tested in test_defect_constants.py.
+# and the numbers of the files beside this one, are tested in defect_constants.py.
 _FADE = 17
 # Sigma of the Gaussian that fills gaps. A gap is too large to fill where the Gaussian mean of valid
 # pixels is below `_LEAST_FILLED`.

@@ -22,10 +22,10 @@ _Join = Callable[[Array, Array], Array]
 _ORDERS: tuple[Order, ...] = tuple(itertools.permutations(range(4)))
 _GIVEN = _ORDERS[0]
 # An order whose misfit is larger than the best by this is implausible. Images of level surfaces,
-# which favour no order, give up to 0.09 (tests/rig/test_light_order_rates.py).
+# which favour no order, give up to 0.09 (tests/evidence/light_order_rates.py).
 _CLEARLY_WORSE = 0.15
 # The middle of the frame is used, at every scale at which its sides have at least the coarsest
-# number of pixels. More pixels take more time; tests/rig/test_light_order_rates.py holds the share
+# number of pixels. More pixels take more time; tests/evidence/light_order_rates.py holds the share
 # of orders that these decide.
 _MIDDLE_PX = 192
 _COARSEST_PX = 48

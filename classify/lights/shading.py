@@ -28,7 +28,7 @@ from classify.shadow_rule import MAYBE_SHADOW
 
 Order = tuple[int, ...]
 
-# tests/capture/sets/test_photograph_rates.py holds the rates of wrong and of missed refutations
+# tests/evidence/photograph_rates.py holds the rates of wrong and of missed refutations
 # that the numbers of this file give.
 
 # Larger images are reduced so that their shorter side has at most twice this, to save time.

@@ -74,7 +74,7 @@ def roll_angles(polar: npt.NDArray[np.floating], shifts: Floats) -> Floats:
 
 
 # Agreement below which a texture determines no orientation; its rates on 52 textures are in
-# tests/capture/session/test_orientation_flags.py.
+# tests/evidence/orientation_flags.py.
 LEAST_SHARPNESS = 0.45
 
 

@@ -85,7 +85,7 @@ def led_outputs() -> Callable[[Rig], list[float]]:
     return _led_outputs
 
 
-def _made_set(
+def make_set(
     pixels: Images,
     ambient: Images | None = None,
     lighting: Lighting | None = None,
@@ -114,7 +114,7 @@ def _made_set(
 
 @pytest.fixture(scope="session")
 def made_set() -> Callable[..., CapturedSet]:
-    return _made_set
+    return make_set
 
 
 @pytest.fixture(scope="session")

@@ -20,7 +20,7 @@ Command = Callable[..., Any]
         (["capture", "--rig", "sim", "--rotate", "north", "a.ome.tif"], "--rotate"),
         (["import", "a.png", "--gamma", "2.2", "a.ome.tif"], "2.2"),
         (["solve", "a.ome.tif"], "--out"),
-        (["solve", "a.ome.tif", "--out", "maps", "--method", "ps5"], "not one of 'ps3a', 'ps3b'"),
+        (["solve", "a.ome.tif", "--out", "maps", "--method", "ps5"], "'ps3a', 'ps3b'"),
         (["classify", "--colour", "x"], "--colour"),
     ],
 )

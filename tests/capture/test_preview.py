@@ -323,13 +323,13 @@ def test_the_lights_are_a_cross_with_the_outline_over_each_image(tmp_path: Path)
     shown = preview_of_age(0.1)
     line = np.array([(8, 8), (55, 8), (55, 40), (8, 40)], np.float32)
     shown.guide("rock-1: turn to 40 degrees", Outline(64, 48, (line,), is_of_part=True))
-    shown.measured("now at 37.2 degrees: turn it by 3 anticlockwise")
+    shown.measured("turn it by 3 anticlockwise")
     with serving(shown, 0, WAIT_S) as server:
         dom = in_chromium(server.url, tmp_path, "--dump-dom", "--window-size=1200,1600")
         screenshot = tmp_path / "page.png"
         in_chromium(server.url, tmp_path, f"--screenshot={screenshot}", "--window-size=1200,1600")
     assert "rock-1: turn to 40 degrees" in dom
-    assert "now at 37.2 degrees: turn it by 3 anticlockwise" in dom
+    assert "turn it by 3 anticlockwise" in dom
     assert dom.count('src="overlay.svg?1"') == 4
     lefts, tops = (
         [float(value) for value in re.findall(rf"<figure[^>]* {side}: ([\d.]+)(?:%|px)", dom)]
@@ -356,7 +356,7 @@ def test_an_image_that_is_too_old_is_blanked_and_its_age_shown(tmp_path: Path) -
     with serving(preview_of_age(60.0), 0, WAIT_S) as server:
         dom = in_chromium(server.url, tmp_path, "--dump-dom")
     assert dom.count('class="stale"') == 4
-    assert dom.count("the last one is too old to be shown") == 4
+    assert dom.count("too old") == 4
     ages_s = [float(part.split(">")[-1]) for part in dom.split(" s old</span>")[:-1]]
     assert len(ages_s) == 4
     assert min(ages_s) >= 60.0

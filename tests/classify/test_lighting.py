@@ -124,17 +124,17 @@ def test_lighting_cannot_be_changed_and_keeps_a_copy() -> None:
 @pytest.mark.parametrize(
     ("directions", "cause"),
     [
-        (np.empty((0, 3)), "one \\(x, y, z\\) row per light"),
-        (np.ones(3), "one \\(x, y, z\\) row per light"),
-        (np.ones((4, 2)), "one \\(x, y, z\\) row per light"),
+        (np.empty((0, 3)), "\\(x, y, z\\) row"),
+        (np.ones(3), "\\(x, y, z\\) row"),
+        (np.ones((4, 2)), "\\(x, y, z\\) row"),
         ([[0, 0, 0]], "zero or not finite"),
         ([[0, np.nan, 1]], "zero or not finite"),
         ([[0, 0, np.inf]], "zero or not finite"),
         ([[1e300, 0, 1e300]], "beyond 1e9"),
         ([["a", "b", "c"]], "are not all numbers"),
         ([[0, 0, 1], [0, 1]], "are not all numbers"),
-        ([[0, 0, 1], [1, 0, 0]], "light 1 stands at or below the horizon"),
-        ([[0, 0, -1]], "light 0 stands at or below the horizon"),
+        ([[0, 0, 1], [1, 0, 0]], "light 1 .*horizon"),
+        ([[0, 0, -1]], "light 0 .*horizon"),
     ],
 )
 def test_unusable_directions_are_named(directions: object, cause: str) -> None:
@@ -163,7 +163,7 @@ def test_unusable_intensities_are_named(intensities: list[float], cause: str) ->
     ("tilts", "slants", "cause"),
     [
         *(([0, 90], slant, r"slant .* is outside") for slant in (-1.0, 90.0, 120.0, np.nan)),
-        *(([0, tilt], 45, r"tilts .* are not all numbers") for tilt in (np.nan, np.inf, "north")),
+        *(([0, tilt], 45, r"tilts .* numbers") for tilt in (np.nan, np.inf, "north")),
         ([0, 90, 180, 270], [45, 50], "2 slants for 4 tilts"),
     ],
 )
@@ -181,7 +181,7 @@ def test_the_nearest_light_is_found_across_tilt_0(tilt: float, off: float) -> No
 
 
 def test_the_error_without_a_near_light_names_all_tilts() -> None:
-    with pytest.raises(InputError, match=r"near tilt 45; the tilts are 0, 90, 180, 270"):
+    with pytest.raises(InputError, match=r"tilt 45; .* 0, 90, 180, 270"):
         Lighting.ring().light_nearest_tilt(45.0)
     assert Lighting.ring().light_nearest_tilt(44.0, within_deg=45.0) == 0
 

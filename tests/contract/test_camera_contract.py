@@ -108,7 +108,7 @@ def test_the_exposure_can_be_changed_within_the_range_of_the_camera(rig: Rig) ->
     shortest_ms, longest_ms = camera.exposure_range_ms
     configured_ms = 1e3 * camera.info.exposure_s
     assert shortest_ms <= configured_ms <= longest_ms
-    with pytest.raises(CameraError, match=r"the camera takes .* to .* ms"):
+    with pytest.raises(CameraError, match=r"the camera takes .* ms"):
         camera.set_exposure(1.5 * longest_ms)
     rig.lights.select(0)
     half_ms = max(shortest_ms, 0.5 * configured_ms)

@@ -242,14 +242,3 @@ def test_a_benchmark_has_six_sections_and_removes_its_files(
     assert "ps4_robust, 70 x 48, 16 bit" in steps
     assert "GB of disk" in shown.err
     assert list(temporary_folder.iterdir()) == []
-
-
-def test_without_enough_memory_the_largest_library_is_left_out(
-    temporary_folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    print_benchmark(SMALL, json=False, free=(10**12, 1))
-    shown = capsys.readouterr()
-    assert "left out: 1,600 references" in shown.err
-    assert "1,200 references" in shown.out
-    assert "1,600 references" not in shown.out
-    assert list(temporary_folder.iterdir()) == []

@@ -18,11 +18,6 @@ def sealed(message: bytes) -> bytes:
     return b"%s~%02X" % (message, crc8_by_division(message))
 
 
-def test_crc8_check_value():
-    assert crc8(b"123456789") == 0xF4
-    assert crc8(b"") == 0
-
-
 @given(st.binary(max_size=64))
 def test_crc8_is_polynomial_division(data):
     assert crc8(data) == crc8_by_division(data)

@@ -36,9 +36,9 @@ def test_a_long_settle_time_is_waited_for() -> None:
 @pytest.mark.parametrize(
     ("changes", "counts"),
     [
-        ({"exposure_start_s": -1.0}, r"\(\d+ from before the switch in 2\.\d s\).*time stamps"),
-        ({"exposure_start_s": math.nan}, r"\(\d+ from before the switch in 2\.\d s\)"),
-        ({"flags": FrameFlag.CORRUPT}, r"\d+ corrupt or empty in 2\.\d s\)"),
+        ({"exposure_start_s": -1.0}, r"\(\d+ from before .*2\.\d s\).*time stamps"),
+        ({"exposure_start_s": math.nan}, r"\(\d+ from before .*2\.\d s\)"),
+        ({"flags": FrameFlag.CORRUPT}, r"\d+ corrupt .*2\.\d s\)"),
     ],
 )
 def test_waiting_for_a_fresh_frame_ends_with_the_counts_of_all_others(

@@ -112,7 +112,7 @@ def test_a_damaged_jpeg_is_refused(tmp_path: Path, capfd: Any, options: tuple[in
         cut = int(share * len(whole))
         for content in (whole[:cut] + b"\xff\xd9", whole[:cut] + b"\xff" * 64 + whole[cut + 64 :]):
             message = refused(tmp_path / "a.jpg", content, capfd)
-            assert message.startswith("not a complete JPEG image: ")
+            assert message.startswith("not a complete JPEG")
 
 
 def test_a_damaged_png_is_refused(tmp_path: Path, capfd: Any) -> None:
@@ -121,21 +121,21 @@ def test_a_damaged_png_is_refused(tmp_path: Path, capfd: Any) -> None:
     flipped = bytearray(whole)
     flipped[half] ^= 4
     for content in (whole[:half] + whole[-12:], bytes(flipped)):
-        assert refused(tmp_path / "a.png", content, capfd).startswith("not a complete PNG image")
+        assert refused(tmp_path / "a.png", content, capfd).startswith("not a complete PNG")
 
 
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (png(ROWS, form="70000"), "not a complete PNG image"),
-        (png(ROWS, form="81000"), "not a complete PNG image"),
-        (png(ROWS, form="83000"), "not a complete PNG image"),
+        (png(ROWS, form="70000"), "not a complete PNG"),
+        (png(ROWS, form="81000"), "not a complete PNG"),
+        (png(ROWS, form="83000"), "not a complete PNG"),
         (png(ROWS, side=(0, 3)), "0 x 3 px"),
-        (png(b"no zlib stream"), "not a complete PNG image"),
+        (png(b"no zlib stream"), "not a complete PNG"),
         (png(zlib.compress(bytes(14))), "Not enough image data"),
         (png(zlib.compress(b"\x05" * 15)), "bad adaptive filter value"),
         (png(ROWS, side=(60_000, 60_000)), "sides up to 32768"),
-        (png(ROWS, side=(30_000, 30_000)), r"declares 900000000 bytes of pixels in "),
+        (png(ROWS, side=(30_000, 30_000)), r"declares 900000000 bytes "),
     ],
 )
 def test_an_invalid_png_is_refused(
@@ -159,7 +159,7 @@ def test_a_damaged_tiff_is_refused(tmp_path: Path, capfd: Any, compression: int)
     whole = encoded(".tif", SMOOTH, cv2.IMWRITE_TIFF_COMPRESSION, compression)
     directory = int.from_bytes(whole[4:8], "little")
     for content in (whole[:200], whole[: directory + 4] + b"\xff" * 60 + whole[directory + 64 :]):
-        assert "not a complete TIFF image" in refused(tmp_path / "a.tif", content, capfd)
+        assert "not a complete TIFF" in refused(tmp_path / "a.tif", content, capfd)
 
 
 @pytest.mark.parametrize("value", [0.5, np.nan, np.inf])
@@ -167,7 +167,7 @@ def test_floating_point_pixels_are_refused(tmp_path: Path, capfd: Any, value: fl
     tifffile.imwrite(tmp_path / "a.tif", np.full((3, 4), value, np.float32))
     content = (tmp_path / "a.tif").read_bytes()
     message = refused(tmp_path / "a.tif", content, capfd)
-    assert message.startswith("IEEEFP samples of 32 bits; save it as unsigned integers")
+    assert message.startswith("IEEEFP samples of 32 bits;")
 
 
 @pytest.mark.parametrize("kind", ["palette", "miniswhite", "separated"])
@@ -180,14 +180,14 @@ def test_tiff_pixels_that_are_not_brightness_are_refused(
     path = tmp_path / "a.tif"
     tifffile.imwrite(path, image, photometric=kind, colormap=colours)
     message = refused(path, path.read_bytes(), capfd)
-    assert message == f"TIFF pixels are {kind.upper()}; save it as grey or RGB"
+    assert message.startswith(f"TIFF pixels are {kind.upper()};")
 
 
 def test_a_tiff_of_several_pages_is_refused(tmp_path: Path, capfd: Any) -> None:
     path = tmp_path / "a.tif"
     tifffile.imwrite(path, np.zeros((5, 12, 17), np.uint8), photometric="minisblack")
     message = refused(path, path.read_bytes(), capfd)
-    assert message == "holds 5 images of full resolution; save one in a file"
+    assert message.startswith("holds 5 images ")
     assert cv2.imwritemulti(str(path), list(np.zeros((5, 12, 17), np.uint8)))  # by LZW
     assert refused(path, path.read_bytes(), capfd) == message
 
@@ -204,5 +204,5 @@ def test_other_files_are_named(tmp_path: Path, capfd: Any) -> None:
     os.mkfifo(tmp_path / "pipe.png")
     (tmp_path / "link.png").symlink_to("/dev/zero")
     for name in ("none", "folder", "pipe", "link"):
-        with pytest.raises(InputError, match=rf"{name}\.png: (no such file|cannot be read: )"):
+        with pytest.raises(InputError, match=rf"{name}\.png: (no such|cannot be)"):
             read_image(tmp_path / f"{name}.png")

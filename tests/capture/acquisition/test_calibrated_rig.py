@@ -51,7 +51,7 @@ def test_a_calibrated_rig_is_still_rejected_for_a_fault(
     )
     weak = images.images.copy()
     weak[2] = captured.ambient + 0.9 * (weak[2].astype(float) - captured.ambient)
-    with pytest.raises(SetRejected, match=r"c gives (89|90|91)% of the others' light"):
+    with pytest.raises(SetRejected, match=r"c gives (89|90|91)% "):
         check_set(replace(images, images=weak), near_calibration.calibration, lambda: weak)
     exchanged = np.ascontiguousarray(pixels[[0, 3, 2, 1]])
     without_lights = replace(near_calibration.calibration, flat_field=None, lights=None)
@@ -79,7 +79,7 @@ def test_the_calibration_of_the_rig_is_used_and_kept_without_being_named(
 def test_a_capture_refuses_the_calibration_of_another_setting(
     near_calibration: CalibrationFile, rig_with: Callable[..., Rig]
 ) -> None:
-    other_size = pytest.raises(CalibrationError, match="96 x 128 px instead of 128 x 128 px")
+    other_size = pytest.raises(CalibrationError, match="96 x 128 px instead of 128")
     with rig_with("rock", width_px=96) as rig, other_size:
         capture_set(rig, calibration=near_calibration)
     with rig_with("rock", exposure_ms=10.0) as rig:  # another exposure is another brightness only

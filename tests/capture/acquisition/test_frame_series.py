@@ -17,11 +17,9 @@ from capture.acquisition.frame_series import (
 )
 from capture.calibration.setting import Setting
 from capture.procedures.camera_parts import Rung, levels_of, response_parts
-from classify.base.errors import CalibrationRejected
 from classify.calibration.calibration import Calibration
 from rig import CameraError, ConfigError, Frame, Rig, RigConfig, open_rig
 from rig.simulation.sensor import SensorModel
-from tests.changed_frames import with_frames
 
 FULL = 4095
 
@@ -97,7 +95,7 @@ def test_a_fixed_exposure_is_refused(sheet: Rig) -> None:
         exposure_range_ms = (20.0, 20.0)
 
     fixed = Rig(sheet.config, sheet.clock, sheet.lights, Fixed(), sheet.simulation)
-    with pytest.raises(CameraError, match="has one exposure only, 20 ms"):
+    with pytest.raises(CameraError, match="one exposure only, 20 ms"):
         ladder_ms(fixed, 0)
 
 
@@ -122,22 +120,3 @@ def test_a_camera_that_obeys_is_linear(sheet: Rig) -> None:
     assert response.linear
     gain = SensorModel(12).gain_e_per_dn
     assert noise.sensor.gain_e_per_dn == pytest.approx(gain, rel=0.02)
-
-
-def test_automatic_exposure_is_refused(sheet: Rig) -> None:
-    def keep_bright(frame: Frame) -> Frame:
-        black = SensorModel(12).black_level_dn
-        return scaled(frame, 2000.0 / (frame.pixels.mean() - black))
-
-    with pytest.raises(CalibrationRejected, match="do not follow the exposure"):
-        parts_of(with_frames(sheet, keep_bright))
-
-
-def test_a_camera_with_exposures_in_steps_is_refused(sheet: Rig) -> None:
-    # Cheap cameras round the exposure to powers of two and report the value that was set.
-    def in_steps(frame: Frame) -> Frame:
-        exposure_ms = 1e3 * (frame.exposure_end_s - frame.exposure_start_s)
-        return scaled(frame, 2.0 ** round(np.log2(exposure_ms)) / exposure_ms)
-
-    with pytest.raises(CalibrationRejected, match=r"exposure|light changes"):
-        parts_of(with_frames(sheet, in_steps))

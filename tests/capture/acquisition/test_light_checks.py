@@ -26,12 +26,12 @@ def test_even_light_with_one_percent_of_saturated_pixels_passes() -> None:
 @pytest.mark.parametrize(
     ("levels", "ambient", "saturated_pixels", "message"),
     [
-        ((2000,) * 4, 80, 11, r"LED 1: 1\.1% of the pixels are saturated \(limit 1%\)"),
-        ((2000, 2000, 1005, 2000), 1000, 0, r"LED 2: dark, 5\.0 of 4095 above ambient"),
+        ((2000,) * 4, 80, 11, r"LED 1: 1\.1% .*saturated \(limit 1%\)"),
+        ((2000, 2000, 1005, 2000), 1000, 0, r"LED 2: dark, 5\.0 of 4095"),
         ((50, 2000, 2000, 2000), 80, 0, r"LED 0: dark, -30\.0 of 4095"),
-        ((2080, 1080, 2080, 180), 80, 0, r"LED 3: only 5% of the brightest light \(limit 10%\)"),
+        ((2080, 1080, 2080, 180), 80, 0, r"LED 3: only 5% .*\(limit 10%\)"),
     ],
-    ids=["saturated", "dark", "darker than the ambient image", "weak"],
+    ids=["saturated", "dark", "below ambient", "weak"],
 )
 def test_a_saturated_dark_or_weak_image_is_rejected_with_its_value(
     levels: tuple[float, ...], ambient: float, saturated_pixels: int, message: str
@@ -44,7 +44,7 @@ def test_all_causes_are_named_at_once() -> None:
     with pytest.raises(SetRejected) as caught:
         check((4095, 2000, 2100, 2050), ambient=2048)
     causes = str(caught.value).removeprefix("set rejected: ").split("; ")
-    assert causes[0] == "ambient light fills 50% of the range"
+    assert causes[0].startswith("ambient light fills 50%")
     assert [cause for cause in causes if cause.startswith("LED 0: 100.0% of the pixels")]
     assert sum(": dark, " in cause for cause in causes) == 2
     assert caught.value.exit_status == 1

@@ -90,7 +90,8 @@ def test_too_many_threads_are_one_line(run_python: Callable[..., str], count: st
         "try: t.thread_count()\nexcept t.InputError as e: print(e)"
     )
     said = run_python(program, NUMBA_NUM_THREADS=count)
-    assert said == "NUMBA_NUM_THREADS is over 1024; give that or fewer\n"
+    (line,) = said.splitlines()
+    assert line.startswith("NUMBA_NUM_THREADS is over 1024;")
 
 
 @pytest.mark.parametrize("count", ["0", "-1", "many"])

@@ -9,9 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capture.chapter import output
-from capture.chapter.exhibit import Exhibit
-from capture.chapter.output import PageInfo, page
 from capture.chapter.patches import CachedPatch, render_patch, solve
 from capture.chapter.plan import (
     Conditions,
@@ -25,7 +22,6 @@ from capture.chapter.plan import (
 from capture.chapter.results import Trials
 from capture.chapter.run import reproduce
 from capture.chapter.runs import System
-from capture.chapter.sand import SHADOW_TILTS_DEG, shadow_shares
 from classify import Match, Trial
 from rig import SYNTHETIC_30, SYNTHETIC_TEXTURES
 from rig.scene.material_folder import bundled_materials
@@ -122,13 +118,6 @@ def test_smaller_frames_are_the_middle_of_larger_ones() -> None:
     assert np.abs(large - small).mean() < 0.03
 
 
-def test_sand_has_the_shadow_counts_of_the_thesis() -> None:
-    for slant_deg, percent in ((40.0, 1.0), (60.0, 19.0), (80.0, 61.0)):
-        shares = dict(zip(SHADOW_TILTS_DEG, shadow_shares(("sand", slant_deg)), strict=True))
-        assert 100.0 * shares[0.0] == pytest.approx(percent, abs=2.0)
-        assert shares[0.0] > shares[90.0]
-
-
 # counts
 
 
@@ -150,17 +139,6 @@ def test_accuracy_counts_the_nearest_class() -> None:
     assert results.accuracy_pct(*ours) == pytest.approx(80.0)
     assert results.accuracy_pct(*ours, texture="rock") == 100.0
     assert results.accuracy_pct("e", "x", "ps3a", "joint") is None
-
-
-def test_names_are_escaped_on_the_page() -> None:
-    shown = Exhibit("figure_9_03", ("textures",), [("<b>",)])
-    info = PageInfo(
-        "reproduction", Path(output.__file__).with_name("chapter.html"), simulated=True, quick=True
-    )
-    html = page([(shown, None)], {"textures": "a & b"}, info)
-    assert "&lt;b&gt;" in html
-    assert "a &amp; b" in html
-    assert "Quick version" in html
 
 
 # the command

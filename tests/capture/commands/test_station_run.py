@@ -98,7 +98,7 @@ def test_ctrl_c_ends_a_run_after_the_part_in_progress(tmp_path: Path, spawn: Spa
         events.append(json.loads(process.stdout.readline()))
     # A second run is refused meanwhile.
     second = spawn(*command)
-    assert "in use by ps4rig, process" in second.communicate(timeout=300)[1]
+    assert "by ps4rig, process" in second.communicate(timeout=300)[1]
     assert second.returncode == 2
     process.send_signal(signal.SIGINT)
     rest, said = process.communicate(timeout=300)

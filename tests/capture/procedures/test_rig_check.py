@@ -127,7 +127,7 @@ def test_a_part_instead_of_the_sheet_is_a_fault(
     assert unasked["sheet"].status == "unknown"
     assert "--sheet" in unasked["sheet"].advice
     assert checks["sheet"].status == "fault"
-    assert "not a white matt sheet" in checks["sheet"].seen
+    assert "white matt sheet" in checks["sheet"].seen
 
 
 def test_the_doctor_fails_where_an_led_has_drifted_or_the_file_is_missing(

@@ -39,5 +39,5 @@ def test_a_fixed_exposure_stays_as_it_is_for_a_dark_specimen(tmp_path: Path) -> 
 
 
 def test_a_fixed_exposure_that_saturates_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"no exposure down to 30 ms suits the specimen; dim the"):
+    with pytest.raises(InputError, match=r"down to 30 ms"):
         find_exposure_ms(replaying(tmp_path, 30.0))

@@ -38,11 +38,11 @@ def test_a_second_program_is_refused_by_the_name_of_the_first(session: Path) -> 
         assert holder.stdout.readline() == "open\n"
         owner = (session / "session.lock").read_text()
         (session / "session.lock").unlink()  # it only names the owner
-        with pytest.raises(InputError, match="in use by another program"), session_folder(session):
+        with pytest.raises(InputError, match="by another program"), session_folder(session):
             pass
         (session / "session.lock").write_text(owner)
         with (
-            pytest.raises(InputError, match=f"in use by ps4rig, process {holder.pid} since"),
+            pytest.raises(InputError, match=f"ps4rig, process {holder.pid} since"),
             session_folder(session),
         ):
             pass
@@ -54,14 +54,14 @@ def test_a_second_program_is_refused_by_the_name_of_the_first(session: Path) -> 
 
 def test_other_folders_are_no_session(tmp_path: Path, plan_file: Path) -> None:
     with (
-        pytest.raises(InputError, match="not the folder of a session"),
+        pytest.raises(InputError, match="folder of a session"),
         session_folder(tmp_path / "none"),
     ):
         pass
     other = tmp_path / "stones"
     other.mkdir()
     (other / "thesis.doc").touch()
-    with pytest.raises(InputError, match="exists and is not a session; choose another name"):
+    with pytest.raises(InputError, match="choose another name"):
         make_session(plan_file)
 
 
@@ -100,7 +100,7 @@ def test_a_plan_that_gives_a_set_the_file_of_another_is_refused(
     plan_file.write_text(PLAN.replace("[0, 40]", "[-1]").replace('"rock-1"', '"rock"'))
     with session_folder(session) as folder:
         folder.update(folder.journal.with_entry(entry))
-        with pytest.raises(InputError, match="which is rock- at 1 degrees; give another id"):
+        with pytest.raises(InputError, match="which is rock- at 1"):
             use_plan(plan_file, folder)
         assert len(folder.plan) == 4
 
@@ -109,7 +109,7 @@ def test_a_log_that_cannot_be_written_is_named(session: Path) -> None:
     (session / "session.log").mkdir()
     with (
         session_folder(session) as folder,
-        pytest.raises(InputError, match=r"session\.log: cannot be written: Is a directory"),
+        pytest.raises(InputError, match=r"session\.log: .*Is a directory"),
     ):
         folder.log("captured")
 
@@ -150,6 +150,6 @@ def test_a_journal_comes_back_as_it_was_written(tmp_path: Path) -> None:
 )
 def test_a_damaged_journal_is_refused(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / JOURNAL).write_text(text)
-    with pytest.raises(InputError, match="not a journal that this program reads") as caught:
+    with pytest.raises(InputError, match="not a journal") as caught:
         read_journal(tmp_path / JOURNAL)
     assert message in str(caught.value)

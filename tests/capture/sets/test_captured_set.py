@@ -18,7 +18,7 @@ def test_pixels_of_another_shape_or_type_are_refused(made_set: Callable[..., Cap
     images = np.zeros((4, 3, 2), np.uint16)
     good = made_set(images, images[0])
     for wrong in (images[:3], images.astype(np.uint8), images[0]):
-        with pytest.raises(InputError, match="a set of 4 lights needs"):
+        with pytest.raises(InputError, match="4 lights needs"):
             CapturedSet(wrong, None, good.metadata)
     for wrong in (images[0, :2], images[0].astype(np.float32)):
         with pytest.raises(InputError, match="the ambient image is"):
@@ -81,7 +81,7 @@ def test_a_mask_has_the_shape_of_the_images_and_a_name(
     for wrong in (np.ones((2, 3), np.bool_), np.ones((3, 2), np.uint8)):
         with pytest.raises(InputError, match="the mask is"):
             CapturedSet(images, None, good.metadata, wrong)
-    with pytest.raises(InputError, match="mask_file in its metadata is"):
+    with pytest.raises(InputError, match="mask_file"):
         CapturedSet(images, None, good.metadata)
 
 

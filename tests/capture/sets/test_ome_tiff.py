@@ -228,30 +228,30 @@ def test_an_edited_pixel_is_noticed(path: Path) -> None:
     content = bytearray(path.read_bytes())
     content[start + 5] ^= 1
     path.write_bytes(content)
-    with pytest.raises(InputError, match=r"do not match their SHA-256.*use the original"):
+    with pytest.raises(InputError, match=r"SHA-256.*use the original"):
         CapturedSet.load(path)
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda f: f.update(schema_version=5), "captured-set version 5, this program reads 6; use"),
-        (lambda f: f.update(schema_version=7), "captured-set version 7, this program reads 6; use"),
-        (lambda f: f.update(schema_version="6"), "captured-set version '6', this program reads 6"),
-        (lambda f: f.update(schema_version=6.0), "captured-set version 6.0, this program reads 6"),
-        (lambda f: f.pop("schema_version"), "captured-set version None, this program reads 6"),
-        (lambda f: f.update(colour=1), "metadata field colour: Extra inputs"),
-        (lambda f: f.pop("full_scale"), "metadata field full_scale: Field required"),
+        (lambda f: f.update(schema_version=5), "version 5, .* 6; use"),
+        (lambda f: f.update(schema_version=7), "version 7, .* 6; use"),
+        (lambda f: f.update(schema_version="6"), "version '6', "),
+        (lambda f: f.update(schema_version=6.0), "version 6.0, "),
+        (lambda f: f.pop("schema_version"), "version None, "),
+        (lambda f: f.update(colour=1), "field colour: "),
+        (lambda f: f.pop("full_scale"), "field full_scale: "),
         (lambda f: f.update(full_scale=0), "metadata field full_scale: "),
         (lambda f: f.update(bit_depth="many"), "metadata field bit_depth: "),
-        (lambda f: f["images"].pop(), "holds 5 images, its metadata name 4"),
-        (lambda f: f.update(mask_file="m.png"), "holds 5 images, its metadata name 6"),
-        (lambda f: f["images"].reverse(), "images does not list the 4 lights in order"),
-        (lambda f: f["lighting"]["directions"].pop(), "lights? in order|intensities for 3 lights"),
-        (lambda f: f["lighting"]["directions"][1].__setitem__(2, -1), "light 1 stands at or below"),
+        (lambda f: f["images"].pop(), "holds 5 images, .* 4"),
+        (lambda f: f.update(mask_file="m.png"), "holds 5 images, .* 6"),
+        (lambda f: f["images"].reverse(), "images .*4 lights in order"),
+        (lambda f: f["lighting"]["directions"].pop(), "in order|intensities for 3 lights"),
+        (lambda f: f["lighting"]["directions"][1].__setitem__(2, -1), "light 1 stands"),
         (lambda f: f["lighting"]["intensities"].__setitem__(0, 0), "light 0 has the intensity 0"),
-        (lambda f: f.update(pixels_sha256="00"), "the pixels do not match their SHA-256"),
-        (lambda f: f.update(label="\ud800"), "the metadata are not valid JSON"),
+        (lambda f: f.update(pixels_sha256="00"), "the pixels .* SHA-256"),
+        (lambda f: f.update(label="\ud800"), "not valid JSON"),
         (lambda f: f.update(label="a\x1b"), "metadata field label: .*printable"),
         (lambda f: f.update(camera=CAMERA | {"read_noise_dn": 1e200}), "camera.read_noise_dn: "),
         (lambda f: f.update(camera=CAMERA | {"gain_e_per_dn": 1e-200}), "camera.gain_e_per_dn: "),
@@ -271,7 +271,7 @@ def test_an_error_in_the_metadata_names_file_and_field(
 ])  # fmt: skip
 def test_metadata_edited_by_hand_are_noticed(path: Path, change: Any) -> None:
     with_metadata(path, change, sign=False)
-    with pytest.raises(InputError, match=r"oak\.ome\.tif: the metadata do not match their SHA-256"):
+    with pytest.raises(InputError, match=r"oak\.ome\.tif: the metadata .* SHA-256"):
         CapturedSet.load(path)
 
 
@@ -282,13 +282,13 @@ def test_a_small_file_that_declares_gigabytes_is_refused(path: Path) -> None:
     zeros = np.zeros((5, 600, 700), np.uint16)
     about = {"description": description, "metadata": None, "photometric": "minisblack"}
     tifffile.imwrite(path, zeros, compression="zlib", **about)
-    with pytest.raises(InputError, match=r"oak\.ome\.tif: its pages are compressed"):
+    with pytest.raises(InputError, match=r"oak\.ome\.tif: .*compressed"):
         CapturedSet.load(path)
     tifffile.imwrite(path, zeros, rowsperstrip=1, **about)
     with tifffile.TiffFile(path, mode="r+b") as tiff:
         for page in tiff.pages:
             page.tags["ImageLength"].overwrite(30_000)
-    with pytest.raises(InputError, match=r"oak\.ome\.tif: declares more pixels than it holds"):
+    with pytest.raises(InputError, match=r"oak\.ome\.tif: declares more"):
         CapturedSet.load(path)
 
 
@@ -322,16 +322,16 @@ def test_a_mask_is_the_last_page(tmp_path: Path, made_set: MadeSet) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (b'{"schema', b'["schema', "the metadata are not valid JSON"),
-        (b"<Value>", b"<value>", "a TIFF, but not a captured set"),
-        (b"ps4rig/captured-set", b"ps4rig/captured-cat", "a TIFF, but not a captured set"),
+        (b'{"schema', b'["schema', "not valid JSON"),
+        (b"<Value>", b"<value>", "not a captured set"),
+        (b"ps4rig/captured-set", b"ps4rig/captured-cat", "not a captured set"),
     ],
 )
 def test_metadata_that_cannot_be_read_are_refused(
     path: Path, old: bytes, new: bytes, message: str
 ) -> None:
     path.write_bytes(path.read_bytes().replace(old, new))
-    with pytest.raises(InputError, match=rf"oak\.ome\.tif: {message}"):
+    with pytest.raises(InputError, match=rf"oak\.ome\.tif: .*{message}"):
         CapturedSet.load(path)
 
 
@@ -356,7 +356,7 @@ def test_other_files_are_named(tmp_path: Path) -> None:
 
 def test_another_suffix_or_pixel_hash_is_refused(tmp_path: Path, made_set: MadeSet) -> None:
     whole = made_set(np.ones((4, 2, 2), np.uint16))
-    with pytest.raises(InputError, match=r"a\.tif: .*let its name end in \.ome\.tif"):
+    with pytest.raises(InputError, match=r"a\.tif: .*\.ome\.tif"):
         whole.save(tmp_path / "a.tif")
     other = CapturedSet(whole.images + np.uint16(1), whole.ambient, whole.metadata)
     with pytest.raises(InputError, match="pixels_sha256 in the metadata"):
@@ -364,7 +364,7 @@ def test_another_suffix_or_pixel_hash_is_refused(tmp_path: Path, made_set: MadeS
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+@pytest.mark.parametrize("error", [OSError(28, "full"), KeyboardInterrupt()])
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(
     path: Path, made_set: MadeSet, monkeypatch: pytest.MonkeyPatch, error: BaseException
 ) -> None:

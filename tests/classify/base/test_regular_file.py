@@ -27,7 +27,7 @@ def test_pipes_devices_and_invalid_names_are_refused_at_once(tmp_path: Path, tar
         (tmp_path / "link").symlink_to(target)
         places.append(tmp_path / "link")
     for place in places:
-        with pytest.raises(InputError, match=r"cannot be read: |not a file name"):
+        with pytest.raises(InputError, match=r"cannot be read|file name"):
             read_regular_file(place, 100)
 
 

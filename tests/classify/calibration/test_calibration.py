@@ -74,7 +74,7 @@ def test_a_hot_pixel_among_hot_ones_stays_and_one_outside_is_refused() -> None:
     corrected = calibration.corrected(stack_of(images), FULL).images
     assert (corrected[:, 6, 6] == 4000).all()
     assert np.count_nonzero(corrected != 100) == 4
-    with pytest.raises(InputError, match="row 24, column 0, is outside of images of 30 x 24 px"):
+    with pytest.raises(InputError, match=r"row 24, column 0, .* 30 x 24 px"):
         Calibration(dark(hot=[[24, 0]])).corrected(stack_of(images), FULL)
 
 
@@ -143,7 +143,7 @@ def test_measured_lights_keep_the_given_intensities() -> None:
     np.testing.assert_array_equal(used.intensities, given_levels.intensities)
     np.testing.assert_allclose(used.directions, measured.directions)
     assert Calibration().lighting_of(ring) is ring
-    with pytest.raises(InputError, match="of 4 lights, the images are of 3"):
+    with pytest.raises(InputError, match=r"4 lights, .* 3"):
         calibration.lighting_of(Lighting.ring(45.0, (0, 120, 240)))
 
 

@@ -111,7 +111,7 @@ def test_a_board_that_is_tilted_or_bent_is_refused() -> None:
 
 
 def test_another_board_or_none_is_refused() -> None:
-    with pytest.raises(CalibrationRejected, match="9 x 6 inner corners, not 10 x 7"):
+    with pytest.raises(CalibrationRejected, match=r"9 x 6 .*not 10 x 7"):
         find_corners(picture(), (10, 7))
     with pytest.raises(CalibrationRejected, match="no checkerboard with 9 x 6"):
         find_corners(np.zeros((100, 120), np.uint8), CORNERS)

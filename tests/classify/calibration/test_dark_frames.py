@@ -57,7 +57,7 @@ def test_an_even_dark_frame_has_no_noise() -> None:
 
 
 def test_a_lit_room_is_not_dark() -> None:
-    with pytest.raises(CalibrationRejected, match="not dark: 49% of full scale"):
+    with pytest.raises(CalibrationRejected, match="not dark: 49%"):
         dark_of(frames(offset=2000.0), FULL)
 
 
@@ -72,7 +72,7 @@ def test_light_beside_the_cover_shows_as_structure(axis: int) -> None:
 def test_too_many_hot_pixels_are_refused() -> None:
     dark = frames()
     dark[:, ::7, ::7] += 100
-    with pytest.raises(CalibrationRejected, match=r"2\.1% of the pixels are hot"):
+    with pytest.raises(CalibrationRejected, match=r"2\.1% .* hot"):
         dark_of(dark, FULL)
 
 

@@ -1,7 +1,5 @@
 """Drift of a rig against its calibration: changes are found and named."""
 
-from collections import Counter
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -236,7 +234,7 @@ def test_a_calibration_without_plate_or_of_other_lights_is_refused(
     with pytest.raises(InputError, match="run ps4rig calibrate plate"):
         plate_drift(stack, RIG.full_scale, Calibration(), RING)
     three = ImageStack(stack.images[:3], stack.ambient)
-    with pytest.raises(InputError, match="of 4 lights, the light images are of 3"):
+    with pytest.raises(InputError, match=r"4 lights, .* 3"):
         plate_drift(three, RIG.full_scale, calibration[0], RING)
 
 
@@ -255,53 +253,3 @@ def test_images_of_anything_but_a_white_sheet_are_refused(
     refused(ImageStack((0.5 * stack.images * relief).astype(np.uint16), stack.ambient), "relief")
     stripes = np.where(np.arange(192) // 48 % 2, 1.0, 0.6)
     refused(ImageStack((stack.images * stripes).astype(np.uint16), stack.ambient), "not a white")
-
-
-def random_rigs(before: Plate) -> Iterator[tuple[str, float, Plate]]:
-    """Yield the kind of the change, its size over the limit of a warning, and the rig."""
-    rng = np.random.default_rng(7)
-    sizes = (0.0, 0.5, 0.8, 1.25, 1.6, 2.5)
-    for size in sizes:
-        for _ in range(6):
-            levels = np.array(before.levels) * (1.0 + 0.007 * rng.standard_normal(4))
-            tilt = 0.006 * rng.standard_normal(2)
-            rig = replace(
-                before, seed=int(rng.integers(1 << 30)), levels=tuple(levels), tilt=tuple(tilt),
-                quarter_turns=int(rng.integers(4)),
-            )  # fmt: skip
-            light, sign = int(rng.integers(4)), float(rng.choice([-1.0, 1.0]))
-            angle = rng.uniform(0.0, 2.0 * np.pi)
-            x, y = np.cos(angle), np.sin(angle)
-            yield "led level", size, with_level(rig, light, -0.1 * size)
-            moved_deg = 2.5 * size
-            yield "light moved", size, with_light_moved(rig, light, moved_deg * x, moved_deg * y)
-            shift = 0.06 * size
-            yield "camera moved", size, with_camera_moved(rig, shift * x, shift * y, 0.0)
-            yield "camera moved", size, with_camera_moved(rig, 0.0, 0.0, sign * size)
-            yield "lens", size, with_magnification(rig, 1.0 + 0.06 * size)
-            yield "lens", size, replace(rig, vignetting=0.2 + sign * 0.055 * min(size, 1.6))
-            yield "exposure", size, replace(rig, brightest=0.8 / (1.0 + 0.25 * size))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("fields", [2, 5, 10, 20])
-def test_changes_are_seldom_missed_or_taken_for_another(fields: int) -> None:
-    """Confusion over random rigs; ``pytest -s`` prints the table."""
-    before = replace(RIG, positions=ring_positions(2.0 * fields))
-    calibration = calibrated(before)
-    counts: Counter[tuple[str, float, str]] = Counter()
-    for kind, size, rig in random_rigs(before):
-        found = {cause.kind for cause in drift_of(rig, calibration, before).causes}
-        named = "nothing" if not found else "right" if found == {kind} else ", ".join(sorted(found))
-        counts[kind, size, named] += 1
-    print(f"\n{fields} fields of view")
-    for (kind, size, named), count in sorted(counts.items()):
-        print(f"{kind:14} {size:4} {named:30} {count}")
-    total = sum(counts.values())
-    wrong = sum(count for (*_, named), count in counts.items() if named not in ("nothing", "right"))
-    alarms = sum(c for (_, size, named), c in counts.items() if size < 0.6 and named != "nothing")
-    missed = sum(c for (_, size, named), c in counts.items() if size > 1.5 and named != "right")
-    assert alarms == 0
-    assert wrong <= 0.02 * total
-    # From farther away, moved lights and cameras do not show on a sheet.
-    assert fields > 5 or missed <= 0.03 * total

@@ -88,7 +88,7 @@ def test_three_levels_show_no_line() -> None:
         BlockLevels(np.full(9, level), np.full(9, 0.4 * level), 0.0, 3000.0)
         for level in (100.0, 500.0, 1500.0)
     ]
-    with pytest.raises(CalibrationRejected, match="only 3 of 12 ranges of levels are lit"):
+    with pytest.raises(CalibrationRejected, match="3 of 12 ranges"):
         photon_transfer(levels, 0.0, 4095.0)
 
 

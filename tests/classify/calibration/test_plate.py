@@ -51,14 +51,14 @@ def test_distant_lights_keep_their_directions_and_say_why() -> None:
     [
         (
             replace(SHEET, brightest=1.3),
-            r"light 2 saturates \d+\.\d% of the sheet; lower camera.exposure_ms",
+            r"light 2 saturates \d+\.\d% .*camera.exposure_ms",
         ),
-        (replace(SHEET, brightest=0.06), r"too dark: the sheet reaches \d\.\d% .* under light \d"),
-        (replace(SHEET, tilt=(0.12, 0.0)), r"the sheet is tilted by [67]\.\d degrees; lay it flat"),
+        (replace(SHEET, brightest=0.06), r"too dark: .* \d\.\d% .* light \d"),
+        (replace(SHEET, tilt=(0.12, 0.0)), r"tilted by [67]\.\d degrees"),
         (replace(SHEET, waviness=0.05, grain=0.3, brightest=0.3), "not a white"),
         (
             Plate(ring_positions(4.0, 25.0), brightest=0.5, gloss=0.3, shine=1000.0),
-            r"the sheet is shiny: a highlight of \d\.\d% lies on the side of lights 0, 1, 2, 3",
+            r"shiny: .* \d\.\d% .* lights 0, 1, 2, 3",
         ),
     ],
     ids=["saturated", "dark", "tilted", "uneven", "shiny"],
@@ -72,7 +72,7 @@ def test_a_bad_sheet_is_refused(plate: Plate, cause: str) -> None:
 @pytest.mark.parametrize("distance", [8.0, 300.0])
 def test_a_tilt_that_does_not_turn_with_the_sheet_is_refused(distance: float) -> None:
     plate = Plate(ring_positions(distance), brightest=0.4, tilt=(0.3, 0.0), levels=(1.0,) * 4)
-    with pytest.raises(CalibrationRejected, match=r"tilted by about 1\d degrees, or the lights"):
+    with pytest.raises(CalibrationRejected, match=r"tilted by about 1\d degrees"):
         measure_plate([plate.stack, replace(plate, seed=1).stack], plate.full_scale, RING)
 
 
@@ -83,7 +83,7 @@ def test_light_unlike_that_of_leds_gives_no_positions() -> None:
     found = measure_plate([ImageStack(bent.astype(np.uint16), stack.ambient)], 4095.0, RING)
     assert found.lights is None
     assert found.no_lights_because is not None
-    assert "from that of LEDs: the sheet is shiny, or the lights are no" in found.no_lights_because
+    assert "sheet is shiny" in found.no_lights_because
 
 
 def test_a_surface_with_relief_is_refused_as_a_sheet() -> None:
@@ -92,31 +92,31 @@ def test_a_surface_with_relief_is_refused_as_a_sheet() -> None:
     x, y, z = RING.directions.T[..., None, None]
     values = 2500.0 * np.maximum(z - x * p - y * q, 0.0) / np.sqrt(1.0 + p * p + q * q)
     stack = ImageStack(np.minimum(values, 4000.0).astype(np.uint16), None)
-    with pytest.raises(CalibrationRejected, match=r"relief of rms slope 0\.\d+, a sheet less than"):
+    with pytest.raises(CalibrationRejected, match=r"relief of rms slope 0\.\d+"):
         measure_plate([stack], 4095.0, RING)
 
 
 def test_the_sheet_must_fill_the_frame_or_the_mask() -> None:
     stack = SHEET.stack
     stack.images[:, :, 20:] = 0
-    with pytest.raises(CalibrationRejected, match=r"only \d+% of the frame shows the sheet"):
+    with pytest.raises(CalibrationRejected, match=r"only \d+% of the frame"):
         measure_plate([stack], SHEET.full_scale, RING)
 
 
 def test_two_lights_are_too_few() -> None:
     stack = ImageStack(SHEET.stack.images[:2], None)
-    with pytest.raises(InputError, match="2 lights; a sheet shows the positions of three or more"):
+    with pytest.raises(InputError, match=r"2 lights; .*three or more"):
         measure_plate([stack], SHEET.full_scale, Lighting(RING.directions[:2]))
 
 
 def test_placements_must_be_alike() -> None:
     other = replace(SHEET, shape=(96, 96))
-    with pytest.raises(InputError, match="differ in size or in lights"):
+    with pytest.raises(InputError, match="size or in lights"):
         measure_plate([SHEET.stack, other.stack], SHEET.full_scale, RING)
 
 
 def test_the_same_light_images_are_no_second_placement() -> None:
-    with pytest.raises(InputError, match="placements 1 and 2 have the same light images; rotate"):
+    with pytest.raises(InputError, match=r"placements 1 and 2 .*rotate"):
         measured(SHEET, (0, 0))
 
 

@@ -164,7 +164,7 @@ def test_rays_from_one_point_give_no_positions() -> None:
 @pytest.mark.parametrize("kind", ["mirror", "matte"])
 def test_the_same_light_images_are_no_second_placement(kind: SphereKind) -> None:
     pictures = taken(Picture(scattered_lights(4, 1), radius=50.0), kind)
-    with pytest.raises(InputError, match="placements 1 and 2 have the same light images"):
+    with pytest.raises(InputError, match="placements 1 and 2"):
         lights_from_spheres([pictures, pictures], kind)
 
 
@@ -211,13 +211,13 @@ def test_a_mirror_sphere_is_refused_as_a_matt_sphere() -> None:
 def test_a_light_behind_the_part_is_named() -> None:
     lights = light_vectors([0.0, 90.0, 180.0], [30.0, 30.0, 110.0])
     pictures = taken(Picture(lights, background="sheet"), "mirror")
-    with pytest.raises(CalibrationRejected, match=r"light image 2.*behind the plane"):
+    with pytest.raises(CalibrationRejected, match=r"light image 2.*behind"):
         lights_from_spheres([pictures], "mirror")
 
 
 def test_a_sphere_that_is_cut_missing_or_not_round_is_refused() -> None:
     cut = Picture(scattered_lights(3, 1), centre=(120.0, 0.0), background="sheet", room=0.2)
-    with pytest.raises(CalibrationRejected, match=r"cut by the frame|no sphere"):
+    with pytest.raises(CalibrationRejected, match=r"cut by|no sphere"):
         find_outline(cut.images("matte")[0])
     with pytest.raises(CalibrationRejected, match="cut by the frame"):
         outline_of_mask(cut.images("matte")[1])

@@ -46,9 +46,9 @@ def test_the_names_are_those_of_the_classifiers_in_their_order() -> None:
 
 
 def test_an_unknown_name_lists_the_names(surface) -> None:
-    with pytest.raises(InputError, match=r"no classifier is called 'dice'; choose one of joint, "):
+    with pytest.raises(InputError, match=r"'dice'.* joint, "):
         classifier_named("dice")
-    with pytest.raises(InputError, match="no classifier is called 'dice'"):
+    with pytest.raises(InputError, match="'dice'"):
         TextureLibrary.train([("a", surface("sand"))], "dice")
 
 
@@ -128,7 +128,7 @@ def test_images_under_other_lights_are_refused_with_the_reason(
     with pytest.raises(InputError) as caught:
         libraries[name].classify(surface("sand", slant_deg=slant_deg))
     message = str(caught.value)
-    assert message.startswith(f"the lights of this set, at slant {slant_deg:.0f}, differ")
+    assert message.startswith(f"the lights of this set, at slant {slant_deg:.0f}")
     assert f"the library's, at slant 45: {name} compares images" in message
     assert "\n" not in message
 
@@ -137,10 +137,10 @@ def test_images_under_other_lights_are_refused_with_the_reason(
 def test_images_under_rotated_or_fewer_lights_are_refused(libraries, surface, name: str) -> None:
     patch = surface("sand")
     for tilts_deg in ((45, 135, 225, 315), (90, 180, 270, 0)):
-        with pytest.raises(InputError, match="differ in slant or tilt"):
+        with pytest.raises(InputError, match="slant or tilt"):
             libraries[name].classify(replace(patch, lighting=Lighting.ring(45.0, tilts_deg)))
     three = replace(patch, images=patch.images[:3], lighting=Lighting.ring(45.0, (0, 90, 180)))
-    with pytest.raises(InputError, match="differ in slant or tilt"):
+    with pytest.raises(InputError, match="slant or tilt"):
         libraries[name].classify(three)
 
 

@@ -102,45 +102,6 @@ def test_twins_of_equal_spectrum_are_distinguished(stationary) -> None:
     assert np.median(margins) < 0.5
 
 
-def test_sets_that_differ_do_not_raise_the_limit(stationary) -> None:
-    """In a class of three textures each is near its own set; a fourth is unknown."""
-    kinds = ("malv", "rough", "brushed")
-    sets = [("mixed", stationary(kind, seed=4)) for kind in kinds]
-    mixed = TextureLibrary.train(sets)
-    of_one_set = [TextureLibrary.train([each]).limits["mixed"] for each in sets]
-    assert mixed.limits["mixed"] <= 1.1 * max(of_one_set)
-    for kind in kinds:
-        assert mixed.classify(stationary(kind, 58.0, seed=9)).label == "mixed"
-    for kind in ("domes", "sand"):
-        assert mixed.classify(stationary(kind, 58.0, seed=9)).label is None
-
-
-def test_more_sets_of_a_class_tighten_its_limit(stationary) -> None:
-    """Sets of one patch tell nothing about others, and do not."""
-    one, three, equal = (
-        TextureLibrary.train([("malv", stationary("malv", seed=seed)) for seed in seeds])
-        for seeds in ((1,), (1, 2, 3), (1, 1, 1))
-    )
-    assert 0.3 * one.limits["malv"] < three.limits["malv"] < 0.8 * one.limits["malv"]
-    assert equal.limits["malv"] == pytest.approx(one.limits["malv"], rel=0.1)
-    for seed in range(4, 12):
-        assert three.classify(stationary("malv", 20.0 * seed, seed)).label == "malv"
-
-
-def test_a_limit_never_exceeds_the_distance_to_the_nearest_other_class(stationary) -> None:
-    """Two sets of one texture are taught as two classes."""
-    surfaces = [("malv", stationary("malv", seed=1)), ("again", stationary("malv", seed=2))]
-    alone = TextureLibrary.train(surfaces[:1])
-    library = TextureLibrary.train(surfaces)
-    first, second = library.signatures
-    apart = [
-        float(JOINT.compare(test, other[None], library.parameters).distances[0] * test[-1])
-        for test, other in ((first, second), (second, first))
-    ]
-    assert list(library.limits.values()) == pytest.approx(apart)
-    assert library.limits["malv"] < 0.8 * alone.limits["malv"]
-
-
 @pytest.mark.parametrize("count", [1, 2, 3, 5])
 def test_limits_hold_in_libraries_of_few_classes(stationary, tests, count: int) -> None:
     """Few quarters scatter at random, so typical variances are averaged in."""
@@ -201,17 +162,6 @@ def test_training_observes_the_frame_like_a_test_and_its_quarters(stationary) ->
     assert len(trained.quarters) == 4
     assert trained.rotated == ()
     assert len(pickle.dumps(trained)) < 2**20
-
-
-def test_parameters_are_positive_floors_and_a_triangular_whitening(library) -> None:
-    parameters = library.parameters
-    assert all(values.dtype == np.float64 for values in parameters.values())
-    for name in ("density_floor", "relief_floors", "albedo_floors"):
-        assert (np.asarray(parameters[name]) > 0.0).all()
-    whitening = parameters["whitening"]
-    np.testing.assert_array_equal(whitening, np.tril(whitening))
-    assert np.linalg.matrix_rank(whitening) == len(whitening)
-    assert ((parameters[CONTRAST_GAINS] > 0.5) & (parameters[CONTRAST_GAINS] < 1.0)).all()
 
 
 def test_a_change_of_contrast_counts_by_the_square_of_its_gain(library, stationary) -> None:
@@ -295,6 +245,6 @@ def test_a_frame_smaller_than_a_segment_is_refused_before_other_work(
     begun = []
     monkeypatch.setattr("classify.classifiers.joint_features.beside", begun.append)
     flat = np.zeros((8, 8))
-    with pytest.raises(InputError, match="a frame of 8 x 8 px is smaller than the 64 px segments"):
+    with pytest.raises(InputError, match=r"8 x 8 px .* 64 px segments"):
         joint_features.observe(surface_of(flat, flat, flat + 0.5), 64)
     assert begun == []

@@ -11,9 +11,9 @@ from classify.defects.limits import common_limit, limits_of
 def test_parts_that_show_less_than_two_tiles_are_refused(valid: int) -> None:
     maxima = np.full((3, 4, 5), -np.inf)
     maxima[0, :, :valid] = 0.5
-    with pytest.raises(InputError, match=f"{valid} areas of 64 x 64 px of all good parts"):
+    with pytest.raises(InputError, match=f"{valid} areas .* 64 x 64 px"):
         limits_of(maxima, 0.01)
-    with pytest.raises(InputError, match="give good parts that are lit evenly"):
+    with pytest.raises(InputError, match="lit evenly"):
         common_limit(maxima[:, 0], 0.01)
 
 

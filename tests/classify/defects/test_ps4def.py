@@ -91,7 +91,7 @@ def test_arrays_of_other_shapes_or_with_nan_are_refused(saved, name: str) -> Non
     ("field", "value", "cause"),
     [
         ("version", 4, "use a newer ps4rig"),
-        ("version", 2, "defect model version 2; this program reads 3; teach it again"),
+        ("version", 2, "version 2; .* 3; teach it again"),
         ("format", "ps4lib", "format"),
         ("false_alarm_rate", 0.02, "SHA-256"),
         ("false_alarm_rate", 7.0, "false_alarm_rate"),
@@ -148,5 +148,5 @@ def test_a_damaged_file_is_refused_or_reads_the_same(
 
 
 def test_only_names_of_defect_models_are_written(model, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"let the name of a defect model end in \.ps4def"):
+    with pytest.raises(InputError, match=r"end in \.ps4def"):
         model.save(tmp_path / "model.zip")

@@ -124,15 +124,6 @@ def test_equal_classes_make_a_test_unknown() -> None:
         assert found == library.exhaustive(library.points[index])
 
 
-def test_the_nearest_of_a_single_class_is_found() -> None:
-    library = clustered(3, 3000, 1, 1.0, 0.0)
-    test = library.points[7] + np.float32(0.01)
-    found = library.match(test)
-    assert found == library.exhaustive(test)
-    assert found.runner_up is None
-    assert library.compared < 1000
-
-
 def test_useless_bounds_do_not_lead_to_more_comparisons_than_allowed() -> None:
     library = clustered(4, 9000, 3, 1.0, 0.0)
     library.points[:, :KEPT] = 0.0

@@ -30,12 +30,6 @@ def test_orientation_error_is_the_angle_between_two_lines(found: float, true: fl
     assert np.cos(np.radians(error)) == pytest.approx(cosine, abs=1e-9)
 
 
-@given(ANGLES, st.floats(-90, 90), st.integers(-3, 3))
-def test_a_difference_of_180_degrees_is_no_error(true: float, off: float, halves: int) -> None:
-    trial = Trial("a", true, answer("a", true + off + 180.0 * halves))
-    assert trial.orientation_error_deg == pytest.approx(abs(off), abs=1e-9)
-
-
 def test_a_rejected_trial_counts_by_its_nearest_class_too() -> None:
     trials = [
         Trial("a", 10.0, answer("a", 12.0)),

@@ -146,20 +146,20 @@ def test_a_library_needs_samples(library) -> None:
         TextureLibrary.train([])
     with pytest.raises(LibraryError, match="nothing to train on"):
         TextureLibrary.from_observations([], 64)
-    with pytest.raises(LibraryError, match="at least one training set"):
+    with pytest.raises(LibraryError, match="one training set"):
         replace(library, labels=())
 
 
 @pytest.mark.parametrize("orientation_deg", [np.nan, np.inf])
 def test_a_training_orientation_must_be_finite(stationary, orientation_deg: float) -> None:
-    with pytest.raises(LibraryError, match="orientation of a training set of malv"):
+    with pytest.raises(LibraryError, match=r"orientation .* malv"):
         TextureLibrary.train([("malv", stationary("malv", side=64), orientation_deg)])
 
 
 def test_surfaces_that_cannot_be_matched_are_refused(library, stationary) -> None:
-    with pytest.raises(InputError, match="smaller than the 64 px segments"):
+    with pytest.raises(InputError, match="64 px segments"):
         library.classify(stationary("malv", side=60))
-    with pytest.raises(InputError, match="too small for a texture"):
+    with pytest.raises(InputError, match="too small"):
         TextureLibrary.train([("malv", stationary("malv", side=63))])
 
 
@@ -194,22 +194,13 @@ def test_from_images_to_a_match(photographed, stationary) -> None:
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("value", [np.nan, 1e38])
-def test_a_library_of_wrong_signatures_says_so(library, stationary, value: float) -> None:
-    signatures = library.signatures.copy()
-    signatures[1, :7] = value
-    with pytest.raises(LibraryError, match="contains NaN or infinity"):
-        replace(library, signatures=signatures).classify(stationary("malv"))
-
-
-@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize(
     ("name", "value"),
     [("density_floor", -1.0), ("spectral_scatter", 0.0), ("whitening", 1e300), ("pixels", 1e300)],
 )
 def test_parameters_that_give_nan_say_so(library, stationary, name: str, value: float) -> None:
     wrong = {**library.parameters, name: np.full_like(library.parameters[name], value)}
-    with pytest.raises(LibraryError, match="parameters give NaN or infinity; train it again"):
+    with pytest.raises(LibraryError, match="NaN or infinity; train"):
         replace(library, parameters=wrong).classify(stationary("malv"))
 
 
@@ -242,18 +233,17 @@ def test_a_library_knows_whether_its_sets_were_solved_as_planar_parts(
             UserWarning, match=rf"ps4_robust{' as planar parts' * other.planar}, the"
         ):
             library.classify(other)
-    with pytest.raises(LibraryError, match=r"by ps4_robust \(sand\), by ps4_robust as planar"):
+    with pytest.raises(LibraryError, match=r"ps4_robust \(sand\), .* as planar"):
         TextureLibrary.train([("sand", distant), ("sand", planar)])
 
 
 @pytest.mark.slow
-def test_ten_thousand_pixels_a_side(stationary, surface_of) -> None:
-    """A hundred million pixels, 5 gigabytes."""
+def test_four_thousand_pixels_a_side(stationary, surface_of) -> None:
     library = TextureLibrary.train(
         (kind, stationary(kind, seed=1, side=512)) for kind in ("sand", "malv")
     )
     tile = stationary("sand", 30.0, seed=2, side=500)
-    large = surface_of(*(np.tile(getattr(tile, name), (20, 20)) for name in ("p", "q", "albedo")))
+    large = surface_of(*(np.tile(getattr(tile, name), (8, 8)) for name in ("p", "q", "albedo")))
     match = library.classify(large)
     assert match.label == "sand"
     assert off_deg(match.orientation_deg, 30.0) < 2.0

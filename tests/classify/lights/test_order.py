@@ -181,7 +181,7 @@ def test_the_result_does_not_depend_on_the_numbering_of_lights(
 
 
 def test_other_numbers_of_lights_are_refused() -> None:
-    with pytest.raises(InputError, match="order of 3 lights cannot be tested; give 4"):
+    with pytest.raises(InputError, match=r"3 lights .*give 4"):
         light_order(np.zeros((3, 64, 64), np.uint8), Lighting.ring(45.0, (0.0, 120.0, 240.0)))
     with pytest.raises(InputError, match="3 images for 4 lights"):
         light_order(np.zeros((3, 64, 64), np.uint8), RING)

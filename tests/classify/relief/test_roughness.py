@@ -121,9 +121,9 @@ def test_a_single_pixel_has_a_slope_and_no_height(surface_of: SurfaceOf) -> None
 def test_unusable_input_is_named(surface_of: SurfaceOf) -> None:
     ones = np.ones((4, 5))
     surface = surface_of(ones, ones, ones)
-    with pytest.raises(InputError, match="no pixel of this surface is valid"):
+    with pytest.raises(InputError, match=r"no pixel .* valid"):
         surface_roughness(replace(surface, valid=np.zeros((4, 5), bool)))
-    with pytest.raises(InputError, match=r"the height is \(5, 4\), the surface \(4, 5\)"):
+    with pytest.raises(InputError, match=r"\(5, 4\), .* \(4, 5\)"):
         surface_roughness(surface, np.zeros((5, 4), np.float32))
     for bad in (np.nan, np.inf):
         p = surface.p.copy()

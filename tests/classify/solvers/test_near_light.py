@@ -300,7 +300,7 @@ def test_images_are_compared_as_divided_by_the_sheet() -> None:
 def test_the_flat_field_of_other_lights_is_an_error() -> None:
     flat_field = FlatField(np.zeros((3, 1, 1)), np.zeros((3, 2)))
     images = np.ones((4, 2, 2), np.float32)
-    with pytest.raises(InputError, match="flat field is of 3 lights"):
+    with pytest.raises(InputError, match=r"flat field .* 3 lights"):
         photometric_stereo(images, Lighting.ring(45.0), flat_field=flat_field)
 
 

@@ -135,20 +135,6 @@ def test_the_result_does_not_depend_on_threads_or_strips() -> None:
         np.testing.assert_array_equal(getattr(whole, name), getattr(strips, name))
 
 
-def test_a_scene_rotated_by_90_degrees_gives_rotated_maps() -> None:
-    """No axis or light is preferred, neither where slopes are filled in."""
-    p, q = waves(0.7)
-    values = np.round(WHITE * shading(p, q))
-    values[:, 50:53, :] *= np.array([1, 1, 0, 0])[:, None, None]
-    surface = solved(values)
-    # Anticlockwise: light k shines from where light k + 1 did, and (p, q) -> (-q, p).
-    rotated = solved(np.rot90(np.roll(values, 1, axis=0), 1, (1, 2)))
-    assert surface.repaired.mean() > 0.02
-    np.testing.assert_allclose(rotated.p, -np.rot90(surface.q), atol=1e-3)
-    np.testing.assert_allclose(rotated.q, np.rot90(surface.p), atol=1e-3)
-    np.testing.assert_array_equal(rotated.repaired, np.rot90(surface.repaired))
-
-
 def test_a_wrong_led_level_is_not_mistaken_for_shadow() -> None:
     """5 % too weak at low noise: every pixel has a small residual."""
     p, q = waves(0.2)

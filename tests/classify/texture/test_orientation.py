@@ -52,10 +52,3 @@ def test_a_band_limited_spectrum_is_shifted_exactly(shift: float, before: tuple[
     assert back.shape == (2, *before, ANGLES)
     np.testing.assert_allclose(back[0], np.broadcast_to(bumps(0.0), stack.shape), atol=1e-9)
     np.testing.assert_allclose(back[1], stack, atol=1e-9)
-
-
-@given(SEEDS, st.integers(-200, 200))
-def test_a_shift_by_whole_steps_rolls_the_array(seed: int, steps: int) -> None:
-    polar = np.random.default_rng(seed).random((3, ANGLES))
-    expected = np.roll(polar, -steps, axis=-1)
-    np.testing.assert_allclose(roll_angles(polar, np.array([float(steps)]))[0], expected, atol=1e-9)

@@ -119,15 +119,15 @@ def test_segment_is_a_power_of_two_of_at_most_half_the_frame(rows: int, columns:
 @pytest.mark.parametrize("shape", [(63, 200), (200, 63), (8, 8)])
 def test_a_frame_too_small_for_a_texture_is_refused(surface_of, shape) -> None:
     flat = np.zeros(shape)
-    with pytest.raises(InputError, match="too small for a texture"):
+    with pytest.raises(InputError, match="too small"):
         surface_spectra(surface_of(flat, flat, flat + 1))
 
 
 def test_a_frame_smaller_than_the_segments_asked_for_is_refused(texture) -> None:
-    with pytest.raises(InputError, match="smaller than the 256 px segments"):
+    with pytest.raises(InputError, match="256 px segments"):
         surface_spectra(texture("grain"), segment_px=256)
     for side in (0, 16, 31):
-        with pytest.raises(InputError, match="segments of at least 32 px"):
+        with pytest.raises(InputError, match="at least 32 px"):
             surface_spectra(texture("grain"), segment_px=side)
 
 
@@ -252,7 +252,7 @@ def test_the_spectrum_of_an_image_contains_the_direction_of_its_light(
 def test_images_without_a_spectrum_are_refused() -> None:
     with pytest.raises(InputError, match="the image is black"):
         image_spectrum(np.zeros((64, 64), np.uint8), 32)
-    with pytest.raises(InputError, match="smaller than the 64 px segments"):
+    with pytest.raises(InputError, match="64 px segments"):
         image_spectrum(np.ones((64, 63), np.uint8), 64)
 
 

@@ -63,19 +63,6 @@ def test_rotations_and_mirroring_change_nothing(tinted, change) -> None:
     np.testing.assert_allclose(after.energies[0], before.energies[0], rtol=2e-3, atol=1e-4)
 
 
-def test_a_rotation_moves_each_quarter_to_the_next(tinted) -> None:
-    before, after = (local_statistics(each, 1) for each in (tinted, rotated_by_90(tinted)))
-    for was, is_ in (
-        ("upper right", "upper left"),
-        ("upper left", "lower left"),
-        ("lower left", "lower right"),
-        ("lower right", "upper right"),
-    ):
-        ours, theirs = before.moments[QUARTERS[was], 0], after.moments[QUARTERS[is_], 0]
-        # One half of an odd side has one line more.
-        assert theirs[RELIEF] == pytest.approx(ours[RELIEF], rel=0.05)
-
-
 @pytest.mark.parametrize("side", [128, 150])
 def test_a_rotation_changes_frames_of_even_side_little(stationary, side: int) -> None:
     """Less than two realisations of one texture differ from each other."""
@@ -153,16 +140,6 @@ def test_each_quarter_is_measured_on_its_own(quarter: str) -> None:
             np.testing.assert_allclose(found[row, 0, RELIEF] / found[0, 0, RELIEF], 4.0, rtol=0.1)
         else:
             np.testing.assert_allclose(found[row, 0], 0.0, atol=1e-9)
-
-
-def test_a_quarter_is_measured_like_a_frame(stationary) -> None:
-    """Except for the borders."""
-    fields = texture_fields(stationary("rough", seed=2, side=192))
-    corner = fields_of(*(each[:96, :96] for each in (fields.p, fields.q, fields.albedo)))
-    of_corner = local_statistics(corner, 2).moments[0]
-    of_quarter = local_statistics(fields, 2).moments[1]
-    np.testing.assert_allclose(of_quarter[:, RELIEF], of_corner[:, RELIEF], rtol=0.1)
-    np.testing.assert_allclose(of_quarter[:, CURL], of_corner[:, CURL], rtol=0.1)
 
 
 def test_white_noise_has_the_albedo_gains_of_the_joint_classifier() -> None:

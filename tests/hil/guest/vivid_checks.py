@@ -166,12 +166,12 @@ def test_measurement_mode_is_set_and_recorded() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"gain": 300}, r"control gain = 300 is not possible; it takes 0 to 255"),
-        ({"gamma": 1}, r"vivid has no control for its gamma"),
-        ({"fixed_exposure": False}, r"no control for its exposure time.*fixed_exposure = true"),
-        ({"pixel_format": "MJPG", "allow_compressed": True}, r"MJPG 320x180 was asked for.*GREY"),
-        ({"width_px": 322}, r"GREY 322x180 was asked for, the driver gave GREY 320x180"),
-        ({"frame_rate_hz": 13.0}, r"frame_rate_hz = 13 was asked for, the driver gives"),
+        ({"gain": 300}, r"gain = 300 .* 0 to 255"),
+        ({"gamma": 1}, r"no control .*gamma"),
+        ({"fixed_exposure": False}, r"no control .*fixed_exposure = true"),
+        ({"pixel_format": "MJPG", "allow_compressed": True}, r"MJPG 320x180 .*GREY"),
+        ({"width_px": 322}, r"GREY 322x180 .* GREY 320x180"),
+        ({"frame_rate_hz": 13.0}, r"frame_rate_hz = 13 was asked"),
     ],
 )
 def test_an_impossible_setting_is_refused_by_name(changes: dict[str, object], message: str) -> None:
@@ -188,7 +188,7 @@ def test_the_doctor_names_every_control_that_does_not_hold(tmp_path: Path) -> No
     )
     faults = {check.name: check for check in diagnose(path) if check.status == "fault"}
     assert {"control exposure time", "control gain", "control gamma"} <= faults.keys()
-    assert faults["control gain"].seen == "control gain = 300 is not possible; it takes 0 to 255"
+    assert faults["control gain"].seen.startswith("control gain = 300 ")
 
 
 @pytest.mark.parametrize(
@@ -210,8 +210,8 @@ def test_every_kind_of_control_is_set(device: V4l2Device, slug: str, value: int)
 @pytest.mark.parametrize(
     ("slug", "value", "message"),
     [
-        ("brightness", 256, "control brightness = 256 is not possible; it takes 0 to 255"),
-        ("menu", 2, r"control menu = 2 is not possible; .*1 \(Menu Item 1\), 3"),
+        ("brightness", 256, "brightness = 256 .* 0 to 255"),
+        ("menu", 2, r"menu = 2 .*1 \(Menu Item 1\), 3"),
         ("read_only_integer_32_bits", 7, "control read_only_integer_32_bits is read-only"),
     ],
 )
@@ -227,7 +227,7 @@ def test_a_control_that_does_not_obey_is_named(device: V4l2Device) -> None:
     assert gain is not None
     with (
         control_set(device, "gain_automatic", 1),
-        pytest.raises(CameraError, match="control gain was set to 255 and reads"),
+        pytest.raises(CameraError, match="gain was set to 255"),
     ):
         write_control(device, gain, 255)
 
@@ -236,11 +236,11 @@ def test_a_second_program_is_refused_and_changes_nothing(
     camera: V4l2Camera, device: V4l2Device
 ) -> None:
     before = camera.read(2.0)
-    with pytest.raises(CameraError, match=r"/dev/video0: .*in use by another program"):
+    with pytest.raises(CameraError, match=r"/dev/video0: .*in use"):
         V4l2Camera(config("Y12", gain=9))
     brightness = find_control(device, CID_BRIGHTNESS)
     assert brightness is not None
-    with pytest.raises(CameraError, match=r"brightness.*in use by another program"):
+    with pytest.raises(CameraError, match=r"brightness.*in use"):
         write_control(device, brightness, 3)
     after = camera.read(2.0)
     assert after.sequence > before.sequence
@@ -255,7 +255,7 @@ def test_it_can_be_opened_again_once_closed(camera: V4l2Camera) -> None:
 
 def test_a_driver_that_fails_to_start_is_named_and_released(device: V4l2Device) -> None:
     press(device, "inject_vidioc_streamon_error")
-    with pytest.raises(CameraError, match="/dev/video0: cannot start to stream"):
+    with pytest.raises(CameraError, match="/dev/video0: cannot start"):
         V4l2Camera(config())
     V4l2Camera(config()).close()
 
@@ -290,14 +290,14 @@ def test_a_set_through_opencv_holds_no_stale_frame(opencv_bench: Bench) -> None:
 
 
 def test_opencv_is_refused_a_camera_whose_exposure_it_cannot_set() -> None:
-    with pytest.raises(CameraError, match="auto_exposure was set to 1 through OpenCV and reads"):
+    with pytest.raises(CameraError, match="auto_exposure was set to 1"):
         OpencvCamera(opencv_config(fixed_exposure=False))
     # The camera is released.
     V4l2Camera(config()).close()
 
 
 def test_opencv_is_refused_a_size_that_the_camera_does_not_have() -> None:
-    with pytest.raises(CameraError, match="322 x 180 px were asked for, OpenCV gives"):
+    with pytest.raises(CameraError, match="322 x 180 px were asked"):
         OpencvCamera(opencv_config(width_px=322))
 
 

@@ -43,27 +43,27 @@ def test_all_keys_of_a_camera_are_read(tmp_path: Path) -> None:
     [
         (REAL + 'kind = "v4l2"\n', r"device is missing; .*/dev/v4l/by-id"),
         (REAL + 'kind = "simulated"\ndevice = "/dev/video0"\n', r"set kind = 'v4l2'"),
-        (CAMERA + 'set_file = "a.ome.tif"\n', r"set_file = .*leave it out, or set kind = 'replay'"),
+        (CAMERA + 'set_file = "a.ome.tif"\n', r"set_file = .*kind = 'replay'"),
         (REAL + 'kind = "opencv"\n', r"device is missing"),
         (REAL + 'kind = "opencv"\ndevice = 0\nbits = 12\n', r"camera\.bits = 12: must be 8"),
         (
             REAL + 'kind = "opencv"\ndevice = 0\ntimestamp_offset_ms = 3\n',
-            r"timestamp_offset_ms = 3: not a key of kind = 'opencv'; .*set kind = 'simulated'",
+            r"timestamp_offset_ms = 3: .*kind = 'opencv'",
         ),
-        (REAL + 'kind = "replay"\n', r"set_file is missing; give it: the set to replay"),
-        (CAMERA + "readout_ms = 40\n", r"readout_ms = 40 does not fit into a frame at 30 Hz"),
+        (REAL + 'kind = "replay"\n', r"set_file is missing"),
+        (CAMERA + "readout_ms = 40\n", r"readout_ms = 40 .* 30 Hz"),
         (CAMERA + 'pixel_format = "NV12"\n', r"camera\.pixel_format.*'NV12' is unknown.*GREY, Y10"),
         (CAMERA + "pixel_format = 8\n", r"camera\.pixel_format"),
-        (CAMERA + "bits = 12\n", r"bits = 12, but pixel_format = 'GREY' has 8; leave bits out"),
+        (CAMERA + "bits = 12\n", r"bits = 12, but pixel_format = 'GREY' has 8"),
         (CAMERA + 'pixel_format = "MJPG"\n', r"lossy; .*allow_compressed = true"),
-        (CAMERA + "gain = -1\n", r"camera\.gain = -1: must be greater than or equal to 0"),
-        (CAMERA + "gain = true\n", r"camera\.gain = true: must be an integer"),
-        (CAMERA + "widht_px = 9\n", r"camera\.widht_px = 9: unknown key; did you mean width_px\?"),
+        (CAMERA + "gain = -1\n", r"camera\.gain = -1: "),
+        (CAMERA + "gain = true\n", r"camera\.gain = true: "),
+        (CAMERA + "widht_px = 9\n", r"camera\.widht_px = 9: .*width_px\?"),
         (CAMERA + "gamma = 1.5\n", r"camera\.gamma"),
         (CAMERA + "timestamp_offset_ms = 2000\n", r"camera\.timestamp_offset_ms"),
         (CAMERA + "readout_ms = -1\n", r"camera\.readout_ms"),
         (CAMERA + 'timestamp_marks = "start"\n', r"camera\.timestamp_marks"),
-        (CAMERA.replace("/dev/ttyACM0", "simulated"), r"'v4l2' cannot see simulated LEDs"),
+        (CAMERA.replace("/dev/ttyACM0", "simulated"), r"'v4l2' .*simulated LEDs"),
     ],
 )
 def test_wrong_camera_values_are_refused(tmp_path: Path, text: str, message: str) -> None:
@@ -94,7 +94,7 @@ def test_a_timing_of_another_mode_is_refused(tmp_path: Path) -> None:
     timing = f'timestamp_offset_ms = -2\nreadout_ms = 8\ntiming_measured_at = "{mode}"\n'
     assert load(tmp_path, CAMERA + timing).camera.mode == mode
     changed = load(tmp_path, CAMERA + timing + "exposure_ms = 10\n").camera
-    with pytest.raises(ConfigError, match=r"512x512, 30 Hz, 10 ms'; run ps4rig rig latency again"):
+    with pytest.raises(ConfigError, match=r"512x512, 30 Hz, 10 ms'; .*ps4rig rig latency"):
         V4l2Camera(changed)
 
 
@@ -132,7 +132,7 @@ def camera_at(device: str) -> V4l2CameraConfig:
 
 
 def test_a_missing_camera_is_named() -> None:
-    with pytest.raises(CameraError, match=r"/dev/v4l/by-id/none: no such camera; ls"):
+    with pytest.raises(CameraError, match=r"/dev/v4l/by-id/none: no such camera"):
         V4l2Camera(camera_at("/dev/v4l/by-id/none"))
 
 
@@ -143,10 +143,10 @@ def test_a_device_that_is_not_a_camera_is_named(device: str) -> None:
 
 
 def test_a_file_or_folder_is_not_a_camera(tmp_path: Path) -> None:
-    with pytest.raises(CameraError, match="cannot be opened: Is a directory"):
+    with pytest.raises(CameraError, match="Is a directory"):
         V4l2Camera(camera_at(str(tmp_path)))
     (tmp_path / "file").touch()
-    with pytest.raises(CameraError, match="file: is no video device"):
+    with pytest.raises(CameraError, match=r"file: .*no video device"):
         V4l2Camera(camera_at(str(tmp_path / "file")))
 
 

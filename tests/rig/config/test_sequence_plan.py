@@ -55,7 +55,7 @@ def test_the_command_of_a_plan_fits_into_a_line(lights, settle_ms, triggers):
     try:
         require_one_line(plan)
     except ConfigError as error:
-        assert f"for {lights} lights has more than 64 bytes" in str(error)  # noqa: PT017
+        assert f"for {lights} lights" in str(error)  # noqa: PT017
         assert lights > 10
     else:
         longest_line = encode_command(65535, start_command(plan)).removesuffix(b"\n")
@@ -63,15 +63,15 @@ def test_the_command_of_a_plan_fits_into_a_line(lights, settle_ms, triggers):
 
 
 def test_an_impossible_sequence_is_refused_with_its_numbers():
-    with pytest.raises(ConfigError, match=r"33 ms of a frame period of 33.33 ms.*no pause"):
+    with pytest.raises(ConfigError, match=r"33 ms of .* 33.33 ms.*no pause"):
         config(camera={"exposure_ms": 33.0})
-    with pytest.raises(ConfigError, match=r"settle_ms = 5, but these simulated LEDs take 8.38 ms"):
+    with pytest.raises(ConfigError, match=r"settle_ms = 5, .* 8.38 ms"):
         config(simulation={"led_rise_ms": 4.0})
-    with pytest.raises(ConfigError, match="16 steps, too few for 16 lights"):
+    with pytest.raises(ConfigError, match=r"16 steps, .* 16 lights"):
         config(lights={"tilts_deg": [360.0 * n / 16 for n in range(16)]})
-    with pytest.raises(ConfigError, match="command for 15 lights has more than 64 bytes; set"):
+    with pytest.raises(ConfigError, match="more than 64 bytes"):
         open_rig(config(lights={"tilts_deg": [24.0 * n for n in range(15)]}))
-    with pytest.raises(ConfigError, match="watchdog_ms = 200 would end a sequence of 238 ms"):
+    with pytest.raises(ConfigError, match=r"watchdog_ms = 200 .* 238 ms"):
         config(lights={"watchdog_ms": 200})
     with pytest.raises(ConfigError, match=r"needs to know.*camera.readout_ms"):
         config(

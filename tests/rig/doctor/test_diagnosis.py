@@ -60,8 +60,8 @@ def test_a_rig_without_faults_has_only_good_checks(checks_of: Any) -> None:
         "LED 3", "saturation", "exposure", "LED order", "ModemManager", "compiled kernels",
     } <= {*checks}  # fmt: skip
     assert "protocol 2" in checks["light controller"].seen
-    assert checks["frame rate"].seen == "30.00 Hz reached, 30.00 Hz asked for"
-    assert checks["switch latency"].seen.startswith("median 1.00 ms, worst 1.00 ms of 40")
+    assert checks["frame rate"].seen.startswith("30.00 Hz reached, 30.00 Hz")
+    assert checks["switch latency"].seen.startswith("median 1.00 ms, worst 1.00 ms")
 
 
 FAULTS = [
@@ -99,7 +99,7 @@ def test_a_sequence_that_is_too_long_for_the_controller_is_a_fault(checks_of: An
     checks = checks_of(text=text)
     assert checks["LEDs"].status == "ok"
     assert checks["light controller"].status == "fault"
-    assert "command for 15 lights has more than 64 bytes" in checks["light controller"].seen
+    assert "more than 64 bytes" in checks["light controller"].seen
 
 
 def test_a_failing_camera_does_not_prevent_the_other_checks(checks_of: Any) -> None:
@@ -245,7 +245,7 @@ def test_a_missing_permission_is_named_with_group_and_rule(
         assert check.status == "fault"
         assert "belongs to group" in check.seen
         assert ("usermod -aG" in check.advice) == (not is_own)
-        assert ("its group is one of yours" in check.seen) == is_own
+        assert ("one of yours" in check.seen) == is_own
         assert str(RULES_FILE) in check.advice
 
 
@@ -283,7 +283,7 @@ def test_ports_are_listed_with_usb_id_and_names() -> None:
         SerialPort("/dev/ttyACM0", "2e8a:0005", "E66", "Board in FS mode", "/dev/serial/by-id/x"),
     ]
     first, second = check_ports(ports, is_simulated=False)
-    assert "not known as a board" in first.seen
+    assert "not known" in first.seen
     assert "2e8a:0005, serial number E66" in second.seen
     assert "also /dev/serial/by-id/x" in second.seen
     *_, last = check_ports(ports[:1], is_simulated=False)
@@ -357,10 +357,10 @@ def test_the_suggested_exposure_does_not_saturate(images: LightImages) -> None:
 
 def test_the_suggested_exposure_fits_into_a_frame(images: LightImages) -> None:
     advice = checked(images, scaled(images, 0.25))["exposure"].advice
-    assert advice.startswith("set camera.exposure_ms = 33, the longest at this frame rate")
+    assert advice.startswith("set camera.exposure_ms = 33,")
     # 16.7 ms would not fit at 60 Hz.
     advice = checked(images, scaled(images, 0.25), range_ms=(0.1, 16.6667))["exposure"].advice
-    assert advice.startswith("set camera.exposure_ms = 16.6, the longest at this frame rate")
+    assert advice.startswith("set camera.exposure_ms = 16.6,")
 
 
 def test_no_exposure_is_suggested_where_it_is_fixed(images: LightImages) -> None:
@@ -372,7 +372,7 @@ def test_no_exposure_is_suggested_where_it_is_fixed(images: LightImages) -> None
 def test_saturation_is_a_fault_and_suggests_a_shorter_exposure(images: LightImages) -> None:
     bright = checked(images, scaled(images, 4.0))
     assert bright["saturation"].status == "fault"
-    assert bright["exposure"].advice == "set camera.exposure_ms = 8, then run this again"
+    assert bright["exposure"].advice.startswith("set camera.exposure_ms = 8,")
 
 
 def test_unequal_led_levels_are_suggested_as_lights_intensities(images: LightImages) -> None:

@@ -94,7 +94,7 @@ def test_the_controller_that_answers_is_chosen_among_several_ports(
 def test_the_controllers_own_serial_number_selects_it(plug_in: Callable[..., SerialPort]) -> None:
     ports = [plug_in("A-1"), plug_in("B-2")]
     assert find_controller(auto(serial_number="B-2"), ports) == ports[1].device
-    with pytest.raises(LightControllerError, match=r"serial number C-3 was found .*controller A-1"):
+    with pytest.raises(LightControllerError, match=r"C-3 .*controller A-1"):
         find_controller(auto(serial_number="C-3"), ports)
 
 
@@ -106,24 +106,24 @@ def test_several_controllers_are_an_error_that_names_them_and_the_key(
         find_controller(auto(), ports)
     message = str(raised.value)
     assert all(text in message for text in (ports[0].device, ports[1].device, "A-1", "B-2"))
-    assert 'set lights.serial_number, such as "A-1"' in message
+    assert 'lights.serial_number, such as "A-1"' in message
     twins = [plug_in("SAME"), plug_in("SAME")]
-    with pytest.raises(LightControllerError, match=r"set lights\.port to one of them"):
+    with pytest.raises(LightControllerError, match=r"set lights\.port"):
         find_controller(auto(usb_id=PICO), twins)
 
 
 @pytest.mark.parametrize(
     ("ports", "message"),
     [
-        ([], "no light controller was found .there are no serial ports"),
-        ([SerialPort("/dev/ttyS0")], "no light controller was found ./dev/ttyS0"),
+        ([], "no serial ports"),
+        ([SerialPort("/dev/ttyS0")], "no light controller .*/dev/ttyS0"),
         ([SerialPort("/dev/ttyUSB0", UNKNOWN, "7")], "1234:5678, serial number 7"),
     ],
 )
 def test_no_controller_is_an_error(ports: list[SerialPort], message: str) -> None:
     with pytest.raises(LightControllerError, match=message):
         find_controller(auto(), ports, never_asked)
-    with pytest.raises(LightControllerError, match="with serial number X and USB id 2e8a:0005"):
+    with pytest.raises(LightControllerError, match="number X and USB id 2e8a:0005"):
         find_controller(auto(serial_number="X", usb_id=PICO), ports, never_asked)
 
 
@@ -173,7 +173,7 @@ def test_a_port_that_another_program_holds_is_not_written_to(
     os.set_blocking(master, False)
     pid = held(port.device)
     assert [holder.pid for holder in port_holders(port.device)] == [pid]
-    with pytest.raises(LightControllerError, match=r"in use by .*process \d+.; close that first"):
+    with pytest.raises(LightControllerError, match=r"in use by .*process \d+"):
         identify(port.device)
     with pytest.raises(BlockingIOError):
         os.read(master, 1)
@@ -196,9 +196,7 @@ def test_the_error_of_a_second_opener_names_the_first(bench: object) -> None:
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     with subprocess.Popen([sys.executable, "-c", script], **pipes) as program:  # type: ignore[call-overload]
         assert program.stdout.readline() == b"1\n"
-        with pytest.raises(
-            LightControllerError, match=rf"in use by \S+ .process {program.pid}.; close that first"
-        ):
+        with pytest.raises(LightControllerError, match=rf"in use by \S+ .process {program.pid}"):
             LightController(port)
         program.communicate(b"\n")
 

@@ -58,7 +58,7 @@ def test_an_unplugged_controller_is_named_as_missing() -> None:
         rig.simulation.unplug_lights()
         with pytest.raises(LightControllerError):
             rig.lights.off()
-        with pytest.raises(LightControllerError, match="SIM-0001 is not plugged in any more"):
+        with pytest.raises(LightControllerError, match="SIM-0001 is not plugged"):
             rig.lights.recover()
         rig.simulation.replug_lights()
         rig.lights.recover()
@@ -104,7 +104,7 @@ def test_a_restarted_controller_gets_its_settings_again(bench: Any) -> None:
         bench.controller.reset()
         bench.clock.sleep_s(0.4)
         bench.controller.take_output()  # the banner is lost
-        with pytest.raises(LightControllerError, match="should be lit but no LED is"):
+        with pytest.raises(LightControllerError, match="should be lit"):
             lights.confirm(1)
         lights.recover()
         assert lights.state().levels_percent == (100, 30, 100, 100)
@@ -145,7 +145,7 @@ def test_another_controller_in_its_place_is_refused(devices: Callable[[str], str
     first, other = devices("A-1"), devices("B-2")
     with LightController(first, whereabouts=lambda: (other,), timeouts=SHORT) as lights:
         fail(lights)
-        with pytest.raises(LightControllerError, match="controller B-2 is there in place of A-1"):
+        with pytest.raises(LightControllerError, match=r"B-2 .*in place of A-1"):
             lights.recover()
         with pytest.raises(LightControllerError):
             lights.select(0)

@@ -173,10 +173,10 @@ def two_normals(folder: Path) -> None:
     ("spoil", "words"),
     [
         (shutil.rmtree, "no such material folder"),
-        (lambda d: (d / "height.png").unlink(), r"no height\.png and no normal"),
-        (text("height.png", "hello"), r"height\.png: not a complete PNG image"),
+        (lambda d: (d / "height.png").unlink(), r"no height\.png"),
+        (text("height.png", "hello"), r"height\.png: .*PNG"),
         (text("normal.jpg", ""), r"normal\.jpg: not a complete"),
-        (image("albedo.png", malv_map(16)), r"albedo\.png: 16 x 16 px, but"),
+        (image("albedo.png", malv_map(16)), r"albedo\.png: 16 x 16 px"),
         (image("height.png", malv_map()[:4]), "32 x 4 px; the sides"),
         (image("height.png", np.zeros((8, 8200), np.uint8)), "8 to 8192"),
         (text("material.json", "{"), r"material\.json: not valid JSON"),
@@ -187,9 +187,9 @@ def two_normals(folder: Path) -> None:
         (text("material.json", '{"relief_mm": Infinity}'), "relief_mm: "),
         (text("material.json", "[1]"), r"material\.json: the file"),
         (text("meta.json", '{"height": {"scale_px_per_unit": "3"}}'), r"meta\.json: height\.scale"),
-        (two_normals, "normal.png and normal.jpg are both there"),
-        (height_against_normals, "falls where the normal map rises"),
-        (image("normal.png", np.zeros((32, 32, 3), np.uint8)), "point away from the viewer"),
+        (two_normals, "normal.png and normal.jpg"),
+        (height_against_normals, "the normal map rises"),
+        (image("normal.png", np.zeros((32, 32, 3), np.uint8)), "away from the viewer"),
     ],
 )
 def test_a_bad_folder_gives_one_line_with_its_name(

@@ -47,5 +47,5 @@ def test_jitter_adds_to_the_lag_and_is_reproducible() -> None:
 
 
 def test_a_timing_measured_in_another_mode_is_refused() -> None:
-    with pytest.raises(ConfigError, match=r"the camera is set to 'simulated 12 bit 16x16"):
+    with pytest.raises(ConfigError, match=r"set to 'simulated 12 bit 16x16"):
         late_by_ms({"timing_measured_at": "simulated 12 bit 16x16, 60 Hz, 10 ms"}, {})

@@ -57,7 +57,7 @@ def test_sets_are_taken_from_files_and_folders(rig_toml: Path, tmp_path: Path) -
 
 def test_a_rig_or_sets_are_needed_and_not_both(tmp_path: Path) -> None:
     for rig, given in ((None, None), ("sim", [tmp_path])):
-        with pytest.raises(InputError, match="give --rig RIG to capture the target, or --from SET"):
+        with pytest.raises(InputError, match=r"--rig RIG .*--from SET"):
             target_sets(rig, given, SHEET)
 
 
@@ -67,8 +67,8 @@ def test_a_person_is_asked_to_place_the_target(
     monkeypatch.setattr(rig.simulation, "placement", None)  # as with a real rig
     monkeypatch.setattr("sys.stdin", io.StringIO("\n"))
     place_target(rig, SHEET)
-    assert "put a white matt sheet under the camera, then press Enter" in capsys.readouterr().err
-    with pytest.raises(InputError, match=r"rotate the sheet by 180 degrees.*give --yes"):
+    assert "a white matt sheet" in capsys.readouterr().err
+    with pytest.raises(InputError, match=r"180 degrees.*give --yes"):
         place_target(rig, SHEET, again=True)
     place_target(rig, SHEET, yes=True)
 
@@ -80,7 +80,7 @@ def test_a_part_is_added_then_replaced_and_others_stay(
     setting = Setting.of_rig(rig)
     part = MeasuredPart.now("scale", SCALE, setting, "Good.", {"mm_per_px": 0.05}, ())
     keep_parts(path, CalibrationFile(), [part], json=False)
-    assert "scale added. Good.\n  mm per px: 0.05\n" in capsys.readouterr().out
+    assert "mm per px: 0.05\n" in capsys.readouterr().out
     keep_parts(path, calibration_at(path), [part], json=False)
     assert "scale replaced. Good." in capsys.readouterr().out
     keep_parts(path, calibration_at(path), [replace(part, warnings=("worn",))], json=True)
@@ -96,7 +96,7 @@ def test_a_part_that_another_program_adds_meanwhile_is_not_lost(rig: Rig, tmp_pa
     dark = MeasuredPart.now("dark", camera, setting, "Good.", {}, ())
     before = calibration_at(path)
     keep_parts(path, before, [scale], json=False)  # by the other program
-    with pytest.raises(InputError, match=r"rig\.ps4cal: another program has changed it since"):
+    with pytest.raises(InputError, match=r"rig\.ps4cal: another program"):
         keep_parts(path, before, [dark], json=False)
     keep_parts(path, calibration_at(path), [dark], json=False)
     assert CalibrationFile.read(path).records.keys() == {"scale", "dark"}

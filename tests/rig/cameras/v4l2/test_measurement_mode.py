@@ -172,12 +172,12 @@ def test_a_control_that_keeps_its_value_is_named(control_id: int, driver: type[F
     if control_id == abi.CID_GAMMA:
         knobs[control_id].value = 72
     slug = knobs[control_id].name.lower().replace(",", "").replace(" ", "_")
-    with pytest.raises(CameraError, match=f"/dev/video9: control {slug} was set to .* and reads"):
+    with pytest.raises(CameraError, match=f"/dev/video9: control {slug} was set"):
         set_measurement_mode(driver(knobs), config(gain=0, gamma=100))
 
 
 def test_an_exposure_out_of_range_is_refused_in_ms() -> None:
-    with pytest.raises(CameraError, match=r"exposure_ms = 300 .* takes 0\.3 to 204\.7 ms"):
+    with pytest.raises(CameraError, match=r"exposure_ms = 300 .* 0\.3 to 204\.7 ms"):
         set_measurement_mode(
             FakeCamera(usual_knobs()), config(exposure_ms=300.0, frame_rate_hz=1.0)
         )
@@ -186,7 +186,7 @@ def test_an_exposure_out_of_range_is_refused_in_ms() -> None:
 def test_a_camera_without_manual_exposure_is_refused() -> None:
     knobs = usual_knobs()
     del knobs[AUTO].menu[abi.EXPOSURE_MANUAL]
-    with pytest.raises(CameraError, match=r"auto_exposure = 1 .* takes 3 \(Aperture Priority"):
+    with pytest.raises(CameraError, match=r"auto_exposure = 1 .* 3 \(Aperture Priority"):
         set_measurement_mode(FakeCamera(knobs), config())
 
 
@@ -229,7 +229,7 @@ def test_a_control_refused_by_an_old_driver_is_named() -> None:
         def _write(self, *_: object) -> None:
             raise OSError(errno.EBUSY, "Device or resource busy")
 
-    with pytest.raises(CameraError, match="control auto_exposure refuses 1: in use by another"):
+    with pytest.raises(CameraError, match="auto_exposure refuses 1: in use"):
         set_measurement_mode(Refusing(usual_knobs()), config())
 
 

@@ -66,12 +66,12 @@ def test_a_frame_that_lacks_bytes_is_corrupt(data: bytes) -> None:
     damaged += [data[:-missing], data[:-missing] + bytes(missing), data[:-1], data[:200], data[1:]]
     for content in damaged:
         for variant in (content, content + bytes(64)):
-            with pytest.raises(CorruptFrameError, match=r"an MJPG frame of \d+ bytes is damaged"):
+            with pytest.raises(CorruptFrameError, match=r"MJPG frame of \d+ bytes"):
                 decode(MJPG, variant, WIDTH, HEIGHT, 0)
 
 
 def test_a_size_that_was_not_asked_for_is_no_damage() -> None:
-    with pytest.raises(CameraError, match="320 x 240 px instead of 640 x 480") as caught:
+    with pytest.raises(CameraError, match=r"320 x 240 px .* 640 x 480") as caught:
         decode(MJPG, FRAMES["4:2:0"], 640, 480, 0)
     assert caught.type is CameraError
 

@@ -92,7 +92,7 @@ def test_zero_bytes_per_line_mean_no_padding() -> None:
 
 
 def test_a_line_shorter_than_its_pixels_is_refused() -> None:
-    with pytest.raises(CameraError, match="5 bytes per line, Y12 of 3 px needs 6"):
+    with pytest.raises(CameraError, match=r"5 bytes per line, Y12 .* 6"):
         decode(PIXEL_FORMATS["Y12"], bytes(10), 3, 2, 5)
 
 

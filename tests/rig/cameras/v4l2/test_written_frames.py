@@ -74,5 +74,5 @@ def test_frames_out_of_step_with_their_writer_are_no_silence() -> None:
     camera = V4l2Camera.__new__(V4l2Camera)
     camera._device, camera._period_s = Device(), 0.1  # type: ignore[assignment]
     camera._written = WrittenFrames(OPENED_S, 0.1)
-    with pytest.raises(CameraError, match=r"in 0.05 s none was stamped by a writer of 10 Hz"):
+    with pytest.raises(CameraError, match=r"0.05 s none .* 10 Hz"):
         camera.read(0.05)
