@@ -15,6 +15,7 @@ from capture.station.results.store import open_store
 from rig.doctor.check import Check, collected
 from rig.doctor.diagnosis import diagnose
 
+from .recovery import require_own_sets
 from .self_test import check_calibration_age, check_disk, check_results
 
 
@@ -76,6 +77,7 @@ def _check_results(station: StationFolder) -> Iterator[Check]:
         yield Check("results", "ok", f"the first run makes {results}")
         return
     with open_store(results, config.name, alone=False) as store:
+        require_own_sets(station, store)
         yield from check_results(store)
 
 

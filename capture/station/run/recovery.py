@@ -7,7 +7,8 @@ from typing import Any
 
 from capture.base.names import SET_SUFFIX
 from capture.sets.captured_set import CapturedSet
-from capture.station.domain.folder import PARTS, set_file_of
+from capture.station.domain.config import CONFIG
+from capture.station.domain.folder import PARTS, StationFolder, set_file_of
 from capture.station.results.part_result import PartResult
 from capture.station.results.store import BegunPart, ResultStore
 from classify.base.errors import InputError
@@ -62,6 +63,15 @@ def damaged_sets(folder: Path, store: ResultStore) -> Iterator[str]:
             continue
         if captured.metadata.pixels_sha256 != result.set_sha256:
             yield f"{part}: {result.set_file} is not the set that was judged"
+
+
+def require_own_sets(folder: StationFolder, store: ResultStore) -> None:
+    """Refuse sets of a station that had another name: the numbers of this one begin at 1."""
+    if store.last_number() == 0 and folder.has_sets():
+        raise InputError(
+            f"{folder.parts}: holds sets, and the results have no part of a station {store.station}"
+            f"; give name = in {CONFIG} its earlier value again, or move {folder.parts} elsewhere"
+        )
 
 
 def unknown_files(folder: Path, store: ResultStore) -> Iterator[str]:

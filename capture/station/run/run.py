@@ -13,7 +13,7 @@ from rig.doctor.check import Check
 from .cycle import Station
 from .equipment import Equipment, ReportAlive
 from .events import PartRecovered, Publisher, StationStopped, Warned
-from .recovery import damaged_sets, finish_interrupted, unknown_files
+from .recovery import damaged_sets, finish_interrupted, require_own_sets, unknown_files
 from .retention import retention_in_background
 from .run_recipes import RecipeLoader, RunRecipes
 from .self_test import check_disk, check_results
@@ -58,6 +58,7 @@ def run_station(
 
     results = config.results_in(folder.path)
     with open_store(results, config.name, create=not folder.has_sets()) as store:
+        require_own_sets(folder, store)
         for warning in (*damaged_sets(folder.path, store), *unknown_files(folder.path, store)):
             warn(warning)
         recipes = RunRecipes(folder, loader, store, rig, first)

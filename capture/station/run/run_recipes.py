@@ -102,6 +102,8 @@ class RecipeLoader:
         def save(captured: CapturedSet, set_file: str) -> None:
             """Write the set of a part, with its calibration beside it."""
             path = self._folder.path / set_file
+            if path.exists():
+                raise InputError(f"{path}: exists, and is not replaced; move it elsewhere")
             make_folder(path.parent)
             if calibration is not None:
                 keep_beside(calibration.file, path)
