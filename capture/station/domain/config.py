@@ -110,6 +110,12 @@ class StationConfig(Section):
     buffers: int = Field(
         default=2, ge=1, le=64, description="exposed parts that may wait for their verdict"
     )
+    max_trigger_age_s: float = Field(
+        default=1.0,
+        ge=0.01,
+        le=60.0,
+        description="an older trigger is refused: another part may lie below the camera",
+    )
     disk_floor_mb: int = Field(
         default=500, ge=1, le=10_000_000, description="with less free space triggers are refused"
     )
@@ -156,6 +162,7 @@ trigger = "enter"            # the Enter key, "timer", "sensor", "http" or "modb
 timer_s = 2.0                # period of the timer; 0 is as fast as possible
 sensor_delay_ms = 0          # from the sensor's edge to the first light
 buffers = 2                  # parts that may wait for their verdict
+max_trigger_age_s = 1.0      # an older one is refused: another part may lie below the camera
 disk_floor_mb = 500          # with less free space triggers are refused
 plate_check = false          # true: a white sheet is below the camera when the station starts
 reconnect_s = 5.0            # between attempts to open a rig that was lost

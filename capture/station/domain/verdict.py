@@ -36,7 +36,12 @@ class Cause(StrEnum):
     meaning: str
     gravity: int  # 0 is the gravest
 
-    CAPTURE = "capture", Decision.ERROR, 1, "the set was rejected: saturation, stale frames"
+    CAPTURE = (
+        "capture",
+        Decision.ERROR,
+        1,
+        "the set was rejected; the trigger was too old",
+    )
     RIG = "rig", Decision.ERROR, 2, "camera or lights failed, or an LED is weak"
     CALIBRATION = "calibration", Decision.ERROR, 3, "missing, too old, or of another rig or setting"
     INTERRUPTED = "interrupted", Decision.ERROR, 4, "the station ended before the verdict"

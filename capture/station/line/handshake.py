@@ -52,6 +52,7 @@ _CODES = {
     Refusal.DATABASE: ErrorCode.DATABASE,
     Refusal.PART_ID: ErrorCode.PART_ID,
     Refusal.RECIPE: ErrorCode.RECIPE,
+    Refusal.LATE: ErrorCode.LATE,
     Refusal.UNFORESEEN: ErrorCode.UNFORESEEN,
 }
 MAX_SESSION = (1 << 32) - 1

@@ -59,6 +59,7 @@ class ErrorCode(IntEnum):
     RECIPE = 13
     OTHER_TRIGGER = 14
     RECIPE_LOADING = 15
+    LATE = 16
 
 
 class SelectError(IntEnum):
@@ -108,6 +109,7 @@ ERROR_MEANINGS = {
     ErrorCode.RECIPE: "the loaded recipe is not the required one",
     ErrorCode.OTHER_TRIGGER: 'parts are triggered otherwise: `trigger` is not "modbus"',
     ErrorCode.RECIPE_LOADING: "a recipe that the PLC selected is being loaded",
+    ErrorCode.LATE: "the trigger was older than `max_trigger_age_s`",
 }
 SELECT_ERROR_MEANINGS = {
     SelectError.NOT_READY: "the station starts, stops, is in error, or collects parts to teach",

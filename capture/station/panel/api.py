@@ -1,7 +1,8 @@
 """The HTTP API: everything that the pages show and do, for programs."""
 
 import asyncio
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from itertools import chain, islice
@@ -14,7 +15,7 @@ from capture.station.results.audit import newest_changes, override_part
 from capture.station.results.database import ResultsUnavailable
 from capture.station.results.history import ROWS_AT_A_TIME, HistoryEntry, Selection
 from capture.station.results.history_table import counts_of, csv_pieces, record_of
-from capture.station.run.triggers import Accepted, Refused
+from capture.station.run.triggers import Accepted, Refused, Trigger
 from classify.base.errors import InputError
 
 from .event_stream import subscribed
@@ -54,13 +55,31 @@ def _state(call: Call) -> Response:
     return JsonAnswer(call.panel.live.snapshot().fields())
 
 
-def _trigger(call: Call) -> Response:
+async def _trigger(call: Call) -> Response:
+    """Pass a trigger on; it is refused if the client leaves before the part is begun."""
+    is_gone = threading.Event()
+
+    async def watch() -> None:
+        while (await call.request.receive())["type"] != "http.disconnect":
+            pass
+        is_gone.set()
+
+    watcher = asyncio.create_task(watch())
+    try:
+        return await run_in_threadpool(_triggered, call, is_gone.is_set)
+    finally:
+        watcher.cancel()
+
+
+def _triggered(call: Call, is_gone: Callable[[], bool]) -> Response:
     part_id, recipe = call.text("part_id", "") or None, call.text("recipe", "") or None
     if recipe is not None:
         call.panel.folder.recipe_files(recipe)  # raises for an invalid name
     key = call.request.headers.get("idempotency-key")
     try:
-        answer = call.panel.triggers.submit(key, part_id, recipe)
+        answer = call.panel.triggers.submit(
+            key, Trigger("http", part_id, recipe, is_withdrawn=is_gone)
+        )
     except OtherPart as error:
         raise Denied(422, str(error)) from error
     if isinstance(answer, Refused):

@@ -3,7 +3,7 @@
 import hashlib
 import threading
 from collections import OrderedDict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from capture.station.results.audit import ResultsAccess
 from capture.station.results.database import ResultsUnavailable
@@ -46,25 +46,19 @@ class KeyedTriggers:
         # By the key: the answer, and the part id and the recipe that the client gave.
         self._accepted: OrderedDict[str, tuple[Accepted, str | None, str | None]] = OrderedDict()
 
-    def submit(
-        self, key: str | None, part_id: str | None, recipe: str | None = None
-    ) -> Accepted | Refused | Repeated:
-        """Pass a trigger on; with a key that was accepted before, return its part.
-
-        A new part is refused unless `recipe` is the loaded one; None requires none.
-        """
+    def submit(self, key: str | None, trigger: Trigger) -> Accepted | Refused | Repeated:
+        """Pass a trigger on; with a key that was accepted before, return its part."""
         if not self._slots.acquire(blocking=False):
             raise ResultsUnavailable(f"{MOST_WAITING} triggers wait for the station")
         try:
-            return self._submit(key, part_id, recipe)
+            return self._submit(key, trigger)
         finally:
             self._slots.release()
 
-    def _submit(
-        self, key: str | None, part_id: str | None, recipe: str | None
-    ) -> Accepted | Refused | Repeated:
+    def _submit(self, key: str | None, trigger: Trigger) -> Accepted | Refused | Repeated:
+        part_id, recipe = trigger.part_id, trigger.recipe
         if key is None:
-            return self._live.submit(Trigger("http", part_id, recipe))
+            return self._live.submit(trigger)
         if not 1 <= len(key) <= LONGEST_KEY:
             raise InputError(f"Idempotency-Key: {len(key)} characters; give 1 to {LONGEST_KEY}")
         # One at a time: of two requests with one key, the second waits for the first.
@@ -84,7 +78,7 @@ class KeyedTriggers:
                 if recipe is not None and recorded is not None:
                     _require_recipe(recorded, recipe, made)
                 return Repeated(made, None if entry is None else entry.result.number)
-            answer = self._live.submit(Trigger("http", part_id or made, recipe))
+            answer = self._live.submit(replace(trigger, part_id=part_id or made))
             # A refused trigger may be sent again with its key.
             if isinstance(answer, Accepted):
                 self._accepted[key] = answer, part_id, recipe

@@ -8,6 +8,7 @@ from classify.base.errors import InputError
 
 from .schema import begun_parts, lower_ascii
 
+_LONGEST = 100
 # They are also file names on every system: no leading dot, no blank.
 _GIVEN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 # Devices of Windows, whatever follows their name.
@@ -20,11 +21,19 @@ def made_part_id(number: int) -> str:
     return f"part-{number:06d}"
 
 
+def shown_part_id(part_id: str) -> str:
+    """Return an id that may be invalid for lines of text: its beginning, escaped."""
+    return "".join(
+        character if character.isprintable() else character.encode("unicode_escape").decode()
+        for character in part_id[:_LONGEST]
+    )
+
+
 def require_given_part_id(part_id: str) -> str:
     """Return the id of a trigger; it must name a file, and not look like an id of the station."""
     if not _GIVEN.fullmatch(part_id):
         raise InputError(
-            f"part id {part_id[:100]!r}: give 1 to 100 letters, digits, dots, dashes or "
+            f"part id {part_id[:_LONGEST]!r}: give 1 to 100 letters, digits, dots, dashes or "
             "underscores, the first a letter or a digit"
         )
     if _DEVICE.fullmatch(part_id):

@@ -1,11 +1,11 @@
 """`ResultStore`: begun parts, their results, overrides and refused triggers."""
 
 import uuid
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 from sqlalchemy import URL, Connection, Engine, Row, Select, Table, func, insert, select
 from sqlalchemy.exc import IntegrityError
@@ -50,6 +50,16 @@ class BegunPart:
     simulated: bool
 
 
+class RefusedTrigger(NamedTuple):
+    """A trigger that could not be served, and why."""
+
+    trigger: str
+    utc: str
+    reason: str
+    simulated: bool
+    part_id: str | None = None
+
+
 class ResultStore:
     """The results of one station, for any thread; `open_store` makes it.
 
@@ -82,11 +92,13 @@ class ResultStore:
             yield connection
 
     def begin(
-        self, *, trigger: str, triggered_utc: str, simulated: bool, part_id: str | None = None
-    ) -> BegunPart:
+        self, *, trigger: str, triggered_utc: str, simulated: bool, part_id: str | None = None,
+        require: Callable[[], None] = lambda: None,
+    ) -> BegunPart:  # fmt: skip
         """Record an accepted trigger before the first exposure, and give the part its number.
 
-        After `ResultsUnavailable` the part is not begun, or `unfinished` lists it.
+        After `ResultsUnavailable` the part is not begun, or `unfinished` lists it. Nor is it begun
+        if `require` raises, which is called when the database is locked for the row.
         """
         if part_id is not None:
             require_given_part_id(part_id)
@@ -98,6 +110,7 @@ class ResultStore:
             if written is not None:
                 return _begun_part(written)
             self.lock_station(connection, triggered_utc)
+            require()
             if part_id is not None:
                 require_new_part_id(connection, self.station, part_id)
             number = self._last(connection, begun_parts.c.number) + 1
@@ -128,28 +141,30 @@ class ResultStore:
         except IntegrityError as error:
             raise InputError(f"part {result.part_id}, number {result.number}: not begun") from error
 
-    def refuse(
-        self, *, trigger: str, utc: str, reason: str, simulated: bool, part_id: str | None = None
-    ) -> None:
-        """Record a trigger that could not be served."""
-        require_utc(utc)
-        row = {
-            "station": self.station,
-            "request": uuid.uuid4().hex,
-            "utc": utc,
-            "trigger": storable(trigger),
-            "part_id": None if part_id is None else storable(part_id),
-            "reason": storable(reason),
-            "simulated": simulated,
-        }
+    def refuse(self, *refused: RefusedTrigger) -> None:
+        """Record triggers that could not be served."""
+        rows = [
+            {
+                "station": self.station,
+                "request": uuid.uuid4().hex,
+                "utc": require_utc(trigger.utc),
+                "trigger": storable(trigger.trigger),
+                "part_id": None if trigger.part_id is None else storable(trigger.part_id),
+                "reason": storable(trigger.reason),
+                "simulated": trigger.simulated,
+            }
+            for trigger in refused
+        ]
 
         def work(connection: Connection) -> None:
-            if not has_request(connection, refused_triggers, row["request"]):
-                self.lock_station(connection, utc)
-                position = self._last(connection, refused_triggers.c.position) + 1
-                connection.execute(insert(refused_triggers).values(row | {"position": position}))
+            if not has_request(connection, refused_triggers, rows[0]["request"]):
+                self.lock_station(connection, refused[0].utc)
+                last = self._last(connection, refused_triggers.c.position)
+                numbered = [row | {"position": last + n} for n, row in enumerate(rows, 1)]
+                connection.execute(insert(refused_triggers), numbered)
 
-        self.write(work)
+        if rows:
+            self.write(work)
 
     def override(self, part_id: str, *, decision: Decision, by: str, reason: str, utc: str) -> None:
         """Record that a person gives a part another verdict; the result stays unchanged."""

@@ -15,9 +15,9 @@ from capture.base.errors import CalibrationError, SetRejected
 from capture.station.domain.config import StationConfig
 from capture.station.domain.errors import error_text
 from capture.station.domain.verdict import Cause, Decision
-from capture.station.results.database import ResultsUnavailable
+from capture.station.results.database import ResultsUnavailable, shown
 from capture.station.results.part_result import PartResult
-from capture.station.results.store import BegunPart
+from capture.station.results.store import BegunPart, RefusedTrigger
 
 from .changeover import Changeover
 from .equipment import Equipment, GuardedThread
@@ -30,6 +30,7 @@ from .events import (
     StationStopped,
 )
 from .outcome import ExposedPart
+from .refusals import Refusals
 from .self_test import SelfTest, disk_fault
 from .states import Change, State, StateMachine
 from .triggers import (
@@ -43,6 +44,7 @@ from .triggers import (
     Refused,
     Trigger,
     TriggerSource,
+    TriggerTooLate,
     refusal_by,
 )
 
@@ -70,6 +72,9 @@ class Station:
         self._publish, self._sensor = equipment.publisher.publish, equipment.sensor
         self._report_alive = equipment.report_alive
         self._self_test = SelfTest(self._publish)
+        self._refusals = Refusals(self._store, equipment.publisher)
+        # Waited for no longer than a trigger may be old.
+        self._beginner = ThreadPoolExecutor(1, "station trigger")
         self._stopping = threading.Event()
         self._changeover = Changeover(equipment.recipes, self._publish, self._stopping.is_set)
         # Guards everything below; the state changes only while it is held.
@@ -83,7 +88,7 @@ class Station:
         self._was_ready, self._refused = False, 0
         self._announced: Counter[Decision] = Counter()
         self._error: BaseException | None = None
-        self._next: queue.SimpleQueue[tuple[BegunPart, str | None, float]] = queue.SimpleQueue()
+        self._next: queue.SimpleQueue[tuple[BegunPart, str | None, Trigger]] = queue.SimpleQueue()
         self._exposed: queue.SimpleQueue[ExposedPart | None] = queue.SimpleQueue()
 
     # What triggers see.
@@ -99,24 +104,46 @@ class Station:
 
     def submit(self, trigger: Trigger) -> Answer:
         """Accept or refuse a trigger. The part has its row before the answer. Never raises."""
-        utc, refused = self._clock.now(), self._reserve(trigger)
+        refused = self._reserve(trigger)
         if refused is not None:
             return self.refuse(trigger, *refused)
         try:
-            step = self._clock.step()
-            begun = self._store.begin(
-                trigger=trigger.source,
-                triggered_utc=utc,
-                simulated=self._camera.is_simulated,
-                part_id=trigger.part_id,
-            )
+            step, begun = self._clock.step(), self._begin(trigger)
         except BaseException as error:
             reason, kind = error_text(error), refusal_by(error)
-            self._release(None if kind is Refusal.PART_ID else reason)
+            self._release(None if kind in (Refusal.PART_ID, Refusal.LATE) else reason)
             return self.refuse(trigger, reason, kind)
         self._publish(PartBegun(begun.part_id, begun.number))
-        self._next.put((begun, step, self._clock.monotonic_s()))
+        self._next.put((begun, step, trigger))
         return Accepted(begun.part_id, begun.number)
+
+    def _begin(self, trigger: Trigger) -> BegunPart:
+        """Record a part; a database that answers too late begins none, or the self-test ends it."""
+
+        def require() -> None:
+            self._require_timely(trigger)
+            if trigger.is_withdrawn():
+                raise TriggerTooLate("its client is gone")
+
+        require()
+        begun = self._beginner.submit(
+            self._store.begin,
+            trigger=trigger.source,
+            triggered_utc=self._clock.now(),
+            simulated=self._camera.is_simulated,
+            part_id=trigger.part_id,
+            require=require,
+        )
+        limit_s = self._config.max_trigger_age_s
+        try:
+            return begun.result(limit_s)
+        except TimeoutError as error:
+            begun.cancel()
+            text = f"{shown(self._store.url)}: no answer in {limit_s:g} s"
+            raise ResultsUnavailable(text) from error
+
+    def _require_timely(self, trigger: Trigger) -> None:
+        trigger.require_timely(self._clock.monotonic_s(), self._config.max_trigger_age_s)
 
     def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
         """Load a recipe, which judges all later parts when this returns; or raise RecipeRefused."""
@@ -145,15 +172,17 @@ class Station:
         ]
         # A source that waits for a key cannot be ended.
         feeder = GuardedThread(lambda: source.run(self), self.stop, "triggers", daemon=True)
-        try:
-            for thread in (*threads, feeder):
-                thread.start()
-            while not self._stopping.wait(_POLL_S):
-                pass
-        except KeyboardInterrupt as interrupt:
-            self.stop(interrupt)
-        for thread in threads:
-            thread.join_through_interrupts()
+        with self._refusals:
+            try:
+                for thread in (*threads, feeder):
+                    thread.start()
+                while not self._stopping.wait(_POLL_S):
+                    pass
+            except KeyboardInterrupt as interrupt:
+                self.stop(interrupt)
+            for thread in threads:
+                thread.join_through_interrupts()
+        self._beginner.shutdown(wait=False, cancel_futures=True)
         reason = "all parts were triggered" if self._left == 0 else "no more triggers come"
         if self._error is not None:
             reason = error_text(self._error)
@@ -245,9 +274,10 @@ class Station:
             duration_s -= _POLL_S
         return self.is_stopping
 
-    def _expose(self, begun: BegunPart, step: str | None, triggered_s: float) -> None:
-        captured, error, exposed_s = None, None, triggered_s
+    def _expose(self, begun: BegunPart, step: str | None, trigger: Trigger) -> None:
+        captured, error, exposed_s = None, None, trigger.at_s
         try:
+            self._require_timely(trigger)
             captured, exposed_s = self._camera.capture(begun.number)
         except BaseException as raised:
             error = raised
@@ -258,7 +288,7 @@ class Station:
             exposed_s=exposed_s,
             exposed_utc=None if captured is None else self._clock.at(exposed_s),
             timings_ms={
-                "capture": 1e3 * (exposed_s - triggered_s),
+                "capture": 1e3 * (exposed_s - trigger.at_s),
                 "checks": 1e3 * max(0.0, self._clock.monotonic_s() - exposed_s),
             },
             notes=() if step is None else (step,),
@@ -363,11 +393,13 @@ class Station:
                 self._fail(failure)
 
     def refuse(self, trigger: Trigger, reason: str, kind: Refusal = Refusal.NOT_READY) -> Refused:
-        """Record a trigger that cannot be served. Never raises."""
-        self._equipment.publisher.wait_for_room(self._stopping.is_set)
+        """Record a trigger that cannot be served, as soon as the database answers. Never raises."""
         with self._lock:
             self._refused += 1
-        self._publish(self._equipment.refused(trigger, reason))
+        utc, is_simulated = self._clock.now(), self._camera.is_simulated
+        self._refusals.add(
+            RefusedTrigger(trigger.source, utc, reason, is_simulated, trigger.part_id)
+        )
         return Refused(reason, kind)
 
     def _become_free(self) -> None:

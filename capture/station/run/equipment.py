@@ -2,7 +2,6 @@
 
 import threading
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
@@ -10,11 +9,11 @@ from capture.station.results.store import ResultStore
 from rig.doctor.check import Check
 
 from .changeover import Recipes
-from .events import Publisher, TriggerRefused
+from .events import Publisher
 from .outcome import PartJudge
 from .station_clock import StationClock
 from .station_rig import PartCamera
-from .triggers import PartSensor, Trigger
+from .triggers import PartSensor
 
 Worker = Literal["capture", "verdict"]
 """A thread of the cycle."""
@@ -69,17 +68,3 @@ class Equipment:
     # Called by each worker several times a second, unless the worker hangs.
     report_alive: ReportAlive = lambda _: None
     recipes: Recipes | None = None  # None if no parts are judged
-
-    def refused(self, trigger: Trigger, reason: str) -> TriggerRefused:
-        """Record a refused trigger; return the event to publish. Never raises."""
-        is_recorded = False
-        with suppress(BaseException):
-            self.store.refuse(
-                trigger=trigger.source,
-                utc=self.clock.now(),
-                reason=reason,
-                simulated=self.camera.is_simulated,
-                part_id=trigger.part_id,
-            )
-            is_recorded = True
-        return TriggerRefused(trigger.source, trigger.part_id, reason, is_recorded)

@@ -3,10 +3,11 @@
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum, auto
 from typing import NamedTuple, Protocol
 
+from capture.base.errors import SetRejected
 from capture.station.results.database import ResultsUnavailable
 from capture.station.results.store import ResultStore
 from classify.base.errors import InputError, Ps4rigError
@@ -18,8 +19,8 @@ from .station_rig import StationRig
 _POLL_S = 0.2
 _SENSOR = "sensor"
 _MISSED = "passed the sensor while the station was busy or not ready"
-# Each row takes a transaction of some 4 ms; more parts at once are a sensor out of order.
-MOST_RECORDED = 100
+# More parts at once are a sensor out of order.
+MOST_RECORDED = 20
 
 
 class Asker(NamedTuple):
@@ -59,6 +60,21 @@ class Trigger:
     source: str  # ``timer``, ``enter``, ``sensor``, ``http`` or ``modbus``
     part_id: str | None = None  # unique in the station, which chooses one for None
     recipe: str | None = None  # that must judge the part; None for any
+    at_s: float = field(default_factory=time.monotonic, compare=False)
+    # Whether nobody waits for the answer any more.
+    is_withdrawn: Callable[[], bool] = field(default=lambda: False, compare=False)
+
+    def require_timely(self, now_s: float, limit_s: float) -> None:
+        """Raise TriggerTooLate if the part below the camera may be another one by now."""
+        age_s = now_s - self.at_s
+        if age_s > limit_s:
+            raise TriggerTooLate(
+                f"late: the trigger is {age_s:.2f} s old, max_trigger_age_s is {limit_s:g}"
+            )
+
+
+class TriggerTooLate(SetRejected):
+    """Another part may be below the camera by now, or nobody waits for the answer."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +95,7 @@ class Refusal(Enum):
     DATABASE = auto()
     PART_ID = auto()  # invalid, or used before
     RECIPE = auto()  # another one is loaded than the trigger requires
+    LATE = auto()  # too old, or its client is gone
     UNFORESEEN = auto()
 
 
@@ -86,6 +103,8 @@ def refusal_by(error: BaseException) -> Refusal:
     """Return the code of a refusal because of an error while the part was begun."""
     if isinstance(error, InputError):
         return Refusal.PART_ID
+    if isinstance(error, TriggerTooLate):
+        return Refusal.LATE
     return Refusal.DATABASE if isinstance(error, ResultsUnavailable) else Refusal.UNFORESEEN
 
 
@@ -127,9 +146,6 @@ class TriggerSource(Protocol):
         """Submit triggers; return when `station` is stopping or no more triggers come."""
 
 
-_TIMER = Trigger("timer")
-
-
 class TimerTrigger:
     """A trigger in each period; a period of 0 triggers whenever the station is ready.
 
@@ -161,10 +177,10 @@ class TimerTrigger:
                 passed += periods
                 next_s += periods * self._period_s
                 continue
-            station.submit(_TIMER)
+            station.submit(Trigger("timer"))
             next_s += self._period_s
             if passed > 0:  # after a trigger: a slow row must not make every trigger late
-                station.refuse(_TIMER, f"late: {passed} periods of the timer have passed")
+                station.refuse(Trigger("timer"), f"late: {passed} periods of the timer have passed")
                 passed = 0
 
 

@@ -6,14 +6,16 @@ import http.client
 import io
 import json
 import re
+import socket
 import threading
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
-from urllib.parse import quote
+from urllib.parse import quote, urlsplit
 
 import pytest
 from sqlalchemy import select
@@ -27,9 +29,11 @@ from capture.station.panel.filters import selection_of
 from capture.station.panel.triggering import MOST_WAITING, KeyedTriggers
 from capture.station.results.history import HistoryEntry
 from capture.station.results.schema import overrides
-from capture.station.results.store import ResultStore
+from capture.station.results.store import BegunPart, ResultStore
+from capture.station.run.events import TriggerRefused
 from capture.station.run.recovery import finish_interrupted
-from capture.station.run.triggers import Accepted, Refused, Trigger
+from capture.station.run.triggers import Accepted, Refused, Trigger, TriggerTooLate
+from tests.capture.station.line.lines import until_so
 from tests.capture.station.panel.panels import Client, RunningPanel, running_panel
 from tests.capture.station.results.many import fill, many
 from tests.capture.station.stations import PASSED, Said
@@ -71,7 +75,49 @@ def test_a_trigger_that_cannot_be_served_is_refused_with_the_reason(panel: Runni
         "error": "busy: another part is being exposed",
     }
     assert panel.local.post("/api/v1/trigger", {"part_id": "../x"}).status == 409
-    assert panel.local.get("/api/v1/counts").json["simulated"]["refused_triggers"] == 2
+    until_so(lambda: refused_triggers(panel) == 2)
+
+
+def refused_triggers(panel: RunningPanel) -> int:
+    count: int = panel.local.get("/api/v1/counts").json["simulated"]["refused_triggers"]
+    return count
+
+
+def test_a_trigger_whose_client_leaves_before_its_part_is_begun_is_refused(
+    panel: RunningPanel,
+) -> None:
+    """The database holds the part up, while the client gives up."""
+    store = panel.bench.store
+    begin, waits, go_on = store.begin, threading.Event(), threading.Event()
+
+    def slow(*, require: Callable[[], None], **given: Any) -> BegunPart:
+        def left() -> None:
+            waits.set()
+            assert go_on.wait(60)
+            until_so(lambda: _raises(require))
+            require()
+
+        return begin(require=left, **given)
+
+    store.begin = slow  # type: ignore[method-assign]
+    panel.until_ready()
+    where = urlsplit(panel.url)
+    with socket.create_connection((str(where.hostname), where.port)) as client:
+        client.sendall(f"POST /api/v1/trigger HTTP/1.1\r\nHost: {where.netloc}\r\n\r\n".encode())
+        assert waits.wait(60)
+    go_on.set()
+    until_so(lambda: refused_triggers(panel) == 1)
+    assert panel.bench.rows() == []
+    [event] = panel.bench.of(TriggerRefused)
+    assert event.reason == "its client is gone"
+
+
+def _raises(require: Callable[[], None]) -> bool:
+    try:
+        require()
+    except TriggerTooLate:
+        return True
+    return False
 
 
 def test_a_repeated_key_triggers_no_second_part(panel: RunningPanel) -> None:
@@ -147,7 +193,7 @@ def test_a_key_of_an_earlier_run_with_another_part_is_refused(
 
 
 def test_a_key_that_was_refused_may_be_sent_again(panel: RunningPanel) -> None:
-    assert isinstance(panel.panel.triggers.submit("order 8", "part-1"), Refused)
+    assert isinstance(panel.panel.triggers.submit("order 8", Trigger("http", "part-1")), Refused)
     panel.until_ready()
     panel.parts(1)
     panel.until_ready()
@@ -160,7 +206,7 @@ def test_the_number_of_known_keys_is_bounded() -> None:
 
     def submit(first: int, last: int) -> None:
         for number in range(first, last):
-            assert isinstance(triggers.submit(f"order {number:06d}", None), Accepted)
+            assert isinstance(triggers.submit(f"order {number:06d}", Trigger("http")), Accepted)
 
     assert growth_bytes(submit, 0, 1_100, 4_400) < 50_000
 

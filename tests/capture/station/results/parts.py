@@ -4,7 +4,7 @@ from pathlib import Path
 
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.results.part_result import DefectRecord, PartResult
-from capture.station.results.store import BegunPart, ResultStore, open_store
+from capture.station.results.store import BegunPart, RefusedTrigger, ResultStore, open_store
 
 UTC = "2026-11-22T17:08:13.042Z"
 CAUSES = {
@@ -81,5 +81,5 @@ def record_three_days(path: Path) -> None:
             )
         utc = "2026-11-22T09:00:00.000Z"
         begin(store, trigger="enter", triggered_utc=utc)
-        store.refuse(trigger="enter", utc=utc, reason="no buffer", simulated=False)
+        store.refuse(RefusedTrigger("enter", utc, "no buffer", simulated=False))
         store.override("part-000002", decision=Decision.PASS, by="Kim", reason="a hair", utc=utc)

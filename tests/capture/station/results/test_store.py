@@ -18,7 +18,7 @@ from capture.station.results.database import (
 )
 from capture.station.results.removals import record_removals
 from capture.station.results.schema import VERSION
-from capture.station.results.store import ResultStore, open_store
+from capture.station.results.store import RefusedTrigger, ResultStore, open_store
 from classify.base.errors import InputError
 from tests.postgresql_server import PostgresqlServer
 
@@ -185,7 +185,7 @@ def test_the_database_refuses_to_change_or_delete_a_row(
     store: ResultStore, database: str, table: str
 ) -> None:
     part_id = inspect(store).part_id
-    store.refuse(trigger="timer", utc=UTC, reason="busy", simulated=False)
+    store.refuse(RefusedTrigger("timer", UTC, "busy", simulated=False))
     store.override(part_id, decision=Decision.FAIL, by="Kim", reason="dull", utc=UTC)
     record_removals(store, {part_id: "parts/x"}, UTC)
     url = database_url(database)

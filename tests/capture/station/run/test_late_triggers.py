@@ -1,0 +1,143 @@
+"""A trigger that was waited for too long exposes nothing, and is on record as refused."""
+
+import sqlite3
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from capture.sets.captured_set import CapturedSet
+from capture.station.domain.verdict import Cause, Decision
+from capture.station.results.store import BegunPart
+from capture.station.run.events import PartAnnounced, PartRecovered, TriggerRefused
+from capture.station.run.refusals import MOST_WAITING
+from capture.station.run.station_clock import StationClock
+from capture.station.run.triggers import Accepted, Answer, Refusal, Refused, Trigger, TriggerTarget
+from tests.capture.station.stations import Bench, Manual, bench, one_after_the_other, small_set
+
+LIMIT_S = 0.1
+
+
+@pytest.fixture(scope="module")
+def captured() -> CapturedSet:
+    return small_set()
+
+
+@pytest.fixture
+def station(tmp_path: Path, captured: CapturedSet) -> Iterator[Bench]:
+    with bench(tmp_path / "line-1", captured) as made:
+        yield made
+
+
+def until_ready(station: TriggerTarget) -> None:
+    while not station.wait_until_ready(0.1):
+        assert not station.is_stopping
+
+
+@contextmanager
+def locked(station: Bench) -> Iterator[None]:
+    """Hold a lock on the database, as another program may."""
+    database = station.folder.config.results_in(station.folder.path)
+    with closing(sqlite3.connect(database, isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        yield
+        other.execute("ROLLBACK")
+
+
+def refused_triggers(station: Bench) -> int:
+    return station.store.counters().simulated.refused_triggers
+
+
+def test_a_trigger_that_a_locked_database_holds_up_is_refused_in_time(station: Bench) -> None:
+    answers: list[Answer] = []
+
+    def feed(target: TriggerTarget) -> None:
+        until_ready(target)
+        with locked(station):
+            began_s = time.monotonic()
+            answers.append(target.submit(Trigger("http")))
+            # Another one, while the first is still in the database's queue.
+            answers.append(target.submit(Trigger("http")))
+            assert time.monotonic() - began_s < 5.0  # the database would be waited for 20 s
+            assert refused_triggers(station) == 0
+        until_ready(target)
+        answers.append(target.submit(Trigger("http")))
+
+    station.run(Manual(feed), max_trigger_age_s=LIMIT_S)
+    assert isinstance(answers[0], Refused)
+    assert answers[0].kind is Refusal.DATABASE
+    assert isinstance(answers[1], Refused)
+    assert isinstance(answers[2], Accepted)
+    # Nothing was exposed but for the last one; both refusals were stored later.
+    assert [event.result.verdict.decision for event in station.of(PartAnnounced)] == [Decision.PASS]
+    assert [event.recorded for event in station.of(TriggerRefused)] == [True, True]
+    assert refused_triggers(station) == 2
+
+
+def test_a_trigger_that_is_too_old_when_the_row_is_written_is_refused(station: Bench) -> None:
+    answers: list[Answer] = []
+
+    def feed(target: TriggerTarget) -> None:
+        until_ready(target)
+        answers.append(target.submit(Trigger("modbus", at_s=time.monotonic() - 2 * LIMIT_S)))
+        answers.append(target.submit(Trigger("modbus")))
+
+    station.run(Manual(feed), max_trigger_age_s=LIMIT_S)
+    assert isinstance(answers[0], Refused)
+    assert answers[0].kind is Refusal.LATE
+    assert isinstance(answers[1], Accepted)
+    assert station.of(PartRecovered) == []
+
+
+def test_a_trigger_whose_client_is_gone_is_refused(station: Bench) -> None:
+    answers: list[Answer] = []
+
+    def feed(target: TriggerTarget) -> None:
+        until_ready(target)
+        answers.append(target.submit(Trigger("http", is_withdrawn=lambda: True)))
+
+    station.run(Manual(feed))
+    assert isinstance(answers[0], Refused)
+    assert answers[0].kind is Refusal.LATE
+    assert station.rows() == []
+    assert refused_triggers(station) == 1
+
+
+def test_a_begun_part_is_not_exposed_when_its_trigger_is_too_old(station: Bench) -> None:
+    """The last look at the age is just before the exposure."""
+    exposed: list[int] = []
+    station.camera.on_capture = exposed.append
+    late_s, begin = [0.0], station.store.begin
+    station.clock = StationClock(monotonic_s=lambda: time.monotonic() + late_s[0])
+
+    def slow(**given: Any) -> BegunPart:
+        begun = begin(**given)
+        late_s[0] = 2.0
+        return begun
+
+    station.store.begin = slow  # type: ignore[method-assign]
+    station.run(one_after_the_other(1), count=1)
+    [result] = [event.result for event in station.of(PartAnnounced)]
+    assert result.verdict.decision is Decision.ERROR
+    assert result.verdict.causes == (Cause.CAPTURE,)
+    assert exposed == []
+
+
+def test_a_flood_of_refused_triggers_is_counted_in_few_rows(station: Bench) -> None:
+    def feed(target: TriggerTarget) -> None:
+        until_ready(target)
+        with locked(station):
+            for _ in range(MOST_WAITING + 57):
+                target.refuse(Trigger("modbus", "A-1\n\x1b[2J\ud800" + 60_000 * "x"), "busy")
+
+    station.run(Manual(feed))
+    events = station.of(TriggerRefused)
+    assert MOST_WAITING < len(events) <= MOST_WAITING + 2
+    assert refused_triggers(station) == len(events)
+    assert all(len(event.part_id or "") <= 200 for event in events)
+    assert all((event.part_id or "x").isprintable() for event in events)
+    counted = [int(event.reason.split()[0]) for event in events if event.part_id is None]
+    assert len(events) - len(counted) + sum(counted) == MOST_WAITING + 57
