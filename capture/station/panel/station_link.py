@@ -5,7 +5,7 @@ import json
 import logging
 import socket
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import replace
@@ -21,6 +21,7 @@ from capture.station.run.live_socket import (
     AskAnnounce,
     AskRecipe,
     AskTrigger,
+    AskWithdraw,
     Reply,
     Request,
     live_address,
@@ -33,6 +34,8 @@ from classify.base.errors import InputError
 
 NO_RUN = "no connection to the run"
 _RECONNECT_S = 0.2
+# Interval of looking whether the client of a trigger is still there.
+_WITHDRAWN_S = 0.05
 # For the last events of a run that ends.
 _LAST_S = 1.0
 # A snapshot has the results of 13 parts, each with its defects.
@@ -74,7 +77,7 @@ class StationLink(LiveView):
 
     def submit(self, trigger: Trigger) -> Answer:
         """Pass a trigger to the station, or raise RunUnavailable."""
-        value = self._asked(AskTrigger(trigger=trigger)).value
+        value = self._asked(AskTrigger(trigger=trigger), trigger.is_withdrawn).value
         if not isinstance(value, Answer):
             raise RunUnavailable("the run has an unforeseen error; see its log")
         return value
@@ -96,16 +99,25 @@ class StationLink(LiveView):
         with suppress(RunUnavailable):
             self._asked(AskAnnounce(about=dict(about)))
 
-    def _asked(self, what: Ask) -> Reply:
+    def _asked(self, what: Ask, is_withdrawn: Callable[[], bool] = lambda: False) -> Reply:
+        number, reply = self._sent(what)
+        while not is_withdrawn():
+            with suppress(TimeoutError):
+                return reply.result(_WITHDRAWN_S)
+        self._sent(AskWithdraw(request=number))
+        return reply.result()
+
+    def _sent(self, what: Ask) -> tuple[int, Future[Reply]]:
         reply: Future[Reply] = Future()
         with self._sending:
             if self._connection is None:
                 raise RunUnavailable(NO_RUN)
             request = Request(id=next(self._numbers), what=what)
-            self._replies[request.id] = reply
+            if not isinstance(what, AskWithdraw):  # which has no reply
+                self._replies[request.id] = reply
             with suppress(OSError):  # whose end the thread finds
                 self._connection.sendall(request.model_dump_json().encode() + b"\n")
-        return reply.result()
+        return request.id, reply
 
     # The thread that reads.
 

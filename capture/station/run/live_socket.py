@@ -12,6 +12,7 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -45,6 +46,13 @@ class AskTrigger(Record):
     trigger: Trigger
 
 
+class AskWithdraw(Record):
+    """The client of a trigger is gone; there is no reply."""
+
+    ask: Literal["withdraw"] = "withdraw"
+    request: int
+
+
 class AskRecipe(Record):
     """Load a recipe."""
 
@@ -68,7 +76,7 @@ class AskAnnounce(Record):
     about: dict[str, Any]
 
 
-Ask = AskTrigger | AskRecipe | AskAcknowledge | AskAnnounce
+Ask = AskTrigger | AskWithdraw | AskRecipe | AskAcknowledge | AskAnnounce
 
 
 class Request(Record):
@@ -165,6 +173,7 @@ class _Panel:
         self._subscription = subscription
         self._sending = threading.Lock()
         self._has_ended = False
+        self._withdrawn: set[int] = set()  # requests whose client is gone
 
     def serve(self) -> None:
         """Send the state and all events until one side ends, or the panel is too slow."""
@@ -208,13 +217,21 @@ class _Panel:
         ):
             while (line := lines.readline(MOST_REQUEST_BYTES)).endswith(b"\n"):
                 request = Request.model_validate_json(line)
+                if isinstance(request.what, AskWithdraw):
+                    self._withdrawn.add(request.what.request)
+                    continue
                 free.acquire()
                 pool.submit(self._answer, request).add_done_callback(lambda _: free.release())
         self._has_ended = True
         self._woken.set()
 
     def _answer(self, request: Request) -> None:
-        reply = Reply(id=request.id, **_outcome(request.what, self._live))
+        what = request.what
+        if isinstance(what, AskTrigger):
+            trigger = replace(what.trigger, is_withdrawn=lambda: request.id in self._withdrawn)
+            what = AskTrigger(trigger=trigger)
+        reply = Reply(id=request.id, **_outcome(what, self._live))
+        self._withdrawn.discard(request.id)
         self._send(b'{"reply":%s}\n' % reply.model_dump_json().encode())
 
 
@@ -230,7 +247,7 @@ def _outcome(what: Ask, live: LiveStation) -> dict[str, Any]:
                 return {"value": live.acknowledge(what.part_id, what.by)}
             case AskAnnounce():
                 live.announce(what.about)
-                return {}
+        return {}
     except RecipeRefused as error:
         return {"refused": error.kind, "reason": str(error)}
     except Exception as error:

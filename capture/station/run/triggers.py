@@ -5,7 +5,9 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum, auto
-from typing import NamedTuple, Protocol
+from typing import Annotated, NamedTuple, Protocol
+
+from pydantic import Field
 
 from capture.base.errors import SetRejected
 from capture.station.results.database import ResultsUnavailable
@@ -61,8 +63,10 @@ class Trigger:
     part_id: str | None = None  # unique in the station, which chooses one for None
     recipe: str | None = None  # that must judge the part; None for any
     at_s: float = field(default_factory=time.monotonic, compare=False)
-    # Whether nobody waits for the answer any more.
-    is_withdrawn: Callable[[], bool] = field(default=lambda: False, compare=False)
+    # Whether nobody waits for the answer any more; not part of a request over a socket.
+    is_withdrawn: Annotated[Callable[[], bool], Field(exclude=True)] = field(
+        default=lambda: False, compare=False
+    )
 
     def require_timely(self, now_s: float, limit_s: float) -> None:
         """Raise TriggerTooLate if the part below the camera may be another one by now."""

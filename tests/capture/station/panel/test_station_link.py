@@ -55,6 +55,9 @@ class Station:
         self.asked.append(trigger)
         return Refused("busy", Refusal.BUSY) if trigger.part_id else Accepted("part-000001", 1)
 
+    def resume(self) -> None:
+        """Go on after a row of errors."""
+
     def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
         self.asked.append((name, by))
         if name != LOADED.name:
@@ -148,6 +151,27 @@ def test_requests_of_a_panel_have_the_answers_of_the_station(folder: StationFold
         assert (live.events_after(live.snapshot().event_id - 1) or ())[0].fields == {
             "event": "override", "part_id": "part-000001",
         }  # fmt: skip
+
+
+def test_the_run_hears_of_the_age_of_a_trigger_and_of_a_client_that_leaves(
+    folder: StationFolder,
+) -> None:
+    has_left = threading.Event()
+    with running(folder) as live, linked(folder) as link:
+        until(lambda: same(link, live))
+        heard: list[Trigger] = []
+
+        def until_withdrawn(trigger: Trigger) -> Answer:
+            heard.append(trigger)
+            assert not trigger.is_withdrawn()
+            has_left.set()
+            until(trigger.is_withdrawn)
+            return Refused("its client is gone", Refusal.LATE)
+
+        live._target.submit = until_withdrawn  # type: ignore[union-attr,method-assign]
+        asked = Trigger("http", is_withdrawn=has_left.is_set)
+        assert link.submit(asked) == Refused("its client is gone", Refusal.LATE)
+        assert heard[0].at_s == asked.at_s
 
 
 def test_a_recipe_is_announced_once_however_late_the_publisher_is() -> None:
