@@ -125,6 +125,12 @@ class StationConfig(Section):
     reconnect_s: float = Field(
         default=5.0, ge=0.01, le=3600.0, description="between attempts to open a rig that was lost"
     )
+    stop_after_errors: int = Field(
+        default=5,
+        ge=1,
+        le=1_000_000,
+        description="so many errors in a row stop the line, until somebody acknowledges one",
+    )
     retention: Retention = Field(
         default=Retention(), description="which set files stay; those that did not pass always do"
     )
@@ -166,6 +172,7 @@ max_trigger_age_s = 1.0      # an older one is refused: another part may lie bel
 disk_floor_mb = 500          # with less free space triggers are refused
 plate_check = false          # true: a white sheet is below the camera when the station starts
 reconnect_s = 5.0            # between attempts to open a rig that was lost
+stop_after_errors = 5        # so many in a row stop the line, until somebody acknowledges one
 
 # The set files of FAIL, UNKNOWN and ERROR are kept for ever.
 [retention]

@@ -194,6 +194,18 @@ class ResultStore:
 
         self.write(work)
 
+    def check_writable(self, utc: str) -> None:
+        """Write a row and take it back; ResultsUnavailable if it cannot be written."""
+        row = {"station": f"self-test {uuid.uuid4().hex}", "since_utc": utc}
+
+        def work(connection: Connection) -> None:
+            # The transaction is committed: a rollback of all of it would write nothing to the disk.
+            with connection.begin_nested() as savepoint:
+                connection.execute(insert(stations).values(row))
+                savepoint.rollback()
+
+        self.write(work)
+
     def last_number(self) -> int:
         """Return the number of the latest part that this station has begun, 0 without any."""
         with self.reading() as connection:

@@ -123,6 +123,7 @@ class _StoredSets:
     """A rig that delivers stored sets, in the time that their exposures would take."""
 
     is_simulated = True
+    set_bytes = 0
 
     def __init__(self, sets: Sequence[CapturedSet], exposed: Callable[[CapturedSet], None]) -> None:
         self._sets, self._exposed = sets, exposed

@@ -15,10 +15,11 @@ from capture.base.errors import CalibrationError, SetRejected
 from capture.station.domain.config import StationConfig
 from capture.station.domain.errors import error_text
 from capture.station.domain.verdict import Cause, Decision
-from capture.station.results.database import ResultsUnavailable, shown
+from capture.station.results.database import ResultsUnavailable
 from capture.station.results.part_result import PartResult
 from capture.station.results.store import BegunPart, RefusedTrigger
 
+from .beginning import Beginning
 from .changeover import Changeover
 from .equipment import Equipment, GuardedThread
 from .events import (
@@ -32,7 +33,7 @@ from .events import (
 from .outcome import ExposedPart
 from .refusals import Refusals
 from .self_test import SelfTest, disk_fault
-from .states import Change, State, StateMachine
+from .states import Change, ErrorRow, State, StateMachine
 from .triggers import (
     Accepted,
     Answer,
@@ -44,7 +45,6 @@ from .triggers import (
     Refused,
     Trigger,
     TriggerSource,
-    TriggerTooLate,
     refusal_by,
 )
 
@@ -73,8 +73,7 @@ class Station:
         self._report_alive = equipment.report_alive
         self._self_test = SelfTest(self._publish)
         self._refusals = Refusals(self._store, equipment.publisher)
-        # Waited for no longer than a trigger may be old.
-        self._beginner = ThreadPoolExecutor(1, "station trigger")
+        self._beginning = Beginning(self._store, self._clock, config.max_trigger_age_s)
         self._stopping = threading.Event()
         self._changeover = Changeover(equipment.recipes, self._publish, self._stopping.is_set)
         # Guards everything below; the state changes only while it is held.
@@ -84,7 +83,8 @@ class Station:
         self._left = count  # parts that may still be triggered
         self._exposing = False  # from the reservation to the end of the last exposure
         self._waiting = 0  # parts that are exposed and have no announced result
-        self._set_bytes = 0  # of the last set
+        self._errors = ErrorRow(config.stop_after_errors)
+        self.resume = self._errors.end
         self._was_ready, self._refused = False, 0
         self._announced: Counter[Decision] = Counter()
         self._error: BaseException | None = None
@@ -108,7 +108,8 @@ class Station:
         if refused is not None:
             return self.refuse(trigger, *refused)
         try:
-            step, begun = self._clock.step(), self._begin(trigger)
+            step = self._clock.step()
+            begun = self._beginning.begin(trigger, is_simulated=self._camera.is_simulated)
         except BaseException as error:
             reason, kind = error_text(error), refusal_by(error)
             self._release(None if kind in (Refusal.PART_ID, Refusal.LATE) else reason)
@@ -116,34 +117,6 @@ class Station:
         self._publish(PartBegun(begun.part_id, begun.number))
         self._next.put((begun, step, trigger))
         return Accepted(begun.part_id, begun.number)
-
-    def _begin(self, trigger: Trigger) -> BegunPart:
-        """Record a part; a database that answers too late begins none, or the self-test ends it."""
-
-        def require() -> None:
-            self._require_timely(trigger)
-            if trigger.is_withdrawn():
-                raise TriggerTooLate("its client is gone")
-
-        require()
-        begun = self._beginner.submit(
-            self._store.begin,
-            trigger=trigger.source,
-            triggered_utc=self._clock.now(),
-            simulated=self._camera.is_simulated,
-            part_id=trigger.part_id,
-            require=require,
-        )
-        limit_s = self._config.max_trigger_age_s
-        try:
-            return begun.result(limit_s)
-        except TimeoutError as error:
-            begun.cancel()
-            text = f"{shown(self._store.url)}: no answer in {limit_s:g} s"
-            raise ResultsUnavailable(text) from error
-
-    def _require_timely(self, trigger: Trigger) -> None:
-        trigger.require_timely(self._clock.monotonic_s(), self._config.max_trigger_age_s)
 
     def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
         """Load a recipe, which judges all later parts when this returns; or raise RecipeRefused."""
@@ -182,7 +155,7 @@ class Station:
                 self.stop(interrupt)
             for thread in threads:
                 thread.join_through_interrupts()
-        self._beginner.shutdown(wait=False, cancel_futures=True)
+        self._beginning.close()
         reason = "all parts were triggered" if self._left == 0 else "no more triggers come"
         if self._error is not None:
             reason = error_text(self._error)
@@ -230,7 +203,7 @@ class Station:
     def _become_ready(self) -> None:
         """Open the rig and test everything; an error at the start ends the run."""
         self._camera.close()
-        if self._waiting > 0:
+        if self._waiting > 0 or self._errors.is_full:
             self._stopping.wait(_PAUSE_S)
             return
         if self._was_ready and self._stops_within(self._config.reconnect_s):
@@ -277,7 +250,7 @@ class Station:
     def _expose(self, begun: BegunPart, step: str | None, trigger: Trigger) -> None:
         captured, error, exposed_s = None, None, trigger.at_s
         try:
-            self._require_timely(trigger)
+            self._beginning.require_timely(trigger)
             captured, exposed_s = self._camera.capture(begun.number)
         except BaseException as raised:
             error = raised
@@ -296,7 +269,6 @@ class Station:
         with self._lock:
             self._exposing = False
             self._waiting += 1
-            self._set_bytes = self._set_bytes if captured is None else captured.images.nbytes
             if self._left == 0:
                 self.stop()
             self._exposed.put(part)
@@ -319,11 +291,14 @@ class Station:
                 latency_ms = 1e3 * (self._clock.monotonic_s() - part.exposed_s)
                 self._publish(PartAnnounced(result, latency_ms))
                 with self._lock:
-                    self._announced[result.verdict.decision] += 1
+                    verdict = result.verdict
+                    self._announced[verdict.decision] += 1
                     self._waiting -= 1
                     self._become_free()
-                    if Cause.STORAGE in result.verdict.causes:
-                        self._fail(result.verdict.reason)
+                    if verdict.decision is Decision.ERROR:
+                        self._count_error(verdict.reason, fails=Cause.STORAGE in verdict.causes)
+                    else:
+                        self._errors.end()
                 if not isinstance(error, Exception | None):
                     self.stop(error)
 
@@ -370,10 +345,10 @@ class Station:
                 return f"not ready: {why}", Refusal.NOT_READY
             if self._changeover.lacks(trigger.recipe):
                 return f"recipe {trigger.recipe} is not the loaded one", Refusal.RECIPE
-            sets_bytes = (self._waiting + 1) * self._set_bytes
+            sets_bytes = (self._waiting + 1) * self._camera.set_bytes
             reason = disk_fault(self._folder, self._config.disk_floor_mb, sets_bytes)
             if reason is not None:
-                self._fail(reason)
+                self._count_error(reason)
                 return reason, Refusal.DISK
             self._exposing = True
             self._machine.change(Change.TRIGGERED)
@@ -390,7 +365,7 @@ class Station:
             if failure is None:
                 self._become_free()
             else:
-                self._fail(failure)
+                self._count_error(failure)
 
     def refuse(self, trigger: Trigger, reason: str, kind: Refusal = Refusal.NOT_READY) -> Refused:
         """Record a trigger that cannot be served, as soon as the database answers. Never raises."""
@@ -413,8 +388,13 @@ class Station:
             elif has_buffer and state is State.EXECUTING and not self.is_stopping:
                 self._machine.change(Change.FREE)
 
+    def _count_error(self, reason: str, *, fails: bool = True) -> None:
+        reason = self._errors.add(reason)
+        if fails or self._errors.is_full:
+            self._fail(reason)
+
     def _fail(self, reason: str) -> None:
         with self._lock:
             self._reason = reason
-            self._machine.change(Change.FAILED, reason)
+            self._machine.change(Change.FAILED, reason, is_news=self._errors.is_full)
             self._changeover.refuse(f"not ready: {reason}")

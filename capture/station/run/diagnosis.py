@@ -1,6 +1,7 @@
 """The checks of ``ps4rig station doctor``: everything that a station needs to run."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -9,14 +10,16 @@ from capture.calibration.lookup import read_calibration
 from capture.station.domain.config import StationConfig
 from capture.station.domain.folder import StationFolder, first_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.judge.approval import approved_states
 from capture.station.judge.challenge import has_met_challenge
 from capture.station.judge.inspector import Inspector
 from capture.station.results.store import open_store
-from rig.doctor.check import Check, collected
+from classify.base.errors import InputError
+from rig.doctor.check import Check, Status, collected
 from rig.doctor.diagnosis import diagnose
 
 from .recovery import require_own_sets
-from .self_test import check_calibration_age, check_disk, check_results
+from .self_test import check_calibration_age, check_disk, check_results, set_bytes
 
 
 def diagnose_station(folder: Path) -> Iterator[Check]:
@@ -36,11 +39,18 @@ def diagnose_station(folder: Path) -> Iterator[Check]:
     if not opened:
         return
     station = opened[0]
-    yield from collected("disk", lambda: check_disk(folder, station.config.disk_floor_mb))
+    yield from collected("disk", lambda: _check_disk(station))
     yield from collected("recipe", lambda: _check_recipe(station))
     yield from collected("results", lambda: _check_results(station))
     yield from _check_extras(station.config)
     yield from diagnose(station.config.rig_in(folder))
+
+
+def _check_disk(station: StationFolder) -> Iterator[Check]:
+    size = 0
+    with suppress(InputError):  # another check names the fault of the rig
+        size = set_bytes(station.rig_config())
+    yield from check_disk(station.path, station.config.disk_floor_mb, size)
 
 
 def _check_recipe(station: StationFolder) -> Iterator[Check]:
@@ -56,7 +66,8 @@ def _check_recipe(station: StationFolder) -> Iterator[Check]:
         )
     else:
         state = "is not approved" if recipe.approval is None else "was changed after its approval"
-        yield Check("approval", "fault", f"the recipe {state}", "run ps4rig station approve")
+        status: Status = "warning" if approved_states(files) else "fault"  # which judges meanwhile
+        yield Check("approval", status, f"the recipe {state}", "run ps4rig station approve")
     yield from collected("challenge", lambda: _check_challenge(files, inspector))
     file = None if path is None else read_calibration(Path(path))
     yield from check_calibration_age(file, recipe.calibration)

@@ -128,7 +128,10 @@ class LiveStation(LiveView):
                 return False
             if rejected[part_id].acknowledged_by is None:
                 self.announce({"event": "acknowledged", "part_id": part_id, "by": by})
-            return True
+            target = self._target
+        if target is not None:
+            target.resume()
+        return True
 
     def announce(self, fields: Mapping[str, Any]) -> None:
         """Tell all subscribers of something that an interface did, such as an override."""

@@ -16,7 +16,7 @@ from .events import PartRecovered, Publisher, StationStopped, Warned
 from .recovery import damaged_sets, finish_interrupted, require_own_sets, unknown_files
 from .retention import retention_in_background
 from .run_recipes import RecipeLoader, RunRecipes
-from .self_test import check_disk, check_results
+from .self_test import check_disk, check_results, set_bytes
 from .station_clock import StationClock
 from .station_rig import StationRig
 from .triggers import PartSensor, SensorTrigger, TriggerSource
@@ -64,7 +64,7 @@ def run_station(
         recipes = RunRecipes(folder, loader, store, rig, first)
 
         def prepare() -> list[Check]:
-            return [*recipes.checks(), *_checks(folder, store, publisher, clock)]
+            return [*recipes.checks(), *_checks(folder, rig_config, store, publisher, clock)]
 
         sensor = PartSensor(rig, store) if isinstance(source, SensorTrigger) else None
         equipment = Equipment(
@@ -83,10 +83,17 @@ def run_station(
 
 
 def _checks(
-    folder: StationFolder, store: ResultStore, publisher: Publisher, clock: StationClock
+    folder: StationFolder,
+    rig_config: RigConfig,
+    store: ResultStore,
+    publisher: Publisher,
+    clock: StationClock,
 ) -> Iterator[Check]:
-    """All checks but those of recipe and rig; interrupted parts get their results first."""
-    yield from check_disk(folder.path, folder.config.disk_floor_mb)
+    """All checks but those of recipe and rig; interrupted parts get their results.
+
+    The check of the results waits for a part whose trigger the database began too late.
+    """
+    yield from check_disk(folder.path, folder.config.disk_floor_mb, set_bytes(rig_config))
+    yield from check_results(store)
     for result in finish_interrupted(folder.path, store, clock.now):
         publisher.publish(PartRecovered(result))
-    yield from check_results(store)

@@ -7,14 +7,14 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from capture.acquisition.attempts import MAX_ATTEMPTS
-from capture.base.utc_time import readable_utc
+from capture.base.utc_time import readable_utc, utc_text
 from capture.calibration.ps4cal import CalibrationFile
 from capture.procedures.rig_check import checks_of_drift, drift_of_rig
 from capture.station.domain.folder import PARTS
 from capture.station.domain.recipe import CalibrationRule
 from capture.station.results.store import ResultStore
 from classify.base.durable_file import durable_file, make_folder
-from rig import HardwareError, Rig
+from rig import HardwareError, Rig, RigConfig
 from rig.doctor.check import Check, collected
 from rig.doctor.light_images import capture_light_images, check_leds
 
@@ -66,7 +66,7 @@ class SelfTest:
             self._published = texts
 
 
-def disk_fault(folder: Path, floor_mb: int, sets_bytes: int = 0) -> str | None:
+def disk_fault(folder: Path, floor_mb: int, sets_bytes: int) -> str | None:
     """Return why no set may be written to `folder`; `sets_bytes` is space that sets will take."""
     try:
         free_bytes = shutil.disk_usage(folder).free
@@ -83,23 +83,30 @@ def floor_fault(free_bytes: int, sets_bytes: int, floor_mb: int) -> str | None:
     return f"disk: {free_bytes / 1e6:.0f} MB free, the floor is {floor_mb} MB{needed}; make room"
 
 
-def check_disk(folder: Path, floor_mb: int) -> Iterator[Check]:
-    """Check that a set can be written below `folder`, and that more than the floor is free."""
+def set_bytes(config: RigConfig) -> int:
+    """Return the size of a set: 16 bits for each pixel of the light images and the ambient one."""
+    camera, images = config.camera, len(config.lights.tilts_deg) + 1
+    return 2 * images * camera.width_px * camera.height_px
+
+
+def check_disk(folder: Path, floor_mb: int, set_bytes: int) -> Iterator[Check]:
+    """Check that a set can be written below `folder`, and that the floor stays free then."""
     make_folder(folder / PARTS)
-    reason = disk_fault(folder / PARTS, floor_mb)
+    reason = disk_fault(folder / PARTS, floor_mb, set_bytes)
     if reason is not None:
         yield Check("disk", "fault", reason.removeprefix("disk: "))
         return
     with durable_file(folder / PARTS / _PROBE) as probe:
-        probe.write_bytes(b"self-test")
+        probe.write_bytes(bytes(set_bytes))
     (folder / PARTS / _PROBE).unlink()
     yield Check("disk", "ok", f"can be written, more than {floor_mb} MB free")
 
 
 def check_results(store: ResultStore) -> Iterator[Check]:
-    """Check that the database answers, and that the clock is not behind its last result."""
+    """Check that a row can be written, and that the clock is not behind the last result."""
+    store.check_writable(utc_text(timespec="milliseconds"))
     last = next(store.parts(newest=1), None)
-    yield Check("results", "ok", "the database answers")
+    yield Check("results", "ok", "the database can be written")
     if last is None:
         yield Check("clock", "ok", "there is no earlier result")
         return

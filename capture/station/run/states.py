@@ -45,6 +45,32 @@ TRANSITIONS: dict[tuple[State, Change], State] = {
 """Every transition that is allowed; any other is a defect of the program."""
 
 
+class ErrorRow:
+    """Errors in a row, of parts or triggers; too many are a fault that the self-test misses."""
+
+    def __init__(self, limit: int) -> None:
+        self._limit, self._count = limit, 0
+
+    @property
+    def is_full(self) -> bool:
+        """Whether the line stands until somebody ends the row."""
+        return self._count >= self._limit
+
+    def add(self, reason: str) -> str:
+        """Count an error; return its reason, with the way out if the row is full."""
+        self._count += 1
+        if not self.is_full:
+            return reason
+        return (
+            f"{reason}; {self._count} errors in a row (stop_after_errors): acknowledge a rejected "
+            "part, or start the station again"
+        )
+
+    def end(self) -> None:
+        """Begin a new row: a part was judged, or somebody has seen the errors."""
+        self._count = 0
+
+
 class StateMachine:
     """The state of a station, thread-safe; `changed` is called after each change, in order."""
 
@@ -58,13 +84,16 @@ class StateMachine:
         """The present state."""
         return self._state
 
-    def change(self, change: Change, reason: str = "") -> State:
-        """Make a transition and return the new state; ValueError if the table does not have it."""
+    def change(self, change: Change, reason: str = "", *, is_news: bool = False) -> State:
+        """Make a transition and return the new state; ValueError if the table does not have it.
+
+        A state that stays is told again if `is_news`.
+        """
         with self._condition:
             new = TRANSITIONS.get((self._state, change))
             if new is None:
                 raise ValueError(f"a station that is {self._state} cannot change by: {change}")
-            if new is not self._state:
+            if new is not self._state or is_news:
                 self._state = new
                 self._changed(new, reason or change)
                 self._condition.notify_all()

@@ -19,7 +19,7 @@ from rig import CameraError, HardwareError, Rig, RigConfig, open_rig
 from rig.doctor.check import Check
 from rig.lights.sequence import parts_seen
 
-from .self_test import check_rig
+from .self_test import check_rig, set_bytes
 
 # Least time from the beginning of the wait to a simulated part: the controller is armed by then.
 _SIMULATED_ARRIVAL_S = 0.1
@@ -33,6 +33,10 @@ class PartCamera(Protocol):
     @property
     def is_simulated(self) -> bool:
         """Whether its sets are simulated."""
+
+    @property
+    def set_bytes(self) -> int:
+        """Size of a set's file."""
 
     def open(self) -> None:
         """Open the closed rig."""
@@ -72,6 +76,11 @@ class StationRig:
     def is_simulated(self) -> bool:
         """Whether its sets are simulated; the light controller tells when the rig is opened."""
         return self._is_simulated
+
+    @property
+    def set_bytes(self) -> int:
+        """Size of a set's file."""
+        return set_bytes(self._rig_config)
 
     def use(
         self,

@@ -68,14 +68,6 @@ class Trigger:
         default=lambda: False, compare=False
     )
 
-    def require_timely(self, now_s: float, limit_s: float) -> None:
-        """Raise TriggerTooLate if the part below the camera may be another one by now."""
-        age_s = now_s - self.at_s
-        if age_s > limit_s:
-            raise TriggerTooLate(
-                f"late: the trigger is {age_s:.2f} s old, max_trigger_age_s is {limit_s:g}"
-            )
-
 
 class TriggerTooLate(SetRejected):
     """Another part may be below the camera by now, or nobody waits for the answer."""
@@ -134,6 +126,9 @@ class TriggerTarget(Protocol):
 
     def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
         """Load another recipe; if it raises RecipeRefused, the present one stays."""
+
+    def resume(self) -> None:
+        """Try again after a row of errors that stopped the line."""
 
     def wait_until_ready(self, timeout_s: float) -> bool:
         """Wait until a trigger would be accepted; False after the time-out or a stop."""

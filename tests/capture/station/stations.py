@@ -63,6 +63,7 @@ class FakeCamera:
     """A rig that delivers one set again and again, or does what a test says."""
 
     is_simulated = True
+    set_bytes = 1000
 
     def __init__(self, captured: CapturedSet) -> None:
         self.captured = captured

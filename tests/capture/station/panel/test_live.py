@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from unittest.mock import AsyncMock
 
@@ -279,7 +280,10 @@ def test_rejected_parts_are_kept_the_newest_first_and_acknowledged_once() -> Non
     shown = live.snapshot()
     assert [each.result.number for each in shown.rejected] == list(range(29, 5, -2))
     assert shown.announced == {Decision.PASS: 14, Decision.ERROR: 15}
+    resumed: list[bool] = []
+    live.attach(SimpleNamespace(resume=lambda: resumed.append(True)))
     assert live.acknowledge("part-000029", "Ada")
+    assert resumed == [True]
     assert live.acknowledge("part-000029", "Kim")
     assert live.snapshot().rejected[0].acknowledged_by == "Ada"
     assert not live.acknowledge("part-000001", "Ada")

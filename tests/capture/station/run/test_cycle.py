@@ -244,13 +244,13 @@ def test_no_backup_sees_the_file_of_the_self_test(
         return durable_file(path)
 
     monkeypatch.setattr("capture.station.run.self_test.durable_file", noted)
-    assert [each.status for each in check_disk(station.folder.path, 1)] == ["ok"]
+    assert [each.status for each in check_disk(station.folder.path, 1, 9)] == ["ok"]
     assert [name[0] for name in written] == ["."]
 
 
 def test_a_folder_that_cannot_be_written_keeps_the_station_from_ready(station: Bench) -> None:
     parts = station.folder.path / "parts"
-    station.prepare = lambda: list(check_disk(station.folder.path, 1))
+    station.prepare = lambda: list(check_disk(station.folder.path, 1, 9))
 
     def feed(target: TriggerTarget) -> None:
         until_ready(target)

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from capture.station.domain.folder import StationFolder, keep_recipe
+from capture.station.domain.recipe_file import read_recipe, write_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.judge.approval import approve
 from capture.station.judge.challenge import require_challenge
@@ -35,6 +36,8 @@ def test_a_station_that_could_run_has_no_fault(
     after = ps4rig("station", "doctor", station, "--json")
     found = statuses(after)
     assert after.exit_code == 0
+    write_recipe(files.file, read_recipe(files.file).model_copy(update={"note": "a draft"}))
+    assert statuses(ps4rig("station", "doctor", station, "--json"))["approval"] == "warning"
     names = ("station.toml", "disk", "recipe", "approval", "challenge", "results", "LED order")
     assert [found[name] for name in names] == ["ok"] * len(names)
 
