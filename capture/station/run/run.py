@@ -45,13 +45,6 @@ def run_station(
     config, clock = folder.config, StationClock()
     path = None if rig_config.calibration is None else Path(rig_config.calibration)
     loader = RecipeLoader(folder, path, options.operator or config.operator, clock)
-    if options.is_collecting:
-        publisher.publish(Warned(COLLECTS))
-        first = loader.collecting()
-    else:
-        first = loader.first()
-        publisher.publish(first.loaded)
-    rig = StationRig(config, rig_config, first.recipe, first.begin)
 
     def warn(text: str) -> None:
         publisher.publish(Warned(text))
@@ -59,6 +52,13 @@ def run_station(
     results = config.results_in(folder.path)
     with open_store(results, config.name, create=not folder.has_sets()) as store:
         require_own_sets(folder, store)
+        if options.is_collecting:
+            warn(COLLECTS)
+            first = loader.collecting()
+        else:
+            first = loader.first(store, warn)
+            publisher.publish(first.loaded)
+        rig = StationRig(config, rig_config, first.recipe, first.begin)
         for warning in (*damaged_sets(folder.path, store), *unknown_files(folder.path, store)):
             warn(warning)
         recipes = RunRecipes(folder, loader, store, rig, first)

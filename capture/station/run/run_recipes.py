@@ -11,10 +11,11 @@ from capture.station.domain.folder import FILE, StationFolder, first_recipe, kee
 from capture.station.domain.recipe import Recipe, require_approved
 from capture.station.domain.recipe_file import read_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
-from capture.station.judge.approval import require_seen
+from capture.station.judge.approval import approved_states, require_seen
 from capture.station.judge.challenge import require_challenge
 from capture.station.judge.inspector import Collector, Inspector
 from capture.station.results.audit import record_change
+from capture.station.results.history import Selection
 from capture.station.results.store import ResultStore
 from classify.base.durable_file import make_folder
 from classify.base.errors import InputError, Ps4rigError
@@ -47,11 +48,19 @@ class RecipeLoader:
         self._folder, self._calibration = folder, calibration
         self._operator, self._clock = operator, clock
 
-    def first(self) -> UsableRecipe:
-        """Load the recipe with which a run begins."""
+    def first(self, store: ResultStore, warn: Callable[[str], None]) -> UsableRecipe:
+        """Load the recipe with which a run begins; a draft waits for its approval."""
         name, configured = first_recipe(self._folder), self._folder.config.recipe
+        files = self._folder.recipe_files(name)
         try:
-            return self.load(self._folder.recipe_files(name))
+            try:
+                return self.load(files)
+            except NotApproved as error:
+                approved = approved_recipe(files, store)
+                if approved is None:
+                    raise
+                warn(f"{error}; until then the approved {approved.version_text} judges")
+                return self.load(files, approved=approved)
         except (InputError, ChallengeFailed) as error:
             if name == configured:
                 raise
@@ -61,13 +70,17 @@ class RecipeLoader:
             ) from error
 
     def load(
-        self, files: RecipeFolder, by: str = "", go_on: Callable[[], None] = lambda: None
+        self,
+        files: RecipeFolder,
+        by: str = "",
+        go_on: Callable[[], None] = lambda: None,
+        approved: Recipe | None = None,
     ) -> UsableRecipe:
-        """Load a recipe that is approved and meets its challenge set.
+        """Load a recipe, or an approved state of it, which must meet its challenge set.
 
         `go_on` is called before each part of the set; an exception of it ends the work.
         """
-        inspector = Inspector.load(files, self._calibration)
+        inspector = Inspector.of(approved or read_recipe(files.file), files, self._calibration)
         recipe, fingerprint = inspector.recipe, inspector.fingerprint
         require_approved(recipe)
         require_challenge(files, inspector, go_on)
@@ -183,6 +196,17 @@ class RunRecipes:
     def _record(self, recipe: UsableRecipe, by: Asker) -> None:
         before, after = _named(self.present.recipe), _named(recipe.recipe)
         record_change(self._store, "loaded recipe", before, after, by=by.name, role=by.role)
+
+
+def approved_recipe(files: RecipeFolder, store: ResultStore) -> Recipe | None:
+    """Return the approved state that judged last, before the last approved one; None without any.
+
+    After a roll-back the last approved one is not the one in use.
+    """
+    approved = {state.sha256: state for state in approved_states(files)}
+    judged = next(store.parts(Selection(recipe=files.name), newest=1), None)
+    last = None if judged is None else approved.get(judged.result.recipe_sha256 or "")
+    return last or next(iter(approved.values()), None)
 
 
 def _named(recipe: Recipe) -> str:

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from capture.station.domain.errors import ChallengeFailed
+from capture.station.domain.errors import ChallengeFailed, NotApproved
 from capture.station.domain.folder import FILE, StationFolder, first_recipe, keep_recipe
 from capture.station.domain.recipe_file import read_recipe, write_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
-from capture.station.judge.approval import approve
+from capture.station.judge.approval import approve, roll_back
 from capture.station.judge.challenge_set import add_to_challenge, challenge_sets
 from capture.station.results.audit import newest_changes
 from capture.station.results.store import ResultStore, open_store
@@ -20,6 +20,7 @@ from capture.station.run.station_rig import StationRig
 from capture.station.run.triggers import Asker, RecipeRefusal, RecipeRefused
 from classify.base.errors import InputError
 from tests.capture.station.production import SMALL_RIG, configure
+from tests.capture.station.results.many import fill, many
 
 KIM = Asker("kim", "engineer")
 
@@ -44,13 +45,17 @@ def store(opened: StationFolder) -> Iterator[ResultStore]:
 
 @pytest.fixture
 def recipes(opened: StationFolder, loader: RecipeLoader, store: ResultStore) -> RunRecipes:
-    first = loader.first()
+    first = loader.first(store, quiet)
     rig = StationRig(opened.config, SMALL_RIG, first.recipe, first.begin)
     return RunRecipes(opened, loader, store, rig, first)
 
 
 def go_on() -> None:
     """Let the work go on."""
+
+
+def quiet(_: str) -> None:
+    """Take a warning."""
 
 
 def changed(files: RecipeFolder, approver: str | None = "Ada", **values: object) -> None:
@@ -193,18 +198,17 @@ def test_the_end_of_a_run_ends_the_replay_and_records_none_of_it(
 
 
 def test_a_last_recipe_that_cannot_be_loaded_is_named_with_the_way_out(
-    opened: StationFolder, loader: RecipeLoader
+    opened: StationFolder, loader: RecipeLoader, store: ResultStore
 ) -> None:
     keep_recipe(opened, "brass")
     said = rf"it was loaded last: remove .*{FILE} to begin with recipe example$"
     with pytest.raises(InputError, match=said):
-        loader.first()
+        loader.first(store, quiet)
 
 
 def test_a_last_recipe_that_fails_its_challenge_is_named_with_the_way_out(
-    station: Path, files: RecipeFolder
+    station: Path, files: RecipeFolder, store: ResultStore
 ) -> None:
-    approve(files, "Ada")
     [sand] = [name for name, want in challenge_sets(files.challenge).items() if want == "FAIL"]
     add_to_challenge(files.challenge, [files.challenge / sand], "UNKNOWN")
     configure(station, recipe="brass")
@@ -212,4 +216,41 @@ def test_a_last_recipe_that_fails_its_challenge_is_named_with_the_way_out(
     keep_recipe(opened, "example")
     said = rf"{sand} must be UNKNOWN.*: remove .*{FILE} to begin with recipe brass$"
     with pytest.raises(ChallengeFailed, match=said):
-        RecipeLoader(opened, None, "Ada", StationClock()).first()
+        RecipeLoader(opened, None, "Ada", StationClock()).first(store, quiet)
+
+
+def test_a_draft_waits_and_the_approved_recipe_judges(
+    loader: RecipeLoader, store: ResultStore, files: RecipeFolder
+) -> None:
+    approved = read_recipe(files.file)
+    changed(files, None, note="sheet 7")
+    warnings: list[str] = []
+    first = loader.first(store, warnings.append)
+    assert first.recipe == approved
+    [warning] = warnings
+    assert "approve" in warning
+    assert approved.version_text in warning
+
+
+def test_without_any_approved_state_a_draft_ends_the_start(
+    station: Path, files: RecipeFolder, store: ResultStore
+) -> None:
+    for copy in files.version(2).folder.glob("approved-*.toml"):
+        copy.unlink()
+    changed(files, None, note="sheet 7")
+    with pytest.raises(NotApproved):
+        RecipeLoader(StationFolder(station), None, "Ada", StationClock()).first(store, quiet)
+
+
+def test_after_a_roll_back_and_a_draft_the_state_that_judged_last_is_loaded(
+    loader: RecipeLoader, store: ResultStore, files: RecipeFolder, opened: StationFolder
+) -> None:
+    first = read_recipe(files.file)
+    changed(files, note="sheet 7")
+    later = read_recipe(files.file)
+    roll_back(files, first.sha256)
+    changed(files, None, note="sheet 8")
+    assert loader.first(store, quiet).recipe.sha256 == later.sha256
+    [part] = many(opened.config.name, 1)
+    fill(store, [replace(part, recipe=files.name, recipe_sha256=first.sha256)])
+    assert loader.first(store, quiet).recipe.sha256 == first.sha256
