@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -34,7 +35,7 @@ from rig import CameraInfo, HardwareError, Rig
 
 from .fresh_frames import FrameHistory, light_name
 from .hardware_set import ArrivedPart, images_in_sequence
-from .light_checks import check_set, check_target
+from .light_checks import check_set, check_target, measured_levels
 from .light_images import SetImage, images_under
 
 # Keeps the sum of 16-bit frames far within 32 bits.
@@ -57,6 +58,7 @@ def capture_set(
     is_target: bool = False,
     part: ArrivedPart | None = None,
     exposed: Callable[[CapturedSet], None] = lambda _: None,
+    least_level: float | None = None,
 ) -> CapturedSet:
     """Capture one set: an ambient image, and a light image under each LED.
 
@@ -86,7 +88,11 @@ def capture_set(
     exposed
         Called with the set of each attempt before its checks, to start work on its images; it must
         return at once. This set has no checks and no hash. The returned set has the same arrays,
-        and otherwise the same metadata.
+        and the same metadata but for corrected intensities.
+    least_level
+        An LED that gives at least this share of the others' light, in a retake too, is accepted;
+        the intensities of the set have its measured level. Without it a difference of 4 % is
+        rejected.
 
     Raises
     ------
@@ -117,7 +123,7 @@ def capture_set(
             raise failures[0] if failures else error from None
         try:
             captured = _attempt(
-                rig, label, average, calibration, is_target, failures, part, exposed
+                rig, label, average, calibration, is_target, failures, part, exposed, least_level
             )
             rig.lights.off()
             return captured
@@ -141,6 +147,7 @@ def _attempt(
     failures: Sequence[Ps4rigError],
     part: ArrivedPart | None,
     exposed: Callable[[CapturedSet], None],
+    least_level: float | None,
 ) -> CapturedSet:
     """Capture and check a set once; `failures` are the errors of the attempts before."""
     created, info, config = datetime.now(UTC), rig.camera.info, rig.config
@@ -189,8 +196,15 @@ def _attempt(
     unchecked = CapturedSet(images.images, images.ambient, metadata, calibration=calibration)
     exposed(unchecked)
     retake = partial(_retake, rig, average, history)
-    checks = check_target(images) if is_target else check_set(images, at_exposure, retake)
-    checked = {"checks": checks, "pixels_sha256": pixel_hash.sha256()}
+    if is_target:
+        checks = check_target(images)
+    else:
+        checks = check_set(images, at_exposure, retake, least_level)
+    checked: dict[str, Any] = {"checks": checks, "pixels_sha256": pixel_hash.sha256()}
+    levels = None if least_level is None else measured_levels(checks)
+    if levels is not None:
+        corrected = replace(rig.lighting, intensities=rig.lighting.intensities * levels)
+        checked["lighting"] = LightingRecord.of(corrected)
     return replace(unchecked, metadata=metadata.model_copy(update=checked))
 
 

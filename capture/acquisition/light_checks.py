@@ -25,16 +25,22 @@ _STAYS_ON_CORRELATION = 0.3
 
 
 def check_set(
-    images: LightImages, calibration: Calibration, retake: Callable[[], Array]
+    images: LightImages,
+    calibration: Calibration,
+    retake: Callable[[], Array],
+    least_level: float | None = None,
 ) -> ChecksRecord:
-    """Check the images of a set; undecided checks call `retake` once, which captures them again."""
+    """Check the images of a set; undecided checks call `retake` once, which captures them again.
+
+    An LED of at least `least_level` of the others' light is accepted if the retake confirms it.
+    """
     calibrated = images.calibrated(calibration)
     ambient_change = _check_ambient(images)
     check_images(images)
     _check_different(images)
     agreement = calibrated.agreement()
-    _check_levels(agreement, calibrated)
-    undecided = _retake_reasons(agreement)
+    weak = _weak_leds(agreement, calibrated, least_level)
+    undecided = (*weak, *_retake_reasons(agreement))
     if undecided:
         _check_retake(images, retake())
         if agreement is None or agreement.levels is None:
@@ -191,27 +197,48 @@ def _check_different(images: LightImages) -> None:
         )
 
 
-def _check_levels(agreement: LightAgreement | None, images: LightImages) -> None:
-    """Reject light images that do not fit together, by their agreement."""
+def measured_levels(checks: ChecksRecord) -> tuple[float, ...] | None:
+    """LED levels by which the light images must be corrected; None if they need no correction."""
+    levels, error = checks.light_levels, checks.light_levels_error
+    if levels is None or error is None:
+        return None
+    limit = _level_limit(error)
+    return levels if any(abs(level - 1.0) > limit for level in levels) else None
+
+
+def _level_limit(error: float) -> float:
+    """Difference of LED levels beyond which the images must be corrected, or are rejected."""
+    return max(acceptance.MAX_LED_LEVEL_DIFFERENCE, acceptance.LED_LEVEL_STANDARD_ERRORS * error)
+
+
+def _weak_leds(
+    agreement: LightAgreement | None, images: LightImages, least_level: float | None
+) -> tuple[str, ...]:
+    """LEDs whose level must be corrected, in words; reject what no level of an LED explains."""
     if agreement is None or agreement.levels is None:
-        return
-    limit = max(
-        acceptance.MAX_LED_LEVEL_DIFFERENCE,
-        acceptance.LED_LEVEL_STANDARD_ERRORS * agreement.level_error,
+        return ()
+    limit = _level_limit(agreement.level_error)
+    found = {
+        light: level for light, level in enumerate(agreement.levels) if abs(level - 1.0) > limit
+    }
+    stays_on = {light: _stays_on(images, light) for light in found}
+    causes = tuple(
+        f"{images.names[light]} gives {level:.0%} of the others' light{stays_on[light]}"
+        for light, level in found.items()
     )
-    causes = [
-        f"{name} gives {level:.0%} of the others' light{_stays_on(images, light)}"
-        for light, (name, level) in enumerate(zip(images.names, agreement.levels, strict=True))
-        if abs(level - 1.0) > limit
-    ]
-    if causes:
-        raise SetRejected(
-            "set rejected: "
-            + "; ".join(causes)
-            + f" (limit {limit:.0%}): an LED is weak, flickers or stays on, the exposure drifts, "
-            "or frames show two lights; if the LEDs differ by make, run ps4rig calibrate plate, or "
-            "set lights.intensities to what ps4rig rig doctor reports"
-        )
+    is_known = agreement.level_error <= acceptance.MAX_LED_LEVEL_ERROR
+    in_range = least_level is not None and all(
+        least_level <= level <= 1.0 / least_level for level in found.values()
+    )
+    if not causes or (in_range and is_known and not any(stays_on.values())):
+        return causes
+    raise SetRejected(
+        "set rejected: "
+        + "; ".join(causes)
+        + f" (limit {limit:.0%}): an LED is weak, flickers or stays on, the exposure drifts, "
+        "or frames show two lights; if the LEDs differ by make, run ps4rig calibrate plate, or "
+        "set lights.intensities to what ps4rig rig doctor reports"
+    )
 
 
 def _stays_on(images: LightImages, light: int) -> str:

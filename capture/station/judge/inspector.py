@@ -97,6 +97,7 @@ class _Begun:
             captured.images is unchecked.images
             and captured.ambient is unchecked.ambient
             and captured.mask is unchecked.mask
+            and captured.metadata.lighting == unchecked.metadata.lighting  # else a LED is weak
         )
 
 

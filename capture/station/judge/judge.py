@@ -13,7 +13,7 @@ from classify.texture.orientation import LEAST_SHARPNESS
 from rig.acceptance import MAX_SATURATED_SHARE
 
 STOP_LED_LEVEL = 0.85
-"""Least level of an LED, as a share of the taught one: stop below 85 %, warn below 90 %."""
+"""Least level of an LED, as a share of the taught one, against the brightest LED."""
 
 
 @dataclass(frozen=True)

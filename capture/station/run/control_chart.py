@@ -10,9 +10,12 @@ from itertools import pairwise
 from capture.station.judge.judge import STOP_LED_LEVEL
 from capture.station.results.part_result import PartResult
 from capture.station.run.events import Event, PartAnnounced, RecipeLoaded, Subscriber, Warned
+from rig.acceptance import EQUAL_LED_LEVELS
 
-WARN_LED_LEVEL = 0.9
-"""Share of its taught level below which an LED is named; below `STOP_LED_LEVEL` parts are ERROR."""
+WARN_LED_LEVEL = 0.95
+"""Share of its taught level, against the brightest, below which an LED is named."""
+LEAST_LED_CHANGE = EQUAL_LED_LEVELS
+"""Smaller differences from the baseline are no drift: sets need no correction for them."""
 
 # Subgroups of 4 or 5 and 20 to 25 of them for the limits are customary since Shewhart (1931).
 GROUP, BASELINE_POINTS = 5, 20
@@ -67,9 +70,10 @@ def _broken(offsets: Sequence[float]) -> Iterator[str]:
 
 
 class RuleSeries:
-    """Points of one chart: the first ones are its baseline."""
+    """Points of one chart: the first ones are its baseline; differences below `least` are none."""
 
-    def __init__(self) -> None:
+    def __init__(self, least: float = 0.0) -> None:
+        self._least = least
         self._first: list[float] = []
         self.baseline: Baseline | None = None
         self._recent: deque[float] = deque(maxlen=_LONGEST)
@@ -78,6 +82,8 @@ class RuleSeries:
         """Add a point; return which rules it breaks, in words."""
         if self.baseline is not None:
             self._recent.append(point)
+            if abs(point - self.baseline.mean) < self._least:
+                return ()
             return broken_rules(list(self._recent), self.baseline)
         self._first.append(point)
         if len(self._first) == BASELINE_POINTS:
@@ -102,8 +108,8 @@ class NewWarnings:
 class _Watched:
     """One chart of a running station."""
 
-    def __init__(self) -> None:
-        self._series, self._warnings = RuleSeries(), NewWarnings()
+    def __init__(self, least: float = 0.0) -> None:
+        self._series, self._warnings = RuleSeries(least), NewWarnings()
 
     def add(self, point: float, further: Iterable[str] = ()) -> tuple[str, ...]:
         """Add a point at which `further` warnings hold too; return the new warnings."""
@@ -123,7 +129,7 @@ class ControlChart:
         self._begin()
 
     def _begin(self) -> None:
-        self._levels = {name: _Watched() for name in self._led_names}
+        self._levels = {name: _Watched(LEAST_LED_CHANGE) for name in self._led_names}
         self._distance = _Watched()
         self._group: list[PartResult] = []
 
@@ -149,8 +155,8 @@ class ControlChart:
         return list(self._warnings(group))
 
     def _warnings(self, group: Sequence[PartResult]) -> Iterator[str]:
-        for number, (name, series) in enumerate(self._levels.items()):
-            level = statistics.fmean(result.led_levels[number] for result in group)
+        levels = relative_levels([result.led_levels for result in group])
+        for level, (name, series) in zip(levels, self._levels.items(), strict=True):
             low = [_LOW] if level < WARN_LED_LEVEL else []
             for text in series.add(level, low):
                 yield f"{name} at {level:.1%} of its taught level: {text}"
@@ -158,6 +164,15 @@ class ControlChart:
         for text in self._distance.add(log_distance):
             distance = math.exp(log_distance)
             yield f"distance {distance:.2f}: {text}; look at focus, light and material"
+
+
+def relative_levels(group: Sequence[Sequence[float]]) -> list[float]:
+    """Return the mean level of each LED over some parts, as a share of the brightest.
+
+    A dark part lowers all of them alike.
+    """
+    means = [statistics.fmean(levels) for levels in zip(*group, strict=True)]
+    return [mean / max(means) for mean in means]
 
 
 def mean_log_distance(distances: Iterable[float]) -> float:

@@ -3,17 +3,18 @@
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from statistics import fmean
 
 from capture.station.results.statistics import ChartedPart
 
 from .control_chart import (
     BASELINE_POINTS,
     GROUP,
+    LEAST_LED_CHANGE,
     NewWarnings,
     RuleSeries,
     is_measured,
     mean_log_distance,
+    relative_levels,
 )
 
 
@@ -50,6 +51,7 @@ def chart_histories(parts: Iterable[ChartedPart]) -> tuple[ChartHistory, ...]:
     leds = len(listed[-1].led_levels) if listed else 0
     measured = [part for part in listed if is_measured(part.distance, part.led_levels, leds)]
     groups = [measured[end - GROUP : end] for end in range(GROUP, len(measured) + 1, GROUP)]
+    levels = [relative_levels([part.led_levels for part in group]) for group in groups]
     return (
         _history(
             groups,
@@ -57,7 +59,7 @@ def chart_histories(parts: Iterable[ChartedPart]) -> tuple[ChartHistory, ...]:
             math.exp,
         ),
         *(
-            _history(groups, [fmean(part.led_levels[led] for part in group) for group in groups])
+            _history(groups, [point[led] for point in levels], least=LEAST_LED_CHANGE)
             for led in range(leds)
         ),
     )
@@ -67,9 +69,10 @@ def _history(
     groups: Sequence[Sequence[ChartedPart]],
     points: Sequence[float],
     value_of: Callable[[float], float] = lambda point: point,
+    least: float = 0.0,
 ) -> ChartHistory:
     """Apply the rules to points of groups; `value_of` converts a point to chart units."""
-    series, warnings, shown = RuleSeries(), NewWarnings(), []
+    series, warnings, shown = RuleSeries(least), NewWarnings(), []
     for (*_, last), point in zip(groups, points, strict=True):
         broken = series.add(point)
         begun, value = warnings.begun(broken), value_of(point)

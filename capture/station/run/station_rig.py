@@ -14,6 +14,7 @@ from capture.sets.captured_set import CapturedSet
 from capture.station.domain.config import StationConfig
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.simulated_parts import simulated_part
+from capture.station.judge.judge import STOP_LED_LEVEL
 from classify.base.threads import beside_workers
 from rig import CameraError, HardwareError, Rig, RigConfig, open_rig
 from rig.doctor.check import Check
@@ -147,7 +148,13 @@ class StationRig:
         part, self._part = self._part, None
         if part is None:
             self._place(number)
-        captured = capture_set(rig, calibration=self.calibration, part=part, exposed=self._exposed)
+        captured = capture_set(
+            rig,
+            calibration=self.calibration,
+            part=part,
+            exposed=self._exposed,
+            least_level=STOP_LED_LEVEL,
+        )
         self._require_new(captured.metadata.pixels_sha256, number)
         if rig.simulation is not None and self._rig_config.simulation.clock == "virtual":
             return captured, time.monotonic()

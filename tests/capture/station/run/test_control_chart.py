@@ -108,7 +108,7 @@ def test_a_fading_led_is_named_long_before_its_parts_are_errors() -> None:
     of_led = [text for text in told if text.startswith("LED 180")]
     level = float(of_led[0].split("at ")[1].split("%")[0])
     assert level > 96.0
-    assert any("least 90%" in text for text in of_led)
+    assert any("least 95%" in text for text in of_led)
     assert len(of_led) < 12
 
 
@@ -148,20 +148,33 @@ def test_parts_without_a_texture_are_on_no_chart() -> None:
         assert [chart.add(replace(PART, **changes)) for _ in range(10)] == [[]] * 10
 
 
-def test_an_led_below_90_percent_is_named_with_the_first_point() -> None:
+def test_a_weak_led_is_named_with_the_first_point() -> None:
     chart = ControlChart(LEDS)
-    part = replace(PART, led_levels=(1.0, 0.88, 1.0, 1.0))
+    part = replace(PART, led_levels=(0.9, 0.846, 0.9, 0.9))  # of a part of another albedo
     told = [text for _ in range(20) for text in chart.add(part)]
     assert len(told) == 1
-    assert told[0].startswith("LED 90 at 88.0% of its taught level: least 90%")
+    assert told[0].startswith("LED 90 at 94.0% of its taught level: least 95%")
+
+
+@pytest.mark.parametrize(("change", "is_told"), [(0.003, False), (0.03, True)])
+def test_only_a_change_that_matters_is_a_drift(change: float, is_told: bool) -> None:
+    """The levels of a simulated rig hardly scatter: any rule would be broken by 0.1 %."""
+    levels = np.ones((BASELINE_PARTS + 60, 4)) + np.random.default_rng(6).normal(0, 1e-4, 4)
+    levels[BASELINE_PARTS:, 2] -= change
+    draw = np.random.default_rng(6)
+    told = fed(levels, np.exp(draw.normal(0.0, 0.1, len(levels))))
+    assert [text for text in told if not text.startswith(("LED 180", "distance"))] == []
+    assert any(text.startswith("LED 180") for text in told) == is_told
 
 
 def test_charts_of_recorded_parts_warn_where_a_running_station_did() -> None:
-    """The points, the baseline and the rules are the same; only levels below 90 % are not told."""
+    """The points, the baseline and the rules are the same; only low levels are not told."""
     parts = many("line-1", 600)
     watching = ControlChart(["LED 0", "LED 90", "LED 180", "LED 270"])
     told = {part.part_id: watching.add(part) for part in parts}
-    running = [(part_id, text) for part_id, texts in told.items() for text in texts]
+    running = [
+        (part_id, text) for part_id, texts in told.items() for text in texts if "least" not in text
+    ]
     distance, *levels = chart_histories(
         ChartedPart(**{name: getattr(part, name) for name in ChartedPart.__dataclass_fields__})
         for part in parts

@@ -1,0 +1,47 @@
+"""One rule for a weak LED: measured and compensated down to the level where parts are errors."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from capture.station.domain.config import CONFIG
+from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.verdict import Cause, Decision
+from capture.station.judge.approval import approve
+from capture.station.results.part_result import PartResult
+from capture.station.run.events import Event, PartAnnounced
+from tests.capture.station.production import SMALL_RIG, configure, run_parts
+
+
+@pytest.fixture
+def line(station: Path, files: RecipeFolder) -> Path:
+    """An approved station whose parts are all good."""
+    configure(station)
+    config = station / CONFIG
+    feed = '[simulated_parts]\nsurfaces = ["rock"]\nshare_other = 0.0\nshare_defective = 0.0\n'
+    config.write_text(config.read_text().partition("[simulated_parts]")[0] + feed)
+    approve(files, "Ada")
+    return station
+
+
+def results_with(line: Path, parts: int, *faults: dict[str, Any]) -> list[PartResult]:
+    events: list[Event] = []
+    leds = [{"led": 1, **fault} for fault in faults]
+    rig = SMALL_RIG.with_changes(simulation={"clock": "virtual", "faults": {"leds": leds}})
+    run_parts(line, parts, events.append, rig)
+    return [event.result for event in events if isinstance(event, PartAnnounced)]
+
+
+@pytest.mark.parametrize("share", [0.0, 0.03, 0.05, 0.1])
+def test_good_parts_pass_with_a_weak_led(line: Path, share: float) -> None:
+    results = results_with(line, 3, {"kind": "dim", "share": share})
+    assert {result.verdict.decision for result in results} == {Decision.PASS}
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5])
+def test_a_led_below_the_stop_makes_errors(line: Path, share: float) -> None:
+    results = results_with(line, 2, {"kind": "dim", "share": share})
+    for result in results:
+        assert result.verdict.decision is Decision.ERROR
+        assert result.verdict.causes[0] in (Cause.RIG, Cause.CAPTURE)
