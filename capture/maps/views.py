@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.shadow_rule import NO_DROPPED_LIGHT
+from rig.config.lights import led_name
 
 from . import pictures
 from .pictures import ColourScale, Picture, data_uri
@@ -185,7 +186,7 @@ SHADOWED_LIGHTS = Labels(
 )
 DROPPED_LIGHT = Labels(
     lambda tilts_deg: (
-        {light: f"light {light}, tilt {tilt_deg:.0f}°" for light, tilt_deg in enumerate(tilts_deg)}
+        {led: led_name(led, round(tilt_deg)) for led, tilt_deg in enumerate(tilts_deg)}
         | {NO_DROPPED_LIGHT: "none"}
     ),
     pictures.dropped_colours,

@@ -18,6 +18,11 @@ AUTO = "auto"
 _Intensity = Annotated[FiniteFloat, Field(ge=0.01, le=100.0)]
 
 
+def led_name(led: int, tilt_deg: float) -> str:
+    """Return the name of an LED for people: its number at the controller, and where it stands."""
+    return f"LED {led} (tilt {tilt_deg:g})"
+
+
 class LightsConfig(Section):
     """The LED controller, and the positions of its LEDs."""
 

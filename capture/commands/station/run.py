@@ -85,6 +85,7 @@ def run(
     from capture.station.run.live_station import LiveStation
     from capture.station.run.run import RunOptions, run_station
     from capture.station.service.notify import Notifier
+    from rig.config.lights import led_name
     from rig.config.rig import config_of
 
     from .interfaces import running_interfaces
@@ -101,7 +102,7 @@ def run(
             database=shown_url(database_url(config.results_in(folder))),
         )
         shown, log = shown_by(config.name, as_json=json), partial(log_to, opened)
-        names = [f"LED {tilt_deg:g}" for tilt_deg in rig_config.lights.tilts_deg]
+        names = [led_name(*led) for led in enumerate(rig_config.lights.tilts_deg)]
         notifier = Notifier.from_environment(os.environ)
         subscribers = (shown, log, ControlChart(names, shown, log, live.tell), notifier.tell)
         with running_interfaces(

@@ -18,6 +18,7 @@ from capture.station.results.statistics import (
 )
 from capture.station.run.control_history import ChartHistory, chart_histories
 from classify.base.errors import InputError
+from rig.config.lights import led_name
 
 from .charts.charts import MOST_SHARES, causes_chart, control_chart, gauge_chart, yield_chart
 from .charts.drawing import Drawing
@@ -84,8 +85,8 @@ def led_names(folder: StationFolder, leds: int) -> Sequence[str]:
     except InputError:
         tilts_deg = ()
     if len(tilts_deg) == leds:
-        return [f"LED {tilt_deg:g}" for tilt_deg in tilts_deg]
-    return [f"light {number}" for number in range(1, leds + 1)]
+        return [led_name(*led) for led in enumerate(tilts_deg)]
+    return [f"LED {led}" for led in range(leds)]
 
 
 def gauge_of(folder: StationFolder, selection: Selection) -> GaugeReport | None:
