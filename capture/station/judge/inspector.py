@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from capture.acquisition.light_checks import share_while_off
 from capture.calibration.lookup import FoundCalibration, read_calibration
 from capture.calibration.parts import PartName
 from capture.calibration.setting import Setting
@@ -39,6 +40,7 @@ from classify.defects.defect_map import KINDS, DefectMap, regions_of
 from classify.defects.fields import part_fields
 from classify.pieces.features import CELL_PX, band_moments
 from classify.pieces.piece_model import PieceMeasures
+from rig.config.lights import led_name
 
 from .fingerprint import Fingerprint
 from .judge import Finding, Measures, invalid, verdict_of
@@ -52,6 +54,8 @@ _LIMITED = tuple(measure.name for measure in fields(LimitedMeasures))
 _MOST_DEFECTS = 50
 # Number of regions of windows of a kind; there are few, because windows overlap.
 _MOST_WINDOWS = 10
+# test_weak_led.py: a share of 2 % is measured as 2.0 %, and 0 without any.
+_WARN_WHILE_OFF = 0.02
 COLLECTS = "this run collects parts for teaching and judges none"
 
 
@@ -79,8 +83,14 @@ class Inspection:
             defects=self.defects,
             led_levels=tuple(map(_known, self.led_levels)),
             timings_ms=self.timings_ms,
+            notes=(*part.notes, *self._notes()),
             **numbers,
         )
+
+    def _notes(self) -> Iterator[str]:
+        for name, share in self.measures.lit_while_off:
+            if share > _WARN_WHILE_OFF:
+                yield f"{name} stays on with all LEDs off, or other light comes from its side"
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,6 +193,7 @@ class Inspector:
                 unmeasured_fraction=measured.unmeasured_fraction,
                 saturated_fraction=measured.share(measured.saturated),
                 led_levels=self._relative_levels(captured, measured.light_signals),
+                lit_while_off=_lit_while_off(captured),
                 sdq=measured.sdq,
                 shadow_fraction=measured.share(measured.shadowed),
                 albedo=measured.albedo,
@@ -312,11 +323,19 @@ class Inspector:
         ratios = np.array(signals) / taught
         brightest = ratios.max()
         levels = ratios / brightest if brightest > 0.0 else np.zeros_like(ratios)
-        tilts_deg = captured.lighting.tilts_deg
-        return tuple(
-            (f"LED {tilt_deg:.0f}", level)
-            for tilt_deg, level in zip(tilts_deg.tolist(), levels.tolist(), strict=True)
-        )
+        return tuple(zip(_led_names(captured), levels.tolist(), strict=True))
+
+
+def _lit_while_off(captured: CapturedSet) -> tuple[tuple[str, float], ...]:
+    if captured.ambient is None:
+        return ()
+    shares = share_while_off(captured.images, captured.ambient)
+    return tuple(zip(_led_names(captured), shares.tolist(), strict=True))
+
+
+def _led_names(captured: CapturedSet) -> list[str]:
+    # Directions are measured or rounded: tilts of 89.9999 degrees have no place in a name.
+    return [led_name(led, round(tilt)) for led, tilt in enumerate(captured.lighting.tilts_deg)]
 
 
 def _known(value: Any) -> Any:

@@ -15,6 +15,9 @@ from rig.acceptance import MAX_SATURATED_SHARE
 STOP_LED_LEVEL = 0.85
 """Least level of an LED, as a share of the taught one, against the brightest LED."""
 
+MOST_WHILE_OFF = 0.15
+"""Largest share of an LED's light with all LEDs off: as much as a weak LED may lack."""
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -32,6 +35,8 @@ class Measures(LimitedMeasures):
     saturated_fraction: float | None = None  # share of the pixels that a light saturates
     # Against the brightest LED, as a share of the taught ratio.
     led_levels: tuple[tuple[str, float], ...] = ()
+    # Share of the light of each LED in the ambient image.
+    lit_while_off: tuple[tuple[str, float], ...] = ()
 
 
 def verdict_of(recipe: Recipe, measures: Measures, faults: Sequence[Finding] = ()) -> Verdict:
@@ -61,6 +66,10 @@ def invalid(recipe: Recipe, measures: Measures) -> Iterator[Finding]:
         if not level >= STOP_LED_LEVEL:
             text = f"{name} at {level:.0%} of its taught level, least {STOP_LED_LEVEL:.0%}"
             yield Finding(Cause.RIG, text)
+    for name, share in measures.lit_while_off:
+        if not share <= MOST_WHILE_OFF:
+            text = f"{name} gives {share:.0%} of its light with all LEDs off, at most "
+            yield Finding(Cause.RIG, f"{text}{MOST_WHILE_OFF:.0%}")
     if not measures.led_levels:
         yield Finding(Cause.UNFORESEEN, "the levels of the LEDs were not measured")
 

@@ -131,6 +131,7 @@ class ControlChart:
     def _begin(self) -> None:
         self._levels = {name: _Watched(LEAST_LED_CHANGE) for name in self._led_names}
         self._distance = _Watched()
+        self._notes = NewWarnings()
         self._group: list[PartResult] = []
 
     def __call__(self, event: Event) -> None:
@@ -143,7 +144,10 @@ class ControlChart:
                     subscriber(Warned(text))
 
     def add(self, result: PartResult) -> list[str]:
-        """Add a result; return the new warnings."""
+        """Add a result; return the new warnings, of which its new notes are the first."""
+        return [*self._notes.begun(result.notes), *self._of_measures(result)]
+
+    def _of_measures(self, result: PartResult) -> list[str]:
         if result.label is None or not is_measured(
             result.distance, result.led_levels, len(self._led_names)
         ):

@@ -40,6 +40,7 @@ GOOD = Measures(
     unmeasured_fraction=0.0,
     saturated_fraction=0.0,
     led_levels=(("LED 0", 1.0), ("LED 90", 0.97)),
+    lit_while_off=(("LED 0", 0.0), ("LED 90", 0.1)),
     sdq=0.2,
     shadow_fraction=0.1,
     albedo=0.4,
@@ -89,6 +90,12 @@ def of_match(**changes: object) -> Measures:
             Decision.ERROR,
             Cause.RIG,
             "LED 180 at 61% of its taught level, least 85%",
+        ),
+        (
+            replace(GOOD, lit_while_off=(("LED 180", 0.2),)),
+            Decision.ERROR,
+            Cause.RIG,
+            "LED 180 gives 20% of its light with all LEDs off, at most 15%",
         ),
         (replace(GOOD, led_levels=()), Decision.ERROR, Cause.UNFORESEEN, "LEDs"),
         (

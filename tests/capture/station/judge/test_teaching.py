@@ -168,7 +168,7 @@ def test_a_weak_led_is_an_error_that_names_it(files: RecipeFolder) -> None:
     weak = CapturedSet(images.astype(np.uint16), captured.ambient, captured.metadata)
     inspection = Inspector.load(files).inspect(weak)
     assert inspection.verdict.causes == (Cause.RIG,)
-    assert "LED 180 at 6" in inspection.verdict.reason
+    assert "LED 2 (tilt 180) at 6" in inspection.verdict.reason
     assert inspection.led_levels[2] == pytest.approx(0.61, abs=0.03)
 
 

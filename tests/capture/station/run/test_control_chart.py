@@ -23,11 +23,12 @@ from capture.station.run.events import (
     RecipeLoaded,
     Warned,
 )
+from rig.config.lights import led_name
 from tests.capture.station.results.many import many
 
 BASELINE_PARTS = GROUP * BASELINE_POINTS
 
-LEDS = ("LED 0", "LED 90", "LED 180", "LED 270")
+LEDS = tuple(led_name(led, 90 * led) for led in range(4))
 UNIT = Baseline(0.0, 1.0)
 PART = PartResult(
     station="s",
@@ -105,7 +106,7 @@ def test_a_fading_led_is_named_long_before_its_parts_are_errors() -> None:
     fading = np.clip(np.arange(parts) - BASELINE_PARTS, 0, None) / 500.0
     levels[:, 2] -= 0.15 * fading
     told = fed(levels, np.exp(draw.normal(0.0, 0.1, parts)))
-    of_led = [text for text in told if text.startswith("LED 180")]
+    of_led = [text for text in told if text.startswith("LED 2 (tilt 180)")]
     level = float(of_led[0].split("at ")[1].split("%")[0])
     assert level > 96.0
     assert any("least 95%" in text for text in of_led)
@@ -153,7 +154,7 @@ def test_a_weak_led_is_named_with_the_first_point() -> None:
     part = replace(PART, led_levels=(0.9, 0.846, 0.9, 0.9))  # of a part of another albedo
     told = [text for _ in range(20) for text in chart.add(part)]
     assert len(told) == 1
-    assert told[0].startswith("LED 90 at 94.0% of its taught level: least 95%")
+    assert told[0].startswith("LED 1 (tilt 90) at 94.0% of its taught level: least 95%")
 
 
 @pytest.mark.parametrize(("change", "is_told"), [(0.003, False), (0.03, True)])
@@ -163,14 +164,14 @@ def test_only_a_change_that_matters_is_a_drift(change: float, is_told: bool) -> 
     levels[BASELINE_PARTS:, 2] -= change
     draw = np.random.default_rng(6)
     told = fed(levels, np.exp(draw.normal(0.0, 0.1, len(levels))))
-    assert [text for text in told if not text.startswith(("LED 180", "distance"))] == []
-    assert any(text.startswith("LED 180") for text in told) == is_told
+    assert [text for text in told if not text.startswith(("LED 2 (tilt 180)", "distance"))] == []
+    assert any(text.startswith("LED 2 (tilt 180)") for text in told) == is_told
 
 
 def test_charts_of_recorded_parts_warn_where_a_running_station_did() -> None:
     """The points, the baseline and the rules are the same; only low levels are not told."""
     parts = many("line-1", 600)
-    watching = ControlChart(["LED 0", "LED 90", "LED 180", "LED 270"])
+    watching = ControlChart(LEDS)
     told = {part.part_id: watching.add(part) for part in parts}
     running = [
         (part_id, text) for part_id, texts in told.items() for text in texts if "least" not in text

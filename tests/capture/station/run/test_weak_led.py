@@ -10,7 +10,9 @@ from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.domain.verdict import Cause, Decision
 from capture.station.judge.approval import approve
 from capture.station.results.part_result import PartResult
+from capture.station.run.control_chart import ControlChart
 from capture.station.run.events import Event, PartAnnounced
+from rig.config.lights import led_name
 from tests.capture.station.production import SMALL_RIG, configure, run_parts
 
 
@@ -45,3 +47,27 @@ def test_a_led_below_the_stop_makes_errors(line: Path, share: float) -> None:
     for result in results:
         assert result.verdict.decision is Decision.ERROR
         assert result.verdict.causes[0] in (Cause.RIG, Cause.CAPTURE)
+
+
+@pytest.mark.parametrize("share", [0.03, 0.1])
+def test_a_led_that_stays_on_is_named_once_and_its_parts_are_judged(
+    line: Path, share: float
+) -> None:
+    results = results_with(line, 3, {"kind": "stuck_on", "share": share})
+    assert {result.verdict.decision for result in results} == {Decision.PASS}
+    name = led_name(1, 90)
+    assert all(any(name in note for note in result.notes) for result in results)
+    chart = ControlChart([led_name(led, 90 * led) for led in range(4)])
+    told = [text for result in results for text in chart.add(result)]
+    assert len(told) == 1
+    assert told[0].startswith(name)
+
+
+def test_a_led_that_stays_on_too_much_makes_errors(line: Path) -> None:
+    [result] = results_with(line, 1, {"kind": "stuck_on", "share": 0.25})
+    assert result.verdict.decision is Decision.ERROR
+    assert led_name(1, 90) in result.verdict.reason
+
+
+def test_no_led_stays_on_in_sound_sets(line: Path) -> None:
+    assert [result.notes for result in results_with(line, 3)] == [(), (), ()]
