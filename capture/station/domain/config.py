@@ -192,6 +192,7 @@ port = 8100
 # [modbus]
 # host = "127.0.0.1"         # or the address of this machine in the network of the PLC
 # port = 1502
+# plc_addresses = ["192.168.0.10"]   # that may connect; any if empty
 # recipes = ["example"]      # the PLC knows them as 1, 2, ...
 
 # Results for an MQTT broker.

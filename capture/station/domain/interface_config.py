@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Self
 from urllib.parse import urlsplit
 
-from pydantic import AfterValidator, Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, IPvAnyAddress, field_validator, model_validator
 
 from capture.base.names import Name
 from classify.base.models import Section
@@ -99,6 +99,12 @@ class ModbusConfig(Section):
 
     host: Address = Field(default="127.0.0.1", description="address of this machine to listen on")
     port: int = Field(default=1502, ge=0, le=65535, description="to listen on")
+    plc_addresses: tuple[IPvAnyAddress, ...] = Field(
+        default=(),
+        max_length=16,
+        strict=False,
+        description="IP addresses that may connect; any if empty",
+    )
     recipes: tuple[Name, ...] = Field(
         default=(),
         max_length=1000,
@@ -161,6 +167,11 @@ def listening_socket(
             listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, most_unacknowledged_ms)
         if send_buffer_bytes is not None:
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, send_buffer_bytes)
+        # A peer that vanished without a word is noticed after 10 + 3 * 5 s.
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for option, value in (("TCP_KEEPIDLE", 10), ("TCP_KEEPINTVL", 5), ("TCP_KEEPCNT", 3)):
+            if hasattr(socket, option):
+                listener.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
         listener.bind((host, port))
         listener.listen()
     except OSError as error:

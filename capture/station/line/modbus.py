@@ -5,15 +5,23 @@ import logging
 import socket
 import struct
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from functools import partial
-from typing import Any, Self
+from typing import Any, Self, cast
 
 from pymodbus.client import ModbusTcpClient
 from pymodbus.constants import ExcCodes
 from pymodbus.exceptions import ModbusException
+from pymodbus.pdu import ExceptionResponse, ModbusPDU
+from pymodbus.pdu.register_message import (
+    ReadHoldingRegistersRequest,
+    ReadInputRegistersRequest,
+    ReadWriteMultipleRegistersRequest,
+)
 from pymodbus.server import ModbusTcpServer
+from pymodbus.server.requesthandler import ServerRequestHandler
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from capture.station.domain.errors import error_text
@@ -27,6 +35,8 @@ _log = logging.getLogger(__name__)
 _READS, _WRITES = (3, 4, 23), (6, 16, 22, 23)
 # A PLC, its spare, a panel of the line and a few programs of engineers.
 MAX_CONNECTIONS = 16
+# A PLC polls several times a second; one that was silent for so long leaves if another one comes.
+IDLE_S = 10.0
 # A hundred answers: a client with more unread answers does not read.
 _MOST_UNREAD_BYTES = 16 * 1024
 # A client that acknowledges nothing for this long does not read, or is gone. The bound above does
@@ -38,20 +48,94 @@ _START_S = 60.0
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
 
 
+class _Counted(ModbusPDU):
+    """Answers a wrong quantity with exception 3; pymodbus takes it for an unknown function."""
+
+    _is_wrong = False
+
+    def verifyCount(self, *args: Any, **options: Any) -> None:  # noqa: N802 - of pymodbus
+        try:
+            super().verifyCount(*args, **options)
+        except ValueError:
+            self._is_wrong = True
+
+    async def datastore_update(self, context: Any, device_id: int) -> ModbusPDU:
+        if self._is_wrong:
+            return ExceptionResponse(self.function_code, ExcCodes.ILLEGAL_VALUE)
+        return await super().datastore_update(context, device_id)
+
+
+class _ReadHolding(_Counted, ReadHoldingRegistersRequest):
+    pass
+
+
+class _ReadInput(_Counted, ReadInputRegistersRequest):
+    pass
+
+
+class _ReadWrite(_Counted, ReadWriteMultipleRegistersRequest):
+    pass
+
+
+class _Connection(ServerRequestHandler):
+    """A client, which the server may refuse when its address is known."""
+
+    def __init__(self, server: "_Server") -> None:
+        super().__init__(server, None, None, None)
+        self._admits = server.admits
+        self.heard_s = time.monotonic()
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        super().connection_made(transport)
+        if not self._admits(self):
+            cast(asyncio.Transport, transport).abort()
+
+    def callback_data(self, data: bytes, addr: tuple[Any, ...] | None = None) -> int:
+        self.heard_s = time.monotonic()
+        return super().callback_data(data, addr)
+
+
 class _Server(ModbusTcpServer):
     """The registers of a line, for up to `MAX_CONNECTIONS` clients that read the answers."""
 
-    def __init__(self, line: PlcLine, listener: socket.socket) -> None:
-        self._line = line
+    def __init__(
+        self, line: PlcLine, listener: socket.socket, plc_addresses: Collection[str]
+    ) -> None:
+        self._line, self._plc_addresses = line, plc_addresses
         page = [
             SimData(0, count=STATION_WORDS, datatype=DataType.REGISTERS, readonly=True),
             SimData(PLC_ADDRESS, count=PLC_WORDS, datatype=DataType.REGISTERS),
         ]
-        super().__init__(SimDevice(0, page, action=self._serve), address=listener.getsockname()[:2])
+        super().__init__(
+            SimDevice(0, page, action=self._serve),
+            address=listener.getsockname()[:2],
+            custom_pdu=[_ReadHolding, _ReadInput, _ReadWrite],
+        )
         # pymodbus would make a socket of its own.
         self.call_create = partial(
             self.loop.create_server, self.handle_new_connection, sock=listener
         )
+
+    def callback_new_connection(self) -> _Connection:
+        """Return the handler of a client."""
+        return _Connection(self)
+
+    def admits(self, new: _Connection) -> bool:
+        """Whether a client may stay; the one that was silent longest may have to leave for it."""
+        if self._plc_addresses and _peer(new) not in self._plc_addresses:
+            return False
+        others = [
+            each
+            for each in cast(dict[str, _Connection], self.active_connections).values()
+            if each is not new and each.transport is not None and not each.transport.is_closing()
+        ]
+        if len(others) < MAX_CONNECTIONS:
+            return True
+        silent = min(others, key=lambda each: each.heard_s)
+        if time.monotonic() - silent.heard_s < IDLE_S:
+            return False
+        cast(asyncio.Transport, silent.transport).abort()
+        return True
 
     async def _serve(
         self,
@@ -76,18 +160,22 @@ class _Server(ModbusTcpServer):
         return None
 
     async def keep(self, where: str) -> None:
-        """Count heartbeats, and close connections that are too many or do not read."""
+        """Count heartbeats, and close connections that do not read."""
         while True:
             transports = [connection.transport for connection in self.active_connections.values()]
-            for number, transport in enumerate(transports):
-                if not isinstance(transport, asyncio.WriteTransport):
-                    continue
-                if transport.get_write_buffer_size() > _MOST_UNREAD_BYTES:
+            for transport in transports:
+                if (
+                    isinstance(transport, asyncio.WriteTransport)
+                    and transport.get_write_buffer_size() > _MOST_UNREAD_BYTES
+                ):
                     _reset(transport)
-                elif number >= MAX_CONNECTIONS:
-                    transport.abort()
             self._line.tick(len(transports), where)
             await asyncio.sleep(TICK_S)
+
+
+def _peer(connection: _Connection) -> str:
+    peer = connection.transport.get_extra_info("peername") or ("",)
+    return str(peer[0]).removeprefix("::ffff:")  # IPv4 at a socket of IPv6
 
 
 def _reset(transport: asyncio.WriteTransport) -> None:
@@ -115,7 +203,7 @@ def serving_modbus(line: PlcLine, settings: ModbusConfig) -> Iterator[str]:
     failures: list[BaseException] = []
 
     async def serve() -> None:
-        server = _Server(line, listener)
+        server = _Server(line, listener, {str(address) for address in settings.plc_addresses})
         await server.serve_forever(background=True)
         started.set()
         keeper = asyncio.create_task(server.keep(where))

@@ -77,6 +77,8 @@ def unit_text(station: StationFolder, user: str = USER, panel: bool | None = Non
         f"User={user}",
         "# After SIGTERM.",
         "SuccessExitStatus=130",
+        "# 256 connections of the panel and 16 of the PLC leave most of them for judging.",
+        "LimitNOFILE=4096",
         "CacheDirectory=ps4rig",
         "StateDirectory=ps4rig",
         "Environment=NUMBA_CACHE_DIR=%C/ps4rig XDG_STATE_HOME=%S PYTHONFAULTHANDLER=1",

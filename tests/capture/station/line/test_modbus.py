@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 import time
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import pytest
@@ -179,6 +179,9 @@ def test_nonsense_gets_a_modbus_exception_and_changes_nothing(
         ):
             assert answer.isError(), answer
             assert answer.exception_code == code
+        for function in (3, 4):
+            for count in (0, 126, 0xFFFF):
+                assert raw_answer(line.port, function, count) == (function | 0x80, 3)
         after = plc.read()
         del before["heartbeat"], after["heartbeat"]
         assert after == before
@@ -187,6 +190,60 @@ def test_nonsense_gets_a_modbus_exception_and_changes_nothing(
         written = client.read_input_registers(PLC_ADDRESS, count=PLC_WORDS).registers
         assert written == [0] * PLC_WORDS
     assert line.bench.announced() == []
+
+
+def raw_answer(port: int, function: int, count: int) -> tuple[int, int]:
+    """Function and exception code of the answer to a read that no client library would send."""
+    with socket.create_connection(("127.0.0.1", port), timeout=WAIT_S) as client:
+        client.sendall(struct.pack(">HHHBBHH", 1, 0, 6, 1, function, 0, count))
+        answer = client.recv(100)
+    return answer[7], answer[8]
+
+
+def is_closed(client: socket.socket) -> bool:
+    """Whether the station closed a connection, with or without a reset."""
+    try:
+        return client.recv(1) == b""
+    except ConnectionError:
+        return True
+
+
+def test_the_limit_of_connections_holds_at_once_and_silent_clients_leave_for_others(
+    tmp_path: Path, captured: CapturedSet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with ExitStack() as stack:
+        line = stack.enter_context(running_line(tmp_path / "line-1", captured))
+        where = ("127.0.0.1", line.port)
+        plc = stack.enter_context(line.client())
+        silent = [
+            stack.enter_context(socket.create_connection(where, timeout=WAIT_S))
+            for _ in range(MAX_CONNECTIONS - 1)
+        ]
+        with socket.create_connection(where, timeout=WAIT_S) as further:
+            assert is_closed(further)
+        until(plc, Status.READY)
+        monkeypatch.setattr("capture.station.line.modbus.IDLE_S", 0.0)
+        until(plc, Status.READY)  # heard later than the silent ones
+        with line.client() as other:
+            until(other, Status.READY)
+        assert is_closed(silent[0])
+        until(plc, Status.READY)
+
+
+def test_only_the_addresses_of_the_plc_may_connect(
+    tmp_path: Path, captured: CapturedSet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = ModbusConfig.model_validate({"port": 0, "plc_addresses": ["127.0.0.2"]})
+    monkeypatch.setattr("tests.capture.station.line.lines.ANY_PORT", settings)
+    with running_line(tmp_path / "line-1", captured) as line:
+        with socket.create_connection(("127.0.0.1", line.port), timeout=WAIT_S) as other:
+            assert is_closed(other)
+        plc = socket.create_connection(
+            ("127.0.0.1", line.port), timeout=WAIT_S, source_address=("127.0.0.2", 0)
+        )
+        with plc:
+            plc.sendall(struct.pack(">HHHBBHH", 1, 0, 6, 1, 4, 0, 1))
+            assert plc.recv(100)[7] == 4
 
 
 @pytest.mark.parametrize("sent", [b"GET / HTTP/1.1\r\n\r\n", b"\xff" * 3000, b"\0\1\0\0\0"])
@@ -225,7 +282,7 @@ def test_a_client_that_reads_no_answers_and_connections_beyond_the_limit_are_clo
             socket.create_connection(("127.0.0.1", line.port), timeout=WAIT_S)
             for _ in range(MAX_CONNECTIONS)
         ]
-        assert others[-1].recv(1) == b""
+        assert is_closed(others[-1])
         for each in others:
             each.close()
         trigger(plc, 1)

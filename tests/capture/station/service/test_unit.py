@@ -61,6 +61,7 @@ def test_the_unit_runs_this_station_with_this_program(ps4rig: Any, folder: Path)
     assert found["ReadWritePaths"] == [str(folder.resolve())]
     assert found["User"] == ["ps4rig"]
     assert "simulated" in found["Description"][0]
+    assert found["LimitNOFILE"] == ["4096"]
     assert "DeviceAllow" not in found
     assert "systemctl enable --now ps4rig-line-3" in printed.stdout
 
