@@ -57,9 +57,12 @@ LimitCORE=0
 DevicePolicy=closed"""
 
 
-def unit_name(config: StationConfig) -> str:
-    """Return the name of a station's unit, without ``.service``."""
-    return f"ps4rig-{config.name}"
+def unit_name(folder: Path) -> str:
+    """Return the name of the unit of the station in `folder`, without ``.service``.
+
+    Not by the name of the station, which a restored copy has, too.
+    """
+    return "ps4rig-" + re.sub(r"[^A-Za-z0-9:_.-]", "_", folder.resolve().name)
 
 
 def unit_text(station: StationFolder, user: str = USER, panel: bool | None = None) -> str:
@@ -72,7 +75,7 @@ def unit_text(station: StationFolder, user: str = USER, panel: bool | None = Non
         raise InputError(f"--user {user!r}: give the name of a user in lower case")
     service, devices = _panel_service(station) if panel else _run_service(station, panel)
     lines = [
-        *(f"# {line}".rstrip() for line in _how_to_install(config, folder, user, panel)),
+        *(f"# {line}".rstrip() for line in _how_to_install(folder, user, panel)),
         *service,
         f"User={user}",
         "# After SIGTERM.",
@@ -150,10 +153,8 @@ def _panel_service(station: StationFolder) -> tuple[list[str], list[str]]:
     ], []
 
 
-def _how_to_install(
-    config: StationConfig, folder: Path, user: str, panel: bool | None
-) -> list[str]:
-    name = unit_name(config) + ("-panel" if panel else "")
+def _how_to_install(folder: Path, user: str, panel: bool | None) -> list[str]:
+    name = unit_name(folder) + ("-panel" if panel else "")
     options = {True: " --panel", False: _NO_PANEL, None: ""}[panel]
     program = shlex.join([sys.executable, "-P", "-m", "capture"])
     place = shlex.quote(str(folder))

@@ -30,7 +30,7 @@ def _check_unit(station: StationFolder) -> Iterator[Check]:
     """Ask systemd; a machine that does not run it has no such check."""
     if not Path("/run/systemd/system").is_dir():  # as sd_booted(3)
         return
-    name = unit_name(station.config)
+    name = unit_name(station.path)
     command = ("systemctl", "show", f"{name}.service", f"--property={_PROPERTIES}")
     try:
         shown = subprocess.run(
@@ -45,7 +45,7 @@ def _check_unit(station: StationFolder) -> Iterator[Check]:
 
 def checks_of_unit(station: StationFolder, properties: Mapping[str, str]) -> Iterator[Check]:
     """Check the unit of a station by the output of ``systemctl show``."""
-    name = unit_name(station.config)
+    name = unit_name(station.path)
     if not properties.get("FragmentPath"):
         text, advice = f"{name} is not installed", _how_to_print(station)
         # From a keyboard only a person can trigger.

@@ -1,6 +1,7 @@
 """The systemd unit of a station: read by systemd itself, and checked by the doctor."""
 
 import re
+import shutil
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -182,7 +183,7 @@ def shown(path: Path, **changes: str) -> dict[str, str]:
 
 @pytest.fixture
 def installed(station: StationFolder, tmp_path: Path) -> Path:
-    path = tmp_path / f"{unit_name(station.config)}.service"
+    path = tmp_path / f"{unit_name(station.path)}.service"
     path.write_text(unit_text(station, "kim"))
     return path
 
@@ -238,3 +239,10 @@ def test_a_missing_unit_matters_only_without_a_keyboard(folder: Path) -> None:
     assert (check.status, check.seen) == ("warning", "ps4rig-line-3 is not installed")
     [check] = checks_of_unit(changed(folder, trigger='"enter"'), {})
     assert check.status == "ok"
+
+
+def test_a_copy_of_a_station_has_a_unit_of_its_own(ps4rig: Any, folder: Path) -> None:
+    copy = folder.with_name("line 3, restored")
+    shutil.copytree(folder, copy)
+    assert "ps4rig-line_3__restored.service" in ps4rig("station", "unit", copy).stdout
+    assert "ps4rig-line-3.service" in ps4rig("station", "unit", folder).stdout
