@@ -44,6 +44,7 @@ class MqttPublisher:
         self._address = url.hostname or "", url.port or _PORTS[url.scheme]
         self._changed = threading.Condition()
         self._waiting: deque[tuple[str, str]] = deque()
+        self._last: dict[str, str] = {}  # the last message of each topic
         self._dropped = 0
         self._is_sending = False
         self._confirmed_ids: set[int] = set()
@@ -98,7 +99,9 @@ class MqttPublisher:
             self._put(name, text)
 
     def _put(self, name: str, text: str) -> None:
-        self._waiting.append((f"{self._topic}/{name}", text))
+        topic = f"{self._topic}/{name}"
+        self._last[topic] = text
+        self._waiting.append((topic, text))
         if len(self._waiting) > MOST_WAITING:
             self._waiting.popleft()
             self._dropped += 1
@@ -149,6 +152,9 @@ class MqttPublisher:
         client.publish(f"{self._topic}/online", "true", qos=0, retain=True)
         with self._changed:
             self._is_connected = True
+            # The broker may have lost what it retained.
+            coming = {topic for topic, _ in self._waiting}
+            self._waiting += [each for each in self._last.items() if each[0] not in coming]
             self._changed.notify_all()
         self._say("connected")
 

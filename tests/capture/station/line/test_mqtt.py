@@ -16,7 +16,7 @@ from pydantic import ValidationError
 
 from capture.station.domain.interface_config import MqttConfig
 from capture.station.line.mqtt import MOST_WAITING, MqttPublisher
-from capture.station.run.events import PartAnnounced, StateChanged
+from capture.station.run.events import PartAnnounced, RecipeLoaded, StateChanged
 from capture.station.run.states import State
 from tests.capture.station.line.broker import Broker, mqtt_broker
 from tests.capture.station.line.lines import until_so
@@ -114,6 +114,24 @@ def test_results_wait_for_a_broker_that_is_started_late_and_killed(broker: Broke
             until_so(lambda: numbers(messages)[-1:] == [4])
     assert said[0].startswith("mqtt 127.0.0.1: ")
     assert said[-1] == "mqtt 127.0.0.1: connected"
+
+
+@pytest.mark.mqtt
+def test_a_broker_that_has_forgotten_everything_is_told_again(broker: Broker) -> None:
+    """A broker without persistence that was restarted, while the station is idle."""
+    broker.start()
+    with publisher(broker, []) as mqtt:
+        mqtt.tell(RecipeLoaded("example", 2, "0" * 64))
+        mqtt.tell(StateChanged(State.READY, "tested"))
+        for event in announced(1, 2):
+            mqtt.tell(event)
+        with broker.subscribed(RESULT) as before:
+            until_so(lambda: numbers(before)[-1:] == [2])
+        broker.kill()
+        broker.start()
+        with broker.subscribed(f"{TOPIC}/#") as live:
+            until_so(lambda: {*live} == {RESULT, STATE, ONLINE, f"{TOPIC}/recipe"})
+            assert numbers(live) == [2]
 
 
 KILLED = """
