@@ -13,6 +13,14 @@ from classify.base.errors import InputError
 _BEGIN_FORMULAS = ("=", "+", "-", "@", "\t", "\r", "\n")
 
 
+def escaped(text: str) -> str:
+    """Return a text without line breaks and commands of the terminal, which are escaped."""
+    return "".join(
+        character if character.isprintable() else character.encode("unicode_escape").decode()
+        for character in text
+    )
+
+
 def check_output(
     path: Path, *, suffix: str, inputs: Iterable[Path] = (), force: bool = False
 ) -> None:

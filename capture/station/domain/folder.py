@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from capture.base.folder_lock import folder_lock
 from capture.base.names import SET_SUFFIX, Name, file_name
-from capture.base.outputs import append_line
+from capture.base.outputs import append_line, escaped
 from capture.base.utc_time import utc_text
 from classify.base.durable_file import durable_file, make_folder
 from classify.base.errors import InputError
@@ -65,7 +65,7 @@ class StationFolder:
                 path.replace(path.with_name(f"{LOG}.1"))
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from error
-        append_line(path, f"{utc_text(timespec='milliseconds')} {line}")
+        append_line(path, f"{utc_text(timespec='milliseconds')} {escaped(line)}")
 
 
 def set_file_of(part_id: str, triggered_utc: str) -> str:

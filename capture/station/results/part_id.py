@@ -4,6 +4,7 @@ import re
 
 from sqlalchemy import Connection, select
 
+from capture.base.outputs import escaped
 from classify.base.errors import InputError
 
 from .schema import begun_parts, lower_ascii
@@ -23,10 +24,7 @@ def made_part_id(number: int) -> str:
 
 def shown_part_id(part_id: str) -> str:
     """Return an id that may be invalid for lines of text: its beginning, escaped."""
-    return "".join(
-        character if character.isprintable() else character.encode("unicode_escape").decode()
-        for character in part_id[:_LONGEST]
-    )
+    return escaped(part_id[:_LONGEST])
 
 
 def require_given_part_id(part_id: str) -> str:

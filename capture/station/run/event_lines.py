@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from capture.base.outputs import escaped
 from capture.station.domain.folder import StationFolder
 from capture.station.domain.verdict import Decision
 from capture.station.results.part_result import PartResult
@@ -26,6 +27,10 @@ _DIGITS = 8  # of a hash, for people to compare
 
 def text_lines(event: Event) -> list[str]:
     """Return an event as lines of text for people; many events have none."""
+    return [*map(escaped, _lines(event))]
+
+
+def _lines(event: Event) -> list[str]:
     match event:
         case RecipeLoaded(name, version, sha256, by):
             loaded = f", loaded by {by}" if by else ""

@@ -78,6 +78,17 @@ def test_a_trigger_that_cannot_be_served_is_refused_with_the_reason(panel: Runni
     until_so(lambda: refused_triggers(panel) == 2)
 
 
+def test_an_id_that_is_no_id_is_recorded_short_and_escaped(panel: RunningPanel) -> None:
+    panel.until_ready()
+    for part_id in ("A\n2026-01-01 ready\x1b[2J", "\ud800", 60_000 * "x"):
+        assert panel.local.post("/api/v1/trigger", {"part_id": part_id}).status == 409
+    until_so(lambda: refused_triggers(panel) == 3)
+    events = panel.bench.of(TriggerRefused)
+    assert all(len(event.part_id) <= 200 and event.part_id.isprintable() for event in events)
+    assert all(len(event.reason) <= 500 and event.reason.isprintable() for event in events)
+    assert panel.bench.rows() == []
+
+
 def refused_triggers(panel: RunningPanel) -> int:
     count: int = panel.local.get("/api/v1/counts").json["simulated"]["refused_triggers"]
     return count

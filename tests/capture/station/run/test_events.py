@@ -1,11 +1,14 @@
 """Events reach their subscribers in order, also slow ones."""
 
 import threading
+from pathlib import Path
 
 import pytest
 
+from capture.station.domain.folder import LOG, StationFolder, make_station
 from capture.station.run import events
-from capture.station.run.events import Event, Publisher, Warned
+from capture.station.run.event_lines import log_to, text_lines
+from capture.station.run.events import Event, Publisher, TriggerRefused, Warned
 
 WAIT_S = 60.0
 
@@ -51,3 +54,23 @@ def test_a_subscriber_does_not_wait_for_itself(monkeypatch: pytest.MonkeyPatch) 
         is_told = told.wait(WAIT_S)
         told.set()
     assert is_told
+
+
+@pytest.mark.parametrize(
+    "event",
+    [
+        TriggerRefused("http", "A-1\n2026-01-01 ready\x1b[2J\ud800", "busy", recorded=True),
+        TriggerRefused("http", None, "busy\r\nready: self-test passed\x85", recorded=True),
+        Warned("the camera said: a\nb\x00"),
+    ],
+)
+def test_no_text_from_outside_makes_a_line_or_a_command_of_the_terminal(
+    event: TriggerRefused | Warned, tmp_path: Path
+) -> None:
+    [line] = text_lines(event)
+    assert line.isprintable()
+    make_station(tmp_path / "line-1")
+    folder = StationFolder(tmp_path / "line-1")
+    log_to(folder, event)
+    [logged] = (folder.path / LOG).read_text(encoding="utf-8").split("\n")[:-1]
+    assert logged.endswith(line)

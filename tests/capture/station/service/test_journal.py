@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from capture.base.outputs import escaped
 from capture.station.domain.verdict import Decision
 from capture.station.results.part_result import PartResult
 from capture.station.results.store import BegunPart
@@ -106,7 +107,7 @@ def test_a_text_of_several_lines_cannot_forge_a_field(
     text = "odd\nPRIORITY=0\nPS4RIG_PART_ID=part-000001\udc80"
     journal.tell(Warned(text))
     fields = decoded(journald.recv(1 << 16))
-    assert fields[0] == ("MESSAGE", f"warning: {text[:-1]}\\udc80")
+    assert fields[0] == ("MESSAGE", f"warning: {escaped(text)}")
     assert ("PRIORITY", "0") not in fields
 
 
