@@ -52,7 +52,7 @@ class Lighting:
     Attributes
     ----------
     intensities_given
-        Whether the intensities were given, also where all are 1; ps4_robust believes those.
+        Whether the intensities were given, also where all are 1; ps4_robust does not change them.
 
     Raises
     ------
@@ -182,9 +182,9 @@ class Lighting:
         InputError
             If no light is within `within_deg` of it.
         """
-        apart = np.abs((self.tilts_deg - tilt_deg + 180.0) % 360.0 - 180.0)
-        nearest = int(np.argmin(apart))
-        if apart[nearest] > within_deg:
+        differences_deg = np.abs((self.tilts_deg - tilt_deg + 180.0) % 360.0 - 180.0)
+        nearest = int(np.argmin(differences_deg))
+        if differences_deg[nearest] > within_deg:
             raise InputError(
                 f"no light stands near tilt {tilt_deg:g}; the tilts are "
                 + ", ".join(f"{tilt:g}" for tilt in self.tilts_deg)

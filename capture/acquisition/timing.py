@@ -73,7 +73,9 @@ def measure_set_timing(config: RigConfig, sets: int) -> SetTiming:
             except SetRejected:
                 rejected += 1
         if accepted and synchronisation == "strobe":
-            switch_ms = statistics.median(ms for one in accepted for ms in _reactions_ms(one))
+            switch_ms = statistics.median(
+                ms for captured in accepted for ms in _reactions_ms(captured)
+            )
         info = rig.camera.info
         simulated_virtual = config.is_simulated and config.simulation.clock == "virtual"
         return SetTiming(

@@ -106,9 +106,9 @@ MAP_KINDS: dict[str, MapKind] = {kind.name: kind for kind in _ROWS}
 def map_views(captured: CapturedSet, maps: SurfaceMaps) -> dict[str, list[MapView]]:
     """Return the views of a set and its surface by section, in the order of the page."""
     lights = len(captured.images)
-    part = f" (the first {SHOWN_LIGHTS} of {lights})" if lights > SHOWN_LIGHTS else ""
+    selection = f" (the first {SHOWN_LIGHTS} of {lights})" if lights > SHOWN_LIGHTS else ""
     sections = {
-        f"Light images{part}": [
+        f"Light images{selection}": [
             MapView(None, name, "", picture)
             for name, picture in pictures.light_images(captured, SHOWN_LIGHTS).items()
         ]

@@ -25,7 +25,7 @@ def _printable(text: str | None) -> str | None:
 
 
 Text = Annotated[str, AfterValidator(_printable)]
-# What a plan may say of a specimen beside its note; dates are ISO 8601.
+# Value of a property of a specimen; dates are ISO 8601.
 Property = StrictBool | Annotated[StrictInt, Field(ge=-(2**63), lt=2**63)] | FiniteFloat | Text
 PROPERTY_PREFIX = "properties."
 
@@ -144,7 +144,7 @@ class CorrectionRecord(Record):
 class SetMetadata(Record):
     """The metadata of a captured set; ``reference/files.md`` lists all fields."""
 
-    schema_version: Literal[6] = Field(default=6, description="sets of another are refused")
+    schema_version: Literal[6] = Field(default=6, description="sets of another version are refused")
     label: Text | None = Field(description="texture class of the part")
     specimen: Text | None = Field(default=None, description="the piece")
     operator: Text | None = Field(default=None, description="who captured it")

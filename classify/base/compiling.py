@@ -65,7 +65,7 @@ class _CodeFiles(IndexDataCacheFile):
     def _load_index(self) -> dict[Any, str]:
         try:
             index: dict[Any, str] = super()._load_index()
-        except Exception:  # of any type: it was not written to the end when the power went
+        except Exception:  # of any type: a loss of power may have truncated the file
             return {}
         return index
 

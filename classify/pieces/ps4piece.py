@@ -41,12 +41,9 @@ def write(path: Path, arrays: Mapping[str, Array]) -> None:
 
 
 def read(path: Path, shapes: Mapping[str, tuple[int | None, ...]]) -> dict[str, Array]:
-    """Read the arrays of a model, whose shapes are given; None stands for any length.
+    """Read the arrays of a model; PieceModelError, which names the file, if it cannot be used.
 
-    Raises
-    ------
-    PieceModelError
-        If the file is missing, damaged, changed, or no piece model; the message names it.
+    None in a shape stands for any length.
     """
     with open_archive(path, _KIND) as archive:
         header = archive.header(_Header)

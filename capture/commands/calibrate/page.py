@@ -164,7 +164,9 @@ def _facts(file: CalibrationFile) -> Iterator[tuple[str, str]]:
         yield "rig", setting.rig_name or _NOT_KNOWN
         yield "camera", setting.camera or _NOT_KNOWN
         yield "frame", f"{setting.width_px} x {setting.height_px} px, {setting.bit_depth} bit"
-        exposures_ms = {one.exposure_ms for one in settings if one.exposure_ms is not None}
+        exposures_ms = {
+            setting.exposure_ms for setting in settings if setting.exposure_ms is not None
+        }
         if exposures_ms:
             yield "exposure", ", ".join(f"{ms:g}" for ms in sorted(exposures_ms)) + " ms"
     scale = file.calibration.scale

@@ -101,18 +101,19 @@ def timing(
     config = config_of(rig)
     configs = list(compared_configs(config))
     timings = [
-        measure_set_timing(one, sets) for one in progress(configs, len(configs), "capturing sets")
+        measure_set_timing(mode_config, sets)
+        for mode_config in progress(configs, len(configs), "capturing sets")
     ]
     if as_json:
-        print_json([asdict(one) for one in timings])
+        print_json([asdict(set_timing) for set_timing in timings])
         return
     columns = ("Hz", "lights", "clock", "switch", "set", "worst", "in all", "limit", "rejected")
     table = new_table(*columns)
-    for one in timings:
-        mode = (f"{one.frame_rate_hz:.0f}", one.synchronisation, one.clock)
-        sets_ms = (one.median_ms, one.worst_ms, one.exposures_ms, one.limit_ms)
-        times = (_rounded(one.switch_ms, 2), *(_rounded(time_ms, 0) for time_ms in sets_ms))
-        table.add_row(*mode, *times, f"{one.rejected} of {one.accepted + one.rejected}")
+    for row in timings:
+        mode = (f"{row.frame_rate_hz:.0f}", row.synchronisation, row.clock)
+        sets_ms = (row.median_ms, row.worst_ms, row.exposures_ms, row.limit_ms)
+        times = (_rounded(row.switch_ms, 2), *(_rounded(time_ms, 0) for time_ms in sets_ms))
+        table.add_row(*mode, *times, f"{row.rejected} of {row.accepted + row.rejected}")
     print_table(table)
     out.print(
         "Times in ms. Switch: from the command or the end of exposure to the light. Set, worst: "

@@ -48,9 +48,9 @@ def challenge(
     """Replay the challenge set: stored parts, each with the verdict that it must get.
 
     After a change of the recipe, the library, the calibration or ps4rig, a station runs only if all
-    parts get their verdicts. Taught parts with faults of a fifth of the frame, as a hole or a
-    stain, are judged too. The exit status is 1 if a part gets another verdict, or such a fault
-    passes that the recipe does not acknowledge.
+    parts get their verdicts. Taught parts with faults of a fifth of the frame, such as a hole or a
+    stain, are judged too. The exit status is 1 if a part gets another verdict, or if such a fault
+    passes and the recipe does not acknowledge it.
     """
     from capture.station.domain.folder import StationFolder, first_recipe
     from capture.station.judge.challenge import run_challenge
@@ -64,15 +64,15 @@ def challenge(
         raise InputError("--add and --remove: give one of them")
     name = recipe or first_recipe(StationFolder(folder))
     with recipe_on_the_terminal(folder, name, by) as changes:
-        where = changes.files.challenge
+        challenge_folder = changes.files.challenge
         if add is not None and expect is not None:
             changes.add_to_challenge(add, expect)
-            out.print(f"{where}: {len(add)} parts added that must be {expect}")
+            out.print(f"{challenge_folder}: {len(add)} parts added that must be {expect}")
             return
         if remove is not None:
             for file in remove:
                 changes.remove_from_challenge(file)
-            out.print(f"{where}: {len(remove)} parts taken out")
+            out.print(f"{challenge_folder}: {len(remove)} parts taken out")
             return
     # Nothing is recorded: a new version of ps4rig replays the set beside the old one that runs.
     inspector = Inspector.load(changes.files, changes.calibration)
