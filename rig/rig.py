@@ -59,7 +59,7 @@ class Rig:
 
     @property
     def is_simulated(self) -> bool:
-        """Whether it is simulated hardware, also that of `ps4rig rig simulate` behind devices."""
+        """Whether its hardware is simulated, also by `ps4rig rig simulate` behind devices."""
         return self.simulation is not None or self.lights.identity.is_simulated
 
     def close(self) -> None:

@@ -26,7 +26,7 @@ Side = Annotated[int, Field(ge=1, le=32768)]
 
 
 class Setting(Record):
-    """Camera, frame and lights of one set or one measurement; None for what is not known."""
+    """Camera, frame and lights of one set or one measurement; unknown values are None."""
 
     simulated: bool
     rig_name: str | None

@@ -99,7 +99,7 @@ _ALIGNED = 0.7
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Two sides and what differs."""
+    """Two sides and their differences."""
 
     first: Side
     second: Side
@@ -111,7 +111,7 @@ class Comparison:
 
     @property
     def is_aligned(self) -> bool:
-        """Whether the slopes correlate, as those of a part that was not moved."""
+        """Whether the slopes correlate, as for a part that was not moved."""
         slopes = [self.maps[name].correlation for name in ("p", "q") if name in self.maps]
         return bool(slopes) and min(slopes) >= _ALIGNED
 

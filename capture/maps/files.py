@@ -39,7 +39,7 @@ _UM_PER_MM = 1e3
 
 
 def roughness_note(mm_per_px: float | None) -> str:
-    """Return what the parameters mean, for a scale that is known or not."""
+    """Return the meaning of the parameters, with or without a scale."""
     return _RELATIVE_NOTE if mm_per_px is None else _LENGTHS_NOTE.format(_OF_A_PIXEL, mm_per_px)
 
 

@@ -1,4 +1,4 @@
-"""A solved surface with what its maps are computed from."""
+"""A solved surface with the inputs of its maps."""
 
 from __future__ import annotations
 

@@ -80,7 +80,7 @@ def _main_xml(heights: HeightMap, data_md5: str) -> bytes:
 
 
 def _add(parent: ET.Element, fields: Mapping[str, Any]) -> None:
-    """Add elements in the order of the mapping, which must be that of the schema."""
+    """Add elements in the order of the mapping; the schema prescribes this order."""
     for name, value in fields.items():
         child = ET.SubElement(parent, name)
         if isinstance(value, Mapping):

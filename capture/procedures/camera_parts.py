@@ -153,7 +153,7 @@ def rungs_of_sets(sets: Sequence[CapturedSet], calibration: Calibration) -> list
     bit_depth = first.bit_depth
     rungs = []
     for (exposure_ms, full_scale), alike in images.items():
-        # The noise of an average of frames is not that of the camera.
+        # An average of frames has less noise than the camera.
         averaged = full_scale != (1 << bit_depth) - 1
         series = [image[None] for image in alike] if averaged else [np.stack(alike)]
         rungs += [

@@ -43,7 +43,7 @@ def correct_in_sessions(paths: Iterable[Path], correct: Callable[[], None]) -> N
 def enter_corrections(
     folder: SessionFolder, described_sets: Iterable[tuple[SetEntry, SetMetadata]]
 ) -> None:
-    """Enter the present metadata of captured sets, and judge anew what they change.
+    """Enter the present metadata of captured sets, and judge the changed sets again.
 
     Another specimen or orientation changes the measures of all sets of the specimens concerned.
     """

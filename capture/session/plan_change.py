@@ -46,7 +46,7 @@ def _names(path: Path, session: str) -> bool:
 
 
 def plan_changes(plan: SessionPlan, folder: SessionFolder) -> list[str]:
-    """Say how a plan differs from that of a session, and what it means for the captured sets."""
+    """Describe the changes of a plan, and their consequences for the captured sets."""
     if plan == folder.plan:
         return []
     captured = Counter(entry.specimen for entry in folder.captured())
@@ -114,7 +114,7 @@ def rig_settings(config: RigConfig) -> dict[str, Any]:
 
 
 def rig_changes(journal: Journal, config: RigConfig) -> list[str]:
-    """Say how a rig differs from that of the last run."""
+    """Describe the differences of a rig from the rig of the last run."""
     if not journal.runs:
         return []
     return [line for line, _ in _changes(journal.runs[-1].settings, rig_settings(config))]

@@ -61,7 +61,7 @@ def check_plan(plan: SessionPlan, source: Path, config: RigConfig) -> None:
 
 
 def _check_calibration(file: CalibrationFile, config: RigConfig) -> None:
-    """Check a calibration against what a configuration says of rig and frame."""
+    """Check a calibration against the rig and the frame of a configuration."""
     camera = config.camera
     if camera.recording is not None:  # its frames are those of the set
         return

@@ -11,7 +11,7 @@ from pathlib import Path
 from classify.base.errors import InputError
 
 TEMPORARY_PREFIX = ".writing-"
-"""Of a file or folder that is being written; that of a killed program stays."""
+"""Suffix of a file or folder that is being written; a killed program leaves it behind."""
 # Errors of systems that cannot force the entries of a folder to disk: Windows opens no folder, and
 # some network file systems refuse the call.
 _NO_FOLDER_SYNC = {

@@ -232,7 +232,7 @@ def beside(work: Callable[[], _Result], *, is_long: bool = False) -> Callable[[]
 def run_on_rows(
     function: Callable[[int, int], None], shape: tuple[int, int], strip_px: int = STRIP_PX
 ) -> None:
-    """Call `function(first, last)` for strips that cover `shape`, whatever the threads."""
+    """Call `function(first, last)` for strips of rows of `shape`, on any number of threads."""
     rows, columns = shape
     height = max(1, strip_px // max(columns, 1))
     strips = [(first, min(first + height, rows)) for first in range(0, rows, height)]

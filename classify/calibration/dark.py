@@ -186,7 +186,7 @@ class DarkFrames:
 
     @property
     def is_clipped(self) -> bool:
-        """Whether so many values are 0 that offset and noise are not those of the sensor."""
+        """Whether so many values are 0 that offset and noise of the sensor cannot be measured."""
         return self.clipped > _CLIPPED
 
 
@@ -275,7 +275,7 @@ def _check_unlit(frames: Frames, lit: Frames, noise: float, full_scale: float) -
 
 
 def _per_pixel(medians: Floats, shape: tuple[int, ...]) -> Floats:
-    """(H, W) median of the block of each pixel; margins get that of the nearest block."""
+    """(H, W) median of the block of each pixel; margins get the median of the nearest block."""
     places = []
     for size in shape:
         side = size // BLOCKS

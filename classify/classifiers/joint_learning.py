@@ -33,8 +33,8 @@ from .joint_features import (
 )
 from .joint_limits import unit_limit
 
-# Weight of the distance of spectra; that of statistics has the rest. classify/DECISIONS.md
-# compares others.
+# Weight of the distance of spectra; 1 minus it is the weight of the statistics.
+# classify/DECISIONS.md compares others.
 _SPECTRAL_SHARE = 0.5
 # A floor is this many times the error, the power of the curl, which a relief does not have.
 # Without floors logarithms fail at slant 70, where errors from shadow fill the weak bins. The

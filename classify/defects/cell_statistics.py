@@ -83,13 +83,13 @@ def _sum_energies(level: Array, pixels: int, energies: Array, first: int, stop: 
 # Sides of the windows in cells.
 _WINDOWS = (1, 3)
 WINDOW_STATISTICS = 5 * len(_WINDOWS)
-"""Window statistics of a cell."""
+"""Number of window statistics of a cell."""
 LOW = [0, 3]
-"""Those that fall in the smallest window where the texture is missing."""
+"""Window statistics that are low where the texture is missing: energies of the smallest window."""
 
 # Cells over which squared distances are averaged: standard deviation of the Gaussian.
 _SMOOTHING_CELLS = 1.0
-# Least variance of slopes and of log albedo: that of values rounded to 8 bit is 1e-6.
+# Least variance of slopes and of log albedo; rounding to 8 bit has a variance of 1e-6.
 _LEAST_VARIANCE = np.float32(1e-6)
 _LEAST_SHARE = np.float32(1e-3)
 

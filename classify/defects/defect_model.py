@@ -1,4 +1,4 @@
-"""`DefectModel`: what good parts of a texture look like, and where a part differs."""
+"""`DefectModel`: a model of good parts of a texture, which shows where a part differs."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -54,7 +54,7 @@ _POSITIVE = ("scales", "low_excess", "excess", "limits")
 
 @dataclass(frozen=True, eq=False)
 class DefectModel:
-    """What good parts of one texture look like.
+    """Model of the good parts of one texture.
 
     Attributes
     ----------

@@ -27,12 +27,12 @@ STATISTICS = {
     "octaves": slice(0, OCTAVE_STATISTICS),
     "windows": slice(OCTAVE_STATISTICS, OCTAVE_STATISTICS + WINDOW_STATISTICS),
 }
-"""Statistics of a cell, of each distance from the nearest good cell."""
+"""Columns of the statistics for each distance from the nearest good cell."""
 LOW_STATISTICS = [OCTAVE_STATISTICS + index for index in LOW]
 DEPARTURES = ALBEDO + 1 + len(STATISTICS) + 1
 """Spots, fine and wide scratches of the relief; albedo; the distances, and missing texture."""
 RELIEF, TEXTURE = slice(0, ALBEDO), slice(ALBEDO + 1, DEPARTURES)
-"""Those of each kind of defect."""
+"""The departures of relief and of texture."""
 
 
 @dataclass(frozen=True, eq=False)

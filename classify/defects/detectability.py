@@ -1,4 +1,4 @@
-"""What a defect map finds: known defects of rising strength, put into good parts."""
+"""Detectability of defects: known defects of rising strength are put into good parts."""
 
 import math
 from collections.abc import Callable, Iterable, Sequence

@@ -54,7 +54,7 @@ def _steps(orientation_deg: float) -> npt.NDArray[np.int64]:
     """(directions, 4, 2) rows and columns to the pixels at a distance of 1, 3, 6 and 9."""
     angles = np.radians(orientation_deg + np.arange(DIRECTIONS) * (180.0 / DIRECTIONS))[:, None]
     steps = np.array([1.0, 3.0, 6.0, 9.0]) * np.stack([-np.sin(angles), np.cos(angles)])
-    # Halves are rounded alike in all quarters, whatever the last digit of a sine.
+    # Halves are rounded alike in all quadrants, independent of the last digit of a sine.
     nearest = np.rint(steps.round(6)).astype(np.int64)
     return np.moveaxis(nearest, 0, -1)
 

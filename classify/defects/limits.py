@@ -11,7 +11,7 @@ from classify.surface.estimate import FloatMap
 
 from .defect_map import CELL_PX
 
-# Cells on a side of a tile: maxima of tiles are hardly correlated, those of cells are.
+# Cells on a side of a tile. Maxima of tiles are hardly correlated, scores of cells are.
 _TILE = 64 // CELL_PX
 # Share of the tile maxima, or at least this many, to which the tail is fitted.
 _TAIL_SHARE, _LEAST_TAIL = 0.2, 10

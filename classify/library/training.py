@@ -27,7 +27,7 @@ class TrainingRow(NamedTuple):
 
 
 class Learned(NamedTuple):
-    """What training finds; see `TextureLibrary`."""
+    """Result of a training; see `TextureLibrary`."""
 
     labels: tuple[str, ...]
     oriented: tuple[str, ...]

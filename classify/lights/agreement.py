@@ -43,7 +43,7 @@ _MIN_SAMPLES_OF_A_ROW = 8
 _LEVEL_SPREAD = 1.0
 # Larger residuals, in standard deviations of the noise, are not explained by LED levels.
 _MAX_TYPICAL_RESIDUAL = 1.8
-# Factors below this are not those of an LED: an image 20 times too bright, or a negative one.
+# Least factor of an LED; a smaller one means an image 20 times too bright, or a negative one.
 _MIN_FACTOR = 0.05
 # Levels of parts of the frame are equal if they differ by no more than this and their errors.
 _EQUAL_LEVELS = 0.015

@@ -175,7 +175,7 @@ def _contrasts(
     lit = usable & (values.min(axis=0) > MAYBE_SHADOW * values.max(axis=0))
     inside = usable.astype(np.float32)
     sigma = _SURROUNDINGS * min(size)
-    # The border is black and has no weight, so that the mean is that of usable pixels.
+    # The border is black without weight, so that the mean is over usable pixels.
     weight = np.maximum(_blurred(inside, sigma), np.float32(1e-6))
     for value in values:
         around = _blurred(value * inside, sigma) / weight

@@ -1,4 +1,4 @@
-"""`PieceModel`: what the windows and the whole of good parts look like."""
+"""`PieceModel`: windows, spots and the whole of good parts of one texture."""
 
 from dataclasses import dataclass
 from functools import cached_property

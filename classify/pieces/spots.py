@@ -37,7 +37,7 @@ _RINGS, _JOINT, _POINTS = (3.5, 5.5), 2.5, 8
 _MEASURED = len(_ENERGIES) + len(_LEVELS) + len(_SLOPES)
 _AROUND = len(_RINGS) * _POINTS * (len(_ENERGIES) + 3) + _POINTS // 2 * _FINE_OCTAVES
 SPOT_VALUES = _MEASURED + _AROUND
-"""Values of a spot: those measured in it, then those of its surroundings."""
+"""Number of values of a spot: first the values in it, then the values of its surroundings."""
 
 # Columns of the energies of slopes, and of their second harmonics, even and odd.
 _DIRECTED = [2 + PRODUCTS * octave + n for n in range(3) for octave in range(_FINE_OCTAVES)]

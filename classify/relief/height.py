@@ -117,7 +117,7 @@ def local_relief(
     if not 0.0 < cutoff < np.inf:
         raise InputError(f"cutoff_px is {cutoff_px}; it must be a positive wavelength in pixels")
     spectrum = scipy.fft.dctn(height, type=2, norm="ortho", workers=thread_count())
-    # The mean is subtracted: its filter is separable, that of the relief is not.
+    # The filter of the relief is 1 minus a mean; the mean is separable, so it is subtracted.
     mean = spectrum * _transmission(rows, cutoff)[:, None]
     mean *= _transmission(columns, cutoff)
     spectrum -= mean

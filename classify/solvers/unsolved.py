@@ -96,7 +96,7 @@ def _link(
 ) -> None:  # fmt: skip
     """Find the neighbours of some pixels, and sum up the solved ones."""
     rows, columns = unlit.shape
-    # The lists of the pixels above and below are read in step with that of the pixels.
+    # Three pointers move through the sorted list: at the pixel, and in the rows above and below.
     above = np.searchsorted(pixels, pixels[first] - columns - 1)
     below = np.searchsorted(pixels, pixels[first] + columns - 1)
     for n in range(first, last):

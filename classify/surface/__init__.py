@@ -1,1 +1,1 @@
-"""The result of a solver, and what follows from it and the images."""
+"""The result of a solver, and diagnostics computed from it and the images."""

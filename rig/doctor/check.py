@@ -1,4 +1,4 @@
-"""The result of one check: what was found, and what to do about it."""
+"""The result of one check: finding and advice."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

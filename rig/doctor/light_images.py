@@ -68,7 +68,7 @@ def check_light_images(
 
 
 def check_leds(images: LightImages) -> Iterator[Check]:
-    """Check ambient light and every LED, whatever is below the camera."""
+    """Check ambient light and every LED; any part may be below the camera."""
     full = images.full_scale
     yield _ambient(float(images.ambient.mean()) / full)
     lit = images.lights.mean(axis=(1, 2), dtype=np.float64)

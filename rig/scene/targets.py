@@ -27,7 +27,7 @@ _SPHERE_MM, SQUARE_MM = 20.0, 5.0
 
 # Reflectances of a sheet of paper, of the matt ball, and of black card.
 _WHITE, _BLACK = 0.9, 0.05
-# Spread of a sheet's reflectance between pixels, and of its slopes: those of office paper.
+# Spread of the reflectance of office paper between pixels, and of its slopes.
 _GRAIN, _GRAIN_SLOPE = 0.015, 0.01
 _SHEET_SLOPE = 0.01  # 0.6 degrees: a card that is not quite flat on the stage
 _DUST_SPACING_PX = 80.0

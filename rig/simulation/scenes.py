@@ -160,7 +160,7 @@ def _bytes_of_surface(surface: PeriodicSurface) -> int:
 
 
 _SHARED_CACHE = SceneCache()
-# Synthetic surfaces of frames up to 256 px; those of larger frames exceed it.
+# Holds synthetic surfaces of frames up to 256 px; larger ones exceed its limit.
 _SYNTHETIC_CACHE = BoundedCache(_bytes_of_surface)
 
 

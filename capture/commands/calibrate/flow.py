@@ -1,4 +1,4 @@
-"""What the commands of `calibrate` share: targets, their sets, and the file that keeps a part."""
+"""Shared by the commands of `calibrate`: targets, their sets, and the file that keeps a part."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ Yes = Annotated[bool, typer.Option("--yes", help="Do not ask whether the target 
 
 @dataclass(frozen=True)
 class Target:
-    """What a procedure puts below the camera."""
+    """The target of a procedure, below the camera."""
 
     what: str  # after "put", such as "a white matt sheet"
     surface: str  # as in `rig.Placement`

@@ -138,7 +138,7 @@ def resume(
 def _use_changed_plan(
     source: Path, folder: SessionFolder, config: RigConfig, *, new_plan: bool, yes: bool
 ) -> bool:
-    """Show how a plan differs from that of a session, and take it if that is wanted."""
+    """Show how a plan differs from the plan of a session, and adopt it if the user agrees."""
     from capture.session.plan import read_plan
     from capture.session.plan_change import plan_changes, use_plan
     from capture.session.rig_checks import check_plan

@@ -1,4 +1,4 @@
-"""Configuration of V4L2 cameras, and what it shares with that of the same cameras in OpenCV."""
+"""Configuration of V4L2 cameras, and the keys that OpenCV cameras share with it."""
 
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -27,7 +27,7 @@ class VideoCameraConfig(DeviceCameraConfig):
     )
 
     def matches(self, camera: ListedCamera) -> bool:
-        """Whether a listed camera is this one, by whatever name."""
+        """Whether a listed camera is this one, by any of its names."""
         node = Path(device_path(self.device)).resolve()
         return camera.node is not None and camera.node.resolve() == node
 
