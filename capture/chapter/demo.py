@@ -49,7 +49,7 @@ _ANGLE_NOTE = (
 
 
 @dataclass(frozen=True, eq=False)
-class ReportEntry:
+class _ReportEntry:
     """One classified set; `reference` are the spectra of the nearest training set."""
 
     captured: CapturedSet
@@ -61,7 +61,7 @@ class ReportEntry:
 
 def _write_report(
     path: Path,
-    entries: list[ReportEntry],
+    entries: list[_ReportEntry],
     result: Evaluation,
     controller: ControllerIdentity,
     config: RigConfig,
@@ -96,7 +96,7 @@ def _cells_of(trial: Trial) -> tuple[str, ...]:
     )
 
 
-def _tiles(entry: ReportEntry) -> dict[str, str]:
+def _tiles(entry: _ReportEntry) -> dict[str, str]:
     maps = {
         **pictures.light_images(entry.captured, 4),
         "lights in shadow": pictures.coloured(
@@ -109,7 +109,7 @@ def _tiles(entry: ReportEntry) -> dict[str, str]:
     return {name: tile_uri(picture) for name, picture in maps.items()}
 
 
-def _polar_plots(entry: ReportEntry) -> dict[str, Markup]:
+def _polar_plots(entry: _ReportEntry) -> dict[str, Markup]:
     orientation_deg = entry.trial.match.orientation_deg or 0.0
     return {
         name: _polar_plot(test, reference, orientation_deg)
@@ -208,12 +208,12 @@ def run_demo(output: Path, *, force: bool = False) -> None:
 
 def _classified(
     captured: CapturedSet, library: TextureLibrary, spectra: Mapping[str, Spectra]
-) -> ReportEntry:
+) -> _ReportEntry:
     surface = captured.solve(planar=True)
     match = library.classify(surface)
     trial = Trial(captured.label or "", captured.metadata.orientation_deg or 0.0, match)
     own = surface_spectra(surface, library.segment_px)
-    return ReportEntry(captured, surface, trial, own, spectra[match.nearest])
+    return _ReportEntry(captured, surface, trial, own, spectra[match.nearest])
 
 
 def _placed(folder: Path, stem: str, placements: list[Placement]) -> dict[Path, Placement]:

@@ -13,23 +13,23 @@ from classify.base.errors import InputError
 
 from .teach import By, Station
 
-Added = Annotated[
+_Added = Annotated[
     list[Path] | None,
     typer.Option(
         help="Add this set and replay nothing. Repeat the option for more.", metavar="SET"
     ),
 ]
-Expected = Annotated[
+_Expected = Annotated[
     Literal["PASS", "FAIL", "UNKNOWN"] | None,
     typer.Option(help="The verdict that the added sets must get."),
 ]
-Removed = Annotated[
+_Removed = Annotated[
     list[str] | None,
     typer.Option(
         help="Take this part out and replay nothing. Repeat the option for more.", metavar="FILE"
     ),
 ]
-RecipeName = Annotated[
+_RecipeName = Annotated[
     str | None,
     typer.Option(help="The recipe.", show_default="the one with which the next run begins"),
 ]
@@ -38,10 +38,10 @@ RecipeName = Annotated[
 @reported
 def challenge(
     folder: Station,
-    add: Added = None,
-    expect: Expected = None,
-    remove: Removed = None,
-    recipe: RecipeName = None,
+    add: _Added = None,
+    expect: _Expected = None,
+    remove: _Removed = None,
+    recipe: _RecipeName = None,
     by: By = None,
     json: options.Json = False,
 ) -> None:

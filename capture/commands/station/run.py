@@ -30,7 +30,7 @@ Trigger = Annotated[
     Literal["timer", "enter", "sensor", "http", "modbus"] | None,
     typer.Option(help="Where triggers come from.", show_default="that of station.toml"),
 ]
-ServePanel = Annotated[
+_ServePanel = Annotated[
     bool | None,
     typer.Option("--panel/--no-panel", help="Serve the panel.", show_default="if its port is free"),
 ]
@@ -46,7 +46,7 @@ Port = Annotated[
         show_default="that of station.toml",
     ),
 ]
-Collect = Annotated[
+_Collect = Annotated[
     bool, typer.Option("--collect", help="Judge no part: capture parts that are to be taught.")
 ]
 Events = Annotated[bool, typer.Option("--json", help="Print each event as one line of JSON.")]
@@ -58,10 +58,10 @@ def run(
     rig: Rig = None,
     parts: Parts = None,
     trigger: Trigger = None,
-    panel: ServePanel = None,
+    panel: _ServePanel = None,
     host: Host = None,
     port: Port = None,
-    collect: Collect = False,
+    collect: _Collect = False,
     operator: options.Operator = None,
     json: Events = False,
 ) -> None:

@@ -14,7 +14,7 @@ from capture.commands import options
 _DIGITS = 8  # of a hash that is shown
 
 Station = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the station.")]
-RecipeName = Annotated[
+_RecipeName = Annotated[
     str | None,
     typer.Option("--recipe", help="The recipe.", show_default="that of station.toml"),
 ]
@@ -39,7 +39,7 @@ def teach(
             "are taught again, for example after a change of the region.",
         ),
     ] = None,
-    recipe: RecipeName = None,
+    recipe: _RecipeName = None,
     bad: Annotated[
         str | None,
         typer.Option("--as", help="These are bad parts, of this texture.", metavar="TEXTURE"),
@@ -75,7 +75,7 @@ def teach(
 def approve(
     folder: Station,
     by: Annotated[str, typer.Option(help="Who approves it.", metavar="NAME")],
-    recipe: RecipeName = None,
+    recipe: _RecipeName = None,
 ) -> None:
     """Approve a recipe as it is now; any later change of it needs a new approval."""
     from capture.station.judge.recipe_changes import recipe_on_the_terminal
@@ -95,7 +95,7 @@ def roll_back(
             help="The first 8 characters or more of its hash; without it the states are listed.",
         ),
     ] = None,
-    recipe: RecipeName = None,
+    recipe: _RecipeName = None,
     by: By = None,
 ) -> None:
     """Go back to a state of a recipe that was approved earlier, with its approval.

@@ -15,13 +15,13 @@ _STDOUT = 1
 def shown_by(station: str, *, as_json: bool) -> Subscriber:
     """Return a subscriber that prints events, or writes the journal if stdout leads there."""
     if as_json:
-        return print_event_as_json
+        return _print_event_as_json
     if is_connected_to_journal(os.environ, _STDOUT):
         return Journal(station).tell
-    return print_event
+    return _print_event
 
 
-def print_event(event: Event) -> None:
+def _print_event(event: Event) -> None:
     """Print an event for people; warnings go to stderr."""
     for line in text_lines(event):
         if isinstance(event, Warned):
@@ -30,7 +30,7 @@ def print_event(event: Event) -> None:
             out.print(line)
 
 
-def print_event_as_json(event: Event) -> None:
+def _print_event_as_json(event: Event) -> None:
     """Print an event as one line of JSON, at once."""
     print(json.dumps(json_fields(event), allow_nan=False), flush=True)
 

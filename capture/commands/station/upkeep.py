@@ -62,13 +62,13 @@ def unit(
     print(unit_text(StationFolder(folder), user, panel), end="")
 
 
-BackupFile = Annotated[
+_BackupFile = Annotated[
     Path, typer.Argument(metavar="BACKUP", help="The file, such as line-3.ps4backup.")
 ]
 
 
 @reported
-def backup(folder: Station, path: BackupFile) -> None:
+def backup(folder: Station, path: _BackupFile) -> None:
     """Back up a station, also while it runs: results, sets, recipes, settings and users.
 
     The results are those of one moment, with the set files that they name. The backup holds secrets
@@ -87,7 +87,7 @@ def backup(folder: Station, path: BackupFile) -> None:
 
 @reported
 def restore(
-    path: BackupFile,
+    path: _BackupFile,
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder to make.")],
 ) -> None:
     """Restore a station from a backup into a new folder; every file is compared with its hash."""

@@ -12,9 +12,9 @@ from capture.base.console import command_group, new_table, out, print_table, rep
 from capture.base.utc_time import readable_utc
 
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the station.")]
-UserName = Annotated[str, typer.Argument(metavar="NAME", help="Name of the user.")]
-ClientName = Annotated[str, typer.Argument(metavar="NAME", help="Name of the API client.")]
-RoleName = Annotated[
+_UserName = Annotated[str, typer.Argument(metavar="NAME", help="Name of the user.")]
+_ClientName = Annotated[str, typer.Argument(metavar="NAME", help="Name of the API client.")]
+_RoleName = Annotated[
     Literal["operator", "engineer", "administrator"],
     typer.Option(
         help="An operator sees everything and triggers, an engineer also teaches and overrides, an "
@@ -28,7 +28,7 @@ token_app = command_group("The API clients: programs that may use a station's HT
 
 @user_app.command("add")
 @reported
-def add_user(folder: Folder, name: UserName, role: RoleName) -> None:
+def add_user(folder: Folder, name: _UserName, role: _RoleName) -> None:
     """Add a user, or change the role and password of one.
 
     The password is asked for, or is the first line of the standard input.
@@ -44,7 +44,7 @@ def add_user(folder: Folder, name: UserName, role: RoleName) -> None:
 
 @user_app.command("remove")
 @reported
-def remove_user(folder: Folder, name: UserName) -> None:
+def remove_user(folder: Folder, name: _UserName) -> None:
     """Remove a user; the sessions of this user end at once."""
     from capture.station.domain.folder import StationFolder
     from capture.station.results.accounts import accounts_on_the_terminal
@@ -69,7 +69,7 @@ def list_users(folder: Folder) -> None:
 
 @token_app.command("add")
 @reported
-def add_token(folder: Folder, name: ClientName, role: RoleName) -> None:
+def add_token(folder: Folder, name: _ClientName, role: _RoleName) -> None:
     """Add an API client and print its token, which is not stored."""
     from capture.station.domain.folder import StationFolder
     from capture.station.domain.roles import Role
@@ -81,7 +81,7 @@ def add_token(folder: Folder, name: ClientName, role: RoleName) -> None:
 
 @token_app.command("remove")
 @reported
-def remove_token(folder: Folder, name: ClientName) -> None:
+def remove_token(folder: Folder, name: _ClientName) -> None:
     """Remove an API client; its token is invalid at once."""
     from capture.station.domain.folder import StationFolder
     from capture.station.results.accounts import accounts_on_the_terminal
