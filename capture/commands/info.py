@@ -176,10 +176,20 @@ def verify(
         list[Path], typer.Argument(metavar="DIR...", help="Folders, with all folders below.")
     ],
     json: options.Json = False,
+    head: Annotated[
+        str | None,
+        typer.Option(
+            "--head",
+            metavar="SHA256",
+            help="A hash of a station's chain that was kept elsewhere; it must still be in it.",
+        ),
+    ] = None,
 ) -> None:
     """Check that sets, libraries, calibrations, sessions and stations are whole and unaltered.
 
-    Every file is read and hashed anew, and the sets of a station are compared with its results.
+    Every file is read and hashed anew, and the sets of a station are compared with its results,
+    which form a chain of hashes. Who can write to the database can make the whole chain anew:
+    --head finds that.
     Libraries and defect models have checksums against damage only: a recipe keeps their hashes. The
     exit status is 1 if something is missing, altered, without its calibration, or of a schema
     without a hash.
@@ -193,7 +203,7 @@ def verify(
         if path.name == CONFIG:
             from capture.station.results.verification import verify_station
 
-            findings += verify_station(path.parent)
+            findings += verify_station(path.parent, head)
         else:
             findings += verify_file(path)
     wrong = [finding for finding in findings if finding.state != "good"]

@@ -76,11 +76,12 @@ def history(
         if csv:
             write_csv(store.parts(shown), sys.stdout)
         elif json:
-            sys.stdout.writelines(
-                json_pieces(store.station, store.counters(selection), store.parts(shown))
-            )
+            counters, chain = store.counters(selection), store.chain_head()
+            sys.stdout.writelines(json_pieces(store.station, counters, chain, store.parts(shown)))
         else:
             _show(store.station, store.counters(selection), include_simulated)
+            chain = store.chain_head()
+            out.print(f"chain of hashes: {chain.link} rows, head {chain.chain_sha256}")
             _show_parts(store.parts(shown, newest=_SHOWN))
 
 

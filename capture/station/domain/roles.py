@@ -27,8 +27,8 @@ class Identity:
 
     name: str
     role: Role
-    # ``session``, ``token``, or ``local`` (this machine, while the station has no users).
-    via: Literal["session", "token", "local"]
+    # ``this machine`` while the station has no users.
+    via: Literal["page", "API", "command", "this machine"]
     csrf: str = ""  # token that a change from this session must carry; empty for others
 
 

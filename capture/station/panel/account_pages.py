@@ -64,7 +64,7 @@ def _password_form(call: Call, message: str = "") -> Response:
 def _change_password(call: Call) -> Response:
     """Replace the password of the user, whose sessions then end."""
     who, panel = call.someone, call.panel
-    user = panel.users.get(who.name) if who.via == "session" else None
+    user = panel.users.get(who.name) if who.via == "page" else None
     if user is None:
         raise InputError("only a user who is logged in has a password")
     client = call.request.client

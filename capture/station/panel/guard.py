@@ -36,12 +36,12 @@ def identity_of(panel: Panel, request: Request) -> Identity | None:
         client = panel.tokens.find(token.strip()) if kind.lower() == "bearer" else None
         if client is None:
             raise Denied(401, "the token is not valid", {"WWW-Authenticate": "Bearer"})
-        return Identity(client.name, client.role, "token")
+        return Identity(client.name, client.role, "API")
     cookie = request.cookies.get(session_cookie(panel))
     if cookie is not None and (identity := panel.sessions.find(cookie)) is not None:
         return identity
     if panel.settings.is_for_this_machine and not panel.users.all():
-        return Identity("local", Role.OPERATOR, "local")
+        return Identity("local", Role.OPERATOR, "this machine")
     return None
 
 
@@ -82,7 +82,7 @@ async def _answer(panel: Panel, route: PanelRoute, request: Request) -> Response
             raise Denied(403, f"{who.name} is {who.role}; this needs the role {route.role}")
     # The body is read after the check of the role: others cannot make this program wait for it.
     fields = fields_of(request, await read_body(request)) if is_change else {}
-    if is_change and who is not None and who.via == "session" and route.role is not None:
+    if is_change and who is not None and who.via == "page" and route.role is not None:
         given = request.headers.get(CSRF_HEADER, fields.get(CSRF_FIELD))
         if not isinstance(given, str) or not _same(given, who.csrf):
             raise Denied(403, "the page is out of date; load it again")

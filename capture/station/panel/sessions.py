@@ -68,7 +68,7 @@ class Sessions:
                 del self._sessions[cookie]
                 return None
             session.used_s = now_s
-        return Identity(user.name, user.role, "session", session.csrf)
+        return Identity(user.name, user.role, "page", session.csrf)
 
     def end(self, cookie: str) -> None:
         """End a session."""

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 
-from sqlalchemy import Connection, func, insert, select
+from sqlalchemy import Connection, func, select
 
 from capture.base.utc_time import utc_text
 from capture.station.domain.folder import StationFolder
@@ -15,6 +15,7 @@ from capture.station.domain.roles import Identity, Role
 from capture.station.domain.verdict import Decision
 from classify.base.errors import InputError
 
+from .chain import append
 from .database import ResultsUnavailable
 from .history import HistoryEntry
 from .part_result import storable
@@ -38,6 +39,7 @@ class ChangeRecord:
     utc: str
     by: str
     role: str
+    via: str  # as in `Identity`, or ``PLC``
     what: str  # the changed thing, such as ``user kim``
     before: str | None = None
     after: str | None = None
@@ -51,6 +53,7 @@ def record_change(
     *,
     by: str,
     role: str,
+    via: str,
 ) -> None:
     """Append a change to the log, with the present time; see `ChangeRecord`."""
     utc = utc_text(timespec="milliseconds")
@@ -60,6 +63,7 @@ def record_change(
         "utc": utc,
         "by": storable(by),
         "role": role,
+        "via": via,
         "what": storable(what),
         "before": None if before is None else storable(before),
         "after": None if after is None else storable(after),
@@ -70,7 +74,7 @@ def record_change(
             store.lock_station(connection, utc)
             last = select(func.max(changes.c.position)).where(changes.c.station == store.station)
             position = (connection.scalar(last) or 0) + 1
-            connection.execute(insert(changes).values(row | {"position": position}))
+            append(connection, changes, row | {"position": position})
 
     store.write(work)
 
@@ -140,7 +144,9 @@ class ChangeLog:
     ) -> None:
         """Record a change, which must not be made if this raises `ResultsUnavailable`."""
         try:
-            record_change(self._results.made(), what, before, after, by=who.name, role=who.role)
+            record_change(
+                self._results.made(), what, before, after, by=who.name, role=who.role, via=who.via
+            )
         except ResultsUnavailable as error:
             raise ResultsUnavailable(
                 f"nothing was changed, because the change cannot be recorded: {error}",
@@ -190,7 +196,7 @@ def changing_on_the_terminal(
     user = system_user()
     name = f"{user}, on the terminal" if by is None else f"{by}, on the terminal as {user}"
     with closing(ResultsAccess(folder)) as results:
-        yield ChangeLog(folder, results), Identity(name, Role.ADMINISTRATOR, "local")
+        yield ChangeLog(folder, results), Identity(name, Role.ADMINISTRATOR, "command")
 
 
 def system_user() -> str:

@@ -7,6 +7,7 @@ from typing import Any, TextIO
 
 from capture.base.outputs import csv_line
 
+from .chain import Head
 from .history import Counters, HistoryEntry, Tally
 from .schema import results
 
@@ -49,12 +50,11 @@ def csv_pieces(entries: Iterable[HistoryEntry]) -> Iterator[str]:
         yield csv_line(map(_cell, record_of(entry).values()))
 
 
-def json_pieces(station: str, counters: Counters, entries: Iterable[HistoryEntry]) -> Iterator[str]:
+def json_pieces(
+    station: str, counters: Counters, chain: Head, entries: Iterable[HistoryEntry]
+) -> Iterator[str]:
     """Yield the JSON of a history in pieces, so that it is never in memory as a whole."""
-    head = {
-        "station": station,
-        **counts_of(counters),
-    }
+    head = {"station": station, **counts_of(counters), **vars(chain)}
     yield json.dumps(head)[:-1] + ', "parts": ['
     for position, entry in enumerate(entries):
         yield (",\n" if position else "\n") + json.dumps(record_of(entry), allow_nan=False)

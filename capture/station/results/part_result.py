@@ -67,6 +67,9 @@ class PartResult(LimitedMeasures):
     led_levels: tuple[float, ...] = ()  # against the taught ones, in the order of the lights
     timings_ms: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    # Place in the chain of hashes of the station; None before the result is recorded.
+    link: int | None = field(default=None, compare=False)
+    chain_sha256: str | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         for time in (self.triggered_utc, self.exposed_utc, self.decided_utc):
@@ -86,7 +89,8 @@ class PartResult(LimitedMeasures):
         """The columns of the table ``results``, which CSV, JSON and MQTT show, too."""
         row = {column.name: getattr(self, column.name) for column in fields(self)}
         del row["verdict"]
-        row |= {name: None if row[name] is None else float(row[name]) for name in MEASURES}
+        # + 0.0: SQLite makes 0.0 of -0.0.
+        row |= {name: None if row[name] is None else float(row[name]) + 0.0 for name in MEASURES}
         row |= {
             "decision": self.verdict.decision.value,
             "reason": self.verdict.reason,

@@ -3,10 +3,11 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from sqlalchemy import Connection, Select, func, insert, select
+from sqlalchemy import Connection, Select, func, select
 
 from capture.station.domain.verdict import Decision
 
+from .chain import append
 from .history import ROWS_AT_A_TIME
 from .schema import overrides, removed_sets, results, same_part
 from .store import ResultStore
@@ -58,7 +59,8 @@ def record_removals(store: ResultStore, set_files: Mapping[str, str], utc: str) 
             removed_sets.c.station == store.station, removed_sets.c.part_id == rows[0]["part_id"]
         )
         if connection.scalar(is_recorded) is None:
-            connection.execute(insert(removed_sets), [row | {"batch": batch} for row in rows])
+            store.lock_station(connection, utc)
+            append(connection, removed_sets, *(row | {"batch": batch} for row in rows))
 
     store.write(work)
 

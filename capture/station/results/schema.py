@@ -40,10 +40,17 @@ from classify.base.errors import InputError
 
 from .part_result import MEASURES
 
-VERSION = 7
+VERSION = 8
 MADE_BY = "ps4rig station run makes it while parts/ is empty; if it was lost, restore a backup"
 
 metadata = MetaData()
+
+
+def _link() -> Iterator[Column[Any] | UniqueConstraint]:
+    """Columns of a row in the chain of hashes of its station; `chain.append` fills them."""
+    yield Column("link", BigInteger, nullable=False)
+    yield Column("chain_sha256", Text, nullable=False)
+    yield UniqueConstraint("station", "link")
 
 
 class lower_ascii(GenericFunction[str]):  # noqa: N801 - a function of SQL
@@ -128,6 +135,7 @@ results = Table(
     Column("led_levels", JSON, nullable=False),
     Column("timings_ms", JSON, nullable=False),
     Column("notes", JSON, nullable=False),
+    *_link(),
     PrimaryKeyConstraint("station", "part_id"),
     UniqueConstraint("station", "number"),
     ForeignKeyConstraint(
@@ -148,6 +156,7 @@ overrides = Table(
     Column("decision", Text, nullable=False),
     Column("by", Text, nullable=False),
     Column("reason", Text, nullable=False),
+    *_link(),
     PrimaryKeyConstraint("station", "part_id", "position"),
     ForeignKeyConstraint(("station", "part_id"), ("results.station", "results.part_id")),
 )
@@ -164,6 +173,7 @@ refused_triggers = Table(
     Column("part_id", Text),
     Column("reason", Text, nullable=False),
     Column("simulated", Boolean, nullable=False),
+    *_link(),
     PrimaryKeyConstraint("station", "position"),
 )
 
@@ -177,6 +187,7 @@ removed_sets = Table(
     Column("batch", BigInteger, nullable=False),
     Column("utc", Text, nullable=False),
     Column("set_file", Text, nullable=False),
+    *_link(),
     PrimaryKeyConstraint("station", "part_id"),
     ForeignKeyConstraint(("station", "part_id"), ("results.station", "results.part_id")),
 )
@@ -191,11 +202,16 @@ changes = Table(
     Column("utc", Text, nullable=False),
     Column("by", Text, nullable=False),
     Column("role", Text, nullable=False),
+    Column("via", Text, nullable=False),
     Column("what", Text, nullable=False),
     Column("before", Text),
     Column("after", Text),
+    *_link(),
     PrimaryKeyConstraint("station", "position"),
 )
+
+CHAINED = (results, overrides, refused_triggers, removed_sets, changes)
+"""The tables whose rows are in the chain of hashes."""
 
 
 def same_part(table: FromClause, other: FromClause) -> ColumnElement[bool]:

@@ -13,6 +13,7 @@ from sqlalchemy import URL, Connection, select
 
 from classify.base.errors import InputError
 
+from .chain import head
 from .database import (
     PATIENCE_S,
     database_url,
@@ -34,6 +35,7 @@ class ResultsSnapshot:
 
     parts: int
     set_files: tuple[str, ...]  # that were not removed, by number of part
+    chain_sha256: str  # head of the chain of hashes of the station
 
 
 def copy_results(address: str, station: str, target: Path) -> ResultsSnapshot:
@@ -141,4 +143,4 @@ def _snapshot(connection: Connection, station: str) -> ResultsSnapshot:
         parts += 1
         if set_file is not None and is_stored_file:
             files.append(set_file)
-    return ResultsSnapshot(parts, tuple(files))
+    return ResultsSnapshot(parts, tuple(files), head(connection, station).chain_sha256)

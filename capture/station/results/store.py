@@ -13,6 +13,7 @@ from sqlalchemy.exc import IntegrityError
 from capture.station.domain.verdict import Decision
 from classify.base.errors import InputError
 
+from .chain import Head, append, head
 from .database import (
     PATIENCE_S,
     Writer,
@@ -24,7 +25,7 @@ from .database import (
 )
 from .history import EVERY_PART, Counters, HistoryEntry, Selection, counters, entries
 from .part_id import made_part_id, require_given_part_id, require_new_part_id
-from .part_result import PartResult, storable
+from .part_result import PartResult, result_of, storable
 from .schema import (
     MADE_BY,
     begun_parts,
@@ -123,21 +124,27 @@ class ResultStore:
 
         return self.write(work)
 
-    def add(self, result: PartResult) -> None:
-        """Record the result of a begun part; the same result again changes nothing."""
+    def add(self, result: PartResult) -> PartResult:
+        """Record the result of a begun part, and return it with its place in the chain of hashes.
+
+        The same result again changes nothing.
+        """
         row = result.row
         if result.station != self.station:
             raise InputError(f"station {self.station} cannot hold a result of {result.station}")
 
-        def work(connection: Connection) -> None:
+        def work(connection: Connection) -> PartResult:
+            self.lock_station(connection, result.decided_utc)
             written = self._find(connection, results, result.part_id)
             if written is None:
-                connection.execute(insert(results).values(row))
-            elif written._mapping != row:
+                return result_of(append(connection, results, row))
+            recorded = result_of(dict(written._mapping))
+            if recorded != result_of(row):
                 raise InputError(f"part {result.part_id}: has another result already")
+            return recorded
 
         try:
-            self.write(work)
+            return self.write(work)
         except IntegrityError as error:
             raise InputError(f"part {result.part_id}, number {result.number}: not begun") from error
 
@@ -161,7 +168,7 @@ class ResultStore:
                 self.lock_station(connection, refused[0].utc)
                 last = self._last(connection, refused_triggers.c.position)
                 numbered = [row | {"position": last + n} for n, row in enumerate(rows, 1)]
-                connection.execute(insert(refused_triggers), numbered)
+                append(connection, refused_triggers, *numbered)
 
         if rows:
             self.write(work)
@@ -190,7 +197,7 @@ class ResultStore:
             if self._find(connection, results, part_id) is None:
                 raise InputError(f"part {part_id}: station {self.station} has no result of it")
             position = self._last(connection, overrides.c.position, part_id=part_id) + 1
-            connection.execute(insert(overrides).values(row | {"position": position}))
+            append(connection, overrides, row | {"position": position})
 
         self.write(work)
 
@@ -245,6 +252,11 @@ class ResultStore:
         """Count the selected parts, those of a simulated rig apart."""
         with self.reading() as connection:
             return counters(connection, self.station, selection)
+
+    def chain_head(self) -> Head:
+        """Return the last link of the chain of hashes."""
+        with self.reading() as connection:
+            return head(connection, self.station)
 
     def lock_station(self, connection: Connection, utc: str) -> None:
         """Lock the numbers of this station for one writer, until the end of a transaction.

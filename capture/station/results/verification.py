@@ -12,26 +12,33 @@ from capture.station.domain.config import CONFIG
 from capture.station.domain.folder import PARTS, StationFolder
 from classify.base.errors import InputError, Ps4rigError
 
+from .chain import broken_links, has_link
 from .history import HistoryEntry
 from .schema import begun_parts
 from .store import ResultStore, open_store
 
 
-def verify_station(folder: Path) -> Iterator[FileFinding]:
+def verify_station(folder: Path, head: str | None = None) -> Iterator[FileFinding]:
     """Compare the results of a station with the hashes and names of its set files.
+
+    `head` is a hash of its chain that was kept elsewhere, and must still be in it.
 
     Findings about the results themselves are listed under ``station.toml``.
     """
     try:
         config = StationFolder(folder).config
         with open_store(config.results_in(folder), config.name, alone=False) as store:
-            yield from _results(folder, store)
+            yield from _results(folder, store, head)
     except Ps4rigError as error:
         yield FileFinding(folder / CONFIG, "altered", f"its results cannot be read: {error}")
 
 
-def _results(folder: Path, store: ResultStore) -> Iterator[FileFinding]:
+def _results(folder: Path, store: ResultStore, head: str | None) -> Iterator[FileFinding]:
     wrong = [f"results: {fault}; restore a backup" for fault in contradictions(store)]
+    if head is not None:
+        with store.reading() as connection:
+            if not has_link(connection, store.station, head):
+                wrong.append(f"results: the chain of hashes has no link {head[:64]}")
     if unfinished := store.unfinished():
         first = unfinished[0].part_id
         wrong.append(
@@ -69,7 +76,8 @@ def _set_file(path: Path, entry: HistoryEntry) -> Iterator[FileFinding]:
 
 
 def contradictions(store: ResultStore) -> Iterator[str]:
-    """Yield a line for each contradiction: missing numbers, a damaged SQLite file."""
+    """Yield a line for each contradiction: missing numbers or links, a damaged SQLite file."""
+    yield from broken_links(store.reading, store.station)
     statement = select(func.count(), func.coalesce(func.max(begun_parts.c.number), 0)).where(
         begun_parts.c.station == store.station
     )

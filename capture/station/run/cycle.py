@@ -287,7 +287,7 @@ class Station:
         with ThreadPoolExecutor(1, "station writer") as writer:
             while (part := self._next_exposed()) is not None:
                 result, error = self._judge.result_of(part, writer)
-                self._add(result)
+                result = self._add(result)
                 latency_ms = 1e3 * (self._clock.monotonic_s() - part.exposed_s)
                 self._publish(PartAnnounced(result, latency_ms))
                 with self._lock:
@@ -309,13 +309,12 @@ class Station:
             with suppress(queue.Empty):
                 return self._exposed.get(timeout=_POLL_S)
 
-    def _add(self, result: PartResult) -> None:
+    def _add(self, result: PartResult) -> PartResult:
         """Write a row, as soon as the database answers."""
         given_up_s = None
         while True:
             try:
-                self._store.add(result)
-                return
+                return self._store.add(result)
             except ResultsUnavailable as error:
                 self._fail(error_text(error))
                 if self.is_stopping:

@@ -13,6 +13,7 @@ from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.judge.approval import approved_states
 from capture.station.judge.challenge import has_met_challenge
 from capture.station.judge.inspector import Inspector
+from capture.station.results.chain import broken_links
 from capture.station.results.store import open_store
 from classify.base.errors import InputError
 from rig.doctor.check import Check, Status, collected
@@ -20,6 +21,8 @@ from rig.doctor.diagnosis import diagnose
 
 from .recovery import require_own_sets
 from .self_test import check_calibration_age, check_disk, check_results, set_bytes
+
+_NEWEST_LINKS = 1000  # checked in 0.05 s
 
 
 def diagnose_station(folder: Path) -> Iterator[Check]:
@@ -90,6 +93,11 @@ def _check_results(station: StationFolder) -> Iterator[Check]:
     with open_store(results, config.name, alone=False) as store:
         require_own_sets(station, store)
         yield from check_results(store)
+        broken = next(broken_links(store.reading, store.station, _NEWEST_LINKS), None)
+        if broken is None:
+            yield Check("chain of hashes", "ok", f"the last {_NEWEST_LINKS} rows are unaltered")
+        else:
+            yield Check("chain of hashes", "fault", broken, "run ps4rig verify")
 
 
 def _check_extras(config: StationConfig) -> Iterator[Check]:

@@ -118,4 +118,5 @@ def _fields(result: PartResult) -> dict[str, Any]:
         "reason": verdict.reason,
         "simulated": result.simulated,
         "set_file": result.set_file,
+        "chain_sha256": result.chain_sha256,
     }

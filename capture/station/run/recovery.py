@@ -28,8 +28,7 @@ def finish_interrupted(
     for begun in store.unfinished():
         stored, reason = _left_behind(folder, begun)
         result = interrupted_result(store.station, begun, decided_utc(), stored, reason)
-        store.add(result)
-        yield result
+        yield store.add(result)
 
 
 def _left_behind(folder: Path, begun: BegunPart) -> tuple[dict[str, Any], str]:

@@ -195,7 +195,9 @@ class RunRecipes:
 
     def _record(self, recipe: UsableRecipe, by: Asker) -> None:
         before, after = _named(self.present.recipe), _named(recipe.recipe)
-        record_change(self._store, "loaded recipe", before, after, by=by.name, role=by.role)
+        record_change(
+            self._store, "loaded recipe", before, after, by=by.name, role=by.role, via=by.via
+        )
 
 
 def approved_recipe(files: RecipeFolder, store: ResultStore) -> Recipe | None:

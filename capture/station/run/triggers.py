@@ -31,6 +31,7 @@ class Asker(NamedTuple):
     name: str
     role: str
     seen_sha256: str | None = None  # hash of the recipe that the asker saw; None if none was shown
+    via: str = "PLC"
 
 
 class RecipeRefusal(Enum):

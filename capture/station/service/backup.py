@@ -82,6 +82,7 @@ class Backup:
             software_version=version("ps4rig"),
             database=None if self._database is None else self._database[0],
             parts=self._found.parts,
+            chain_sha256=self._found.chain_sha256,
             sets=len(self._found.set_files) - len(self._missing),
             missing=tuple(self._missing),
             files=files,
@@ -102,7 +103,7 @@ def prepared_backup(folder: Path, path: Path) -> Iterator[Backup]:
         # The copy lies beside the backup, whose disk needs the space in any case.
         temporary_path(path.absolute().parent, path) as copy,
     ):
-        snapshot, database = ResultsSnapshot(0, ()), None
+        snapshot, database = ResultsSnapshot(0, (), ""), None
         if "://" in results:
             snapshot, database = copy_results(results, config.name, copy), (DUMP, copy)
         elif Path(results).exists():

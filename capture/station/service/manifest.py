@@ -38,13 +38,14 @@ class Manifest(Record):
     """The contents of a backup."""
 
     format: Literal["ps4rig-backup"] = "ps4rig-backup"
-    version: Literal[1] = 1
+    version: Literal[2] = 2
     utc: str  # when the results were copied
     station: str
     software_version: str
     # SQLite file or PostgreSQL dump in the backup; None before the first run.
     database: InnerPath | None
     parts: Count  # those with a result
+    chain_sha256: str  # head of the chain of hashes of the station; empty without rows
     sets: Count
     missing: tuple[str, ...]  # set files that the results name
     files: Annotated[tuple[StoredFile, ...], Field(max_length=MOST_FILES)]

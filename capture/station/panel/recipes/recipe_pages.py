@@ -60,7 +60,8 @@ def known_changes_of(call: Call) -> RecipeChanges:
 
 def load_recipe_of(call: Call) -> RecipeLoaded:
     """Let the station judge by the recipe of the path; the station records the change."""
-    asker = Asker(call.name, call.someone.role, call.text("sha256", "") or None)
+    who = call.someone
+    asker = Asker(call.name, who.role, call.text("sha256", "") or None, who.via)
     return call.panel.live.load_recipe(known_changes_of(call).files.name, asker)
 
 

@@ -105,7 +105,7 @@ def test_a_new_password_does_not_bring_back_what_an_administrator_took(
 
 
 def test_what_people_wrote_is_shown_as_text(panel: RunningPanel, browser: Client) -> None:
-    who = Identity("<b>ada</b>", Role.ENGINEER, "local")
+    who = Identity("<b>ada</b>", Role.ENGINEER, "command")
     what, after = "part <script>alert(1)</script>", "<img src=x onerror=alert(1)>"
     panel.panel.changes.record(who, what, None, after)
     text = browser.get("/changes").text

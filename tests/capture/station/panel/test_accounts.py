@@ -288,7 +288,7 @@ def test_commands_add_list_and_remove_users_and_tokens(
     assert ps4rig("station", "user", "remove", folder, "ada").exit_code == 2
     log = (folder / "station.log").read_text()
     assert "user ada: nothing -> administrator, new password" in log
-    assert "on the terminal (administrator, local): client mes: nothing -> operator" in log
+    assert "on the terminal (administrator, command): client mes: nothing -> operator" in log
     assert log.count("user ada") == 2  # one change failed
     assert PASSWORD not in log
     assert token not in log
@@ -326,7 +326,9 @@ def test_changes_keep_their_order_and_cannot_be_changed(tmp_path: Path) -> None:
 
     with open_store(str(tmp_path / "results.sqlite"), "line-1", create=True) as store:
         for number in range(5):
-            record_change(store, f"x{number}", None, "\udcff", by="ada", role="engineer")
+            record_change(
+                store, f"x{number}", None, "\udcff", by="ada", role="engineer", via="page"
+            )
         found = newest_changes(store, 3)
         assert [change.what for change in found] == ["x4", "x3", "x2"]
         assert found[0].after == "\\udcff"

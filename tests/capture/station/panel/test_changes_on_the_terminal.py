@@ -24,7 +24,7 @@ from capture.station.results.database import ResultsUnavailable
 from capture.station.results.store import open_store
 
 Ps4rig = Callable[..., Any]
-ADA = Identity("ada", Role.ENGINEER, "local")
+ADA = Identity("ada", Role.ENGINEER, "command")
 
 
 def rows(station: Path) -> list[ChangeRecord]:

@@ -111,9 +111,9 @@ def test_the_button_names_the_hash_of_the_recipe_on_the_page(
     line.parts(1, line.client(Role.ENGINEER))
     assert line.bench.recipes is not None
     assert kim.form("/recipes/example/load", sha256=sha256).status == 303
-    assert line.bench.recipes.asker == Asker("kim", Role.ENGINEER, sha256)
+    assert line.bench.recipes.asker == Asker("kim", Role.ENGINEER, sha256, "page")
     assert line.client(Role.ENGINEER).post(f"{API}/load", {"sha256": sha256}).status == 200
-    assert line.bench.recipes.asker == Asker("client-engineer", Role.ENGINEER, sha256)
+    assert line.bench.recipes.asker == Asker("client-engineer", Role.ENGINEER, sha256, "API")
 
 
 @pytest.mark.browser

@@ -7,6 +7,7 @@ from sqlalchemy import insert
 
 from capture.base.utc_time import utc_text
 from capture.station.domain.verdict import Cause, Decision, Verdict
+from capture.station.results.chain import append
 from capture.station.results.part_result import PartResult
 from capture.station.results.schema import begun_parts, results
 from capture.station.results.store import BegunPart, ResultStore
@@ -62,6 +63,6 @@ def fill(store: ResultStore, parts: list[PartResult]) -> None:
             for part in parts
         ]
         connection.execute(insert(begun_parts), begun)
-        connection.execute(insert(results), [part.row for part in parts])
+        append(connection, results, *(part.row for part in parts))
 
     store.write(work)

@@ -89,8 +89,18 @@ def test_rows_that_somebody_took_away_are_found(folder: Path, store: ResultStore
         for table in ("results", "begun_parts"):
             other.execute(f"DROP TRIGGER {table}_no_delete")
             other.execute(f"DELETE FROM {table} WHERE number = 2")
-    [finding] = verify_station(folder)
-    assert "1 of 3 numbers of parts are missing" in finding.details
+    chain, numbers = verify_station(folder)
+    assert "links 2 to 2 of the chain of hashes" in chain.details
+    assert "1 of 3 numbers of parts are missing" in numbers.details
+
+
+def test_a_head_that_was_kept_elsewhere_must_still_be_in_the_chain(
+    folder: Path, store: ResultStore
+) -> None:
+    inspect(store)
+    head = store.chain_head().chain_sha256
+    assert [finding.state for finding in verify_station(folder, head)] == ["good"]
+    assert [finding.state for finding in verify_station(folder, "0" * 64)] == ["altered"]
 
 
 def test_a_damaged_database_is_found(folder: Path, store: ResultStore) -> None:

@@ -118,10 +118,10 @@ def test_a_part_is_announced_only_with_its_file_and_its_row_on_disk(station: Ben
         save(captured, path)
         steps.append("file")
 
-    def added(result: Any) -> None:
+    def added(result: Any) -> Any:
         assert (station.folder.path / result.set_file).is_file()
-        add(result)
         steps.append("row")
+        return add(result)
 
     station.save, station.store.add = saved, added  # type: ignore[method-assign]
     append = station.events.append
@@ -460,12 +460,12 @@ def test_a_store_that_fails_strangely_ends_the_run_without_an_announcement(
 def test_a_database_that_does_not_answer_holds_results_back(station: Bench) -> None:
     add, calls = station.store.add, 0
 
-    def added(result: Any) -> None:
+    def added(result: Any) -> Any:
         nonlocal calls
         calls += 1
         if calls < 3:
             raise ResultsUnavailable("server: connection refused")
-        add(result)
+        return add(result)
 
     station.store.add = added  # type: ignore[method-assign]
     station.run(one_after_the_other(6), count=4)

@@ -277,7 +277,7 @@ def longer_content(_: dict[str, Any], files: dict[str, bytes]) -> None:
 
 
 def a_later_version(manifest: dict[str, Any], _: dict[str, bytes]) -> None:
-    manifest["version"] = 2
+    manifest["version"] = 3
 
 
 @pytest.mark.parametrize(
