@@ -10,6 +10,7 @@ import typer
 from capture.base.console import complain, new_table, out, print_json, print_table, reported
 from capture.base.utc_time import readable_utc
 from capture.commands import options
+from classify.base.errors import InputError
 
 _DIGITS = 8  # of a hash that is shown
 
@@ -44,18 +45,44 @@ def teach(
         str | None,
         typer.Option("--as", help="These are bad parts, of this texture.", metavar="TEXTURE"),
     ] = None,
+    label: Annotated[
+        str | None,
+        typer.Option("--label", help="These are good parts of this texture.", metavar="TEXTURE"),
+    ] = None,
+    relabel: Annotated[
+        bool,
+        typer.Option("--relabel", help="Sets that were taught already get the given texture."),
+    ] = False,
+    remove: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--remove",
+            metavar="FILE",
+            help="Teach without this file of recipes/NAME/sets. Repeat the option for more.",
+        ),
+    ] = None,
     by: By = None,
     json: options.Json = False,
 ) -> None:
     """Teach good and bad parts: a new version of the recipe, which somebody must approve.
 
-    The texture of good parts is the label of their set, or the name of the recipe.
+    The texture of good parts is --label, the label of their set, or the name of the recipe.
     """
     from capture.sets.archive import find_sets
     from capture.station.judge.recipe_changes import recipe_on_the_terminal
 
+    if bad is not None and label is not None:
+        raise InputError("--as and --label: give one of them")
+    if relabel and not (sets and (bad or label)):
+        raise InputError("--relabel: give sets, and their texture with --label or --as")
     with recipe_on_the_terminal(folder, recipe, by) as changes:
-        teaching = changes.teach(find_sets(sets) if sets else [], bad)
+        teaching = changes.teach(
+            find_sets(sets) if sets else [],
+            bad,
+            label,
+            is_relabelling=relabel,
+            removed=remove or [],
+        )
     files = changes.files
     made = teaching.recipe
     if json:

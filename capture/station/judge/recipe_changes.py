@@ -115,13 +115,19 @@ class RecipeChanges:
         return roll_back(self.files, sha256, record)
 
     def begin_teaching(
-        self, names: Sequence[str], texture: str | None, *, is_good: bool
+        self,
+        names: Sequence[str],
+        texture: str | None,
+        removed: Sequence[str] = (),
+        *,
+        is_good: bool,
     ) -> LongChange:
         """Record that parts are about to be taught; without names the known parts again."""
         kind = "good" if is_good else "bad"
         what = f"{len(names)} {kind} part{'s' * (len(names) != 1)}" if names else "the known parts"
         what += f" of {texture}" if names and texture else "" if names else " again"
         listed = f": {', '.join(names)}" if names else ""
+        listed += f"; without {', '.join(removed)}" if removed else ""
         return self._begin(f"Teach {what}", f"teach {what}{listed}")
 
     def begin_replay(self) -> LongChange:
@@ -130,12 +136,27 @@ class RecipeChanges:
         title = f"Replay the challenge set, {parts} part{'s' * (parts != 1)}"
         return self._begin(title, title)
 
-    def teach(self, paths: Sequence[Path], bad_texture: str | None) -> Teaching:
-        """Teach sets."""
-        names = [path.name for path in paths]
-        change = self.begin_teaching(names, bad_texture, is_good=bad_texture is None)
+    def teach(
+        self,
+        paths: Sequence[Path],
+        bad_texture: str | None,
+        good_texture: str | None = None,
+        *,
+        is_relabelling: bool = False,
+        removed: Sequence[str] = (),
+    ) -> Teaching:
+        """Teach sets; see `teach`."""
+        names, texture = [path.name for path in paths], bad_texture or good_texture
+        change = self.begin_teaching(names, texture, removed, is_good=bad_texture is None)
         with change.recording_failure():
-            teaching = teach(self.files, paths, bad_texture)
+            teaching = teach(
+                self.files,
+                paths,
+                bad_texture,
+                good_texture=good_texture,
+                is_relabelling=is_relabelling,
+                removed=removed,
+            )
         change.ended(None)
         return teaching
 

@@ -25,6 +25,7 @@ class KeptSet:
     texture: str
     path: Path
     pixels_sha256: str
+    has_label: bool = True  # given now or earlier; False if it has the name of the recipe
 
 
 def known_sets(files: RecipeFolder, recipe: Recipe) -> Iterator[KeptSet]:
@@ -60,5 +61,6 @@ def keep_sets(
             name = checked_label(texture or metadata.label or default)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
-        kept.append(KeptSet(name, copy, metadata.pixels_sha256))
+        has_label = bool(texture or metadata.label)
+        kept.append(KeptSet(name, copy, metadata.pixels_sha256, has_label))
     return kept

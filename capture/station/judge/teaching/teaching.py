@@ -1,8 +1,9 @@
 """Teach a recipe: make a new version from captured sets of good and bad parts."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -47,6 +48,7 @@ from .taught_sets import KeptSet, keep_sets, known_sets
 from .teaching_limits import general_limits, limits_of_texture, with_unjudged
 from .teaching_page import write_teaching_page
 from .teaching_result import Teaching
+from .unlabelled import require_one_texture, unlabelled_remarks
 
 
 def teach(
@@ -55,9 +57,13 @@ def teach(
     bad_texture: str | None = None,
     *,
     good_texture: str | None = None,
+    is_relabelling: bool = False,
+    removed: Sequence[str] = (),
     show: ShowProgress = progress,
 ) -> Teaching:
     """Add sets to the taught ones, and make a new version of the recipe from all.
+
+    Known sets get another texture if `is_relabelling`; `removed` are names of their files.
 
     The recipe's file is written last: until then the previous version is in use.
     """
@@ -65,9 +71,10 @@ def teach(
         before = read_recipe(files.file) if files.file.exists() else None
         known = [] if before is None else list(known_sets(files, before))
         given = keep_sets(paths, files.sets, bad_texture or good_texture, files.name)
-        sets = _by_texture([*known, *given])
+        sets = _by_texture(known, given, removed, is_relabelling=is_relabelling)
         textures = list(dict.fromkeys(kept.texture for kept in given))
-        recipe = _next_version(files, before, textures, bad=bad_texture is not None)
+        emptied = {kept.texture for kept in known} - {kept.texture for kept in sets}
+        recipe = _next_version(files, before, textures, emptied, bad=bad_texture is not None)
         _check_good_parts(recipe, sets)
         known_limits = {} if before is None else limits_measured_before(files, before)
         teaching = _taught(files, recipe, sets, known_limits, show)
@@ -80,25 +87,42 @@ def teach(
         return teaching
 
 
-def _by_texture(sets: Sequence[KeptSet]) -> list[KeptSet]:
+def _by_texture(
+    known: Sequence[KeptSet],
+    given: Sequence[KeptSet],
+    removed: Sequence[str],
+    *,
+    is_relabelling: bool,
+) -> list[KeptSet]:
     """All different sets, ordered by texture."""
-    by_pixels: dict[str, KeptSet] = {}
-    for kept in sets:
-        other = by_pixels.setdefault(kept.pixels_sha256, kept)
-        if other.texture != kept.texture:
+    names = {kept.path.name for kept in known}
+    for name in removed:
+        if name not in names:
+            raise RecipeError(f"--remove {name[:100]}: no set of this name was taught")
+    by_pixels = {kept.pixels_sha256: kept for kept in known if kept.path.name not in removed}
+    for kept in given:
+        other = by_pixels.get(kept.pixels_sha256, kept)
+        if other.texture != kept.texture and (other in given or not is_relabelling):
             raise RecipeError(
                 f"{kept.path}: was taught as {other.texture!r} and cannot be {kept.texture!r} too; "
-                "remove the file to teach it anew"
+                "give --relabel to change its texture, or --remove with its name to take it out"
             )
+        by_pixels[kept.pixels_sha256] = kept
     return sorted(by_pixels.values(), key=lambda kept: kept.texture)
 
 
 def _next_version(
-    files: RecipeFolder, before: Recipe | None, textures: Sequence[str], *, bad: bool
+    files: RecipeFolder,
+    before: Recipe | None,
+    textures: Sequence[str],
+    emptied: Collection[str],
+    *,
+    bad: bool,
 ) -> Recipe:
-    """The next version of a recipe with further textures, good or bad ones."""
+    """The next version of a recipe with further textures, good or bad, and without `emptied`."""
     name = files.name
     passes, fails = ((), ()) if before is None else (before.passes, before.fails)
+    passes, fails = (tuple(n for n in named if n not in emptied) for named in (passes, fails))
     for texture in textures:
         if texture in (passes if bad else fails):
             raise RecipeError(
@@ -111,9 +135,10 @@ def _next_version(
         passes = tuple(dict.fromkeys([*passes, *textures]))
     if not passes:
         raise RecipeError(f"recipe {name} has no good parts yet; teach these first")
-    changes = {"passes": passes, "fails": fails, "approval": None}
+    changes: dict[str, Any] = {"passes": passes, "fails": fails, "approval": None}
     if before is None:
         return Recipe.model_validate({"name": name, **changes})
+    changes["limits_of"] = {n: own for n, own in before.limits_of.items() if n not in emptied}
     # After a roll back there are later versions, whose files stay.
     taught = [*files.taught_versions()[:1], *([before.version] if before.taught else [])]
     version = max([before.version, *(number + 1 for number in taught)])
@@ -144,6 +169,8 @@ def _taught(
     solving = (taught_part(kept, recipe.region) for kept in sets)
     parts = list(show(solving, len(sets), "solve"))
     check_alike(parts)
+    unlabelled = [part for part in parts if not part.kept.has_label]
+    require_one_texture(unlabelled)
     made = files.version(recipe.version)
     make_folder(made.folder)
     library = _library(parts)
@@ -188,6 +215,7 @@ def _taught(
         inspections = _inspections(recipe, taught, library, models, parts, show)
     bounds = {name: model.defects.false_alarm_bound for name, model in models.items()}
     remarks = [
+        *unlabelled_remarks(unlabelled),
         *kept_remarks(measured, by_people),
         *_blind_spots(models),
         *(
