@@ -10,7 +10,7 @@ from scipy.spatial.distance import squareform
 
 from classify.base.arrays import Floats
 from classify.base.errors import InputError
-from classify.classifiers import classifier_named
+from classify.classifiers import Observation, classifier_named
 from classify.library.match import Match
 from classify.library.training import TrainingRow, observe
 from classify.methods import DEFAULT_CLASSIFIER
@@ -73,6 +73,29 @@ def embedding(distances: Floats, dissimilarities: Floats) -> Floats:
             towards = vectors[:, index] / np.sqrt(values[index])
             places[:, axis] = -0.5 * (np.square(distances) - means) @ towards
     return places
+
+
+def groups_alike(
+    rows: Sequence[TrainingRow], tests: Sequence[Observation], segment_px: int, apart: float
+) -> list[int]:
+    """Group of each of two or more sets, by average linkage up to the distance `apart`.
+
+    `rows` and `tests` are observations of the same sets, for training and for matching.
+    """
+    names = [str(number) for number in range(len(rows))]
+    library = TextureLibrary.from_observations(
+        [row._replace(label=name) for row, name in zip(rows, names, strict=True)], segment_px
+    )
+    classifier, labels = classifier_named(library.classifier), np.array(library.labels)
+    one_way = np.empty((len(rows), len(rows)))
+    for number, test in enumerate(tests):
+        signature = classifier.signature(test, library.parameters)
+        found = classifier.compare(signature, library.signatures, library.parameters).distances
+        one_way[number] = [found[labels == name].min() for name in names]
+    both = 0.5 * (one_way + one_way.T)
+    np.fill_diagonal(both, 0.0)
+    tree = hierarchy.linkage(squareform(both), method="average")
+    return [int(group) for group in hierarchy.fcluster(tree, apart, "distance")]
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,8 @@ _Added = Annotated[
     ),
 ]
 _Expected = Annotated[
-    Literal["PASS", "FAIL", "UNKNOWN"] | None,
-    typer.Option(help="The verdict that the added sets must get."),
+    Literal["reject", "PASS", "FAIL", "UNKNOWN"],
+    typer.Option(help="The verdict that the added sets must get; reject: any but PASS."),
 ]
 _Removed = Annotated[
     list[str] | None,
@@ -39,7 +39,7 @@ _RecipeName = Annotated[
 def challenge(
     folder: Station,
     add: _Added = None,
-    expect: _Expected = None,
+    expect: _Expected = "reject",
     remove: _Removed = None,
     recipe: _RecipeName = None,
     by: By = None,
@@ -58,14 +58,12 @@ def challenge(
     from capture.station.judge.inspector import Inspector
     from capture.station.judge.recipe_changes import recipe_on_the_terminal
 
-    if (add is None) != (expect is None):
-        raise InputError("give --add SET and --expect PASS, FAIL or UNKNOWN together")
     if add is not None and remove is not None:
         raise InputError("--add and --remove: give one of them")
     name = recipe or first_recipe(StationFolder(folder))
     with recipe_on_the_terminal(folder, name, by) as changes:
         challenge_folder = changes.files.challenge
-        if add is not None and expect is not None:
+        if add is not None:
             changes.add_to_challenge(add, expect)
             out.print(f"{challenge_folder}: {len(add)} parts added that must be {expect}")
             return

@@ -40,7 +40,9 @@ class PartOutcome(Record):
 
     @property
     def is_regression(self) -> bool:
-        """Whether the verdict differs from the expected one."""
+        """Whether the verdict differs from the expected one, or the set could not be read."""
+        if self.expected == "reject":
+            return self.found is Decision.PASS or self.pixels_sha256 is None
         return self.found != self.expected
 
     def __str__(self) -> str:

@@ -4,7 +4,7 @@ import json
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from pydantic import Field
 
@@ -19,14 +19,17 @@ from classify.base.models import Section, read_toml_as, validated
 
 FILE = "challenge.toml"
 _LOCK = "challenge.lock"
-Expected = Literal["PASS", "FAIL", "UNKNOWN"]
+# ``reject`` is anything but PASS.
+Expected = Literal["reject", "PASS", "FAIL", "UNKNOWN"]
+EXPECTED: tuple[Expected, ...] = get_args(Expected)
 Record = Callable[[str, Expected | None, Expected | None], None]
 """Called with a file and its old and new verdict, before anything is written."""
 MOST_SETS = 10_000
 
 _HEAD = """\
-# Captured sets in this folder, and the verdict that each must get before a changed recipe runs.
-# ps4rig station challenge DIR --add SET --expect PASS|FAIL|UNKNOWN adds one.
+# Captured sets in this folder, and the verdict that each must get before a changed recipe runs;
+# "reject" is anything but PASS.
+# ps4rig station challenge DIR --add SET --expect PASS|reject|FAIL|UNKNOWN adds one.
 
 [sets]
 """
@@ -42,7 +45,7 @@ def read_challenge(folder: Path) -> ChallengeSet:
     """Read a challenge set."""
     missing = (
         "there is no challenge set; add parts with ps4rig station challenge DIR --add SET "
-        "--expect PASS|FAIL|UNKNOWN"
+        "--expect PASS or reject"
     )
     challenge = read_toml_as(folder / FILE, ChallengeSet, missing)
     passing = sum(expected == Decision.PASS for expected in challenge.sets.values())

@@ -2,13 +2,8 @@
 
 from collections.abc import Iterator, Sequence
 
-import numpy as np
-from scipy.cluster import hierarchy
-from scipy.spatial.distance import squareform
-
 from capture.station.domain.errors import RecipeError
-from classify import TextureLibrary
-from classify.classifiers import classifier_named
+from classify.library.dissimilarity import groups_alike
 
 from .taught_part import TaughtPart
 
@@ -32,7 +27,8 @@ def require_one_texture(parts: Sequence[TaughtPart]) -> None:
     """Check that sets without a label look alike."""
     if len(parts) < 2:
         return
-    groups = _groups(parts)
+    rows, tests = [part.row for part in parts], [part.test for part in parts]
+    groups = groups_alike(rows, tests, parts[0].segment_px, _APART)
     firsts = [groups.index(group) for group in sorted(set(groups))]
     if len(firsts) > 1:
         named = ", ".join(
@@ -42,20 +38,3 @@ def require_one_texture(parts: Sequence[TaughtPart]) -> None:
             f"{len(parts)} sets have no label, and look like {len(firsts)} textures: {named}; "
             "teach each with --label TEXTURE"
         )
-
-
-def _groups(parts: Sequence[TaughtPart]) -> list[int]:
-    """The group of each part, by average linkage of their distances."""
-    names = [str(number) for number in range(len(parts))]
-    rows = [part.row._replace(label=name) for part, name in zip(parts, names, strict=True)]
-    library = TextureLibrary.from_observations(rows, parts[0].segment_px)
-    classifier, labels = classifier_named(library.classifier), np.array(library.labels)
-    distances = np.empty((len(parts), len(parts)))
-    for number, part in enumerate(parts):
-        signature = classifier.signature(part.test, library.parameters)
-        found = classifier.compare(signature, library.signatures, library.parameters).distances
-        distances[number] = [found[labels == name].min() for name in names]
-    both_ways = 0.5 * (distances + distances.T)
-    np.fill_diagonal(both_ways, 0.0)
-    tree = hierarchy.linkage(squareform(both_ways), method="average")
-    return [int(group) for group in hierarchy.fcluster(tree, _APART, "distance")]

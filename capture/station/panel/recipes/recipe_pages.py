@@ -11,7 +11,7 @@ from capture.station.domain.roles import Role
 from capture.station.domain.taught import read_taught
 from capture.station.domain.verdict import Decision
 from capture.station.judge.approval import approved_states
-from capture.station.judge.challenge_set import challenge_sets
+from capture.station.judge.challenge_set import EXPECTED, challenge_sets
 from capture.station.judge.recipe_changes import RecipeChanges
 from capture.station.judge.recipe_settings import SettingsRefused
 from capture.station.judge.recipe_state import RecipeState
@@ -27,7 +27,7 @@ from classify.base.errors import InputError, Ps4rigError
 from classify.base.regular_file import read_regular_file
 
 from .recipe_form import RecipeForm, settings_of
-from .recipe_work import EXPECTED, add_parts_to_challenge, start_replay, start_teaching
+from .recipe_work import add_parts_to_challenge, start_replay, start_teaching
 
 # No more than the parts that may wait for pictures (`picture_maker.MOST_WAITING`).
 _SHOWN_PARTS = 20

@@ -7,7 +7,7 @@ from typing import Any
 from capture.base.console import ShowProgress
 from capture.station.domain.verdict import Decision
 from capture.station.judge.challenge import run_challenge
-from capture.station.judge.challenge_set import Expected
+from capture.station.judge.challenge_set import EXPECTED
 from capture.station.judge.inspector import Inspector
 from capture.station.judge.recipe_changes import LongChange, RecipeChanges
 from capture.station.judge.teaching.teaching import teach
@@ -20,7 +20,6 @@ from classify.methods import checked_label
 
 # A job can teach this many in its time; see `background_jobs`.
 MOST_CHOSEN_PARTS = 300
-EXPECTED: tuple[Expected, ...] = ("PASS", "FAIL", "UNKNOWN")
 
 
 def start_teaching(

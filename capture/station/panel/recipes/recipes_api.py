@@ -214,7 +214,8 @@ ROUTES = (
     ),
     PanelRoute(
         "POST", f"{_ONE}/challenge/parts", Role.ENGINEER, _add, "Add parts to the challenge set.",
-        fields=_PARTS | {"expected": "PASS, FAIL or UNKNOWN"}, types=_PARTS_TYPE,
+        fields=_PARTS | {"expected": "reject (any but PASS), PASS, FAIL or UNKNOWN"},
+        types=_PARTS_TYPE,
     ),
     PanelRoute(
         "DELETE", f"{_ONE}/challenge/parts/{{file}}", Role.ENGINEER, _remove,

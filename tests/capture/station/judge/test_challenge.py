@@ -12,9 +12,15 @@ from capture.sets.captured_set import CapturedSet
 from capture.station.domain.errors import ChallengeFailed, RecipeError
 from capture.station.domain.recipe_file import read_recipe, write_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.verdict import Decision
 from capture.station.judge import fingerprint
-from capture.station.judge.challenge import has_met_challenge, replay_challenge, require_challenge
-from capture.station.judge.challenge_set import FILE, add_to_challenge
+from capture.station.judge.challenge import (
+    PartOutcome,
+    has_met_challenge,
+    replay_challenge,
+    require_challenge,
+)
+from capture.station.judge.challenge_set import FILE, add_to_challenge, challenge_sets
 from capture.station.judge.inspector import Inspection, Inspector
 from classify.base.errors import InputError
 from tests.capture.station.teaching_sets import saved
@@ -84,6 +90,33 @@ def test_a_bad_part_that_passes_now_blocks_although_a_replay_is_on_record(
     with pytest.raises(ChallengeFailed, match=r"malv-0.ome.tif must be UNKNOWN and is PASS"):
         require_challenge(files, Inspector.load(files))
     assert not has_met_challenge(files, Inspector.load(files))
+
+
+@pytest.mark.parametrize(
+    ("found", "pixels_sha256", "is_regression"),
+    [
+        ("UNKNOWN", "0" * 64, False),
+        ("FAIL", "0" * 64, False),
+        ("ERROR", "0" * 64, False),
+        ("PASS", "0" * 64, True),
+        ("ERROR", None, True),
+    ],
+)
+def test_a_bad_part_may_be_rejected_in_any_way(
+    found: Decision, pixels_sha256: str | None, is_regression: bool
+) -> None:
+    outcome = PartOutcome(
+        file="a", pixels_sha256=pixels_sha256, expected="reject", found=Decision(found), reason=""
+    )
+    assert outcome.is_regression is is_regression
+
+
+def test_an_added_part_must_be_rejected_unless_its_verdict_is_given(
+    files: RecipeFolder, station: Path, ps4rig: Callable[..., Any]
+) -> None:
+    part = files.challenge / "sand-2.ome.tif"
+    assert ps4rig("station", "challenge", station, "--add", part).exit_code == 0
+    assert challenge_sets(files.challenge)["sand-2.ome.tif"] == "reject"
 
 
 def test_a_part_that_cannot_be_judged_is_a_regression(files: RecipeFolder) -> None:

@@ -189,7 +189,10 @@ def test_a_part_of_the_history_comes_into_the_challenge_set_and_out_again(
     assert 'name="part.part-000002" checked' in newest
     assert 'name="ids" value="part-7"' in newest
     for wrong, said in (
-        ({"use": "challenge", "expected": "ERROR", "ids": "part-000001"}, "give PASS, FAIL"),
+        (
+            {"use": "challenge", "expected": "ERROR", "ids": "part-000001"},
+            "give reject, PASS, FAIL",
+        ),
         ({"use": "challenge", "expected": "PASS", "ids": "part-9"}, "there is no result of it"),
         ({"use": "good", "texture": "rock"}, "choose a part"),
         ({"use": "good", "texture": "unknown", "ids": "part-000001"}, "matches no class"),
