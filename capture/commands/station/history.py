@@ -130,8 +130,9 @@ def _show(station: str, counters: Counters, include_simulated: bool) -> None:
 
 
 def _words(tally: Tally) -> str:
+    collected = f"; collected to be taught: {tally.collected}" if tally.collected else ""
     if not tally.parts:
-        return f"no parts; triggers refused: {tally.refused_triggers}"
+        return f"no parts{collected}; triggers refused: {tally.refused_triggers}"
     counts = ", ".join(f"{tally.in_force.get(decision, 0)} {decision}" for decision in Decision)
     passed = tally.in_force.get(Decision.PASS, 0) / tally.parts
     before = ""
@@ -139,7 +140,7 @@ def _words(tally: Tally) -> str:
         own = ", ".join(f"{tally.by_station.get(decision, 0)} {decision}" for decision in Decision)
         before = f"; before overrides {own}"
     return (
-        f"parts {tally.parts}: {counts}; {passed:.1%} passed{before}; "
+        f"parts {tally.parts}: {counts}; {passed:.1%} passed{before}{collected}; "
         f"triggers refused: {tally.refused_triggers}"
     )
 

@@ -51,6 +51,7 @@ class Cause(StrEnum):
     NO_TEXTURE = "no-texture", Decision.UNKNOWN, 20, "beyond the limit of every texture"
     UNDECIDED = "undecided", Decision.UNKNOWN, 21, "small margin, or the orientation is not clear"
     BLUR = "blur", Decision.UNKNOWN, 22, "out of focus"
+    COLLECTED = "collected", Decision.UNKNOWN, 23, "collected to be taught, not judged"
 
     BAD_TEXTURE = "bad-texture", Decision.FAIL, 40, "a texture that the recipe rejects"
     WRONG_TEXTURE = "wrong-texture", Decision.FAIL, 41, "a texture that the recipe does not name"

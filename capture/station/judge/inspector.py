@@ -381,4 +381,4 @@ class Collector:
 
     def inspect(self, captured: CapturedSet) -> Inspection:  # noqa: ARG002 - as an inspector
         """Judge nothing."""
-        return Inspection(Verdict(Decision.UNKNOWN, COLLECTS, (Cause.NO_TEXTURE,)))
+        return Inspection(Verdict(Decision.UNKNOWN, COLLECTS, (Cause.COLLECTED,)))

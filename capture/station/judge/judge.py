@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 from capture.station.domain.limits import MEASURES_OF, ROWS, LimitedMeasures, Limits, beyond
 from capture.station.domain.recipe import Orientation, Recipe
@@ -79,12 +80,15 @@ def _of_the_texture(recipe: Recipe, measures: Measures) -> Iterator[Finding]:
     if match is None:
         yield Finding(Cause.UNFORESEEN, "the texture was not matched")
         return
-    limits = recipe.limits_for(match.label or "")
+    limits = recipe.limits_for(match.label or match.nearest)
     unknown = list(_unknown(match, limits))
     yield from unknown
     if match.label is None:
         if not unknown:
             yield Finding(Cause.UNDECIDED, match.reason or "the texture is unknown")
+        if match.nearest in recipe.passes:  # what is wrong with it, if it is of that texture
+            found = chain.from_iterable(_beyond_limit(key, limits, measures) for key in MEASURES_OF)
+            yield from (finding for finding in found if finding.cause is not Cause.UNFORESEEN)
     elif match.label in recipe.fails:
         yield Finding(Cause.BAD_TEXTURE, f"{match.label} is a bad texture, {match.reason}")
     elif match.label not in recipe.passes:
@@ -100,8 +104,8 @@ def _unknown(match: Match, limits: Limits) -> Iterator[Finding]:
     name = f"distance to {match.nearest}"
     if not bounds:
         yield Finding(Cause.UNFORESEEN, f"neither library nor recipe limits the {name}")
-    for bound in bounds:
-        yield from _at_most(name, match.distance, bound, Cause.NO_TEXTURE, ".2f")
+    else:
+        yield from _at_most(name, match.distance, min(bounds), Cause.NO_TEXTURE, ".2f")
     if match.runner_up is not None:
         least = max(LEAST_MARGIN, limits.margin or 0.0)
         name = f"margin to {match.runner_up}"

@@ -13,6 +13,7 @@ from capture.station.results.statistics import (
     CauseCount,
     Period,
     counted_causes,
+    counted_defects,
     counted_periods,
     newest_measured,
 )
@@ -70,7 +71,20 @@ def statistics_of(panel: Panel, selection: Selection) -> StationStatistics:
         dict(
             (
                 *_yield_figure(counted_periods(store, selection)),
-                *_causes_figure(counted_causes(store, selection)),
+                *_pareto_figure(
+                    "causes",
+                    "Causes",
+                    "The gravest cause of each part that the station did not pass, or what was "
+                    "found wrong with a part that is like no texture; overrides change nothing "
+                    "here.",
+                    counted_causes(store, selection),
+                ),
+                *_pareto_figure(
+                    "defects",
+                    "Kinds of defects",
+                    "The kind of the first defect of each part that did not pass and has one.",
+                    counted_defects(store, selection),
+                ),
                 *_control_figures(charts, led_names(panel.folder, len(charts) - 1)),
                 *_gauge_figure(gauge_of(panel.folder, selection)),
             )
@@ -124,25 +138,24 @@ def _yield_figure(periods: Sequence[Period]) -> Iterator[tuple[str, Figure]]:
     )
 
 
-def _causes_figure(causes: Sequence[CauseCount]) -> Iterator[tuple[str, Figure]]:
+def _pareto_figure(
+    name: str, title: str, note: str, causes: Sequence[CauseCount]
+) -> Iterator[tuple[str, Figure]]:
     if not causes:
         return
     total, added = sum(cause.parts for cause in causes), 0
     rows: list[tuple[Cell, ...]] = []
     for cause in causes:
         added += cause.parts
-        rows.append(
-            (cause.cause.value, cause.parts, cause.also, cause.parts / total, added / total)
-        )
+        rows.append((str(cause.cause), cause.parts, cause.also, cause.parts / total, added / total))
     yield (
-        "causes",
+        name,
         Figure(
-            "Causes",
-            "The gravest cause of each part that the station did not pass; overrides change "
-            "nothing here. The line adds up the shares.",
+            title,
+            f"{note} The line adds up the shares.",
             ("cause", "parts", "also", "share", "cumulative_share"),
             tuple(rows),
-            causes_chart(causes),
+            causes_chart(causes, title),
         ),
     )  # fmt: skip
 

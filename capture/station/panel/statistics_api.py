@@ -89,11 +89,11 @@ def _file(call: Call, content: str | bytes, media_type: str, suffix: str) -> Res
 ROUTES = (
     PanelRoute(
         "GET", f"{V1}/statistics", Role.OPERATOR, _statistics,
-        "Yield, causes, control charts and gauge study.", query=_FILTERS,
+        "Yield, causes, kinds of defects, control charts and gauge study.", query=_FILTERS,
     ),
     PanelRoute(
         "GET", f"{V1}/statistics/{{name}}.csv", Role.OPERATOR, _csv,
-        "One of the figures of the statistics: yield, causes, distance, led-1 and so on, gauge.",
+        "A figure of the statistics: yield, causes, defects, distance, led-1 and so on, gauge.",
         query=_FILTERS, answer="text/csv",
     ),
     PanelRoute(

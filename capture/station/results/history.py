@@ -1,14 +1,15 @@
 """Select, count and read recorded parts, with their overrides and removed set files."""
 
+import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
-from sqlalchemy import ColumnElement, Connection, Select, func, select
+from sqlalchemy import ColumnElement, Connection, Select, Text, cast, func, select
 
-from capture.station.domain.verdict import Decision
+from capture.station.domain.verdict import Cause, Decision
 
 from .part_result import PartResult, result_of, storable
 from .schema import overrides, refused_triggers, removed_sets, results, same_part
@@ -68,6 +69,7 @@ class Tally:
     by_station: Mapping[Decision, int]  # verdicts of the station
     in_force: Mapping[Decision, int]  # with overrides in place of the station's verdicts
     refused_triggers: int
+    collected: int = 0  # parts of runs that judge none; not in the other numbers
 
     @property
     def parts(self) -> int:
@@ -92,6 +94,8 @@ _LAST_OVERRIDE = same_part(_LAST, results) & (
 )
 JOINED = results.outerjoin(_LAST, _LAST_OVERRIDE)
 """The results, each with its last override."""
+IS_COLLECTED = cast(results.c.causes, Text) == json.dumps([Cause.COLLECTED])
+"""Whether a part was collected to be taught: it was not judged, and has no part in a yield."""
 IN_FORCE = func.coalesce(_LAST.c.decision, results.c.decision)
 """The verdict that holds, in `JOINED`."""
 
@@ -147,7 +151,12 @@ def _page(
 
 def counters(connection: Connection, station: str, selection: Selection) -> Counters:
     """Count parts and refused triggers; see `ResultStore.counters`."""
-    columns = (results.c.simulated, results.c.decision, IN_FORCE.label("in_force"))
+    columns = (
+        results.c.simulated,
+        results.c.decision,
+        IN_FORCE.label("in_force"),
+        IS_COLLECTED.label("is_collected"),
+    )
     statement = (
         select(*columns, func.count().label("parts"))
         .select_from(JOINED)
@@ -156,12 +165,21 @@ def counters(connection: Connection, station: str, selection: Selection) -> Coun
     )
     by_station: dict[bool, Counter[Decision]] = {False: Counter(), True: Counter()}
     in_force: dict[bool, Counter[Decision]] = {False: Counter(), True: Counter()}
+    collected: Counter[bool] = Counter()
     for row in connection.execute(statement):
+        if row.is_collected:
+            collected[row.simulated] += row.parts
+            continue
         by_station[row.simulated][Decision(row.decision)] += row.parts
         in_force[row.simulated][Decision(row.in_force)] += row.parts
     refused = _refused(connection, station, selection)
     production, simulated = (
-        Tally(by_station[simulated], in_force[simulated], refused.get(simulated, 0))
+        Tally(
+            by_station[simulated],
+            in_force[simulated],
+            refused.get(simulated, 0),
+            collected[simulated],
+        )
         for simulated in (False, True)
     )
     return Counters(production, simulated)

@@ -80,4 +80,5 @@ def tally_record(tally: Tally) -> dict[str, Any]:
         "verdicts": {decision.value: count for decision, count in tally.in_force.items()},
         "station_verdicts": {decision.value: count for decision, count in tally.by_station.items()},
         "refused_triggers": tally.refused_triggers,
+        "collected": tally.collected,
     }

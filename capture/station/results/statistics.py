@@ -13,7 +13,7 @@ from sqlalchemy import ColumnElement, Text, cast, func, select
 
 from capture.station.domain.verdict import Cause, Decision
 
-from .history import IN_FORCE, JOINED, Selection, conditions
+from .history import IN_FORCE, IS_COLLECTED, JOINED, Selection, conditions
 from .schema import results
 from .store import ResultStore
 
@@ -55,10 +55,10 @@ class ChartedPart:
 
 @dataclass(frozen=True)
 class CauseCount:
-    """How often a cause kept a part from passing."""
+    """How often a cause kept a part from passing, or a kind of defect was in one."""
 
-    cause: Cause
-    parts: int  # of which it is the gravest cause; their sum is the number that did not pass
+    cause: str  # a `Cause`, or the kind of a `DefectRecord`
+    parts: int  # of which it is the first; the sum for causes is the number that did not pass
     also: int  # parts that have it beside a graver one
 
 
@@ -71,8 +71,8 @@ class Choices:
 
 
 def counted_periods(store: ResultStore, selection: Selection) -> list[Period]:
-    """Count the selected parts by period, the earliest first, without empty periods."""
-    selected = tuple(conditions(store.station, selection))
+    """Count the selected parts that were judged by period, the earliest first."""
+    selected = (*conditions(store.station, selection), ~IS_COLLECTED)
     utc = results.c.triggered_utc
     span = select(func.min(utc), func.max(utc)).select_from(JOINED).where(*selected)
     with store.reading() as connection:
@@ -103,7 +103,8 @@ def _period_length(first_utc: str, last_utc: str) -> int:
 def counted_causes(store: ResultStore, selection: Selection) -> list[CauseCount]:
     """Count the station's causes of parts that it did not pass, most frequent first.
 
-    They count also where a person changed the verdict.
+    They count also where a person changed the verdict. The first cause is the gravest; a part that
+    is like no texture counts under what is wrong with it, where that was found.
     """
     # Combinations of causes are few: the database counts parts of each of them.
     causes = cast(results.c.causes, Text)
@@ -111,7 +112,7 @@ def counted_causes(store: ResultStore, selection: Selection) -> list[CauseCount]
         select(causes.label("causes"), func.count().label("parts"))
         .select_from(JOINED)
         .where(*conditions(store.station, selection))
-        .where(results.c.decision != Decision.PASS.value)
+        .where(results.c.decision != Decision.PASS.value, ~IS_COLLECTED)
         .group_by(causes)
     )
     first: Counter[Cause] = Counter()
@@ -119,11 +120,28 @@ def counted_causes(store: ResultStore, selection: Selection) -> list[CauseCount]
     with store.reading() as connection:
         for row in connection.execute(statement):
             gravest, *others = map(Cause.named, json.loads(row.causes))
+            if gravest is Cause.NO_TEXTURE and others:
+                gravest, *others = *others, gravest
             first[gravest] += row.parts
             for cause in others:
                 also[cause] += row.parts
     counts = [CauseCount(cause, first[cause], also[cause]) for cause in first.keys() | also.keys()]
     return sorted(counts, key=lambda count: (-count.parts, -count.also, count.cause))
+
+
+def counted_defects(store: ResultStore, selection: Selection) -> list[CauseCount]:
+    """Count parts that did not pass by the kind of their first defect, most frequent first."""
+    kind = results.c.defects[0, "kind"].as_string()
+    statement = (
+        select(kind.label("kind"), func.count().label("parts"))
+        .select_from(JOINED)
+        .where(*conditions(store.station, selection))
+        .where(results.c.decision != Decision.PASS.value, kind.is_not(None))
+        .group_by(kind)
+    )
+    with store.reading() as connection:
+        counts = [CauseCount(row.kind, row.parts, 0) for row in connection.execute(statement)]
+    return sorted(counts, key=lambda count: (-count.parts, count.cause))
 
 
 def newest_measured(

@@ -97,11 +97,11 @@ def _legend(decisions: Sequence[Decision]) -> Iterator[Element]:
         yield Words(x + 18, 16, decision)
 
 
-def causes_chart(causes: Sequence[CauseCount]) -> Drawing:
-    """Draw the share of each cause, the most frequent on top, and the cumulative share."""
+def causes_chart(causes: Sequence[CauseCount], title: str) -> Drawing:
+    """Draw the share of each cause or kind of defect, the largest on top, and their sum."""
     height = TOP + _ROW * len(causes) + BOTTOM
     return Drawing(
-        "Gravest causes of parts that did not pass, and their cumulative share",
+        f"{title} of parts that did not pass, and their cumulative share",
         tuple(_causes(causes, height)),
         height=height,
     )

@@ -102,7 +102,7 @@ def of_match(**changes: object) -> Measures:
             of_match(label=None, distance=2.5),
             Decision.UNKNOWN,
             Cause.NO_TEXTURE,
-            "distance to steel 2.50, at most 2.00",
+            "distance to steel 2.50, at most 1.50",
         ),
         (of_match(distance=1.6), Decision.UNKNOWN, Cause.NO_TEXTURE, "1.60, at most 1.50"),
         (of_match(limit=None), Decision.PASS, None, "of 1.50"),
@@ -334,3 +334,18 @@ GOOD_MEASURES = st.builds(
 def test_a_part_passes_exactly_if_every_condition_holds(measures: Measures) -> None:
     passed = verdict_of(RECIPE, measures).decision is Decision.PASS
     assert passed == every_condition_holds(RECIPE, measures)
+
+
+def test_every_limit_that_an_unknown_part_exceeds_is_named_once() -> None:
+    part = replace(of_match(label=None, distance=2.5), sdq=0.4, defect_score=1.2, scale=math.nan)
+    verdict = verdict_of(RECIPE, part)
+    assert verdict.decision is Decision.UNKNOWN
+    assert verdict.causes == (Cause.NO_TEXTURE, Cause.ROUGHNESS, Cause.DEFECT)
+    assert verdict.reason.count("distance to steel") == 1
+    assert "Sdq 0.400, at most 0.300" in verdict.reason
+
+
+def test_the_limits_of_an_unknown_part_are_those_of_the_nearest_texture() -> None:
+    recipe = RECIPE.model_copy(update={"limits_of": {"steel": Limits(distance=0.83)}})
+    verdict = verdict_of(recipe, of_match(label=None, distance=1.4, limit=1.38))
+    assert verdict.reason == "distance to steel 1.40, at most 0.83"

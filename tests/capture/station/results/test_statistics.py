@@ -12,11 +12,13 @@ import pytest
 
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.results.history import Selection
+from capture.station.results.part_result import DefectRecord
 from capture.station.results.statistics import (
     MOST_PERIODS,
     Choices,
     choices,
     counted_causes,
+    counted_defects,
     counted_periods,
     newest_measured,
 )
@@ -56,6 +58,30 @@ def test_counts_are_those_of_the_parts_one_by_one(store: ResultStore) -> None:
         Cause.DEFECT: sum(Cause.DEFECT in each[1:] for each in causes)
     }
     assert [each.parts for each in found] == sorted((each.parts for each in found), reverse=True)
+
+
+def test_collected_parts_have_no_share_in_yield_and_causes(store: ResultStore) -> None:
+    collected = Verdict(Decision.UNKNOWN, "collected", (Cause.COLLECTED,))
+    inspect(store)
+    inspect(store, Decision.UNKNOWN, verdict=collected)
+    tally = store.counters().production
+    assert (tally.parts, tally.collected, tally.in_force) == (1, 1, {Decision.PASS: 1})
+    [period] = counted_periods(store, PRODUCTION)
+    assert period.verdicts == {Decision.PASS: 1}
+    assert counted_causes(store, PRODUCTION) == []
+
+
+def test_kinds_of_defects_count_apart_from_causes(store: ResultStore) -> None:
+    verdict = Verdict(Decision.UNKNOWN, "unknown, a defect", (Cause.NO_TEXTURE, Cause.DEFECT))
+    seam = DefectRecord("seam", 1, 2, 3, 4, 5, 1.5)
+    for kind in ("relief", "albedo", "relief"):
+        defects = (DefectRecord(kind, 1, 2, 3, 4, 5, 2.5), seam)
+        inspect(store, Decision.UNKNOWN, verdict=verdict, defects=defects)
+    inspect(store, Decision.UNKNOWN)
+    found = [(each.cause, each.parts, each.also) for each in counted_causes(store, PRODUCTION)]
+    assert found == [(Cause.DEFECT, 3, 0), (Cause.NO_TEXTURE, 1, 3)]
+    kinds = [(each.cause, each.parts) for each in counted_defects(store, PRODUCTION)]
+    assert kinds == [("relief", 2), ("albedo", 1)]
 
 
 def test_the_charts_are_of_the_last_parts_that_matched_a_texture(store: ResultStore) -> None:
