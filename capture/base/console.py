@@ -142,12 +142,16 @@ def print_table(table: Table) -> None:
     console.print(table, crop=False)
 
 
-def command_group(help_text: str) -> typer.Typer:
-    """Make an empty group that prints its help when it is called without a command."""
+def command_group(help_text: str, begin: Callable[[], None] = lambda: None) -> typer.Typer:
+    """Make an empty group that prints its help when it is called without a command.
+
+    `begin` is called before each command.
+    """
     group = typer.Typer()
 
     @group.callback(invoke_without_command=True, help=help_text)
     def options(context: typer.Context) -> None:
+        begin()
         if context.invoked_subcommand is None:
             print(context.get_help())
 

@@ -1,12 +1,15 @@
 """``ps4rig station``: its commands are registered here."""
 
 from capture.base.console import command_group
+from capture.station.domain.own_folder import make_files_private
 
 from . import challenge, gauge, history, panel, run, teach, upkeep, user
 
 __all__ = ["station_app"]
 
-station_app = command_group("Inspect parts with a rig, one after the other, and keep every result.")
+station_app = command_group(
+    "Inspect parts with a rig, one after the other, and keep every result.", make_files_private
+)
 station_app.command()(upkeep.init)
 station_app.command()(teach.teach)
 station_app.command()(teach.approve)

@@ -19,6 +19,7 @@ from rig.config.rig import RigConfig, config_of
 
 from .config import CONFIG, StationConfig, example_config, read_config
 from .errors import RecipeError
+from .own_folder import require_own_folder
 from .recipe_folder import RecipeFolder
 
 RECIPES, PARTS, LOG = "recipes", "parts", "station.log"
@@ -30,9 +31,14 @@ _MAX_BYTES = 1 << 12
 
 
 class StationFolder:
-    """A station on disk, for reading; `station_folder` opens one for writing."""
+    """A station on disk, for reading; `station_folder` opens one for writing.
 
-    def __init__(self, path: Path) -> None:
+    Only its owner may use it, unless `is_foreign`, for what reads its configuration alone.
+    """
+
+    def __init__(self, path: Path, *, is_foreign: bool = False) -> None:
+        if not is_foreign:
+            require_own_folder(path)
         self.path = path
         self.config: StationConfig = read_config(path / CONFIG)
 
@@ -89,6 +95,7 @@ def make_station(path: Path) -> None:
         raise InputError(f"{path}: exists and is not empty; give another folder")
     for folder in (path / RECIPES, path / PARTS):
         make_folder(folder)
+    path.chmod(0o750)
     # Written last: a folder with a configuration is whole.
     with durable_file(path / CONFIG) as temporary:
         temporary.write_text(example_config(path.absolute().name), encoding="utf-8")

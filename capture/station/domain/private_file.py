@@ -17,7 +17,8 @@ from classify.base.regular_file import read_regular_file
 
 # A thousand users or clients have 200 kB.
 _MAX_BYTES = 1 << 20
-_OWNER_ONLY = 0o600
+OWNER_ONLY = 0o600
+SECRETS = ("users.json", "tokens.json")
 # A change takes 10 ms; a disk that is busy, a second.
 PATIENCE_S = 10.0
 
@@ -52,7 +53,7 @@ class PrivateFile(Generic[Model]):
     def write(self, value: Model) -> None:
         """Replace the file; only its owner may read it."""
         with durable_file(self._path) as temporary:
-            temporary.chmod(_OWNER_ONLY)  # before there is anything in it
+            temporary.chmod(OWNER_ONLY)  # before there is anything in it
             temporary.write_text(value.model_dump_json(indent=1) + "\n", encoding="utf-8")
 
     def _read(self) -> Model:

@@ -11,6 +11,7 @@ from sqlalchemy import Connection, func, select
 
 from capture.base.utc_time import utc_text
 from capture.station.domain.folder import StationFolder
+from capture.station.domain.own_folder import user_name
 from capture.station.domain.roles import Identity, Role
 from capture.station.domain.verdict import Decision
 from classify.base.errors import InputError
@@ -21,11 +22,6 @@ from .history import HistoryEntry
 from .part_result import storable
 from .schema import changes
 from .store import ResultStore, has_request, open_store
-
-try:
-    import pwd
-except ImportError:  # Windows
-    pwd = None  # type: ignore[assignment]
 
 # A page that waits longer for a locked database says so.
 _PATIENCE_S = 5.0
@@ -201,9 +197,4 @@ def changing_on_the_terminal(
 
 def system_user() -> str:
     """Return the user of this process, whatever environment variables such as LOGNAME say."""
-    if pwd is None:
-        return os.getlogin()
-    try:
-        return pwd.getpwuid(os.getuid()).pw_name
-    except KeyError:  # not in the system's list
-        return f"user {os.getuid()}"
+    return user_name(os.getuid()) if hasattr(os, "getuid") else os.getlogin()

@@ -9,6 +9,7 @@ from capture.base.utc_time import readable_utc
 from capture.calibration.lookup import read_calibration
 from capture.station.domain.config import StationConfig
 from capture.station.domain.folder import StationFolder, first_recipe
+from capture.station.domain.own_folder import too_open
 from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.judge.approval import approved_states
 from capture.station.judge.challenge import has_met_challenge
@@ -42,6 +43,7 @@ def diagnose_station(folder: Path) -> Iterator[Check]:
     if not opened:
         return
     station = opened[0]
+    yield from collected("permissions", lambda: _check_permissions(folder))
     yield from collected("disk", lambda: _check_disk(station))
     yield from collected("recipe", lambda: _check_recipe(station))
     yield from collected("results", lambda: _check_results(station))
@@ -54,6 +56,20 @@ def _check_disk(station: StationFolder) -> Iterator[Check]:
     with suppress(InputError):  # another check names the fault of the rig
         size = set_bytes(station.rig_config())
     yield from check_disk(station.path, station.config.disk_floor_mb, size)
+
+
+def _check_permissions(folder: Path) -> Iterator[Check]:
+    found = too_open(folder)
+    if not found:
+        yield Check("permissions", "ok", "only the user of the station and its group can read it")
+        return
+    named = ", ".join(str(path) for path in found[:3])
+    yield Check(
+        "permissions",
+        "warning",
+        f"{len(found)} files or folders are open to other users, such as {named}",
+        f"run chmod -R u=rwX,g=rX,o= {folder}, and chmod 600 for users.json and tokens.json",
+    )
 
 
 def _check_recipe(station: StationFolder) -> Iterator[Check]:

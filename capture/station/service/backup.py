@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import stat
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,13 +14,14 @@ from capture.base.names import SET_SUFFIX
 from capture.base.utc_time import utc_text
 from capture.station.domain.config import CONFIG, SIM, StationConfig
 from capture.station.domain.folder import PARTS, RECIPES, StationFolder
+from capture.station.domain.own_folder import refuse_link
 from capture.station.results.snapshot import ResultsSnapshot, copy_results
 from capture.station.run.retention import inside_parts, sets_stay
 from classify.base.durable_file import durable_file, require_folder, temporary_path
 from classify.base.errors import InputError
 from classify.base.regular_file import open_regular_file
 
-from .manifest import MANIFEST, MOST_FILES, Manifest, StoredFile
+from .manifest import MANIFEST, MOST_FILES, MOST_FOLDERS, Manifest, StoredFile
 
 _BLOCK_BYTES = 1 << 20
 _MOST_FILE_BYTES = 1 << 40
@@ -146,19 +146,18 @@ def _settings(folder: Path, config: StationConfig) -> Iterator[tuple[str, Path]]
             yield name, path
 
 
-def _files_below(folder: Path) -> Iterator[Path]:
-    known_folders = set()
-    for home, folders, names in os.walk(folder, followlinks=True):
-        status = Path(home).stat()
-        if (status.st_dev, status.st_ino) in known_folders:  # a loop of links
-            folders.clear()
+def _files_below(folder: Path, folders: int = 1) -> Iterator[Path]:
+    """All files but hidden ones, which are being written; links are refused."""
+    if folders > MOST_FOLDERS:
+        raise InputError(f"{folder}: lies in more than {MOST_FOLDERS} folders; move it elsewhere")
+    for path in sorted(folder.iterdir()):
+        if path.name.startswith("."):
             continue
-        known_folders.add((status.st_dev, status.st_ino))
-        # Hidden files are those that are being written.
-        for name in sorted(file for file in names if not file.startswith(".")):
-            path = Path(home) / name
-            if path.is_file():
-                yield path
+        refuse_link(path)
+        if path.is_dir():
+            yield from _files_below(path, folders + 1)
+        elif path.is_file():
+            yield path
 
 
 def _stamps(recipes: Path) -> dict[Path, tuple[int, int]]:
@@ -205,5 +204,4 @@ def _store(archive: zipfile.ZipFile, name: str, source: Path) -> StoredFile:
         path=name,
         bytes=status.st_size - left,
         sha256=digest.hexdigest(),
-        is_private=not status.st_mode & (stat.S_IRWXG | stat.S_IRWXO),
     )

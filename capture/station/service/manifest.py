@@ -3,18 +3,22 @@
 from pathlib import PurePosixPath
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, FailFast, Field
 
 from classify.base.models import Record
 
 MANIFEST = "backup.json"
 MOST_FILES = 2_000_000
 """A part a second that fails, for three weeks; its manifest has 400 MB."""
+MOST_FOLDERS = 16
+"""Below each other; a station makes five."""
 
 
 def _inside(text: str) -> str:
     """Check that a name is of a file inside a folder."""
     parts = PurePosixPath(text).parts
+    if len(parts) > MOST_FOLDERS:
+        raise ValueError(f"{text[:100]!r} lies in more than {MOST_FOLDERS} folders")
     if text != "/".join(parts) or parts[:1] == ("/",) or ".." in parts or "\0" in text:
         raise ValueError(f"{text!r} is not the name of a file inside a folder")
     text.encode()  # names that are not UTF-8 raise a ValueError, too
@@ -22,16 +26,16 @@ def _inside(text: str) -> str:
 
 
 InnerPath = Annotated[str, Field(min_length=1, max_length=4096), AfterValidator(_inside)]
+Text = Annotated[str, Field(max_length=200)]
 Count = Annotated[int, Field(ge=0)]
 
 
 class StoredFile(Record):
-    """A file of a backup; `is_private` if only its owner may read it."""
+    """A file of a backup."""
 
     path: InnerPath
     bytes: Count
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
-    is_private: bool
 
 
 class Manifest(Record):
@@ -39,13 +43,14 @@ class Manifest(Record):
 
     format: Literal["ps4rig-backup"] = "ps4rig-backup"
     version: Literal[2] = 2
-    utc: str  # when the results were copied
-    station: str
-    software_version: str
+    utc: Text  # when the results were copied
+    station: Text
+    software_version: Text
     # SQLite file or PostgreSQL dump in the backup; None before the first run.
     database: InnerPath | None
     parts: Count  # those with a result
-    chain_sha256: str  # head of the chain of hashes of the station; empty without rows
+    chain_sha256: Text  # head of the chain of hashes of the station; empty without rows
     sets: Count
-    missing: tuple[str, ...]  # set files that the results name
-    files: Annotated[tuple[StoredFile, ...], Field(max_length=MOST_FILES)]
+    # Set files that the results name. The first fault ends the reading of a hostile list.
+    missing: Annotated[tuple[InnerPath, ...], Field(max_length=MOST_FILES), FailFast()]
+    files: Annotated[tuple[StoredFile, ...], Field(max_length=MOST_FILES), FailFast()]

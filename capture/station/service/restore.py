@@ -11,6 +11,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from capture.station.domain.folder import StationFolder
+from capture.station.domain.private_file import OWNER_ONLY, SECRETS
 from classify.base.durable_file import sync, temporary_path
 from classify.base.errors import InputError
 from classify.base.regular_file import open_regular_file
@@ -48,6 +49,7 @@ class OpenBackup:
                 f"{folder}: {free / 1e6:.0f} MB free, {needed / 1e6:.0f} MB needed; make room"
             )
         with temporary_path(folder.parent, folder, is_folder=True) as temporary:
+            temporary.chmod(0o750)
             for file in self.manifest.files:
                 self._extract(file, temporary)
                 yield file.path
@@ -64,8 +66,11 @@ class OpenBackup:
     def _read_manifest(self) -> Manifest:
         with self._readable():
             info = self._archive.getinfo(MANIFEST)
-            if info.file_size > _MOST_MANIFEST_BYTES:
-                raise InputError(f"{self._path}: its manifest has {info.file_size} bytes")
+            if info.file_size > _MOST_MANIFEST_BYTES or info.compress_type != zipfile.ZIP_STORED:
+                raise InputError(
+                    f"{self._path}: no backup of a station: its manifest of {info.file_size} bytes "
+                    "is compressed, or too large"
+                )
             text = self._archive.read(info)
         try:
             return Manifest.model_validate_json(text)
@@ -81,7 +86,8 @@ class OpenBackup:
         if not path.resolve().is_relative_to(folder.resolve()):  # a drive, on Windows
             raise InputError(f"{self._path}: {file.path}: names another place on this system")
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.touch(mode=0o600 if file.is_private else 0o666, exist_ok=False)
+        path.touch(exist_ok=False)
+        path.chmod(OWNER_ONLY if path.name in SECRETS else 0o640)
         digest, left = sha256(), file.bytes
         with self._readable(), self._archive.open(file.path) as member, path.open("wb") as target:
             # One byte more is read, to notice a file that is too long.

@@ -89,6 +89,8 @@ def test_rows_files_and_secrets_come_back(line: Path, stored: Path, tmp_path: Pa
     assert rows_of(restored) == rows_of(line)
     assert files_of(restored) == files_of(line)
     assert (restored / "users.json").stat().st_mode & 0o777 == 0o600
+    assert (restored / "station.toml").stat().st_mode & 0o777 == 0o640
+    assert restored.stat().st_mode & 0o777 == 0o750
     assert stored.stat().st_mode & 0o777 == 0o600
     assert {finding.state for finding in verify_station(restored)} == {"good"}
 
@@ -397,3 +399,40 @@ def test_processor_time_of_a_gigabyte(tmp_path: Path) -> None:
         f"for a GB, a restore {restored_s / gigabytes:.1f} s"
     )
     assert files_of(tmp_path / "again") == files_of(folder)
+
+
+def test_a_backup_follows_no_link(line: Path, tmp_path: Path) -> None:
+    (tmp_path / "secret").write_text("secret")
+    (line / "recipes" / "example" / "linked").symlink_to(tmp_path / "secret")
+    with pytest.raises(InputError, match="is a link"):
+        back_up(line, tmp_path / "linked.ps4backup")
+
+
+def test_folders_below_each_other_are_bounded(stored: Path, line: Path, tmp_path: Path) -> None:
+    (line / "/".join("d" * 20)).mkdir(parents=True)
+    with pytest.raises(InputError, match="more than 16 folders"):
+        back_up(line, tmp_path / "deep.ps4backup")
+    with pytest.raises(InputError, match="cannot be used"):
+        restore(rewritten(stored, named("a/" * 1500 + "b")), tmp_path / "again")
+
+
+def test_a_small_backup_with_a_large_manifest_is_refused(stored: Path, tmp_path: Path) -> None:
+    with zipfile.ZipFile(stored) as archive:
+        manifest = json.loads(archive.read(MANIFEST))
+    manifest["missing"] = ["" for _ in range(1_000_000)]
+    path = tmp_path / "large.ps4backup"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(MANIFEST, json.dumps(manifest))
+    assert path.stat().st_size < 100_000
+    with pytest.raises(InputError, match="compressed, or too large"):
+        restore(path, tmp_path / "again")
+
+
+def test_the_first_fault_of_a_long_list_ends_its_reading(stored: Path, tmp_path: Path) -> None:
+    def faulty(manifest: dict[str, Any], _: dict[str, bytes]) -> None:
+        manifest["missing"] = [""] * 100_000
+
+    before_s = time.process_time()
+    with pytest.raises(InputError, match=r"missing\.0"):
+        restore(rewritten(stored, faulty), tmp_path / "again")
+    assert time.process_time() - before_s < 0.5

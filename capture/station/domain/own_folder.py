@@ -1,0 +1,68 @@
+"""The folder of a station belongs to one user, who alone may change it; no link leads out of it."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from classify.base.errors import InputError
+
+from .private_file import SECRETS
+
+try:
+    import pwd
+except ImportError:  # Windows
+    pwd = None  # type: ignore[assignment]
+
+# Rights of others, and of the group to write.
+_TOO_OPEN = 0o027
+
+
+def make_files_private() -> None:
+    """Make new files of this process readable by its user and group alone."""
+    os.umask(os.umask(_TOO_OPEN) | _TOO_OPEN)
+
+
+def require_own_folder(folder: Path) -> None:
+    """Check that a station's folder belongs to this user, and that no link lies in it."""
+    if not folder.is_dir():
+        return  # whoever reads it says so
+    owner = folder.stat().st_uid
+    if pwd is not None and owner != os.geteuid():
+        raise InputError(
+            f"{folder}: belongs to {user_name(owner)}, and this is {user_name(os.geteuid())}; run "
+            f"the command as its owner: sudo -u {user_name(owner)} ps4rig ..."
+        )
+    for path in _settings(folder):
+        refuse_link(path)
+
+
+def refuse_link(path: Path) -> None:
+    """Raise InputError for a link."""
+    if path.is_symlink():
+        raise InputError(
+            f"{path}: is a link, and no link in the folder of a station is followed; put what it "
+            "names in its place, or name that in station.toml"
+        )
+
+
+def too_open(folder: Path) -> list[Path]:
+    """Return what others may read or the group may change; files with secrets are the owner's."""
+    return [
+        path
+        for path in (folder, *_settings(folder))
+        if path.stat().st_mode & (0o077 if path.name in SECRETS else _TOO_OPEN)
+    ]
+
+
+def _settings(folder: Path) -> Iterator[Path]:
+    """Entries of the folder, and recipes; nobody else can reach what lies below."""
+    yield from sorted(folder.iterdir())
+    yield from sorted((folder / "recipes").glob("*"))
+
+
+def user_name(number: int) -> str:
+    """Return the name of a user of the system, or the number of one that it does not list."""
+    try:
+        return pwd.getpwuid(number).pw_name
+    except KeyError:
+        return f"user {number}"
