@@ -2,10 +2,12 @@
 
 import math
 import re
+from contextlib import suppress
 
 from starlette.responses import RedirectResponse, Response
 
 from capture.station.domain.roles import Role
+from capture.station.results.database import ResultsUnavailable
 
 from .guard import session_cookie
 from .render import page
@@ -33,6 +35,10 @@ def _login(call: Call) -> Response:
     user = call.panel.users.verified(name, password)
     place = _place(call.text("next", "/"))
     if user is None:
+        further = call.panel.logins.unrecorded()
+        if further is not None:
+            with suppress(ResultsUnavailable):  # the answer is the same in any case
+                call.panel.changes.record_failed_login(name, address, further)
         again = page(call, "login.html", next=place, message="Name or password is wrong.")
         again.status_code = 401
         return again

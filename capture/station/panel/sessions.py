@@ -3,8 +3,10 @@
 import secrets
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 from capture.station.domain.roles import Identity
 from capture.station.domain.users import User, Users
@@ -21,6 +23,10 @@ PAUSE_S = 60.0
 _MOST_COUNTED = 10_000
 # Names of users have up to 100 letters. Without the cut, names of requests could take 1 GB.
 _COUNTED_LETTERS = 101
+# Failed logins that get a row in the log of changes: so many in so long a time.
+_MOST_RECORDED, _RECORDED_S = 100, 3600.0
+_Counted = tuple[str, str, str]  # ``name``, ``address`` or ``both``; the name, the address
+T = TypeVar("T")
 
 
 @dataclass
@@ -77,40 +83,80 @@ class Sessions:
 
 
 class LoginLimit:
-    """Counts failed logins of names and addresses until `PAUSE_S` after the last. Thread-safe."""
+    """Counts failed logins of names and addresses, and locks them for `PAUSE_S`. Thread-safe.
+
+    An address from which a name has logged in has a count of its own for this name: failures from
+    elsewhere never shut it out.
+    """
 
     def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
         self._now_s = now_s
         self._lock = threading.Lock()
-        self._failures: dict[tuple[str, str], tuple[int, float]] = {}
+        self._failures: dict[_Counted, tuple[int, float]] = {}
+        # Apart from the counts: failures of others do not push a lock out of memory.
+        self._locked_until_s: dict[_Counted, float] = {}
+        self._was_right: dict[_Counted, None] = {}
+        self._recorded_s: deque[float] = deque(maxlen=_MOST_RECORDED)
+        self._unrecorded = 0
 
     def begin(self, name: str, address: str) -> float:
         """Count an attempt as a failure; return how long to wait in s, 0 if it is allowed.
 
         It is counted before the password is tried, so that simultaneous attempts all count.
         """
-        counted = name[:_COUNTED_LETTERS]
-        keys = (("name", counted, FAILURES_OF_A_NAME), ("address", address, FAILURES_OF_AN_ADDRESS))
         now_s = self._now_s()
         with self._lock:
-            wait_s = max(self._wait_s((kind, key), allowed) for kind, key, allowed in keys)
+            limits = self._limits(name, address)
+            wait_s = max(self._locked_until_s.get(key, 0.0) - now_s for key in limits)
             if wait_s > 0.0:
                 return wait_s
-            for kind, key, _ in keys:
-                count, last_s = self._failures.pop((kind, key), (0, now_s))
-                is_old = now_s - last_s > PAUSE_S
-                self._failures[kind, key] = (1 if is_old else count + 1, now_s)
-            while len(self._failures) > _MOST_COUNTED:
-                del self._failures[next(iter(self._failures))]
+            for key, allowed in limits.items():
+                count, last_s = self._failures.pop(key, (0, now_s))
+                count = 1 if now_s - last_s > PAUSE_S else count + 1
+                if count < allowed:
+                    _keep(self._failures, key, (count, now_s))
+                else:
+                    self._locked_until_s.pop(key, None)
+                    _keep(self._locked_until_s, key, now_s + PAUSE_S)
             return 0.0
 
     def succeeded(self, name: str, address: str) -> None:
         """Do not count the last attempt as a failure; forget the failures of its name."""
         with self._lock:
-            self._failures.pop(("name", name), None)
-            count, last_s = self._failures.get(("address", address), (1, 0.0))
-            self._failures["address", address] = (count - 1, last_s)
+            for key, allowed in self._limits(name, address).items():
+                was_locked = self._locked_until_s.pop(key, None) is not None
+                count, last_s = self._failures.pop(key, (allowed if was_locked else 1, 0.0))
+                if key[0] == "address" and count > 1:
+                    _keep(self._failures, key, (count - 1, self._now_s() if was_locked else last_s))
+            self._was_right.pop(("both", name, address), None)
+            _keep(self._was_right, ("both", name, address), None)
 
-    def _wait_s(self, key: tuple[str, str], allowed: int) -> float:
-        count, last_s = self._failures.get(key, (0, 0.0))
-        return max(0.0, last_s + PAUSE_S - self._now_s()) if count >= allowed else 0.0
+    def unrecorded(self) -> int | None:
+        """Take the number of failures without a row before this one; None if it gets none too."""
+        now_s = self._now_s()
+        with self._lock:
+            is_full = len(self._recorded_s) == _MOST_RECORDED
+            if is_full and now_s - self._recorded_s[0] < _RECORDED_S:
+                self._unrecorded += 1
+                return None
+            self._recorded_s.append(now_s)
+            count, self._unrecorded = self._unrecorded, 0
+            return count
+
+    def _limits(self, name: str, address: str) -> dict[_Counted, int]:
+        """What an attempt counts for, and how many failures of each are allowed."""
+        name = name[:_COUNTED_LETTERS]
+        both = ("both", name, address)
+        if both in self._was_right:
+            return {both: FAILURES_OF_A_NAME}
+        return {
+            ("name", name, ""): FAILURES_OF_A_NAME,
+            ("address", "", address): FAILURES_OF_AN_ADDRESS,
+        }
+
+
+def _keep(counted: dict[_Counted, T], key: _Counted, value: T) -> None:
+    """Add a value as the newest one, and forget the oldest beyond `_MOST_COUNTED`."""
+    counted[key] = value
+    while len(counted) > _MOST_COUNTED:
+        del counted[next(iter(counted))]

@@ -12,6 +12,8 @@ from classify.base.errors import InputError
 
 from .audit import ChangeLog, changing_on_the_terminal
 
+_RESERVED = ("local", "nobody", "plc", "ps4rig", "root", "station", "system")
+
 
 @dataclass(frozen=True)
 class Accounts:
@@ -25,6 +27,7 @@ class Accounts:
     def put_user(self, name: str, role: Role, password: str, seen: User | None = None) -> None:
         """Add a user, or give one another role and password; see `Users.put`."""
         require_account(name, password)
+        _require_free("user", name)
         before = self.users.get(name)
         old_role = None if before is None else before.role
         self.changes.record(self.who, f"user {name}", old_role, f"{role}, new password")
@@ -41,6 +44,7 @@ class Accounts:
     def add_client(self, name: str, role: Role) -> str:
         """Add a client and return its token; see `Tokens.add`."""
         require_new_client(name, self.tokens.all())
+        _require_free("client", name)
         self.changes.record(self.who, f"client {name}", None, role)
         return self.tokens.add(name, role)
 
@@ -51,6 +55,12 @@ class Accounts:
             raise InputError(f"client {name[:100]}: no such client")
         self.changes.record(self.who, f"client {name}", roles[0])
         self.tokens.remove(name)
+
+
+def _require_free(kind: str, name: str) -> None:
+    """Refuse a new name that the log of changes has for others than people and programs."""
+    if name.lower() in _RESERVED:
+        raise InputError(f"{kind} {name}: is reserved; give another name")
 
 
 @contextmanager

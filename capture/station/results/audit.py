@@ -2,6 +2,7 @@
 
 import os
 import threading
+import unicodedata
 import uuid
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
@@ -26,6 +27,8 @@ from .store import ResultStore, has_request, open_store
 # A page that waits longer for a locked database says so.
 _PATIENCE_S = 5.0
 _LONGEST_NAME = 200  # as in the approval of a recipe
+# Categories of Unicode: control, format (such as a change of direction), surrogates, separators.
+_CONTROL = ("Cc", "Cf", "Cs", "Zl", "Zp")
 
 
 @dataclass(frozen=True)
@@ -149,9 +152,21 @@ class ChangeLog:
                 may_pass=error.may_pass,
             ) from error
         old = "nothing" if before is None else before
-        line = f"{who.name} ({who.role}, {who.via}): {what}: {old} -> {after or 'nothing'}"
+        self._log(
+            f"change by {who.name} ({who.role}, {who.via}): {what}: {old} -> {after or 'nothing'}"
+        )
+
+    def record_failed_login(self, name: str, address: str, further: int) -> None:
+        """Record that somebody gave a wrong name or password; `further` ones had no row."""
+        what = f"login as {name[:_LONGEST_NAME]}"
+        after = "failed" + (f"; {further} further failed logins before it" if further else "")
+        store = self._results.made()
+        record_change(store, what, None, after, by=address, role="none", via="page")
+        self._log(f"{what} from {address}: {after}")
+
+    def _log(self, line: str) -> None:
         # One line, whatever somebody gave as a reason.
-        self._folder.log("change by " + "".join(c if c.isprintable() else " " for c in line))
+        self._folder.log("".join(c if c.isprintable() else " " for c in line))
 
 
 def override_part(
@@ -173,6 +188,8 @@ def override_part(
         raise InputError(f"decision = {decision[:20]!r}: a person decides PASS or FAIL")
     if not reason.strip():
         raise InputError("reason: must not be empty")
+    if any(unicodedata.category(letter) in _CONTROL for letter in reason.strip()):
+        raise InputError("reason: has control characters or line breaks; leave them out")
     last = entry.override
     if last is not None and (last.decision, last.by, last.reason) == (given, by, reason.strip()):
         return last.decision

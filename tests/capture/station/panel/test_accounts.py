@@ -335,3 +335,14 @@ def test_changes_keep_their_order_and_cannot_be_changed(tmp_path: Path) -> None:
         for statement in ("UPDATE changes SET by = 'kim'", "DELETE FROM changes"):
             with pytest.raises(IntegrityError, match="never changed"):
                 store.write(lambda connection, said=statement: connection.execute(text(said)))
+
+
+@pytest.mark.parametrize("name", ["PLC", "root", "Station"])
+def test_names_of_others_in_the_log_of_changes_are_reserved(
+    tmp_path: Path, ps4rig: Callable[..., Any], name: str
+) -> None:
+    make_station(tmp_path / "line")
+    add = ("add", tmp_path / "line", name, "--role", "operator")
+    assert ps4rig("station", "token", *add).exit_code == 2
+    assert ps4rig("station", "user", *add, typed="a long password\n").exit_code == 2
+    assert not (tmp_path / "line" / "tokens.json").exists()

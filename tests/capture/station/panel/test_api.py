@@ -338,13 +338,16 @@ def test_an_engineer_overrides_and_the_log_says_who_from_and_to(panel: RunningPa
     assert (empty.status, empty.json) == (400, {"error": "reason: must not be empty"})
     wrong = engineer.post(override, {"decision": "UNKNOWN", "reason": "a hair"})
     assert "a person decides PASS or FAIL" in wrong.json["error"]
-    forged = "a hair\n2026-01-02T03:04:05.678Z change by nobody"
-    done = engineer.post(override, {"decision": "PASS", "reason": forged})
+    for control in ("\n2026-01-02T03:04:05.678Z change by nobody", "\x1b[2J", "\0", "\u202e"):
+        forged = engineer.post(override, {"decision": "PASS", "reason": f"a{control}hair"})
+        assert forged.status == 400
+    done = engineer.post(override, {"decision": "PASS", "reason": "a hair\u00a0"})
     assert (done.json["verdict"], done.json["station_verdict"]) == ("PASS", "FAIL")
     (change,) = engineer.get("/api/v1/audit").json["changes"]
     assert (change["by"], change["role"]) == ("client-engineer", "engineer")
+    assert change["via"] == "API"
     assert (change["what"], change["before"], change["after"]) == (
-        f"part {part_id}", "FAIL", f"PASS: {forged}"
+        f"part {part_id}", "FAIL", "PASS: a hair"
     )  # fmt: skip
     assert len((panel.bench.folder.path / "station.log").read_text().splitlines()) == 1
 

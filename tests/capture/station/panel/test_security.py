@@ -23,6 +23,7 @@ from capture.station.panel.app import ROUTES
 from capture.station.panel.security import MAX_BODY_BYTES, HostRule
 from capture.station.panel.server import MAX_CONNECTIONS
 from capture.station.panel.sessions import FAILURES_OF_A_NAME, FAILURES_OF_AN_ADDRESS, LoginLimit
+from capture.station.results.audit import newest_changes
 from classify.base.errors import InputError
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel, running_panel
 from tests.memory_growth import growth_bytes
@@ -471,6 +472,58 @@ def test_the_number_of_failed_logins_that_are_counted_is_bounded() -> None:
             limit.begin(f"name-{number:06d}", f"address-{number:06d}")
 
     assert growth_bytes(fail, 0, 6_000, 18_000) < 100_000
+
+
+def test_a_lock_outlives_the_failures_of_others() -> None:
+    limit = LoginLimit(lambda: 0.0)
+    for _ in range(FAILURES_OF_A_NAME):
+        limit.begin("ada", "192.0.2.1")
+    for number in range(12_000):
+        limit.begin(f"name-{number}", f"address-{number // 20}")
+    assert limit.begin("ada", "192.0.2.2") == 60.0
+
+
+def test_an_address_that_was_right_is_not_shut_out_by_others() -> None:
+    now_s = [0.0]
+    limit = LoginLimit(lambda: now_s[0])
+    assert limit.begin("ada", "192.0.2.1") == 0.0
+    limit.succeeded("ada", "192.0.2.1")
+    for number in range(FAILURES_OF_A_NAME):
+        assert limit.begin("ada", f"192.0.2.{number + 2}") == 0.0
+    assert limit.begin("ada", "192.0.2.99") == 60.0
+    for number in range(FAILURES_OF_AN_ADDRESS):
+        limit.begin(f"name-{number}", "192.0.2.1")
+    assert limit.begin("kim", "192.0.2.1") == 60.0
+    for _ in range(FAILURES_OF_A_NAME):
+        assert limit.begin("ada", "192.0.2.1") == 0.0
+    assert limit.begin("ada", "192.0.2.1") == 60.0
+    now_s[0] = 61.0
+    assert limit.begin("ada", "192.0.2.1") == 0.0
+
+
+def test_a_success_at_the_limit_of_its_address_leaves_the_address_open() -> None:
+    limit = LoginLimit(lambda: 0.0)
+    for number in range(FAILURES_OF_AN_ADDRESS - 1):
+        limit.begin(f"name-{number}", "192.0.2.1")
+    assert limit.begin("ada", "192.0.2.1") == 0.0
+    limit.succeeded("ada", "192.0.2.1")
+    assert limit.begin("kim", "192.0.2.1") == 0.0
+    assert limit.begin("lee", "192.0.2.1") == 60.0
+
+
+def test_failed_logins_are_recorded_and_their_number_is_bounded(with_users: RunningPanel) -> None:
+    login = {"name": "ada\n\x1b[2J", "password": "wrong wrong"}
+    assert with_users.local.ask("POST", "/login", form=login).status == 401
+    [row] = newest_changes(with_users.bench.store, 1)
+    assert (row.by, row.role, row.via) == ("127.0.0.1", "none", "page")
+    assert row.what.startswith("login as ada")
+    assert row.after == "failed"
+    now_s = [0.0]
+    limit = LoginLimit(lambda: now_s[0])
+    assert [limit.unrecorded() for _ in range(100)] == [0] * 100
+    assert [limit.unrecorded() for _ in range(50)] == [None] * 50
+    now_s[0] = 3600.0
+    assert limit.unrecorded() == 50
 
 
 # Beyond this machine.
