@@ -127,8 +127,8 @@ class Lighting:
     ) -> Lighting:
         """Lights at the given tilts and slants, in degrees; slants from 0 to below 89.9."""
         tilts, slants = _numbers(tilts_deg, "tilts"), _numbers(slants_deg, "slants")
-        if not np.isfinite(tilts).all():
-            raise InputError(f"tilts {tilts_deg!r} are not all numbers; give degrees")
+        if not (np.abs(tilts) <= 3600.0).all():
+            raise InputError(f"tilts {tilts_deg!r} are not all numbers of degrees, -3600 to 3600")
         if slants.size not in (1, len(tilts)):
             raise InputError(
                 f"{slants.size} slants for {len(tilts)} tilts; give one for all or one each"

@@ -1,5 +1,6 @@
 """Locks on a folder or a file, for one program at a time, that end with the program."""
 
+import errno
 import os
 import sqlite3
 from collections.abc import Callable, Iterator
@@ -19,6 +20,8 @@ except ImportError:  # Windows
 # files of one name.
 LOCK_FILE_SUFFIX = ".held"
 _OWNER_BYTES = 100
+# Errors of a lock on network and FUSE file systems.
+_NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP)
 
 
 @contextmanager
@@ -39,7 +42,9 @@ def folder_lock(folder: Path, owner_file: str) -> Iterator[None]:
             f"{folder}: in use by {owner or 'another program'}; end it first"
         ) from error
     except OSError as error:
-        raise InputError(f"{folder}: cannot be locked: {error.strerror or error}") from error
+        raise InputError(
+            f"{folder}: cannot be locked: {error.strerror or error}{_way_out(error)}"
+        ) from error
     try:
         _write_owner(owner_path)
         yield
@@ -57,11 +62,20 @@ def file_lock(path: Path, patience_s: float) -> Iterator[None]:
     except BlockingIOError as error:
         raise InputError(f"{path}: another program changes it; try again") from error
     except OSError as error:
-        raise InputError(f"{path}: cannot be locked: {error}") from error
+        raise InputError(f"{path}: cannot be locked: {error}{_way_out(error)}") from error
     try:
         yield
     finally:
         release()
+
+
+def _way_out(error: OSError) -> str:
+    if error.errno not in _NO_LOCKS:
+        return ""
+    return (
+        "; this file system has no locks: use a folder on a local disk, or mount the share with "
+        "locks (NFS: without nolock, SMB: without nobrl)"
+    )
 
 
 def _write_owner(path: Path) -> None:

@@ -189,8 +189,7 @@ def verify(
 
     Every file is read and hashed anew, and the sets of a station are compared with its results,
     which form a chain of hashes. Who can write to the database can make the whole chain anew:
-    --head finds that.
-    Libraries and defect models have checksums against damage only: a recipe keeps their hashes. The
+    --head finds that. Libraries and models have a hash in their file, which a recipe names. The
     exit status is 1 if something is missing, altered, without its calibration, or of a schema
     without a hash.
     """

@@ -173,13 +173,16 @@ def check_orientations(name: str, *degrees: float | None) -> None:
             complain(f"warning: {name} {angle_deg:g}: beyond 360 degrees; a typing error?")
 
 
+_MOST_DEG = 3600.0  # as in a rig.toml; beyond it a float soon has no exact degrees
+
+
 def degrees(option: str, text: str, example: str) -> list[float]:
     """Return the numbers of an option that are separated by commas."""
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
         numbers = [math.nan]
-    if not all(map(math.isfinite, numbers)):
+    if not all(abs(number) <= _MOST_DEG for number in numbers):
         stated = text or "''"
         raise InputError(f"{option} {stated}: give degrees separated by commas, such as {example}")
     return numbers

@@ -8,6 +8,7 @@ a library of 100,000 references opens at once, and only the signatures that a ma
 import hashlib
 import json
 import math
+import mmap
 import struct
 import tokenize
 import zipfile
@@ -159,6 +160,15 @@ class ArrayArchive:
         if fields[0] != b"PK\x03\x04":
             raise zipfile.BadZipFile(f"no member begins at {info.header_offset}")
         return info.header_offset + _LOCAL_HEADER.size + int(fields[9]) + int(fields[10])
+
+
+def is_cut_short(array: Array) -> bool:
+    """Whether the file of a mapped array is too short now: to read it would end the process."""
+    return (
+        isinstance(array, np.memmap)
+        and isinstance(array.base, mmap.mmap)
+        and array.base.size() < array.offset + array.nbytes
+    )
 
 
 @contextmanager

@@ -37,19 +37,33 @@ class Section(Record):
 
 MAX_TOML_BYTES = 1 << 20  # a complete rig.toml has about 3 kB, a plan of 10 000 specimens 700 kB
 
+_MOST_TABLES = 20  # within each other; files of ps4rig have four
 _Model = TypeVar("_Model", bound=BaseModel)
 
 
 def read_toml(path: Path, if_missing: str) -> dict[str, Any]:
     """Read the values of a TOML file; `if_missing` ends the message about a missing one."""
     try:
-        return tomllib.loads(read_regular_file(path, MAX_TOML_BYTES).decode())
+        values = tomllib.loads(read_regular_file(path, MAX_TOML_BYTES).decode())
+        _require_shallow(values)
+        return values
     except InputError as error:
         missing = isinstance(error.__cause__, FileNotFoundError)
         raise ConfigError(f"{path}: {if_missing}" if missing else str(error)) from error
     # tomllib also raises the errors of deep nesting and of very long numbers.
     except (ValueError, RecursionError) as error:
         raise ConfigError(f"{path}: not valid TOML: {error}") from error
+
+
+def _require_shallow(values: dict[str, Any]) -> None:
+    """Raise ValueError for deep tables, which every later step would have to follow."""
+    level: list[Any] = [values]
+    for _ in range(_MOST_TABLES):
+        inner = [value.values() if isinstance(value, dict) else value for value in level]
+        level = [value for row in inner for value in row if isinstance(value, dict | list)]
+        if not level:
+            return
+    raise ValueError(f"more than {_MOST_TABLES} tables within each other")
 
 
 def validated(values: dict[str, Any], model: type[_Model], source: str) -> _Model:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Literal, TypeVar
 
@@ -17,7 +18,13 @@ from pydantic import (
     PlainValidator,
 )
 
-from classify.base.array_archive import ArchiveKind, ArrayArchive, open_archive, write_archive
+from classify.base.array_archive import (
+    ArchiveKind,
+    ArrayArchive,
+    arrays_sha256,
+    open_archive,
+    write_archive,
+)
 from classify.base.arrays import Array
 from classify.base.durable_file import require_folder
 from classify.base.errors import InputError, LibraryError
@@ -88,6 +95,7 @@ class _Header(BaseModel):
     limits: Limits = Field(default_factory=dict)
     light_directions: Annotated[tuple[_Vector, ...] | None, FailFast()] = None
     sources: Annotated[tuple[tuple[str, str], ...], FailFast()] = ()
+    sha256: str | None = None  # of the rest and of the arrays; None in a file of an older program
 
 
 def _check_path(path: Path) -> None:
@@ -122,7 +130,12 @@ def write(path: Path, library: TextureLibrary) -> None:
         arrays["invariants"] = library.invariants.astype("<f4", copy=False)
     for name, values in library.parameters.items():
         arrays[_PARAMETERS + name] = values.astype("<f8")
+    header = header.model_copy(update={"sha256": _sha256(header, arrays)})
     write_archive(path, _KIND, header.model_dump_json(indent=1), arrays)
+
+
+def _sha256(header: _Header, arrays: Mapping[str, Array]) -> str:
+    return arrays_sha256(header.model_dump_json(exclude={"sha256"}), arrays)
 
 
 def read(path: Path, kind: type[_Library], *, map_from_bytes: int = MAP_FROM_BYTES) -> _Library:
@@ -145,10 +158,20 @@ def _read(archive: ArrayArchive, kind: type[_Library]) -> _Library:
     arrays = {name: archive.array(f"{name}.npy", dtype) for name, dtype in types.items()}
     parameters = _parameters(archive)
     _check_references(indices, len(header.classes), arrays)
-    for array in [*arrays.values(), *parameters.values()]:
+    everything = (
+        {"classes": indices}
+        | arrays
+        | {_PARAMETERS + name: values for name, values in parameters.items()}
+    )
+    is_mapped = False
+    for array in everything.values():
         # Numbers of mapped arrays are tested when a match reads them.
-        if not isinstance(array, np.memmap) and not np.isfinite(array).all():
+        if isinstance(array, np.memmap):
+            is_mapped = True
+        elif not np.isfinite(array).all():
             raise LibraryError("contains NaN or infinity; the file is damaged, train it again")
+    if header.sha256 and not is_mapped and header.sha256 != _sha256(header, everything):
+        raise archive.error("it does not match its SHA-256: the file was changed")
     try:
         directions = header.light_directions
         lighting = None if directions is None else Lighting(np.array(directions))

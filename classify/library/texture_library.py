@@ -10,6 +10,7 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.array_archive import is_cut_short
 from classify.base.arrays import FloatMap, Floats, Indices
 from classify.base.errors import InputError, LibraryError
 from classify.classifiers import Comparison, Parameters, classifier_named
@@ -220,6 +221,7 @@ class TextureLibrary:
             If the surface is smaller than the library's segments, has no valid pixel, or the
             classifier compares images and the lights were others.
         """
+        self._require_whole_file()
         classifier = classifier_named(self.classifier)
         if classifier.from_images:
             _check_same_lights(surface.lighting, self.lighting, self.classifier)
@@ -308,11 +310,19 @@ class TextureLibrary:
         degrees = np.arange(180) - self.orientations_deg[nearest]
         return OrientationProfile(np.interp(degrees, np.arange(180), agreement, period=180.0))
 
+    def _require_whole_file(self) -> None:
+        """Raise LibraryError if a mapped file was cut short: reading it would end the process."""
+        arrays = [self.signatures, self.orientations_deg, *self.parameters.values()]
+        stored = vars(self).get("invariants")  # not computed here
+        if any(is_cut_short(array) for array in [*arrays, *([] if stored is None else [stored])]):
+            raise LibraryError("the file of the library was cut short; train it again")
+
     def candidates(self, signature: FloatMap) -> tuple[Indices, Comparison]:
         """Compare the references that can be nearest or runner-up.
 
         Returns their indices and the comparison with them.
         """
+        self._require_whole_file()
         classifier = classifier_named(self.classifier)
         if self.invariants is None:
             all_indices = np.arange(len(self.labels))

@@ -40,7 +40,9 @@ def show(
 
     from .page import benefit_of, calibration_page, summary_json
 
-    page = output if output is not None or json else path.with_suffix(_PAGE_SUFFIX)
+    page = output
+    if page is None and not json and path.name:
+        page = path.with_suffix(_PAGE_SUFFIX)
     if page is not None:
         check_output(page, suffix=_PAGE_SUFFIX, inputs=[path], force=True)
     file, now = CalibrationFile.read(path), datetime.now(UTC)

@@ -59,7 +59,7 @@ def unit(
     from capture.station.domain.folder import StationFolder
     from capture.station.service.unit import unit_text
 
-    print(unit_text(StationFolder(folder), user, panel), end="")
+    print(unit_text(StationFolder(folder, is_foreign=True), user, panel), end="")
 
 
 _BackupFile = Annotated[
@@ -93,6 +93,7 @@ def restore(
     """Restore a station from a backup into a new folder; every file is compared with its hash."""
     from capture.station.domain.config import CONFIG
     from capture.station.domain.folder import StationFolder
+    from capture.station.results.database import database_url, shown
     from capture.station.service.backup import DUMP
     from capture.station.service.restore import opened_backup
 
@@ -113,5 +114,5 @@ def restore(
     elif manifest.database not in (None, named):
         out.print(
             f"its results are in {folder / manifest.database}, but {folder / CONFIG} names "
-            f"{named}: change one of them",
+            f"{shown(database_url(named))}: change one of them",
         )

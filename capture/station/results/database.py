@@ -60,8 +60,11 @@ def database_url(results: str) -> URL:
 
 
 def shown(url: URL) -> str:
-    """Return an address for messages, without its password."""
-    return str(url.database) if url.get_backend_name() == "sqlite" else url.render_as_string()
+    """Return an address for messages, without its passwords."""
+    if url.get_backend_name() == "sqlite":
+        return str(url.database)
+    hidden = {name: "***" for name in url.query if "pass" in name.lower()}
+    return url.update_query_dict(hidden).render_as_string()
 
 
 def sqlite_engine(url: URL, *, patience_s: float, is_writer: bool) -> Engine:

@@ -1,10 +1,15 @@
 """The lock on a folder, with the locks of POSIX and without them."""
 
+import errno
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from capture.base.folder_lock import folder_lock
+from classify.base.errors import InputError
 
 HOLD = """
 import sys
@@ -48,6 +53,22 @@ def test_a_folder_that_cannot_be_locked_is_named(program: str, tmp_path: Path) -
     refused = subprocess.run(command, capture_output=True, text=True, timeout=60.0)
     assert "InputError" in refused.stderr
     assert "none: cannot be locked: " in refused.stderr
+
+
+def test_a_file_system_without_locks_is_named_with_the_way_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fcntl = pytest.importorskip("fcntl")
+
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    with (
+        pytest.raises(InputError, match=r"No locks available; .* a folder on a local disk"),
+        folder_lock(tmp_path, "owner.lock"),
+    ):
+        pass
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")

@@ -94,6 +94,7 @@ def test_the_known_orientation_of_photographs_is_kept(
         (["--slant", "45", "--tilts", "0,90,180"], "4 images for 3 lights"),
         (["--slant", "45", "--tilts", "0,90,180,west"], "--tilts 0,90,180,west: give degrees"),
         (["--slant", "45", "--tilts", ""], "--tilts '': give degrees"),
+        (["--slant", "45", "--tilts", "0,90,180,1e308"], "--tilts 0,90,180,1e308: give degrees"),
         (["--slant", "45", "--tilts", "0,90,180,inf"], "--tilts 0,90,180,inf: give degrees"),
         (["--slant", "45", "--lights", "x.lp"], "leave out --slant"),
         (["--tilts", "0,90", "--lights", "x.lp"], "--slant and --tilts"),

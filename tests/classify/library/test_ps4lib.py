@@ -74,7 +74,11 @@ def write_members(path: Path, content: dict[str, bytes], compression: int = zipf
 def put(path: Path, **content: bytes) -> None:
     """Replace or add members, named without ``.npy``; ``header`` is the JSON header."""
     names = {name: "library.json" if name == "header" else f"{name}.npy" for name in content}
-    write_members(path, members(path) | {names[name]: data for name, data in content.items()})
+    stored = members(path)
+    # Without the hash of the file, so that the other checks are tested.
+    header = json.loads(stored["library.json"]) | {"sha256": None}
+    stored["library.json"] = json.dumps(header).encode()
+    write_members(path, stored | {names[name]: data for name, data in content.items()})
 
 
 def assert_refused(path: Path, cause: str, **options: Any) -> None:
@@ -94,7 +98,7 @@ def npy(array: np.ndarray, **options: Any) -> bytes:
 def edited(path: Path, edit: Callable[[dict[str, Any]], None]) -> Path:
     """The same library with its header changed by `edit`."""
     content = members(path)
-    header = json.loads(content["library.json"])
+    header = json.loads(content["library.json"]) | {"sha256": None}
     edit(header)
     content["library.json"] = json.dumps(header).encode()
     write_members(path, content)
@@ -308,6 +312,7 @@ def test_arrays_that_do_not_belong_together_are_refused(
 def test_a_parameter_of_another_shape_is_refused(
     saved: Path, name: str, array: np.ndarray | None
 ) -> None:
+    put(saved)
     content = members(saved)
     del content[f"parameters/{name}.npy"]
     if array is not None:
@@ -613,3 +618,29 @@ def test_other_suffixes_and_missing_folders_are_refused(library, tmp_path: Path)
     with pytest.raises(InputError, match="there is no folder"):
         library.save(tmp_path / "none" / "x.ps4lib")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["signatures", "orientations_deg", "classes"])
+def test_a_library_with_altered_values_is_refused(saved: Path, name: str) -> None:
+    content = members(saved)
+    array = np.load(io.BytesIO(content[f"{name}.npy"])).copy()
+    array.flat[0] = 0 if array.flat[0] else 1
+    write_members(saved, content | {f"{name}.npy": npy(array)})
+    assert_refused(saved, "does not match its SHA-256")
+
+
+def test_a_library_with_an_altered_limit_is_refused(saved: Path) -> None:
+    content = members(saved)
+    header = json.loads(content["library.json"])
+    header["limits"] = dict.fromkeys(header["limits"], 1e9)
+    write_members(saved, content | {"library.json": json.dumps(header).encode()})
+    assert_refused(saved, "does not match its SHA-256")
+
+
+def test_a_mapped_library_that_is_cut_short_is_an_error(
+    saved: Path, stationary, photographed
+) -> None:
+    surface, loaded = photographed(stationary("sand", seed=1, side=64)), load_mapped(saved)
+    os.truncate(saved, 1000)
+    with pytest.raises(LibraryError, match="was cut short"):
+        loaded.classify(surface)

@@ -209,3 +209,8 @@ def test_chromium_shows_the_page_without_an_error(saved: Path, ps4rig: Callable[
     )  # fmt: skip
     assert done.stdout.count("image/svg") == 4
     assert "CONSOLE" not in done.stderr
+
+
+@pytest.mark.parametrize("path", ["/", ""])
+def test_a_calibration_without_a_name_is_bad_input(ps4rig: Callable[..., Any], path: str) -> None:
+    assert ps4rig("calibrate", "show", path).exit_code == 2

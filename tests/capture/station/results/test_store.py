@@ -351,7 +351,15 @@ def test_another_kind_of_database_is_refused(results: str) -> None:
         open_store(results, "line-1")
 
 
-def test_a_password_is_in_no_message() -> None:
+@pytest.mark.parametrize(
+    "results",
+    [
+        "postgresql://jo:secret@127.0.0.1:1/db",
+        "postgresql://127.0.0.1:1/db?password=secret",
+        "postgresql://127.0.0.1:1/db?sslpassword=secret",
+    ],
+)
+def test_a_password_is_in_no_message(results: str) -> None:
     with pytest.raises(ResultsUnavailable) as caught:
-        open_store("postgresql://jo:secret@127.0.0.1:1/db", "line-1", patience_s=0.0)
+        open_store(results, "line-1", patience_s=0.0)
     assert "secret" not in str(caught.value)
