@@ -78,7 +78,7 @@ Scheduler = Annotated[
     ),
 ]
 Rig = Annotated[
-    str, typer.Option(help="'sim' for the simulated rig, or a rig.toml.", metavar="RIG")
+    str, typer.Option("--rig", help="'sim' for the simulated rig, or a rig.toml.", metavar="RIG")
 ]
 Surface = Annotated[
     str | None,

@@ -39,6 +39,7 @@ def solve(
     method: Annotated[
         Method | None,
         typer.Option(
+            "--method",
             help=f"One of {', '.join(METHODS)}.",
             show_default="ps4_robust for four lights, else least_squares",
             metavar="METHOD",

@@ -46,6 +46,7 @@ _ClassifierOption = Annotated[
 _TrainingSolver = Annotated[
     Method | None,
     typer.Option(
+        "--method",
         help=f"Solver of all training sets, one of {', '.join(METHODS)}.",
         show_default="ps4_robust for four lights, else least_squares",
         metavar="METHOD",
@@ -54,6 +55,7 @@ _TrainingSolver = Annotated[
 _LibrarySolver = Annotated[
     Method | None,
     typer.Option(
+        "--method",
         help=f"Solver of the sets, one of {', '.join(METHODS)}.",
         show_default="the solver of the library",
         metavar="METHOD",

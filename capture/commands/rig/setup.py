@@ -24,7 +24,9 @@ def init(
     file: Annotated[Path, typer.Argument(help="The file to write.")] = Path("rig.toml"),
     port: Annotated[
         str | None,
-        typer.Option(help="Port of the light controller.", show_default="searched", metavar="PORT"),
+        typer.Option(
+            "--port", help="Port of the light controller.", show_default="searched", metavar="PORT"
+        ),
     ] = None,
     force: options.Force = False,
 ) -> None:
@@ -61,7 +63,9 @@ def init(
 def flash(
     port: Annotated[
         str | None,
-        typer.Option(help="Serial port of the board.", show_default="found", metavar="PORT"),
+        typer.Option(
+            "--port", help="Serial port of the board.", show_default="found", metavar="PORT"
+        ),
     ] = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Print the files and the board, and change nothing.")

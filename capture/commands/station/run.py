@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 Rig = Annotated[
     str | None,
     typer.Option(
+        "--rig",
         help="'sim' for the simulated rig, or a rig.toml.",
         show_default="that of station.toml",
         metavar="RIG",
