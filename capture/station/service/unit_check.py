@@ -20,7 +20,7 @@ _MAX_BYTES = 1 << 20
 def diagnose_unit(folder: Path) -> list[Check]:
     """Check the unit of a station; without one that can be read there is nothing to check."""
     try:
-        station = StationFolder(folder)
+        station = StationFolder(folder, is_foreign=True)
     except InputError:
         return []
     return collected(_NAME, lambda: _check_unit(station))

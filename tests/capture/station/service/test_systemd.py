@@ -18,6 +18,7 @@ pytestmark = pytest.mark.systemd
 UNIT = "ps4rig-line-3.service"
 STATION = Path("/srv/line-3")
 PS4RIG = (sys.executable, "-P", "-m", "capture", "station")
+AS_OWNER = ("runuser", "-u", "ps4rig", "--")  # a station is for its owner alone
 DROP_IN = Path("/etc/systemd/system/ps4rig-line-3.service.d/test.conf")
 
 
@@ -114,7 +115,9 @@ def test_a_station_that_hangs_is_killed_by_the_watchdog_and_goes_on(
     systemd.until(lambda: parts(systemd) > known)
     systemd.run("systemctl", "stop", UNIT)
     dropped_in(systemd)
-    shown = systemd.run(*PS4RIG, "history", STATION, "--json", "--include-simulated").stdout
+    shown = systemd.run(
+        *AS_OWNER, *PS4RIG, "history", STATION, "--json", "--include-simulated"
+    ).stdout
     numbers = [part["number"] for part in json.loads(shown)["parts"]]
     assert numbers == [*range(1, len(numbers) + 1)]
 
@@ -164,7 +167,7 @@ def test_a_backup_of_the_running_service_is_restored_as_the_readme_says(
     running.until(lambda: parts(running) > 0)
     backup, place = "/srv/backup/line-3.ps4backup", STATION.with_name("line-3-before")
     running.run("install", "-d", "-o", "ps4rig", "/srv/backup")
-    running.run("runuser", "-u", "ps4rig", "--", *PS4RIG, "backup", STATION, backup)
+    running.run(*AS_OWNER, *PS4RIG, "backup", STATION, backup)
     running.run("systemctl", "stop", UNIT)
     running.run("mv", STATION, place)
     said = running.run(*PS4RIG, "restore", backup, STATION).stdout
@@ -174,10 +177,12 @@ def test_a_backup_of_the_running_service_is_restored_as_the_readme_says(
     known = parts(running)
     running.until(lambda: parts(running) > known)
     running.run("systemctl", "stop", UNIT)
-    shown = running.run(*PS4RIG, "history", STATION, "--json", "--include-simulated").stdout
+    shown = running.run(
+        *AS_OWNER, *PS4RIG, "history", STATION, "--json", "--include-simulated"
+    ).stdout
     numbers = [part["number"] for part in json.loads(shown)["parts"]]
     assert numbers == [*range(1, len(numbers) + 1)]
     assert len(numbers) > restored > 0
-    verified = running.run(*PS4RIG[:-1], "verify", STATION, check=False).stdout
+    verified = running.run(*AS_OWNER, *PS4RIG[:-1], "verify", STATION, check=False).stdout
     assert "altered" not in verified
     assert "missing" not in verified
