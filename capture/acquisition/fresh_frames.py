@@ -5,7 +5,7 @@ from collections import Counter, deque
 
 from capture.base.errors import SetRejected
 from rig import CameraError, CameraInfo, Frame, Rig, Switch
-from rig.config.lights import led_name
+from rig.config.lights import led_names
 from rig.fresh_frame import FrameKind, NoFreshFrameError, kind_of, next_fresh_frame
 
 # Pixels compared. With noise of 1 DN two exposures agree in a third of their pixels; even where
@@ -136,7 +136,7 @@ def light_name(rig: Rig, light: int | None) -> str:
     """The name of a light in messages."""
     if light is None:
         return "ambient light"
-    return led_name(light, rig.lighting.tilts_deg[light])
+    return led_names(rig.lighting.tilts_deg)[light]
 
 
 class FrameHistory:

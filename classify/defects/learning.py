@@ -62,14 +62,7 @@ def learn_defects(
         )
     parts = [part_fields(_checked(surface)) for surface in surfaces]
     angles = [0.0 if angle is None else float(angle) for angle in orientations_deg]
-    if not LEAST_PARTS <= len(parts) <= MOST_PARTS:
-        raise InputError(f"{len(parts)} good parts; give {LEAST_PARTS} to {MOST_PARTS}")
-    if len(angles) != len(parts) or not all(map(math.isfinite, angles)):
-        raise InputError(
-            f"{len(angles)} orientations for {len(parts)} parts; give one finite angle for each"
-        )
-    if len({part.shape for part in parts}) > 1:
-        raise InputError("the good parts differ in the size of their frames; capture them alike")
+    _require_alike(parts, angles)
     observations = _observations(parts, angles)
     departures: dict[int, FloatMap] = {}
     windows = STATISTICS["windows"]
@@ -91,6 +84,17 @@ def learn_defects(
     ], np.float32)  # fmt: skip
     scores = np.max(maxima.max(axis=2) / limits, axis=1)
     return DefectModel(_departures(observations), evidence, limits, false_alarm_rate, scores)
+
+
+def _require_alike(parts: Sequence[PartFields], angles: Sequence[float]) -> None:
+    if not LEAST_PARTS <= len(parts) <= MOST_PARTS:
+        raise InputError(f"{len(parts)} good parts; give {LEAST_PARTS} to {MOST_PARTS}")
+    if len(angles) != len(parts) or not all(map(math.isfinite, angles)):
+        raise InputError(
+            f"{len(angles)} orientations for {len(parts)} parts; give one finite angle for each"
+        )
+    if len({part.shape for part in parts}) > 1:
+        raise InputError("the good parts differ in the size of their frames; capture them alike")
 
 
 def _checked(surface: SurfaceEstimate) -> SurfaceEstimate:

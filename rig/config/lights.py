@@ -1,5 +1,6 @@
 """The section ``[lights]`` of ``rig.toml``: controller and positions of its LEDs."""
 
+from collections.abc import Iterable
 from functools import lru_cache
 from typing import Annotated, Any, Literal, Self
 
@@ -18,9 +19,10 @@ AUTO = "auto"
 _Intensity = Annotated[FiniteFloat, Field(ge=0.01, le=100.0)]
 
 
-def led_name(led: int, tilt_deg: float) -> str:
-    """Return the name of an LED for people: its number at the controller, and where it stands."""
-    return f"LED {led} (tilt {tilt_deg:g})"
+def led_names(tilts_deg: Iterable[float]) -> list[str]:
+    """Return names of LEDs for people: their numbers at the controller, and where they stand."""
+    # Directions are measured or rounded: tilts of 89.9999 degrees have no place in a name.
+    return [f"LED {led} (tilt {round(tilt_deg)})" for led, tilt_deg in enumerate(tilts_deg)]
 
 
 class LightsConfig(Section):

@@ -45,18 +45,10 @@ def check_controls(error: ControlError) -> Iterator[Check]:
         yield Check(f"control {fault.control}", "fault", fault.seen, fault.advice)
 
 
-def check_kind(info: CameraInfo) -> Iterator[Check]:
-    """Check what the kind of an open camera needs beside it, such as a network."""
-    faults = CAMERA_KINDS[info.kind].faults
-    if faults is not None:
-        yield from (
-            Check(fault.control, "warning", fault.seen, fault.advice) for fault in faults(info)
-        )
-
-
 def check_frames(camera: Camera) -> Iterator[Check]:
-    """Check the frame rate, and count lost and corrupt frames."""
+    """Check the frame rate and what the camera's kind needs; count lost and corrupt frames."""
     info = camera.info
+    yield from _check_kind(info)
     frames = max(3, min(_FRAMES, round(_FRAMES_TAKE_S / info.frame_period_s)))
     read_frames: list[Frame] = []
     # Frames that waited in the queue do not show the rate.
@@ -90,6 +82,15 @@ def check_frames(camera: Camera) -> Iterator[Check]:
     else:
         advice = "give the camera its own USB port, a shorter cable, or a lower frame rate"
         yield Check("frames", "warning", finding, advice)
+
+
+def _check_kind(info: CameraInfo) -> Iterator[Check]:
+    """Check what an open camera needs beside it, such as a network."""
+    faults = CAMERA_KINDS[info.kind].faults
+    if faults is not None:
+        yield from (
+            Check(fault.control, "warning", fault.seen, fault.advice) for fault in faults(info)
+        )
 
 
 def exposure_range_ms(

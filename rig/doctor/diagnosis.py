@@ -22,7 +22,6 @@ from .cameras import (
     check_cameras,
     check_controls,
     check_frames,
-    check_kind,
     exposure_range_ms,
 )
 from .check import Check, collected
@@ -110,7 +109,6 @@ def _diagnose_open(
             return
         closing.callback(camera.close)
         yield _measurement_mode(camera.info)
-        yield from check_kind(camera.info)
         yield from check_frames(camera)
 
     def check_images() -> Iterator[Check]:

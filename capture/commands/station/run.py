@@ -86,7 +86,7 @@ def run(
     from capture.station.run.live_station import LiveStation
     from capture.station.run.run import RunOptions, run_station
     from capture.station.service.notify import Notifier
-    from rig.config.lights import led_name
+    from rig.config.lights import led_names
     from rig.config.rig import config_of
 
     from .interfaces import running_interfaces
@@ -96,16 +96,14 @@ def run(
         config = opened.config
         rig_config = config_of(rig or config.rig_in(folder))
         trigger = trigger or config.trigger
+        database = shown_url(database_url(config.results_in(folder)))
         live = LiveStation(
-            config.name,
-            simulated=rig_config.is_simulated,
-            trigger=trigger,
-            database=shown_url(database_url(config.results_in(folder))),
+            config.name, simulated=rig_config.is_simulated, trigger=trigger, database=database
         )
         shown, log = shown_by(config.name, as_json=json), partial(log_to, opened)
-        names = [led_name(*led) for led in enumerate(rig_config.lights.tilts_deg)]
         notifier = Notifier.from_environment(os.environ)
-        subscribers = (shown, log, ControlChart(names, shown, log, live.tell), notifier.tell)
+        chart = ControlChart(led_names(rig_config.lights.tilts_deg), shown, log, live.tell)
+        subscribers = (shown, log, chart, notifier.tell)
         with running_interfaces(
             opened, live, trigger, subscribers, is_asked=panel, host=host, port=port
         ) as publisher:

@@ -40,7 +40,7 @@ from classify.defects.defect_map import KINDS, DefectMap, regions_of
 from classify.defects.fields import part_fields
 from classify.pieces.features import CELL_PX, band_moments
 from classify.pieces.piece_model import PieceMeasures
-from rig.config.lights import led_name
+from rig.config.lights import led_names
 
 from .fingerprint import Fingerprint
 from .judge import Finding, Measures, invalid, verdict_of
@@ -323,19 +323,14 @@ class Inspector:
         ratios = np.array(signals) / taught
         brightest = ratios.max()
         levels = ratios / brightest if brightest > 0.0 else np.zeros_like(ratios)
-        return tuple(zip(_led_names(captured), levels.tolist(), strict=True))
+        return tuple(zip(led_names(captured.lighting.tilts_deg), levels.tolist(), strict=True))
 
 
 def _lit_while_off(captured: CapturedSet) -> tuple[tuple[str, float], ...]:
     if captured.ambient is None:
         return ()
     shares = share_while_off(captured.images, captured.ambient)
-    return tuple(zip(_led_names(captured), shares.tolist(), strict=True))
-
-
-def _led_names(captured: CapturedSet) -> list[str]:
-    # Directions are measured or rounded: tilts of 89.9999 degrees have no place in a name.
-    return [led_name(led, round(tilt)) for led, tilt in enumerate(captured.lighting.tilts_deg)]
+    return tuple(zip(led_names(captured.lighting.tilts_deg), shares.tolist(), strict=True))
 
 
 def _known(value: Any) -> Any:

@@ -23,12 +23,12 @@ from capture.station.run.events import (
     RecipeLoaded,
     Warned,
 )
-from rig.config.lights import led_name
+from rig.config.lights import led_names
 from tests.capture.station.results.many import many
 
 BASELINE_PARTS = GROUP * BASELINE_POINTS
 
-LEDS = tuple(led_name(led, 90 * led) for led in range(4))
+LEDS = tuple(led_names([0, 90, 180, 270]))
 UNIT = Baseline(0.0, 1.0)
 PART = PartResult(
     station="s",

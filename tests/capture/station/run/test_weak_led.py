@@ -12,8 +12,10 @@ from capture.station.judge.approval import approve
 from capture.station.results.part_result import PartResult
 from capture.station.run.control_chart import ControlChart
 from capture.station.run.events import Event, PartAnnounced
-from rig.config.lights import led_name
+from rig.config.lights import led_names
 from tests.capture.station.production import SMALL_RIG, configure, run_parts
+
+LEDS = led_names([0, 90, 180, 270])
 
 
 @pytest.fixture
@@ -55,9 +57,9 @@ def test_a_led_that_stays_on_is_named_once_and_its_parts_are_judged(
 ) -> None:
     results = results_with(line, 3, {"kind": "stuck_on", "share": share})
     assert {result.verdict.decision for result in results} == {Decision.PASS}
-    name = led_name(1, 90)
+    name = LEDS[1]
     assert all(any(name in note for note in result.notes) for result in results)
-    chart = ControlChart([led_name(led, 90 * led) for led in range(4)])
+    chart = ControlChart(LEDS)
     told = [text for result in results for text in chart.add(result)]
     assert len(told) == 1
     assert told[0].startswith(name)
@@ -66,7 +68,7 @@ def test_a_led_that_stays_on_is_named_once_and_its_parts_are_judged(
 def test_a_led_that_stays_on_too_much_makes_errors(line: Path) -> None:
     [result] = results_with(line, 1, {"kind": "stuck_on", "share": 0.25})
     assert result.verdict.decision is Decision.ERROR
-    assert led_name(1, 90) in result.verdict.reason
+    assert LEDS[1] in result.verdict.reason
 
 
 def test_no_led_stays_on_in_sound_sets(line: Path) -> None:
