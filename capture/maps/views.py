@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.shadow_rule import NO_DROPPED_LIGHT
-from rig.config.lights import led_name
+from rig.config.lights import led_names
 
 from . import pictures
 from .pictures import ColourScale, Picture, data_uri
@@ -185,10 +185,7 @@ SHADOWED_LIGHTS = Labels(
     lambda _: pictures.shadow_colours(),
 )
 DROPPED_LIGHT = Labels(
-    lambda tilts_deg: (
-        {led: led_name(led, round(tilt_deg)) for led, tilt_deg in enumerate(tilts_deg)}
-        | {NO_DROPPED_LIGHT: "none"}
-    ),
+    lambda tilts_deg: dict(enumerate(led_names(tilts_deg))) | {NO_DROPPED_LIGHT: "none"},
     pictures.dropped_colours,
     cv2.INTER_NEAREST,
 )

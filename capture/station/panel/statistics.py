@@ -19,7 +19,7 @@ from capture.station.results.statistics import (
 )
 from capture.station.run.control_history import ChartHistory, chart_histories
 from classify.base.errors import InputError
-from rig.config.lights import led_name
+from rig.config.lights import led_names
 
 from .charts.charts import MOST_SHARES, causes_chart, control_chart, gauge_chart, yield_chart
 from .charts.drawing import Drawing
@@ -85,21 +85,21 @@ def statistics_of(panel: Panel, selection: Selection) -> StationStatistics:
                     "The kind of the first defect of each part that did not pass and has one.",
                     counted_defects(store, selection),
                 ),
-                *_control_figures(charts, led_names(panel.folder, len(charts) - 1)),
+                *_control_figures(charts, _names_of_leds(panel.folder, len(charts) - 1)),
                 *_gauge_figure(gauge_of(panel.folder, selection)),
             )
         ),
     )
 
 
-def led_names(folder: StationFolder, leds: int) -> Sequence[str]:
+def _names_of_leds(folder: StationFolder, leds: int) -> Sequence[str]:
     """Return LED names as in warnings, or numbers where the rig has other LEDs now."""
     try:
         tilts_deg = folder.rig_config().lights.tilts_deg
     except InputError:
         tilts_deg = ()
     if len(tilts_deg) == leds:
-        return [led_name(*led) for led in enumerate(tilts_deg)]
+        return led_names(tilts_deg)
     return [f"LED {led}" for led in range(leds)]
 
 
