@@ -3,7 +3,6 @@
 import logging
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Self
 
@@ -22,8 +21,6 @@ _LAST_S = 3.0
 TICK_S = 0.5
 # Four times the period that the README asks of a PLC.
 _SILENCE_S = 8.0
-# A refused trigger takes a transaction of some 4 ms; a PLC that sends 250 a second is out of order.
-_MOST_UNRECORDED = 100
 
 
 class PlcLine:
@@ -44,8 +41,6 @@ class PlcLine:
         self._last_s = last_s
         self._changed = threading.Condition()
         self._request: TriggerRequest | None = None
-        self._unrecorded: deque[tuple[Trigger, str]] = deque()
-        self._dropped = 0
         self._is_closed = False
         self._heard_s = now_s()
         self._thread = threading.Thread(target=self._run, name="triggers of the PLC")
@@ -98,7 +93,7 @@ class PlcLine:
             if request is not None and request.refusal is None:
                 self._request = request
             elif request is not None and request.refusal is not None:
-                self._record(request, request.refusal)
+                self._live.refuse(Trigger(SOURCE, request.part_id), request.refusal)
             self._load(self._handshake.selection.loading)
             self._changed.notify_all()
 
@@ -119,21 +114,13 @@ class PlcLine:
     def _run(self) -> None:
         while True:
             with self._changed:
-                # Attaching the station is no event, so this waits for at most `TICK_S`.
-                self._changed.wait_for(self._has_work, TICK_S)
+                self._changed.wait_for(lambda: self._is_closed or self._request is not None)
                 is_closed = self._is_closed
                 request, self._request = self._request, None
             if request is not None:
                 self._pass_on(request)
-            self._record_refusals()
-            if is_closed:  # with nothing left that was not recorded
+            if is_closed:
                 return
-
-    def _has_work(self) -> bool:
-        is_recorder = self._live.is_attached
-        return (
-            self._is_closed or self._request is not None or bool(self._unrecorded and is_recorder)
-        )
 
     def _pass_on(self, request: TriggerRequest) -> None:
         answer = self._live.submit(Trigger(SOURCE, request.part_id, request.recipe))
@@ -161,26 +148,6 @@ class PlcLine:
                 _log.exception("recipe %s was not loaded for the PLC", request.name)
             with self._changed:
                 self._handshake.selection.refused(request, kind)
-
-    def _record(self, request: TriggerRequest, reason: str) -> None:
-        """Keep a refusal until it can be recorded."""
-        if len(self._unrecorded) < _MOST_UNRECORDED:
-            self._unrecorded.append((Trigger(SOURCE, request.part_id), reason))
-        else:
-            self._dropped += 1
-
-    def _record_refusals(self) -> None:
-        if not self._live.is_attached:
-            return
-        with self._changed:
-            refused, dropped = list(self._unrecorded), self._dropped
-            self._unrecorded.clear()
-            self._dropped = 0
-        if dropped:
-            reason = f"{dropped} triggers of the PLC more than could be recorded one by one"
-            refused.append((Trigger(SOURCE), reason))
-        for trigger, reason in refused:
-            self._live.refuse(trigger, reason)
 
 
 def _state(connections: int, heartbeat: int, where: str, *, is_silent: bool) -> tuple[Status, str]:

@@ -35,6 +35,8 @@ from .triggers import AttachedSource
 _STARTING = "the station is starting"
 # Loads that overlap: of one asker each, of which all but two are refused as busy.
 _KEPT_LOADS = 8
+# Refusals before the station takes triggers; a start takes seconds.
+_KEPT_REFUSALS = 100
 
 
 class LiveStation(LiveView):
@@ -56,6 +58,7 @@ class LiveStation(LiveView):
         super().__init__(snapshot, now_s)
         self._target: TriggerTarget | None = None
         self._has_target = threading.Event()
+        self._refused: deque[tuple[Trigger, str]] = deque(maxlen=_KEPT_REFUSALS)
         self._loaded: deque[RecipeLoaded] = deque(maxlen=_KEPT_LOADS)
 
     # What the run gives.
@@ -76,9 +79,12 @@ class LiveStation(LiveView):
         return AttachedSource(self.attach, source)
 
     def attach(self, target: TriggerTarget) -> None:
-        """Pass triggers to `target` from now on."""
+        """Pass triggers, and the refusals so far, to `target` from now on."""
         with self._lock:
             self._target = target
+            for refused in self._refused:
+                target.refuse(*refused)
+            self._refused.clear()
             self._has_target.set()
 
     # What interfaces do.
@@ -94,9 +100,12 @@ class LiveStation(LiveView):
         return self._has_target.is_set()
 
     def refuse(self, trigger: Trigger, reason: str) -> None:
-        """Record a trigger that an interface refused; one before `attach` is lost. Never raises."""
-        if self._target is not None:
-            self._target.refuse(trigger, reason)
+        """Record a trigger that an interface refused, at once or after `attach`. Never raises."""
+        with self._lock:
+            if self._target is None:
+                self._refused.append((trigger, reason))
+            else:
+                self._target.refuse(trigger, reason)
 
     def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
         """Let the station load a recipe; return when it judges all parts triggered from then on."""

@@ -1,7 +1,6 @@
 """The line between a handshake and a station, without a bus."""
 
 import logging
-import threading
 import time
 from typing import NoReturn
 
@@ -27,21 +26,18 @@ from tests.capture.station.line.lines import NOTHING, until_so
 WAIT_S = 60.0
 
 
-class SlowRecorder:
-    """A station that refuses everything, and whose first record takes until `go_on`."""
+class Recorder:
+    """A station that refuses everything."""
 
     is_stopping = True
 
     def __init__(self) -> None:
         self.refused: list[str | None] = []
-        self.is_recording, self.go_on = threading.Event(), threading.Event()
 
     def submit(self, trigger: Trigger) -> Refused:
         return self.refuse(trigger, "stopping")
 
     def refuse(self, trigger: Trigger, reason: str) -> Refused:
-        self.is_recording.set()
-        assert self.go_on.wait(WAIT_S)
         self.refused.append(trigger.part_id)
         return Refused(reason)
 
@@ -56,20 +52,18 @@ def ask_for(line: PlcLine, trigger_id: int, part_id: str) -> None:
     line.write(PLC_ADDRESS, encoded(PLC, values | {"commands": 0}))
 
 
-def test_refusals_that_wait_at_the_end_of_a_run_are_recorded() -> None:
-    live, station = LiveStation("line-1", simulated=True), SlowRecorder()
+def test_refusals_before_the_station_takes_triggers_are_recorded_with_it() -> None:
+    live, station = LiveStation("line-1", simulated=True), Recorder()
     line = PlcLine(live, Handshake(session=7, is_trigger=False, is_simulated=True), last_s=0.0)
     with line:
-        live.attach(station)
         ask_for(line, 1, "A-1")
-        assert station.is_recording.wait(WAIT_S)
+        live.attach(station)
         ask_for(line, 2, "A-2")
-        threading.Timer(0.2, station.go_on.set).start()
     assert station.refused == ["A-1", "A-2"]
 
 
 def test_a_defect_while_a_recipe_loads_is_an_answer_to_the_plc() -> None:
-    class Defective(SlowRecorder):
+    class Defective(Recorder):
         def load_recipe(self, *_: object) -> NoReturn:
             raise ValueError("a defect")
 
