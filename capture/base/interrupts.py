@@ -9,6 +9,7 @@ This module imports little, because a signal before `install_handlers` ends in a
 
 from __future__ import annotations
 
+import atexit
 import os
 import signal
 import time
@@ -37,6 +38,8 @@ def install_handlers() -> None:
     for number in _ENDING:
         if signal.getsignal(number) not in (signal.SIG_IGN, None):
             signal.signal(number, _handle)
+            # After the last thread Python drops its handlers: a signal would change the status.
+            atexit.register(signal.signal, number, signal.SIG_IGN)
 
 
 @contextmanager

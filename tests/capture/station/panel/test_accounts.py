@@ -204,7 +204,7 @@ def test_a_running_panel_refuses_a_removed_user_at_once(panel: RunningPanel) -> 
     assert browser.log_in("kim").status == 401
     assert program.get("/api/v1/state").status == 401
     audit = panel.client(Role.ENGINEER).get("/api/v1/audit").json["changes"]
-    assert [row["what"] for row in audit] == ["client client-operator", "user kim"]
+    assert [row["what"] for row in audit] == ["login as kim", "client client-operator", "user kim"]
 
 
 @pytest.mark.parametrize(
