@@ -19,6 +19,7 @@ def main(folder: Path, parts: int, frame_px: int, classes: int) -> None:
     """Run the bench; see the module."""
     settle_process()  # before numpy is imported
 
+    from capture.station.domain.config import CONFIG
     from capture.station.domain.folder import make_station
     from capture.station.panel.listening import panel_address, panel_listener
     from capture.station.panel.process import panel_process
@@ -28,7 +29,8 @@ def main(folder: Path, parts: int, frame_px: int, classes: int) -> None:
     from capture.station.run.live_station import LiveStation
     from tests.capture.station.panel.panels import ANY_PORT
 
-    make_station(folder)
+    if not (folder / CONFIG).exists():
+        make_station(folder)
     live = LiveStation("bench", simulated=True)
     used_s: list[float] = []
 
