@@ -102,6 +102,8 @@ def test_stations_outlive_a_killed_server(
 ) -> None:
     choice = random.Random(20261122)
     working = {station: start(station, 40 * KILLS) for station in STATIONS}
+    for station, process in working.items():  # one that starts ends with its database
+        wait_for(tmp_path, station, 1, process)
     for _ in range(KILLS):
         parts = len(announced_by(tmp_path, "line-1")) + choice.randint(1, _MOST_PARTS)
         wait_for(tmp_path, "line-1", parts, working["line-1"])
