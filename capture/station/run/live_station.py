@@ -58,7 +58,8 @@ class LiveStation(LiveView):
         super().__init__(snapshot, now_s)
         self._target: TriggerTarget | None = None
         self._has_target = threading.Event()
-        self._refused: deque[tuple[Trigger, str]] = deque(maxlen=_KEPT_REFUSALS)
+        self._refused: list[tuple[Trigger, str]] = []
+        self._refused_beyond = 0
         self._loaded: deque[RecipeLoaded] = deque(maxlen=_KEPT_LOADS)
 
     # What the run gives.
@@ -82,9 +83,13 @@ class LiveStation(LiveView):
         """Pass triggers, and the refusals so far, to `target` from now on."""
         with self._lock:
             self._target = target
+            if self._refused_beyond:
+                reason = f"{self._refused_beyond} triggers more than could be recorded one by one"
+                self._refused.append((Trigger(self._refused[-1][0].source), reason))
             for refused in self._refused:
                 target.refuse(*refused)
             self._refused.clear()
+            self._refused_beyond = 0
             self._has_target.set()
 
     # What interfaces do.
@@ -102,10 +107,12 @@ class LiveStation(LiveView):
     def refuse(self, trigger: Trigger, reason: str) -> None:
         """Record a trigger that an interface refused, at once or after `attach`. Never raises."""
         with self._lock:
-            if self._target is None:
+            if self._target is not None:
+                self._target.refuse(trigger, reason)
+            elif len(self._refused) < _KEPT_REFUSALS:
                 self._refused.append((trigger, reason))
             else:
-                self._target.refuse(trigger, reason)
+                self._refused_beyond += 1
 
     def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
         """Let the station load a recipe; return when it judges all parts triggered from then on."""

@@ -33,12 +33,14 @@ class Recorder:
 
     def __init__(self) -> None:
         self.refused: list[str | None] = []
+        self.reasons: list[str] = []
 
     def submit(self, trigger: Trigger) -> Refused:
         return self.refuse(trigger, "stopping")
 
     def refuse(self, trigger: Trigger, reason: str) -> Refused:
         self.refused.append(trigger.part_id)
+        self.reasons.append(reason)
         return Refused(reason)
 
     def wait_until_ready(self, timeout_s: float) -> bool:
@@ -60,6 +62,15 @@ def test_refusals_before_the_station_takes_triggers_are_recorded_with_it() -> No
         live.attach(station)
         ask_for(line, 2, "A-2")
     assert station.refused == ["A-1", "A-2"]
+
+
+def test_refusals_beyond_a_hundred_before_the_start_are_counted() -> None:
+    live, station = LiveStation("line-1", simulated=True), Recorder()
+    for number in range(103):
+        live.refuse(Trigger("modbus", f"A-{number}"), "too early")
+    live.attach(station)
+    assert station.refused == [*(f"A-{number}" for number in range(100)), None]
+    assert station.reasons[-1].startswith("3 triggers more")
 
 
 def test_a_defect_while_a_recipe_loads_is_an_answer_to_the_plc() -> None:
