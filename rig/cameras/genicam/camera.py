@@ -36,7 +36,8 @@ class GenicamCamera:
             self._period_s = set_measurement_mode(self._camera, config)
             self._exposure_ms = self._camera.exposure_ms
             self._camera.start(_BUFFERS)
-            self._controls = self._record()
+            self._name, self._controls = self._camera.name, self._record()
+            self._pixel_values = _pixel_values(self._camera)
         except BaseException as error:
             self._camera.close()
             if type(error) is CameraError:  # Aravis does not name the camera
@@ -49,7 +50,7 @@ class GenicamCamera:
         config = self._config
         return CameraInfo(
             kind="genicam",
-            name=self._camera.name,
+            name=self._name,
             width_px=config.width_px,
             height_px=config.height_px,
             bit_depth=config.bits,
@@ -58,12 +59,8 @@ class GenicamCamera:
             queue_length=_BUFFERS,
             readout_s=None if config.readout_ms is None else config.readout_ms / 1e3,
             start_known_to_s=config.start_known_to_s,
-            gain=self._camera.gain,
-            gamma=self._camera.number("Gamma") if self._camera.has("Gamma") else None,
-            pixel_value_controls={
-                name: self._camera.number(name) for name in _PIXEL_VALUES if self._camera.has(name)
-            },
             controls=self._controls,
+            **self._pixel_values,
         )
 
     @property
@@ -148,6 +145,17 @@ class GenicamCamera:
         if camera.has("GevSCPSPacketSize"):
             record["genicam"]["packet_bytes"] = camera.integer("GevSCPSPacketSize")
         return record
+
+
+def _pixel_values(camera: AravisCamera) -> dict[str, Any]:
+    """Gain, gamma and further values that change a pixel, as fields of `CameraInfo`."""
+    return {
+        "gain": camera.gain,
+        "gamma": camera.number("Gamma") if camera.has("Gamma") else None,
+        "pixel_value_controls": {
+            name: camera.number(name) for name in _PIXEL_VALUES if camera.has(name)
+        },
+    }
 
 
 class DeviceClock:
