@@ -222,6 +222,8 @@ def _weak_leds(
     found = {
         light: level for light, level in enumerate(agreement.levels) if abs(level - 1.0) > limit
     }
+    if not found:
+        return ()
     off = share_while_off(images.images, images.ambient)
     causes = tuple(
         f"{images.names[light]} gives {level:.0%} of the others' light"
@@ -232,7 +234,7 @@ def _weak_leds(
     in_range = least_level is not None and all(
         least_level <= level <= 1.0 / least_level for level in found.values()
     )
-    if not causes or (in_range and is_known):
+    if in_range and is_known:
         return causes
     raise SetRejected(
         "set rejected: "

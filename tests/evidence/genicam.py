@@ -15,7 +15,7 @@ import numpy as np
 
 from capture import CapturedSet, capture_set
 from capture.base.errors import SetRejected
-from rig import CameraError, Rig, open_rig
+from rig import CameraError, HardwareError, Rig, open_rig
 from tests.gige_rig import GigeRig, gige_rig
 
 CAMERA = {
@@ -81,7 +81,7 @@ def _restart_within_a_set(served: GigeRig, rig: Rig, ends: Counter[str]) -> None
     served.restart()
     try:
         capture_set(rig)
-    except Exception:
+    except (SetRejected, HardwareError):
         return
     ends["WRONG"] += 1
 

@@ -75,7 +75,7 @@ def require_own_sets(folder: StationFolder, store: ResultStore) -> None:
 
 def unknown_files(folder: Path, store: ResultStore) -> Iterator[str]:
     """Yield a line for each set file whose part is not in the results."""
-    names = (path for path in sorted((folder / PARTS).glob(f"*/*{SET_SUFFIX}")))
+    names = iter(sorted((folder / PARTS).glob(f"*/*{SET_SUFFIX}")))
     while some := list(islice(names, _FILES_AT_A_TIME)):
         ids = {path.name.removesuffix(SET_SUFFIX): path for path in some}
         for part_id in sorted(ids.keys() - store.known(ids)):
