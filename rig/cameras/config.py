@@ -1,9 +1,10 @@
 """The section ``[camera]`` of ``rig.toml``: common keys, and the cameras of a simulated rig."""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal, Self
+from typing import Any, ClassVar, Literal, Protocol, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from classify.base.errors import ConfigError
 from classify.base.models import Section
@@ -124,6 +125,51 @@ class StampedCameraConfig(CameraConfig):
     def _readout_fits(self) -> Self:
         if self.readout_ms is not None:
             self._require_within_frame("readout_ms", self.readout_ms)
+        return self
+
+
+class PixelDepth(Protocol):
+    """A pixel format, of which only the depth counts here."""
+
+    @property
+    def bit_depth(self) -> int:
+        """The true one: valid values are below 2^bit_depth."""
+
+
+class FormattedCameraConfig(StampedCameraConfig):
+    """A camera whose `pixel_format`, a key of `formats`, determines `bits`."""
+
+    formats: ClassVar[Mapping[str, PixelDepth]]
+    pixel_format: str
+
+    @property
+    def _pixels(self) -> str:
+        return self.pixel_format
+
+    @model_validator(mode="before")
+    @classmethod
+    def _bits_of_the_format(cls, values: Any) -> Any:
+        if not isinstance(values, dict):
+            return values
+        default = cls.model_fields["pixel_format"].default
+        pixel_format = cls.formats.get(str(values.get("pixel_format", default)))
+        return values if pixel_format is None else {"bits": pixel_format.bit_depth} | values
+
+    @field_validator("pixel_format")
+    @classmethod
+    def _pixel_format_is_known(cls, name: str) -> str:
+        if name not in cls.formats:
+            raise ValueError(f"{name!r} is unknown; it is one of " + ", ".join(cls.formats))
+        return name
+
+    @model_validator(mode="after")
+    def _bits_are_those_of_the_format(self) -> Self:
+        depth = self.formats[self.pixel_format].bit_depth
+        if self.bits != depth:
+            raise ValueError(
+                f"bits = {self.bits}, but pixel_format = {self.pixel_format!r} has {depth}; "
+                "leave bits out"
+            )
         return self
 
 

@@ -1,12 +1,12 @@
 """Configuration of V4L2 cameras, and the keys that OpenCV cameras share with it."""
 
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
 from rig.cameras.camera import ListedCamera
-from rig.cameras.config import DeviceCameraConfig, StampedCameraConfig
+from rig.cameras.config import DeviceCameraConfig, FormattedCameraConfig
 
 from .node import device_path
 from .pixel_formats import PIXEL_FORMATS
@@ -37,39 +37,15 @@ class VideoCameraConfig(DeviceCameraConfig):
         return str(device) if type(device) is int else device
 
 
-class V4l2CameraConfig(VideoCameraConfig, StampedCameraConfig):
+class V4l2CameraConfig(VideoCameraConfig, FormattedCameraConfig):
     """A V4L2 camera; `pixel_format` is a key of `PIXEL_FORMATS` and determines `bits`."""
 
+    formats: ClassVar = PIXEL_FORMATS
     kind: Literal["v4l2"] = "v4l2"
     pixel_format: str = Field(default="GREY", description="such as GREY, Y12, SRGGB10 or YUYV")
 
-    @property
-    def _pixels(self) -> str:
-        return self.pixel_format
-
-    @model_validator(mode="before")
-    @classmethod
-    def _bits_of_the_format(cls, values: Any) -> Any:
-        if not isinstance(values, dict):
-            return values
-        pixel_format = PIXEL_FORMATS.get(str(values.get("pixel_format", "GREY")))
-        return values if pixel_format is None else {"bits": pixel_format.bit_depth} | values
-
-    @field_validator("pixel_format")
-    @classmethod
-    def _pixel_format_is_known(cls, name: str) -> str:
-        if name not in PIXEL_FORMATS:
-            raise ValueError(f"{name!r} is unknown; it is one of " + ", ".join(PIXEL_FORMATS))
-        return name
-
     @model_validator(mode="after")
     def _pixel_format_can_be_measured(self) -> Self:
-        depth = PIXEL_FORMATS[self.pixel_format].bit_depth
-        if self.bits != depth:
-            raise ValueError(
-                f"bits = {self.bits}, but pixel_format = {self.pixel_format!r} has {depth}; "
-                "leave bits out"
-            )
         if self.pixel_format == "MJPG" and not self.allow_compressed:
             raise ValueError(
                 "pixel_format = 'MJPG' is lossy; choose another, or set allow_compressed = true"
