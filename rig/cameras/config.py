@@ -19,7 +19,7 @@ class CameraConfig(Section):
     width_px: int = Field(default=512, ge=16, le=8192, description="of the frame")
     height_px: int = Field(default=512, ge=16, le=8192, description="of the frame")
     bits: Literal[8, 10, 12, 16] = Field(
-        default=12, description="of a pixel; of a v4l2 camera those of pixel_format"
+        default=12, description="of a pixel; with a pixel_format those of that"
     )
     frame_rate_hz: float = Field(default=30.0, ge=0.1, le=1000.0, description="frames per second")
     exposure_ms: float = Field(
@@ -179,7 +179,8 @@ class DeviceCameraConfig(CameraConfig):
     device: str = Field(
         min_length=1,
         max_length=4096,
-        description="path, name in /dev/v4l/by-id, or number of /dev/video",
+        description="path, name in /dev/v4l/by-id, or number of /dev/video; of a genicam camera "
+        "its id, serial number or IP address",
     )
 
     def matches(self, camera: ListedCamera) -> bool:

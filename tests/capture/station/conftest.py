@@ -7,6 +7,7 @@ from unittest import mock
 
 import pytest
 
+from capture.sets.captured_set import CapturedSet
 from capture.station.domain.folder import StationFolder, make_station
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_file import write_recipe
@@ -17,6 +18,7 @@ from capture.station.judge.inspector import Inspector
 from capture.station.judge.teaching.teaching import teach
 from capture.station.judge.teaching.teaching_result import Teaching
 from classify.defects import detectability
+from tests.capture.station.stations import small_set
 from tests.capture.station.teaching_sets import SIDE_PX, saved
 
 
@@ -25,6 +27,12 @@ def few_places() -> Iterator[None]:
     """Teach faster: strengths that are found are tested in `tests/classify/defects`."""
     with mock.patch.multiple(detectability, _LEAST_PLACES=4, _MOST_PLACES=4):
         yield
+
+
+@pytest.fixture(scope="session")
+def captured() -> CapturedSet:
+    """A set for stations whose inspector does not look at it."""
+    return small_set()
 
 
 @pytest.fixture(scope="session")

@@ -9,7 +9,6 @@ from argon2 import PasswordHasher
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.roles import Role
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel, running_panel
-from tests.capture.station.stations import small_set
 
 QUICK = PasswordHasher(time_cost=1, memory_cost=8, parallelism=1)
 
@@ -20,11 +19,6 @@ def quick_hashes() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("capture.station.domain.users.HASHER", QUICK)
         yield
-
-
-@pytest.fixture(scope="session")
-def captured() -> CapturedSet:
-    return small_set()
 
 
 @pytest.fixture

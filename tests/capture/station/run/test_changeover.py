@@ -40,16 +40,10 @@ from tests.capture.station.stations import (
     Manual,
     Said,
     bench,
-    small_set,
 )
 
 WAIT_S = 60.0
 KIM = Asker("kim", "engineer")
-
-
-@pytest.fixture(scope="module")
-def captured() -> CapturedSet:
-    return small_set()
 
 
 @pytest.fixture

@@ -48,13 +48,7 @@ from tests.capture.station.stations import (
     Said,
     bench,
     one_after_the_other,
-    small_set,
 )
-
-
-@pytest.fixture(scope="module")
-def captured() -> CapturedSet:
-    return small_set()
 
 
 @pytest.fixture

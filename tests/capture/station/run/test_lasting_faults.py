@@ -19,14 +19,9 @@ from capture.station.run.self_test import check_disk, check_results
 from capture.station.run.states import State
 from capture.station.run.triggers import Refused, Trigger, TriggerTarget
 from rig import CameraError
-from tests.capture.station.stations import Bench, Manual, bench, small_set
+from tests.capture.station.stations import Bench, Manual, bench
 
 LIMIT = 3
-
-
-@pytest.fixture(scope="module")
-def captured() -> CapturedSet:
-    return small_set()
 
 
 @pytest.fixture

@@ -16,14 +16,9 @@ from capture.station.run.events import PartAnnounced, PartRecovered, TriggerRefu
 from capture.station.run.refusals import MOST_WAITING
 from capture.station.run.station_clock import StationClock
 from capture.station.run.triggers import Accepted, Answer, Refusal, Refused, Trigger, TriggerTarget
-from tests.capture.station.stations import Bench, Manual, bench, one_after_the_other, small_set
+from tests.capture.station.stations import Bench, Manual, bench, one_after_the_other
 
 LIMIT_S = 0.1
-
-
-@pytest.fixture(scope="module")
-def captured() -> CapturedSet:
-    return small_set()
 
 
 @pytest.fixture
