@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rig import Rig, RigConfig, open_rig
+from rig.cameras.genicam.fake import TRIGGER_LINE
 from rig.simulation.devices import DeviceSimulation
 
 ADDRESS, DEVICE = "127.0.0.1", "Aravis-Fake-SIM-0001"
@@ -28,9 +29,11 @@ class GigeRig:
     def config(self) -> RigConfig:
         camera = self.simulated.camera
         keys = ("width_px", "height_px", "frame_rate_hz", "exposure_ms")
+        synchronisation = self.simulated.lights.synchronisation
+        trigger = {"trigger_line": TRIGGER_LINE} if synchronisation == "trigger" else {}
         return RigConfig.model_validate(
             {
-                "lights": {"port": self.simulation.port},
+                "lights": {"port": self.simulation.port, "synchronisation": synchronisation},
                 "camera": {key: getattr(camera, key) for key in keys}
                 | {
                     "kind": "genicam",
@@ -39,7 +42,8 @@ class GigeRig:
                     "readout_ms": self.simulated.simulation.readout_ms,
                     # The fake camera has no clock to be read: a busy machine stamps late.
                     "timestamp_uncertainty_ms": 2.0,
-                },
+                }
+                | trigger,
             }
         )
 
@@ -55,10 +59,10 @@ def _simulation(config: RigConfig, lost_packets: float) -> DeviceSimulation:
 
 @contextmanager
 def gige_rig(
-    camera: dict[str, Any], lost_packets: float = 0.0, **simulation: Any
+    camera: dict[str, Any], lost_packets: float = 0.0, synchronisation: str = "software"
 ) -> Iterator[GigeRig]:
     """Serve a simulated rig; `lost_packets` of 1,000 do not arrive."""
-    config = RigConfig().with_changes(camera=camera, simulation=simulation)
+    config = RigConfig().with_changes(camera=camera, lights={"synchronisation": synchronisation})
     with _LOCK.open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         served = GigeRig(config, lost_packets, _simulation(config, lost_packets))

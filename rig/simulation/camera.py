@@ -170,6 +170,12 @@ class SimulatedCamera:
         self._clock.sleep_s(ready_s - self._clock.now_s())
         return frame
 
+    @property
+    def has_next(self) -> bool:
+        """Whether a frame waits or is being exposed."""
+        started = self.exposures.started(self._clock.now_s())
+        return bool(self._queue) or started > self._next_sequence
+
     def ready_s(self, sequence: int) -> float:
         """Time at which a driver has the whole frame, which most drivers report as its stamp."""
         return self.exposures.start_s(sequence) + self.exposures.shutter.ready_after_s

@@ -16,6 +16,7 @@ from rig.cameras.v4l2.pixel_formats import PIXEL_FORMATS, PixelFormat
 from rig.config.rig import RigConfig
 from rig.errors import LightControllerError
 
+from .exposures import Triggered
 from .rig import Simulation
 
 # A GigE camera takes its exposure in microseconds.
@@ -36,10 +37,11 @@ class DeviceSimulation:
         gige: str | None = None,
         lost_packets: float = 0.0,
     ) -> None:
-        if config.lights.synchronisation == "trigger":
+        self._is_triggered = config.lights.synchronisation == "trigger"
+        if self._is_triggered and gige is None:
             raise ConfigError(
                 "lights.synchronisation = 'trigger', but a loopback device delivers frames at "
-                "their own rate; set 'software' or 'strobe'"
+                "their own rate; set 'software' or 'strobe', or simulate a GigE camera (--gige)"
             )
         self.written = self.late = 0
         self._period_s = 1.0 / config.camera.frame_rate_hz
@@ -56,7 +58,9 @@ class DeviceSimulation:
                 self._output = self._opened_output(video, config.camera)
             elif gige is not None:
                 serial_number = self._simulation.board.serial_number
-                self._output = FakeGigeCamera(gige, serial_number, self._next_image, lost_packets)
+                camera = FakeGigeCamera(gige, serial_number, self._next_image, lost_packets)
+                self._output, self._trigger = camera, camera.trigger
+                self._simulation.board.on_trigger(self._pulse)
         except BaseException:
             self._simulation.close()
             raise
@@ -105,18 +109,27 @@ class DeviceSimulation:
         finally:
             self._simulation.close()
 
+    def _pulse(self) -> None:
+        """Start an exposure, and let the camera ask for its frame."""
+        exposures = self._simulation.camera.exposures
+        if isinstance(exposures, Triggered) and exposures.trigger():
+            self._trigger()
+
     def _next_image(self, exposure_ms: float) -> tuple[bytes, int, float]:
         frames = self._simulation.frames
         if abs(1e3 * frames.info.exposure_s - exposure_ms) > _EXPOSURE_STEP_MS:
             frames.set_exposure(exposure_ms)
-        # A camera sends a frame when it is read out: one that has waited is left out.
+        # A camera that runs free sends what is read out: a frame that has waited is left out.
         while True:
             frame = frames.read(2.0 * self._period_s)
             end_s = self._simulation.camera.ready_s(frame.sequence)
-            if self._simulation.clock.now_s() - end_s < _PROMPT * self._period_s:
+            waited_s = self._simulation.clock.now_s() - end_s
+            if self._is_triggered or waited_s < _PROMPT * self._period_s:
                 break
             self.late += 1
         self.written += 1
+        if self._is_triggered and self._simulation.camera.has_next:
+            self._trigger()  # pulses came while this frame was exposed
         assert self._format.to_bytes is not None
         return self._format.to_bytes(frame.pixels), frame.sequence, end_s
 

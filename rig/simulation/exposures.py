@@ -113,17 +113,18 @@ class Triggered(Exposures):
         self._starts_s: list[float] = []
         self._forgotten = 0  # exposures before the first of them
 
-    def trigger(self) -> None:
-        """A pulse on the trigger line, at this moment."""
+    def trigger(self) -> bool:
+        """A pulse on the trigger line, at this moment; whether it starts an exposure."""
         now_s = self._clock.now_s()
         with self._lock:
             if self._starts_s and now_s < self._starts_s[-1] + self.shutter.period_s:
-                return
+                return False
             self._starts_s.append(now_s)
             if len(self._starts_s) == 2 * KEPT_STARTS:
                 del self._starts_s[:KEPT_STARTS]
                 self._forgotten += KEPT_STARTS
         self._clock.call_at(now_s, lambda: self._expose(now_s))
+        return True
 
     def start_s(self, number: int) -> float:
         """Start of an exposure."""

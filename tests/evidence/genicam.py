@@ -21,7 +21,7 @@ from tests.gige_rig import GigeRig, gige_rig
 CAMERA = {
     "width_px": 96, "height_px": 64, "bits": 16, "frame_rate_hz": 60.0, "exposure_ms": 8.0
 }  # fmt: skip
-# Lost packets of 1,000, and what happens between two sets.
+# Lost packets of 1,000; the name says what happens between two sets, or who switches the lights.
 FAULTS: dict[str, float] = {
     "none": 0.0,
     "0.1 % of packets lost": 1.0,
@@ -30,6 +30,9 @@ FAULTS: dict[str, float] = {
     "stale frames in the queue": 0.0,
     "exposure changed and restored": 0.0,
     "camera restarts": 0.0,
+    "strobe, 1 % of packets lost": 10.0,
+    "trigger": 0.0,
+    "trigger, 1 % of packets lost": 10.0,
 }
 _MOST_DIFFERENCE = 0.05
 _RESTARTS_EVERY = 10
@@ -50,7 +53,8 @@ def disturb(fault: str, rig: Rig) -> None:
 def sets_with(fault: str, lost_packets: float, count: int) -> Counter[str]:
     """Capture `count` sets; return how they ended."""
     ends: Counter[str] = Counter()
-    with gige_rig(CAMERA, lost_packets) as served:
+    begins = (name for name in ("strobe", "trigger") if fault.startswith(name))
+    with gige_rig(CAMERA, lost_packets, next(begins, "software")) as served:
         with open_rig(served.simulated) as ideal:
             truth = capture_set(ideal)
         while ends.total() < count:

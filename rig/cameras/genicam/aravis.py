@@ -15,6 +15,7 @@ from ctypes import (
     c_int64,
     c_size_t,
     c_uint,
+    c_uint32,
     c_uint64,
     c_void_p,
 )
@@ -94,10 +95,14 @@ _FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...], bool]] = {
     "arv_buffer_get_system_timestamp": (c_uint64, (c_void_p,), False),
     "arv_buffer_set_frame_id": (None, (c_void_p, c_uint64), False),
     "arv_buffer_set_timestamp": (None, (c_void_p, c_uint64), False),
-    "arv_gv_fake_camera_new": (c_void_p, (c_char_p, c_char_p), False),
+    "arv_fake_camera_new": (c_void_p, (c_char_p,), False),
+    "arv_fake_camera_get_genicam_xml": (c_void_p, (c_void_p, POINTER(c_size_t)), False),
+    "arv_gv_fake_camera_new_full": (c_void_p, (c_char_p, c_char_p, c_char_p), False),
     "arv_gv_fake_camera_is_running": (c_int, (c_void_p,), False),
     "arv_gv_fake_camera_get_fake_camera": (c_void_p, (c_void_p,), False),
     "arv_fake_camera_set_fill_pattern": (None, (c_void_p, c_void_p, c_void_p), False),
+    "arv_fake_camera_set_trigger_frequency": (None, (c_void_p, c_double), False),
+    "arv_fake_camera_write_register": (c_int, (c_void_p, c_uint32, c_uint32), False),
     # Variadic: one property that is a double, and the end of the list.
     "g_object_set": (None, (c_void_p, c_char_p, c_double, c_void_p), False),
     "g_object_unref": (None, (c_void_p,), False),

@@ -1,6 +1,7 @@
 """`FakeGigeCamera`: a GigE Vision camera of this machine, whose images a function makes."""
 
 import ctypes
+import tempfile
 import time
 from collections.abc import Callable
 
@@ -11,6 +12,12 @@ from .aravis import FRAME_IDS, call
 # Of an exposure in ms: the image as bytes, its number, and its end on the monotonic clock.
 NextImage = Callable[[float], tuple[bytes, int, float]]
 
+# Aravis knows triggers by software alone: here that source is called as an input of the camera.
+_TRIGGER_SOURCE, TRIGGER_LINE = b'Name="Software"', "Line1"
+_TRIGGER_REGISTER = 0x30C
+# How often Aravis looks whether it was triggered.
+_TRIGGER_POLLS_HZ = 1000.0
+
 _FILL = ctypes.CFUNCTYPE(
     None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32
 )
@@ -19,14 +26,22 @@ _FILL = ctypes.CFUNCTYPE(
 class FakeGigeCamera:
     """Aravis' fake camera at an address of this machine, with the id ``Aravis-Fake-SERIAL``.
 
-    Its client sets size, rate and exposure. `next_image` is called in a thread of Aravis once a
-    frame. Of 1,000 packets `lost_packets` do not arrive.
+    Its client sets size, rate, exposure and trigger. `next_image` is called in a thread of Aravis
+    once a frame, or once a `trigger`. Of 1,000 packets `lost_packets` do not arrive.
     """
 
     def __init__(
         self, address: str, serial: str, next_image: NextImage, lost_packets: float = 0.0
     ) -> None:
-        self._camera = call("arv_gv_fake_camera_new", address.encode(), serial.encode())
+        with tempfile.NamedTemporaryFile(suffix=".xml") as features:
+            features.write(_features())
+            features.flush()
+            self._camera = call(
+                "arv_gv_fake_camera_new_full",
+                address.encode(),
+                serial.encode(),
+                features.name.encode(),
+            )
         if not call("arv_gv_fake_camera_is_running", self._camera):
             call("g_object_unref", self._camera)
             raise CameraError(
@@ -47,12 +62,30 @@ class FakeGigeCamera:
             call("arv_buffer_set_frame_id", buffer, 1 + number % FRAME_IDS)
 
         self._fill = _FILL(fill)  # kept as long as Aravis may call it
-        fake = call("arv_gv_fake_camera_get_fake_camera", self._camera)
-        call("arv_fake_camera_set_fill_pattern", fake, self._fill, None)
+        self._fake = call("arv_gv_fake_camera_get_fake_camera", self._camera)
+        call("arv_fake_camera_set_fill_pattern", self._fake, self._fill, None)
+        call("arv_fake_camera_set_trigger_frequency", self._fake, _TRIGGER_POLLS_HZ)
         call("g_object_set", self._camera, b"gvsp-lost-ratio", lost_packets / 1e3, None)
+
+    def trigger(self) -> None:
+        """A pulse at `TRIGGER_LINE`: an image is sent as soon as `next_image` gives one.
+
+        Pulses before Aravis asks for an image are one.
+        """
+        if self._camera is not None:
+            call("arv_fake_camera_write_register", self._fake, _TRIGGER_REGISTER, 1)
 
     def close(self) -> None:
         """End the camera; a second call does nothing."""
         camera, self._camera = self._camera, None
         if camera is not None:
             call("g_object_unref", camera)
+
+
+def _features() -> bytes:
+    """Aravis' description of its fake camera, with a line that triggers."""
+    camera, size = call("arv_fake_camera_new", b"any"), ctypes.c_size_t()
+    text = call("arv_fake_camera_get_genicam_xml", camera, ctypes.byref(size))
+    features = ctypes.string_at(text, size.value)
+    call("g_object_unref", camera)
+    return features.replace(_TRIGGER_SOURCE, f'Name="{TRIGGER_LINE}"'.encode())

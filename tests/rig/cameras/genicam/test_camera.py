@@ -126,6 +126,19 @@ def test_the_doctor_checks_it(served: GigeRig, tmp_path: Path) -> None:
     assert checks["frame rate"].status == "ok"
 
 
+@pytest.mark.parametrize("synchronisation", ["strobe", "trigger"])
+def test_the_controller_runs_a_sequence(synchronisation: str) -> None:
+    with gige_rig(CAMERA, synchronisation=synchronisation) as served:
+        with open_rig(served.simulated) as ideal:
+            truth = capture_set(ideal).images.astype(np.float32)
+        with open_rig(served.config) as rig:
+            sets = [capture_set(rig) for _ in range(3)]
+    for captured in sets:
+        triggers = [len(image.triggers_us) for image in captured.metadata.images]
+        assert triggers == [int(synchronisation == "trigger")] * len(triggers)
+        assert np.abs(captured.images - truth).mean() < 0.02 * truth.mean()
+
+
 def test_a_camera_that_waits_for_its_trigger_says_so(served: GigeRig) -> None:
     with open_rig(changed(served, trigger_line="Line0")) as rig:
         assert rig.camera.info.frame_period_s == pytest.approx(1 / 30)
