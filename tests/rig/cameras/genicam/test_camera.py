@@ -14,6 +14,8 @@ from rig import CameraError, FrameFlag, Rig, RigConfig, open_rig
 from rig.cameras.kinds import list_cameras
 from rig.doctor.diagnosis import diagnose
 from rig.errors import ControlError
+from rig.latency import measure_latency, without_timing
+from rig.simulation.exposures import TRANSFER_S
 from tests.gige_rig import DEVICE, GigeRig, gige_rig
 
 pytestmark = pytest.mark.genicam
@@ -124,6 +126,18 @@ def test_the_doctor_checks_it(served: GigeRig, tmp_path: Path) -> None:
     checks = {check.name: check for check in diagnose(path)}
     assert checks["measurement mode"].status == "ok"
     assert checks["frame rate"].status == "ok"
+
+
+def test_latency_measures_what_its_stamps_mark() -> None:
+    camera = {**CAMERA, "frame_rate_hz": 60.0, "exposure_ms": 8.0}
+    with gige_rig(camera) as served, open_rig(without_timing(served.config)) as rig:
+        measured = measure_latency(rig, steps=24)
+    assert measured.camera["timestamp_marks"] == "frame_end"
+    assert measured.camera["readout_ms"] == pytest.approx(0.0, abs=0.1)
+    # It stamps the end of the transfer; its clock is known to the least delay of a frame.
+    offset_ms = measured.camera["timestamp_offset_ms"]
+    assert isinstance(offset_ms, float)
+    assert -1e3 * TRANSFER_S - 3.0 < offset_ms <= -1e3 * TRANSFER_S
 
 
 @pytest.mark.parametrize("synchronisation", ["strobe", "trigger"])
