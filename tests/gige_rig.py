@@ -38,7 +38,7 @@ class GigeRig:
                 | {
                     "kind": "genicam",
                     "device": DEVICE,
-                    "pixel_format": "Mono8" if camera.bits == 8 else "Mono16",
+                    "pixel_format": {8: "Mono8", 12: "Mono12p", 16: "Mono16"}[camera.bits],
                     "readout_ms": self.simulated.simulation.readout_ms,
                     # The fake camera has no clock to be read: a busy machine stamps late.
                     "timestamp_uncertainty_ms": 2.0,

@@ -4,12 +4,14 @@ Any program can open the other end of the line and the camera as a rig.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from classify.base.errors import ConfigError
 from firmware_sim import Server, SimulatedController, serve_local, serve_tty
 from rig.cameras.config import CameraConfig
 from rig.cameras.genicam.config import GenicamCameraConfig
 from rig.cameras.genicam.fake import FakeGigeCamera
+from rig.cameras.genicam.pixel_formats import packed_12p
 from rig.cameras.v4l2.config import V4l2CameraConfig
 from rig.cameras.v4l2.output import V4l2Output
 from rig.cameras.v4l2.pixel_formats import PIXEL_FORMATS, PixelFormat
@@ -23,6 +25,7 @@ from .rig import Simulation
 _EXPOSURE_STEP_MS = 0.0015
 # Share of a period.
 _PROMPT = 0.25
+_GIGE_FORMATS = ("Mono8", "Mono12p", "Mono16")
 
 
 class DeviceSimulation:
@@ -45,7 +48,7 @@ class DeviceSimulation:
             )
         self.written = self.late = 0
         self._period_s = 1.0 / config.camera.frame_rate_hz
-        self._format = _writable_format(config.camera)
+        self._format = _writable_format(config.camera, gige is not None)
         self.pixel_format = self._format.name
         real = config.with_changes(
             simulation={"clock": "real"},
@@ -144,16 +147,18 @@ class DeviceSimulation:
         )
 
 
-def _writable_format(camera: CameraConfig) -> PixelFormat:
+def _writable_format(camera: CameraConfig, is_gige: bool) -> PixelFormat:
     if camera.recording is not None:
         raise ConfigError(
             "camera.kind = 'replay' cannot be simulated as a device; set 'v4l2' or 'simulated'"
         )
-    if isinstance(camera, GenicamCameraConfig) and camera.pixel_format not in ("Mono8", "Mono16"):
+    if isinstance(camera, GenicamCameraConfig) and camera.pixel_format not in _GIGE_FORMATS:
         raise ConfigError(
-            f"camera.pixel_format = {camera.pixel_format!r} cannot be simulated; it can be Mono8 "
-            "or Mono16"
+            f"camera.pixel_format = {camera.pixel_format!r} cannot be simulated; it can be "
+            + " or ".join(_GIGE_FORMATS)
         )
+    if is_gige and camera.bits == 12:
+        return replace(PIXEL_FORMATS["Y12"], name="Mono12p", to_bytes=packed_12p)
     if not isinstance(camera, V4l2CameraConfig):
         return PIXEL_FORMATS["GREY" if camera.bits == 8 else "Y16"]
     form = PIXEL_FORMATS[camera.pixel_format]

@@ -12,8 +12,14 @@ from .aravis import FRAME_IDS, call
 # Of an exposure in ms: the image as bytes, its number, and its end on the monotonic clock.
 NextImage = Callable[[float], tuple[bytes, int, float]]
 
-# Aravis knows triggers by software alone: here that source is called as an input of the camera.
-_TRIGGER_SOURCE, TRIGGER_LINE = b'Name="Software"', "Line1"
+TRIGGER_LINE = "Line1"
+# Aravis knows triggers by software alone, and no packed pixels: here that source is called as an
+# input of the camera, and its colour format is replaced by one with 12 bits a pixel (PFNC).
+_CHANGES = (
+    ('Name="Software"', f'Name="{TRIGGER_LINE}"'),
+    ('Name="RGB8"', 'Name="Mono12p"'),
+    (f"<Value>{0x02180014}</Value>", f"<Value>{0x010C0047}</Value>"),
+)
 _TRIGGER_REGISTER = 0x30C
 # How often Aravis looks whether it was triggered.
 _TRIGGER_POLLS_HZ = 1000.0
@@ -83,9 +89,11 @@ class FakeGigeCamera:
 
 
 def _features() -> bytes:
-    """Aravis' description of its fake camera, with a line that triggers."""
+    """Aravis' description of its fake camera, with `_CHANGES`."""
     camera, size = call("arv_fake_camera_new", b"any"), ctypes.c_size_t()
     text = call("arv_fake_camera_get_genicam_xml", camera, ctypes.byref(size))
     features = ctypes.string_at(text, size.value)
     call("g_object_unref", camera)
-    return features.replace(_TRIGGER_SOURCE, f'Name="{TRIGGER_LINE}"'.encode())
+    for old, new in _CHANGES:
+        features = features.replace(old.encode(), new.encode())
+    return features

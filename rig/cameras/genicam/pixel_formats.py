@@ -34,6 +34,13 @@ def _unpacked_12p(data: _Bytes) -> Pixels:
     return np.stack([first | (middle & 0xF) << 8, middle >> 4 | last << 4], axis=1).ravel()
 
 
+def packed_12p(pixels: Pixels) -> bytes:
+    """Pixels of 12 bit as `Mono12p`."""
+    first, second = pixels.reshape(-1, 2).T
+    parts = first & 0xFF, first >> 8 | (second & 0xF) << 4, second >> 4
+    return np.stack(parts, axis=1).astype(np.uint8).tobytes()
+
+
 def _unpacked_10p(data: _Bytes) -> Pixels:
     a, b, c, d, e = data.reshape(-1, 5).T.astype(np.uint16)
     pixels = a | (b & 0x3) << 8, b >> 2 | (c & 0xF) << 6, c >> 4 | (d & 0x3F) << 4, d >> 6 | e << 2

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rig import CameraError
-from rig.cameras.genicam.pixel_formats import PIXEL_FORMATS, decode
+from rig.cameras.genicam.pixel_formats import PIXEL_FORMATS, decode, packed_12p
 
 WIDTH, HEIGHT = 8, 3
 
@@ -33,6 +33,8 @@ def test_pixels_come_back_from_their_packing(name: str, data: st.DataObject) -> 
     depth = PIXEL_FORMATS[name].bit_depth
     count = WIDTH * HEIGHT
     pixels = data.draw(st.lists(st.integers(0, 2**depth - 1), min_size=count, max_size=count))
+    if name == "Mono12p":
+        assert packed_12p(np.array(pixels, np.uint16)) == packed(name, pixels)
     image = decode(name, packed(name, pixels), WIDTH, HEIGHT)
     assert image.shape == (HEIGHT, WIDTH)
     assert image.dtype == (np.uint8 if depth == 8 else np.uint16)
