@@ -11,7 +11,7 @@ TRANSCRIPTS = re.findall(r"```transcript\n(.*?)```", README, re.DOTALL)
 
 
 def test_the_readme_has_its_transcripts():
-    assert len(TRANSCRIPTS) == 6
+    assert len(TRANSCRIPTS) == 4
 
 
 @pytest.mark.parametrize("transcript", TRANSCRIPTS)
