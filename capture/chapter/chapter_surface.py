@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import plots
-from .exhibit import Exhibit, Row
+from .output import Exhibit, Row
 from .plan import BEST_SOLVER, SOLVERS
 from .results import SOLVER_TITLES, Results
 from .sand import SAND_SLANT_DEG, SHADOW_TILTS_DEG, TRUTH

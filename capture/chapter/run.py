@@ -17,8 +17,7 @@ from rig import SYNTHETIC_TEXTURES
 
 from .chapter_accuracy import accuracy_exhibits
 from .chapter_surface import surface_exhibits
-from .exhibit import Exhibit
-from .output import PageInfo, write_page
+from .output import Exhibit, PageInfo, write_page
 from .plan import Plan
 from .results import Results, Trials
 from .runs import match_patch, patch_tasks, train, training_tasks

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from classify.defects.evidence import Evidence
+from classify.defects.departures import Evidence
 from classify.defects.filters import DIRECTIONS, LENGTHS, line_response
 from classify.defects.good_cells import CENTRES, GoodCells
 
