@@ -19,10 +19,19 @@ from classify.surface.estimate import FloatMap, SurfaceEstimate
 
 from .cell_statistics import LOW
 from .defect_map import DefectMap
-from .departures import DEPARTURES, QUANTILES, RELIEF, STATISTICS, TEXTURE, Departures, Evidence
+from .departures import (
+    CENTRES,
+    DEPARTURES,
+    QUANTILES,
+    RELIEF,
+    STATISTICS,
+    TEXTURE,
+    Departures,
+    Evidence,
+    GoodCells,
+)
 from .fields import PartFields, part_fields
 from .filters import ALBEDO, SIZES
-from .good_cells import CENTRES, GoodCells
 
 _CHANCES = np.array([1, 10, 30, 3, 10, 10, 10, 10])
 CHANNEL_SHARES = _CHANCES / _CHANCES.sum()

@@ -15,10 +15,18 @@ from classify.surface.estimate import FloatMap, SurfaceEstimate
 from .cell_statistics import window_statistics
 from .defect_map import CELL_PX
 from .defect_model import CHANNEL_SHARES, DefectModel, channels_of
-from .departures import LOW_STATISTICS, STATISTICS, Departures, Evidence, observed
+from .departures import (
+    LOW_STATISTICS,
+    STATISTICS,
+    Departures,
+    Evidence,
+    GoodCells,
+    observed,
+    power_sums,
+    unlike_halves,
+)
 from .fields import PartFields, part_fields
 from .filters import SIZES
-from .good_cells import GoodCells, power_sums, unlike_halves
 from .whitening import MIN_SIDE_PX, Spectrum, mean_spectrum
 
 # Cells on a side of a tile. Maxima of tiles are hardly correlated, scores of cells are.
