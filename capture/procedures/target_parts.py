@@ -80,7 +80,7 @@ def images_of_sets(sets: Sequence[CapturedSet], file: CalibrationFile) -> list[S
 def _corrected(sphere: SphereImages, setting: Setting, file: CalibrationFile) -> SphereImages:
     """Correct light images by the calibration, and by the vignetting in its flat field.
 
-    Vignetting turns the lights on a matt sphere (tests/capture/procedures/test_sphere_parts.py).
+    Vignetting turns the lights on a matt sphere (tests/capture/procedures/test_target_parts.py).
     """
     parts = {
         name: getattr(file.calibration, name)
