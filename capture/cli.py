@@ -13,13 +13,22 @@ import typer
 
 from classify.base.errors import InputError, Ps4rigError
 
-from .base.console import complain
+from .base.console import command_group, complain
 from .base.interrupts import INTERRUPTED_STATUS
 from .base.process_settings import settle_process
-from .commands import info, sets, solve, studies, textures
+from .commands import (
+    info,
+    rig_setup,
+    rig_show,
+    rig_timing,
+    session_report,
+    session_run,
+    sets,
+    solve,
+    studies,
+    textures,
+)
 from .commands.calibrate import calibrate_app
-from .commands.rig import rig_app
-from .commands.session import session_app
 from .commands.station import station_app
 
 app = typer.Typer(
@@ -41,8 +50,28 @@ app.command()(info.compare)
 app.command()(info.verify)
 app.command()(studies.reproduce)
 app.add_typer(calibrate_app, name="calibrate")
+
+rig_app = command_group("Set up and check the rig itself, and switch its lights by hand.")
+rig_app.command()(rig_setup.init)
+rig_app.command()(rig_setup.flash)
+rig_app.command()(rig_show.doctor)
+rig_app.command()(rig_show.lights)
+rig_app.command()(rig_timing.latency)
+rig_app.command()(rig_timing.timing)
+rig_app.command()(rig_show.preview)
+rig_app.command()(rig_setup.simulate)
 app.add_typer(rig_app, name="rig")
+
+session_app = command_group(
+    "Capture many sets by a plan, and go on where a session was interrupted."
+)
+session_app.command()(session_run.new)
+session_app.command()(session_run.run)
+session_app.command()(session_report.status)
+session_app.command()(session_run.resume)
+session_app.command()(session_report.report)
 app.add_typer(session_app, name="session")
+
 app.add_typer(station_app, name="station")
 
 

@@ -140,13 +140,6 @@ def commands_below(page: Path, heading: str) -> str:
     return COMMANDS.findall(section)[0]
 
 
-def test_the_first_page_has_the_commands_of_the_station_page() -> None:
-    """Those of the station's page are run by its own test."""
-    ours = commands_below(ROOT / "README.md", "A line with a PLC")
-    theirs = ROOT / "capture" / "station" / "README.md"
-    assert ours == commands_below(theirs, "From an empty folder to a running line")
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("heading", "texture"),

@@ -26,7 +26,7 @@ from capture.sets.metadata import (
     SetMetadata,
     image_noise,
 )
-from capture.sets.pixel_hash import PixelHash
+from capture.sets.ome_tiff import PixelHash
 from classify.base.errors import InputError, Ps4rigError
 from classify.calibration.calibration import Calibration
 from classify.lights.agreement import like_signed

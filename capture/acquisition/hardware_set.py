@@ -33,7 +33,7 @@ from .fresh_frames import SET_SPARE_S, check_frame, light_name
 from .light_images import FrameMean, SetImage
 
 
-class SequenceFrames:
+class _SequenceFrames:
     """The frames `received` that were exposed after a sequence was started."""
 
     def __init__(self, rig: Rig, since_s: float, deadline_s: float) -> None:
@@ -96,7 +96,7 @@ class ArrivedPart:
     """A part whose first light is lit already; `capture_set` captures the rest of its set."""
 
     sequence: RunningSequence
-    frames: SequenceFrames
+    frames: _SequenceFrames
 
 
 # Largest distance of a frame's time stamp from the controller's edge, on top of the configured
@@ -160,7 +160,7 @@ def _run(
     if part is None:
         sequence = begin_sequence(rig, plan)
         deadline_s = sequence.asked_s + plan.duration_s + SET_SPARE_S
-        frames = SequenceFrames(rig, sequence.asked_s, deadline_s)
+        frames = _SequenceFrames(rig, sequence.asked_s, deadline_s)
     else:
         sequence, frames = part.sequence, part.frames
     frame_count = plan.frames_per_step * len(plan.lights)
@@ -289,7 +289,7 @@ def _arrived_part(
     rig: Rig, plan: SequencePlan, is_stopping: Callable[[], bool], delay_s: float
 ) -> ArrivedPart | None:
     sequence = begin_sequence(rig, plan, part_delay_s=delay_s)
-    frames = SequenceFrames(rig, sequence.asked_s, sequence.asked_s)
+    frames = _SequenceFrames(rig, sequence.asked_s, sequence.asked_s)
     set_frames = plan.frames_per_step * len(plan.lights)
     while sequence.is_running() and not sequence.has_begun:
         if is_stopping():

@@ -40,7 +40,7 @@ class LocalPool:
 
     def submit(self, function: Callable[[_Item], _Result], item: _Item) -> Future[_Result]:
         try:
-            with terminal_signals_blocked():
+            with _terminal_signals_blocked():
                 return self._executor.submit(_call, function, item)
         except OSError as error:
             # A broken pipe: the new worker was killed before it read its instructions.
@@ -62,7 +62,7 @@ class LocalPool:
         # A forked process would inherit locks that threads of numba and OpenCV hold.
         context = get_context("spawn")
         far_end, self._lifeline = context.Pipe(duplex=False)
-        with terminal_signals_blocked():
+        with _terminal_signals_blocked():
             self._executor = ProcessPoolExecutor(
                 self.workers,
                 mp_context=context,
@@ -72,7 +72,7 @@ class LocalPool:
 
 
 @contextmanager
-def terminal_signals_blocked() -> Iterator[None]:
+def _terminal_signals_blocked() -> Iterator[None]:
     """Block the signals that a terminal sends to all processes of a command.
 
     Workers and the resource tracker of `multiprocessing`, started in the block, keep them blocked;

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from functools import partial
 
 from . import plan, plots
-from .exhibit import Cell, Exhibit, Row
+from .output import Cell, Exhibit, Row
 from .results import CLASSIFIER_TITLES, SOLVER_TITLES, Results
 from .runs import System
 

@@ -7,10 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from . import plots
-from .exhibit import Exhibit, Row
+from .output import Exhibit, Row
 from .plan import BEST_SOLVER, SOLVERS
-from .results import SOLVER_TITLES, Results
-from .sand import SAND_SLANT_DEG, SHADOW_TILTS_DEG, TRUTH
+from .results import SAND_SLANT_DEG, SHADOW_TILTS_DEG, SOLVER_TITLES, TRUTH, Results
 
 # Share of the pixels of sand in shadow of a light at tilt 0, in percent, by slant: figure 9.3.
 _THESIS_SAND_SHADOW_PCT = {40: 1.0, 50: 7.0, 60: 19.0, 70: 37.0, 80: 61.0}

@@ -1,4 +1,4 @@
-"""The files of a reproduction: CSV, PNG, JSON and one HTML page."""
+"""Figures and tables of a reproduction, and their files: CSV, PNG, JSON and one HTML page."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ import base64
 import csv
 import io
 import json
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from markupsafe import Markup
 
@@ -19,10 +20,49 @@ from capture.base.console import progress
 from capture.base.page import rendered
 from classify.base.durable_file import durable_file
 
-from .exhibit import Cell, Exhibit, Text, read_texts
-
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+Cell = str | int | float | None
+Row = tuple[Cell, ...]
+
+
+class Text(NamedTuple):
+    """Heading of the section, title, and paragraphs on what is shown and what the thesis has."""
+
+    section: str
+    title: str
+    notes: list[str]
+
+
+@dataclass(frozen=True, eq=False)
+class Exhibit:
+    """A figure with its numbers, or a table if `draw` is None."""
+
+    key: str  # stem of its files, and name of its text in notes.toml
+    columns: Sequence[str]  # each name includes the unit
+    rows: list[Row]
+    draw: Callable[[Figure], None] | None = None
+    size_in: tuple[float, float] = (8.0, 4.0)  # width and height of the drawing
+    digits: int = 1  # decimals in a table
+    values: Mapping[str, object] = field(default_factory=dict)  # replace the $names in the text
+
+    def text_from(self, texts: Mapping[str, Text]) -> Text:
+        """Text beside the exhibit, with its values."""
+        section, title, notes = texts[self.key]
+        filled = [" ".join(Template(note).substitute(self.values).split()) for note in notes]
+        return Text(section, title, filled)
+
+
+def read_texts(path: Path) -> dict[str, Text]:
+    """Read the texts of exhibits, by their keys, from a ``notes.toml``."""
+    sections = tomllib.loads(path.read_text(encoding="utf-8"))
+    return {
+        key: Text(section, **text)
+        for section, texts in sections.items()
+        for key, text in texts.items()
+    }
+
 
 _DPI = 130  # text of 7 points stays readable on the page
 # Longer lists of numbers are in the CSV files only.

@@ -17,13 +17,10 @@ from rig import SYNTHETIC_TEXTURES
 
 from .chapter_accuracy import accuracy_exhibits
 from .chapter_surface import surface_exhibits
-from .exhibit import Exhibit
-from .output import PageInfo, write_page
+from .output import Exhibit, PageInfo, write_page
 from .plan import Plan
-from .results import Results, Trials
+from .results import Results, Trials, measured_costs, polar_spectra, sand_maps, shadow_shares
 from .runs import match_patch, patch_tasks, train, training_tasks
-from .sand import polar_spectra, sand_maps, shadow_shares
-from .timing import measured_costs
 
 _SHADOW_SLANTS_DEG = tuple(map(float, range(10, 90, 10)))  # figures 9.2 and 9.3
 _POLAR_ORIENTATIONS_DEG = (0.0, 30.0, 60.0, 90.0, 120.0, 150.0)  # figures 9.5 and 9.10

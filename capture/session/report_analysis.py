@@ -30,7 +30,7 @@ from classify.library.dissimilarity import (
 from .folder import SessionFolder
 from .journal import SetEntry
 
-# Distances of patches of one texture are log-normal with this deviation (joint_limits.py). In
+# Distances of patches of one texture are log-normal with this deviation (joint_learning.py). In
 # one of a hundred sessions the largest distance is beyond the limit by chance.
 _SPREAD = 0.43
 _CHANCE = 0.01

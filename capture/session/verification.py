@@ -14,11 +14,11 @@ from capture.sets.captured_set import CapturedSet, calibration_of
 from capture.sets.ome_tiff import read_header
 from classify import TextureLibrary
 from classify.base.errors import InputError
+from classify.defects.defect_model import SUFFIX as DEFECTS_SUFFIX
 from classify.defects.defect_model import DefectModel
-from classify.defects.ps4def import SUFFIX as DEFECTS_SUFFIX
 from classify.library.ps4lib import SUFFIX as LIBRARY_SUFFIX
+from classify.pieces.piece_model import SUFFIX as PIECES_SUFFIX
 from classify.pieces.piece_model import PieceModel
-from classify.pieces.ps4piece import SUFFIX as PIECES_SUFFIX
 from rig.set_file import OtherVersionError
 
 from .folder import SETS, SessionFolder

@@ -37,8 +37,7 @@ from .joint_features import (
     spectral_unit,
     statistics_rows,
 )
-from .joint_learning import learn, parameter_shapes
-from .joint_limits import class_limits, scatter_factor
+from .joint_learning import class_limits, learn, parameter_shapes, scatter_factor
 
 # A less sharp orientation can be off by 90 degrees; it gets no heading.
 _LEAST_SHARPNESS = 0.5

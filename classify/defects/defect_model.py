@@ -1,25 +1,37 @@
 """`DefectModel`: a model of good parts of a texture, which shows where a part differs."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Final, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict, Field
 
+from classify.base.array_archive import ArchiveKind, arrays_sha256, open_archive, write_archive
+from classify.base.arrays import Array
+from classify.base.durable_file import require_folder
 from classify.base.errors import DefectModelError
 from classify.confidence import share_at_most
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 
-from . import ps4def
 from .cell_statistics import LOW
 from .defect_map import DefectMap
-from .departures import DEPARTURES, RELIEF, STATISTICS, TEXTURE, Departures
-from .evidence import QUANTILES, Evidence
+from .departures import (
+    CENTRES,
+    DEPARTURES,
+    QUANTILES,
+    RELIEF,
+    STATISTICS,
+    TEXTURE,
+    Departures,
+    Evidence,
+    GoodCells,
+)
 from .fields import PartFields, part_fields
 from .filters import ALBEDO, SIZES
-from .good_cells import CENTRES, GoodCells
 
 _CHANCES = np.array([1, 10, 30, 3, 10, 10, 10, 10])
 CHANNEL_SHARES = _CHANCES / _CHANCES.sum()
@@ -50,6 +62,29 @@ for _name, _columns in STATISTICS.items():
         f"{_name}_centres": (CENTRES, _count),
     }
 _POSITIVE = ("scales", "low_excess", "excess", "limits")
+
+
+SUFFIX = ".ps4def"
+_VERSION: Final = 3
+_KIND = ArchiveKind(
+    noun="defect model",
+    header="defects.json",
+    version=_VERSION,
+    if_missing="make one with ps4rig station teach",
+    remedy="teach it again",
+    error=DefectModelError,
+    # A model takes 180 kB, and 8 bytes for each of at most 100 good parts.
+    max_bytes=2**22,
+    max_header_bytes=2**16,
+)
+
+
+class _Header(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    format: Literal["ps4def"] = "ps4def"
+    version: Literal[3] = _VERSION
+    false_alarm_rate: float = Field(gt=0.0, lt=0.5)
+    sha256: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,16 +159,25 @@ class DefectModel:
     @cached_property
     def sha256(self) -> str:
         """Hash of this model, as in its file."""
-        return ps4def.digest(self.false_alarm_rate, self._arrays)
+        return _digest(self.false_alarm_rate, self._arrays)
 
     def save(self, path: str | Path) -> None:
-        """Write a ``.ps4def`` file, whole or not at all; raises as `ps4def.write`."""
-        ps4def.write(Path(path), self.false_alarm_rate, self._arrays)
+        """Write a ``.ps4def`` file, whole or not at all; DefectModelError for another suffix."""
+        path = Path(path)
+        if path.suffix != SUFFIX:
+            raise DefectModelError(f"{path}: let the name of a defect model end in {SUFFIX}")
+        require_folder(path)
+        header = _Header(false_alarm_rate=self.false_alarm_rate, sha256=self.sha256)
+        write_archive(path, _KIND, header.model_dump_json(indent=1), self._arrays)
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
         """Read a ``.ps4def`` file; DefectModelError, which names it, if it cannot be used."""
-        false_alarm_rate, arrays = ps4def.read(Path(path), _SHAPES)
+        with open_archive(Path(path), _KIND) as archive:
+            header = archive.header(_Header)
+            arrays = archive.finite_arrays(_SHAPES)
+            if _digest(header.false_alarm_rate, arrays) != header.sha256:
+                raise archive.error("its arrays do not match their SHA-256: the file was changed")
         gains = arrays["gains"]
         if len(set(gains.shape[1:])) > 1:
             raise DefectModelError(f"{path}: its gains are not square; teach it again")
@@ -149,7 +193,7 @@ class DefectModel:
             Departures(gains, arrays["scales"], cells, low),
             Evidence(arrays["quantiles"], arrays["excess"]),
             arrays["limits"],
-            false_alarm_rate,
+            header.false_alarm_rate,
             arrays["good_scores"],
         )
 
@@ -175,3 +219,8 @@ class DefectModel:
 def channels_of(evidence: FloatMap) -> FloatMap:
     """(_CHANNELS, h, w) evidence of the channels, from that of the departures."""
     return np.concatenate([evidence.sum(axis=0, keepdims=True), evidence])
+
+
+def _digest(false_alarm_rate: float, arrays: Mapping[str, Array]) -> str:
+    """SHA-256 over version, rate and arrays."""
+    return arrays_sha256(f"{_VERSION} {false_alarm_rate!r}", arrays)

@@ -7,5 +7,4 @@ look_alikes   -> nearest good windows, and limits from good parts that are left 
 whole_part    -> scale, handedness and power in octaves of the whole part
 piece_model   -> all of these for one texture
 learning      -> from good parts to the model
-ps4piece      -> its file
 """

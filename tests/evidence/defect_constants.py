@@ -16,7 +16,7 @@ import numpy as np
 
 from capture.chapter.plan import Texture, material_textures
 from classify import TextureLibrary, learn_defects
-from classify.defects import cell_statistics, fields, good_cells, limits, whitening
+from classify.defects import cell_statistics, departures, fields, learning, whitening
 from classify.surface.estimate import SurfaceEstimate
 
 from .defects import measure
@@ -39,8 +39,8 @@ CONSTANTS = {
     whitening: {"_FLOOR": (1e-4, 1e-2, 1e9), "_SEGMENTS": ((128, 128), (32, 32))},
     fields: {"_FADE": (9, 25)},
     cell_statistics: {"_STATISTICS_CELLS": (0.75, 3.0), "_SMOOTHING_CELLS": (0.5, 2.0)},
-    good_cells: {"_RIDGE": (0.005, 0.02), "_MOST_CELLS": (5_000, 80_000)},
-    limits: {
+    departures: {"_RIDGE": (0.005, 0.02), "_MOST_CELLS": (5_000, 80_000)},
+    learning: {
         "_PRIOR_SPREAD": (0.125, 0.5),
         "_TILE": (4, 16),
         "_TAIL_SHARE": (0.1, 0.4),

@@ -17,7 +17,7 @@ import numpy as np
 
 from capture.chapter.patches import CachedPatch
 from capture.chapter.plan import Conditions, PatchPosition, Texture, material_textures
-from classify.classifiers import CLASSIFIERS, joint, joint_features, joint_learning, joint_limits
+from classify.classifiers import CLASSIFIERS, joint, joint_features, joint_learning
 from rig import SYNTHETIC_30
 
 from .limits import at_least
@@ -30,9 +30,9 @@ ROW = "{:.1f} | {:.2f} | {:.2f}"
 CONSTANTS = {
     joint_features: ("_CAP_BINS", "_ALBEDO_LEAK", "_CHANNEL_WEIGHTS"),
     joint_learning: ("_SPECTRAL_SHARE", "_FLOOR_ERRORS", "_FLOOR_QUANTILE", "_TYPICAL_DEGREES",
-                     "_TYPICAL_SETS", "_TYPICAL_SPECTRAL", "_CONTRAST_VARIANCE"),
-    joint_limits: ("_SCATTER_POWER", "_LEAST_SCATTER", "_LARGEST_FACTOR", "_MEDIAN",
-                   "_CLASS_SPREAD", "_PATCH_SPREAD"),
+                     "_TYPICAL_SETS", "_TYPICAL_SPECTRAL", "_CONTRAST_VARIANCE",
+                     "_SCATTER_POWER", "_LEAST_SCATTER", "_LARGEST_FACTOR", "_MEDIAN",
+                     "_CLASS_SPREAD", "_PATCH_SPREAD"),
     joint: ("_LEAST_NEW",),
 }  # fmt: skip
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capture.chapter.timing import shortest_ms
+from capture.chapter.results import shortest_ms
 from classify import Lighting, photometric_stereo
 from tests.evidence.benchmark.measurements import Measurement, Section, as_json, print_section
 from tests.evidence.benchmark.memory import memory_section, solve_step

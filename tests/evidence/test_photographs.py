@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture.chapter.exhibit import read_texts
+from capture.chapter.output import read_texts
 from classify import Lighting
 from classify.base.errors import InputError
 from rig.scene.render import render_frame

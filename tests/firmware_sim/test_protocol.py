@@ -11,7 +11,7 @@ TRANSCRIPTS = re.findall(r"```transcript\n(.*?)```", README, re.DOTALL)
 
 
 def test_the_readme_has_its_transcripts():
-    assert len(TRANSCRIPTS) == 6
+    assert len(TRANSCRIPTS) == 4
 
 
 @pytest.mark.parametrize("transcript", TRANSCRIPTS)
@@ -74,31 +74,19 @@ def test_an_accepted_command_has_its_reply(device, sent, reply):
     ("sent", "error"),
     [
         (b"\n", b'-102,"Syntax error"'),
-        (b"   \r\n", b'-102,"Syntax error"'),
         (b"LED:SEL 1\r\r\n", b'-101,"Invalid character"'),
-        (b"LED:SEL\t1\n", b'-101,"Invalid character"'),
         (b"LED:SEL 1\0\n", b'-101,"Invalid character"'),
         (b"LED:SEL \xb2\n", b'-101,"Invalid character"'),
         (b"LED:SEL 1;LED:OFF\n", b'-102,"Syntax error"'),
         (b"HELLO\n", b'-113,"Undefined header"'),
-        (b"LED:SEL?\n", b'-113,"Undefined header"'),
         (b"LED :SEL 1\n", b'-113,"Undefined header"'),
-        (b"LED:SEL1\n", b'-113,"Undefined header"'),
-        (b"LED:SEL\n", b'-109,"Missing parameter"'),
-        (b"LED:LEV 1\n", b'-109,"Missing parameter"'),
         (b"LED:LEV 1,\n", b'-109,"Missing parameter"'),
         (b"LED:LEV ,1\n", b'-109,"Missing parameter"'),
-        (b"LED:SEL 1,\n", b'-108,"Parameter not allowed"'),
         (b"LED:SEL 1,2\n", b'-108,"Parameter not allowed"'),
         (b"LED:OFF 1\n", b'-108,"Parameter not allowed"'),
-        (b"*IDN? ,\n", b'-108,"Parameter not allowed"'),
         (b"LED:SEL -1\n", b'-222,"Data out of range"'),
-        (b"LED:SEL -2\n", b'-102,"Syntax error"'),
         (b"LED:SEL +1\n", b'-102,"Syntax error"'),
         (b"LED:SEL 1.0\n", b'-102,"Syntax error"'),
-        (b"LED:SEL 1e0\n", b'-102,"Syntax error"'),
-        (b"LED:SEL 1 2\n", b'-102,"Syntax error"'),
-        (b"LED:SEL 0x1\n", b'-102,"Syntax error"'),
         (b"LED:LEV 1,1_0\n", b'-102,"Syntax error"'),
         (b"LED:SEL 4\n", b'-222,"Data out of range"'),
         (b"LED:SEL " + b"9" * 56 + b"\n", b'-222,"Data out of range"'),
@@ -106,7 +94,6 @@ def test_an_accepted_command_has_its_reply(device, sent, reply):
         (b"LED:LEV 1,101\n", b'-222,"Data out of range"'),
         (b"LED:LEV 1,-1\n", b'-222,"Data out of range"'),
         (b"LED:LIM? 4\n", b'-222,"Data out of range"'),
-        (b"SYST:WDOG -1\n", b'-222,"Data out of range"'),
         (b"SEQ:ARM 0,1000\n", b'-109,"Missing parameter"'),
         (b"SEQ:ARM 0,1000" + b",0" * 17 + b"\n", b'-108,"Parameter not allowed"'),
         (b"SEQ:ARM 0,1000,4\n", b'-222,"Data out of range"'),
@@ -114,9 +101,7 @@ def test_an_accepted_command_has_its_reply(device, sent, reply):
         (b"SEQ:ARM 1000,1000,0\n", b'-222,"Data out of range"'),
         (b"SEQ:TRIG 0,60000001,0\n", b'-222,"Data out of range"'),
         (b"SEQ:STEP? 0\n", b'-222,"Data out of range"'),
-        (b"SEQ:STEP? -1\n", b'-222,"Data out of range"'),
         (b"LED:LEV? 4\n", b'-222,"Data out of range"'),
-        (b"SYST:WDOG 0\n", b'-222,"Data out of range"'),
         (b"SYST:WDOG 99\n", b'-222,"Data out of range"'),
         (b"SYST:WDOG 60001\n", b'-222,"Data out of range"'),
         (b"LED:SEL " + b"0" * 56 + b"1\n", b'-363,"Input buffer overrun"'),

@@ -1,4 +1,4 @@
-"""The table of promises in `tests/README.md`: what a README says, and which tests hold it."""
+"""The list of promises in `tests/README.md`: what a README says, and which tests hold it."""
 
 import re
 import tomllib
@@ -6,7 +6,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "tests" / "README.md"
-_TABLE = re.compile(r"(?<=<!-- promises -->\n).*?(?=<!-- end of promises -->)", re.DOTALL)
+_LIST = re.compile(r"(?<=<!-- promises -->\n).*?(?=<!-- end of promises -->)", re.DOTALL)
 
 
 def promises() -> dict[str, dict[str, list[str]]]:
@@ -27,12 +27,18 @@ def unkept() -> list[str]:
 
 
 def page_with_table() -> str:
-    """`tests/README.md` with the table of the present promises."""
-    lines = ["| promise | tests |", "|---|---|"]
+    """`tests/README.md` with the list of the present promises."""
+    lines = []
     for page, rows in promises().items():
-        lines.append(f"| **{page}** | |")
+        lines += ["", f"**{page}**", ""]
         for promise, tests in rows.items():
-            files = ", ".join(f"[{Path(test).stem}]({test})" for test in tests)
-            lines.append(f"| {promise} | {files} |")
-    table = "\n".join(lines) + "\n"
-    return _TABLE.sub(lambda _: table, PAGE.read_text(encoding="utf-8"))
+            files = " ".join(_short(test, Path(page).parent) for test in tests)
+            lines.append(f"- {promise} ({files})")
+    table = "\n".join([*lines, "", ""])
+    return _LIST.sub(lambda _: table, PAGE.read_text(encoding="utf-8"))
+
+
+def _short(test: str, folder: Path) -> str:
+    """Name of a test, below the folder of its page if it is there."""
+    test = test.removeprefix(f"{folder.as_posix()}/")
+    return test.removesuffix(".py").replace("test_", "")

@@ -25,7 +25,7 @@ def station_page() -> str:
             "",
             "## States",
             "",
-            *map(_changes, State),
+            *_changes(),
             "",
             "## Events",
             "",
@@ -51,6 +51,9 @@ def station_page() -> str:
     )
 
 
-def _changes(state: State) -> str:
-    changes = [f"{change}: {new}" for (old, change), new in TRANSITIONS.items() if old is state]
-    return f"- `{state}` {'; '.join(changes)}"
+def _changes() -> list[str]:
+    """Return a line for each change of the state, with the states before and after it."""
+    states: dict[tuple[str, State], list[str]] = {}
+    for (old, change), new in TRANSITIONS.items():
+        states.setdefault((change, new), []).append(f"`{old}`")
+    return [f"- {change}: {', '.join(old)} to `{new}`" for (change, new), old in states.items()]

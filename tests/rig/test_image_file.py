@@ -53,19 +53,6 @@ def png(pixels: bytes, *extra: bytes, side: tuple[int, int] = (4, 3), form: str 
 ROWS = zlib.compress(bytes(3 * 5))
 
 
-@pytest.mark.parametrize("suffix", [".png", ".tif", ".tiff"])
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
-@pytest.mark.parametrize("channels", [1, 3, 4])
-def test_pixel_values_come_back(tmp_path: Path, suffix: str, dtype: Any, channels: int) -> None:
-    image = np.random.default_rng(1).integers(0, 1 << 8 * dtype().itemsize, (7, 9, channels), dtype)
-    order = {1: [0], 3: [2, 1, 0], 4: [2, 1, 0, 3]}[channels]
-    path = tmp_path / f"a{suffix}"
-    assert cv2.imwrite(str(path), image[:, :, order])  # its TIFFs are compressed by LZW
-    np.testing.assert_array_equal(
-        read_image(path), image[:, :, 0] if channels == 1 else image[:, :, :3]
-    )
-
-
 def test_an_interlaced_png_with_ancillary_chunks_is_read(tmp_path: Path, capfd: Any) -> None:
     """The colour profile is damaged, and libpng would print a warning."""
     rows = [bytes([0, value]) for value in (1, 2)] + [bytes([0, 3, 4]), bytes([0, 5, 6, 7, 8])]

@@ -151,7 +151,7 @@ def lights(
     """
     from capture.base.outputs import check_output
     from capture.calibration.setting import Setting
-    from capture.procedures.sphere_parts import images_of_sets, sphere_parts
+    from capture.procedures.target_parts import images_of_sets, sphere_parts
     from capture.sets.light_list import require_light_list_name, write_light_list
     from rig import open_rig
 
@@ -232,7 +232,7 @@ def _of_files(
     sphere: Literal["mirror", "matte"],
     file: CalibrationFile,
 ) -> tuple[list[SphereImages], Setting, list[str]]:
-    from capture.procedures.sphere_parts import images_of_photographs, images_of_sets
+    from capture.procedures.target_parts import images_of_photographs, images_of_sets
     from capture.sets.captured_set import CapturedSet
 
     photographs, sets = flow.photographs_or_sets(sources)

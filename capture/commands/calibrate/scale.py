@@ -62,7 +62,7 @@ def scale(
     than half a pixel; images are then corrected for it.
     """
     from capture.calibration.setting import Setting
-    from capture.procedures.scale_part import board_of_set, scale_part
+    from capture.procedures.target_parts import board_of_set, scale_part
     from rig import open_rig
 
     corners = _corners(checkerboard)
@@ -98,7 +98,7 @@ def _corners(text: str) -> tuple[int, int]:
 
 def _of_files(sources: Sequence[Path]) -> tuple[list[npt.NDArray[Any]], Setting, list[str]]:
     from capture.calibration.setting import Setting
-    from capture.procedures.scale_part import board_of_set
+    from capture.procedures.target_parts import board_of_set
     from capture.sets.captured_set import CapturedSet
     from capture.sets.photographs import read_photographs
 

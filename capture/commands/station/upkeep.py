@@ -8,7 +8,7 @@ import typer
 from capture.base.console import complain, out, progress, reported
 from capture.base.utc_time import readable_utc
 from capture.commands import options
-from capture.commands.rig.show import print_checks
+from capture.commands.rig_show import print_checks
 
 from .teach import Station
 

@@ -15,7 +15,7 @@ from capture.acquisition.light_checks import check_set
 from capture.base.process_settings import resident_bytes, settle_station
 from capture.sets.captured_set import PLANAR, CapturedSet
 from capture.sets.image_checks import LightImages
-from capture.sets.pixel_hash import PixelHash
+from capture.sets.ome_tiff import PixelHash
 from capture.station.domain.config import StationConfig
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.taught import Taught, TaughtSet, TaughtTexture

@@ -1,8 +1,6 @@
 """The ``.ps4cal`` file: written calibrations are read back, edited and cut ones refused."""
 
-import io
 import json
-import zipfile
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -15,7 +13,7 @@ from hypothesis import strategies as st
 
 from capture.base.errors import CalibrationError
 from capture.calibration.parts import PART_NAMES, flattened, rebuilt
-from capture.calibration.ps4cal import VERSION, CalibrationFile, PartRecord
+from capture.calibration.ps4cal import CalibrationFile, PartRecord
 from capture.calibration.setting import Setting
 from classify import InputError, Lighting, SensorNoise
 from classify.calibration.calibration import CalibratedLights, Calibration
@@ -23,6 +21,7 @@ from classify.calibration.correction import Response, Scale
 from classify.calibration.dark import Dark
 from classify.calibration.photon_transfer import Noise
 from classify.lights.flat_field import FlatField
+from tests.archives import members, npy, write_members
 
 RING = Lighting.ring(45.0)
 SETTING = Setting(
@@ -59,17 +58,6 @@ def saved(tmp_path: Path) -> Path:
     path = tmp_path / "rig.ps4cal"
     example().write(path)
     return path
-
-
-def members(path: Path) -> dict[str, bytes]:
-    with zipfile.ZipFile(path) as archive:
-        return {name: archive.read(name) for name in archive.namelist()}
-
-
-def write_members(path: Path, content: dict[str, bytes]) -> None:
-    with zipfile.ZipFile(path, "w") as archive:
-        for name, data in content.items():
-            archive.writestr(name, data)
 
 
 def edited(path: Path, edit: Callable[[dict[str, Any]], object]) -> Path:
@@ -151,16 +139,11 @@ def test_any_part_is_the_same_after_it_was_taken_apart(intensities, offset, ambi
 @pytest.mark.parametrize(
     ("edit", "cause"),
     [
-        (lambda h: h.update(version=VERSION + 1), "version 3; .* 2; use a newer"),
         (lambda h: h.update(version=1), "version 1; .* 2; calibrate again"),
-        (lambda h: h.update(format="zip"), "header field format"),
-        (lambda h: h.update(more=1), "header field 'more'"),
         (lambda h: h["parts"].pop("dark"), "match their SHA-256"),
         (lambda h: h["parts"]["dark"]["values"].update(offset=2.0), "match their SHA-256"),
-        (lambda h: h["parts"]["scale"]["record"].update(date="2020-01-01"), "SHA-256"),
         (lambda h: h["parts"]["dark"]["record"]["setting"].update(exposure_ms=9.0), "SHA-256"),
         (lambda h: h["parts"].update(colour=h["parts"]["dark"]), "header field parts.colour"),
-        (lambda h: h.update(sha256="0" * 64), "match their SHA-256"),
         (lambda h: h.pop("sha256"), "match their SHA-256"),
     ],
 )
@@ -195,10 +178,8 @@ def test_no_value_of_the_header_can_be_edited(saved: Path, data: st.DataObject) 
 
 
 def test_an_edited_array_is_refused(saved: Path) -> None:
-    stream = io.BytesIO()
-    np.save(stream, 1.001 * COEFFICIENTS)
     name = "flat_field/coefficients.npy"
-    write_members(saved, members(saved) | {name: stream.getvalue()})
+    write_members(saved, members(saved) | {name: npy(1.001 * COEFFICIENTS)})
     assert_refused(saved, "flat_field/coefficients does not match its SHA-256")
     without = {key: data for key, data in members(saved).items() if key != name}
     write_members(saved, without)
@@ -259,12 +240,7 @@ def test_a_flat_field_of_another_shape_is_refused(
         rebuilt("flat_field", {}, arrays)
 
 
-def test_no_file_and_another_file_say_what_to_do(tmp_path: Path) -> None:
+def test_no_file_and_another_suffix_say_what_to_do(tmp_path: Path) -> None:
     assert_refused(tmp_path / "none.ps4cal", "no such calibration; make one with ps4rig calibrate")
-    other = tmp_path / "other.ps4cal"
-    other.write_bytes(b"not a zip")
-    assert_refused(other, "not a readable calibration .*; calibrate again")
-    write_members(other, {"library.json": b"{}"})
-    assert_refused(other, "holds no calibration.json; this is not a ps4rig calibration")
     with pytest.raises(InputError, match=r"end in \.ps4cal"):
         example().write(tmp_path / "rig.zip")

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from capture.commands.session import run
+from capture.commands import session_run
 from capture.session.folder import session_folder
 from capture.session.journal import SetEntry
 
@@ -263,7 +263,7 @@ def test_a_run_needs_room_for_the_missing_sets_only(
 ) -> None:
     assert ps4rig("session", "run", plan, "--yes").exit_code == 0
     monkeypatch.setattr(
-        run, "shutil", SimpleNamespace(disk_usage=lambda _: SimpleNamespace(free=0))
+        session_run, "shutil", SimpleNamespace(disk_usage=lambda _: SimpleNamespace(free=0))
     )
     result = ps4rig("session", "run", plan, "--yes")
     assert result.exit_code == 0, result.stderr

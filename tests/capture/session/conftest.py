@@ -1,11 +1,12 @@
 """A small session on the simulated rig, with scripted answers."""
 
 from collections.abc import Callable, Iterable
+from functools import cache
 from pathlib import Path
 
 import pytest
 
-from capture.session.events import Answer, Ask, Event, Question
+from capture.session.events import Answer, Ask, Event, Question, without_questions
 from capture.session.folder import SessionFolder, make_session, session_folder
 from capture.session.runner import run_session
 from rig import RigConfig
@@ -43,6 +44,24 @@ class Script:
 @pytest.fixture(scope="session")
 def config() -> RigConfig:
     return RigConfig().with_changes(camera={"width_px": 128, "height_px": 128})
+
+
+@pytest.fixture(scope="session")
+def captured_session(
+    tmp_path_factory: pytest.TempPathFactory, config: RigConfig
+) -> Callable[[str], Path]:
+    """Capture all sets of a plan once; return the folder, which is not to be changed."""
+
+    @cache
+    def capture(text: str) -> Path:
+        plan = tmp_path_factory.mktemp("session") / "plan.toml"
+        plan.write_text(text)
+        folder = make_session(plan)
+        with session_folder(folder) as session:
+            run_session(session, config, without_questions, lambda _: None)
+        return folder
+
+    return capture
 
 
 @pytest.fixture

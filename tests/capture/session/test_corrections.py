@@ -9,11 +9,8 @@ from typing import Any
 
 import pytest
 
-from capture.session.events import without_questions
-from capture.session.folder import SessionFolder, make_session, session_folder
+from capture.session.folder import SessionFolder
 from capture.session.report_analysis import analyse
-from capture.session.runner import run_session
-from rig import RigConfig
 
 Command = Callable[..., Any]
 # Both textures determine their orientation.
@@ -24,19 +21,9 @@ specimen = [{id = "rock-1", label = "rock", surface = "rock"}, {id = "sand-1", s
 """
 
 
-@pytest.fixture(scope="module")
-def captured_session(tmp_path_factory: pytest.TempPathFactory, config: RigConfig) -> Path:
-    plan = tmp_path_factory.mktemp("corrections") / "placed.toml"
-    plan.write_text(PLAN)
-    folder = make_session(plan)
-    with session_folder(folder) as session:
-        run_session(session, config, without_questions, lambda _: None)
-    return folder
-
-
 @pytest.fixture
-def placed(captured_session: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copytree(captured_session, tmp_path / "placed"))
+def placed(captured_session: Callable[[str], Path], tmp_path: Path) -> Path:
+    return Path(shutil.copytree(captured_session(PLAN), tmp_path / "placed"))
 
 
 def row_of(session: Path, file: str) -> dict[str, str]:

@@ -11,12 +11,9 @@ from typing import Any
 import pytest
 
 from capture import CapturedSet
-from capture.session.events import without_questions
-from capture.session.folder import make_session, session_folder
+from capture.session.folder import session_folder
 from capture.session.report_analysis import analyse
 from capture.session.report_page import report_page
-from capture.session.runner import run_session
-from rig import RigConfig
 
 Command = Callable[..., Any]
 PLAN = """
@@ -31,19 +28,9 @@ specimen = [
 """
 
 
-@pytest.fixture(scope="module")
-def captured_session(tmp_path_factory: pytest.TempPathFactory, config: RigConfig) -> Path:
-    plan = tmp_path_factory.mktemp("report") / "mixed.toml"
-    plan.write_text(PLAN)
-    folder = make_session(plan)
-    with session_folder(folder) as session:
-        run_session(session, config, without_questions, lambda _: None)
-    return folder
-
-
 @pytest.fixture
-def mixed(captured_session: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copytree(captured_session, tmp_path / "mixed"))
+def mixed(captured_session: Callable[[str], Path], tmp_path: Path) -> Path:
+    return Path(shutil.copytree(captured_session(PLAN), tmp_path / "mixed"))
 
 
 def test_textures_separate_and_nothing_stands_out(mixed: Path) -> None:

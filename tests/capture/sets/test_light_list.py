@@ -81,12 +81,10 @@ def test_names_may_contain_blanks_and_folders_of_another_computer(
     [
         ("", "line 1 must be"),
         ("\na.png 0 0 1\n", "line 2 .*not 'a.png 0 0 1'"),
-        ("-1\n", "line 1 .*not '-1'"),
         ("2\na.png 0 0 1\n", "announces 2 lights and lists 1"),
         ("1\na.png 0 0 1\nb.png 0 0 1\n", "announces 1 lights and lists 2"),
         ("9" * 5000 + "\na.png 0 0 1\n", "announces 999999999 lights and lists 1"),
         ("0\n", "lists 0 lights; 1 to 255"),
-        ("1\na.png 0 0\n", "line 2 is not"),
         ("2\na.png 0 0 1\n\nb.png 0 0 up\n", "line 4 is not"),
         ("1\na.png 0_5 0 1\n", "line 2 .*: 'a.png 0_5 0 1'"),
         ("1\na.png 0,5 0,5 0,7\n", "line 2 .*: 'a.png 0,5 0,5 0,7'"),
@@ -107,7 +105,6 @@ def test_an_error_in_an_lp_file_names_file_and_line(
         ("0 1 0", r"horizon .*\[0\.0, 1\.0, 0\.0\]"),
         ("0.75 0 -0.0002", r"horizon .*\[0\.75, 0\.0, -0\.0002\]"),
         ("nan 0 1", "not finite"),
-        ("inf 0 1", "not finite"),
         ("0 0 0", "zero"),
         ("0 0 1 -2", "intensity -2"),
     ],
@@ -281,10 +278,8 @@ def test_json_may_name_its_images(tmp_path: Path, wrapped: bool) -> None:
     ("entry", "fault"),
     [
         ({"intensity": -1}, r"images\.1\.intensity: .*greater than 0, not -1$"),
-        ({"intensity": "bright"}, r"images\.1\.intensity: .*, not 'bright'$"),
         ({"intensity": True}, r"images\.1\.intensity: .*, not True$"),
         ({"direction": [0, 0, "1"]}, r"images\.1\.direction\.2: .*, not '1'$"),
-        ({"direction": [0, 0]}, r"images\.1\.direction\.2: .*not \[0, 0\]$"),
     ],
 )
 def test_an_error_in_json_names_the_entry_and_its_value(
@@ -297,12 +292,8 @@ def test_an_error_in_json_names_the_entry_and_its_value(
 
 
 @pytest.mark.parametrize("content", [
-    {}, 3, "null", [[0, 0]], [[True, 0, 1]], [["0", 0, 1]], [[0, 0, "up"]], [[0, 0, None]],
-    "[[0, 0, NaN]]", "[[0, 0, Infinity]]",
-    "[[0, 0, 1e999]]", "[[0, 0, 1" + "0" * 400 + "]]", "[" + "1" * 5000 + "]", "[" * 100_000,
-    [{"file": "a.png"}], [{"direction": [0, 0, 1]}], {"images": {"a.png": [0, 0, 1]}},
-    [{"file": "a.png", "direction": [0, 0, 1]}, [0, 0, 1]],
-    [{"file": "a.png", "direction": [0, 0, 1], "intensity": 0}],
+    {}, "null", [[0, 0]], [[True, 0, 1]], "[[0, 0, NaN]]", "[" + "1" * 5000 + "]", "[" * 100_000,
+    [{"file": "a.png"}], [{"direction": [0, 0, 1]}, [0, 0, 1]],
 ])  # fmt: skip
 def test_an_error_in_json_shows_the_right_form(tmp_path: Path, content: Any) -> None:
     with pytest.raises(InputError, match=r"lights\.json: .*give \[\[x, y, z"):
@@ -319,7 +310,6 @@ def test_an_error_in_json_shows_the_right_form(tmp_path: Path, content: Any) -> 
             'key "direction" twice',
         ),
         ("lights.json", "[x", r"not JSON \(.*line 1 column 2"),
-        ("lights.json", [], "lists 0 lights"),
         ("lights.csv", "0,0,1", r"\.lp or \.json"),
         ("large.lp", b" " * (5 << 20), "larger than"),
     ],
@@ -381,8 +371,7 @@ def named(**more: Any) -> list[dict[str, Any]]:
 
 
 @pytest.mark.parametrize("key", [
-    "relative_intensity", "intensities", "relative_intensity_estimated", "Intensity", "intensty",
-    "relIntensity", "led-level", "brightness", "LED_STRENGTH",
+    "relative_intensity_estimated", "intensty", "relIntensity", "led-level", "brightness",
 ])  # fmt: skip
 def test_a_key_that_looks_like_a_missing_one_is_refused(tmp_path: Path, key: str) -> None:
     path = as_json(tmp_path, {"images": named(**{key: 0.5})})

@@ -237,16 +237,11 @@ def test_an_edited_pixel_is_noticed(path: Path) -> None:
     [
         (lambda f: f.update(schema_version=5), "version 5, .* 6; use"),
         (lambda f: f.update(schema_version=7), "version 7, .* 6; use"),
-        (lambda f: f.update(schema_version="6"), "version '6', "),
-        (lambda f: f.update(schema_version=6.0), "version 6.0, "),
         (lambda f: f.pop("schema_version"), "version None, "),
         (lambda f: f.update(colour=1), "field colour: "),
-        (lambda f: f.pop("full_scale"), "field full_scale: "),
         (lambda f: f.update(full_scale=0), "metadata field full_scale: "),
-        (lambda f: f.update(bit_depth="many"), "metadata field bit_depth: "),
         (lambda f: f["images"].pop(), "holds 5 images, .* 4"),
         (lambda f: f.update(mask_file="m.png"), "holds 5 images, .* 6"),
-        (lambda f: f["images"].reverse(), "images .*4 lights in order"),
         (lambda f: f["lighting"]["directions"].pop(), "in order|intensities for 3 lights"),
         (lambda f: f["lighting"]["directions"][1].__setitem__(2, -1), "light 1 stands"),
         (lambda f: f["lighting"]["intensities"].__setitem__(0, 0), "light 0 has the intensity 0"),
@@ -254,7 +249,6 @@ def test_an_edited_pixel_is_noticed(path: Path) -> None:
         (lambda f: f.update(label="\ud800"), "not valid JSON"),
         (lambda f: f.update(label="a\x1b"), "metadata field label: .*printable"),
         (lambda f: f.update(camera=CAMERA | {"read_noise_dn": 1e200}), "camera.read_noise_dn: "),
-        (lambda f: f.update(camera=CAMERA | {"gain_e_per_dn": 1e-200}), "camera.gain_e_per_dn: "),
     ],
 )
 def test_an_error_in_the_metadata_names_file_and_field(

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture.sets.pixel_hash import PixelHash
+from capture.sets.ome_tiff import PixelHash
 from classify.base.threads import set_thread_count
 from rig.set_file import pixels_sha256
 

@@ -8,16 +8,19 @@ from unittest import mock
 import pytest
 
 from capture.sets.captured_set import CapturedSet
+from capture.station.domain.config import CONFIG
 from capture.station.domain.folder import StationFolder, make_station
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_file import write_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.judge.approval import approve
 from capture.station.judge.challenge_set import add_to_challenge
 from capture.station.judge.gauge.fault_study import great_faults
 from capture.station.judge.inspector import Inspector
 from capture.station.judge.teaching.teaching import teach
 from capture.station.judge.teaching.teaching_result import Teaching
 from classify.defects import detectability
+from tests.capture.station.production import configure
 from tests.capture.station.stations import small_set
 from tests.capture.station.teaching_sets import SIDE_PX, saved
 
@@ -76,3 +79,14 @@ def small_rig(station: Path) -> Path:
     config = (station / "station.toml").read_text()
     (station / "station.toml").write_text(config.replace('rig = "sim"', 'rig = "rig.toml"'))
     return rig
+
+
+@pytest.fixture
+def line(station: Path, files: RecipeFolder) -> Path:
+    """An approved station whose parts are all good."""
+    configure(station)
+    config = station / CONFIG
+    feed = '[simulated_parts]\nsurfaces = ["rock"]\nshare_other = 0.0\nshare_defective = 0.0\n'
+    config.write_text(config.read_text().partition("[simulated_parts]")[0] + feed)
+    approve(files, "Ada")
+    return station

@@ -8,13 +8,11 @@ import pytest
 
 from capture import CapturedSet, capture_set
 from capture.base.errors import SetRejected
-from capture.station.domain.config import CONFIG
 from capture.station.domain.errors import RecipeError
 from capture.station.domain.folder import StationFolder, station_folder
 from capture.station.domain.recipe_file import read_recipe, write_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.domain.verdict import Cause, Decision
-from capture.station.judge.approval import approve
 from capture.station.judge.gauge.made_faults import FAULTS, Place, with_fault
 from capture.station.judge.inspector import Inspector
 from capture.station.judge.judge import verdict_of
@@ -25,19 +23,8 @@ from classify.base.errors import InputError
 from classify.library.texture_library import TextureLibrary
 from rig import CameraError, Placement, Rig, Switch, open_rig
 from rig.fresh_frame import switch_to
-from tests.capture.station.production import SMALL_RIG, configure, run_parts
+from tests.capture.station.production import SMALL_RIG, run_parts
 from tests.capture.station.teaching_sets import SIDE_PX, patch
-
-
-@pytest.fixture
-def line(station: Path, files: RecipeFolder) -> Path:
-    """An approved station whose parts are all good."""
-    configure(station)
-    config = station / CONFIG
-    feed = '[simulated_parts]\nsurfaces = ["rock"]\nshare_other = 0.0\nshare_defective = 0.0\n'
-    config.write_text(config.read_text().partition("[simulated_parts]")[0] + feed)
-    approve(files, "Ada")
-    return station
 
 
 def results_of(folder: Path, parts: int, meanwhile: Any = lambda _: None) -> list[Any]:

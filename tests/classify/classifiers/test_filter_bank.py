@@ -125,13 +125,10 @@ def test_any_image_that_is_not_constant_has_finite_responses(image: np.ndarray) 
     ("image", "words"),
     [
         (noise(63, 200), r"\(63, 200\).*at least 64"),
-        (noise(1, 1), "at least 64"),
         (noise(3, 70, 70), r"\(3, 70, 70\)"),
         (np.full((70, 70), 7, np.uint8), "constant, 7"),
         (np.full((300, 300), 0.1, np.float32), "constant, 0.1"),
-        (np.zeros((70, 70)), "constant, 0"),
         (np.where(np.eye(70), np.nan, 1.0), "NaN"),
-        (np.where(np.eye(70), np.inf, 1.0), "NaN or infinity"),
     ],
 )
 def test_images_without_texture_are_refused(image: np.ndarray, words: str) -> None:

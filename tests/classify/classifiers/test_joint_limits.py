@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from classify.classifiers.joint_limits import (
+from classify.classifiers.joint_learning import (
     class_limits,
     limit_of_sets,
     scatter_factor,

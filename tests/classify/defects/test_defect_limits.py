@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from classify import InputError
-from classify.defects.limits import common_limit, limits_of
+from classify.defects.learning import common_limit, limits_of
 
 
 @pytest.mark.parametrize("valid", [0, 1])

@@ -7,8 +7,8 @@ import pytest
 
 from classify import DefectModel, InputError, SurfaceEstimate, learn_defects, regions_of
 from classify.defects.cell_statistics import window_statistics
+from classify.defects.departures import power_sums, unlike_halves
 from classify.defects.fields import part_fields
-from classify.defects.good_cells import power_sums, unlike_halves
 
 SIDE = 256
 LEARNED = 4

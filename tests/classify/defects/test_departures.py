@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from classify.defects.evidence import Evidence
+from classify.defects.departures import CENTRES, Evidence, GoodCells
 from classify.defects.filters import DIRECTIONS, LENGTHS, line_response
-from classify.defects.good_cells import CENTRES, GoodCells
 
 
 def _responses(field: np.ndarray, cell: int, orientation_deg: float) -> np.ndarray:

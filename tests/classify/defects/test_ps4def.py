@@ -2,7 +2,6 @@
 
 import io
 import json
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,8 +12,9 @@ from hypothesis import strategies as st
 
 from classify import DefectModel, InputError, learn_defects
 from classify.base.errors import DefectModelError
+from tests.archives import members, npy, write_members
 
-ARRAYS = ("gains", "scales", "octaves_centres", "windows_whitening", "quantiles", "good_scores")
+ARRAYS = ("gains", "octaves_centres", "good_scores")
 
 
 @pytest.fixture(scope="module")
@@ -30,22 +30,8 @@ def saved(model, tmp_path: Path) -> Path:
     return path
 
 
-def members(path: Path) -> dict[str, bytes]:
-    with zipfile.ZipFile(path) as archive:
-        return {name: archive.read(name) for name in archive.namelist()}
-
-
 def put(path: Path, name: str, data: bytes) -> None:
-    content = members(path) | {name: data}
-    with zipfile.ZipFile(path, "w") as archive:
-        for each, values in content.items():
-            archive.writestr(each, values)
-
-
-def stored(array: np.ndarray) -> bytes:
-    file = io.BytesIO()
-    np.save(file, array)
-    return file.getvalue()
+    write_members(path, members(path) | {name: data})
 
 
 def array_of(path: Path, name: str) -> np.ndarray:
@@ -74,28 +60,25 @@ def test_a_saved_model_scores_like_the_one_that_was_learned(model, saved, statio
 def test_a_changed_value_is_noticed(saved, name: str) -> None:
     changed = array_of(saved, name)
     changed.flat[0] += 0.5
-    put(saved, f"{name}.npy", stored(changed))
+    put(saved, f"{name}.npy", npy(changed))
     assert_refused(saved, "do not match their SHA-256")
 
 
 @pytest.mark.parametrize("name", ARRAYS)
 def test_arrays_of_other_shapes_or_with_nan_are_refused(saved, name: str) -> None:
     array = array_of(saved, name)
-    put(saved, f"{name}.npy", stored(array[None]))
+    put(saved, f"{name}.npy", npy(array[None]))
     assert_refused(saved, name)
-    put(saved, f"{name}.npy", stored(np.full_like(array, np.nan)))
+    put(saved, f"{name}.npy", npy(np.full_like(array, np.nan)))
     assert_refused(saved, name)
 
 
 @pytest.mark.parametrize(
     ("field", "value", "cause"),
     [
-        ("version", 4, "use a newer ps4rig"),
         ("version", 2, "version 2; .* 3; teach it again"),
-        ("format", "ps4lib", "format"),
         ("false_alarm_rate", 0.02, "SHA-256"),
         ("false_alarm_rate", 7.0, "false_alarm_rate"),
-        ("more", 1, "'more' is unknown"),
     ],
 )
 def test_other_headers_are_refused(saved, field: str, value: object, cause: str) -> None:
@@ -114,16 +97,6 @@ def test_the_file_of_a_large_frame_has_at_most_200_kilobytes(stationary, tmp_pat
     parts = [stationary("dyed", seed=seed, side=512) for seed in range(3)]
     learn_defects(parts, [0.0] * 3).save(tmp_path / "large.ps4def")
     assert (tmp_path / "large.ps4def").stat().st_size <= 200_000
-
-
-def test_a_missing_array_and_a_missing_file_are_named(saved, tmp_path: Path) -> None:
-    content = members(saved)
-    del content["gains.npy"]
-    with zipfile.ZipFile(saved, "w") as archive:
-        for name, data in content.items():
-            archive.writestr(name, data)
-    assert_refused(saved, "holds no gains.npy")
-    assert_refused(tmp_path / "other.ps4def", "no such defect model")
 
 
 @settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 
 from classify import InputError, LibraryError, Lighting, TextureLibrary
 from classify.library.ps4lib import VERSION
+from tests.archives import members, npy, write_members
 
 ARRAYS = ("classes.npy", "orientations_deg.npy", "signatures.npy")
 # Of the small libraries here only the signatures are larger.
@@ -60,17 +61,6 @@ def saved(library, tmp_path: Path) -> Path:
     return path
 
 
-def members(path: Path) -> dict[str, bytes]:
-    with zipfile.ZipFile(path) as archive:
-        return {name: archive.read(name) for name in archive.namelist()}
-
-
-def write_members(path: Path, content: dict[str, bytes], compression: int = zipfile.ZIP_STORED):
-    with zipfile.ZipFile(path, "w", compression) as archive:
-        for name, data in content.items():
-            archive.writestr(name, data)
-
-
 def put(path: Path, **content: bytes) -> None:
     """Replace or add members, named without ``.npy``; ``header`` is the JSON header."""
     names = {name: "library.json" if name == "header" else f"{name}.npy" for name in content}
@@ -87,12 +77,6 @@ def assert_refused(path: Path, cause: str, **options: Any) -> None:
         TextureLibrary.load(path, **options)
     assert str(caught.value).startswith(f"{path}: ")
     assert "\n" not in str(caught.value)
-
-
-def npy(array: np.ndarray, **options: Any) -> bytes:
-    stream = io.BytesIO()
-    np.save(stream, array, **options)
-    return stream.getvalue()
 
 
 def edited(path: Path, edit: Callable[[dict[str, Any]], None]) -> Path:
@@ -171,32 +155,18 @@ def test_saving_again_replaces_the_file(saved: Path, library) -> None:
     [
         (lambda h: h.update(version=8), "version 8; .* 7; use a newer"),
         (lambda h: h.update(version=6), "version 6; .* 7; train it again"),
-        (lambda h: h.update(version=1, references=[]), "version 1; .* 7; train"),
-        (lambda h: h.update(version=10**30), "reads 7; use a newer"),
         (lambda h: h.update(version="3"), "header field version"),
-        (lambda h: h.update(version=2.5), "header field version"),
-        (lambda h: h.update(version=None), "header field version"),
         (lambda h: h.pop("version"), "version"),
         (lambda h: h.update(format="zip"), "header field format"),
         (lambda h: h.update(more=1), "header field 'more'"),
-        (lambda h: h.update(segment_px=31), "header field segment_px"),
         (lambda h: h.update(segment_px=10**9), "header field segment_px"),
-        (lambda h: h.pop("classes"), "header field classes"),
-        (lambda h: h.update(classes=[]), "header field classes"),
-        (lambda h: h.update(classes=["one"]), "class has no name"),
         (lambda h: h.update(classes=["", "b"]), r"header field classes\.0"),
-        (lambda h: h.update(classes="ab"), "header field classes"),
         (lambda h: h.update(classes=["a\x1b[0m", "b"]), r"classes\.0.*do not print"),
         (lambda h: h.update(classes=["a", "\ud800"]), r"header field classes\.1"),
         (lambda h: h.update(classifier="fortune"), "classifier 'fortune'"),
-        (lambda h: h.pop("classifier"), "header field classifier"),
         (lambda h: h["limits"].update(fine=float("nan")), "header field limits: .*'fine'"),
         (lambda h: h["limits"].update(fine="far"), "header field limits: .*'fine'"),
-        (lambda h: h.update(light_directions=[[0, 0, float("inf")]]), "light_dir"),
-        (lambda h: h.update(light_directions=[[0, 1]]), r"header field light_directions\.0"),
-        (lambda h: h.update(light_directions=[[0, 0, 0]]), "light 0 .* zero"),
         (lambda h: h.update(light_directions=[[0, 0, -1]]), "light 0 .*horizon"),
-        (lambda h: h.update(light_directions=[]), "\\(x, y, z\\) row"),
         (lambda h: h.update(sources=[["a"]]), r"header field sources\.0"),
     ],
 )
@@ -208,7 +178,7 @@ def test_a_wrong_header_field_is_named(
 
 @pytest.mark.parametrize(
     "header",
-    [b"", b"{", b"\xff\xfe", b"[]", b"3", b"null", b'"text"', b"[" * 200_000, b'{"version": [1]}'],
+    [b"", b"\xff\xfe", b"[]", b"[" * 200_000, b'{"version": [1]}'],
 )
 def test_a_header_that_is_not_json_of_the_right_kind_is_refused(saved: Path, header: bytes) -> None:
     put(saved, header=header)
@@ -226,12 +196,8 @@ def claimed(shape: str, descr: str = "'<f4'", content: bytes = bytes(16)) -> byt
     [
         (npy(np.ones((2, 5), np.float32)), r"3 references, and arrays of \(3,\), \(2, 5\)"),
         (npy(np.ones((4, 5), np.float32)), "3 references"),
-        (npy(np.float32(1)), "3 references"),
-        (npy(np.ones((0, 5), np.float32)), "3 references"),
         (npy(np.ones((5, 3), np.float32).T), "signatures.npy is"),
         (npy(np.ones((3, 5))), "float64"),
-        (npy(np.ones((3, 5), np.int32)), "int32"),
-        (npy(np.ones((3, 5), ">f4")), ">f4"),
         (npy(np.full((3, 5), np.nan, np.float32)), "NaN"),
         (npy(np.full((3, 5), np.inf, np.float32)), "NaN"),
         (npy(np.ones((3, 5), np.float32))[:-1], "in 59 bytes"),
@@ -239,22 +205,12 @@ def claimed(shape: str, descr: str = "'<f4'", content: bytes = bytes(16)) -> byt
         (npy(np.full((3, 5), None), allow_pickle=True), "object"),
         (claimed("(10**9,)"), UNREADABLE),
         (claimed("(1000000000000,)"), "in 16 bytes"),
-        (claimed("(4611686018427387904, 4)"), "in 16 bytes"),
         (claimed("(4611686018427387905, 4)"), "in 16 bytes"),
-        (claimed("(-1,)"), "in 16 bytes"),
         (claimed("(-1, -4)"), UNREADABLE),
         (claimed("(3, 5)"), "in 16 bytes"),
-        (claimed("(1,", "'<f4'"), UNREADABLE),
-        (claimed("(), b'': 1, 'x': 2"), UNREADABLE),
         (claimed("-" * 8000 + "1"), UNREADABLE),
-        (claimed("(2, 02)"), UNREADABLE),
-        (claimed("(2, 2, 0090L, 90)"), UNREADABLE),
-        (claimed("(\\x00,)"), UNREADABLE),
-        (claimed("()" + 20_000 * " "), UNREADABLE),
         (claimed("()", "'O'"), "signatures.npy is"),
-        (claimed("()", "[('a', '<f4')]"), "signatures.npy is"),
         (b"", UNREADABLE),
-        (b"PK\x03\x04 not numpy", UNREADABLE),
         (b"cos\nsystem\n(S'true'\ntR.", UNREADABLE),
     ],
 )
@@ -272,20 +228,13 @@ def test_a_damaged_array_is_refused(saved: Path, array: bytes, cause: str) -> No
         ("classes", np.array([0, -1, 0], "<i4"), "class has no name"),
         ("classes", np.array([0, 1], "<i4"), "2 references"),
         ("classes", np.array([[0], [1], [0]], "<i4"), "3 references"),
-        ("classes", np.array(0, "<i4"), "1 references"),
         ("classes", np.empty(0, "<i4"), "0 references"),
         ("classes", np.array([0, 1, 0], "<i8"), "int64"),
-        ("classes", np.array([0, 1, 0], "<f4"), "float32"),
         ("orientations_deg", np.array([0, np.nan, 0]), "NaN"),
         ("orientations_deg", np.zeros(4), "3 references"),
-        ("orientations_deg", np.zeros((3, 1)), "3 references"),
-        ("orientations_deg", np.float64(0), "3 references"),
-        ("orientations_deg", np.zeros(3, np.float32), "float32"),
         ("parameters/whitening", np.full((2, 2), np.nan), "NaN"),
-        ("parameters/whitening", np.ones((2, 2), np.float32), "float32"),
         ("invariants", np.ones((2, 5), np.float32), "3 references"),
         ("invariants", np.full((3, 5), np.nan, np.float32), "NaN"),
-        ("invariants", np.ones((3, 5)), "float64"),
     ],
 )
 def test_arrays_that_do_not_belong_together_are_refused(
@@ -299,13 +248,8 @@ def test_arrays_that_do_not_belong_together_are_refused(
     ("name", "array"),
     [
         ("whitening", np.ones((2, 2))),
-        ("whitening", np.ones(24 * 24)),
         ("density_floor", None),
-        ("density_floor", np.ones(1)),
-        ("relief_floors", np.ones(3)),
-        ("albedo_floors", np.ones((2, 1))),
         ("heading_variances", np.ones((1, 5))),
-        ("pixels", np.ones((1, 1))),
         ("limit", np.ones(2)),
     ],
 )
@@ -550,8 +494,6 @@ def test_nan_in_a_mapped_library_is_found_by_a_match(saved: Path, stationary) ->
         (26, b"\xff\xff"),  # a name of 65,535 bytes
         (26, b"\x00\x00"),  # no name
         (28, b"\xff\xff"),  # an extra field of 65,535 bytes
-        (28, b"\x00\x00"),
-        (28, b"\x04\x00"),
         (30, b"S"),  # another name
     ],
 )

@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from capture.chapter.timing import shortest_ms
+from capture.chapter.results import shortest_ms
 from classify import learn_defects
 
 from .measurements import Measurement, Section

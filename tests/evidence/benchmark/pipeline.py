@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from capture.chapter.timing import Work, shortest_ms
+from capture.chapter.results import Work, shortest_ms
 from classify import TextureLibrary
 from classify.classifiers import classifier_named
 from classify.texture.fields import texture_fields

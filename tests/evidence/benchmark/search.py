@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from capture.base.console import progress
-from capture.chapter.timing import time_ms
+from capture.chapter.results import time_ms
 from classify import TextureLibrary
 from classify.classifiers import classifier_named
 from classify.surface.estimate import FloatMap

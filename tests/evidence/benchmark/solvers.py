@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from capture.chapter.timing import Work, shortest_ms
+from capture.chapter.results import Work, shortest_ms
 from classify import Lighting, Method
 from rig.simulation.simulated_set import SimulatedSet
 from tests.evidence.benchmark.memory_floor import read_four_write_three

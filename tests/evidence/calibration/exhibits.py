@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from functools import partial
 
-from capture.chapter.exhibit import Exhibit, Row
+from capture.chapter.output import Exhibit, Row
 from capture.chapter.plots import Scale, draw_maps
 
 from .lights import LightErrors

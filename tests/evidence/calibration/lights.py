@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from capture.calibration.ps4cal import CalibrationFile
-from capture.procedures.sphere_parts import images_of_sets, sphere_parts
+from capture.procedures.target_parts import images_of_sets, sphere_parts
 from classify.calibration.calibration import CalibratedLights
 from classify.calibration.spheres import SphereKind
 from rig import Placement, open_rig

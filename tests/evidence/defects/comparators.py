@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.defects.defect_map import CELL_PX
-from classify.defects.good_cells import PowerSums, power_sums, unlike_halves
-from classify.defects.limits import common_limit, tile_maxima
+from classify.defects.departures import PowerSums, power_sums, unlike_halves
+from classify.defects.learning import common_limit, tile_maxima
 from classify.surface.estimate import FloatMap
 
 from .parts import CONDITIONS, Part

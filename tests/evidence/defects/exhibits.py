@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from capture.chapter.exhibit import Exhibit, Row
+from capture.chapter.output import Exhibit, Row
 from capture.chapter.plots import Line, draw_lines
 from classify.confidence import share_at_most
 from rig.config.simulation import RELIEF_KINDS, DefectKind

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from capture.chapter.exhibit import Exhibit, Row
+from capture.chapter.output import Exhibit, Row
 from capture.maps import pictures
 from capture.maps.pictures import Picture
 from classify import Method

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from capture.chapter import plots
-from capture.chapter.exhibit import Cell, Exhibit, Row
+from capture.chapter.output import Cell, Exhibit, Row
 from capture.chapter.plan import BEST_SOLVER, OURS, SOLVERS, THESIS, TestRun
 from capture.chapter.results import CLASSIFIER_TITLES, SOLVER_TITLES
 from capture.chapter.runs import System

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from capture.chapter.exhibit import Exhibit, Row
+from capture.chapter.output import Exhibit, Row
 from capture.chapter.plan import BEST_SOLVER, OURS, Experiment, TestRun
 from capture.chapter.runs import System
 from classify.library.evaluation import nearest_accuracy

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from capture.chapter import plots
-from capture.chapter.exhibit import Exhibit, Row
+from capture.chapter.output import Exhibit, Row
 from capture.chapter.plan import OURS, THESIS
 
 from .open_set import Outcome, answers_pct

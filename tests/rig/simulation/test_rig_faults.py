@@ -133,14 +133,10 @@ def test_hot_pixels_stay_where_they_are_whatever_is_below_the_camera() -> None:
     ("changes", "words"),
     [
         ({"led_levels": (1.0, 0.9)}, "led_levels has 2 .* 4 LEDs"),
-        ({"led_distance_px": 0.0}, "led_distance_px"),
-        ({"vignetting_percent": 95.0}, "vignetting_percent"),
-        ({"response_gamma": 0.0}, "response_gamma"),
         (
             {"hot_pixels": 9000},
             "hot_pixels = 9000 .* 2240 pixels; .* 1120",
         ),
-        ({"mm_per_px": -1.0}, "mm_per_px"),
         ({"placement": {"size_mm": 3.0}}, "size_mm needs simulation.mm_per_px"),
     ],
 )

@@ -14,6 +14,7 @@ from capture import CapturedSet, capture_set
 from capture.calibration.ps4cal import CalibrationFile
 from rig import open_rig
 from rig.simulation.sensor import SensorModel
+from tests.capture.commands.calibrate import simulated_rigs
 
 Run = Callable[..., Any]
 SIDE = 128
@@ -23,13 +24,7 @@ LEVELS = np.linspace(0.0, 1.0, 257)
 def rig_toml(folder: Path, bits: int = 12, **simulation: object) -> Path:
     """A simulated rig with near LEDs, ambient light and vignetting."""
     values = {"led_distance_px": 5 * SIDE, "ambient": 0.03, "vignetting_percent": 20} | simulation
-    lines = "\n".join(f"{key} = {value}" for key, value in values.items())
-    path = folder / "rig.toml"
-    path.write_text(
-        f"[lights]\nport = 'simulated'\n[camera]\nbits = {bits}\nwidth_px = {SIDE}\n"
-        f"height_px = {SIDE}\n[simulation]\n{lines}\n"
-    )
-    return path
+    return simulated_rigs.rig_toml(folder, SIDE, bits, **values)
 
 
 def calibrated(ps4rig: Run, folder: Path, *commands: str, **rig: Any) -> list[Any]:

@@ -22,6 +22,7 @@ from classify import InputError
 from classify.calibration.correction import Scale
 from classify.calibration.dark import Dark
 from rig import Rig
+from tests.capture.commands.calibrate import simulated_rigs
 
 SHEET = Target("a white matt sheet", "plate", next_placement="rotate the sheet by 180 degrees")
 SCALE = Scale(0.05, 0.001, np.eye(3), None, 0.1)
@@ -30,12 +31,8 @@ SCALE = Scale(0.05, 0.001, np.eye(3), None, 0.1)
 @pytest.fixture
 def rig_toml(tmp_path: Path) -> Path:
     """A simulated rig whose LEDs are near and unequal."""
-    path = tmp_path / "rig.toml"
-    path.write_text(
-        "[lights]\nport = 'simulated'\n[camera]\nwidth_px = 64\nheight_px = 64\n"
-        "[simulation]\nled_distance_px = 320\nled_levels = [1.0, 0.9, 1.0, 0.8]\n"
-    )
-    return path
+    near = {"led_distance_px": 320, "led_levels": [1.0, 0.9, 1.0, 0.8]}
+    return simulated_rigs.rig_toml(tmp_path, 64, **near)
 
 
 def test_a_simulated_rig_places_the_target_of_each_set_by_itself(rig_toml: Path) -> None:

@@ -13,8 +13,13 @@ import pytest
 from matplotlib.patches import Ellipse
 
 from capture.calibration.ps4cal import CalibrationFile
-from capture.commands.calibrate.drawings import hot_pixel_map, lights_from_above
-from capture.commands.calibrate.page import benefit_of, calibration_page, part_summaries
+from capture.commands.calibrate.page import (
+    benefit_of,
+    calibration_page,
+    hot_pixel_map,
+    lights_from_above,
+    part_summaries,
+)
 from classify import Lighting
 from classify.calibration.correction import Response, Scale
 from classify.calibration.dark import Dark

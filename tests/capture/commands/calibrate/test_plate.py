@@ -11,6 +11,7 @@ import pytest
 
 from capture.calibration.ps4cal import CalibrationFile
 from classify import Lighting
+from tests.capture.commands.calibrate import simulated_rigs
 
 Run = Callable[..., Any]
 SIDE = 128
@@ -22,13 +23,7 @@ def rig_toml(folder: Path, distance_px: float | None = 3.0 * SIDE, **more: objec
     values |= {"led_levels": [1.0, 0.9, 1.05, 0.95]} | more
     if distance_px is not None:
         values["led_distance_px"] = distance_px
-    lines = "\n".join(f"{key} = {value}" for key, value in values.items())
-    path = folder / "rig.toml"
-    path.write_text(
-        f"[lights]\nport = 'simulated'\n[camera]\nwidth_px = {SIDE}\nheight_px = {SIDE}\n"
-        f"[simulation]\n{lines}\n"
-    )
-    return path
+    return simulated_rigs.rig_toml(folder, SIDE, **values)
 
 
 def answer(ps4rig: Run, *arguments: object) -> list[dict[str, Any]]:

@@ -13,6 +13,7 @@ from capture.calibration.ps4cal import CalibrationFile
 from capture.sets.light_list import load_light_list
 from classify import Lighting
 from classify.calibration.calibration import CalibratedLights
+from tests.capture.commands.calibrate.simulated_rigs import rig_toml
 from tests.sphere_pictures import Picture, scattered_lights
 
 Run = Callable[..., Any]
@@ -22,16 +23,6 @@ SIDE = 200
 
 def off_deg(found: np.ndarray, true: np.ndarray) -> np.ndarray:
     return np.degrees(np.arccos(np.clip((found * true).sum(axis=1), -1.0, 1.0)))
-
-
-def rig_toml(folder: Path, **simulation: object) -> Path:
-    lines = "\n".join(f"{key} = {value}" for key, value in simulation.items())
-    path = folder / "rig.toml"
-    path.write_text(
-        f"[lights]\nport = 'simulated'\n[camera]\nbits = 12\nwidth_px = {SIDE}\n"
-        f"height_px = {SIDE}\n[simulation]\n{lines}\n"
-    )
-    return path
 
 
 def lights_of(path: Path) -> CalibratedLights:
@@ -58,7 +49,7 @@ def test_a_sphere_on_the_simulated_rig_gives_its_lights(
     ps4rig: Run, tmp_path: Path, kind: str, limit_deg: float
 ) -> None:
     cal = tmp_path / "rig.ps4cal"
-    toml = rig_toml(tmp_path, mm_per_px=0.2, vignetting_percent=20)
+    toml = rig_toml(tmp_path, SIDE, mm_per_px=0.2, vignetting_percent=20)
     done = ps4rig("calibrate", "lights", "--rig", toml, "--sphere", kind, cal, "--json",
                   "--diameter-mm", 24, "--list", tmp_path / "found.lp")  # fmt: skip
     assert done.exit_code == 0, done.stderr
@@ -80,7 +71,7 @@ def test_a_sphere_on_the_simulated_rig_gives_its_lights(
 
 @pytest.mark.slow
 def test_placements_on_a_rig_with_near_lights_give_positions(ps4rig: Run, tmp_path: Path) -> None:
-    toml = rig_toml(tmp_path, led_distance_px=2 * SIDE, mm_per_px=0.4)
+    toml = rig_toml(tmp_path, SIDE, led_distance_px=2 * SIDE, mm_per_px=0.4)
     cal = tmp_path / "rig.ps4cal"
     done = ps4rig("calibrate", "lights", "--rig", toml, "--sphere", "matte", cal, "--placements", 5,
                   "--diameter-mm", 24)  # fmt: skip
@@ -170,7 +161,7 @@ def test_no_list_of_lights_is_written_where_the_calibration_is_refused(
     ps4rig: Run, tmp_path: Path
 ) -> None:
     cal, lights = tmp_path / "rig.ps4cal", tmp_path / "lights.json"
-    toml = rig_toml(tmp_path)
+    toml = rig_toml(tmp_path, SIDE)
     assert ps4rig("calibrate", "dark", cal, "--rig", toml).exit_code == 0
     toml.write_text(f"name = 'bench two'\n{toml.read_text()}")
     sphere = ("--sphere", "mirror", "--list", lights)
@@ -182,7 +173,7 @@ def test_no_list_of_lights_is_written_where_the_calibration_is_refused(
 
 def test_a_checkerboard_on_the_simulated_rig_gives_the_scale(ps4rig: Run, tmp_path: Path) -> None:
     cal = tmp_path / "rig.ps4cal"
-    toml = rig_toml(tmp_path, mm_per_px=0.3)
+    toml = rig_toml(tmp_path, SIDE, mm_per_px=0.3)
     board = ("--checkerboard", "9x6", "--square-mm", 5)
     done = ps4rig("calibrate", "scale", "--rig", toml, cal, *board, "--json")
     assert done.exit_code == 0, done.stderr
@@ -209,7 +200,7 @@ def test_a_checkerboard_on_the_simulated_rig_gives_the_scale(ps4rig: Run, tmp_pa
 def test_a_good_scale_is_not_replaced_by_a_mistyped_or_a_worse_one(
     ps4rig: Run, refused: Callable[..., str], tmp_path: Path
 ) -> None:
-    cal, toml = tmp_path / "rig.ps4cal", rig_toml(tmp_path, mm_per_px=0.3)
+    cal, toml = tmp_path / "rig.ps4cal", rig_toml(tmp_path, SIDE, mm_per_px=0.3)
     board = ("calibrate", "scale", "--rig", toml, cal, "--checkerboard", "9x6", "--square-mm")
     assert ps4rig(*board, 5).exit_code == 0
     known = CalibrationFile.read(cal)

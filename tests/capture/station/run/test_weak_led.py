@@ -5,28 +5,14 @@ from typing import Any
 
 import pytest
 
-from capture.station.domain.config import CONFIG
-from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.domain.verdict import Cause, Decision
-from capture.station.judge.approval import approve
 from capture.station.results.part_result import PartResult
 from capture.station.run.control_chart import ControlChart
 from capture.station.run.events import Event, PartAnnounced
 from rig.config.lights import led_names
-from tests.capture.station.production import SMALL_RIG, configure, run_parts
+from tests.capture.station.production import SMALL_RIG, run_parts
 
 LEDS = led_names([0, 90, 180, 270])
-
-
-@pytest.fixture
-def line(station: Path, files: RecipeFolder) -> Path:
-    """An approved station whose parts are all good."""
-    configure(station)
-    config = station / CONFIG
-    feed = '[simulated_parts]\nsurfaces = ["rock"]\nshare_other = 0.0\nshare_defective = 0.0\n'
-    config.write_text(config.read_text().partition("[simulated_parts]")[0] + feed)
-    approve(files, "Ada")
-    return station
 
 
 def results_with(line: Path, parts: int, *faults: dict[str, Any]) -> list[PartResult]:

@@ -33,7 +33,7 @@ def status(
     from capture.session.folder import read_session
     from capture.session.plan_change import unplanned_text
 
-    from .terminal import left_out_text
+    from .session_terminal import left_out_text
 
     session = read_session(folder)
     gone = set(session.missing())

@@ -143,7 +143,7 @@ def _use_changed_plan(
     from capture.session.plan_change import plan_changes, use_plan
     from capture.session.rig_checks import check_plan
 
-    from .terminal import confirmed
+    from .session_terminal import confirmed
 
     plan = read_plan(source)
     changes = plan_changes(plan, folder)
@@ -169,7 +169,7 @@ def _capture_missing(
     from capture.session.live_view import LiveView
     from capture.session.runner import run_session
 
-    from .terminal import SessionTerminal
+    from .session_terminal import SessionTerminal
 
     if not yes and not sys.stdin.isatty():
         raise InputError("there is no terminal to ask on; give --yes to run without questions")

@@ -7,7 +7,7 @@ from capture import CapturedSet, capture_set
 from capture.calibration.ps4cal import CalibrationFile
 from capture.calibration.replacement import kept_because
 from capture.procedures.plate_parts import plate_parts
-from capture.procedures.sphere_parts import images_of_sets, sphere_parts
+from capture.procedures.target_parts import images_of_sets, sphere_parts
 from classify.calibration.sphere_outline import find_outline
 from classify.lights.flat_field import FlatField
 from rig import Placement, RigConfig, open_rig
