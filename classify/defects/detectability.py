@@ -29,11 +29,9 @@ _SIDE_PX = 512
 # Spacing of the defects on one part, at which one does not change the score of another, and the
 # width of their random offset from a grid.
 _SPACING_PX, _MOVED_PX = 112.0, 16.0
-# Distance from a defect within which a cell can show it.
+# Distance from a defect within which a cell can show it; share of valid pixels of a usable place.
 _REACH_PX = 16.0
-# Share of valid pixels of a place on the part. Places with shadows count: defects in them are hard
-# to see.
-_LEAST_VALID = 0.5
+_LEAST_VALID = 0.95
 # Weakest tried strength as a share of the strongest; number of bisections between them.
 _WEAKEST, _STEPS = 1.0 / 128.0, 5
 _LEAST_SCORE = 1e-3
