@@ -139,20 +139,6 @@ def render_frame(
     )
 
 
-def led_distance_for(fall_off: float, slant_deg: float, size_px: int) -> float:
-    """Distance in pixels of an isotropic LED whose light falls by `fall_off` across a frame."""
-    # Irradiance of a level surface is proportional to 1 / r^3 at the same height of the light.
-    ratio = math.pow(1.0 - fall_off, -2.0 / 3.0)  # of the squared distances: (1 + u) / (1 - u)
-    u = (ratio - 1.0) / (ratio + 1.0)
-    # r^2 = D^2 + h^2 +- 2 D h sin(slant), h half the frame: u = 2 D h sin(slant) / (D^2 + h^2)
-    half_px, sine = 0.5 * size_px, math.sin(math.radians(slant_deg))
-    if u == 0.0:
-        return DISTANT
-    if not 0.0 < u <= sine:
-        raise InputError(f"no light at slant {slant_deg:g} falls off by {fall_off:g} over a frame")
-    return half_px * (sine + math.sqrt(sine * sine - u * u)) / u
-
-
 def _point_light(
     direction: Floats,
     distance_px: float,

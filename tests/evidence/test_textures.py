@@ -7,15 +7,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from capture.chapter.patches import CachedPatch, render_patch
 from capture.chapter.plan import Conditions, Experiment, PatchPosition, Texture
 from capture.chapter.runs import System
-from classify import Match, TextureLibrary, Trial
+from classify import Lighting, Match, TextureLibrary, Trial
 from classify.base.errors import InputError
 from rig import EQUAL_SPECTRUM_TWINS, SYNTHETIC_30
-from rig.scene.surfaces import PeriodicSurface
-from tests.evidence.textures.faults import Faults
+from rig.scene.render import render_scene
+from rig.scene.surfaces import PeriodicSurface, SurfacePatch
+from tests.evidence.textures.faults import Faults, led_distance_for
 from tests.evidence.textures.materials import material_textures
 from tests.evidence.textures.open_set import Outcome, answers_pct, without_class
 from tests.evidence.textures.plan import TexturePlan, texture_plan
@@ -191,3 +194,17 @@ def test_every_table_is_written(tmp_path: Path) -> None:
         "unknown_curves",
     }
     assert "$" not in self_contained(folder / "textures.html")
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.floats(0.01, 0.5), st.floats(15.0, 70.0))
+def test_the_led_distance_gives_the_fall_off_across_the_frame(
+    fall_off: float, slant_deg: float
+) -> None:
+    distance_px = led_distance_for(fall_off, slant_deg, 40)
+    flat = np.zeros((41, 41), np.float32)
+    patch = SurfacePatch(flat, flat, flat, flat + np.float32(0.6))
+    scene = render_scene(patch, Lighting.ring(slant_deg), led_distance_px=distance_px)
+    for light, (far, near) in enumerate([((20, 0), (20, 40)), ((40, 20), (0, 20))]):
+        shares = scene.lights[light][far] / scene.lights[light][near]
+        assert 1.0 - shares == pytest.approx(fall_off, rel=1e-3)

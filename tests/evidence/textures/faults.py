@@ -1,11 +1,12 @@
 """Faults of a rig from one day to the next, in simulated sets."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from classify import Lighting
-from rig.scene.render import Lens, SceneImages, led_distance_for, render_frame
+from rig.scene.render import DISTANT, Lens, SceneImages, render_frame
 from rig.scene.surfaces import PeriodicSurface
 
 
@@ -64,6 +65,16 @@ class Faults:
         )
         seen = Lens(float(rng.uniform(*self.blur_px)), self.vignetting).images(scene)
         return replace(seen, lights=seen.lights + np.float32(self.ambient) * seen.albedo)
+
+
+def led_distance_for(fall_off: float, slant_deg: float, size_px: int) -> float:
+    """Distance in pixels of an isotropic LED whose light falls by `fall_off` across a frame."""
+    # Irradiance of a level surface is proportional to 1 / r^3 at the same height of the light.
+    ratio = math.pow(1.0 - fall_off, -2.0 / 3.0)  # of the squared distances: (1 + u) / (1 - u)
+    u = (ratio - 1.0) / (ratio + 1.0)
+    # r^2 = D^2 + h^2 +- 2 D h sin(slant), h half the frame: u = 2 D h sin(slant) / (D^2 + h^2)
+    half_px, sine = 0.5 * size_px, math.sin(math.radians(slant_deg))
+    return half_px * (sine + math.sqrt(sine * sine - u * u)) / u if u else DISTANT
 
 
 OUT_OF_FOCUS = Faults(blur_px=(0.5, 1.1))

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from classify.base.errors import InputError
 from classify.lighting import Lighting
-from rig.scene.render import Gloss, Lens, led_distance_for, render_frame, render_scene
+from rig.scene.render import Gloss, Lens, render_frame, render_scene
 from rig.scene.surfaces import PeriodicSurface, SurfacePatch
 from rig.scene.synthetic import ALBEDO, synthetic_surface
 
@@ -118,20 +118,6 @@ def test_a_point_light_has_its_own_direction_and_distance_at_every_pixel(
             assert scene.lights[light][pixel] == pytest.approx(expected, rel=1e-4)
 
 
-@settings(deadline=None, max_examples=20)
-@given(st.floats(0.01, 0.5), st.floats(15.0, 70.0))
-def test_the_led_distance_gives_the_fall_off_across_the_frame(
-    fall_off: float, slant_deg: float
-) -> None:
-    distance_px = led_distance_for(fall_off, slant_deg, 40)
-    scene = render_scene(
-        plane(0.0, 0.0, side=41), Lighting.ring(slant_deg), led_distance_px=distance_px
-    )
-    for light, (far, near) in enumerate([((20, 0), (20, 40)), ((40, 20), (0, 20))]):
-        shares = scene.lights[light][far] / scene.lights[light][near]
-        assert 1.0 - shares == pytest.approx(fall_off, rel=1e-3)
-
-
 def test_a_glossy_surface_is_brightest_where_its_normal_is_halfway_to_the_light() -> None:
     lighting, gloss = Lighting.from_angles([0.0], 40.0), Gloss(strength=0.5, exponent=30.0)
     halfway = -float(np.tan(np.radians(20.0)))
@@ -180,7 +166,5 @@ def test_bad_arguments_are_named() -> None:
         render_scene(plane(0, 0), Lighting.ring(), margin_px=20)
     with pytest.raises(InputError, match="ambient"):
         render_scene(plane(0, 0), Lighting.ring(), ambient=-0.1)
-    with pytest.raises(InputError, match="no light at slant 5"):
-        led_distance_for(0.5, slant_deg=5.0, size_px=100)
     with pytest.raises(InputError, match="above"):
         render_scene(plane(2.0, 0), Lighting.ring(), led_distance_px=20.0)
