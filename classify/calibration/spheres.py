@@ -16,7 +16,7 @@ from .calibration import CalibratedLights
 from .correction import Scale, nominal_camera_matrix
 from .matte_sphere import SATURATED, matte_directions
 from .mirror_sphere import mirror_directions
-from .placements import check_placements_differ
+from .plate_blocks import check_placements_differ
 from .sphere import Sphere
 from .sphere_outline import find_outline, outline_of_mask
 

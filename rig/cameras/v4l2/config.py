@@ -8,7 +8,7 @@ from pydantic import Field, field_validator, model_validator
 from rig.cameras.camera import ListedCamera
 from rig.cameras.config import DeviceCameraConfig, FormattedCameraConfig
 
-from .node import device_path
+from .device import device_path
 from .pixel_formats import PIXEL_FORMATS
 
 

@@ -6,7 +6,7 @@ import mmap
 from rig.errors import CameraError
 
 from . import abi
-from .node import VideoNode
+from .device import VideoNode
 
 # Enough to write one buffer while others are read; the driver may have fewer.
 _BUFFERS = 4
