@@ -22,8 +22,6 @@ from rig import (
 from rig.acceptance import MAX_SATURATED_SHARE
 from rig.fresh_frame import fresh_frame
 
-from .preview_outline import Outline
-
 # Enough to judge focus and framing where the page shows four images.
 _LONGEST_SIDE_PX = 800
 _BINS = 64  # 2^6, see the shift by bit_depth - 6
@@ -146,11 +144,11 @@ class Preview:
     _captured: str | None = None
     _overlays: tuple[str | None, int] = (None, 0)
 
-    def guide(self, text: str, outline: Outline | None) -> None:
+    def guide(self, text: str, outline_svg: str | None) -> None:
         """Show instructions for the placement, and over each image the required outline."""
         with self._lock:
             self._guide, self._measured = text, None
-            self._overlays = (None if outline is None else outline.svg(), self._overlays[1] + 1)
+            self._overlays = (outline_svg, self._overlays[1] + 1)
 
     def measured(self, text: str) -> None:
         """Show the measurement on the part that lies there now."""
