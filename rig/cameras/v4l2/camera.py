@@ -19,7 +19,7 @@ from rig.cameras.camera import (
 )
 from rig.errors import CameraError
 
-from .abi import CID_EXPOSURE_ABSOLUTE
+from .abi import Cid
 from .config import V4l2CameraConfig
 from .controls import find_control, list_controls, read_control
 from .device import (
@@ -271,7 +271,7 @@ def list_v4l2_cameras(dev: Path = DEV) -> list[ListedCamera]:
 def _listed(node: Path, device_name: str) -> ListedCamera:
     device = V4l2Device(str(node))
     try:
-        exposure = find_control(device, CID_EXPOSURE_ABSOLUTE)
+        exposure = find_control(device, Cid.EXPOSURE_ABSOLUTE)
         formats = tuple(device.formats())
         return ListedCamera(
             "v4l2",
