@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
@@ -11,23 +10,27 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple, Self
 
-import numpy as np
-import numpy.typing as npt
 from pydantic import Field, FiniteFloat, JsonValue
 
 from capture.base.errors import CalibrationError
-from classify.base.array_archive import ArchiveKind, ArrayArchive, open_archive, write_archive
+from classify.base.array_archive import (
+    ArchiveKind,
+    ArrayArchive,
+    arrays_sha256,
+    open_archive,
+    write_archive,
+)
+from classify.base.arrays import Array
 from classify.base.errors import InputError
 from classify.base.models import Record
 from classify.calibration.calibration import Calibration
 from classify.calibration.dark import measured_at
-from rig.set_file import fields_sha256
 
 from .parts import PART_NAMES, PartName, flattened, rebuilt
 from .setting import Setting
 
 SUFFIX = ".ps4cal"
-VERSION: Final = 2
+VERSION: Final = 3
 _KIND = ArchiveKind(
     noun="calibration",
     header="calibration.json",
@@ -100,33 +103,29 @@ class MeasuredPart:
 
 
 class _PartHeader(Record):
-    """A part without its arrays, for which their hashes stand."""
+    """A part with the names of its arrays."""
 
     record: PartRecord
     values: dict[str, JsonValue]
-    arrays: dict[str, str]
+    arrays: tuple[str, ...]
 
 
 class _Header(Record):
     format: Literal["ps4cal"] = "ps4cal"
-    version: Literal[2] = VERSION
+    version: Literal[3] = VERSION
     parts: dict[PartName, _PartHeader]
     sha256: str = ""
 
-    def hashed(self) -> Self:
-        """Return the header with the hash over all other fields."""
-        return self.model_copy(update={"sha256": self.own_sha256()})
-
-    def own_sha256(self) -> str:
-        """The hash over all other fields, and so over the arrays."""
-        return fields_sha256(self.model_dump(mode="json", exclude={"sha256"}))
+    def hash_with(self, arrays: Mapping[str, Array]) -> str:
+        """The hash over all other fields and the arrays."""
+        return arrays_sha256(self.model_dump_json(exclude={"sha256"}), arrays)
 
 
 class _Encoded(NamedTuple):
     """A calibration as it is in the file: the header, and the arrays by their names there."""
 
     header: _Header
-    arrays: dict[str, npt.NDArray[Any]]
+    arrays: dict[str, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,55 +223,44 @@ class CalibrationFile:
         path = Path(path)
         with open_archive(path, _KIND) as archive:
             header = archive.header(_Header)
-            if header.sha256 != header.own_sha256():
-                raise archive.error("its fields do not match their SHA-256: the file was changed")
-            arrays = {name: _arrays(archive, name, part) for name, part in header.parts.items()}
+            arrays = {
+                name: {key: archive.array(f"{name}/{key}.npy", _DTYPES) for key in part.arrays}
+                for name, part in header.parts.items()
+            }
+            members = {
+                f"{name}/{key}": array for name in arrays for key, array in arrays[name].items()
+            }
+            if header.sha256 != header.hash_with(members):
+                raise archive.error("its content does not match its SHA-256: the file was changed")
             parts = {
                 name: _part(archive, name, part, arrays[name])
                 for name, part in header.parts.items()
             }
         records = {name: part.record for name, part in header.parts.items()}
-        members = {f"{name}/{key}": array for name in arrays for key, array in arrays[name].items()}
         return cls(Calibration(**parts), records, path, _Encoded(header, members))
 
 
 def _encode(calibration: Calibration, records: Mapping[PartName, PartRecord]) -> _Encoded:
     parts: dict[PartName, _PartHeader] = {}
-    members: dict[str, npt.NDArray[Any]] = {}
+    members: dict[str, Array] = {}
     for name in PART_NAMES:
         part = getattr(calibration, name)
         if part is None:
             continue
         values, arrays = flattened(part)
-        hashes = {key: _sha256(array) for key, array in arrays.items()}
-        parts[name] = _PartHeader(record=records[name], values=values, arrays=hashes)
+        parts[name] = _PartHeader(record=records[name], values=values, arrays=tuple(arrays))
         members |= {f"{name}/{key}": array for key, array in arrays.items()}
-    return _Encoded(_Header(parts=parts).hashed(), members)
-
-
-def _arrays(
-    archive: ArrayArchive, name: PartName, header: _PartHeader
-) -> dict[str, npt.NDArray[Any]]:
-    arrays = {key: archive.array(f"{name}/{key}.npy", _DTYPES) for key in header.arrays}
-    for key, array in arrays.items():
-        if _sha256(array) != header.arrays[key]:
-            raise archive.error(f"{name}/{key} does not match its SHA-256: the file was changed")
-    return arrays
+    header = _Header(parts=parts)
+    return _Encoded(header.model_copy(update={"sha256": header.hash_with(members)}), members)
 
 
 def _part(
-    archive: ArrayArchive, name: PartName, header: _PartHeader, arrays: dict[str, npt.NDArray[Any]]
+    archive: ArrayArchive, name: PartName, header: _PartHeader, arrays: dict[str, Array]
 ) -> Any:
     try:
         return rebuilt(name, dict(header.values), arrays)
     except InputError as error:
         raise archive.error(f"{name}: {error}") from error
-
-
-def _sha256(array: npt.NDArray[Any]) -> str:
-    plain = np.ascontiguousarray(array)
-    description = f"{plain.dtype.str} {array.shape} ".encode()
-    return hashlib.sha256(description + plain.tobytes()).hexdigest()
 
 
 def stated_error(share: float, decimals: int) -> str:

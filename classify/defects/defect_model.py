@@ -1,10 +1,9 @@
 """`DefectModel`: a model of good parts of a texture, which shows where a part differs."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final, Literal, Self
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -70,27 +70,6 @@ class PieceMeasures:
     def seam(self) -> float:
         """The largest score of the directions of a window."""
         return float(self.seam_map.max())
-
-
-SUFFIX = ".ps4piece"
-_KIND = ArchiveKind(
-    noun="piece model",
-    header="pieces.json",
-    version=3,
-    if_missing="make one with ps4rig station teach",
-    remedy="teach it again",
-    error=PieceModelError,
-    # Two views of 1,000 windows of 28 float32, and two of 16, take 0.4 MB.
-    max_bytes=2**22,
-    max_header_bytes=2**16,
-)
-
-
-class _Header(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-    format: Literal["ps4piece"] = "ps4piece"
-    version: Literal[3] = 3
-    sha256: str
 
 
 @dataclass(frozen=True, eq=False)
