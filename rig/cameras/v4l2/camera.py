@@ -20,7 +20,6 @@ from rig.cameras.camera import (
 from rig.errors import CameraError
 
 from .abi import Cid
-from .config import V4l2CameraConfig
 from .controls import find_control, list_controls, read_control
 from .device import (
     DEV,
@@ -33,6 +32,7 @@ from .device import (
 )
 from .measurement_mode import (
     EXPOSURE_UNITS_PER_MS,
+    V4l2CameraConfig,
     check_measurement_mode,
     exposure_range_ms,
     pixel_values,

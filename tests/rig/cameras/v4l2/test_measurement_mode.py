@@ -11,10 +11,10 @@ import pytest
 
 from rig import CameraError
 from rig.cameras.v4l2 import abi
-from rig.cameras.v4l2.config import V4l2CameraConfig
 from rig.cameras.v4l2.controls import list_controls
 from rig.cameras.v4l2.device import V4l2Device
 from rig.cameras.v4l2.measurement_mode import (
+    V4l2CameraConfig,
     check_measurement_mode,
     exposure_range_ms,
     set_exposure,
