@@ -34,7 +34,7 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def sets_table(
+def _sets_table(
     plan: SessionPlan,
     entries: Sequence[SetEntry],
     present: Collection[tuple[str, float, int]],
@@ -212,7 +212,7 @@ class SessionFolder:
 
     def write_table(self, damaged: Mapping[str, str] = MappingProxyType({})) -> None:
         """Write ``sets.csv`` anew from the journal; `damaged` has the errors of files."""
-        table = sets_table(
+        table = _sets_table(
             self.plan, [*self.entries()], {entry.key for entry in self.captured()}, damaged
         )
         with durable_file(self.path / TABLE) as temporary:

@@ -30,7 +30,7 @@ _SATURATED_COLOUR = (40, 40, 255)
 
 
 @dataclass(frozen=True, eq=False)
-class PreviewImage:
+class _PreviewImage:
     """One frame as the page shows it."""
 
     png: bytes  # at most 800 px wide or high, saturated pixels in red
@@ -42,14 +42,14 @@ class PreviewImage:
     histogram: tuple[float, ...]  # shares of the pixels, 64 bins
 
 
-def preview_image(frame: Frame) -> PreviewImage:
+def preview_image(frame: Frame) -> _PreviewImage:
     full_scale = (1 << frame.bit_depth) - 1
     pixels = frame.pixels
     saturated = pixels >= full_scale
     counts = np.bincount((pixels >> max(frame.bit_depth - 6, 0)).ravel(), minlength=_BINS)
     mean = float(pixels.mean())
     detail = cv2.Laplacian(pixels.astype(np.float32), cv2.CV_32F)
-    return PreviewImage(
+    return _PreviewImage(
         png=_png(pixels, saturated, frame.bit_depth),
         sequence=frame.sequence,
         exposed_s=frame.exposure_start_s,
@@ -136,7 +136,7 @@ class Preview:
     _camera: str = ""
     _simulated: bool = False
     _lights: tuple[str, ...] = ()
-    _images: dict[int, PreviewImage] = field(default_factory=dict)
+    _images: dict[int, _PreviewImage] = field(default_factory=dict)
     _error: str | None = None
     _places: Places | None = None
     _guide: str | None = None
@@ -180,7 +180,7 @@ class Preview:
             round_s = len(self._lights) * (3.0 * info.frame_period_s + _PAUSE_S)
             self.stale_after_s = max(self.stale_after_s, 2.0 * round_s)
 
-    def shown(self, light: int, image: PreviewImage) -> None:
+    def shown(self, light: int, image: _PreviewImage) -> None:
         """Store the newest image under a light."""
         with self._lock:
             self._images[light] = image
@@ -261,7 +261,7 @@ def run_preview(
             stopping.wait(_RETRY_S)
 
 
-def _figures(name: str, image: PreviewImage | None, now_s: float) -> dict[str, Any]:
+def _figures(name: str, image: _PreviewImage | None, now_s: float) -> dict[str, Any]:
     if image is None:
         return {"name": name, "sequence": None}
     figures = {key: value for key, value in vars(image).items() if key not in ("png", "exposed_s")}

@@ -31,7 +31,7 @@ _LISTED = 3
 
 
 @dataclass(frozen=True)
-class ImportFinding:
+class _Finding:
     """The result of a check; `refutes` if no surface under these lights explains it."""
 
     cause: ImportCause
@@ -41,7 +41,7 @@ class ImportFinding:
 
 def check_photographs(
     images: LightImages, mask: npt.NDArray[np.bool_] | None, calibration: Calibration
-) -> tuple[list[ImportFinding], ChecksRecord]:
+) -> tuple[list[_Finding], ChecksRecord]:
     """Check photographs inside `mask` (H, W); four lights are compared after the calibration."""
     shading = shading_of(images.images, images.ambient, images.full_scale, mask)
     order = shading_order(shading, images.lighting)
@@ -66,19 +66,19 @@ def check_photographs(
     return findings, record
 
 
-def _equal(images: LightImages) -> Iterator[ImportFinding]:
+def _equal(images: LightImages) -> Iterator[_Finding]:
     for first, second, equal, comparable in images.equal_rows():
         if equal > _SAME_IMAGE * comparable:
             text = f"{first} and {second} are the same image in {equal} of {comparable} rows"
-            yield ImportFinding(ImportCause.EQUAL_IMAGES, text, refutes=True)
+            yield _Finding(ImportCause.EQUAL_IMAGES, text, refutes=True)
 
 
-def _levels(images: LightImages, mask: npt.NDArray[np.bool_] | None) -> Iterator[ImportFinding]:
+def _levels(images: LightImages, mask: npt.NDArray[np.bool_] | None) -> Iterator[_Finding]:
     inside = np.ones(images.ambient.shape, np.bool_) if mask is None else mask
     ambient = float(images.ambient[inside].mean())
     if ambient > acceptance.MAX_AMBIENT_SHARE * images.full_scale:
         share = ambient / images.full_scale
-        yield ImportFinding(
+        yield _Finding(
             ImportCause.SATURATION, f"ambient light fills {share:.0%} of the range", False
         )
     saturated = {
@@ -94,7 +94,7 @@ def _levels(images: LightImages, mask: npt.NDArray[np.bool_] | None) -> Iterator
             f"{_listed(over)}: up to {max(over.values()):.1%} of the pixels are saturated at "
             f"{images.full_scale}"
         )
-        yield ImportFinding(
+        yield _Finding(
             ImportCause.SATURATION, text, spoilt > 0 and len(saturated) - spoilt < _ENOUGH
         )
     signals = {
@@ -110,7 +110,7 @@ def _levels(images: LightImages, mask: npt.NDArray[np.bool_] | None) -> Iterator
     if dark:
         least = max(0.0, min(dark.values())) / max(brightest, 1e-9)
         text = f"{_listed(dark)}: down to {least:.1%} of the light of the brightest image"
-        yield ImportFinding(
+        yield _Finding(
             ImportCause.DARK, text, min(dark.values()) <= acceptance.MIN_SIGNAL_SHARE * brightest
         )
 
@@ -120,7 +120,7 @@ def _listed(names: Collection[str]) -> str:
     return first if len(names) <= _LISTED else f"{first} and {len(names) - _LISTED} more"
 
 
-def _detail(images: LightImages, explained: npt.NDArray[np.float64]) -> Iterator[ImportFinding]:
+def _detail(images: LightImages, explained: npt.NDArray[np.float64]) -> Iterator[_Finding]:
     if len(images.images) < 4:  # three images may well be independent
         return
     for name, share in zip(images.names, explained.tolist(), strict=False):
@@ -129,10 +129,10 @@ def _detail(images: LightImages, explained: npt.NDArray[np.float64]) -> Iterator
                 f"{name}: the other photographs explain {share:.0%} of its detail: it shows "
                 "another scene, or the part or the camera moved"
             )
-            yield ImportFinding(ImportCause.RESIDUAL, text, share < acceptance.MIN_EXPLAINED_DETAIL)
+            yield _Finding(ImportCause.RESIDUAL, text, share < acceptance.MIN_EXPLAINED_DETAIL)
 
 
-def _order(images: LightImages, order: ShadingOrder) -> Iterator[ImportFinding]:
+def _order(images: LightImages, order: ShadingOrder) -> Iterator[_Finding]:
     if order.verdict != "refuted":
         return
     tilts_deg, names = images.lighting.tilts_deg, images.names
@@ -149,15 +149,15 @@ def _order(images: LightImages, order: ShadingOrder) -> Iterator[ImportFinding]:
         image, light = moved[0], order.order[moved[0]]
         text = f"by its shading {names[image]} was taken under the light of {names[light]}"
         text += " and the other way round" if len(moved) == 2 else ", and others in this order too"
-    yield ImportFinding(ImportCause.LIGHT_ORDER, text, refutes=True)
+    yield _Finding(ImportCause.LIGHT_ORDER, text, refutes=True)
 
 
-def _four_lights(images: LightImages, agreement: LightAgreement | None) -> Iterator[ImportFinding]:
+def _four_lights(images: LightImages, agreement: LightAgreement | None) -> Iterator[_Finding]:
     if len(images.images) == 4 and agreement is None:
         try:
             drop_one_constants(images.lighting, "ps4_robust")
         except InputError as error:
-            yield ImportFinding(
+            yield _Finding(
                 ImportCause.RESIDUAL, f"{error}; solve with --method least_squares", False
             )
     if agreement is None or agreement.levels is None:
@@ -174,4 +174,4 @@ def _four_lights(images: LightImages, agreement: LightAgreement | None) -> Itera
             text = (
                 f"{name}: by the redundancy of the images its light gives {level:.0%} {reference}"
             )
-            yield ImportFinding(ImportCause.RESIDUAL, text, False)
+            yield _Finding(ImportCause.RESIDUAL, text, False)

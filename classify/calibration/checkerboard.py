@@ -44,7 +44,7 @@ _TILTED_FOR_FOCAL = 2
 
 
 @dataclass(frozen=True, eq=False)
-class CheckerboardScale:
+class _CheckerboardScale:
     """The scale from a checkerboard."""
 
     scale: Scale
@@ -98,7 +98,7 @@ def scale_of_boards(
     corners: tuple[int, int],
     square_mm: float,
     frame: tuple[int, int],
-) -> CheckerboardScale:
+) -> _CheckerboardScale:
     """Fit scale and radial distortion to (n, 2) corners of one board's placements (Zhang 2000)."""
     if not 0.0 < square_mm < np.inf:
         raise InputError(f"squares of {square_mm:g} mm; give their side, a positive number")
@@ -152,7 +152,7 @@ def scale_of_boards(
         residual_px=fit.residual_px,
         focal_error=focal_error,
     )
-    return CheckerboardScale(
+    return _CheckerboardScale(
         scale, fit.tilts_deg, distortion_px, reach / float(np.linalg.norm(middle))
     )
 

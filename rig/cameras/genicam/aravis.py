@@ -153,7 +153,7 @@ def call(name: str, *arguments: Any) -> Any:
 
 
 @dataclass(frozen=True)
-class FoundDevice:
+class _FoundDevice:
     """A camera that answered the search."""
 
     device: str
@@ -161,7 +161,7 @@ class FoundDevice:
     protocol: str
 
 
-def find_devices() -> list[FoundDevice]:
+def find_devices() -> list[_FoundDevice]:
     """Search networks and USB for half a second."""
     call("arv_update_device_list")
 
@@ -169,7 +169,7 @@ def find_devices() -> list[FoundDevice]:
         return (call(f"arv_get_device_{what}", number) or b"").decode(errors="replace")
 
     return [
-        FoundDevice(
+        _FoundDevice(
             text("id", number),
             f"{text('vendor', number)} {text('model', number)}".strip(),
             text("protocol", number),

@@ -106,14 +106,14 @@ _Setting = tuple[Control, int]
 
 
 @dataclass(frozen=True)
-class MeasurementMode:
+class _Mode:
     """Controls with the values that they must keep, and the exposure time."""
 
     settings: tuple[_Setting, ...]
     exposure_s: float
 
 
-def set_measurement_mode(device: V4l2Device, config: V4l2CameraConfig) -> MeasurementMode:
+def set_measurement_mode(device: V4l2Device, config: V4l2CameraConfig) -> _Mode:
     """Set exposure, gain and gamma, turn off automatic controls, read all back."""
     settings: list[_Setting] = []
     faults: list[ControlFault] = []
@@ -124,7 +124,7 @@ def set_measurement_mode(device: V4l2Device, config: V4l2CameraConfig) -> Measur
             faults += error.faults
     exposures = (value for control, value in settings if control.id == abi.Cid.EXPOSURE_ABSOLUTE)
     units = next(exposures, config.exposure_ms * EXPOSURE_UNITS_PER_MS)
-    mode = MeasurementMode(tuple(settings), units / (1e3 * EXPOSURE_UNITS_PER_MS))
+    mode = _Mode(tuple(settings), units / (1e3 * EXPOSURE_UNITS_PER_MS))
     # A control may change another one that was set before.
     faults += _changed(device, mode)
     if faults:
@@ -152,22 +152,22 @@ def exposure_range_ms(device: V4l2Device, config: V4l2CameraConfig) -> tuple[flo
     return shortest / EXPOSURE_UNITS_PER_MS, longest / EXPOSURE_UNITS_PER_MS
 
 
-def set_exposure(device: V4l2Device, mode: MeasurementMode, exposure_ms: float) -> MeasurementMode:
+def set_exposure(device: V4l2Device, mode: _Mode, exposure_ms: float) -> _Mode:
     """Change the exposure of a streaming camera, and read every control back."""
     control, units = _set_exposure_time(device, exposure_ms)
     others = tuple(setting for setting in mode.settings if setting[0].id != control.id)
-    changed = MeasurementMode((*others, (control, units)), units / (1e3 * EXPOSURE_UNITS_PER_MS))
+    changed = _Mode((*others, (control, units)), units / (1e3 * EXPOSURE_UNITS_PER_MS))
     check_measurement_mode(device, changed)
     return changed
 
 
-def check_measurement_mode(device: V4l2Device, mode: MeasurementMode) -> None:
+def check_measurement_mode(device: V4l2Device, mode: _Mode) -> None:
     """Read every control again; raise a `ControlError` that names all that changed."""
     if faults := _changed(device, mode):
         raise ControlError(device.path, *faults)
 
 
-def _changed(device: V4l2Device, mode: MeasurementMode) -> list[ControlFault]:
+def _changed(device: V4l2Device, mode: _Mode) -> list[ControlFault]:
     faults: list[ControlFault] = []
     for control, value in mode.settings:
         try:
