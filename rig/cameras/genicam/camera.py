@@ -121,7 +121,7 @@ class GenicamCamera:
 
     def _advice(self) -> str:
         try:
-            self._camera.integer("Width")
+            self._camera.value("Width", int)
         except CameraError:
             return "the camera does not answer; check its cable and supply, and open it again"
         if self._config.trigger_line is not None:
@@ -132,7 +132,9 @@ class GenicamCamera:
         """The camera's state for a set's metadata."""
         camera, config = self._camera, self._config
         names = ("DeviceVersion", "DeviceFirmwareVersion", "DeviceSerialNumber", *OFF)
-        record: dict[str, Any] = {name: camera.text(name) for name in names if camera.has(name)}
+        record: dict[str, Any] = {
+            name: camera.value(name, str) for name in names if camera.has(name)
+        }
         record["genicam"] = {
             "device": config.device,
             "pixel_format": config.pixel_format,
@@ -144,7 +146,7 @@ class GenicamCamera:
             "timing_measured_at": config.timing_measured_at,
         }
         if camera.has("GevSCPSPacketSize"):
-            record["genicam"]["packet_bytes"] = camera.integer("GevSCPSPacketSize")
+            record["genicam"]["packet_bytes"] = camera.value("GevSCPSPacketSize", int)
         return record
 
 
@@ -152,9 +154,9 @@ def _pixel_values(camera: AravisCamera) -> dict[str, Any]:
     """Gain, gamma and further values that change a pixel, as fields of `CameraInfo`."""
     return {
         "gain": camera.gain,
-        "gamma": camera.number("Gamma") if camera.has("Gamma") else None,
+        "gamma": camera.value("Gamma", float) if camera.has("Gamma") else None,
         "pixel_value_controls": {
-            name: camera.number(name) for name in _PIXEL_VALUES if camera.has(name)
+            name: camera.value(name, float) for name in _PIXEL_VALUES if camera.has(name)
         },
     }
 
@@ -200,7 +202,7 @@ def _listed(device: str, name: str, protocol: str) -> ListedCamera:
         best = next((each for each in _PREFERRED if each in formats), None)
         lines: tuple[str, ...] = ()
         if best is not None:
-            width_px, height_px = camera.integer("Width"), camera.integer("Height")
+            width_px, height_px = camera.value("Width", int), camera.value("Height", int)
             lines = (
                 f'pixel_format = "{best}"',
                 f"width_px = {width_px}",

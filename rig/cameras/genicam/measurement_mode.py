@@ -63,15 +63,9 @@ class Settings:
         """Set a feature and read it back."""
         camera = self._camera
         try:
-            if isinstance(value, str):
-                camera.set_text(feature, value)
-                self.compare(feature, value, camera.text(feature))
-            elif isinstance(value, int):
-                camera.set_integer(feature, value)
-                self.compare(feature, value, camera.integer(feature))
-            else:
-                camera.set_number(feature, value)
-                self.compare(feature, value, camera.number(feature))
+            camera.set_value(feature, value)
+            kind: Any = type(value)
+            self.compare(feature, value, camera.value(feature, kind))
         except CameraError as error:
             self.compare(feature, value, str(error))
 
@@ -153,7 +147,7 @@ def _require_format(camera: AravisCamera, pixel_format: str) -> None:
 def _set_trigger(camera: AravisCamera, settings: Settings, line: str | None) -> None:
     """Let a rising edge at `line` start each exposure; without one the camera runs free."""
     for selector in camera.entries("TriggerSelector") if camera.has("TriggerSelector") else ():
-        camera.set_text("TriggerSelector", selector)
+        camera.set_value("TriggerSelector", selector)
         settings.hold("TriggerMode", "Off")
     if line is not None:
         settings.hold("TriggerSelector", "FrameStart")
