@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import asdict, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
@@ -21,7 +21,6 @@ from capture.sets.captured_set import CapturedSet
 from capture.sets.image_checks import LightImages
 from capture.sets.metadata import (
     CameraRecord,
-    ControllerRecord,
     LightingRecord,
     SetMetadata,
     image_noise,
@@ -186,7 +185,7 @@ def _attempt(
         settle_ms=config.lights.settle_ms,
         synchronisation=config.lights.synchronisation,
         camera=camera,
-        controller=ControllerRecord(**asdict(rig.lights.identity)),
+        controller=rig.lights.identity,
         failed_attempts=tuple(map(str, failures)),
         calibration_ids=() if calibration is None else (calibration.hash,),
         mm_per_px=at_exposure.mm_per_px,
@@ -268,16 +267,6 @@ def _flush(rig: Rig) -> None:
 
 
 def _camera_record(info: CameraInfo) -> CameraRecord:
-    return CameraRecord(
-        kind=info.kind,
-        name=info.name,
-        exposure_ms=1000.0 * info.exposure_s,
-        frame_rate_hz=1.0 / info.frame_period_s,
-        gain_e_per_dn=info.gain_e_per_dn,
-        read_noise_dn=info.read_noise_dn,
-        black_level_dn=info.black_level_dn,
-        gain=info.gain,
-        gamma=info.gamma,
-        pixel_value_controls=dict(info.pixel_value_controls),
-        controls=dict(info.controls),
-    )
+    timing = {"exposure_ms": 1000.0 * info.exposure_s, "frame_rate_hz": 1.0 / info.frame_period_s}
+    alike = {name: getattr(info, name) for name in CameraRecord.model_fields.keys() - timing.keys()}
+    return CameraRecord(**alike, **timing)
