@@ -105,22 +105,7 @@ def scale_of_boards(
     across, along = np.meshgrid(np.arange(corners[0]), np.arange(corners[1]))
     board = square_mm * np.stack([across.ravel(), along.ravel()], axis=1).astype(np.float64)
     board -= board.mean(axis=0)
-    camera, focal_error = nominal_camera_matrix(frame), None
-    fit = _Fit.of(boards, board, frame, camera, _FIXED)
-    if np.count_nonzero(fit.tilts_deg > _FLAT_DEG) >= _TILTED_FOR_FOCAL:
-        free = _Fit.of(boards, board, frame, camera, 0)
-        if free.focal_px < 100.0 * max(frame) and free.focal_error <= _KNOWN_FOCAL:
-            camera[0, 0] = camera[1, 1] = free.focal_px
-            focal_error = free.focal_error
-            fit = _Fit.of(boards, board, frame, camera, _FIXED)
-    freedom = (2 * len(board) - 6) * len(boards)
-    for fixed in (_FIXED - cv2.CALIB_FIX_K1, cv2.CALIB_FIX_FOCAL_LENGTH):
-        better = _Fit.of(boards, board, frame, camera, fixed)
-        moved = np.concatenate([_shift(points, better.radial, camera) for points in boards])
-        is_visible = np.linalg.norm(moved, axis=1).max() > _VISIBLE_DISTORTION * better.residual_px
-        explained = fit.residual_px**2 - better.residual_px**2
-        if is_visible and explained > _SIGNIFICANT * better.residual_px**2 / freedom:
-            fit = better
+    fit, camera, focal_error = _fitted(boards, board, frame)
     if fit.residual_px > _WORST_RESIDUAL_PX:
         raise CalibrationRejected(
             f"the corners are {fit.residual_px:.1f} px off a flat board; count its inner corners "
@@ -155,6 +140,30 @@ def scale_of_boards(
     return _CheckerboardScale(
         scale, fit.tilts_deg, distortion_px, reach / float(np.linalg.norm(middle))
     )
+
+
+def _fitted(
+    boards: Sequence[Floats], board: Floats, frame: tuple[int, int]
+) -> tuple[_Fit, Floats, float | None]:
+    """Fit the lens with as many values as are significant; also its matrix and focal error."""
+    camera = nominal_camera_matrix(frame)
+    focal_error = None
+    fit = _Fit.of(boards, board, frame, camera, _FIXED)
+    if np.count_nonzero(fit.tilts_deg > _FLAT_DEG) >= _TILTED_FOR_FOCAL:
+        free = _Fit.of(boards, board, frame, camera, 0)
+        if free.focal_px < 100.0 * max(frame) and free.focal_error <= _KNOWN_FOCAL:
+            camera[0, 0] = camera[1, 1] = free.focal_px
+            focal_error = free.focal_error
+            fit = _Fit.of(boards, board, frame, camera, _FIXED)
+    freedom = (2 * len(board) - 6) * len(boards)
+    for fixed in (_FIXED - cv2.CALIB_FIX_K1, cv2.CALIB_FIX_FOCAL_LENGTH):
+        better = _Fit.of(boards, board, frame, camera, fixed)
+        moved = np.concatenate([_shift(points, better.radial, camera) for points in boards])
+        is_visible = np.linalg.norm(moved, axis=1).max() > _VISIBLE_DISTORTION * better.residual_px
+        explained = fit.residual_px**2 - better.residual_px**2
+        if is_visible and explained > _SIGNIFICANT * better.residual_px**2 / freedom:
+            fit = better
+    return fit, camera, focal_error
 
 
 _FIXED = cv2.CALIB_FIX_FOCAL_LENGTH + cv2.CALIB_FIX_K1 + cv2.CALIB_FIX_K2
