@@ -16,9 +16,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
 
 from capture.base.page import number_text, rendered, svg_uri
-from capture.calibration.parts import PART_NAMES, PartName
 from capture.calibration.ps4cal import CalibrationFile, PartRecord
-from capture.calibration.setting import Setting
+from capture.calibration.setting import PART_NAMES, PartName, Setting
 from capture.maps.pictures import ColourScale
 from capture.maps.views import SHOWN_LIGHTS, MapView
 from classify import Lighting

@@ -12,9 +12,8 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from capture.base.errors import CalibrationError
-from capture.calibration.parts import PART_NAMES, flattened, rebuilt
-from capture.calibration.ps4cal import CalibrationFile, PartRecord
-from capture.calibration.setting import Setting
+from capture.calibration.ps4cal import CalibrationFile, PartRecord, flattened, rebuilt
+from capture.calibration.setting import PART_NAMES, Setting
 from classify import InputError, Lighting, SensorNoise
 from classify.calibration.calibration import CalibratedLights, Calibration
 from classify.calibration.correction import Response, Scale
