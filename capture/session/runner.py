@@ -18,11 +18,10 @@ from classify.base.errors import InputError, Ps4rigError
 from rig import HardwareError, Placement, Rig, RigConfig, open_rig
 
 from . import events
-from .corrections import enter_corrections
 from .events import Answer, Ask, Publish
 from .folder import SessionFolder
 from .journal import FinishReason, RunRecord, SetEntry
-from .measures import SpecimenReference, measures_of_first
+from .measures import SpecimenReference, enter_corrections, measures_of_first
 from .plan import SEARCH, PlannedSet
 from .plan_change import rig_changes, rig_settings
 from .rig_checks import check_rig, compare_rig, find_exposure_ms, turn_specimen
