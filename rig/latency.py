@@ -191,7 +191,7 @@ _SETTLED_PER_RISE = math.log(1000.0) / math.log(9.0)
 
 
 @dataclass(frozen=True)
-class CompleteChange:
+class _CompleteChange:
     """Time from the acknowledge to the first frame in which a row has changed completely."""
 
     typical_ms: float  # median until the program has the frame
@@ -205,8 +205,8 @@ class CameraLatency:
 
     camera: dict[str, str | float]  # keys and values for [camera]
     settle_ms: float  # until the light is within a thousandth of its level
-    first_row: CompleteChange
-    last_row: CompleteChange
+    first_row: _CompleteChange
+    last_row: _CompleteChange
     fit: StepFit
     switches: int
 
@@ -287,7 +287,7 @@ def _camera_keys(
     }
 
 
-def _complete_change(done: BoolArray, after_s: Floats, of_step: Indices) -> CompleteChange:
+def _complete_change(done: BoolArray, after_s: Floats, of_step: Indices) -> _CompleteChange:
     times_s, frames = [], []
     for step in np.unique(of_step):
         chosen = np.flatnonzero(of_step == step)
@@ -301,7 +301,7 @@ def _complete_change(done: BoolArray, after_s: Floats, of_step: Indices) -> Comp
         raise CameraError(
             "no frame shows a complete change of the light; shield the rig from other light"
         )
-    return CompleteChange(1e3 * float(np.median(times_s)), 1e3 * max(times_s), max(frames))
+    return _CompleteChange(1e3 * float(np.median(times_s)), 1e3 * max(times_s), max(frames))
 
 
 def _rounded_up(value_ms: float) -> float:

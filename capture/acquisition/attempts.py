@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import asdict, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
@@ -21,7 +21,6 @@ from capture.sets.captured_set import CapturedSet
 from capture.sets.image_checks import LightImages
 from capture.sets.metadata import (
     CameraRecord,
-    ControllerRecord,
     LightingRecord,
     SetMetadata,
     image_noise,
@@ -155,19 +154,9 @@ def _attempt(
     pixel_hash = PixelHash()
     add_page = partial(_add_page, pixel_hash, len(rig.lighting))
     captured = _capture(rig, average, history, add_page, part)
-    lights = _light_images(captured)
-    ambient, *later_ambient = (image for image in captured if image.record.light is None)
-    full_scale = (1 << info.bit_depth) - 1 if average == 1 else 65535
     camera = _camera_record(info)
-    images = LightImages(
-        _stack(lights),
-        ambient.pixels,
-        later_ambient[0].pixels if later_ambient else None,
-        rig.lighting,
-        [light_name(rig, light) for light in range(len(rig.lighting))],
-        full_scale,
-        image_noise(camera.noise, info.bit_depth, full_scale, average),
-    )
+    images = _images_of(rig, captured, average, camera)
+    ambient = next(image for image in captured if image.record.light is None)
     at_exposure = (
         Calibration() if calibration is None else calibration.calibration.at(camera.exposure_ms)
     )
@@ -177,16 +166,16 @@ def _attempt(
         created_utc=utc_text(created, timespec="milliseconds"),
         simulated=rig.is_simulated,
         bit_depth=info.bit_depth,
-        full_scale=full_scale,
+        full_scale=int(images.full_scale),
         lighting=LightingRecord.of(rig.lighting),
-        images=tuple(image.record for image in (*lights, ambient)),
+        images=tuple(image.record for image in (*_light_images(captured), ambient)),
         orientation_deg=None if placement is None else placement.rotate_deg,
         placement=placement,
         rig_name=config.name,
         settle_ms=config.lights.settle_ms,
         synchronisation=config.lights.synchronisation,
         camera=camera,
-        controller=ControllerRecord(**asdict(rig.lights.identity)),
+        controller=rig.lights.identity,
         failed_attempts=tuple(map(str, failures)),
         calibration_ids=() if calibration is None else (calibration.hash,),
         mm_per_px=at_exposure.mm_per_px,
@@ -206,6 +195,24 @@ def _attempt(
         corrected = replace(rig.lighting, intensities=rig.lighting.intensities * levels)
         checked["lighting"] = LightingRecord.of(corrected)
     return replace(unchecked, metadata=metadata.model_copy(update=checked))
+
+
+def _images_of(
+    rig: Rig, captured: list[SetImage], average: int, camera: CameraRecord
+) -> LightImages:
+    """The images of a set for its checks."""
+    ambient, *later_ambient = (image for image in captured if image.record.light is None)
+    bit_depth = rig.camera.info.bit_depth
+    full_scale = (1 << bit_depth) - 1 if average == 1 else 65535
+    return LightImages(
+        _stack(_light_images(captured)),
+        ambient.pixels,
+        later_ambient[0].pixels if later_ambient else None,
+        rig.lighting,
+        [light_name(rig, light) for light in range(len(rig.lighting))],
+        full_scale,
+        image_noise(camera.noise, bit_depth, full_scale, average),
+    )
 
 
 def _capture(
@@ -268,16 +275,6 @@ def _flush(rig: Rig) -> None:
 
 
 def _camera_record(info: CameraInfo) -> CameraRecord:
-    return CameraRecord(
-        kind=info.kind,
-        name=info.name,
-        exposure_ms=1000.0 * info.exposure_s,
-        frame_rate_hz=1.0 / info.frame_period_s,
-        gain_e_per_dn=info.gain_e_per_dn,
-        read_noise_dn=info.read_noise_dn,
-        black_level_dn=info.black_level_dn,
-        gain=info.gain,
-        gamma=info.gamma,
-        pixel_value_controls=dict(info.pixel_value_controls),
-        controls=dict(info.controls),
-    )
+    timing = {"exposure_ms": 1000.0 * info.exposure_s, "frame_rate_hz": 1.0 / info.frame_period_s}
+    alike = {name: getattr(info, name) for name in CameraRecord.model_fields.keys() - timing.keys()}
+    return CameraRecord(**alike, **timing)

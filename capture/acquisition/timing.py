@@ -18,7 +18,7 @@ _SIMULATED_MODES = ((30.0, 20.0), (60.0, 8.0))
 
 
 @dataclass(frozen=True)
-class SetTiming:
+class _SetTiming:
     """Durations of sets on the rig's clock."""
 
     synchronisation: Literal["software", "strobe", "trigger"]
@@ -55,7 +55,7 @@ def compared_configs(config: RigConfig) -> Iterator[RigConfig]:
     yield config
 
 
-def measure_set_timing(config: RigConfig, sets: int) -> SetTiming:
+def measure_set_timing(config: RigConfig, sets: int) -> _SetTiming:
     """Capture sets until `sets` of them are accepted, or as many rejected."""
     accepted: list[CapturedSet] = []
     durations_s: list[float] = []
@@ -78,7 +78,7 @@ def measure_set_timing(config: RigConfig, sets: int) -> SetTiming:
             )
         info = rig.camera.info
         simulated_virtual = config.is_simulated and config.simulation.clock == "virtual"
-        return SetTiming(
+        return _SetTiming(
             synchronisation=synchronisation,
             frame_rate_hz=1.0 / info.frame_period_s,
             exposure_ms=1e3 * info.exposure_s,

@@ -2,32 +2,36 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from datetime import UTC, datetime
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Final, Literal, NamedTuple, Self
+from typing import Any, Final, Literal, NamedTuple, Self, get_args, get_origin, get_type_hints
 
 import numpy as np
-import numpy.typing as npt
-from pydantic import Field, FiniteFloat, JsonValue
+from pydantic import Field, FiniteFloat, JsonValue, TypeAdapter
 
 from capture.base.errors import CalibrationError
-from classify.base.array_archive import ArchiveKind, ArrayArchive, open_archive, write_archive
+from classify import Lighting
+from classify.base.array_archive import (
+    ArchiveKind,
+    ArrayArchive,
+    arrays_sha256,
+    open_archive,
+    write_archive,
+)
+from classify.base.arrays import Array
 from classify.base.errors import InputError
 from classify.base.models import Record
 from classify.calibration.calibration import Calibration
 from classify.calibration.dark import measured_at
-from rig.set_file import fields_sha256
 
-from .parts import PART_NAMES, PartName, flattened, rebuilt
-from .setting import Setting
+from .setting import PART_NAMES, PartName, Setting
 
 SUFFIX = ".ps4cal"
-VERSION: Final = 2
+VERSION: Final = 3
 _KIND = ArchiveKind(
     noun="calibration",
     header="calibration.json",
@@ -100,33 +104,29 @@ class MeasuredPart:
 
 
 class _PartHeader(Record):
-    """A part without its arrays, for which their hashes stand."""
+    """A part with the names of its arrays."""
 
     record: PartRecord
     values: dict[str, JsonValue]
-    arrays: dict[str, str]
+    arrays: tuple[str, ...]
 
 
 class _Header(Record):
     format: Literal["ps4cal"] = "ps4cal"
-    version: Literal[2] = VERSION
+    version: Literal[3] = VERSION
     parts: dict[PartName, _PartHeader]
     sha256: str = ""
 
-    def hashed(self) -> Self:
-        """Return the header with the hash over all other fields."""
-        return self.model_copy(update={"sha256": self.own_sha256()})
-
-    def own_sha256(self) -> str:
-        """The hash over all other fields, and so over the arrays."""
-        return fields_sha256(self.model_dump(mode="json", exclude={"sha256"}))
+    def hash_with(self, arrays: Mapping[str, Array]) -> str:
+        """The hash over all other fields and the arrays."""
+        return arrays_sha256(self.model_dump_json(exclude={"sha256"}), arrays)
 
 
 class _Encoded(NamedTuple):
     """A calibration as it is in the file: the header, and the arrays by their names there."""
 
     header: _Header
-    arrays: dict[str, npt.NDArray[Any]]
+    arrays: dict[str, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,44 +224,39 @@ class CalibrationFile:
         path = Path(path)
         with open_archive(path, _KIND) as archive:
             header = archive.header(_Header)
-            if header.sha256 != header.own_sha256():
-                raise archive.error("its fields do not match their SHA-256: the file was changed")
-            arrays = {name: _arrays(archive, name, part) for name, part in header.parts.items()}
+            arrays = {
+                name: {key: archive.array(f"{name}/{key}.npy", _DTYPES) for key in part.arrays}
+                for name, part in header.parts.items()
+            }
+            members = {
+                f"{name}/{key}": array for name in arrays for key, array in arrays[name].items()
+            }
+            if header.sha256 != header.hash_with(members):
+                raise archive.error("its content does not match its SHA-256: the file was changed")
             parts = {
                 name: _part(archive, name, part, arrays[name])
                 for name, part in header.parts.items()
             }
         records = {name: part.record for name, part in header.parts.items()}
-        members = {f"{name}/{key}": array for name in arrays for key, array in arrays[name].items()}
         return cls(Calibration(**parts), records, path, _Encoded(header, members))
 
 
 def _encode(calibration: Calibration, records: Mapping[PartName, PartRecord]) -> _Encoded:
     parts: dict[PartName, _PartHeader] = {}
-    members: dict[str, npt.NDArray[Any]] = {}
+    members: dict[str, Array] = {}
     for name in PART_NAMES:
         part = getattr(calibration, name)
         if part is None:
             continue
         values, arrays = flattened(part)
-        hashes = {key: _sha256(array) for key, array in arrays.items()}
-        parts[name] = _PartHeader(record=records[name], values=values, arrays=hashes)
+        parts[name] = _PartHeader(record=records[name], values=values, arrays=tuple(arrays))
         members |= {f"{name}/{key}": array for key, array in arrays.items()}
-    return _Encoded(_Header(parts=parts).hashed(), members)
-
-
-def _arrays(
-    archive: ArrayArchive, name: PartName, header: _PartHeader
-) -> dict[str, npt.NDArray[Any]]:
-    arrays = {key: archive.array(f"{name}/{key}.npy", _DTYPES) for key in header.arrays}
-    for key, array in arrays.items():
-        if _sha256(array) != header.arrays[key]:
-            raise archive.error(f"{name}/{key} does not match its SHA-256: the file was changed")
-    return arrays
+    header = _Header(parts=parts)
+    return _Encoded(header.model_copy(update={"sha256": header.hash_with(members)}), members)
 
 
 def _part(
-    archive: ArrayArchive, name: PartName, header: _PartHeader, arrays: dict[str, npt.NDArray[Any]]
+    archive: ArrayArchive, name: PartName, header: _PartHeader, arrays: dict[str, Array]
 ) -> Any:
     try:
         return rebuilt(name, dict(header.values), arrays)
@@ -269,12 +264,105 @@ def _part(
         raise archive.error(f"{name}: {error}") from error
 
 
-def _sha256(array: npt.NDArray[Any]) -> str:
-    plain = np.ascontiguousarray(array)
-    description = f"{plain.dtype.str} {array.shape} ".encode()
-    return hashlib.sha256(description + plain.tobytes()).hexdigest()
-
-
 def stated_error(share: float, decimals: int) -> str:
     """Return an error in percent; one that rounds to 0 is given as the smallest that does not."""
     return f"{max(share, 0.01 * 10.0**-decimals):.{decimals}%}"
+
+
+_Values = dict[str, Any]
+
+# A dark part of 16 exposures has 15.
+_MOST_LEVELS = 20
+
+
+def flattened(part: Any) -> tuple[_Values, dict[str, Array]]:
+    """The plain values and the arrays of a part, each by the path of its field."""
+    values: _Values = {}
+    arrays: dict[str, Array] = {}
+
+    def take(owner: Any, path: str) -> None:
+        for entry in fields(owner):
+            value, name = getattr(owner, entry.name), path + entry.name
+            # Intensities that were not given are all 1, and are not stored.
+            absent = isinstance(owner, Lighting) and entry.name == "intensities"
+            if not entry.init or (absent and not owner.intensities_given):
+                continue
+            if isinstance(value, np.ndarray):
+                arrays[name] = value
+            elif is_dataclass(value):
+                take(value, name + ".")
+            else:
+                values[name] = list(value) if isinstance(value, tuple) else value
+
+    take(part, "")
+    return values, arrays
+
+
+def rebuilt(name: PartName, values: _Values, arrays: dict[str, Array]) -> Any:
+    """Return the part of `flattened`."""
+    left = {*values, *arrays}
+    if max((field_path.count(".") for field_path in left), default=0) > _MOST_LEVELS:
+        raise InputError(f"fields are nested more than {_MOST_LEVELS} times")
+
+    def put(kind: Any, path: str) -> Any:
+        arguments: dict[str, Any] = {}
+        hints = get_type_hints(kind)
+        for entry in fields(kind):
+            hint, field_path = hints[entry.name], path + entry.name
+            if not entry.init:
+                continue
+            if field_path in arrays:
+                arguments[entry.name] = _checked_array(arrays[field_path], hint, field_path)
+            elif field_path in values:
+                arguments[entry.name] = _checked_value(values[field_path], hint, field_path)
+            elif any(remaining.startswith(field_path + ".") for remaining in left):
+                arguments[entry.name] = put(
+                    _part_of(hint, is_dataclass, field_path), field_path + "."
+                )
+            left.discard(field_path)
+        try:
+            return kind(**arguments)
+        except TypeError as error:  # a field without default is missing
+            raise InputError(f"{path or name}: {error}") from error
+
+    part = put(_part_of(get_type_hints(Calibration)[name], is_dataclass, name), "")
+    if left:
+        raise InputError(f"field {min(left)!r} is unknown")
+    return part
+
+
+def _part_of(hint: Any, is_wanted: Any, path: str) -> Any:
+    """The first of the alternatives of `hint` for which `wanted` is true."""
+    for alternative in (hint, *get_args(hint)):
+        if is_wanted(alternative):
+            return alternative
+    raise InputError(f"field {path} is of another kind")
+
+
+def _is_array(hint: Any) -> bool:
+    origin: Any = get_origin(hint)
+    return origin is np.ndarray
+
+
+def _checked_array(array: Array, hint: Any, path: str) -> Array:
+    kind = _part_of(hint, _is_array, path)
+    dtype = get_args(get_args(kind)[1])[0]
+    if array.dtype != np.dtype(dtype) or (array.dtype.kind == "f" and not np.isfinite(array).all()):
+        raise InputError(f"field {path} is {array.dtype}, or contains NaN; wanted is {dtype}")
+    return array
+
+
+def _checked_value(value: Any, hint: Any, path: str) -> Any:
+    arrays_or_parts = any(
+        is_dataclass(alternative) or _is_array(alternative)
+        for alternative in (hint, *get_args(hint))
+    )
+    if value is None and type(None) in get_args(hint):
+        return None
+    if arrays_or_parts:
+        raise InputError(f"field {path} is of another kind")
+    adapter: TypeAdapter[Any] = TypeAdapter(hint, config={"allow_inf_nan": False})
+    try:
+        return adapter.validate_python(tuple(value) if isinstance(value, list) else value)
+    except ValueError as error:
+        raise InputError(f"field {path} is {value!r}") from error

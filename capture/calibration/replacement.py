@@ -16,8 +16,8 @@ from classify.calibration.photon_transfer import Noise
 from classify.lights.flat_field import FlatField
 
 from .lookup import OLD_DAYS
-from .parts import PartName
 from .ps4cal import CalibrationFile, MeasuredPart, PartRecord
+from .setting import PartName
 
 # A difference of three standard errors is no chance: normal errors reach it once in 370.
 _FACTOR = 3.0

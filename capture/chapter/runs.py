@@ -16,7 +16,7 @@ from .patches import CachedPatch, solves_as_planar
 
 
 @dataclass(frozen=True)
-class TrainingTask:
+class _TrainingTask:
     """The training runs of an experiment at one slant, on the same patches."""
 
     experiment: plan.Experiment
@@ -45,13 +45,13 @@ class System(NamedTuple):
     protocol: plan.Protocol = "disjoint"
 
 
-def training_tasks(experiment: plan.Experiment, folder: Path) -> list[TrainingTask]:
+def training_tasks(experiment: plan.Experiment, folder: Path) -> list[_TrainingTask]:
     """Group the runs that share scenes."""
     groups: dict[tuple[object, ...], list[plan.TrainingRun]] = {}
     for run in experiment.training:
         key = (run.conditions.slant_deg, run.orientations_deg, run.places)
         groups.setdefault(key, []).append(run)
-    return [TrainingTask(experiment, tuple(runs), folder) for runs in groups.values()]
+    return [_TrainingTask(experiment, tuple(runs), folder) for runs in groups.values()]
 
 
 def library_path(
@@ -61,7 +61,7 @@ def library_path(
     return folder / f"{experiment} {run.name} {solver} {classifier}.ps4lib"
 
 
-def train(task: TrainingTask) -> None:
+def train(task: _TrainingTask) -> None:
     """Write the libraries of some training runs."""
     experiment, first = task.experiment, task.runs[0]
     rows: dict[tuple[Path, int, Method, str], list[TrainingRow]] = {}
@@ -100,7 +100,7 @@ def patch_tasks(experiment: plan.Experiment, folder: Path) -> Iterator[PatchTask
                 yield PatchTask(experiment, texture, number, protocol, folder)
 
 
-class PatchMatch(NamedTuple):
+class _PatchMatch(NamedTuple):
     """A test patch with one system; `signature` is what the library compares."""
 
     system: System
@@ -115,7 +115,7 @@ def match_patch(task: PatchTask) -> list[tuple[System, Trial]]:
     return [(match.system, match.trial) for match in patch_matches(task)]
 
 
-def patch_matches(task: PatchTask) -> Iterator[PatchMatch]:
+def patch_matches(task: PatchTask) -> Iterator[_PatchMatch]:
     """Match one patch with all libraries, one after the other."""
     experiment, texture = task.experiment, task.texture
     position = experiment.test_position(texture, task.number, task.protocol)
@@ -132,7 +132,7 @@ def patch_matches(task: PatchTask) -> Iterator[PatchMatch]:
             signature = classifier_named(classifier).signature(observation, library.parameters)
             system = System(experiment.name, test.name, solver, classifier, task.protocol)
             trial = Trial(texture.name, position.rotate_deg, library.match(signature))
-            yield PatchMatch(system, trial, test.training, path, signature)
+            yield _PatchMatch(system, trial, test.training, path, signature)
 
 
 @lru_cache(maxsize=512)

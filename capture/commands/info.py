@@ -42,7 +42,7 @@ def info(
     json: options.Json = False,
 ) -> None:
     """Show the origin of captured sets, or correct their label and description."""
-    from capture.session.corrections import correct_in_sessions
+    from capture.session.measures import correct_in_sessions
     from capture.sets.archive import find_sets
     from capture.sets.captured_set import CapturedSet
 

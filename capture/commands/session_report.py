@@ -21,6 +21,9 @@ from capture.commands import options
 from classify.base.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from capture.session.folder import SessionFolder
     from capture.session.plan import PlannedSet
 
 
@@ -42,10 +45,9 @@ def status(
     damaged = {planned: why for planned, why in unread.items() if isinstance(why, str)}
     unreadable = {planned: why for planned, why in unread.items() if planned not in damaged}
     missing = [planned for planned in session.plan.sets() if planned in gone or planned in damaged]
-    entry_by_set = {planned: session.journal.entry_of(planned) for planned in session.plan.sets()}
-    entries = [entry for entry in entry_by_set.values() if entry is not None]
+    entered = map(session.journal.entry_of, session.plan.sets())
     skipped = session.left_out()
-    warned = [entry for entry in entries if entry.measures and entry.measures.warnings]
+    warned = [entry for entry in entered if entry and entry.measures and entry.measures.warnings]
     if json:
         print_json(
             {
@@ -65,31 +67,7 @@ def status(
             }
         )  # fmt: skip
         return
-    out.print(
-        f"{folder}: {len(session.plan)} sets planned, "
-        f"{len(session.plan) - len(missing) - len(skipped)} captured, {len(skipped)} left out, "
-        f"{len(missing)} missing",
-    )
-    table = new_table("specimen", "captured", "missing at degrees", prose="missing at degrees")
-    for specimen in session.plan.specimen:
-        angles = dict.fromkeys(
-            f"{planned.orientation_deg:g}" for planned in missing if planned.specimen == specimen.id
-        )
-        captured = sum(
-            entry is not None and entry.file is not None and planned not in missing
-            for planned, entry in entry_by_set.items()
-            if planned.specimen == specimen.id
-        )
-        table.add_row(specimen.id, str(captured), ", ".join(angles) or "-")
-    print_table(table)
-    for run in session.journal.runs:
-        ended = ", killed or still running"
-        if run.ended_utc is not None:
-            ended = f" to {readable_utc(run.ended_utc)}"
-        out.print(
-            f"run {readable_utc(run.started_utc)}{ended}: {run.finish or '-'}"
-            + (f" ({run.reason})" if run.reason else ""),
-        )
+    _print_counts(session, missing)
     for line in unplanned_text(session.unplanned()):
         out.print(line)
     for entry in skipped:
@@ -104,6 +82,35 @@ def status(
     for entry in warned:
         assert entry.measures is not None
         out.print(f"{entry.file}: {'; '.join(entry.measures.warnings)}")
+
+
+def _print_counts(session: SessionFolder, missing: Sequence[PlannedSet]) -> None:
+    """Print how many sets are there, of each specimen too, and the runs."""
+    planned, skipped = len(session.plan), len(session.left_out())
+    out.print(
+        f"{session.path}: {planned} sets planned, {planned - len(missing) - skipped} captured, "
+        f"{skipped} left out, {len(missing)} missing",
+    )
+    table = new_table("specimen", "captured", "missing at degrees", prose="missing at degrees")
+    for specimen in session.plan.specimen:
+        own = [lost for lost in missing if lost.specimen == specimen.id]
+        angles = dict.fromkeys(f"{lost.orientation_deg:g}" for lost in own)
+        entries = (
+            session.journal.entry_of(planned_set)
+            for planned_set in session.plan.sets()
+            if planned_set.specimen == specimen.id and planned_set not in missing
+        )
+        count = sum(entry is not None and entry.file is not None for entry in entries)
+        table.add_row(specimen.id, str(count), ", ".join(angles) or "-")
+    print_table(table)
+    for run in session.journal.runs:
+        ended = ", killed or still running"
+        if run.ended_utc is not None:
+            ended = f" to {readable_utc(run.ended_utc)}"
+        out.print(
+            f"run {readable_utc(run.started_utc)}{ended}: {run.finish or '-'}"
+            + (f" ({run.reason})" if run.reason else ""),
+        )
 
 
 def _as_json(planned: PlannedSet) -> dict[str, Any]:

@@ -251,8 +251,8 @@ def import_(
     """
     from capture.calibration.lookup import read_calibration
     from capture.sets.description import described
-    from capture.sets.image_import import import_images
     from capture.sets.light_list import load_light_list
+    from capture.sets.photographs import import_images
     from classify import Lighting
 
     options.check_orientations("--orientation", orientation)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -87,7 +87,7 @@ def _facts_of_set(captured: CapturedSet) -> dict[str, dict[str, Any]]:
     rig = {name: setting.pop(name) for name in _OF_THE_RIG}
     rig["led_intensities"] = np.round(captured.lighting.intensities, 4).tolist()
     if metadata.controller is not None:
-        rig["controller"] = metadata.controller.model_dump(mode="json")
+        rig["controller"] = asdict(metadata.controller)
     frames = max((len(image.frames) for image in metadata.images), default=0)
     settings = setting | {
         "frames_averaged": frames,

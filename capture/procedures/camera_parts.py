@@ -11,11 +11,16 @@ from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
 from capture.sets.photographs import Photographs
 from classify.base.errors import CalibrationRejected, InputError
-from classify.calibration.block_levels import BlockLevels, Frames, block_levels
 from classify.calibration.calibration import Calibration
 from classify.calibration.dark import Dark, DarkFrames
 from classify.calibration.exposure_ladder import ExposureLadder, response_of
-from classify.calibration.photon_transfer import PhotonTransfer, photon_transfer
+from classify.calibration.photon_transfer import (
+    BlockLevels,
+    Frames,
+    PhotonTransfer,
+    block_levels,
+    photon_transfer,
+)
 
 # Below this standard deviation, rounding hides the noise of a pixel (0.24 DN^2 in EMVA 1288).
 _ROUNDED_AWAY = 0.49

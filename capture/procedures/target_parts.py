@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from capture.calibration.parts import PartName
 from capture.calibration.ps4cal import CalibrationFile, MeasuredPart, stated_error
-from capture.calibration.setting import Setting
+from capture.calibration.setting import PartName, Setting
 from capture.sets.captured_set import CapturedSet
 from capture.sets.photographs import Photographs, read_mask
 from classify.base.errors import CalibrationRejected, InputError

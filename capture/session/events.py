@@ -11,27 +11,6 @@ from .journal import FinishReason, SetEntry
 from .plan import PlannedSet
 
 
-class State(StrEnum):
-    """The present activity of the runner."""
-
-    OPENING = "opening the rig"
-    READING = "reading the captured sets again"
-    COMPARING = "comparing the rig with its calibration"
-    PLACING = "waiting for the specimen"
-    CAPTURING = "capturing"
-    CHECKING = "checking"
-    ASKING = "waiting for a decision"
-    FINISHED = "finished"
-
-
-@dataclass(frozen=True)
-class StateChanged:
-    """The runner entered another state; `planned` is the set that it concerns, if any."""
-
-    state: State
-    planned: PlannedSet | None
-
-
 @dataclass(frozen=True)
 class SetCaptured:
     """A set was captured and is in its file and in the journal."""
@@ -88,14 +67,7 @@ class SessionFinished:
 
 
 Event = (
-    StateChanged
-    | SetCaptured
-    | SetFailed
-    | SetAdopted
-    | SetDamaged
-    | RigCompared
-    | RigChanged
-    | SessionFinished
+    SetCaptured | SetFailed | SetAdopted | SetDamaged | RigCompared | RigChanged | SessionFinished
 )
 Publish = Callable[[Event], None]
 

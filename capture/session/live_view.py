@@ -1,17 +1,20 @@
 """The preview page of a session: live images and the required placement of a specimen."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from threading import Event, Thread
-from typing import Self
+from typing import Any, Self
 
+import cv2
 import numpy as np
+import numpy.typing as npt
 
-from capture.sets.captured_set import LoadedSet
+from capture.sets.captured_set import CapturedSet, LoadedSet
 from classify import Lighting, photometric_stereo
+from classify.base.arrays import FloatMap
 from classify.base.errors import InputError, Ps4rigError
 from rig import Frame, HardwareError, Rig
 
@@ -20,7 +23,129 @@ from .folder import SessionFolder
 from .journal import SetEntry
 from .measures import SpecimenReference
 from .preview_loop import Preview, show_lights
-from .preview_outline import Outline, outline_of
+
+# Largest shares of the frame and of its border that a part with an outline covers.
+_LARGEST_SHARE, _MOST_BORDER = 0.9, 0.25
+# Smallest share of the frame that is a part and not dust.
+_SMALLEST_SHARE = 0.01
+# Least separation of part and ground by Otsu's criterion, the variance between the two over that of
+# all pixels. Evenly spread values have 0.75, normally distributed ones 2/pi = 0.64. With 0.5,
+# test_outline.py finds a part in a texture that fills the frame.
+_LEAST_SEPARATION = 0.75
+# Share of the pixels that are drawn as edges of a texture that fills the frame (test_outline.py).
+# More hide the texture.
+_EDGE_SHARE = 0.02
+# Shorter edges do not show the orientation.
+_LEAST_EDGE_PX = 12
+_MOST_LINES = 300
+# Largest distance of the simplified line from the contour; lines are 2 px wide.
+_TOLERANCE_PX = 0.7
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """Lines over a frame."""
+
+    width_px: int
+    height_px: int
+    lines: tuple[FloatMap, ...]  # closed, (n, 2): x, y down in px from the top left pixel
+    is_of_part: bool  # False for the edges of a texture that fills the frame
+
+    def rotated(self, angle_deg: float) -> "Outline":
+        """Rotate the lines anticlockwise about the middle of the frame."""
+        middle = np.array([self.width_px - 1, self.height_px - 1]) / 2.0
+        angle = np.radians(angle_deg)
+        cosine, sine = np.cos(angle), np.sin(angle)
+        # y points down: anticlockwise is x' = x cos + y sin, y' = y cos - x sin.
+        rotation = np.array([[cosine, -sine], [sine, cosine]])
+        lines = tuple(
+            ((line - middle) @ rotation + middle).astype(np.float32) for line in self.lines
+        )
+        return replace(self, lines=lines)
+
+    def svg(self) -> str:
+        """Return an SVG image of the size of the frame."""
+        paths = "".join(
+            "M" + "L".join(f"{x + 0.5:.1f} {y + 0.5:.1f}" for x, y in line.tolist()) + "Z"
+            for line in self.lines
+        )
+        style = 'fill="none" stroke-linejoin="round" vector-effect="non-scaling-stroke"'
+        return (
+            f'<svg xmlns="http://www.w3.org/2000/svg" width="{self.width_px}" '
+            f'height="{self.height_px}" viewBox="0 0 {self.width_px} {self.height_px}">'
+            # A dark line below a bright one is visible on any ground.
+            f'<path d="{paths}" stroke="#000" stroke-opacity="0.5" stroke-width="4" {style}/>'
+            f'<path d="{paths}" stroke="#ffd400" stroke-width="2" {style}/></svg>'
+        )
+
+
+def outline_of(captured: CapturedSet) -> Outline:
+    """Find the outline of the part in a set, or the strongest edges of a texture without one."""
+    images = captured.images.astype(np.float32)
+    if captured.ambient is not None:
+        images -= captured.ambient
+    # The mean of all lights has the least shading, and shows the part against its ground.
+    mean = cv2.GaussianBlur(images.mean(axis=0), (0, 0), 1.0)
+    rows, columns = mean.shape
+    part = captured.mask if captured.mask is not None else _part_in(mean)
+    if part is not None:
+        contours = _contours(part)
+        lines = [max(contours, key=cv2.contourArea)] if contours else []
+        return Outline(columns, rows, _simplified(lines), is_of_part=True)
+    return Outline(columns, rows, _edges(images), is_of_part=False)
+
+
+def _part_in(mean: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_] | None:
+    """Pixels of the largest part that is brighter or darker than the ground; None without one."""
+    low, high = np.percentile(mean, (1, 99))
+    grey = np.clip((mean - low) * (255.0 / max(high - low, 1e-6)), 0, 255).astype(np.uint8)
+    level, _ = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
+    bright = grey > level
+    share = float(bright.mean())
+    if not 0.0 < share < 1.0:
+        return None
+    between = share * (1.0 - share) * (grey[bright].mean() - grey[~bright].mean()) ** 2
+    if between < _LEAST_SEPARATION * grey.var():
+        return None
+    border = np.concatenate([bright[0], bright[-1], bright[:, 0], bright[:, -1]])
+    part = ~bright if border.mean() > 0.5 else bright
+    # The relief of the part casts shadows, and its gloss shines: holes are closed.
+    radius = max(1, min(grey.shape) // 100)
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    closed = cv2.morphologyEx(part.astype(np.uint8), cv2.MORPH_CLOSE, kernel)
+    count, labels, figures, _ = cv2.connectedComponentsWithStats(closed)
+    if count < 2:
+        return None
+    largest = labels == 1 + int(figures[1:, cv2.CC_STAT_AREA].argmax())
+    edge = np.concatenate([largest[0], largest[-1], largest[:, 0], largest[:, -1]])
+    if not _SMALLEST_SHARE < largest.mean() < _LARGEST_SHARE or edge.mean() > _MOST_BORDER:
+        return None
+    return np.asarray(largest, np.bool_)
+
+
+def _edges(images: npt.NDArray[np.float32]) -> tuple[FloatMap, ...]:
+    """The strongest edges under all lights."""
+    strength = np.zeros(images.shape[1:], np.float32)
+    for image in images:
+        smooth = cv2.GaussianBlur(image, (0, 0), 2.0)
+        across, down = (cv2.Sobel(smooth, cv2.CV_32F, *order) for order in ((1, 0), (0, 1)))
+        strength += cv2.magnitude(across, down)
+    strong = strength > np.quantile(strength, 1.0 - _EDGE_SHARE)
+    longest = sorted((line for line in _contours(strong) if len(line) >= _LEAST_EDGE_PX), key=len)
+    return _simplified(longest[-_MOST_LINES:])
+
+
+def _contours(pixels: npt.NDArray[np.bool_]) -> Sequence[npt.NDArray[Any]]:
+    mask = pixels.astype(np.uint8)
+    return cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
+
+
+def _simplified(lines: Iterable[npt.NDArray[Any]]) -> tuple[FloatMap, ...]:
+    return tuple(
+        cv2.approxPolyDP(line, _TOLERANCE_PX, True).reshape(-1, 2).astype(np.float32)
+        for line in lines
+    )
+
 
 # A hand places a part within 2 degrees by the outline (tests/capture/preview/test_outline.py).
 _GOOD_DEG = 2.0
@@ -103,7 +228,7 @@ class LiveView:
             self.preview.failed(error)
             rig = None
         place = f"turn to {planned.orientation_deg:g} degrees" if first else "first placement"
-        self.preview.guide(f"{planned.specimen}: {place}", guide.outline if guide else None)
+        self.preview.guide(f"{planned.specimen}: {place}", guide.outline.svg() if guide else None)
         stopping = Event()
         thread = Thread(target=self._show, args=(rig, guide, stopping), daemon=True)
         thread.start()

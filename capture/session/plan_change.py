@@ -3,7 +3,6 @@
 import json
 import os
 import shutil
-import tomllib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -12,8 +11,7 @@ from typing import Any
 from capture.maps.comparison import field_differences
 from classify.base.durable_file import durable_file
 from classify.base.errors import InputError
-from classify.base.models import MAX_TOML_BYTES
-from classify.base.regular_file import read_regular_file
+from classify.base.models import read_toml
 from rig import RigConfig
 
 from .folder import PLAN, SETS, SessionFolder
@@ -39,10 +37,9 @@ def plan_beside(folder: Path) -> Path | None:
 def _names(path: Path, session: str) -> bool:
     """Whether a TOML file is a plan of a session; a damaged file is one if its stem is the name."""
     try:
-        values = tomllib.loads(read_regular_file(path, MAX_TOML_BYTES).decode())
-    except (InputError, ValueError, RecursionError):
+        return bool(read_toml(path, "").get("name") == session)
+    except InputError:
         return path.stem == session
-    return bool(values.get("name") == session)
 
 
 def plan_changes(plan: SessionPlan, folder: SessionFolder) -> list[str]:

@@ -22,8 +22,6 @@ from rig import (
 from rig.acceptance import MAX_SATURATED_SHARE
 from rig.fresh_frame import fresh_frame
 
-from .preview_outline import Outline
-
 # Enough to judge focus and framing where the page shows four images.
 _LONGEST_SIDE_PX = 800
 _BINS = 64  # 2^6, see the shift by bit_depth - 6
@@ -32,7 +30,7 @@ _SATURATED_COLOUR = (40, 40, 255)
 
 
 @dataclass(frozen=True, eq=False)
-class PreviewImage:
+class _PreviewImage:
     """One frame as the page shows it."""
 
     png: bytes  # at most 800 px wide or high, saturated pixels in red
@@ -44,14 +42,14 @@ class PreviewImage:
     histogram: tuple[float, ...]  # shares of the pixels, 64 bins
 
 
-def preview_image(frame: Frame) -> PreviewImage:
+def preview_image(frame: Frame) -> _PreviewImage:
     full_scale = (1 << frame.bit_depth) - 1
     pixels = frame.pixels
     saturated = pixels >= full_scale
     counts = np.bincount((pixels >> max(frame.bit_depth - 6, 0)).ravel(), minlength=_BINS)
     mean = float(pixels.mean())
     detail = cv2.Laplacian(pixels.astype(np.float32), cv2.CV_32F)
-    return PreviewImage(
+    return _PreviewImage(
         png=_png(pixels, saturated, frame.bit_depth),
         sequence=frame.sequence,
         exposed_s=frame.exposure_start_s,
@@ -138,7 +136,7 @@ class Preview:
     _camera: str = ""
     _simulated: bool = False
     _lights: tuple[str, ...] = ()
-    _images: dict[int, PreviewImage] = field(default_factory=dict)
+    _images: dict[int, _PreviewImage] = field(default_factory=dict)
     _error: str | None = None
     _places: Places | None = None
     _guide: str | None = None
@@ -146,11 +144,11 @@ class Preview:
     _captured: str | None = None
     _overlays: tuple[str | None, int] = (None, 0)
 
-    def guide(self, text: str, outline: Outline | None) -> None:
+    def guide(self, text: str, outline_svg: str | None) -> None:
         """Show instructions for the placement, and over each image the required outline."""
         with self._lock:
             self._guide, self._measured = text, None
-            self._overlays = (None if outline is None else outline.svg(), self._overlays[1] + 1)
+            self._overlays = (outline_svg, self._overlays[1] + 1)
 
     def measured(self, text: str) -> None:
         """Show the measurement on the part that lies there now."""
@@ -182,7 +180,7 @@ class Preview:
             round_s = len(self._lights) * (3.0 * info.frame_period_s + _PAUSE_S)
             self.stale_after_s = max(self.stale_after_s, 2.0 * round_s)
 
-    def shown(self, light: int, image: PreviewImage) -> None:
+    def shown(self, light: int, image: _PreviewImage) -> None:
         """Store the newest image under a light."""
         with self._lock:
             self._images[light] = image
@@ -263,7 +261,7 @@ def run_preview(
             stopping.wait(_RETRY_S)
 
 
-def _figures(name: str, image: PreviewImage | None, now_s: float) -> dict[str, Any]:
+def _figures(name: str, image: _PreviewImage | None, now_s: float) -> dict[str, Any]:
     if image is None:
         return {"name": name, "sequence": None}
     figures = {key: value for key, value in vars(image).items() if key not in ("png", "exposed_s")}

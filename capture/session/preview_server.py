@@ -2,11 +2,9 @@
 
 import json
 import re
-import socket
 import threading
-import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
@@ -16,10 +14,6 @@ from classify.base.errors import InputError
 from .preview_loop import Preview
 
 _ADDRESS = "127.0.0.1"
-# Simultaneous requests, each with a thread; a page makes up to six. Further ones are closed.
-MAX_REQUESTS = 32
-# A request of a page on this machine takes milliseconds.
-_DEADLINE_S = 5.0
 _HERE = Path(__file__).parent
 _FILES = {
     "/": ("preview.html", "text/html; charset=utf-8"),
@@ -37,16 +31,11 @@ _HEADERS = {
 }
 
 
-class PreviewServer(ThreadingHTTPServer):
-    """A server that answers up to `MAX_REQUESTS` requests at a time, each in its own thread."""
-
+class _Server(ThreadingHTTPServer):
     daemon_threads = True
-    request_queue_size = MAX_REQUESTS
 
-    def __init__(self, preview: Preview, port: int, deadline_s: float) -> None:
+    def __init__(self, preview: Preview, port: int) -> None:
         self.preview = preview
-        self._deadline_s = deadline_s
-        self._open: dict[socket.socket, float] = {}
         try:
             super().__init__((_ADDRESS, port), _Request)
         except OSError as error:
@@ -58,31 +47,13 @@ class PreviewServer(ThreadingHTTPServer):
     def url(self) -> str:
         return f"http://{_ADDRESS}:{self.server_port}/"
 
-    def process_request(self, request: Any, client_address: Any) -> None:
-        if len(self._open) < MAX_REQUESTS:
-            self._open[request] = time.monotonic() + self._deadline_s
-            super().process_request(request, client_address)
-        else:
-            self.shutdown_request(request)
-
-    def shutdown_request(self, request: Any) -> None:
-        super().shutdown_request(request)
-        self._open.pop(request, None)
-
-    def service_actions(self) -> None:
-        # A socket's own time-out restarts with each byte of a slow client.
-        now_s = time.monotonic()
-        for request, deadline_s in list(self._open.items()):
-            if now_s > deadline_s:
-                with suppress(OSError):  # it may be closed already
-                    request.shutdown(socket.SHUT_RDWR)
-
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Ignore the errors of a request, such as of a viewer that disconnects meanwhile."""
 
 
 class _Request(BaseHTTPRequestHandler):
-    server: PreviewServer
+    server: _Server
+    timeout = 10.0  # a request of a page on this machine takes milliseconds
     server_version = "ps4rig"
     sys_version = ""
 
@@ -121,14 +92,9 @@ class _Request(BaseHTTPRequestHandler):
 
 
 @contextmanager
-def serving(
-    preview: Preview, port: int, deadline_s: float = _DEADLINE_S
-) -> Iterator[PreviewServer]:
-    """Serve the page from a thread while the block runs; port 0 chooses a free one.
-
-    A request that takes longer than `deadline_s` is cut off, even if its client goes on sending.
-    """
-    server = PreviewServer(preview, port, deadline_s)
+def serving(preview: Preview, port: int) -> Iterator[_Server]:
+    """Serve the page from a thread while the block runs; port 0 chooses a free one."""
+    server = _Server(preview, port)
     thread = threading.Thread(target=server.serve_forever, args=(0.1,), daemon=True)
     thread.start()
     try:

@@ -18,11 +18,10 @@ from classify.base.errors import InputError, Ps4rigError
 from rig import HardwareError, Placement, Rig, RigConfig, open_rig
 
 from . import events
-from .corrections import enter_corrections
-from .events import Answer, Ask, Publish, State
+from .events import Answer, Ask, Publish
 from .folder import SessionFolder
 from .journal import FinishReason, RunRecord, SetEntry
-from .measures import SpecimenReference, measures_of_first
+from .measures import SpecimenReference, enter_corrections, measures_of_first
 from .plan import SEARCH, PlannedSet
 from .plan_change import rig_changes, rig_settings
 from .rig_checks import check_rig, compare_rig, find_exposure_ms, turn_specimen
@@ -98,7 +97,6 @@ def _end(
     folder.update(folder.journal.with_run_ended(utc_text(), end.finish, end.reason))
     missing, left_out = len(folder.missing()), len(folder.left_out())
     finished = events.SessionFinished(end.finish, end.reason, runner.captured, missing, left_out)
-    publish(events.StateChanged(State.FINISHED, None))
     publish(finished)
     return finished
 
@@ -134,7 +132,6 @@ class _Runner:
 
     def read_again(self) -> None:
         """Set damaged files aside, and enter corrections of the others in the journal."""
-        self._publish(events.StateChanged(State.READING, None))
         planned_sets, intact = set(self._folder.plan.sets()), []
         for planned, state in self._folder.read_again():
             if isinstance(state, InputError):
@@ -169,7 +166,6 @@ class _Runner:
             or not self._missing()
         ):
             return
-        self._publish(events.StateChanged(State.COMPARING, None))
         self._rig = self._closing.enter_context(open_rig(self._config))
         if compare_rig(self._rig, calibration_file, self._ask, self._publish) is Answer.STOP:
             raise _Stopped(_Finish("stopped"))
@@ -180,7 +176,6 @@ class _Runner:
         index, last = 0, None
         while index < len(placements):
             first = placements[index][0]
-            self._state(State.PLACING, first)
             match self._ask(events.PlaceSpecimen(first, partial(self._live_rig, first))):
                 case Answer.STOP:
                     raise _Stopped(_Finish("stopped"))
@@ -215,14 +210,12 @@ class _Runner:
                 if self._fails(planned, error) is Answer.REPEAT:
                     continue
                 return
-            self._state(State.CHECKING, planned)
             path = self._folder.file_of(planned)
             if self._calibration is not None:  # before the first set is read with it
                 keep_beside(self._calibration.file, path)
             entry = self._entry(planned, LoadedSet(captured, self._calibration))
             warnings = entry.measures.warnings if entry.measures else ()
             if warnings:
-                self._state(State.ASKING, planned)
                 answer = self._ask(events.DecideWarnings(planned, warnings))
                 if answer is Answer.REPEAT:
                     continue
@@ -244,7 +237,6 @@ class _Runner:
         if lost_rig:
             self._close_rig()
         self._publish(events.SetFailed(planned, str(error)))
-        self._state(State.ASKING, planned)
         answer = self._ask(events.DecideFailure(planned, str(error), lost_rig))
         if answer is Answer.STOP:
             raise _Stopped(_Finish("failed", str(error), error) if lost_rig else _Finish("stopped"))
@@ -256,7 +248,6 @@ class _Runner:
         """Capture a set, with label and description from the plan."""
         specimen = self._folder.plan.specimen_named(planned.specimen)
         rig = self._opened(planned)
-        self._state(State.CAPTURING, planned)
         captured = self._new_pixels(rig, specimen.label or specimen.id)
         return described(
             captured,
@@ -319,7 +310,6 @@ class _Runner:
         if self._rig is not None and self._rig.config.camera != config.camera:
             self._close_rig()
         if self._rig is None:
-            self._state(State.OPENING, planned)
             self._rig = self._closing.enter_context(open_rig(config))
         simulation = self._rig.simulation
         if simulation is not None and placement is not None and simulation.placement != placement:
@@ -351,9 +341,6 @@ class _Runner:
     def _close_rig(self) -> None:
         self._rig = None
         self._closing.close()
-
-    def _state(self, state: State, planned: PlannedSet) -> None:
-        self._publish(events.StateChanged(state, planned))
 
 
 def _placement(planned: PlannedSet) -> tuple[str, float]:

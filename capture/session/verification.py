@@ -1,8 +1,9 @@
 """Verify the files of a folder: hashes, schema, calibration, journal."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -32,7 +33,14 @@ State = Literal[
     "not in journal",
     "not in results",
 ]
-_SUFFIXES = (SET_SUFFIX, LIBRARY_SUFFIX, DEFECTS_SUFFIX, PIECES_SUFFIX, CALIBRATION_SUFFIX)
+_READERS: dict[str, Callable[[Path], object]] = {
+    # Only arrays that are read, not mapped, are compared with their checksums.
+    LIBRARY_SUFFIX: partial(TextureLibrary.load, map_from_bytes=sys.maxsize),
+    DEFECTS_SUFFIX: DefectModel.load,
+    PIECES_SUFFIX: PieceModel.load,
+    CALIBRATION_SUFFIX: CalibrationFile.read,
+}
+_SUFFIXES = (SET_SUFFIX, *_READERS)
 
 
 @dataclass(frozen=True)
@@ -74,18 +82,8 @@ def verify_file(path: Path) -> Iterator[FileFinding]:
             yield from _session(path.parent)
         elif path.name.endswith(SET_SUFFIX):
             yield _captured_set(path)
-        elif path.name.endswith(LIBRARY_SUFFIX):
-            # Only arrays that are read, not mapped, are compared with their checksums.
-            TextureLibrary.load(path, map_from_bytes=sys.maxsize)
-            yield FileFinding(path, "good")
-        elif path.name.endswith(DEFECTS_SUFFIX):
-            DefectModel.load(path)
-            yield FileFinding(path, "good")
-        elif path.name.endswith(PIECES_SUFFIX):
-            PieceModel.load(path)
-            yield FileFinding(path, "good")
         else:
-            CalibrationFile.read(path)
+            _READERS[path.suffix](path)
             yield FileFinding(path, "good")
     except InputError as error:
         yield FileFinding(path, "altered", str(error).removeprefix(f"{path}: "))

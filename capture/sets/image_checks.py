@@ -1,8 +1,12 @@
-"""`LightImages`: images of a set, with the values that checks of captures and imports use."""
+"""`LightImages`: images of a set for checks of captures and imports; checks of photographs.
+
+The limits of a capture do not apply to photographs, which have gloss, cast shadows and near lights.
+Only findings that no surface explains lead to a refusal; the others are warnings.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
@@ -11,12 +15,18 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from capture.base.errors import ImportCause
 from classify import Lighting
 from classify.base.arrays import Array
 from classify.base.errors import InputError
 from classify.calibration.calibration import Calibration
 from classify.images import ImageStack, SensorNoise
 from classify.lights.agreement import LightAgreement, light_agreement
+from classify.lights.algebra import drop_one_constants
+from classify.lights.shading import ShadingOrder, explained_detail, shading_of, shading_order
+from rig import acceptance
+
+from .metadata import ChecksRecord
 
 # Columns that are compared before all of a row are.
 _PROBED_COLUMNS = 8
@@ -95,3 +105,159 @@ class LightImages:
 def _mean(image: Array) -> float:
     """``image.mean()``, in an eighth of its time."""
     return cv2.sumElems(image)[0] / image.size
+
+
+# Share of equal rows above which two images are one; rows of few values may be equal by chance.
+_SAME_IMAGE = 0.5
+# With this many well exposed images, mostly saturated ones are only a warning. 2 and 8 fail in
+# test_photograph_checks.py.
+_ENOUGH = 4
+# Names in one message.
+_LISTED = 3
+
+
+@dataclass(frozen=True)
+class _Finding:
+    """The result of a check; `refutes` if no surface under these lights explains it."""
+
+    cause: ImportCause
+    text: str
+    refutes: bool
+
+
+def check_photographs(
+    images: LightImages, mask: npt.NDArray[np.bool_] | None, calibration: Calibration
+) -> tuple[list[_Finding], ChecksRecord]:
+    """Check photographs inside `mask` (H, W); four lights are compared after the calibration."""
+    shading = shading_of(images.images, images.ambient, images.full_scale, mask)
+    order = shading_order(shading, images.lighting)
+    agreement = images.calibrated(calibration).agreement()
+    findings = [
+        *_equal(images),
+        *_levels(images, mask),
+        *_detail(images, explained_detail(shading)),
+        *_order(images, order),
+        *_four_lights(images, agreement),
+    ]
+    record = ChecksRecord(
+        ambient_change=None,
+        redundancy_residual=None if agreement is None else agreement.redundancy_residual,
+        light_levels=None if agreement is None else agreement.levels,
+        light_levels_error=(
+            None if agreement is None or agreement.levels is None else agreement.level_error
+        ),
+        retaken=False,
+        light_order="confirmed" if order.verdict == "confirmed" else "undecided",
+    )
+    return findings, record
+
+
+def _equal(images: LightImages) -> Iterator[_Finding]:
+    for first, second, equal, comparable in images.equal_rows():
+        if equal > _SAME_IMAGE * comparable:
+            text = f"{first} and {second} are the same image in {equal} of {comparable} rows"
+            yield _Finding(ImportCause.EQUAL_IMAGES, text, refutes=True)
+
+
+def _levels(images: LightImages, mask: npt.NDArray[np.bool_] | None) -> Iterator[_Finding]:
+    inside = np.ones(images.ambient.shape, np.bool_) if mask is None else mask
+    ambient = float(images.ambient[inside].mean())
+    if ambient > acceptance.MAX_AMBIENT_SHARE * images.full_scale:
+        share = ambient / images.full_scale
+        yield _Finding(
+            ImportCause.SATURATION, f"ambient light fills {share:.0%} of the range", False
+        )
+    saturated = {
+        name: float(np.mean(image[inside] >= images.full_scale))
+        for name, image in zip(images.names, images.images, strict=True)
+    }
+    over = {
+        name: share for name, share in saturated.items() if share > acceptance.MAX_SATURATED_SHARE
+    }
+    spoilt = sum(share > acceptance.MAX_SATURATED_SHARE_OF_PHOTOGRAPH for share in over.values())
+    if over:
+        text = (
+            f"{_listed(over)}: up to {max(over.values()):.1%} of the pixels are saturated at "
+            f"{images.full_scale}"
+        )
+        yield _Finding(
+            ImportCause.SATURATION, text, spoilt > 0 and len(saturated) - spoilt < _ENOUGH
+        )
+    signals = {
+        name: float(image[inside].mean()) - ambient
+        for name, image in zip(images.names, images.images, strict=True)
+    }
+    brightest = max(0.0, *signals.values())
+    dark = {
+        name: signal
+        for name, signal in signals.items()
+        if signal <= acceptance.DEAD_LED_SHARE * brightest
+    }
+    if dark:
+        least = max(0.0, min(dark.values())) / max(brightest, 1e-9)
+        text = f"{_listed(dark)}: down to {least:.1%} of the light of the brightest image"
+        yield _Finding(
+            ImportCause.DARK, text, min(dark.values()) <= acceptance.MIN_SIGNAL_SHARE * brightest
+        )
+
+
+def _listed(names: Collection[str]) -> str:
+    first = ", ".join([*names][:_LISTED])
+    return first if len(names) <= _LISTED else f"{first} and {len(names) - _LISTED} more"
+
+
+def _detail(images: LightImages, explained: npt.NDArray[np.float64]) -> Iterator[_Finding]:
+    if len(images.images) < 4:  # three images may well be independent
+        return
+    for name, share in zip(images.names, explained.tolist(), strict=False):
+        if share < acceptance.LITTLE_EXPLAINED_DETAIL:
+            text = (
+                f"{name}: the other photographs explain {share:.0%} of its detail: it shows "
+                "another scene, or the part or the camera moved"
+            )
+            yield _Finding(ImportCause.RESIDUAL, text, share < acceptance.MIN_EXPLAINED_DETAIL)
+
+
+def _order(images: LightImages, order: ShadingOrder) -> Iterator[_Finding]:
+    if order.verdict != "refuted":
+        return
+    tilts_deg, names = images.lighting.tilts_deg, images.names
+    if order.order is None:
+        text = "the shading fits the lights with y pointing down; y points up in their directions"
+    elif len(names) <= 4:
+        best = ", ".join(f"{tilt:g}" for tilt in np.round(tilts_deg[list(order.order)], 1))
+        text = (
+            f"by their shading the photographs were taken under tilts {best}, or all of these "
+            "rotated by 180 degrees; give images and lights in the same order"
+        )
+    else:
+        moved = [k for k, light in enumerate(order.order) if k != light]
+        image, light = moved[0], order.order[moved[0]]
+        text = f"by its shading {names[image]} was taken under the light of {names[light]}"
+        text += " and the other way round" if len(moved) == 2 else ", and others in this order too"
+    yield _Finding(ImportCause.LIGHT_ORDER, text, refutes=True)
+
+
+def _four_lights(images: LightImages, agreement: LightAgreement | None) -> Iterator[_Finding]:
+    if len(images.images) == 4 and agreement is None:
+        try:
+            drop_one_constants(images.lighting, "ps4_robust")
+        except InputError as error:
+            yield _Finding(
+                ImportCause.RESIDUAL, f"{error}; solve with --method least_squares", False
+            )
+    if agreement is None or agreement.levels is None:
+        return
+    limit = max(
+        acceptance.MAX_LED_LEVEL_DIFFERENCE,
+        acceptance.LED_LEVEL_STANDARD_ERRORS * agreement.level_error,
+    )
+    for name, level in zip(images.names, agreement.levels, strict=True):
+        if abs(level - 1.0) > limit:
+            reference = (
+                "of the given intensity" if images.lighting.intensities_given else "of the others"
+            )
+            text = (
+                f"{name}: by the redundancy of the images its light gives {level:.0%} {reference}"
+            )
+            yield _Finding(ImportCause.RESIDUAL, text, False)

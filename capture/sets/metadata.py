@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, FiniteFloat, StrictBool, StrictInt
 from classify import Lighting
 from classify.base.models import Record
 from classify.images import ROUNDING_VARIANCE, SensorNoise
-from rig import Placement
+from rig import ControllerIdentity, Placement
 
 _Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 # Wider than the range of any camera; squares and quotients stay finite in float32.
@@ -107,16 +107,6 @@ class CameraRecord(Record):
         return SensorNoise(self.gain_e_per_dn, self.read_noise_dn, self.black_level_dn or 0.0)
 
 
-class ControllerRecord(Record):
-    """The light controller that switched the LEDs."""
-
-    vendor: str
-    model: str
-    serial_number: str
-    firmware_version: str
-    protocol_version: int
-
-
 class ChecksRecord(Record):
     """Results of the checks of the lights from the images of a set."""
 
@@ -175,7 +165,7 @@ class SetMetadata(Record):
     camera: CameraRecord | None = Field(
         default=None, description="with its settings as read back, and its noise"
     )
-    controller: ControllerRecord | None = Field(
+    controller: ControllerIdentity | None = Field(
         default=None, description="serial number and versions"
     )
     checks: ChecksRecord | None = Field(

@@ -20,11 +20,11 @@ from pathlib import Path
 from typing import BinaryIO, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from classify.base.arrays import Array
 
-from .durable_file import durable_file
+from .durable_file import durable_file, require_folder
 from .errors import InputError
 from .regular_file import open_regular_file
 
@@ -130,19 +130,6 @@ class ArrayArchive:
         start = self._start(info) + header_bytes
         return np.memmap(self._file, dtype, mode="r", offset=start, shape=shape)
 
-    def finite_arrays(self, shapes: Mapping[str, tuple[int | None, ...]]) -> dict[str, Array]:
-        """Arrays of finite float32 or float64 numbers; None in a shape stands for any length."""
-        arrays = {name: self.array(f"{name}.npy", ("<f4", "<f8")) for name in shapes}
-        for name, shape in shapes.items():
-            stored = arrays[name].shape
-            if len(stored) != len(shape) or any(
-                side not in (None, length) for side, length in zip(shape, stored, strict=True)
-            ):
-                raise self.damaged(f"{name} has the shape {stored} instead of {shape}")
-            if not np.isfinite(arrays[name]).all():
-                raise self.damaged(f"{name} contains NaN or infinity")
-        return arrays
-
     def _member(self, name: str) -> zipfile.ZipInfo:
         try:
             info = self._archive.getinfo(name)
@@ -209,3 +196,36 @@ def arrays_sha256(header: str, arrays: Mapping[str, Array]) -> str:
         hashed.update(f" {name} {plain.dtype.str} {plain.shape} ".encode())
         hashed.update(plain.tobytes())
     return hashed.hexdigest()
+
+
+class _ArraysHeader(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    version: int
+    sha256: str  # over the arrays
+
+
+def write_arrays(path: Path, kind: ArchiveKind, arrays: Mapping[str, Array]) -> None:
+    """Write a file of nothing but arrays, whole or not at all."""
+    require_folder(path)
+    header = _ArraysHeader(version=kind.version, sha256=arrays_sha256("", arrays))
+    write_archive(path, kind, header.model_dump_json(indent=1), arrays)
+
+
+def read_arrays(
+    path: Path, kind: ArchiveKind, shapes: Mapping[str, tuple[int | None, ...]]
+) -> dict[str, Array]:
+    """Read finite float32 or float64 arrays; None in a shape stands for any length."""
+    with open_archive(path, kind) as archive:
+        header = archive.header(_ArraysHeader)
+        arrays = {name: archive.array(f"{name}.npy", ("<f4", "<f8")) for name in shapes}
+        for name, shape in shapes.items():
+            stored = arrays[name].shape
+            if len(stored) != len(shape) or any(
+                side not in (None, length) for side, length in zip(shape, stored, strict=True)
+            ):
+                raise archive.damaged(f"{name} has the shape {stored} instead of {shape}")
+            if not np.isfinite(arrays[name]).all():
+                raise archive.damaged(f"{name} contains NaN or infinity")
+        if arrays_sha256("", arrays) != header.sha256:
+            raise archive.error("its arrays do not match their SHA-256: the file was changed")
+    return arrays

@@ -35,7 +35,7 @@ class Section(Record):
         return value
 
 
-MAX_TOML_BYTES = 1 << 20  # a complete rig.toml has about 3 kB, a plan of 10 000 specimens 700 kB
+_MAX_TOML_BYTES = 1 << 20  # a complete rig.toml has about 3 kB, a plan of 10 000 specimens 700 kB
 
 _MOST_TABLES = 20  # within each other; files of ps4rig have four
 _Model = TypeVar("_Model", bound=BaseModel)
@@ -44,7 +44,7 @@ _Model = TypeVar("_Model", bound=BaseModel)
 def read_toml(path: Path, if_missing: str) -> dict[str, Any]:
     """Read the values of a TOML file; `if_missing` ends the message about a missing one."""
     try:
-        values = tomllib.loads(read_regular_file(path, MAX_TOML_BYTES).decode())
+        values = tomllib.loads(read_regular_file(path, _MAX_TOML_BYTES).decode())
         _require_shallow(values)
         return values
     except InputError as error:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy import optimize
 
 from classify.base.arrays import Array, Floats
 from classify.base.errors import CalibrationRejected, InputError
@@ -45,7 +44,7 @@ _TILTED_FOR_FOCAL = 2
 
 
 @dataclass(frozen=True, eq=False)
-class CheckerboardScale:
+class _CheckerboardScale:
     """The scale from a checkerboard."""
 
     scale: Scale
@@ -99,165 +98,131 @@ def scale_of_boards(
     corners: tuple[int, int],
     square_mm: float,
     frame: tuple[int, int],
-) -> CheckerboardScale:
+) -> _CheckerboardScale:
     """Fit scale and radial distortion to (n, 2) corners of one board's placements (Zhang 2000)."""
     if not 0.0 < square_mm < np.inf:
         raise InputError(f"squares of {square_mm:g} mm; give their side, a positive number")
     across, along = np.meshgrid(np.arange(corners[0]), np.arange(corners[1]))
     board = square_mm * np.stack([across.ravel(), along.ravel()], axis=1).astype(np.float64)
     board -= board.mean(axis=0)
-    camera = nominal_camera_matrix(frame)
-    middle = np.array([camera[0, 2], camera[1, 2]])
-    fit = _fitted(boards, board, camera, 0)
-    focal_error = None
-    tilted = np.count_nonzero(_tilts_deg(fit, middle) > _FLAT_DEG)
-    measured = _focal_length(boards, board, frame) if tilted >= _TILTED_FOR_FOCAL else None
-    if measured is not None:
-        camera[0, 0] = camera[1, 1] = measured[0]
-        focal_error = measured[1]
-    for radial in (1, 2):
-        better = _fitted(boards, board, camera, radial)
-        moved = np.concatenate(
-            [_distorted(points, better.radial, camera) - points for points in boards]
-        )
-        is_visible = np.abs(moved).max() > _VISIBLE_DISTORTION * better.residual_px
-        if is_visible and fit.cost - better.cost > _SIGNIFICANT * better.cost / better.freedom:
-            fit = better
+    fit, camera, focal_error = _fitted(boards, board, frame)
     if fit.residual_px > _WORST_RESIDUAL_PX:
         raise CalibrationRejected(
             f"the corners are {fit.residual_px:.1f} px off a flat board; count its inner corners "
             "again, glue it to something flat, and keep it still for each picture"
         )
-    distortion_px = _largest_shift_px(fit.radial, camera, frame)
-    tilts_deg = _tilts_deg(fit, middle)
-    flat = tilts_deg <= _FLAT_DEG
+    flat = fit.tilts_deg <= _FLAT_DEG
     if not flat.any():
         raise CalibrationRejected(
-            f"the board is tilted by {tilts_deg.min():.0f} degrees; lay it flat where the part "
+            f"the board is tilted by {fit.tilts_deg.min():.0f} degrees; lay it flat where the part "
             "will be"
         )
-    stretches = np.array([_stretch(homography, middle) for homography in fit.homographies])
-    largest, smallest = stretches[flat].T
-    # The axis of a tilt keeps its length. Below, the difference is within the error of corners.
-    is_tilted = tilts_deg[flat] > SEEN_TILT_DEG
-    lengths = np.where(is_tilted, largest, np.sqrt(largest * smallest))
-    px_per_mm = float(lengths.mean())
+    middle = camera[:2, 2]
+    diagonal = np.linspace(0.0, 1.0, 65)[:, None] * middle
+    distortion_px = float(np.linalg.norm(_shift(diagonal, fit.radial, camera), axis=1).max())
+    mm_per_px = float(fit.mm_per_px[flat].mean())
     # Relative errors: of the corners, of the correction of tilts, and between placements.
-    extent_px = px_per_mm * float(np.sqrt((board**2).sum(axis=1).mean()))
+    extent_px = float(np.sqrt((board**2).sum(axis=1).mean())) / mm_per_px
     noise = fit.residual_px / np.sqrt(len(board)) / extent_px
-    shortened = 0.5 * (1.0 - float((smallest / largest).min()))
-    spread = float(lengths.std()) / px_per_mm
+    shortened = 0.5 * (1.0 - float(np.cos(np.radians(fit.tilts_deg[flat].max()))))
+    spread = float(fit.mm_per_px[flat].std()) / mm_per_px
     with_distortion = _WITH_DISTORTION if fit.radial.any() else 0.0
     is_bent = distortion_px > _LEAST_DISTORTION_PX
     reach = max(float(np.linalg.norm(points - middle, axis=1).max()) for points in boards)
     scale = Scale(
-        mm_per_px=1.0 / px_per_mm,
+        mm_per_px=mm_per_px,
         error=float(np.sqrt(noise**2 + shortened**2 + spread**2 + with_distortion**2)),
         camera_matrix=camera,
         distortion=np.array([*fit.radial, 0.0, 0.0, 0.0]) if is_bent else None,
         residual_px=fit.residual_px,
         focal_error=focal_error,
     )
-    return CheckerboardScale(scale, tilts_deg, distortion_px, reach / float(np.linalg.norm(middle)))
+    return _CheckerboardScale(
+        scale, fit.tilts_deg, distortion_px, reach / float(np.linalg.norm(middle))
+    )
+
+
+def _fitted(
+    boards: Sequence[Floats], board: Floats, frame: tuple[int, int]
+) -> tuple[_Fit, Floats, float | None]:
+    """Fit the lens with as many values as are significant; also its matrix and focal error."""
+    camera = nominal_camera_matrix(frame)
+    focal_error = None
+    fit = _Fit.of(boards, board, frame, camera, _FIXED)
+    if np.count_nonzero(fit.tilts_deg > _FLAT_DEG) >= _TILTED_FOR_FOCAL:
+        free = _Fit.of(boards, board, frame, camera, 0)
+        if free.focal_px < 100.0 * max(frame) and free.focal_error <= _KNOWN_FOCAL:
+            camera[0, 0] = camera[1, 1] = free.focal_px
+            focal_error = free.focal_error
+            fit = _Fit.of(boards, board, frame, camera, _FIXED)
+    freedom = (2 * len(board) - 6) * len(boards)
+    for fixed in (_FIXED - cv2.CALIB_FIX_K1, cv2.CALIB_FIX_FOCAL_LENGTH):
+        better = _Fit.of(boards, board, frame, camera, fixed)
+        moved = np.concatenate([_shift(points, better.radial, camera) for points in boards])
+        is_visible = np.linalg.norm(moved, axis=1).max() > _VISIBLE_DISTORTION * better.residual_px
+        explained = fit.residual_px**2 - better.residual_px**2
+        if is_visible and explained > _SIGNIFICANT * better.residual_px**2 / freedom:
+            fit = better
+    return fit, camera, focal_error
+
+
+_FIXED = cv2.CALIB_FIX_FOCAL_LENGTH + cv2.CALIB_FIX_K1 + cv2.CALIB_FIX_K2
+# The lens is centred, and its pixels are square.
+_IDEAL = (
+    cv2.CALIB_FIX_ASPECT_RATIO + cv2.CALIB_FIX_PRINCIPAL_POINT + cv2.CALIB_ZERO_TANGENT_DIST
+    + cv2.CALIB_FIX_K3 + cv2.CALIB_USE_INTRINSIC_GUESS
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    homographies: Floats  # (J, 3, 3), from mm on the board to pixels without distortion
-    radial: Floats  # (2,) k1 and k2
-    cost: float  # sum of squared residuals in px
-    freedom: int
+    tilts_deg: Floats  # (J,) of each placement from the image plane
+    mm_per_px: Floats  # (J,) where the axis of the camera meets the board
+    focal_px: float
+    focal_error: float  # relative standard error
+    radial: Floats  # (2,) k1 and k2 of OpenCV's model
     residual_px: float
 
-
-def _fitted(boards: Sequence[Floats], board: Floats, camera: Floats, radial: int) -> _Fit:
-    """Fit a homography to each placement, and `radial` distortion coefficients to all."""
-    starts = [cv2.findHomography(board, points)[0] for points in boards]
-    if any(homography is None for homography in starts):
-        raise CalibrationRejected("the corners do not form a board; take the picture again")
-    start = np.concatenate(
-        [np.zeros(radial), *(homography.ravel()[:8] / homography[2, 2] for homography in starts)]
-    )
-
-    def parts(values: Floats) -> tuple[Floats, Floats]:
-        bent = np.zeros(2)
-        bent[:radial] = values[:radial]
-        rows = values[radial:].reshape(-1, 8)
-        return bent, np.concatenate([rows, np.ones((len(rows), 1))], axis=1).reshape(-1, 3, 3)
-
-    def residuals(values: Floats) -> Floats:
-        bent, homographies = parts(values)
-        off = [
-            _distorted(_mapped(homography, board), bent, camera) - points
-            for homography, points in zip(homographies, boards, strict=True)
-        ]
-        return np.concatenate(off).ravel()
-
-    scales = np.concatenate(
-        [np.ones(radial), np.tile([1, 1, 100, 1, 1, 100, 1e-3, 1e-3], len(boards))]
-    )
-    solution = optimize.least_squares(residuals, start, x_scale=scales)
-    bent, homographies = parts(solution.x)
-    cost, freedom = 2.0 * float(solution.cost), solution.fun.size - start.size
-    residual_px = float(np.sqrt(2.0 * cost / solution.fun.size))
-    return _Fit(homographies, bent, cost, freedom, residual_px)
-
-
-def _mapped(homography: Floats, points: Floats) -> Floats:
-    x, y, w = (points @ homography[:, :2].T + homography[:, 2]).T
-    return np.stack([x / w, y / w], axis=1)
-
-
-def _distorted(points: Floats, radial: Floats, camera: Floats) -> Floats:
-    """Pixels (n, 2) where a lens with k1 and k2 of OpenCV's model shows these pixels."""
-    middle = np.array([camera[0, 2], camera[1, 2]])
-    squared = (((points - middle) / camera[0, 0]) ** 2).sum(axis=1)
-    gain = 1.0 + squared * (radial[0] + squared * radial[1])
-    return np.asarray(middle + (points - middle) * gain[:, None])
-
-
-def _largest_shift_px(radial: Floats, camera: Floats, frame: tuple[int, int]) -> float:
-    corner = np.array([float(frame[1] - 1), float(frame[0] - 1)])
-    middle = np.array([camera[0, 2], camera[1, 2]])
-    points = middle + np.linspace(0.0, 1.0, 65)[:, None] * (corner - middle)
-    shift = np.linalg.norm(_distorted(points, radial, camera) - points, axis=1)
-    return float(shift.max())
-
-
-def _tilts_deg(fit: _Fit, middle: Floats) -> Floats:
-    """Tilt of each placement, by how much it is shortened across the axis of the tilt."""
-    stretches = np.array([_stretch(homography, middle) for homography in fit.homographies])
-    return np.asarray(np.degrees(np.arccos(np.clip(stretches[:, 1] / stretches[:, 0], 0.0, 1.0))))
-
-
-def _stretch(homography: Floats, at_px: Floats) -> Floats:
-    """Largest and smallest px per mm of the board in the middle of the frame."""
-    place = np.linalg.solve(homography, [*at_px, 1.0])
-    x, y = place[:2] / place[2]
-    w = homography[2] @ [x, y, 1.0]
-    jacobian = (homography[:2, :2] - np.outer(at_px, homography[2, :2])) / w
-    return np.asarray(np.linalg.svd(jacobian, compute_uv=False))
-
-
-def _focal_length(
-    boards: Sequence[Floats], board: Floats, frame: tuple[int, int]
-) -> tuple[float, float] | None:
-    """Focal length in px and its relative standard error; None if not determined."""
-    objects = [np.column_stack([board, np.zeros(len(board))]).astype(np.float32)] * len(boards)
-    images = [points.astype(np.float32)[:, None] for points in boards]
-    flags = (
-        cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_ZERO_TANGENT_DIST
-        | cv2.CALIB_FIX_K3 | cv2.CALIB_USE_INTRINSIC_GUESS
-    )  # fmt: skip
-    try:
-        camera = cv2.calibrateCameraExtended(
-            objects, images, frame[::-1], nominal_camera_matrix(frame), np.zeros(5), flags=flags
+    @classmethod
+    def of(
+        cls,
+        boards: Sequence[Floats],
+        board: Floats,
+        frame: tuple[int, int],
+        camera: Floats,
+        fixed: int,
+    ) -> _Fit:
+        """Fit the pose of each placement, and the values of the lens that are not `fixed`."""
+        on_board = np.column_stack([board, np.zeros(len(board))]).astype(np.float32)
+        in_picture = [points.astype(np.float32)[:, None] for points in boards]
+        try:
+            residual_px, fitted, distortion, turns, places, deviations, *_ = (
+                cv2.calibrateCameraExtended(
+                    [on_board] * len(boards), in_picture, frame[::-1], camera.copy(), np.zeros(5),
+                    flags=_IDEAL + fixed,
+                )
+            )  # fmt: skip
+        except cv2.error as error:
+            raise CalibrationRejected(
+                "the corners do not form a board; take the picture again"
+            ) from error
+        normals = np.array([cv2.Rodrigues(turn)[0][:, 2] for turn in turns])
+        # The board is the plane normal . (x - place) = 0.
+        depths = np.einsum("ji,ji->j", normals, np.array(places)[..., 0]) / normals[:, 2]
+        focal_px = float(fitted[0, 0])
+        return cls(
+            np.degrees(np.arccos(np.clip(np.abs(normals[:, 2]), 0.0, 1.0))),
+            depths / focal_px,
+            focal_px,
+            # With equal aspect the deviation of one of the two may be given as 0.
+            float(np.ravel(deviations)[:2].max()) / focal_px,
+            np.asarray(distortion, np.float64).ravel()[:2],
+            residual_px,
         )
-    except cv2.error:
-        return None
-    focal_px, deviation = float(camera[1][0, 0]), float(np.ravel(camera[5])[0])
-    # With equal aspect the deviation of one of the two may be given as 0.
-    deviation = max(deviation, float(np.ravel(camera[5])[1]))
-    if not (0.0 < focal_px < 100.0 * max(frame) and 0.0 < deviation <= _KNOWN_FOCAL * focal_px):
-        return None
-    return focal_px, deviation / focal_px
+
+
+def _shift(points: Floats, radial: Floats, camera: Floats) -> Floats:
+    """(n, 2) pixels by which a lens with k1 and k2 of OpenCV's model moves these pixels."""
+    away = points - camera[:2, 2]
+    squared = (away**2).sum(axis=1, keepdims=True) / camera[0, 0] ** 2
+    return np.asarray(away * squared * (radial[0] + squared * radial[1]))

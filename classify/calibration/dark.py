@@ -12,7 +12,7 @@ from classify.base.arrays import Floats
 from classify.base.errors import CalibrationRejected, InputError
 from classify.images import ROUNDING_VARIANCE
 
-from .block_levels import BLOCKS, Frames, in_blocks, temporal_variances
+from .photon_transfer import BLOCKS, Frames, in_blocks, temporal_variances
 
 SAME_EXPOSURE = 0.02
 """Largest relative difference of equal exposures, which cameras round when they read them back."""

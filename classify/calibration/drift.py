@@ -48,7 +48,7 @@ _UNEXPLAINED = (0.005, 0.01)
 
 
 @dataclass(frozen=True)
-class DriftCause:
+class _DriftCause:
     """One thing that has changed since the calibration."""
 
     kind: _DriftKind
@@ -62,7 +62,7 @@ class DriftCause:
 class Drift:
     """A rig compared with its calibration."""
 
-    causes: tuple[DriftCause, ...]  # beyond the limit of a warning, the worst first
+    causes: tuple[_DriftCause, ...]  # beyond the limit of a warning, the worst first
     level_changes: Floats  # (N,) relative to the common change; -0.1 for 10 % less light
     brightness: float | None  # common to all lights, a multiple of the calibration's, if known
     sheet_tilt_deg: float
@@ -174,7 +174,7 @@ def _error_deg(change: Floats, slope: Floats, lighting: Lighting) -> float:
 
 def _causes(
     explanation: Explanation, model: DriftModel, brightness: float | None
-) -> Iterator[DriftCause]:
+) -> Iterator[_DriftCause]:
     for light, level in enumerate(np.expm1(explanation.levels)):
         status = _status(abs(level), _LED_LEVEL)
         if status != "ok":
@@ -183,7 +183,7 @@ def _causes(
                 "clean or replace the LED and check its supply, then calibrate the plate again "
                 "with --replace"
             )
-            yield DriftCause("led level", light, status, finding, advice)
+            yield _DriftCause("led level", light, status, finding, advice)
     for cause, numbers in explanation.causes:
         if cause.kind == "light moved":
             yield from _light_moved(cause, numbers, model)
@@ -198,7 +198,7 @@ def _causes(
                 f"all lights together are {brightness:.2f} times as bright as at the calibration"
             )
             advice = "set exposure, gain and aperture as they were, and check the LEDs' supply"
-            yield DriftCause("exposure", None, status, finding, advice)
+            yield _DriftCause("exposure", None, status, finding, advice)
     tilt_deg = _tilt_deg(explanation.slope)
     status = _status(tilt_deg, _SHEET_TILT_DEG)
     if status != "ok":
@@ -206,7 +206,7 @@ def _causes(
             f"the sheet is tilted by {tilt_deg:.1f} degrees, or two neighbouring LEDs have drifted "
             "alike"
         )
-        yield DriftCause("sheet tilted", None, status, finding, "lay it flat, then check again")
+        yield _DriftCause("sheet tilted", None, status, finding, "lay it flat, then check again")
     status = _status(explanation.residual, _UNEXPLAINED)
     if status != "ok":
         finding = f"lights differ by {explanation.residual:.1%}, which no single cause explains"
@@ -214,10 +214,10 @@ def _causes(
             "is it a white matt sheet without shadow or relief? Then calibrate the plate again "
             "with --replace"
         )
-        yield DriftCause("unexplained", None, status, finding, advice)
+        yield _DriftCause("unexplained", None, status, finding, advice)
 
 
-def _light_moved(cause: PossibleCause, numbers: Floats, model: DriftModel) -> Iterator[DriftCause]:
+def _light_moved(cause: PossibleCause, numbers: Floats, model: DriftModel) -> Iterator[_DriftCause]:
     if cause.light is None:
         return
     before = model.positions[cause.light]
@@ -233,10 +233,10 @@ def _light_moved(cause: PossibleCause, numbers: Floats, model: DriftModel) -> It
             f"{abs(math.expm1(numbers[2])):.0%} {'farther away' if numbers[2] > 0 else 'nearer'}"
         )
         advice = "put it back and fasten it, then calibrate the plate again with --replace"
-        yield DriftCause("light moved", cause.light, status, finding, advice)
+        yield _DriftCause("light moved", cause.light, status, finding, advice)
 
 
-def _camera_moved(numbers: Floats) -> Iterator[DriftCause]:
+def _camera_moved(numbers: Floats) -> Iterator[_DriftCause]:
     right, up = 0.5 * numbers[:2]
     rotated_deg = math.degrees(numbers[2])
     status = _worst(
@@ -250,10 +250,10 @@ def _camera_moved(numbers: Floats) -> Iterator[DriftCause]:
             f"rotated by {abs(rotated_deg):.1f} degrees {'anti' * (rotated_deg > 0.0)}clockwise"
         )
         advice = "put it back and fasten it, then calibrate the plate again with --replace"
-        yield DriftCause("camera moved", None, status, finding, advice)
+        yield _DriftCause("camera moved", None, status, finding, advice)
 
 
-def _lens(numbers: Floats) -> Iterator[DriftCause]:
+def _lens(numbers: Floats) -> Iterator[_DriftCause]:
     magnification = math.exp(numbers[0])
     corner = math.expm1(numbers[1] + numbers[2])
     status = _worst(
@@ -265,7 +265,7 @@ def _lens(numbers: Floats) -> Iterator[DriftCause]:
             f"magnification, corners {_more_or_less(corner)} bright"
         )
         advice = "use the lens of the calibration, or calibrate plate and scale with --replace"
-        yield DriftCause("lens", None, status, finding, advice)
+        yield _DriftCause("lens", None, status, finding, advice)
 
 
 def _more_or_less(change: float) -> str:

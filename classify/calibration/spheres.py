@@ -16,7 +16,7 @@ from .calibration import CalibratedLights
 from .correction import Scale, nominal_camera_matrix
 from .matte_sphere import SATURATED, matte_directions
 from .mirror_sphere import mirror_directions
-from .placements import check_placements_differ
+from .plate_blocks import check_placements_differ
 from .sphere import Sphere
 from .sphere_outline import find_outline, outline_of_mask
 
@@ -65,42 +65,19 @@ def lights_from_spheres(
             "lights; give the same for each"
         )
     check_placements_differ([placement.images for placement in placements])
-    frame = placements[0].images.shape[1:]
-    spheres, scores, doubts = [], [], []
-    rays = []
-    levels = []
-    residuals = []
+    measured = []
     for number, placement in enumerate(placements, start=1):
         try:
-            if placement.mask is None:
-                outline = find_outline(placement.images, is_mirror=kind == "mirror")
-            else:
-                outline = outline_of_mask(placement.mask)
-            sphere = Sphere.of_outline(outline, (frame[0], frame[1]), focal_px)
-            if kind == "mirror":
-                directions, errors, points, new_doubts = mirror_directions(
-                    placement.images, sphere, placement.ambient
-                )
-                residuals.append(sphere.error_px / sphere.radius_px)
-            else:
-                lit = _without_ambient(placement)
-                directions, errors, relative, residual = matte_directions(
-                    lit, sphere, placement.full_scale, placement.vignetting
-                )
-                points, new_doubts = np.broadcast_to(sphere.centre, directions.shape), []
-                levels.append(relative)
-                residuals.append(residual)
+            measured.append(_Measured.of(placement, kind, focal_px))
         except CalibrationRejected as error:
             where = f"placement {number}: " if len(placements) > 1 else ""
             raise CalibrationRejected(f"{where}{error}") from error
-        spheres.append(sphere)
-        scores.append(outline.score)
-        doubts += new_doubts
-        rays.append((points, directions, np.radians(errors)))
-    points, directions, errors = (np.stack(placement) for placement in zip(*rays, strict=True))
+    points, directions, errors = (
+        np.stack(rays) for rays in zip(*(placement.rays for placement in measured), strict=True)
+    )
     mean, mean_error = _mean_directions(directions, errors)
-    intensities = np.exp(np.mean(np.log(levels), axis=0)) if levels else np.empty(0)
-    residual = float(np.sqrt(np.mean(np.square(residuals))))
+    intensities = np.exp(np.mean([np.log(placement.levels) for placement in measured], axis=0))
+    residual = float(np.sqrt(np.mean([placement.residual**2 for placement in measured])))
     positions = positions_of_rays(points, directions, errors) if len(placements) > 1 else None
     if positions is not None:
         at, across, along = positions
@@ -122,7 +99,47 @@ def lights_from_spheres(
         residual=residual,
         lobe_exponent=None,
     )
-    return SphereLights(lights, tuple(spheres), tuple(scores), tuple(doubts))
+    return SphereLights(
+        lights,
+        tuple(placement.sphere for placement in measured),
+        tuple(placement.outline_score for placement in measured),
+        tuple(doubt for placement in measured for doubt in placement.doubts),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Measured:
+    """The lights by a sphere at one place."""
+
+    sphere: Sphere
+    outline_score: float
+    rays: tuple[Floats, Floats, Floats]  # (N, 3) points and directions, (N,) errors in radians
+    levels: Floats  # (N,) of a matt sphere; (0,) of a mirror
+    residual: float
+    doubts: Sequence[str]
+
+    @classmethod
+    def of(cls, placement: SphereImages, kind: SphereKind, focal_px: float | None) -> _Measured:
+        """Find the sphere, and measure the lights by it."""
+        rows, columns = placement.images.shape[1:]
+        if placement.mask is None:
+            outline = find_outline(placement.images, is_mirror=kind == "mirror")
+        else:
+            outline = outline_of_mask(placement.mask)
+        sphere = Sphere.of_outline(outline, (rows, columns), focal_px)
+        if kind == "mirror":
+            directions, errors, points, doubts = mirror_directions(
+                placement.images, sphere, placement.ambient
+            )
+            rays = points, directions, np.radians(errors)
+            residual = sphere.error_px / sphere.radius_px
+            return cls(sphere, outline.score, rays, np.empty(0), residual, doubts)
+        directions, errors, levels, residual = matte_directions(
+            _without_ambient(placement), sphere, placement.full_scale, placement.vignetting
+        )
+        points = np.broadcast_to(sphere.centre, directions.shape)
+        rays = points, directions, np.radians(errors)
+        return cls(sphere, outline.score, rays, levels, residual, ())
 
 
 def scale_of_spheres(spheres: Sequence[Sphere], diameter_mm: float) -> Scale:

@@ -1,18 +1,19 @@
 """`DefectModel`: a model of good parts of a texture, which shows where a part differs."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final, Literal, Self
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict, Field
 
-from classify.base.array_archive import ArchiveKind, arrays_sha256, open_archive, write_archive
-from classify.base.arrays import Array
-from classify.base.durable_file import require_folder
+from classify.base.array_archive import (
+    ArchiveKind,
+    arrays_sha256,
+    read_arrays,
+    write_arrays,
+)
 from classify.base.errors import DefectModelError
 from classify.confidence import share_at_most
 from classify.surface.estimate import FloatMap, SurfaceEstimate
@@ -32,6 +33,20 @@ from .departures import (
 )
 from .fields import PartFields, part_fields
 from .filters import ALBEDO, SIZES
+
+SUFFIX = ".ps4def"
+_KIND = ArchiveKind(
+    noun="defect model",
+    header="defects.json",
+    version=4,
+    if_missing="make one with ps4rig station teach",
+    remedy="teach it again",
+    error=DefectModelError,
+    # A model takes 180 kB, and 8 bytes for each of at most 100 good parts.
+    max_bytes=2**22,
+    max_header_bytes=2**16,
+)
+
 
 _CHANCES = np.array([1, 10, 30, 3, 10, 10, 10, 10])
 CHANNEL_SHARES = _CHANCES / _CHANCES.sum()
@@ -53,6 +68,7 @@ _SHAPES: dict[str, tuple[int | None, ...]] = {
     "excess": (DEPARTURES,),
     "limits": (_CHANNELS,),
     "good_scores": (None,),
+    "false_alarm_rate": (1,),
 }
 for _name, _columns in STATISTICS.items():
     _count = _columns.stop - _columns.start
@@ -61,30 +77,7 @@ for _name, _columns in STATISTICS.items():
         f"{_name}_whitening": (_count, _count),
         f"{_name}_centres": (CENTRES, _count),
     }
-_POSITIVE = ("scales", "low_excess", "excess", "limits")
-
-
-SUFFIX = ".ps4def"
-_VERSION: Final = 3
-_KIND = ArchiveKind(
-    noun="defect model",
-    header="defects.json",
-    version=_VERSION,
-    if_missing="make one with ps4rig station teach",
-    remedy="teach it again",
-    error=DefectModelError,
-    # A model takes 180 kB, and 8 bytes for each of at most 100 good parts.
-    max_bytes=2**22,
-    max_header_bytes=2**16,
-)
-
-
-class _Header(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-    format: Literal["ps4def"] = "ps4def"
-    version: Literal[3] = _VERSION
-    false_alarm_rate: float = Field(gt=0.0, lt=0.5)
-    sha256: str
+_POSITIVE = ("scales", "low_excess", "excess", "limits", "false_alarm_rate")
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,25 +152,19 @@ class DefectModel:
     @cached_property
     def sha256(self) -> str:
         """Hash of this model, as in its file."""
-        return _digest(self.false_alarm_rate, self._arrays)
+        return arrays_sha256("", self._arrays)
 
     def save(self, path: str | Path) -> None:
-        """Write a ``.ps4def`` file, whole or not at all; DefectModelError for another suffix."""
+        """Write a ``.ps4def`` file, whole or not at all."""
         path = Path(path)
         if path.suffix != SUFFIX:
             raise DefectModelError(f"{path}: let the name of a defect model end in {SUFFIX}")
-        require_folder(path)
-        header = _Header(false_alarm_rate=self.false_alarm_rate, sha256=self.sha256)
-        write_archive(path, _KIND, header.model_dump_json(indent=1), self._arrays)
+        write_arrays(path, _KIND, self._arrays)
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
         """Read a ``.ps4def`` file; DefectModelError, which names it, if it cannot be used."""
-        with open_archive(Path(path), _KIND) as archive:
-            header = archive.header(_Header)
-            arrays = archive.finite_arrays(_SHAPES)
-            if _digest(header.false_alarm_rate, arrays) != header.sha256:
-                raise archive.error("its arrays do not match their SHA-256: the file was changed")
+        arrays = read_arrays(Path(path), _KIND, _SHAPES)
         gains = arrays["gains"]
         if len(set(gains.shape[1:])) > 1:
             raise DefectModelError(f"{path}: its gains are not square; teach it again")
@@ -193,7 +180,7 @@ class DefectModel:
             Departures(gains, arrays["scales"], cells, low),
             Evidence(arrays["quantiles"], arrays["excess"]),
             arrays["limits"],
-            header.false_alarm_rate,
+            float(arrays["false_alarm_rate"][0]),
             arrays["good_scores"],
         )
 
@@ -210,6 +197,7 @@ class DefectModel:
             "excess": self.evidence.excess,
             "limits": self.limits,
             "good_scores": self.good_scores,
+            "false_alarm_rate": np.array([self.false_alarm_rate]),
         }
         for name, cells in zip(STATISTICS, part.cells, strict=True):
             arrays |= {f"{name}_{field}": value for field, value in vars(cells).items()}
@@ -219,8 +207,3 @@ class DefectModel:
 def channels_of(evidence: FloatMap) -> FloatMap:
     """(_CHANNELS, h, w) evidence of the channels, from that of the departures."""
     return np.concatenate([evidence.sum(axis=0, keepdims=True), evidence])
-
-
-def _digest(false_alarm_rate: float, arrays: Mapping[str, Array]) -> str:
-    """SHA-256 over version, rate and arrays."""
-    return arrays_sha256(f"{_VERSION} {false_alarm_rate!r}", arrays)

@@ -3,15 +3,18 @@
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict
 
-from classify.base.array_archive import ArchiveKind, arrays_sha256, open_archive, write_archive
+from classify.base.array_archive import (
+    ArchiveKind,
+    arrays_sha256,
+    read_arrays,
+    write_arrays,
+)
 from classify.base.arrays import Floats
-from classify.base.durable_file import require_folder
 from classify.base.errors import PieceModelError
 from classify.surface.estimate import FloatMap
 
@@ -19,6 +22,20 @@ from .features import DIRECTIONS, FEATURES, MOMENTS, coarser, window_features, w
 from .look_alikes import LookAlikes
 from .spots import DEPARTURES, SPOT_VALUES, SpotModel, spot_values
 from .whole_part import LinearMeasure, octave_levels, pseudo_scalars
+
+SUFFIX = ".ps4piece"
+_KIND = ArchiveKind(
+    noun="piece model",
+    header="pieces.json",
+    version=4,
+    if_missing="make one with ps4rig station teach",
+    remedy="teach it again",
+    error=PieceModelError,
+    # Two views of 1,000 windows of 28 float32, and two of 16, take 0.4 MB.
+    max_bytes=2**22,
+    max_header_bytes=2**16,
+)
+
 
 VIEWS: tuple[tuple[str, int, tuple[int, ...]], ...] = (
     ("window_64", 4, tuple(range(FEATURES))),
@@ -53,27 +70,6 @@ class PieceMeasures:
     def seam(self) -> float:
         """The largest score of the directions of a window."""
         return float(self.seam_map.max())
-
-
-SUFFIX = ".ps4piece"
-_KIND = ArchiveKind(
-    noun="piece model",
-    header="pieces.json",
-    version=3,
-    if_missing="make one with ps4rig station teach",
-    remedy="teach it again",
-    error=PieceModelError,
-    # Two views of 1,000 windows of 28 float32, and two of 16, take 0.4 MB.
-    max_bytes=2**22,
-    max_header_bytes=2**16,
-)
-
-
-class _Header(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-    format: Literal["ps4piece"] = "ps4piece"
-    version: Literal[3] = 3
-    sha256: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,19 +118,13 @@ class PieceModel:
         return arrays_sha256("", self._arrays)
 
     def save(self, path: str | Path) -> None:
-        """Write a ``.ps4piece`` file, whole or not at all; InputError if that cannot be done."""
-        require_folder(Path(path))
-        header = _Header(sha256=self.sha256).model_dump_json(indent=1)
-        write_archive(Path(path), _KIND, header, self._arrays)
+        """Write a ``.ps4piece`` file, whole or not at all."""
+        write_arrays(Path(path), _KIND, self._arrays)
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
         """Read a ``.ps4piece`` file; PieceModelError, which names it, if it cannot be used."""
-        with open_archive(Path(path), _KIND) as archive:
-            header = archive.header(_Header)
-            arrays = archive.finite_arrays(_shapes())
-            if arrays_sha256("", arrays) != header.sha256:
-                raise archive.error("its arrays do not match their SHA-256: the file was changed")
+        arrays = read_arrays(Path(path), _KIND, _shapes())
         views = {
             name: LookAlikes(*(arrays[f"{name}_{part}"] for part in _PARTS)) for name, _, _ in VIEWS
         }

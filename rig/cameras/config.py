@@ -128,7 +128,7 @@ class StampedCameraConfig(CameraConfig):
         return self
 
 
-class PixelDepth(Protocol):
+class _PixelDepth(Protocol):
     """A pixel format, of which only the depth counts here."""
 
     @property
@@ -139,7 +139,7 @@ class PixelDepth(Protocol):
 class FormattedCameraConfig(StampedCameraConfig):
     """A camera whose `pixel_format`, a key of `formats`, determines `bits`."""
 
-    formats: ClassVar[Mapping[str, PixelDepth]]
+    formats: ClassVar[Mapping[str, _PixelDepth]]
     pixel_format: str
 
     @property

@@ -11,13 +11,11 @@ from rig.errors import ControlFault
 
 from .camera import Camera, CameraInfo, ListedCamera
 from .config import CameraConfig, ReplayCameraConfig, SimulatedCameraConfig
-from .genicam.camera import GenicamCamera, list_genicam_cameras
-from .genicam.config import GenicamCameraConfig
-from .genicam.network import network_faults
+from .genicam.camera import GenicamCamera, list_genicam_cameras, network_faults
+from .genicam.measurement_mode import GenicamCameraConfig
 from .opencv import OpencvCamera, OpencvCameraConfig
-from .v4l2.camera import V4l2Camera
-from .v4l2.camera_list import list_v4l2_cameras
-from .v4l2.config import V4l2CameraConfig
+from .v4l2.camera import V4l2Camera, list_v4l2_cameras
+from .v4l2.measurement_mode import V4l2CameraConfig
 
 _Config = TypeVar("_Config", bound=CameraConfig)
 

@@ -14,9 +14,8 @@ import numpy as np
 from rig.errors import CameraError, ControlError, ControlFault
 
 from .camera import CameraInfo, Frame, Pixels, require_exposure
-from .v4l2.config import VideoCameraConfig
-from .v4l2.device import RATE_TOLERANCE
-from .v4l2.node import device_path
+from .v4l2.device import RATE_TOLERANCE, device_path
+from .v4l2.measurement_mode import VideoCameraConfig
 
 # Imported by the functions that need it, so that a configuration is read without loading it.
 if TYPE_CHECKING:

@@ -109,7 +109,7 @@ def _saturation(images: LightImages) -> Check:
 
 
 @dataclass(frozen=True)
-class ExposureRating:
+class _ExposureRating:
     """Rating of an exposure by the brightest LED, because all images share one exposure."""
 
     led: int
@@ -127,17 +127,17 @@ class ExposureRating:
         return self.share >= 1.0
 
 
-def rate_exposure(images: LightImages) -> ExposureRating:
+def rate_exposure(images: LightImages) -> _ExposureRating:
     """Rate the exposure of light images."""
     full = images.full_scale
     bright = np.percentile(images.lights, _BRIGHT_PERCENTILE, axis=(1, 2))
     led = int(bright.argmax())
     if bright[led] >= full:
-        return ExposureRating(led, 1.0, _SHORTER_WHEN_SATURATED)
+        return _ExposureRating(led, 1.0, _SHORTER_WHEN_SATURATED)
     # The black level does not grow with the exposure.
     black = float(images.ambient.min())
     factor = (_TARGET * full - black) / max(float(bright[led]) - black, 1.0)
-    return ExposureRating(led, float(bright[led]) / full, factor)
+    return _ExposureRating(led, float(bright[led]) / full, factor)
 
 
 def _exposure(images: LightImages, exposure_ms: float, range_ms: tuple[float, float]) -> Check:

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from rig.config.lights import AUTO, LightsConfig
 from rig.errors import LightControllerError
@@ -14,7 +13,6 @@ from .link import DEFAULT_TIMEOUTS, ControllerIdentity, ControllerLink, LinkTime
 from .serial_line import port_holders, pyserial
 
 _BY_ID = Path("/dev/serial/by-id")
-_TRIES = 3  # to list the ports
 # USB vendors of microcontroller boards and of their USB chips. Devices of other vendors, such as
 # modems, are not asked unless their USB id is configured.
 _VENDORS = {
@@ -66,6 +64,12 @@ def list_serial_ports() -> list[SerialPort]:
     pyserial()
     from serial.tools.list_ports import comports
 
+    try:
+        listed = list(comports())
+    except (TypeError, ValueError, OSError) as error:  # a port was unplugged meanwhile
+        raise LightControllerError(
+            f"the serial ports cannot be listed ({error}); try again"
+        ) from error
     names = {path.resolve(): str(path) for path in sorted(_BY_ID.glob("*"))}
     ports = [
         SerialPort(
@@ -75,20 +79,9 @@ def list_serial_ports() -> list[SerialPort]:
             description="" if info.description in (None, "n/a") else info.description,
             by_id=names.get(Path(info.device).resolve()),
         )
-        for info in _listed(comports)
+        for info in listed
     ]
     return sorted(ports, key=lambda port: port.device)
-
-
-def _listed(comports: Callable[[], list[Any]]) -> list[Any]:
-    """List the ports; try again, because pyserial fails if a port is unplugged meanwhile."""
-    failure: Exception | None = None
-    for _ in range(_TRIES):
-        try:
-            return list(comports())
-        except (TypeError, ValueError, OSError) as error:
-            failure = error
-    raise LightControllerError(f"the serial ports cannot be listed ({failure})") from failure
 
 
 def list_serial_ports_if_possible() -> list[SerialPort]:

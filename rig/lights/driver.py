@@ -330,7 +330,7 @@ def _named(led: int | None) -> str:
 
 
 @dataclass(frozen=True)
-class SwitchLatency:
+class _SwitchLatency:
     """Median and worst time of a number of switches, on the rig's clock."""
 
     median_ms: float
@@ -340,7 +340,7 @@ class SwitchLatency:
 
 def measure_switch_latency(
     lights: LightController, clock: Clock, switches: int = 40
-) -> SwitchLatency:
+) -> _SwitchLatency:
     """Switch through all LEDs and off, and leave them off."""
     times_ms = []
     try:
@@ -351,4 +351,4 @@ def measure_switch_latency(
             times_ms.append(1e3 * (switch.acknowledged_s - asked_s))
     finally:
         lights.off()
-    return SwitchLatency(statistics.median(times_ms), max(times_ms), switches)
+    return _SwitchLatency(statistics.median(times_ms), max(times_ms), switches)

@@ -37,7 +37,7 @@ _SHA256 = re.compile(r"^[0-9a-f]{64}$", re.MULTILINE)
 
 
 @dataclass(frozen=True)
-class Flashed:
+class _Flashed:
     """The board's port, the version of its firmware before and after, and that of the files."""
 
     port: str
@@ -56,7 +56,7 @@ def sha256(file: Path) -> str:
     return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
-def flash_port(port: str, files: Sequence[Path], *, dry_run: bool = False) -> Flashed:
+def flash_port(port: str, files: Sequence[Path], *, dry_run: bool = False) -> _Flashed:
     """Put files on the MicroPython board at a serial port, and start them.
 
     A running light controller is stopped first; any other program is interrupted.
@@ -71,7 +71,7 @@ def flash_port(port: str, files: Sequence[Path], *, dry_run: bool = False) -> Fl
     running = _running_controller(port, stop=not dry_run)
     before = running.firmware_version if running else None
     if dry_run:
-        return Flashed(port, before, before)
+        return _Flashed(port, before, before)
     time.sleep(_RESET_S)
     _until_ready(lambda: _on_board(port, "exec", "pass"))
     try:
@@ -82,7 +82,7 @@ def flash_port(port: str, files: Sequence[Path], *, dry_run: bool = False) -> Fl
         raise
     _on_board(port, "reset")
     time.sleep(_RESET_S)
-    return Flashed(port, before, _until_ready(lambda: identify(port)).firmware_version)
+    return _Flashed(port, before, _until_ready(lambda: identify(port)).firmware_version)
 
 
 def find_board(ports: Sequence[SerialPort]) -> str:

@@ -23,7 +23,7 @@ _LONGEST_S = 1.0
 
 
 @dataclass(frozen=True)
-class PortHolder:
+class _PortHolder:
     """A running program that has a device open."""
 
     pid: int
@@ -33,7 +33,7 @@ class PortHolder:
         return f"{self.name} (process {self.pid})"
 
 
-def port_holders(device: str, proc: Path = _PROC) -> list[PortHolder]:
+def port_holders(device: str, proc: Path = _PROC) -> list[_PortHolder]:
     """List the programs, this one included, that have a device open; other users' may be hidden."""
     target = os.path.realpath(device)
     given_up_s = time.thread_time() + _LONGEST_S
@@ -42,7 +42,7 @@ def port_holders(device: str, proc: Path = _PROC) -> list[PortHolder]:
         if time.thread_time() > given_up_s:
             break
         if _has_open(process, target):
-            holders.append(PortHolder(int(process.name), _name(process)))
+            holders.append(_PortHolder(int(process.name), _name(process)))
     return holders
 
 

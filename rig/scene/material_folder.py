@@ -11,16 +11,16 @@
 A height or a normal map is required; the other files are optional.
 """
 
-import json
 from pathlib import Path
-from typing import Any
+from typing import Annotated, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict, PositiveFloat, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationError
 
 from classify.base.arrays import FloatMap
 from classify.base.errors import InputError
+from classify.base.models import first_fault
 from classify.base.regular_file import read_regular_file
 from rig.image_metadata import linear_from_srgb, luminance
 
@@ -33,13 +33,26 @@ _MAX_JSON_BYTES = 1 << 20
 _MAP_ENDINGS = ("png", "jpg", "jpeg")
 
 
-class _MaterialNotes(BaseModel):
-    """Fields read from `material.json`, which may have more, such as a name or a licence."""
+class _Notes(BaseModel):
+    """Fields read from a JSON file, which may have more, such as a name or a licence."""
 
     model_config = ConfigDict(extra="ignore", strict=True, frozen=True, allow_inf_nan=False)
 
+
+class _MaterialNotes(_Notes):
     size_mm: PositiveFloat | None = None
     relief_mm: PositiveFloat | None = None
+
+
+class _HeightNotes(_Notes):
+    scale_px_per_unit: Annotated[float, Field(gt=0.0, lt=1e6)] | None = None
+
+
+class _MetaNotes(_Notes):
+    height: _HeightNotes = _HeightNotes()
+
+
+_File = TypeVar("_File", bound=_Notes)
 
 
 def bundled_materials() -> dict[str, Path]:
@@ -149,31 +162,18 @@ def _default_scale(levels: npt.NDArray[np.floating]) -> float:
 
 def _known_scale(folder: Path, width_px: int) -> float | None:
     """Pixels of height from black to white, from `material.json` or else `meta.json`."""
-    file = folder / "material.json"
-    if file.is_file():
-        try:
-            notes = _MaterialNotes.model_validate(_json(file))
-        except ValidationError as error:
-            first = error.errors()[0]
-            where = ".".join(map(str, first["loc"])) or "the file"
-            raise InputError(f"{file}: {where}: {first['msg']}") from error
-        if notes.size_mm and notes.relief_mm:
-            return notes.relief_mm / notes.size_mm * width_px
-    file = folder / "meta.json"
+    notes = _read_notes(folder / "material.json", _MaterialNotes)
+    if notes is not None and notes.size_mm and notes.relief_mm:
+        return notes.relief_mm / notes.size_mm * width_px
+    meta = _read_notes(folder / "meta.json", _MetaNotes)
+    return None if meta is None else meta.height.scale_px_per_unit
+
+
+def _read_notes(file: Path, model: type[_File]) -> _File | None:
+    """Read a JSON file; None without one."""
     if not file.is_file():
         return None
-    meta = _json(file)
-    height = meta.get("height") if isinstance(meta, dict) else None
-    scale = height.get("scale_px_per_unit") if isinstance(height, dict) else None
-    if scale is None:
-        return None
-    if isinstance(scale, bool) or not isinstance(scale, int | float) or not 0 < scale < 1e6:
-        raise InputError(f"{file}: height.scale_px_per_unit is {scale!r}; give a positive number")
-    return float(scale)
-
-
-def _json(file: Path) -> Any:
     try:
-        return json.loads(read_regular_file(file, _MAX_JSON_BYTES).decode("utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{file}: not valid JSON: {error}") from error
+        return model.model_validate_json(read_regular_file(file, _MAX_JSON_BYTES))
+    except ValidationError as error:
+        raise InputError(f"{file}: {first_fault(error)}") from error

@@ -23,7 +23,7 @@ _JITTER_STREAM = 1
 
 
 @dataclass(frozen=True)
-class ReportedTiming:
+class _ReportedTiming:
     """The timing that a simulated camera reports of its exposures."""
 
     # of a sequence number and the true start
@@ -34,7 +34,7 @@ class ReportedTiming:
 
 def reported_timing(
     camera: SimulatedCameraConfig | ReplayCameraConfig, simulation: SimulationConfig
-) -> ReportedTiming:
+) -> _ReportedTiming:
     """The timing that the rig derives from the stamps of a simulated driver."""
     camera.require_measured_mode()
     period_s, exposure_s = 1.0 / camera.frame_rate_hz, camera.exposure_ms / 1e3
@@ -52,7 +52,7 @@ def reported_timing(
         )
 
     readout_ms = simulation.readout_ms if lag_ms is None else camera.readout_ms
-    return ReportedTiming(
+    return _ReportedTiming(
         start_s=reported_start_s,
         readout_s=None if readout_ms is None else readout_ms / 1e3,
         start_known_to_s=max(0.0, -reported_start_s(0, 0.0))
@@ -91,7 +91,7 @@ class SimulatedCamera:
         exposures: Exposures,
         *,
         seed: int,
-        reported: ReportedTiming | None = None,
+        reported: _ReportedTiming | None = None,
     ) -> None:
         self.scene = scene
         self.sensor = sensor
@@ -99,7 +99,7 @@ class SimulatedCamera:
         self._board = board
         self._clock = clock
         self._seed = seed
-        self._reported = reported or ReportedTiming()
+        self._reported = reported or _ReportedTiming()
         # Number and scene of each frame in the queue; its pixels are computed when it is read.
         self._queue: deque[tuple[int, LitScene]] = deque()
         self._next_sequence = 0

@@ -9,10 +9,10 @@ from dataclasses import replace
 from classify.base.errors import ConfigError
 from firmware_sim import Server, SimulatedController, serve_local, serve_tty
 from rig.cameras.config import CameraConfig
-from rig.cameras.genicam.config import GenicamCameraConfig
 from rig.cameras.genicam.fake import FakeGigeCamera
+from rig.cameras.genicam.measurement_mode import GenicamCameraConfig
 from rig.cameras.genicam.pixel_formats import packed_12p
-from rig.cameras.v4l2.config import V4l2CameraConfig
+from rig.cameras.v4l2.measurement_mode import V4l2CameraConfig
 from rig.cameras.v4l2.output import V4l2Output
 from rig.cameras.v4l2.pixel_formats import PIXEL_FORMATS, PixelFormat
 from rig.config.rig import RigConfig

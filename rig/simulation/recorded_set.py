@@ -19,7 +19,7 @@ _SAME_DIRECTION = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class RecordedSet:
+class _RecordedSet:
     """A set as the scene of a simulated camera."""
 
     lights: FloatMap  # (N, H, W) float32 pixel values that each light adds
@@ -39,7 +39,7 @@ class RecordedSet:
             )
 
 
-def read_recorded_set(path: Path, exposure_ms: float) -> RecordedSet:
+def read_recorded_set(path: Path, exposure_ms: float) -> _RecordedSet:
     """Read a captured set, to replay it with an exposure of `exposure_ms`."""
     planes, fields = read_set_file(path)
     try:
@@ -52,7 +52,7 @@ def read_recorded_set(path: Path, exposure_ms: float) -> RecordedSet:
 
 def _recorded(
     path: Path, planes: Planes, fields: dict[str, Any], exposure_ms: float
-) -> RecordedSet:
+) -> _RecordedSet:
     directions = np.array(fields["lighting"]["directions"], np.float64)
     count, full_scale, bits = len(directions), fields["full_scale"], fields["bit_depth"]
     if fields.get("mask_file") is not None:
@@ -83,7 +83,7 @@ def _recorded(
             },
         },
     )
-    return RecordedSet(
+    return _RecordedSet(
         lights=values[:count] - ambient,
         ambient=ambient,
         lighting=Lighting(directions, np.array(fields["lighting"]["intensities"], np.float64)),

@@ -32,7 +32,7 @@ class StreamingCamera(FakeCamera):
     driver, bus = "fake", "usb"
 
     def __init__(self, _path: str) -> None:
-        super().__init__(usual_knobs() | {abi.CID_BRIGHTNESS: Knob("Brightness", 128, 0, 255)})
+        super().__init__(usual_knobs() | {abi.Cid.BRIGHTNESS: Knob("Brightness", 128, 0, 255)})
 
     def set_format(self, _fourcc: str, width_px: int, _height_px: int) -> VideoFormat:
         return VideoFormat(width_px, "full range")

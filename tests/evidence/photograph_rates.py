@@ -19,8 +19,7 @@ import cv2
 import numpy as np
 
 from capture.base.errors import ImportCause
-from capture.sets.image_checks import LightImages
-from capture.sets.photograph_checks import check_photographs
+from capture.sets.image_checks import LightImages, check_photographs
 from classify import Lighting
 from classify.calibration.calibration import Calibration
 from classify.lights.shading import shading_of, shading_order

@@ -5,8 +5,8 @@ from capture.base.interrupts import INTERRUPTED_STATUS
 from capture.base.streams import BROKEN_PIPE_STATUS
 from capture.calibration.ps4cal import PartRecord
 from capture.commands.solve import FOLDER, FORMATS
+from capture.session.folder import COLUMNS
 from capture.session.plan import SessionPlan
-from capture.session.sets_table import COLUMNS
 from capture.sets.metadata import SetMetadata
 from classify.base.errors import InputError
 from rig.errors import HardwareError

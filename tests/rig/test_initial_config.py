@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from rig import ConfigError, ListedCamera, load_config
-from rig.cameras.v4l2.config import V4l2CameraConfig
+from rig.cameras.v4l2.measurement_mode import V4l2CameraConfig
 from rig.initial_config import answering_controllers, initial_config
 from rig.lights.discovery import SerialPort, find_controller
 

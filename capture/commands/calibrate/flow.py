@@ -15,8 +15,8 @@ from capture.base.outputs import check_output
 from classify.base.errors import InputError
 
 if TYPE_CHECKING:
-    from capture.calibration.parts import PartName
     from capture.calibration.ps4cal import CalibrationFile, MeasuredPart
+    from capture.calibration.setting import PartName
     from capture.sets.captured_set import CapturedSet
     from capture.sets.photographs import Gamma, Photographs
     from rig import Rig

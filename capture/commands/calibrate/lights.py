@@ -16,9 +16,8 @@ from classify.base.errors import InputError
 from . import flow
 
 if TYPE_CHECKING:
-    from capture.calibration.parts import PartName
     from capture.calibration.ps4cal import CalibrationFile
-    from capture.calibration.setting import Setting
+    from capture.calibration.setting import PartName, Setting
     from capture.sets.captured_set import CapturedSet
     from classify.calibration.spheres import SphereImages
     from rig import Rig

@@ -16,9 +16,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
 
 from capture.base.page import number_text, rendered, svg_uri
-from capture.calibration.parts import PART_NAMES, PartName
 from capture.calibration.ps4cal import CalibrationFile, PartRecord
-from capture.calibration.setting import Setting
+from capture.calibration.setting import PART_NAMES, PartName, Setting
 from capture.maps.pictures import ColourScale
 from capture.maps.views import SHOWN_LIGHTS, MapView
 from classify import Lighting
@@ -222,7 +221,7 @@ def _light_drawings(file: CalibrationFile) -> Iterator[Drawing]:
     caption = "Ellipses hold a position with 86%: two standard errors."
     if lights.lighting.positions_px is None:
         caption = "Distant lights: directions, on a dome of radius 1."
-    above, side = lights_from_above, lights_from_the_side
+    above, side = lights_from_above, _lights_from_the_side
     yield svg_uri(above(lights, scale, frame)), "from above: x to the right, y up", caption
     yield svg_uri(side(lights, scale, frame)), "from the side: x to the right, z up", caption
 
@@ -232,7 +231,7 @@ def _camera_drawings(file: CalibrationFile) -> Iterator[Drawing]:
     if calibration.response is not None:
         response = calibration.response
         use = "Taken as linear; the curve is not applied." if response.linear else "Undone."
-        yield svg_uri(response_curve(response)), "response", f"{use} Grey: linear."
+        yield svg_uri(_response_curve(response)), "response", f"{use} Grey: linear."
     if calibration.dark is not None:
         frame = _frame(file.records["dark"].setting)
         for dark in calibration.dark.exposures:
@@ -262,7 +261,7 @@ def lights_from_above(lights: CalibratedLights, scale: Scale | None, frame: Floa
     return _lights(lights, scale, frame, up=1)
 
 
-def lights_from_the_side(lights: CalibratedLights, scale: Scale | None, frame: Floats) -> Figure:
+def _lights_from_the_side(lights: CalibratedLights, scale: Scale | None, frame: Floats) -> Figure:
     """Draw the lights above the plane of the part: x to the right, z up."""
     return _lights(lights, scale, frame, up=2)
 
@@ -317,7 +316,7 @@ def _ellipse(point: Floats, covariance: Floats) -> Ellipse:
     return Ellipse((point[0], point[1]), width, height, angle=angle_deg, color=_ERROR, alpha=0.5)
 
 
-def response_curve(response: Response) -> Figure:
+def _response_curve(response: Response) -> Figure:
     """Draw linear light over the pixel value, both from 0 to full scale, and a linear camera."""
     figure, axes = _figure()
     axes.plot([0.0, 1.0], [0.0, 1.0], color=_GREY)

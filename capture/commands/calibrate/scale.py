@@ -61,9 +61,7 @@ def scale(
     The board lies flat where the part will be. Distortion is kept where it moves a pixel by more
     than half a pixel; images are then corrected for it.
     """
-    from capture.calibration.setting import Setting
-    from capture.procedures.target_parts import board_of_set, scale_part
-    from rig import open_rig
+    from capture.procedures.target_parts import scale_part
 
     corners = _corners(checkerboard)
     if (rig is None) == (not sources):
@@ -74,17 +72,7 @@ def scale(
     if rig is None:
         pictures, setting, source = _of_files(sources or ())
     else:
-        target = flow.Target(
-            "a checkerboard",
-            "checkerboard",
-            square_mm,
-            next_placement="tilt the board by 15 to 30 degrees, about another axis each time",
-        )
-        with open_rig(rig) as opened:
-            rotations_deg = [_ROTATION_DEG * k for k in range(placements)]
-            sets = flow.captured_targets(opened, target, rotations_deg, yes=yes)
-            pictures = [board_of_set(captured) for captured in sets]
-            setting, source = Setting.of_rig(opened), ["captured"]
+        pictures, setting, source = _of_rig(rig, square_mm, placements, yes)
     part = scale_part(pictures, corners, square_mm, setting, source)
     flow.keep_parts(calibration, file, [part], replace=replace, json=json)
 
@@ -94,6 +82,26 @@ def _corners(text: str) -> tuple[int, int]:
     if numbers is None:
         raise InputError(f"--checkerboard {text}: give two numbers of inner corners, such as 9x6")
     return int(numbers[1]), int(numbers[2])
+
+
+def _of_rig(
+    rig: str, square_mm: float, placements: int, yes: bool
+) -> tuple[list[npt.NDArray[Any]], Setting, list[str]]:
+    from capture.calibration.setting import Setting
+    from capture.procedures.target_parts import board_of_set
+    from rig import open_rig
+
+    target = flow.Target(
+        "a checkerboard",
+        "checkerboard",
+        square_mm,
+        next_placement="tilt the board by 15 to 30 degrees, about another axis each time",
+    )
+    with open_rig(rig) as opened:
+        rotations_deg = [_ROTATION_DEG * k for k in range(placements)]
+        sets = flow.captured_targets(opened, target, rotations_deg, yes=yes)
+        pictures = [board_of_set(captured) for captured in sets]
+        return pictures, Setting.of_rig(opened), ["captured"]
 
 
 def _of_files(sources: Sequence[Path]) -> tuple[list[npt.NDArray[Any]], Setting, list[str]]:

@@ -17,8 +17,7 @@ import numpy.typing as npt
 
 from capture.acquisition.light_checks import share_while_off
 from capture.calibration.lookup import FoundCalibration, read_calibration
-from capture.calibration.parts import PartName
-from capture.calibration.setting import Setting
+from capture.calibration.setting import PartName, Setting
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.limits import LimitedMeasures, Limits
 from capture.station.domain.recipe import Recipe

@@ -21,7 +21,7 @@ from ctypes import (
 )
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 from rig.errors import CameraError
 
@@ -153,7 +153,7 @@ def call(name: str, *arguments: Any) -> Any:
 
 
 @dataclass(frozen=True)
-class FoundDevice:
+class _FoundDevice:
     """A camera that answered the search."""
 
     device: str
@@ -161,7 +161,7 @@ class FoundDevice:
     protocol: str
 
 
-def find_devices() -> list[FoundDevice]:
+def find_devices() -> list[_FoundDevice]:
     """Search networks and USB for half a second."""
     call("arv_update_device_list")
 
@@ -169,13 +169,17 @@ def find_devices() -> list[FoundDevice]:
         return (call(f"arv_get_device_{what}", number) or b"").decode(errors="replace")
 
     return [
-        FoundDevice(
+        _FoundDevice(
             text("id", number),
             f"{text('vendor', number)} {text('model', number)}".strip(),
             text("protocol", number),
         )
         for number in range(call("arv_get_n_devices"))
     ]
+
+
+_KINDS: dict[type, str] = {str: "string", int: "integer", float: "float"}
+_Value = TypeVar("_Value", int, float, str)
 
 
 @dataclass(frozen=True)
@@ -208,14 +212,17 @@ class AravisCamera:
         """Whether the camera has a feature at present."""
         return bool(call("arv_device_is_feature_available", self._device, feature.encode()))
 
-    def text(self, feature: str) -> str:
-        """Value of an enumeration or a string."""
-        value = call("arv_device_get_string_feature_value", self._device, feature.encode())
-        return (value or b"").decode(errors="replace")
+    def value(self, feature: str, kind: type[_Value]) -> _Value:
+        """Value of a feature: a string or an enumeration, an integer or a float."""
+        name = f"arv_device_get_{_KINDS[kind]}_feature_value"
+        value = call(name, self._device, feature.encode())
+        return kind((value or b"").decode(errors="replace") if kind is str else value)
 
-    def set_text(self, feature: str, value: str) -> None:
-        """Set an enumeration or a string."""
-        call("arv_device_set_string_feature_value", self._device, feature.encode(), value.encode())
+    def set_value(self, feature: str, value: int | float | str) -> None:
+        """Set a feature of the kind of `value`."""
+        name = f"arv_device_set_{_KINDS[type(value)]}_feature_value"
+        argument = value.encode() if isinstance(value, str) else value
+        call(name, self._device, feature.encode(), argument)
 
     def entries(self, feature: str) -> list[str]:
         """Values that an enumeration takes at present."""
@@ -229,22 +236,6 @@ class AravisCamera:
         names = [values[index].decode(errors="replace") for index in range(count.value)]
         call("g_free", ctypes.cast(values, c_void_p))
         return names
-
-    def integer(self, feature: str) -> int:
-        """Value of an integer."""
-        return int(call("arv_device_get_integer_feature_value", self._device, feature.encode()))
-
-    def set_integer(self, feature: str, value: int) -> None:
-        """Set an integer."""
-        call("arv_device_set_integer_feature_value", self._device, feature.encode(), value)
-
-    def number(self, feature: str) -> float:
-        """Value of a float."""
-        return float(call("arv_device_get_float_feature_value", self._device, feature.encode()))
-
-    def set_number(self, feature: str, value: float) -> None:
-        """Set a float."""
-        call("arv_device_set_float_feature_value", self._device, feature.encode(), value)
 
     @property
     def frame_rate_hz(self) -> float:

@@ -2,17 +2,18 @@
 
 import time
 from collections import deque
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rig.cameras.camera import CameraInfo, Frame, FrameFlag, ListedCamera, require_exposure
-from rig.errors import CameraError
+from rig.errors import CameraError, ControlFault
 
 from .aravis import FRAME_IDS, AravisCamera, Buffer, find_devices, is_installed
-from .config import GenicamCameraConfig
-from .measurement_mode import OFF, set_exposure, set_measurement_mode
-from .pixel_formats import decode
+from .measurement_mode import OFF, GenicamCameraConfig, set_exposure, set_measurement_mode
+from .pixel_formats import PIXEL_FORMATS, decode
 
 # Few, so that few frames are stale after a switch; one is filled while others wait.
 _BUFFERS = 4
@@ -120,7 +121,7 @@ class GenicamCamera:
 
     def _advice(self) -> str:
         try:
-            self._camera.integer("Width")
+            self._camera.value("Width", int)
         except CameraError:
             return "the camera does not answer; check its cable and supply, and open it again"
         if self._config.trigger_line is not None:
@@ -131,7 +132,9 @@ class GenicamCamera:
         """The camera's state for a set's metadata."""
         camera, config = self._camera, self._config
         names = ("DeviceVersion", "DeviceFirmwareVersion", "DeviceSerialNumber", *OFF)
-        record: dict[str, Any] = {name: camera.text(name) for name in names if camera.has(name)}
+        record: dict[str, Any] = {
+            name: camera.value(name, str) for name in names if camera.has(name)
+        }
         record["genicam"] = {
             "device": config.device,
             "pixel_format": config.pixel_format,
@@ -143,7 +146,7 @@ class GenicamCamera:
             "timing_measured_at": config.timing_measured_at,
         }
         if camera.has("GevSCPSPacketSize"):
-            record["genicam"]["packet_bytes"] = camera.integer("GevSCPSPacketSize")
+            record["genicam"]["packet_bytes"] = camera.value("GevSCPSPacketSize", int)
         return record
 
 
@@ -151,9 +154,9 @@ def _pixel_values(camera: AravisCamera) -> dict[str, Any]:
     """Gain, gamma and further values that change a pixel, as fields of `CameraInfo`."""
     return {
         "gain": camera.gain,
-        "gamma": camera.number("Gamma") if camera.has("Gamma") else None,
+        "gamma": camera.value("Gamma", float) if camera.has("Gamma") else None,
         "pixel_value_controls": {
-            name: camera.number(name) for name in _PIXEL_VALUES if camera.has(name)
+            name: camera.value(name, float) for name in _PIXEL_VALUES if camera.has(name)
         },
     }
 
@@ -199,7 +202,7 @@ def _listed(device: str, name: str, protocol: str) -> ListedCamera:
         best = next((each for each in _PREFERRED if each in formats), None)
         lines: tuple[str, ...] = ()
         if best is not None:
-            width_px, height_px = camera.integer("Width"), camera.integer("Height")
+            width_px, height_px = camera.value("Width", int), camera.value("Height", int)
             lines = (
                 f'pixel_format = "{best}"',
                 f"width_px = {width_px}",
@@ -213,3 +216,49 @@ def _listed(device: str, name: str, protocol: str) -> ListedCamera:
         return ListedCamera("genicam", device, name, protocol, problem=f"{device}: {error}")
     finally:
         camera.close()
+
+
+LARGEST_BUFFER = Path("/proc/sys/net/core/rmem_max")
+# A frame arrives faster than it is read while another program has the processor.
+_FRAMES_IN_BUFFER = 2
+# Of gigabit Ethernet, less the headers of its packets.
+_MOST_MB_PER_S = 115.0
+# With packets of 1,500 bytes the kernel handles this many a second without losses on two cores.
+_MOST_PACKETS_PER_S = 40_000
+
+
+def network_faults(info: CameraInfo) -> Iterator[ControlFault]:
+    """Rate, packets and buffers that do not suffice for the frames of an open camera."""
+    record = info.controls["genicam"]
+    if "packet_bytes" not in record:
+        return  # not in a network
+    bits = PIXEL_FORMATS[record["pixel_format"]].bits_in_memory
+    frame_bytes = info.width_px * info.height_px * bits // 8
+    rate_mb_per_s = frame_bytes / info.frame_period_s / 1e6
+    if rate_mb_per_s > _MOST_MB_PER_S:
+        yield ControlFault(
+            "network rate",
+            f"frames of {frame_bytes / 1e6:.1f} MB at {1.0 / info.frame_period_s:g} Hz are "
+            f"{rate_mb_per_s:.0f} MB/s, gigabit Ethernet carries {_MOST_MB_PER_S:.0f}",
+            "lower camera.frame_rate_hz, or choose a packed camera.pixel_format",
+        )
+    packet_bytes = record["packet_bytes"]
+    packets_per_s = 1e6 * rate_mb_per_s / packet_bytes
+    if packets_per_s > _MOST_PACKETS_PER_S:
+        yield ControlFault(
+            "packet size",
+            f"{packets_per_s:.0f} packets of {packet_bytes} bytes a second",
+            "allow large packets: sudo ip link set IFACE mtu 9000",
+        )
+    wanted_bytes = _FRAMES_IN_BUFFER * frame_bytes
+    try:
+        largest_bytes = int(LARGEST_BUFFER.read_text())
+    except (OSError, ValueError):
+        return  # not Linux
+    if largest_bytes < wanted_bytes:
+        yield ControlFault(
+            "socket buffer",
+            f"a socket may hold {largest_bytes} bytes, {_FRAMES_IN_BUFFER} frames are "
+            f"{wanted_bytes}",
+            f"sudo sysctl -w net.core.rmem_max={wanted_bytes}",
+        )

@@ -10,7 +10,7 @@ from rig.errors import CameraError
 from .aravis import FRAME_IDS, call
 
 # Of an exposure in ms: the image as bytes, its number, and its end on the monotonic clock.
-NextImage = Callable[[float], tuple[bytes, int, float]]
+_NextImage = Callable[[float], tuple[bytes, int, float]]
 
 TRIGGER_LINE = "Line1"
 # Aravis knows triggers by software alone, and no packed pixels: here that source is called as an
@@ -37,7 +37,7 @@ class FakeGigeCamera:
     """
 
     def __init__(
-        self, address: str, serial: str, next_image: NextImage, lost_packets: float = 0.0
+        self, address: str, serial: str, next_image: _NextImage, lost_packets: float = 0.0
     ) -> None:
         with tempfile.NamedTemporaryFile(suffix=".xml") as features:
             features.write(_features())

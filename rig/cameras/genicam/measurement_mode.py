@@ -1,13 +1,40 @@
 """`set_measurement_mode`: nothing of the camera adapts by itself, and every value is read back."""
 
-from typing import Any
+from typing import Any, ClassVar, Literal
 
+from pydantic import Field
+
+from rig.cameras.config import DeviceCameraConfig, FormattedCameraConfig
 from rig.cameras.v4l2.device import RATE_TOLERANCE
 from rig.errors import CameraError, ControlError, ControlFault
 
 from .aravis import AravisCamera
-from .config import GenicamCameraConfig
 from .pixel_formats import PIXEL_FORMATS
+
+
+class GenicamCameraConfig(DeviceCameraConfig, FormattedCameraConfig):
+    """A GigE Vision or USB3 Vision camera; `pixel_format` determines `bits`."""
+
+    formats: ClassVar = PIXEL_FORMATS
+    kind: Literal["genicam"] = "genicam"
+    device: str = Field(
+        min_length=1,
+        max_length=200,
+        description="of a genicam camera its id, serial number or IP address",
+    )
+    pixel_format: str = Field(default="Mono8", description="such as Mono12p or BayerRG8")
+    gain: float | None = Field(
+        default=None, ge=0.0, le=1e6, description="in the camera's units; else left as it is"
+    )
+    gamma: float | None = Field(
+        default=None, gt=0.0, le=100.0, description="in the camera's units; else left as it is"
+    )
+    trigger_line: str | None = Field(
+        default=None,
+        pattern=r"^[A-Za-z]+[0-9]{0,2}$",
+        description="input of a genicam camera that starts each exposure, such as Line1",
+    )
+
 
 # Sensors take exposures in steps of a row.
 _EXPOSURE_TOLERANCE_MS = 0.05
@@ -36,15 +63,9 @@ class Settings:
         """Set a feature and read it back."""
         camera = self._camera
         try:
-            if isinstance(value, str):
-                camera.set_text(feature, value)
-                self.compare(feature, value, camera.text(feature))
-            elif isinstance(value, int):
-                camera.set_integer(feature, value)
-                self.compare(feature, value, camera.integer(feature))
-            else:
-                camera.set_number(feature, value)
-                self.compare(feature, value, camera.number(feature))
+            camera.set_value(feature, value)
+            kind: Any = type(value)
+            self.compare(feature, value, camera.value(feature, kind))
         except CameraError as error:
             self.compare(feature, value, str(error))
 
@@ -126,7 +147,7 @@ def _require_format(camera: AravisCamera, pixel_format: str) -> None:
 def _set_trigger(camera: AravisCamera, settings: Settings, line: str | None) -> None:
     """Let a rising edge at `line` start each exposure; without one the camera runs free."""
     for selector in camera.entries("TriggerSelector") if camera.has("TriggerSelector") else ():
-        camera.set_text("TriggerSelector", selector)
+        camera.set_value("TriggerSelector", selector)
         settings.hold("TriggerMode", "Off")
     if line is not None:
         settings.hold("TriggerSelector", "FrameStart")

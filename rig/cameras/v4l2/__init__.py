@@ -1,5 +1,5 @@
 """Video for Linux: cameras, and loopback devices to write into.
 
-`abi` holds the kernel's structures, `node` and `device` the calls, `controls` the controls.
+`abi` holds the kernel's structures, `device` the calls, `controls` the controls.
 `camera` is a camera in measurement mode, `output` a loopback device.
 """

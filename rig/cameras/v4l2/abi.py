@@ -16,67 +16,98 @@ from ctypes import (
     c_uint32,
     c_uint64,
 )
+from enum import IntEnum
 
-BUF_TYPE_VIDEO_CAPTURE = 1
-BUF_TYPE_VIDEO_OUTPUT = 2
+
+class BufType(IntEnum):
+    """Kinds of streams."""
+
+    VIDEO_CAPTURE = 1
+    VIDEO_OUTPUT = 2
+
+
 MEMORY_MMAP = 1
 FIELD_NONE = 1
 PRIORITY_RECORD = 3
 
-CAP_VIDEO_CAPTURE = 0x0000_0001
-CAP_VIDEO_OUTPUT = 0x0000_0002
-CAP_STREAMING = 0x0400_0000
-CAP_DEVICE_CAPS = 0x8000_0000
-CAP_TIMEPERFRAME = 0x1000
+
+class Cap(IntEnum):
+    """Capabilities of a device or a stream."""
+
+    VIDEO_CAPTURE = 0x0000_0001
+    VIDEO_OUTPUT = 0x0000_0002
+    STREAMING = 0x0400_0000
+    DEVICE_CAPS = 0x8000_0000
+    TIMEPERFRAME = 0x1000
+
 
 FRMSIZE_TYPE_DISCRETE = 1
 
-BUF_FLAG_ERROR = 0x0000_0040
-BUF_FLAG_TIMESTAMP_MASK = 0x0000_E000
-BUF_FLAG_TIMESTAMP_MONOTONIC = 0x0000_2000
-BUF_FLAG_TSTAMP_SRC_MASK = 0x0007_0000
-BUF_FLAG_TSTAMP_SRC_SOE = 0x0001_0000
+
+class BufFlag(IntEnum):
+    """Flags of a buffer."""
+
+    ERROR = 0x0000_0040
+    TIMESTAMP_MASK = 0x0000_E000
+    TIMESTAMP_MONOTONIC = 0x0000_2000
+    TSTAMP_SRC_MASK = 0x0007_0000
+    TSTAMP_SRC_SOE = 0x0001_0000
+
 
 QUANTIZATION_NAMES = {0: "default", 1: "full range", 2: "limited range"}
 
-CTRL_TYPE_INTEGER = 1
-CTRL_TYPE_BOOLEAN = 2
-CTRL_TYPE_MENU = 3
-CTRL_TYPE_INTEGER64 = 5
-CTRL_TYPE_BITMASK = 8
-CTRL_TYPE_INTEGER_MENU = 9
 
-CTRL_FLAG_DISABLED = 0x0001
-CTRL_FLAG_READ_ONLY = 0x0004
-CTRL_FLAG_INACTIVE = 0x0010
-CTRL_FLAG_WRITE_ONLY = 0x0040
-CTRL_FLAG_NEXT_CTRL = 0x8000_0000
+class CtrlType(IntEnum):
+    """Types of a control."""
 
-CID_BRIGHTNESS = 0x0098_0900
-CID_CONTRAST = 0x0098_0901
-CID_BLACK_LEVEL = 0x0098_090B
-CID_AUTO_WHITE_BALANCE = 0x0098_090C
-CID_RED_BALANCE = 0x0098_090E
-CID_BLUE_BALANCE = 0x0098_090F
-CID_GAMMA = 0x0098_0910
-CID_AUTOGAIN = 0x0098_0912
-CID_GAIN = 0x0098_0913
-CID_HUE_AUTO = 0x0098_0919
-CID_WHITE_BALANCE_TEMPERATURE = 0x0098_091A
-CID_SHARPNESS = 0x0098_091B
-CID_BACKLIGHT_COMPENSATION = 0x0098_091C
-CID_AUTOBRIGHTNESS = 0x0098_0920
-CID_EXPOSURE_AUTO = 0x009A_0901
-CID_EXPOSURE_ABSOLUTE = 0x009A_0902
-CID_EXPOSURE_AUTO_PRIORITY = 0x009A_0903
-CID_FOCUS_AUTO = 0x009A_090C
-CID_AUTO_N_PRESET_WHITE_BALANCE = 0x009A_0914
-CID_WIDE_DYNAMIC_RANGE = 0x009A_0915
-CID_IMAGE_STABILIZATION = 0x009A_0916
-CID_ISO_SENSITIVITY = 0x009A_0917
-CID_ISO_SENSITIVITY_AUTO = 0x009A_0918
-CID_ANALOGUE_GAIN = 0x009E_0903
-CID_DIGITAL_GAIN = 0x009F_0905
+    INTEGER = 1
+    BOOLEAN = 2
+    MENU = 3
+    INTEGER64 = 5
+    BITMASK = 8
+    INTEGER_MENU = 9
+
+
+class CtrlFlag(IntEnum):
+    """Flags of a control."""
+
+    DISABLED = 0x0001
+    READ_ONLY = 0x0004
+    INACTIVE = 0x0010
+    WRITE_ONLY = 0x0040
+    NEXT_CTRL = 0x8000_0000
+
+
+class Cid(IntEnum):
+    """Numbers of controls."""
+
+    BRIGHTNESS = 0x0098_0900
+    CONTRAST = 0x0098_0901
+    BLACK_LEVEL = 0x0098_090B
+    AUTO_WHITE_BALANCE = 0x0098_090C
+    RED_BALANCE = 0x0098_090E
+    BLUE_BALANCE = 0x0098_090F
+    GAMMA = 0x0098_0910
+    AUTOGAIN = 0x0098_0912
+    GAIN = 0x0098_0913
+    HUE_AUTO = 0x0098_0919
+    WHITE_BALANCE_TEMPERATURE = 0x0098_091A
+    SHARPNESS = 0x0098_091B
+    BACKLIGHT_COMPENSATION = 0x0098_091C
+    AUTOBRIGHTNESS = 0x0098_0920
+    EXPOSURE_AUTO = 0x009A_0901
+    EXPOSURE_ABSOLUTE = 0x009A_0902
+    EXPOSURE_AUTO_PRIORITY = 0x009A_0903
+    FOCUS_AUTO = 0x009A_090C
+    AUTO_N_PRESET_WHITE_BALANCE = 0x009A_0914
+    WIDE_DYNAMIC_RANGE = 0x009A_0915
+    IMAGE_STABILIZATION = 0x009A_0916
+    ISO_SENSITIVITY = 0x009A_0917
+    ISO_SENSITIVITY_AUTO = 0x009A_0918
+    ANALOGUE_GAIN = 0x009E_0903
+    DIGITAL_GAIN = 0x009F_0905
+
+
 EXPOSURE_MANUAL = 1
 
 
@@ -210,26 +241,6 @@ class QueryExtCtrl(ctypes.Structure):
     )
 
 
-class QueryCtrl(ctypes.Structure):
-    """``struct v4l2_queryctrl``, for drivers older than `QueryExtCtrl`."""
-
-    _fields_ = (
-        *_words("id type"),
-        ("name", c_char * 32),
-        ("minimum", c_int32),
-        ("maximum", c_int32),
-        ("step", c_int32),
-        ("default_value", c_int32),
-        *_words("flags reserved0 reserved1"),
-    )
-
-
-class SimpleControl(ctypes.Structure):
-    """``struct v4l2_control``."""
-
-    _fields_ = (("id", c_uint32), ("value", c_int32))
-
-
 class _MenuUnion(ctypes.Union):
     _pack_ = 1
     _fields_ = (("name", c_char * 32), ("value", c_int64))
@@ -272,26 +283,26 @@ def _request(direction: int, number: int, payload: type[ctypes._CData]) -> int:
     return direction << 30 | ctypes.sizeof(payload) << 16 | ord("V") << 8 | number
 
 
-VIDIOC_QUERYCAP = _request(_READ, 0, Capability)
-VIDIOC_ENUM_FMT = _request(_READ | _WRITE, 2, FmtDesc)
-VIDIOC_S_FMT = _request(_READ | _WRITE, 5, Format)
-VIDIOC_REQBUFS = _request(_READ | _WRITE, 8, RequestBuffers)
-VIDIOC_QUERYBUF = _request(_READ | _WRITE, 9, Buffer)
-VIDIOC_QBUF = _request(_READ | _WRITE, 15, Buffer)
-VIDIOC_DQBUF = _request(_READ | _WRITE, 17, Buffer)
-VIDIOC_STREAMON = _request(_WRITE, 18, c_int32)
-VIDIOC_STREAMOFF = _request(_WRITE, 19, c_int32)
-VIDIOC_G_PARM = _request(_READ | _WRITE, 21, StreamParm)
-VIDIOC_S_PARM = _request(_READ | _WRITE, 22, StreamParm)
-VIDIOC_G_CTRL = _request(_READ | _WRITE, 27, SimpleControl)
-VIDIOC_S_CTRL = _request(_READ | _WRITE, 28, SimpleControl)
-VIDIOC_QUERYCTRL = _request(_READ | _WRITE, 36, QueryCtrl)
-VIDIOC_QUERYMENU = _request(_READ | _WRITE, 37, QueryMenu)
-VIDIOC_S_PRIORITY = _request(_WRITE, 68, c_uint32)
-VIDIOC_G_EXT_CTRLS = _request(_READ | _WRITE, 71, ExtControls)
-VIDIOC_S_EXT_CTRLS = _request(_READ | _WRITE, 72, ExtControls)
-VIDIOC_ENUM_FRAMESIZES = _request(_READ | _WRITE, 74, FrmSizeEnum)
-VIDIOC_QUERY_EXT_CTRL = _request(_READ | _WRITE, 103, QueryExtCtrl)
+class Vidioc(IntEnum):
+    """Requests of an ioctl."""
+
+    QUERYCAP = _request(_READ, 0, Capability)
+    ENUM_FMT = _request(_READ | _WRITE, 2, FmtDesc)
+    S_FMT = _request(_READ | _WRITE, 5, Format)
+    REQBUFS = _request(_READ | _WRITE, 8, RequestBuffers)
+    QUERYBUF = _request(_READ | _WRITE, 9, Buffer)
+    QBUF = _request(_READ | _WRITE, 15, Buffer)
+    DQBUF = _request(_READ | _WRITE, 17, Buffer)
+    STREAMON = _request(_WRITE, 18, c_int32)
+    STREAMOFF = _request(_WRITE, 19, c_int32)
+    G_PARM = _request(_READ | _WRITE, 21, StreamParm)
+    S_PARM = _request(_READ | _WRITE, 22, StreamParm)
+    QUERYMENU = _request(_READ | _WRITE, 37, QueryMenu)
+    S_PRIORITY = _request(_WRITE, 68, c_uint32)
+    G_EXT_CTRLS = _request(_READ | _WRITE, 71, ExtControls)
+    S_EXT_CTRLS = _request(_READ | _WRITE, 72, ExtControls)
+    ENUM_FRAMESIZES = _request(_READ | _WRITE, 74, FrmSizeEnum)
+    QUERY_EXT_CTRL = _request(_READ | _WRITE, 103, QueryExtCtrl)
 
 
 def fourcc(text: str) -> int:

@@ -1,7 +1,10 @@
 """A V4L2 camera in measurement mode: nothing automatic, every control read back."""
 
+import re
 import time
+from collections.abc import Iterable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,22 +13,32 @@ from rig.cameras.camera import (
     CameraInfo,
     Frame,
     FrameFlag,
+    ListedCamera,
     Pixels,
     require_exposure,
 )
 from rig.errors import CameraError
 
-from .config import V4l2CameraConfig
-from .controls import list_controls, read_control
-from .device import Capture, V4l2Device, VideoFormat
+from .abi import Cid
+from .controls import find_control, list_controls, read_control
+from .device import (
+    DEV,
+    Capture,
+    NoCaptureDeviceError,
+    OfferedFormat,
+    V4l2Device,
+    VideoFormat,
+    device_path,
+)
 from .measurement_mode import (
+    EXPOSURE_UNITS_PER_MS,
+    V4l2CameraConfig,
     check_measurement_mode,
     exposure_range_ms,
     pixel_values,
     set_exposure,
     set_measurement_mode,
 )
-from .node import device_path
 from .pixel_formats import PIXEL_FORMATS, CorruptFrameError, decode
 
 # Few, so that few frames are stale after a switch; with fewer than 3, drivers lose frames.
@@ -221,3 +234,76 @@ class WrittenFrames:
             return None
         self._last = (number + steps, stamp_s)
         return number + steps
+
+
+# Pixel formats, best first: grey before colour, whose filters cost light and resolution; more bits
+# before fewer; compressed last.
+_PREFERRED = sorted(
+    PIXEL_FORMATS,
+    key=lambda name: (
+        name == "MJPG",
+        not name.startswith(("Y1", "GREY")),
+        name in ("RGB24", "BGR24"),
+        -PIXEL_FORMATS[name].bit_depth,
+    ),
+)
+# Larger frames seldom reach 30 Hz over USB 2, and then the camera is not opened.
+_MOST_COLUMNS = 1280
+
+
+def list_v4l2_cameras(dev: Path = DEV) -> list[ListedCamera]:
+    """List every capture node by its number; one that cannot be queried has a `problem`."""
+    nodes = [path for path in dev.glob("video*") if path.name[len("video") :].isdecimal()]
+    permanent_names = sorted((dev / "v4l" / "by-id").glob("*"))
+    cameras = []
+    for node in sorted(nodes, key=lambda path: int(path.name[len("video") :])):
+        names = (name for name in permanent_names if name.resolve() == node.resolve())
+        device = str(next(names, node))
+        try:
+            cameras.append(_listed(node, device))
+        except NoCaptureDeviceError:
+            continue
+        except CameraError as error:
+            cameras.append(ListedCamera("v4l2", device, node=node, problem=str(error)))
+    return cameras
+
+
+def _listed(node: Path, device_name: str) -> ListedCamera:
+    device = V4l2Device(str(node))
+    try:
+        exposure = find_control(device, Cid.EXPOSURE_ABSOLUTE)
+        formats = tuple(device.formats())
+        return ListedCamera(
+            "v4l2",
+            device_name,
+            device.card,
+            device.driver,
+            node,
+            tuple(f"{offered.fourcc} {' '.join(offered.sizes)}".rstrip() for offered in formats),
+            None if exposure is None else exposure.maximum / EXPOSURE_UNITS_PER_MS,
+            config_lines(formats),
+        )
+    finally:
+        device.close()
+
+
+def config_lines(formats: Iterable[OfferedFormat]) -> tuple[str, ...]:
+    """Lines of ``[camera]`` with the best offered format that can be decoded; empty without one."""
+    sizes = {offered.fourcc.strip(): offered.sizes for offered in formats}
+    fourccs = {name: PIXEL_FORMATS[name].fourcc.strip() for name in _PREFERRED}
+    name = next((name for name, fourcc in fourccs.items() if fourcc in sizes), None)
+    if name is None:
+        return ()
+    width_px, height_px = _size(sizes[fourccs[name]])
+    lines = [f'pixel_format = "{name}"', f"width_px = {width_px}", f"height_px = {height_px}"]
+    if name == "MJPG":
+        lines.append("allow_compressed = true        # its losses are in every slope")
+    return tuple(lines)
+
+
+def _size(texts: Iterable[str]) -> tuple[int, int]:
+    """The largest listed size of at most `_MOST_COLUMNS`, else the smallest; 512 x 512 if none."""
+    matches = [re.fullmatch(r"(\d+)x(\d+)", text) for text in texts]
+    sizes = [(int(match[1]), int(match[2])) for match in matches if match]
+    small = [size for size in sizes if size[0] <= _MOST_COLUMNS]
+    return max(small, default=min(sizes, default=(512, 512)))

@@ -11,13 +11,13 @@ from rig.errors import ControlError, ControlFault
 from . import abi
 from .device import V4l2Device
 
-_MENUS = (abi.CTRL_TYPE_MENU, abi.CTRL_TYPE_INTEGER_MENU)
+_MENUS = (abi.CtrlType.MENU, abi.CtrlType.INTEGER_MENU)
 # Controls with one integer value; buttons, texts and arrays cannot be read back.
 _READABLE = (
-    abi.CTRL_TYPE_INTEGER,
-    abi.CTRL_TYPE_BOOLEAN,
-    abi.CTRL_TYPE_INTEGER64,
-    abi.CTRL_TYPE_BITMASK,
+    abi.CtrlType.INTEGER,
+    abi.CtrlType.BOOLEAN,
+    abi.CtrlType.INTEGER64,
+    abi.CtrlType.BITMASK,
     *_MENUS,
 )
 # Errors of the whole device, not of a control.
@@ -48,7 +48,7 @@ class Control:
     @property
     def is_readable(self) -> bool:
         """Whether it has an integer value."""
-        return self.kind in _READABLE and not self.flags & abi.CTRL_FLAG_WRITE_ONLY
+        return self.kind in _READABLE and not self.flags & abi.CtrlFlag.WRITE_ONLY
 
     def allowed(self) -> str:
         """The allowed values as text."""
@@ -60,7 +60,7 @@ class Control:
 def find_control(device: V4l2Device, control_id: int) -> Control | None:
     """One control, None if the device lacks it or has disabled it."""
     query = _query(device, control_id)
-    if query is None or query.flags & abi.CTRL_FLAG_DISABLED:
+    if query is None or query.flags & abi.CtrlFlag.DISABLED:
         return None
     return Control(
         id=query.id,
@@ -77,7 +77,7 @@ def list_controls(device: V4l2Device) -> Iterator[Control]:
     """All controls in the order of their ids, including buttons."""
     after = 0
     for _ in range(_MAX_CONTROLS):
-        query = _query(device, after | abi.CTRL_FLAG_NEXT_CTRL)
+        query = _query(device, after | abi.CtrlFlag.NEXT_CTRL)
         if query is None or query.id <= after:
             return
         after = query.id
@@ -88,14 +88,9 @@ def list_controls(device: V4l2Device) -> Iterator[Control]:
 
 def read_control(device: V4l2Device, control: Control) -> int:
     """The value the driver holds."""
-    item, simple = abi.ExtControl(id=control.id), abi.SimpleControl(id=control.id)
-    try:
-        if not _is_known(device, abi.VIDIOC_G_EXT_CTRLS, _single(item)):
-            device.try_call(abi.VIDIOC_G_CTRL, simple)
-            return int(simple.value)
-    except OSError as error:
-        device.fail(f"cannot read control {control.slug}", error)
-    wide = control.kind == abi.CTRL_TYPE_INTEGER64
+    item = abi.ExtControl(id=control.id)
+    device.call(f"cannot read control {control.slug}", abi.Vidioc.G_EXT_CTRLS, _single(item))
+    wide = control.kind == abi.CtrlType.INTEGER64
     return int(item.payload.value64 if wide else item.payload.value)
 
 
@@ -110,17 +105,16 @@ def write_control(device: V4l2Device, control: Control, value: int) -> None:
             f"= {value} is not possible; it takes {control.allowed()}",
             "set one of these values, or use another camera",
         )
-    if control.flags & abi.CTRL_FLAG_READ_ONLY:
+    if control.flags & abi.CtrlFlag.READ_ONLY:
         held = _held(device, control)
         raise _error(device, control, f"is read-only{held}; it cannot be set to {value}", _OTHER)
     item = abi.ExtControl(id=control.id)
-    if control.kind == abi.CTRL_TYPE_INTEGER64:
+    if control.kind == abi.CtrlType.INTEGER64:
         item.payload.value64 = value
     else:
         item.payload.value = value
     try:
-        if not _is_known(device, abi.VIDIOC_S_EXT_CTRLS, _single(item)):
-            device.try_call(abi.VIDIOC_S_CTRL, abi.SimpleControl(id=control.id, value=value))
+        device.try_call(abi.Vidioc.S_EXT_CTRLS, _single(item))
     except OSError as error:
         if error.errno in _DEVICE_ERRORS:
             device.fail(f"control {control.slug} refuses {value}", error)
@@ -151,48 +145,33 @@ def _held(device: V4l2Device, control: Control) -> str:
     return f" and reads {read_control(device, control)}" if control.is_readable else ""
 
 
-def _query(device: V4l2Device, control_id: int) -> abi.QueryExtCtrl | abi.QueryCtrl | None:
+def _query(device: V4l2Device, control_id: int) -> abi.QueryExtCtrl | None:
     """The driver's description of a control, or of the next one; None if there is none."""
-    for request, query in (
-        (abi.VIDIOC_QUERY_EXT_CTRL, abi.QueryExtCtrl(id=control_id)),
-        (abi.VIDIOC_QUERYCTRL, abi.QueryCtrl(id=control_id)),
-    ):
-        try:
-            if _is_known(device, request, query):
-                return query
-        except OSError as error:
-            if error.errno == errno.EINVAL:
-                return None
-            device.fail(f"cannot query control {control_id:#x}", error)
-    return None
-
-
-def _is_known(device: V4l2Device, request: int, argument: ctypes.Structure) -> bool:
-    """Do an ioctl that old drivers lack; return whether this one has it."""
+    query = abi.QueryExtCtrl(id=control_id)
     try:
-        device.try_call(request, argument)
+        device.try_call(abi.Vidioc.QUERY_EXT_CTRL, query)
     except OSError as error:
-        if error.errno == errno.ENOTTY:
-            return False
-        raise
-    return True
+        if error.errno in (errno.EINVAL, errno.ENOTTY):  # ENOTTY: the driver has no controls
+            return None
+        device.fail(f"cannot query control {control_id:#x}", error)
+    return query
 
 
 def _single(item: abi.ExtControl) -> abi.ExtControls:
     return abi.ExtControls(count=1, controls=ctypes.pointer(item))
 
 
-def _menu(device: V4l2Device, query: abi.QueryExtCtrl | abi.QueryCtrl) -> Iterator[tuple[int, str]]:
+def _menu(device: V4l2Device, query: abi.QueryExtCtrl) -> Iterator[tuple[int, str]]:
     for index in range(max(query.minimum, 0), min(query.maximum, _MAX_MENU) + 1):
         entry = abi.QueryMenu(id=query.id, index=index)
         try:
-            device.try_call(abi.VIDIOC_QUERYMENU, entry)
+            device.try_call(abi.Vidioc.QUERYMENU, entry)
         except OSError as error:
             # Menus have gaps.
             if error.errno == errno.EINVAL:
                 continue
             device.fail(f"cannot list the menu of control {query.id:#x}", error)
-        if query.type == abi.CTRL_TYPE_MENU:
+        if query.type == abi.CtrlType.MENU:
             yield index, abi.text(entry.item.name)
         else:
             yield index, str(entry.item.value)

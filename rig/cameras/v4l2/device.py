@@ -9,16 +9,121 @@ from __future__ import annotations
 import ctypes
 import errno
 import mmap
+import os
 import select
 import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn
 
+from classify.base.errors import ConfigError
 from rig.errors import CameraError
 
 from . import abi
-from .node import VideoNode
+
+DEV = Path("/dev")
+
+
+def device_path(device: str) -> str:
+    """The path of ``camera.device``: a path, a name in ``/dev/v4l/by-id``, or a number."""
+    if "/" in device:
+        return device
+    return str(DEV / f"video{device}" if device.isdecimal() else DEV / "v4l" / "by-id" / device)
+
+
+class VideoNode:
+    """An open video device, on which no call blocks for ever."""
+
+    def __init__(self, path: str, stream: int) -> None:
+        self.path = path
+        self._stream = stream
+        try:
+            import fcntl
+        except ImportError as error:
+            raise ConfigError(
+                f"{path}: V4L2 devices need Linux; set camera.kind = 'opencv' for a camera of this "
+                "system"
+            ) from error
+        self._ioctl = fcntl.ioctl
+        try:
+            self._fd = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
+        except OSError as error:
+            raise CameraError(f"{path}: {_open_cause(error)}") from error
+
+    def call(self, purpose: str, request: int, argument: ctypes._CData) -> None:
+        """Do one ioctl; an error becomes a `CameraError` that names the device and the purpose."""
+        try:
+            self.try_call(request, argument)
+        except OSError as error:
+            self.fail(purpose, error)
+
+    def try_call(self, request: int, argument: ctypes._CData) -> None:
+        """Do one ioctl, again if a signal interrupts it; may raise OSError."""
+        if self._fd < 0:
+            raise CameraError(f"{self.path}: the camera is closed")
+        while True:
+            try:
+                self._ioctl(self._fd, request, argument, True)
+            except InterruptedError:
+                continue
+            return
+
+    def fail(self, purpose: str, error: OSError) -> NoReturn:
+        """Raise the `CameraError` for an OSError of this device."""
+        if error.errno in (errno.ENODEV, errno.ENXIO):
+            cause = "the camera is gone (unplugged, or its driver was removed)"
+        elif error.errno == errno.EBUSY:
+            cause = f"{purpose}: in use by another program; close it and try again"
+        elif error.errno == errno.ENOSPC:
+            cause = (
+                f"{purpose}: not enough USB bandwidth; lower the frame rate or the size, or "
+                "connect the camera to a separate USB controller"
+            )
+        else:
+            cause = f"{purpose}: {error.strerror}"
+        raise CameraError(f"{self.path}: {cause}") from error
+
+    def buffer(self, index: int) -> abi.Buffer:
+        """The argument of an ioctl about one buffer."""
+        return abi.Buffer(index=index, type=self._stream, memory=abi.MEMORY_MMAP)
+
+    def map_buffers(self, count: int) -> dict[int, mmap.mmap]:
+        """Map at most `count` buffers by offset; no other program can stream then."""
+        request = abi.RequestBuffers(count=count, type=self._stream, memory=abi.MEMORY_MMAP)
+        self.call("provides no buffers", abi.Vidioc.REQBUFS, request)
+        mapped: dict[int, mmap.mmap] = {}
+        try:
+            for index in range(request.count):
+                buffer = self.buffer(index)
+                self.try_call(abi.Vidioc.QUERYBUF, buffer)
+                offset = buffer.m.offset
+                mapped[offset] = mmap.mmap(self._fd, buffer.length, offset=offset)
+        except OSError as error:
+            for memory in mapped.values():
+                memory.close()
+            self.fail("its buffers cannot be mapped", error)
+        if not mapped:
+            raise CameraError(f"{self.path}: the driver provides no buffers; use another camera")
+        return mapped
+
+    def close(self) -> None:
+        """Close the device; a second call does nothing."""
+        if self._fd >= 0:
+            os.close(self._fd)
+            self._fd = -1
+
+
+def _open_cause(error: OSError) -> str:
+    if error.errno in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
+        return "no such camera; ls /dev/v4l/by-id shows those that are plugged in"
+    if error.errno in (errno.EACCES, errno.EPERM):
+        return "no permission; add the user to the group video and log in again"
+    if error.errno == errno.EBUSY:
+        return "in use by another program; close it and try again"
+    return f"cannot be opened: {error.strerror}"
+
 
 # Relative: drivers round 1/30 s to their own units, while the next common rate is 25 Hz.
 RATE_TOLERANCE = 0.01
@@ -63,19 +168,19 @@ class V4l2Device(VideoNode):
     """An open capture device, best by its permanent name in ``/dev/v4l/by-id/``."""
 
     def __init__(self, path: str) -> None:
-        super().__init__(path, abi.BUF_TYPE_VIDEO_CAPTURE)
+        super().__init__(path, abi.BufType.VIDEO_CAPTURE)
         self._buffers: list[mmap.mmap] = []
         self._streaming = False
         try:
             capability = abi.Capability()
-            self.call("is no video device", abi.VIDIOC_QUERYCAP, capability)
+            self.call("is no video device", abi.Vidioc.QUERYCAP, capability)
             self.driver = abi.text(capability.driver)
             self.card = abi.text(capability.card)
             self.bus = abi.text(capability.bus_info)
             # A driver may have several nodes; device_caps are those of this one.
-            separate = capability.capabilities & abi.CAP_DEVICE_CAPS
+            separate = capability.capabilities & abi.Cap.DEVICE_CAPS
             able = capability.device_caps if separate else capability.capabilities
-            for flag, word in ((abi.CAP_VIDEO_CAPTURE, "capture"), (abi.CAP_STREAMING, "stream")):
+            for flag, word in ((abi.Cap.VIDEO_CAPTURE, "capture"), (abi.Cap.STREAMING, "stream")):
                 if not able & flag:
                     raise NoCaptureDeviceError(
                         f"{path}: {self.card} cannot {word}; give the camera's capture node "
@@ -89,8 +194,8 @@ class V4l2Device(VideoNode):
         """All formats that the driver lists, also those that cannot be decoded here."""
         offered = []
         for index in range(_MAX_LISTED):
-            entry = abi.FmtDesc(index=index, type=abi.BUF_TYPE_VIDEO_CAPTURE)
-            if not self._listed("cannot list its formats", abi.VIDIOC_ENUM_FMT, entry):
+            entry = abi.FmtDesc(index=index, type=abi.BufType.VIDEO_CAPTURE)
+            if not self._listed("cannot list its formats", abi.Vidioc.ENUM_FMT, entry):
                 break
             offered.append(
                 OfferedFormat(
@@ -104,7 +209,7 @@ class V4l2Device(VideoNode):
     def _sizes(self, pixelformat: int) -> Iterator[str]:
         for index in range(_MAX_LISTED):
             entry = abi.FrmSizeEnum(index=index, pixel_format=pixelformat)
-            if not self._listed("cannot list its sizes", abi.VIDIOC_ENUM_FRAMESIZES, entry):
+            if not self._listed("cannot list its sizes", abi.Vidioc.ENUM_FRAMESIZES, entry):
                 return
             if entry.type != abi.FRMSIZE_TYPE_DISCRETE:
                 least_x, most_x, _, least_y, most_y, _ = entry.size
@@ -124,14 +229,14 @@ class V4l2Device(VideoNode):
 
     def set_format(self, fourcc: str, width_px: int, height_px: int) -> VideoFormat:
         """Set format and size; `CameraError` if the driver chooses others."""
-        form = abi.Format(type=abi.BUF_TYPE_VIDEO_CAPTURE)
+        form = abi.Format(type=abi.BufType.VIDEO_CAPTURE)
         pix = form.fmt.pix
         pix.width, pix.height = width_px, height_px
         pix.pixelformat, pix.field = abi.fourcc(fourcc), abi.FIELD_NONE
         asked = f"{fourcc.strip()} {width_px}x{height_px}"
         refused = None
         try:
-            self.try_call(abi.VIDIOC_S_FMT, form)
+            self.try_call(abi.Vidioc.S_FMT, form)
         except OSError as error:
             # Most drivers replace a format that they lack by their own, some return EINVAL.
             if error.errno != errno.EINVAL:
@@ -157,13 +262,13 @@ class V4l2Device(VideoNode):
 
     def set_frame_rate(self, rate_hz: float) -> float:
         """Set the frame rate, and return the frame period in s as read back from the driver."""
-        parm = abi.StreamParm(type=abi.BUF_TYPE_VIDEO_CAPTURE)
-        self.call("does not report its frame rate", abi.VIDIOC_G_PARM, parm)
+        parm = abi.StreamParm(type=abi.BufType.VIDEO_CAPTURE)
+        self.call("does not report its frame rate", abi.Vidioc.G_PARM, parm)
         capture = parm.parm.capture
-        if capture.capability & abi.CAP_TIMEPERFRAME:
+        if capture.capability & abi.Cap.TIMEPERFRAME:
             capture.timeperframe.numerator = 10_000
             capture.timeperframe.denominator = round(10_000 * rate_hz)
-            self.call(f"cannot set {rate_hz:g} Hz", abi.VIDIOC_S_PARM, parm)
+            self.call(f"cannot set {rate_hz:g} Hz", abi.Vidioc.S_PARM, parm)
         period = capture.timeperframe
         given_hz = period.denominator / period.numerator if period.numerator else 0.0
         if not given_hz > 0.0:
@@ -179,16 +284,16 @@ class V4l2Device(VideoNode):
         """Reserve buffers, so that no other program can stream; return their number."""
         # Keeps other programs from changing controls; drivers without priorities return ENOTTY.
         with suppress(OSError):
-            self.try_call(abi.VIDIOC_S_PRIORITY, ctypes.c_uint32(abi.PRIORITY_RECORD))
+            self.try_call(abi.Vidioc.S_PRIORITY, ctypes.c_uint32(abi.PRIORITY_RECORD))
         self._buffers = list(self.map_buffers(buffers).values())
         return len(self._buffers)
 
     def start(self) -> None:
         """Start to stream into the buffers of `claim`."""
         for index in range(len(self._buffers)):
-            self.call("takes no buffer", abi.VIDIOC_QBUF, self.buffer(index))
-        kind = ctypes.c_int32(abi.BUF_TYPE_VIDEO_CAPTURE)
-        self.call("cannot start to stream", abi.VIDIOC_STREAMON, kind)
+            self.call("takes no buffer", abi.Vidioc.QBUF, self.buffer(index))
+        kind = ctypes.c_int32(abi.BufType.VIDEO_CAPTURE)
+        self.call("cannot start to stream", abi.Vidioc.STREAMON, kind)
         self._streaming = True
 
     def next_capture(self, timeout_s: float) -> Capture:
@@ -202,7 +307,7 @@ class V4l2Device(VideoNode):
             # Even if poll reported nothing: a removed driver may not wake it, but returns ENODEV.
             buffer = self.buffer(0)
             try:
-                self.try_call(abi.VIDIOC_DQBUF, buffer)
+                self.try_call(abi.Vidioc.DQBUF, buffer)
                 return self._copied(buffer)
             except BlockingIOError:
                 pass
@@ -217,7 +322,7 @@ class V4l2Device(VideoNode):
             events = poll.poll(int(left_s * 1e3) + 1)
             if events and not events[0][1] & select.POLLIN:
                 # A device that is gone returns ENODEV here.
-                self.call("is gone", abi.VIDIOC_QUERYCAP, abi.Capability())
+                self.call("is gone", abi.Vidioc.QUERYCAP, abi.Capability())
                 raise CameraError(
                     f"{self.path}: the driver stopped the stream (hang-up or error); open it again"
                 )
@@ -230,15 +335,15 @@ class V4l2Device(VideoNode):
         stamp_s = buffer.timestamp.tv_sec + buffer.timestamp.tv_usec / 1e6
         capture = Capture(
             data=data,
-            is_corrupt=bool(flags & abi.BUF_FLAG_ERROR),
+            is_corrupt=bool(flags & abi.BufFlag.ERROR),
             timestamp_s=stamp_s,
-            is_monotonic=(flags & abi.BUF_FLAG_TIMESTAMP_MASK == abi.BUF_FLAG_TIMESTAMP_MONOTONIC),
+            is_monotonic=(flags & abi.BufFlag.TIMESTAMP_MASK == abi.BufFlag.TIMESTAMP_MONOTONIC),
             marks_exposure_start=(
-                flags & abi.BUF_FLAG_TSTAMP_SRC_MASK == abi.BUF_FLAG_TSTAMP_SRC_SOE
+                flags & abi.BufFlag.TSTAMP_SRC_MASK == abi.BufFlag.TSTAMP_SRC_SOE
             ),
             sequence=buffer.sequence,
         )
-        self.call("takes no buffer back", abi.VIDIOC_QBUF, self.buffer(buffer.index))
+        self.call("takes no buffer back", abi.Vidioc.QBUF, self.buffer(buffer.index))
         return capture
 
     def close(self) -> None:
@@ -248,7 +353,7 @@ class V4l2Device(VideoNode):
         self._streaming = False
         # A device that is gone cannot be stopped.
         with suppress(OSError):
-            self.try_call(abi.VIDIOC_STREAMOFF, ctypes.c_int32(abi.BUF_TYPE_VIDEO_CAPTURE))
+            self.try_call(abi.Vidioc.STREAMOFF, ctypes.c_int32(abi.BufType.VIDEO_CAPTURE))
         for buffer in self._buffers:
             buffer.close()
         self._buffers.clear()

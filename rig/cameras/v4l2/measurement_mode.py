@@ -3,12 +3,16 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from pathlib import Path
+from typing import Any, ClassVar, Literal, Self
 
+from pydantic import Field, field_validator, model_validator
+
+from rig.cameras.camera import ListedCamera
+from rig.cameras.config import DeviceCameraConfig, FormattedCameraConfig
 from rig.errors import CameraError, ControlError, ControlFault
 
 from . import abi
-from .config import V4l2CameraConfig
 from .controls import (
     Control,
     check_control,
@@ -16,39 +20,85 @@ from .controls import (
     read_control,
     write_control,
 )
-from .device import V4l2Device
+from .device import V4l2Device, device_path
+from .pixel_formats import PIXEL_FORMATS
+
+
+class VideoCameraConfig(DeviceCameraConfig):
+    """A camera at a video device, whose gain and gamma are integers in the driver's units."""
+
+    allow_compressed: bool = Field(default=False, description="MJPG may be used")
+    fixed_exposure: bool = Field(
+        default=False, description="the camera always exposes for exposure_ms and has no control"
+    )
+    gain: int | None = Field(
+        default=None, ge=0, le=2**31 - 1, description="in the camera's units; else left as it is"
+    )
+    gamma: int | None = Field(
+        default=None, ge=0, le=2**31 - 1, description="in the camera's units; else left as it is"
+    )
+
+    def matches(self, camera: ListedCamera) -> bool:
+        """Whether a listed camera is this one, by any of its names."""
+        node = Path(device_path(self.device)).resolve()
+        return camera.node is not None and camera.node.resolve() == node
+
+    @field_validator("device", mode="before")
+    @classmethod
+    def _device_may_be_a_number(cls, device: Any) -> Any:
+        return str(device) if type(device) is int else device
+
+
+class V4l2CameraConfig(VideoCameraConfig, FormattedCameraConfig):
+    """A V4L2 camera; `pixel_format` is a key of `PIXEL_FORMATS` and determines `bits`."""
+
+    formats: ClassVar = PIXEL_FORMATS
+    kind: Literal["v4l2"] = "v4l2"
+    pixel_format: str = Field(
+        default="GREY",
+        description="such as GREY, Y12, SRGGB10 or YUYV; of a genicam camera Mono8 by default",
+    )
+
+    @model_validator(mode="after")
+    def _pixel_format_can_be_measured(self) -> Self:
+        if self.pixel_format == "MJPG" and not self.allow_compressed:
+            raise ValueError(
+                "pixel_format = 'MJPG' is lossy; choose another, or set allow_compressed = true"
+            )
+        return self
+
 
 EXPOSURE_UNITS_PER_MS = 10
 """``EXPOSURE_ABSOLUTE`` counts units of 100 us."""
 # Controls that are set to 0, or to their minimum if 0 is not allowed.
 _AUTOMATIC = (
-    abi.CID_AUTOGAIN,
-    abi.CID_AUTO_WHITE_BALANCE,
-    abi.CID_AUTO_N_PRESET_WHITE_BALANCE,
-    abi.CID_FOCUS_AUTO,
-    abi.CID_EXPOSURE_AUTO_PRIORITY,
-    abi.CID_BACKLIGHT_COMPENSATION,
-    abi.CID_HUE_AUTO,
-    abi.CID_AUTOBRIGHTNESS,
-    abi.CID_ISO_SENSITIVITY_AUTO,
-    abi.CID_WIDE_DYNAMIC_RANGE,
-    abi.CID_IMAGE_STABILIZATION,
-    abi.CID_SHARPNESS,
+    abi.Cid.AUTOGAIN,
+    abi.Cid.AUTO_WHITE_BALANCE,
+    abi.Cid.AUTO_N_PRESET_WHITE_BALANCE,
+    abi.Cid.FOCUS_AUTO,
+    abi.Cid.EXPOSURE_AUTO_PRIORITY,
+    abi.Cid.BACKLIGHT_COMPENSATION,
+    abi.Cid.HUE_AUTO,
+    abi.Cid.AUTOBRIGHTNESS,
+    abi.Cid.ISO_SENSITIVITY_AUTO,
+    abi.Cid.WIDE_DYNAMIC_RANGE,
+    abi.Cid.IMAGE_STABILIZATION,
+    abi.Cid.SHARPNESS,
 )
 # Controls that change the pixel value of the same light.
 _PIXEL_VALUE_CONTROLS = {
-    abi.CID_GAIN: "gain",
-    abi.CID_GAMMA: "gamma",
-    abi.CID_BRIGHTNESS: "brightness",
-    abi.CID_CONTRAST: "contrast",
-    abi.CID_BLACK_LEVEL: "black_level",
-    abi.CID_RED_BALANCE: "red_balance",
-    abi.CID_BLUE_BALANCE: "blue_balance",
-    abi.CID_WHITE_BALANCE_TEMPERATURE: "white_balance_temperature",
-    abi.CID_BACKLIGHT_COMPENSATION: "backlight_compensation",
-    abi.CID_ISO_SENSITIVITY: "iso_sensitivity",
-    abi.CID_ANALOGUE_GAIN: "analogue_gain",
-    abi.CID_DIGITAL_GAIN: "digital_gain",
+    abi.Cid.GAIN: "gain",
+    abi.Cid.GAMMA: "gamma",
+    abi.Cid.BRIGHTNESS: "brightness",
+    abi.Cid.CONTRAST: "contrast",
+    abi.Cid.BLACK_LEVEL: "black_level",
+    abi.Cid.RED_BALANCE: "red_balance",
+    abi.Cid.BLUE_BALANCE: "blue_balance",
+    abi.Cid.WHITE_BALANCE_TEMPERATURE: "white_balance_temperature",
+    abi.Cid.BACKLIGHT_COMPENSATION: "backlight_compensation",
+    abi.Cid.ISO_SENSITIVITY: "iso_sensitivity",
+    abi.Cid.ANALOGUE_GAIN: "analogue_gain",
+    abi.Cid.DIGITAL_GAIN: "digital_gain",
 }
 
 
@@ -56,14 +106,14 @@ _Setting = tuple[Control, int]
 
 
 @dataclass(frozen=True)
-class MeasurementMode:
+class _Mode:
     """Controls with the values that they must keep, and the exposure time."""
 
     settings: tuple[_Setting, ...]
     exposure_s: float
 
 
-def set_measurement_mode(device: V4l2Device, config: V4l2CameraConfig) -> MeasurementMode:
+def set_measurement_mode(device: V4l2Device, config: V4l2CameraConfig) -> _Mode:
     """Set exposure, gain and gamma, turn off automatic controls, read all back."""
     settings: list[_Setting] = []
     faults: list[ControlFault] = []
@@ -72,9 +122,9 @@ def set_measurement_mode(device: V4l2Device, config: V4l2CameraConfig) -> Measur
             settings.append(step())
         except ControlError as error:
             faults += error.faults
-    exposures = (value for control, value in settings if control.id == abi.CID_EXPOSURE_ABSOLUTE)
+    exposures = (value for control, value in settings if control.id == abi.Cid.EXPOSURE_ABSOLUTE)
     units = next(exposures, config.exposure_ms * EXPOSURE_UNITS_PER_MS)
-    mode = MeasurementMode(tuple(settings), units / (1e3 * EXPOSURE_UNITS_PER_MS))
+    mode = _Mode(tuple(settings), units / (1e3 * EXPOSURE_UNITS_PER_MS))
     # A control may change another one that was set before.
     faults += _changed(device, mode)
     if faults:
@@ -95,29 +145,29 @@ def pixel_values(device: V4l2Device) -> dict[str, Any]:
 
 def exposure_range_ms(device: V4l2Device, config: V4l2CameraConfig) -> tuple[float, float]:
     """Shortest and longest exposure of the camera; the same if its exposure is fixed."""
-    control = None if config.fixed_exposure else find_control(device, abi.CID_EXPOSURE_ABSOLUTE)
+    control = None if config.fixed_exposure else find_control(device, abi.Cid.EXPOSURE_ABSOLUTE)
     if control is None:
         return config.exposure_ms, config.exposure_ms
     shortest, longest = max(1, control.minimum), control.maximum
     return shortest / EXPOSURE_UNITS_PER_MS, longest / EXPOSURE_UNITS_PER_MS
 
 
-def set_exposure(device: V4l2Device, mode: MeasurementMode, exposure_ms: float) -> MeasurementMode:
+def set_exposure(device: V4l2Device, mode: _Mode, exposure_ms: float) -> _Mode:
     """Change the exposure of a streaming camera, and read every control back."""
     control, units = _set_exposure_time(device, exposure_ms)
     others = tuple(setting for setting in mode.settings if setting[0].id != control.id)
-    changed = MeasurementMode((*others, (control, units)), units / (1e3 * EXPOSURE_UNITS_PER_MS))
+    changed = _Mode((*others, (control, units)), units / (1e3 * EXPOSURE_UNITS_PER_MS))
     check_measurement_mode(device, changed)
     return changed
 
 
-def check_measurement_mode(device: V4l2Device, mode: MeasurementMode) -> None:
+def check_measurement_mode(device: V4l2Device, mode: _Mode) -> None:
     """Read every control again; raise a `ControlError` that names all that changed."""
     if faults := _changed(device, mode):
         raise ControlError(device.path, *faults)
 
 
-def _changed(device: V4l2Device, mode: MeasurementMode) -> list[ControlFault]:
+def _changed(device: V4l2Device, mode: _Mode) -> list[ControlFault]:
     faults: list[ControlFault] = []
     for control, value in mode.settings:
         try:
@@ -137,8 +187,8 @@ def _steps(device: V4l2Device, config: V4l2CameraConfig) -> Iterator[Callable[[]
             yield partial(_set, device, control, off)
     # After the automatic controls, which override them.
     for name, control_id, value in (
-        ("gain", abi.CID_GAIN, config.gain),
-        ("gamma", abi.CID_GAMMA, config.gamma),
+        ("gain", abi.Cid.GAIN, config.gain),
+        ("gamma", abi.Cid.GAMMA, config.gamma),
     ):
         if value is not None:
             yield partial(_set_configured, device, name, control_id, value)
@@ -149,21 +199,21 @@ def _exposure_steps(
 ) -> Iterator[Callable[[], _Setting]]:
     """Manual mode first: with automatic exposure, setting its time has no defined effect."""
     if config.fixed_exposure:
-        control = find_control(device, abi.CID_EXPOSURE_ABSOLUTE)
+        control = find_control(device, abi.Cid.EXPOSURE_ABSOLUTE)
         if control is not None:
             raise CameraError(
                 f"{device.path}: {device.card} has control {control.slug}, so its exposure is not "
                 "fixed; remove camera.fixed_exposure"
             )
         return
-    mode = find_control(device, abi.CID_EXPOSURE_AUTO)
+    mode = find_control(device, abi.Cid.EXPOSURE_AUTO)
     if mode is not None:
         yield partial(_set, device, mode, abi.EXPOSURE_MANUAL)
     yield partial(_set_exposure_time, device, config.exposure_ms)
 
 
 def _set_exposure_time(device: V4l2Device, exposure_ms: float) -> _Setting:
-    control = find_control(device, abi.CID_EXPOSURE_ABSOLUTE)
+    control = find_control(device, abi.Cid.EXPOSURE_ABSOLUTE)
     if control is None:
         raise _missing(
             device,
@@ -200,7 +250,7 @@ def _set_active(device: V4l2Device, control: Control, value: int) -> _Setting:
     """Set a control, and check that no other one overrides it."""
     setting = _set(device, control, value)
     after = find_control(device, control.id)
-    if after is None or after.flags & abi.CTRL_FLAG_INACTIVE:
+    if after is None or after.flags & abi.CtrlFlag.INACTIVE:
         fault = ControlFault(
             control.slug,
             f"control {control.slug} has no effect, because another control overrides it",

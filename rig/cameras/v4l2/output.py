@@ -6,7 +6,7 @@ import mmap
 from rig.errors import CameraError
 
 from . import abi
-from .node import VideoNode
+from .device import VideoNode
 
 # Enough to write one buffer while others are read; the driver may have fewer.
 _BUFFERS = 4
@@ -28,14 +28,14 @@ class V4l2Output(VideoNode):
         self._frame_bytes = bytes_per_line * height_px
         self._maps: dict[int, mmap.mmap] = {}
         self._written = 0
-        super().__init__(path, abi.BUF_TYPE_VIDEO_OUTPUT)
+        super().__init__(path, abi.BufType.VIDEO_OUTPUT)
         try:
             self._claim()
             self._set_format(fourcc, width_px, height_px, bytes_per_line)
             self._set_period(period_s)
             self._maps = self.map_buffers(_BUFFERS)
-            kind = ctypes.c_int32(abi.BUF_TYPE_VIDEO_OUTPUT)
-            self.call("takes no stream", abi.VIDIOC_STREAMON, kind)
+            kind = ctypes.c_int32(abi.BufType.VIDEO_OUTPUT)
+            self.call("takes no stream", abi.Vidioc.STREAMON, kind)
         except BaseException:
             self.close()
             raise
@@ -46,13 +46,13 @@ class V4l2Output(VideoNode):
             raise ValueError(f"a frame of {len(frame)} bytes instead of {self._frame_bytes}")
         buffer = self.buffer(self._written % len(self._maps))
         # Queried each time: a reader that claims fewer buffers moves the existing ones.
-        self.call("has lost a buffer", abi.VIDIOC_QUERYBUF, buffer)
+        self.call("has lost a buffer", abi.Vidioc.QUERYBUF, buffer)
         self._maps[buffer.m.offset][: len(frame)] = frame
         buffer.bytesused = len(frame)
         buffer.field = abi.FIELD_NONE
         stamp_us = round(timestamp_s * 1e6)
         buffer.timestamp.tv_sec, buffer.timestamp.tv_usec = divmod(stamp_us, 1_000_000)
-        self.call("takes no frame", abi.VIDIOC_QBUF, buffer)
+        self.call("takes no frame", abi.Vidioc.QBUF, buffer)
         self._written += 1
 
     def close(self) -> None:
@@ -65,8 +65,8 @@ class V4l2Output(VideoNode):
     def _claim(self) -> None:
         """Refuse a device that takes no frames, or that another simulated rig writes to."""
         capability = abi.Capability()
-        self.call("is no video device", abi.VIDIOC_QUERYCAP, capability)
-        able = abi.CAP_VIDEO_OUTPUT | abi.CAP_STREAMING
+        self.call("is no video device", abi.Vidioc.QUERYCAP, capability)
+        able = abi.Cap.VIDEO_OUTPUT | abi.Cap.STREAMING
         if capability.device_caps & able != able:
             raise CameraError(
                 f"{self.path}: {abi.text(capability.card)} takes no frames; give a loopback "
@@ -82,12 +82,12 @@ class V4l2Output(VideoNode):
             ) from error
 
     def _set_format(self, fourcc: str, width_px: int, height_px: int, bytes_per_line: int) -> None:
-        form = abi.Format(type=abi.BUF_TYPE_VIDEO_OUTPUT)
+        form = abi.Format(type=abi.BufType.VIDEO_OUTPUT)
         pix = form.fmt.pix
         pix.width, pix.height, pix.pixelformat = width_px, height_px, abi.fourcc(fourcc)
         pix.field, pix.bytesperline = abi.FIELD_NONE, bytes_per_line
         asked = f"{fourcc.strip()} {width_px}x{height_px}"
-        self.call(f"does not take {asked}", abi.VIDIOC_S_FMT, form)
+        self.call(f"does not take {asked}", abi.Vidioc.S_FMT, form)
         given = (abi.fourcc_text(pix.pixelformat), pix.width, pix.height)
         if given == (fourcc, width_px, height_px) and pix.bytesperline != bytes_per_line:
             # v4l2loopback treats Y10 and Y12 as packed, so that its buffers are too small.
@@ -102,7 +102,7 @@ class V4l2Output(VideoNode):
             )
 
     def _set_period(self, period_s: float) -> None:
-        parm = abi.StreamParm(type=abi.BUF_TYPE_VIDEO_OUTPUT)
+        parm = abi.StreamParm(type=abi.BufType.VIDEO_OUTPUT)
         interval = parm.parm.capture.timeperframe
         interval.numerator, interval.denominator = round(1e6 * period_s), 1_000_000
-        self.call(f"cannot keep {1.0 / period_s:g} Hz", abi.VIDIOC_S_PARM, parm)
+        self.call(f"cannot keep {1.0 / period_s:g} Hz", abi.Vidioc.S_PARM, parm)

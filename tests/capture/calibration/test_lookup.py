@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 from capture import CapturedSet, capture_set
 from capture.base.errors import CalibrationError
 from capture.calibration.lookup import check_setting, keep_beside
-from capture.calibration.parts import PART_NAMES
 from capture.calibration.ps4cal import CalibrationFile, PartRecord
-from capture.calibration.setting import Setting
+from capture.calibration.setting import PART_NAMES, Setting
 from capture.sets.captured_set import calibration_of
 from classify import Lighting
 from classify.calibration.calibration import CalibratedLights

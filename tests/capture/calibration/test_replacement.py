@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from capture.calibration.parts import PART_NAMES, PartName
 from capture.calibration.ps4cal import CalibrationFile, MeasuredPart, PartRecord
 from capture.calibration.replacement import kept_because
-from capture.calibration.setting import Setting
+from capture.calibration.setting import PART_NAMES, PartName, Setting
 from capture.commands.calibrate.flow import calibration_at, keep_parts
 from classify import Lighting
 from classify.base.errors import CalibrationRejected

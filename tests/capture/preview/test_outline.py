@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from capture import CapturedSet
-from capture.session.preview_outline import Outline, outline_of
+from capture.session.live_view import Outline, outline_of
 
 MakeSet = Callable[..., CapturedSet]
 SIDE_PX = 256

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from classify.base.errors import CalibrationRejected, InputError
-from classify.calibration.block_levels import block_levels
 from classify.calibration.dark import dark_of, with_ambient
+from classify.calibration.photon_transfer import block_levels
 
 SHAPE = (96, 130)
 FULL = 4095.0

@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from classify.base.errors import CalibrationRejected
-from classify.calibration.block_levels import BlockLevels, block_levels
-from classify.calibration.photon_transfer import photon_transfer
+from classify.calibration.photon_transfer import BlockLevels, block_levels, photon_transfer
 
 WELL_E, SIZE = 10_000.0, 128
 LIGHTS = np.linspace(0.02, 0.9, 12)

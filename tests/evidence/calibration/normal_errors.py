@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from capture.calibration.parts import PartName
+from capture.calibration.setting import PartName
 from classify import Method
 from classify.calibration.calibration import Calibration
 

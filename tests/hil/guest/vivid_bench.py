@@ -12,7 +12,6 @@ from firmware_sim import SimulatedBoard
 from rig import CameraError, Frame, Rig
 from rig.cameras.opencv import OpencvCameraConfig
 from rig.cameras.v4l2.camera import V4l2Camera
-from rig.cameras.v4l2.config import V4l2CameraConfig
 from rig.cameras.v4l2.controls import (
     Control,
     list_controls,
@@ -20,6 +19,7 @@ from rig.cameras.v4l2.controls import (
     write_control,
 )
 from rig.cameras.v4l2.device import V4l2Device
+from rig.cameras.v4l2.measurement_mode import V4l2CameraConfig
 
 VIDEO = "/dev/video0"
 DISCONNECTED = "/dev/video1"

@@ -13,7 +13,7 @@ from rig import (
     open_rig,
 )
 from rig.cameras.v4l2.camera import V4l2Camera
-from rig.cameras.v4l2.config import V4l2CameraConfig
+from rig.cameras.v4l2.measurement_mode import V4l2CameraConfig
 
 REAL = '[lights]\nport = "/dev/ttyACM0"\n[camera]\n'
 CAMERA = REAL + 'kind = "v4l2"\ndevice = "/dev/v4l/by-id/cam"\n'

@@ -11,7 +11,7 @@ import pytest
 from classify import Lighting
 from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serve_pty
 from rig import LightControllerError, ListedCamera, RigConfig, open_rig
-from rig.cameras.v4l2.config import V4l2CameraConfig
+from rig.cameras.v4l2.measurement_mode import V4l2CameraConfig
 from rig.doctor import diagnosis as doctor_module
 from rig.doctor.cameras import check_cameras, check_frames, exposure_range_ms
 from rig.doctor.check import Check

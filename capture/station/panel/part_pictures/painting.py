@@ -19,7 +19,7 @@ SIZES = {"small": 384, "large": 2 * pictures.PICTURE_PX}
 """Longer side of pictures, in px."""
 
 _JPEG, _PNG = "image/jpeg", "image/png"
-# As `capture.session.preview_outline`: bright on dark is visible on any background.
+# As `capture.session.live_view`: bright on dark is visible on any background.
 _LINE, _UNDER = (255, 212, 0), (0, 0, 0)
 _REGION_LINE = (120, 190, 255)
 # A score of twice the limit has the last colour.

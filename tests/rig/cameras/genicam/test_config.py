@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from rig import CameraError, ConfigError, RigConfig
 from rig.cameras.camera import CameraInfo
-from rig.cameras.genicam import aravis, network
+from rig.cameras.genicam import aravis
+from rig.cameras.genicam import camera as genicam_camera
 from rig.cameras.genicam.aravis import Buffer, find_devices
 from rig.cameras.genicam.camera import DeviceClock, list_genicam_cameras
 
@@ -69,11 +70,11 @@ def test_a_network_that_is_too_slow_for_the_frames_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rmem_max = tmp_path / "rmem_max"
-    monkeypatch.setattr(network, "LARGEST_BUFFER", rmem_max)
+    monkeypatch.setattr(genicam_camera, "LARGEST_BUFFER", rmem_max)
     rmem_max.write_text("8000000\n")
 
     def faults(camera: CameraInfo) -> list[str]:
-        return [fault.control for fault in network.network_faults(camera)]
+        return [fault.control for fault in genicam_camera.network_faults(camera)]
 
     assert faults(info(1000, 20.0)) == []
     assert faults(info(1000, 50.0)) == ["packet size"]

@@ -31,7 +31,7 @@ from rig.cameras.v4l2 import abi
     ],
 )
 def test_request_numbers_are_those_of_the_kernel(name: str, number: int) -> None:
-    assert getattr(abi, f"VIDIOC_{name}") == number
+    assert abi.Vidioc[name] == number
 
 
 def test_field_offsets_are_those_of_the_kernel() -> None:

@@ -4,10 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from rig.cameras.v4l2.camera_list import config_lines, list_v4l2_cameras
-from rig.cameras.v4l2.config import V4l2CameraConfig
-from rig.cameras.v4l2.device import OfferedFormat
-from rig.cameras.v4l2.node import device_path
+from rig.cameras.v4l2.camera import config_lines, list_v4l2_cameras
+from rig.cameras.v4l2.device import OfferedFormat, device_path
+from rig.cameras.v4l2.measurement_mode import V4l2CameraConfig
 
 
 @pytest.mark.parametrize(

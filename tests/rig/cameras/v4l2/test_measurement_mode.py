@@ -11,10 +11,10 @@ import pytest
 
 from rig import CameraError
 from rig.cameras.v4l2 import abi
-from rig.cameras.v4l2.config import V4l2CameraConfig
 from rig.cameras.v4l2.controls import list_controls
 from rig.cameras.v4l2.device import V4l2Device
 from rig.cameras.v4l2.measurement_mode import (
+    V4l2CameraConfig,
     check_measurement_mode,
     exposure_range_ms,
     set_exposure,
@@ -23,8 +23,8 @@ from rig.cameras.v4l2.measurement_mode import (
 from rig.doctor.cameras import check_controls
 from rig.errors import ControlError
 
-AUTO, TIME = abi.CID_EXPOSURE_AUTO, abi.CID_EXPOSURE_ABSOLUTE
-PRIORITY = abi.CID_EXPOSURE_AUTO_PRIORITY
+AUTO, TIME = abi.Cid.EXPOSURE_AUTO, abi.Cid.EXPOSURE_ABSOLUTE
+PRIORITY = abi.Cid.EXPOSURE_AUTO_PRIORITY
 APERTURE_PRIORITY = 3
 
 
@@ -46,12 +46,12 @@ def usual_knobs() -> dict[int, Knob]:
         AUTO: Knob("Auto Exposure", APERTURE_PRIORITY, 0, 3, modes),
         TIME: Knob("Exposure Time, Absolute", 157, 3, 2047),
         PRIORITY: Knob("Exposure, Dynamic Framerate", 1),
-        abi.CID_AUTO_WHITE_BALANCE: Knob("White Balance, Automatic", 1),
-        abi.CID_FOCUS_AUTO: Knob("Focus, Automatic Continuous", 1),
-        abi.CID_BACKLIGHT_COMPENSATION: Knob("Backlight Compensation", 2, 0, 2),
-        abi.CID_SHARPNESS: Knob("Sharpness", 5, 1, 7),
-        abi.CID_GAIN: Knob("Gain", 64, 0, 255),
-        abi.CID_GAMMA: Knob("Gamma", 100, 72, 500),
+        abi.Cid.AUTO_WHITE_BALANCE: Knob("White Balance, Automatic", 1),
+        abi.Cid.FOCUS_AUTO: Knob("Focus, Automatic Continuous", 1),
+        abi.Cid.BACKLIGHT_COMPENSATION: Knob("Backlight Compensation", 2, 0, 2),
+        abi.Cid.SHARPNESS: Knob("Sharpness", 5, 1, 7),
+        abi.Cid.GAIN: Knob("Gain", 64, 0, 255),
+        abi.Cid.GAMMA: Knob("Gamma", 100, 72, 500),
     }
 
 
@@ -63,9 +63,12 @@ class FakeCamera(V4l2Device):
         self.written: list[int] = []
 
     def try_call(self, request: int, argument: Any) -> None:
-        if request == abi.VIDIOC_QUERY_EXT_CTRL:
+        if request == abi.Vidioc.QUERY_EXT_CTRL:
+            if argument.id & abi.CtrlFlag.NEXT_CTRL:
+                after = argument.id & ~abi.CtrlFlag.NEXT_CTRL
+                argument.id = min((known for known in self.knobs if known > after), default=0)
             self._query(argument)
-        elif request == abi.VIDIOC_QUERYMENU:
+        elif request == abi.Vidioc.QUERYMENU:
             name = self._knob(argument.id).menu.get(argument.index)
             if name is None:
                 raise OSError(errno.EINVAL, "Invalid argument")
@@ -73,7 +76,7 @@ class FakeCamera(V4l2Device):
         else:
             item = argument.controls[0]
             knob = self._knob(item.id)
-            if request == abi.VIDIOC_G_EXT_CTRLS:
+            if request == abi.Vidioc.G_EXT_CTRLS:
                 item.payload.value = knob.value
             else:
                 self._write(item.id, knob, item.payload.value)
@@ -86,15 +89,15 @@ class FakeCamera(V4l2Device):
     def _exposes_by_itself(self) -> bool:
         return AUTO in self.knobs and self.knobs[AUTO].value != abi.EXPOSURE_MANUAL
 
-    def _query(self, query: abi.QueryExtCtrl | abi.QueryCtrl) -> None:
+    def _query(self, query: abi.QueryExtCtrl) -> None:
         knob = self._knob(query.id)
         query.name, query.minimum, query.maximum = knob.name.encode(), knob.minimum, knob.maximum
         boolean = (knob.minimum, knob.maximum) == (0, 1)
-        plain = abi.CTRL_TYPE_BOOLEAN if boolean else abi.CTRL_TYPE_INTEGER
-        query.type = abi.CTRL_TYPE_MENU if knob.menu else plain
+        plain = abi.CtrlType.BOOLEAN if boolean else abi.CtrlType.INTEGER
+        query.type = abi.CtrlType.MENU if knob.menu else plain
         query.flags = knob.flags
         if query.id == TIME and self._exposes_by_itself():
-            query.flags |= abi.CTRL_FLAG_INACTIVE
+            query.flags |= abi.CtrlFlag.INACTIVE
 
     def _write(self, control_id: int, knob: Knob, value: int) -> None:
         self.written.append(control_id)
@@ -102,25 +105,6 @@ class FakeCamera(V4l2Device):
             raise OSError(errno.EIO, "Input/output error")
         if not knob.stubborn:
             knob.value = value
-
-
-class OldCamera(FakeCamera):
-    """A driver with the old control ioctls only."""
-
-    def try_call(self, request: int, argument: Any) -> None:
-        if request == abi.VIDIOC_QUERYCTRL:
-            if argument.id & abi.CTRL_FLAG_NEXT_CTRL:
-                after = argument.id & ~abi.CTRL_FLAG_NEXT_CTRL
-                argument.id = min((known for known in self.knobs if known > after), default=0)
-            self._query(argument)
-        elif request == abi.VIDIOC_G_CTRL:
-            argument.value = self._knob(argument.id).value
-        elif request == abi.VIDIOC_S_CTRL:
-            self._write(argument.id, self._knob(argument.id), argument.value)
-        elif request == abi.VIDIOC_QUERYMENU:
-            super().try_call(request, argument)
-        else:
-            raise OSError(errno.ENOTTY, "Inappropriate ioctl for device")
 
 
 def config(**changes: object) -> V4l2CameraConfig:
@@ -137,13 +121,13 @@ def test_all_controls_are_set_and_manual_exposure_is_first() -> None:
         AUTO: abi.EXPOSURE_MANUAL,
         TIME: 123,
         PRIORITY: 0,
-        abi.CID_AUTO_WHITE_BALANCE: 0,
-        abi.CID_FOCUS_AUTO: 0,
-        abi.CID_BACKLIGHT_COMPENSATION: 0,
+        abi.Cid.AUTO_WHITE_BALANCE: 0,
+        abi.Cid.FOCUS_AUTO: 0,
+        abi.Cid.BACKLIGHT_COMPENSATION: 0,
         # The minimum: this control has no zero.
-        abi.CID_SHARPNESS: 1,
-        abi.CID_GAIN: 0,
-        abi.CID_GAMMA: 100,
+        abi.Cid.SHARPNESS: 1,
+        abi.Cid.GAIN: 0,
+        abi.Cid.GAMMA: 100,
     }
     assert mode.exposure_s == pytest.approx(0.0123)
     assert len(mode.settings) == len(values)
@@ -152,8 +136,8 @@ def test_all_controls_are_set_and_manual_exposure_is_first() -> None:
 def test_unconfigured_gain_and_gamma_are_unchanged() -> None:
     camera = FakeCamera(usual_knobs())
     set_measurement_mode(camera, config())
-    assert camera.knobs[abi.CID_GAIN].value == 64
-    assert abi.CID_GAIN not in camera.written
+    assert camera.knobs[abi.Cid.GAIN].value == 64
+    assert abi.Cid.GAIN not in camera.written
 
 
 def test_a_control_with_the_right_value_is_not_written() -> None:
@@ -164,16 +148,15 @@ def test_a_control_with_the_right_value_is_not_written() -> None:
     assert camera.written == []
 
 
-@pytest.mark.parametrize("driver", [FakeCamera, OldCamera])
 @pytest.mark.parametrize("control_id", usual_knobs())
-def test_a_control_that_keeps_its_value_is_named(control_id: int, driver: type[FakeCamera]) -> None:
+def test_a_control_that_keeps_its_value_is_named(control_id: int) -> None:
     knobs = usual_knobs()
     knobs[control_id].stubborn = True
-    if control_id == abi.CID_GAMMA:
+    if control_id == abi.Cid.GAMMA:
         knobs[control_id].value = 72
     slug = knobs[control_id].name.lower().replace(",", "").replace(" ", "_")
     with pytest.raises(CameraError, match=f"/dev/video9: control {slug} was set"):
-        set_measurement_mode(driver(knobs), config(gain=0, gamma=100))
+        set_measurement_mode(FakeCamera(knobs), config(gain=0, gamma=100))
 
 
 def test_an_exposure_out_of_range_is_refused_in_ms() -> None:
@@ -193,7 +176,7 @@ def test_a_camera_without_manual_exposure_is_refused() -> None:
 def test_an_exposure_overridden_by_another_control_is_refused() -> None:
     knobs = usual_knobs()
     del knobs[AUTO]
-    knobs[TIME].flags = abi.CTRL_FLAG_INACTIVE
+    knobs[TIME].flags = abi.CtrlFlag.INACTIVE
     with pytest.raises(CameraError, match="exposure_time_absolute has no effect"):
         set_measurement_mode(FakeCamera(knobs), config())
 
@@ -205,18 +188,18 @@ def test_fixed_exposure_is_refused_with_an_exposure_control() -> None:
 
 def test_a_read_only_control_must_be_off() -> None:
     knobs = usual_knobs()
-    knobs[PRIORITY] = Knob("Exposure, Dynamic Framerate", 0, flags=abi.CTRL_FLAG_READ_ONLY)
+    knobs[PRIORITY] = Knob("Exposure, Dynamic Framerate", 0, flags=abi.CtrlFlag.READ_ONLY)
     set_measurement_mode(FakeCamera(knobs), config())
     knobs[PRIORITY].value = 1
     with pytest.raises(CameraError, match="exposure_dynamic_framerate is read-only"):
         set_measurement_mode(FakeCamera(knobs), config())
 
 
-def test_a_driver_without_extended_controls_is_set_and_listed() -> None:
-    camera = OldCamera(usual_knobs())
+def test_the_controls_are_set_and_listed() -> None:
+    camera = FakeCamera(usual_knobs())
     mode = set_measurement_mode(camera, config(exposure_ms=12.34, gain=7, gamma=100))
     assert camera.written[:2] == [AUTO, TIME]
-    assert (camera.knobs[TIME].value, camera.knobs[abi.CID_GAIN].value) == (123, 7)
+    assert (camera.knobs[TIME].value, camera.knobs[abi.Cid.GAIN].value) == (123, 7)
     assert mode.exposure_s == pytest.approx(0.0123)
     listed = list(list_controls(camera))
     assert [control.id for control in listed] == sorted(camera.knobs)
@@ -224,8 +207,8 @@ def test_a_driver_without_extended_controls_is_set_and_listed() -> None:
     assert auto.menu == {1: "Manual Mode", APERTURE_PRIORITY: "Aperture Priority Mode"}
 
 
-def test_a_control_refused_by_an_old_driver_is_named() -> None:
-    class Refusing(OldCamera):
+def test_a_control_that_the_driver_refuses_is_named() -> None:
+    class Refusing(FakeCamera):
         def _write(self, *_: object) -> None:
             raise OSError(errno.EBUSY, "Device or resource busy")
 
@@ -234,9 +217,9 @@ def test_a_control_refused_by_an_old_driver_is_named() -> None:
 
 
 STUBBORN = (
-    (abi.CID_FOCUS_AUTO, "focus_automatic_continuous was set to 0 and reads 1"),
-    (abi.CID_SHARPNESS, "sharpness was set to 1 and reads 5"),
-    (abi.CID_GAIN, "gain was set to 0 and reads 64"),
+    (abi.Cid.FOCUS_AUTO, "focus_automatic_continuous was set to 0 and reads 1"),
+    (abi.Cid.SHARPNESS, "sharpness was set to 1 and reads 5"),
+    (abi.Cid.GAIN, "gain was set to 0 and reads 64"),
 )
 
 
@@ -252,7 +235,7 @@ def test_all_stubborn_controls_are_named_with_one_remedy() -> None:
     assert str(raised.value).startswith("/dev/video9: " + "; ".join(told))
     assert str(raised.value).count("v4l2-ctl -d /dev/video9") == 1
     # The other controls are set, and the doctor has a line for each fault.
-    assert knobs[abi.CID_AUTO_WHITE_BALANCE].value == 0
+    assert knobs[abi.Cid.AUTO_WHITE_BALANCE].value == 0
     checks = list(check_controls(raised.value))
     assert [(check.status, check.seen) for check in checks] == [("fault", seen) for seen in told]
     assert all("use another camera" in check.advice for check in checks)

@@ -10,8 +10,8 @@ import pytest
 from rig import CameraError, FrameFlag
 from rig.cameras.v4l2 import camera
 from rig.cameras.v4l2.camera import V4l2Camera
-from rig.cameras.v4l2.config import V4l2CameraConfig
 from rig.cameras.v4l2.device import Capture, VideoFormat
+from rig.cameras.v4l2.measurement_mode import V4l2CameraConfig
 from rig.cameras.v4l2.pixel_formats import PIXEL_FORMATS, CorruptFrameError, decode
 from tests.rig.cameras.v4l2.test_measurement_mode import FakeCamera, usual_knobs
 
