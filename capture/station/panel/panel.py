@@ -50,7 +50,7 @@ class Panel:
             changes=ChangeLog(folder, results),
             users=users,
             tokens=Tokens(folder.path),
-            sessions=Sessions(users),
+            sessions=Sessions(folder.path, users),
             triggers=KeyedTriggers(live, results),
             pictures=PictureMaker(folder),
         )

@@ -2,7 +2,9 @@
 
 import asyncio
 import json
-from collections.abc import Mapping
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import parse_qsl, urlsplit
@@ -41,6 +43,23 @@ class Denied(Exception):  # noqa: N818 - an answer, not an error of the program
         super().__init__(message)
         self.status = status
         self.headers = dict(headers or {})
+
+
+class Slots:
+    """So many requests of a kind at a time; further ones are answered 503."""
+
+    def __init__(self, count: int, busy: str) -> None:
+        self._free, self._busy = threading.BoundedSemaphore(count), f"{count} {busy}"
+
+    @contextmanager
+    def taken(self) -> Iterator[None]:
+        """Have a slot during the block."""
+        if not self._free.acquire(blocking=False):
+            raise Denied(503, self._busy, {"Retry-After": "2"})
+        try:
+            yield
+        finally:
+            self._free.release()
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import ssl
 import time
 import tracemalloc
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -22,7 +22,12 @@ from capture.station.panel import listening, security, server
 from capture.station.panel.app import ROUTES
 from capture.station.panel.security import MAX_BODY_BYTES, HostRule
 from capture.station.panel.server import MAX_CONNECTIONS
-from capture.station.panel.sessions import FAILURES_OF_A_NAME, FAILURES_OF_AN_ADDRESS, LoginLimit
+from capture.station.panel.sessions import (
+    FAILURES_OF_A_NAME,
+    FAILURES_OF_AN_ADDRESS,
+    MOST_TRYING,
+    LoginLimit,
+)
 from capture.station.results.audit import newest_changes
 from classify.base.errors import InputError
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel, running_panel
@@ -452,6 +457,18 @@ def test_a_success_forgets_the_failures_of_its_name() -> None:
         for _ in range(FAILURES_OF_A_NAME - 1):
             assert limit.begin("ada", "192.0.2.1") == 0.0
             limit.succeeded("ada", "192.0.2.1")
+
+
+def test_few_passwords_wait_and_further_logins_are_answered_at_once(
+    with_users: RunningPanel,
+) -> None:
+    """A flood of logins takes few of the threads that serve pages."""
+    with ExitStack() as waiting:
+        for number in range(MOST_TRYING):
+            waiting.enter_context(with_users.panel.logins.attempt("ada", f"192.0.2.{number}"))
+        answer = with_users.local.log_in("operator")
+        assert (answer.status, answer.headers["retry-after"]) == (503, "2")
+    assert with_users.local.log_in("operator").status == 303
 
 
 def test_failed_logins_with_long_names_take_little_memory() -> None:
