@@ -61,7 +61,9 @@ def answer_to(panel: RunningPanel, text: bytes) -> bytes:
 def test_another_name_of_this_machine_is_refused(without_users: RunningPanel, host: str) -> None:
     """DNS rebinding: the page of another site asks for its own name."""
     for path in ("/", "/static/without_users.css", "/api/v1/state", "/nowhere"):
-        assert without_users.local.get(path, Host=host).status == 421
+        answer = without_users.local.get(path, Host=host)
+        assert answer.status == 421
+        assert f"Host {host!r}" in answer.text
 
 
 def test_this_machine_may_be_called_localhost(without_users: RunningPanel) -> None:
@@ -114,6 +116,14 @@ def test_a_change_that_another_site_sends_is_refused(
     assert panel.bench.rows() == []
     own = {"Origin": panel.url.rstrip("/"), "Sec_Fetch_Site": "same-origin"}
     assert panel.local.post("/api/v1/trigger", **own).status == 202
+
+
+def test_a_refused_change_names_what_differs(without_users: RunningPanel) -> None:
+    """Behind a proxy that sends its own Host, every change is refused."""
+    answer = without_users.local.post("/api/v1/trigger", Origin="https://line-3.example")
+    assert answer.status == 403
+    for named in (without_users.local.host, "https://line-3.example", "proxy_set_header Host"):
+        assert named in answer.json["error"]
 
 
 def test_a_change_of_a_session_needs_its_token(with_users: RunningPanel) -> None:
