@@ -175,7 +175,7 @@ def test_a_stream_ends_with_the_last_event() -> None:
     async def kinds() -> list[str]:
         live = live_station()
         stay = AsyncMock(return_value=True)
-        stream = event_stream._messages(live, "", stay)
+        stream = event_stream._messages(live, "", stay, [])
         first = [await anext(stream), await anext(stream)]
         live.announce({"event": "stopped"})
         live.close()
