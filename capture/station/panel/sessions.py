@@ -58,7 +58,7 @@ class Sessions:
 
     def __init__(self, folder: Path, users: Users, now_s: Callable[[], float] = time.time) -> None:
         self._users, self._now_s = users, now_s
-        self._file = PrivateFile(folder / FILE, _File)
+        self._file = PrivateFile(folder / FILE, _File, "remove it, and everybody logs in again")
         self._lock = threading.Lock()
         self._started_s = now_s()
         self._used_s: dict[str, float] = {}  # the one used last is the last
