@@ -37,6 +37,7 @@ venv() {
 browser() {
     has chromium || install chromium
     has curl || install curl
+    daemon /usr/sbin/nginx nginx-light nginx
 }
 
 genicam() {
@@ -113,11 +114,15 @@ kernel() {
     cd - >/dev/null
 }
 
-# A broker that a test starts in a folder of its own. Debian's package starts one for the machine.
+# daemon PROGRAM PACKAGE UNIT: tests start it in a folder of their own; Debian starts one for the machine.
+daemon() {
+    [ ! -e "$1" ] || return 0
+    install "$2"
+    ! has systemctl || as_root systemctl disable --now "$3" 2>/dev/null || true
+}
+
 mqtt() {
-    [ ! -e /usr/sbin/mosquitto ] || return 0
-    install mosquitto
-    ! has systemctl || as_root systemctl disable --now mosquitto 2>/dev/null || true
+    daemon /usr/sbin/mosquitto mosquitto mosquitto
 }
 
 # A server that a test starts in a folder of its own. Debian's package would start one for the machine.

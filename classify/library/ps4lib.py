@@ -95,7 +95,7 @@ class _Header(BaseModel):
     limits: Limits = Field(default_factory=dict)
     light_directions: Annotated[tuple[_Vector, ...] | None, FailFast()] = None
     sources: Annotated[tuple[tuple[str, str], ...], FailFast()] = ()
-    sha256: str | None = None  # of the rest and of the arrays; None in a file of an older program
+    sha256: str  # of the rest and of the arrays
 
 
 def _check_path(path: Path) -> None:
@@ -120,6 +120,7 @@ def write(path: Path, library: TextureLibrary) -> None:
         limits=dict(library.limits),
         light_directions=None if lighting is None else lighting.directions.tolist(),
         sources=library.sources,
+        sha256="",
     )
     arrays: dict[str, Array] = {
         "classes": library.class_indices.astype("<i4"),
@@ -170,7 +171,7 @@ def _read(archive: ArrayArchive, kind: type[_Library]) -> _Library:
             is_mapped = True
         elif not np.isfinite(array).all():
             raise LibraryError("contains NaN or infinity; the file is damaged, train it again")
-    if header.sha256 and not is_mapped and header.sha256 != _sha256(header, everything):
+    if not is_mapped and header.sha256 != _sha256(header, everything):
         raise archive.error("it does not match its SHA-256: the file was changed")
     try:
         directions = header.light_directions

@@ -14,6 +14,7 @@ from tests.capture.station.line.test_handshake import (
     result,
 )
 from tests.capture.station.two_recipes import recipe_changes, rows_of, station_with_two_recipes
+from tests.evidence.station import watched_panel
 from tests.evidence.station.line_kills import contradictions, killed_line
 
 KILLS = 6
@@ -76,3 +77,39 @@ def test_an_honest_journal_has_no_contradictions(journal: list[dict[str, Any]]) 
 def test_a_contradiction_is_named(journal: list[dict[str, Any]], said: str) -> None:
     assert BEGAN["began_utc"] > UTC
     assert [said in each for each in contradictions(ROWS, journal)] == [True]
+
+
+def event(number: int, run: str = "a", **more: Any) -> dict[str, Any]:
+    return {"run": run, "event_id": number} | more
+
+
+def part(number: int, part_id: str, decision: str) -> dict[str, Any]:
+    return {"number": number, "part_id": part_id, "decision": decision}
+
+
+def test_a_browser_that_saw_everything_or_began_anew_has_no_contradictions() -> None:
+    journal = [
+        {"run": "a", "snapshot": 4, "last": part(1, "a", "PASS")},
+        event(5),
+        event(6, shown=part(2, "b", "FAIL")),
+        {"run": "b", "snapshot": 0, "last": None},
+        event(1, "b"),
+    ]
+    assert list(watched_panel.contradictions(ROWS, journal)) == []
+
+
+@pytest.mark.parametrize(
+    ("journal", "said"),
+    [
+        ([event(1, shown=part(1, "a", "FAIL"))], "its row is"),
+        ([event(1, shown=part(4, "d", "FAIL"))], "its row is None"),
+        ([{"run": "a", "snapshot": 1, "last": part(1, "b", "PASS")}], "its row is"),
+        ([event(n, shown=part(1, "a", "PASS")) for n in (1, 2)], "a was shown 2 times"),
+        ([event(1), event(3)], "came"),
+        ([event(1), event(2, "b")], "came"),
+    ],
+)
+def test_a_browser_that_was_shown_too_little_or_something_else_is_named(
+    journal: list[dict[str, Any]], said: str
+) -> None:
+    assert [said in each for each in watched_panel.contradictions(ROWS, journal)] == [True]

@@ -4,6 +4,7 @@ python -m tests.evidence.station.endurance --parts 20000
 python -m tests.evidence.station.faults --parts 2000
 python -m tests.evidence.station.kills --kills 300
 python -m tests.evidence.station.kills --kills 50 --postgresql
+python -m tests.evidence.station.kills --kills 300 --panel
 """
 
 import subprocess
@@ -25,6 +26,10 @@ LONG = {"endurance": ["--parts", "1000"], "faults": ["--parts", "500"]}
         # The server is killed with the tenth kill.
         pytest.param(
             ["--kills", "10", "--postgresql"], id="PostgreSQL", marks=pytest.mark.postgresql
+        ),
+        # Run, panel, PLC and server; each of them is killed at least once.
+        pytest.param(
+            ["--kills", "8", "--panel", "--seed", "1"], id="all", marks=pytest.mark.postgresql
         ),
     ],
 )

@@ -42,6 +42,25 @@ def add_user(folder: Folder, name: _UserName, role: _RoleName) -> None:
     out.print(f"user {name}: {role}")
 
 
+@user_app.command("kiosk")
+@reported
+def set_kiosk(folder: Folder) -> None:
+    """Set the PIN by which the line's screens log in as an operator.
+
+    Their addresses are kiosk_addresses of station.toml. The PIN is asked for, or is the first line
+    of the standard input. To end it, remove the user kiosk.
+    """
+    from capture.station.domain.folder import StationFolder
+    from capture.station.domain.users import KIOSK
+    from capture.station.results.accounts import accounts_on_the_terminal
+
+    station = StationFolder(folder)
+    with accounts_on_the_terminal(station) as accounts:
+        accounts.put_kiosk(_password(KIOSK))
+    screens = ", ".join(map(str, station.config.panel.kiosk_addresses))
+    out.print(f"user {KIOSK}: operator, at {screens or 'no screen; set kiosk_addresses'}")
+
+
 @user_app.command("remove")
 @reported
 def remove_user(folder: Folder, name: _UserName) -> None:

@@ -187,6 +187,7 @@ port = 8100
 # tls_cert = "panel.crt"     # PEM, relative to this folder
 # tls_key = "panel.key"
 # names = ["line-3.example"] # host names by which browsers reach it
+# kiosk_addresses = ["192.168.0.21"] # screens of the line: ps4rig station user kiosk
 
 # The registers for a PLC. Without this section there are none.
 # [modbus]

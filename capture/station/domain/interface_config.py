@@ -57,6 +57,12 @@ class PanelConfig(Section):
         strict=False,
         description="host names by which browsers reach it; IP addresses need no entry",
     )
+    kiosk_addresses: tuple[IPvAnyAddress, ...] = Field(
+        default=(),
+        max_length=100,
+        strict=False,
+        description="IP addresses of the line's screens, which log in with a PIN",
+    )
 
     @model_validator(mode="after")
     def _tls_has_both_files(self) -> Self:

@@ -18,7 +18,8 @@ from classify.base.regular_file import read_regular_file
 # A thousand users or clients have 200 kB.
 _MAX_BYTES = 1 << 20
 OWNER_ONLY = 0o600
-SECRETS = ("users.json", "tokens.json")
+SESSIONS = "sessions.json"
+SECRETS = ("users.json", "tokens.json", SESSIONS)
 # A change takes 10 ms; a disk that is busy, a second.
 PATIENCE_S = 10.0
 
@@ -28,8 +29,10 @@ Model = TypeVar("Model", bound=BaseModel)
 class PrivateFile(Generic[Model]):
     """A file that holds a `model`, read again when another program replaced it. Thread-safe."""
 
-    def __init__(self, path: Path, model: type[Model]) -> None:
-        self._path, self._model = path, model
+    def __init__(
+        self, path: Path, model: type[Model], remedy: str = "restore it from a backup"
+    ) -> None:
+        self._path, self._model, self._remedy = path, model, remedy
         self._changing = threading.Lock()
         self._lock = threading.Lock()
         self._stamp: tuple[int, int, int] | None = None
@@ -64,7 +67,7 @@ class PrivateFile(Generic[Model]):
                 raise
             values = {}
         except (ValueError, RecursionError) as error:
-            raise InputError(f"{self._path}: damaged: {error}; restore it from a backup") from error
+            raise InputError(f"{self._path}: damaged: {error}; {self._remedy}") from error
         return validated(values, self._model, str(self._path))
 
     def _present_stamp(self) -> tuple[int, int, int] | None:

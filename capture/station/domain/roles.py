@@ -28,7 +28,7 @@ class Identity:
     name: str
     role: Role
     # ``this machine`` while the station has no users.
-    via: Literal["page", "API", "command", "this machine"]
+    via: Literal["page", "kiosk", "API", "command", "this machine"]
     csrf: str = ""  # token that a change from this session must carry; empty for others
 
 

@@ -1,5 +1,6 @@
 """`Users`: the people who may use a station's panel, in ``users.json`` of its folder."""
 
+import re
 import secrets
 import threading
 import unicodedata
@@ -20,6 +21,10 @@ FILE = "users.json"
 MOST_USERS = 1000
 # NIST SP 800-63B, 5.1.1: at least 8 characters, and a limit of 64 or more; no other rules.
 SHORTEST_PASSWORD, LONGEST_PASSWORD = 8, 256
+# The user of the line's screens, whose password is a PIN. Five tries a minute find one of 6 digits
+# in 70 days on average.
+KIOSK = "kiosk"
+_PIN = re.compile(r"[0-9]{6,12}")
 # The defaults of argon2-cffi are the second recommendation of RFC 9106: 64 MiB, 3 passes.
 HASHER = PasswordHasher()
 
@@ -123,8 +128,10 @@ def _require_administrator(users: tuple[User, ...], changed: User | None) -> Non
 def require_account(name: str, password: str) -> str:
     """Check name and password of a new user; return the password in its normal form."""
     require_name("user", name)
+    if name == KIOSK and not _PIN.fullmatch(password):
+        raise InputError("a PIN has 6 to 12 digits")
     normal = unicodedata.normalize("NFKC", password)
-    if not SHORTEST_PASSWORD <= len(normal) <= LONGEST_PASSWORD:
+    if name != KIOSK and not SHORTEST_PASSWORD <= len(normal) <= LONGEST_PASSWORD:
         raise InputError(
             f"a password has {SHORTEST_PASSWORD} to {LONGEST_PASSWORD} characters, "
             f"this one has {len(normal)}"

@@ -8,9 +8,9 @@ from capture.station.results.database import ResultsUnavailable
 from classify.base.errors import InputError
 
 from .accounts_api import accounts_of, role_of
+from .login import address_of
 from .render import page
 from .routes import Call, PanelRoute
-from .security import Denied
 
 _SHOWN_CHANGES = 200
 
@@ -67,11 +67,10 @@ def _change_password(call: Call) -> Response:
     user = panel.users.get(who.name) if who.via == "page" else None
     if user is None:
         raise InputError("only a user who is logged in has a password")
-    client = call.request.client
-    address = "" if client is None else client.host
-    if panel.logins.begin(user.name, address) > 0.0:
-        raise Denied(429, "too many wrong passwords; try again in a minute")
-    if panel.users.verified(user.name, call.text("password")) is None:
+    address = address_of(call)
+    with panel.logins.attempt(user.name, address):
+        is_right = panel.users.verified(user.name, call.text("password")) is not None
+    if not is_right:
         return _password_form(call, "The present password is wrong.")
     panel.logins.succeeded(user.name, address)
     if call.text("new") != call.text("again"):

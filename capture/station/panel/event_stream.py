@@ -20,27 +20,37 @@ from .security import Denied
 KEEP_ALIVE_S = 15.0
 _RETRY_MS = 1000
 _MEDIA_TYPE = "text/event-stream"
-# The server takes 256 connections: some stay free for other requests.
-MOST_STREAMS = 128
+# The server takes 256 connections: some stay free for other requests, and some streams for other
+# accounts and clients than one.
+MOST_STREAMS, MOST_OF_ONE = 128, 32
 
 
 @contextmanager
 def subscribed(
-    live: LiveView, most: int | None = None
+    live: LiveView, most: int | None = None, of_one: list[Subscription] | None = None
 ) -> Iterator[tuple[Subscription | None, asyncio.Event]]:
-    """Yield a subscription, None beyond `most`, and the event set when it has something."""
+    """Yield a subscription, None beyond `most`, and the event set when it has something.
+
+    Beyond `MOST_OF_ONE` in the list of one account or client, its oldest ends.
+    """
     changed, loop = asyncio.Event(), asyncio.get_running_loop()
 
     def wake() -> None:
         with suppress(RuntimeError):  # the loop is closed at the end
             loop.call_soon_threadsafe(changed.set)
 
-    subscription = live.subscribe(wake, most)
+    subscription, of_one = live.subscribe(wake, most), [] if of_one is None else of_one
+    if subscription is not None:
+        of_one.append(subscription)
+        if len(of_one) > MOST_OF_ONE:
+            of_one.pop(0).close()
     try:
         yield subscription, changed
     finally:
         if subscription is not None:
             live.unsubscribe(subscription)
+            with suppress(ValueError):  # it was ended for a newer one
+                of_one.remove(subscription)
 
 
 async def events(call: Call) -> Response:
@@ -60,7 +70,8 @@ async def events(call: Call) -> Response:
             return False
         return who is not None and who.role.includes(Role.OPERATOR)
 
-    stream = _messages(live, last, may_go_on)
+    of_one = call.panel.streams[call.someone.via, call.name]
+    stream = _messages(live, last, may_go_on, of_one)
     # A proxy must not buffer the events.
     headers = {"X-Accel-Buffering": "no"}
     return StreamingResponse(stream, media_type=_MEDIA_TYPE, headers=headers)
@@ -70,9 +81,10 @@ async def _messages(
     live: LiveView,
     last: str,
     may_go_on: Callable[[], Awaitable[bool]],
+    of_one: list[Subscription],
 ) -> AsyncIterator[str]:
     # Subscribe when the stream begins: one that never begins would keep its subscription.
-    with subscribed(live, MOST_STREAMS) as (subscription, changed):
+    with subscribed(live, MOST_STREAMS, of_one) as (subscription, changed):
         if subscription is None:
             return
         yield f"retry: {_RETRY_MS}\n\n"

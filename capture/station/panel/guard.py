@@ -82,7 +82,7 @@ async def _answer(panel: Panel, route: PanelRoute, request: Request) -> Response
             raise Denied(403, f"{who.name} is {who.role}; this needs the role {route.role}")
     # The body is read after the check of the role: others cannot make this program wait for it.
     fields = fields_of(request, await read_body(request)) if is_change else {}
-    if is_change and who is not None and who.via == "page" and route.role is not None:
+    if is_change and who is not None and who.csrf and route.role is not None:
         given = request.headers.get(CSRF_HEADER, fields.get(CSRF_FIELD))
         if not isinstance(given, str) or not _same(given, who.csrf):
             raise Denied(403, "the page is out of date; load it again")

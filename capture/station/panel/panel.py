@@ -1,6 +1,7 @@
 """`Panel`: the objects that all pages and API calls work with."""
 
 import threading
+from collections import defaultdict
 from dataclasses import dataclass, field
 
 from capture.station.domain.folder import StationFolder
@@ -9,12 +10,17 @@ from capture.station.domain.tokens import Tokens
 from capture.station.domain.users import Users
 from capture.station.results.audit import ChangeLog, ResultsAccess
 from capture.station.run.live_station import LiveStation
+from capture.station.run.subscription import Subscription
 
 from .background_jobs import BackgroundJobs
 from .part_pictures.picture_maker import PictureMaker
+from .security import Slots
 from .sessions import LoginLimit, Sessions
 from .station_link import StationLink
 from .triggering import KeyedTriggers
+
+# Over a million parts each takes seconds, in one of the 40 threads that serve requests.
+MOST_RECKONING = 3
 
 
 @dataclass(frozen=True)
@@ -33,6 +39,11 @@ class Panel:
     pictures: PictureMaker
     jobs: BackgroundJobs = field(default_factory=BackgroundJobs)
     logins: LoginLimit = field(default_factory=LoginLimit)
+    # The event streams of each account and client, the oldest first.
+    streams: defaultdict[tuple[str, str], list[Subscription]] = field(
+        default_factory=lambda: defaultdict(list)
+    )
+    reckoning: Slots = field(default_factory=lambda: Slots(MOST_RECKONING, "statistics are made"))
     # Held by an override or acknowledgement, so that a second click finds the first done.
     changing: threading.Lock = field(default_factory=threading.Lock)
 
@@ -50,7 +61,7 @@ class Panel:
             changes=ChangeLog(folder, results),
             users=users,
             tokens=Tokens(folder.path),
-            sessions=Sessions(users),
+            sessions=Sessions(folder.path, users),
             triggers=KeyedTriggers(live, results),
             pictures=PictureMaker(folder),
         )

@@ -2,7 +2,9 @@
 
 import asyncio
 import json
-from collections.abc import Mapping
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import parse_qsl, urlsplit
@@ -41,6 +43,23 @@ class Denied(Exception):  # noqa: N818 - an answer, not an error of the program
         super().__init__(message)
         self.status = status
         self.headers = dict(headers or {})
+
+
+class Slots:
+    """So many requests of a kind at a time; further ones are answered 503."""
+
+    def __init__(self, count: int, busy: str) -> None:
+        self._free, self._busy = threading.BoundedSemaphore(count), f"{count} {busy}"
+
+    @contextmanager
+    def taken(self) -> Iterator[None]:
+        """Have a slot during the block."""
+        if not self._free.acquire(blocking=False):
+            raise Denied(503, self._busy, {"Retry-After": "2"})
+        try:
+            yield
+        finally:
+            self._free.release()
 
 
 @dataclass(frozen=True)
@@ -99,7 +118,11 @@ class SecureHeaders:
         hosts = [value for key, value in scope["headers"] if key == b"host"]
         address = (scope.get("server") or ("", 0))[0]
         if len(hosts) != 1 or not self._rule.accepts(hosts[0].decode("latin-1"), address):
-            body = b"not an address of this station; add it to names in [panel] of station.toml\n"
+            named = ", ".join(repr(host.decode("latin-1")[:100]) for host in hosts) or "none"
+            body = (
+                f"Host {named}: not an address of this station; add it to names in [panel] of "
+                "station.toml, or let the proxy pass on the Host that the browser sent\n"
+            ).encode()
             start = {
                 "type": "http.response.start",
                 "status": 421,
@@ -121,7 +144,12 @@ def require_same_origin(request: Request) -> None:
     host = request.headers.get("host", "")
     is_same = origin is None or origin.partition("://")[2].lower() == host.lower()
     if site not in ("same-origin", "none") or not is_same:
-        raise Denied(403, "the request was sent by a page of another site")
+        raise Denied(
+            403,
+            f"the request was sent by a page of another site: Host {host[:100]!r}, Origin "
+            f"{(origin or 'none')[:100]!r}, Sec-Fetch-Site {site[:20]!r}; a proxy must pass on the "
+            "Host that the browser sent (nginx: proxy_set_header Host $http_host)",
+        )
 
 
 async def read_body(request: Request) -> bytes:

@@ -19,6 +19,8 @@ from .panel import Panel
 
 # A page opens up to six connections; forty browsers may look at once.
 MAX_CONNECTIONS = 256
+# Four addresses can take all. A proxy has one address, and a limit of its own.
+MOST_OF_AN_ADDRESS = 64
 # The head of a request takes one packet. What is slower holds a connection that others need.
 HEAD_S = 10.0
 _MAX_HEAD_BYTES = 16 * 1024
@@ -28,17 +30,25 @@ _START_POLL_S = 0.01
 
 
 class _Protocol(H11Protocol):
-    """HTTP/1.1 with a limit of connections, and deadlines for heads and for slow readers."""
+    """HTTP/1.1 with limits of connections, and deadlines for heads and for slow readers."""
 
     _request: asyncio.TimerHandle | None = None
     _drain: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: Any) -> None:
         super().connection_made(transport)
-        if len(self.connections) > MAX_CONNECTIONS:
+        if len(self.connections) > MAX_CONNECTIONS or self._is_one_too_many():
             transport.abort()
             return
         self._expect_request()
+
+    def _is_one_too_many(self) -> bool:
+        """Whether the address of this connection has too many."""
+        if self.config.proxy_headers or self.client is None:
+            return False
+        host = self.client[0]
+        peers = [peer.client for peer in self.connections if isinstance(peer, _Protocol)]
+        return sum(peer is not None and peer[0] == host for peer in peers) > MOST_OF_AN_ADDRESS
 
     def connection_lost(self, exc: Exception | None) -> None:
         for timer in (self._request, self._drain):

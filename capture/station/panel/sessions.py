@@ -1,25 +1,40 @@
 """`Sessions`: browsers that are logged in; `LoginLimit`: the limit of failed logins."""
 
+import hashlib
+import math
 import secrets
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import TypeVar
 
+from itsdangerous import BadData, Signer, URLSafeSerializer
+from pydantic import Field
+
+from capture.station.domain.private_file import SESSIONS as FILE
+from capture.station.domain.private_file import PrivateFile
 from capture.station.domain.roles import Identity
-from capture.station.domain.users import User, Users
+from capture.station.domain.users import KIOSK, User, Users
+from classify.base.models import Section
+
+from .security import Denied, Slots
 
 # A session ends with the shift, and after a break without a request.
 LONGEST_S = 12 * 3600.0
 IDLE_S = 3600.0
 # A hundred browsers with ten sessions each; the oldest ends.
 MOST_SESSIONS = 1000
+# They take half of the largest private file.
+_MOST_ENDED = 10_000
 # OWASP's advice for logins: few failures in a row, then a pause. A name and an address are counted
 # apart, so that neither one password for many names nor many passwords for one name can be tried.
 FAILURES_OF_A_NAME, FAILURES_OF_AN_ADDRESS = 5, 20
 PAUSE_S = 60.0
+# Passwords are tried one after the other. Each waits in one of the 40 threads that serve requests.
+MOST_TRYING = 4
 _MOST_COUNTED = 10_000
 # Names of users have up to 100 letters. Without the cut, names of requests could take 1 GB.
 _COUNTED_LETTERS = 101
@@ -29,57 +44,99 @@ _Counted = tuple[str, str, str]  # ``name``, ``address`` or ``both``; the name, 
 T = TypeVar("T")
 
 
-@dataclass
-class _Session:
-    name: str
-    # The session ends when the password changes.
-    password_hash: str
-    csrf: str
-    begun_s: float
-    used_s: float
+class _File(Section):
+    key: str = Field(default="", max_length=100)  # of the signatures; empty before the first login
+    # When the sessions began that somebody has ended.
+    ended: dict[str, float] = Field(default_factory=dict)
 
 
 class Sessions:
-    """Sessions by their secret cookie, thread-safe; each has the present role of its user."""
+    """Sessions by their signed cookies, thread-safe; each has the present role of its user.
 
-    def __init__(self, users: Users, now_s: Callable[[], float] = time.monotonic) -> None:
+    They outlive the panel. The key is in a private file, with the sessions that somebody ended.
+    """
+
+    def __init__(self, folder: Path, users: Users, now_s: Callable[[], float] = time.time) -> None:
         self._users, self._now_s = users, now_s
+        self._file = PrivateFile(folder / FILE, _File, "remove it, and everybody logs in again")
         self._lock = threading.Lock()
-        self._sessions: dict[str, _Session] = {}
+        self._started_s = now_s()
+        self._used_s: dict[str, float] = {}  # the one used last is the last
 
     def begin(self, user: User) -> str:
         """Begin a session and return its cookie."""
-        now_s, cookie = self._now_s(), secrets.token_urlsafe(32)
-        session = _Session(user.name, user.password, secrets.token_urlsafe(32), now_s, now_s)
+        now_s, session = self._now_s(), secrets.token_urlsafe(16)
+        with self._file.changing():
+            file = self._file.read()
+            if not file.key:
+                file = _File(key=secrets.token_hex())
+                self._file.write(file)
         with self._lock:
-            self._sessions[cookie] = session
-            while len(self._sessions) > MOST_SESSIONS:
-                del self._sessions[min(self._sessions, key=lambda c: self._sessions[c].used_s)]
-        return cookie
+            self._use(session, now_s)
+        password = _signature(file.key, "password", user.password)
+        return str(_signed(file.key).dumps([session, user.name, password, now_s]))
 
     def find(self, cookie: str) -> Identity | None:
         """Return who a cookie belongs to, or None if its session is over."""
-        now_s = self._now_s()
+        file, now_s, content = self._file.read(), self._now_s(), self._content(cookie)
+        if content is None:
+            return None
+        session, name, password, begun_s = content
+        user = self._users.get(name)
+        if (
+            user is None
+            or password != _signature(file.key, "password", user.password)
+            or session in file.ended
+            or abs(now_s - begun_s) > LONGEST_S
+        ):
+            return None
         with self._lock:
-            session = self._sessions.get(cookie)
-            if session is None:
+            # The start of the panel counts as a request in the sessions before it.
+            unknown_s = self._started_s if begun_s <= self._started_s else -math.inf
+            if now_s - self._used_s.get(session, unknown_s) > IDLE_S:
                 return None
-            user = self._users.get(session.name)
-            if (
-                user is None
-                or user.password != session.password_hash
-                or now_s - session.used_s > IDLE_S
-                or now_s - session.begun_s > LONGEST_S
-            ):
-                del self._sessions[cookie]
-                return None
-            session.used_s = now_s
-        return Identity(user.name, user.role, "page", session.csrf)
+            self._use(session, now_s)
+        csrf = _signature(file.key, "csrf", session)
+        return Identity(user.name, user.role, "kiosk" if user.name == KIOSK else "page", csrf)
 
     def end(self, cookie: str) -> None:
         """End a session."""
-        with self._lock:
-            self._sessions.pop(cookie, None)
+        content = self._content(cookie)
+        if content is None:
+            return
+        session, _, _, begun_s = content
+        with self._file.changing():
+            file, now_s = self._file.read(), self._now_s()
+            ended = {
+                other: other_s
+                for other, other_s in (*file.ended.items(), (session, begun_s))
+                if now_s - other_s <= LONGEST_S
+            }
+            kept = dict(list(ended.items())[-_MOST_ENDED:])
+            self._file.write(_File(key=file.key, ended=kept))
+
+    def _content(self, cookie: str) -> tuple[str, str, str, float] | None:
+        """Session, user, signature of the password and begin, or None if nobody signed them."""
+        key = self._file.read().key
+        try:
+            return tuple(_signed(key).loads(cookie)) if key else None
+        except BadData:
+            return None
+
+    def _use(self, session: str, now_s: float) -> None:
+        self._used_s.pop(session, None)
+        self._used_s[session] = now_s
+        while len(self._used_s) > MOST_SESSIONS:
+            del self._used_s[next(iter(self._used_s))]
+
+
+def _signed(key: str) -> URLSafeSerializer:
+    return URLSafeSerializer(key, "session", signer_kwargs={"digest_method": hashlib.sha256})
+
+
+def _signature(key: str, purpose: str, text: str) -> str:
+    signer = Signer(key, purpose, digest_method=hashlib.sha256)
+    return signer.get_signature(text).decode()
 
 
 class LoginLimit:
@@ -98,6 +155,21 @@ class LoginLimit:
         self._was_right: dict[_Counted, None] = {}
         self._recorded_s: deque[float] = deque(maxlen=_MOST_RECORDED)
         self._unrecorded = 0
+        self._trying = Slots(MOST_TRYING, "logins wait for their passwords")
+
+    @contextmanager
+    def attempt(self, name: str, address: str) -> Iterator[None]:
+        """Try a password in the block; Denied if too many wait, or after too many failures."""
+        with self._trying.taken():
+            wait_s = self.begin(name, address)
+            if wait_s > 0.0:
+                seconds = str(math.ceil(wait_s))
+                raise Denied(
+                    429,
+                    f"too many failed logins; try again in {seconds} s",
+                    {"Retry-After": seconds},
+                )
+            yield
 
     def begin(self, name: str, address: str) -> float:
         """Count an attempt as a failure; return how long to wait in s, 0 if it is allowed.

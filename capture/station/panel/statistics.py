@@ -56,11 +56,16 @@ class StationStatistics:
 
 
 def statistics_of(panel: Panel, selection: Selection) -> StationStatistics:
-    """Return the statistics of the selected parts."""
+    """Return the statistics of the selected parts; Denied if too many are being made."""
     if selection.simulated is None:
         raise InputError(
             "simulated = 'true': give false or only; parts of a simulated rig are not production"
         )
+    with panel.reckoning.taken():
+        return _statistics_of(panel, selection)
+
+
+def _statistics_of(panel: Panel, selection: Selection) -> StationStatistics:
     store = panel.results.store
     counters = store.counters(selection)
     tally = counters.simulated if selection.simulated else counters.production

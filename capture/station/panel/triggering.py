@@ -6,11 +6,11 @@ from collections import OrderedDict
 from dataclasses import dataclass, replace
 
 from capture.station.results.audit import ResultsAccess
-from capture.station.results.database import ResultsUnavailable
 from capture.station.run.live_station import LiveStation
 from capture.station.run.triggers import Accepted, Refused, Trigger
 from classify.base.errors import InputError, Ps4rigError
 
+from .security import Slots
 from .station_link import StationLink
 
 LONGEST_KEY = 200
@@ -42,18 +42,14 @@ class KeyedTriggers:
     def __init__(self, live: LiveStation | StationLink, results: ResultsAccess) -> None:
         self._live, self._results = live, results
         self._lock = threading.Lock()
-        self._slots = threading.BoundedSemaphore(MOST_WAITING)
+        self._slots = Slots(MOST_WAITING, "triggers wait for the station")
         # By the key: the answer, and the part id and the recipe that the client gave.
         self._accepted: OrderedDict[str, tuple[Accepted, str | None, str | None]] = OrderedDict()
 
     def submit(self, key: str | None, trigger: Trigger) -> Accepted | Refused | Repeated:
         """Pass a trigger on; with a key that was accepted before, return its part."""
-        if not self._slots.acquire(blocking=False):
-            raise ResultsUnavailable(f"{MOST_WAITING} triggers wait for the station")
-        try:
+        with self._slots.taken():
             return self._submit(key, trigger)
-        finally:
-            self._slots.release()
 
     def _submit(self, key: str | None, trigger: Trigger) -> Accepted | Refused | Repeated:
         part_id, recipe = trigger.part_id, trigger.recipe

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from capture.station.domain.folder import StationFolder
 from capture.station.domain.roles import Identity, Role
 from capture.station.domain.tokens import Tokens, require_new_client
-from capture.station.domain.users import User, Users, require_account
+from capture.station.domain.users import KIOSK, User, Users, require_account
 from classify.base.errors import InputError
 
 from .audit import ChangeLog, changing_on_the_terminal
 
-_RESERVED = ("local", "nobody", "plc", "ps4rig", "root", "station", "system")
+_RESERVED = (KIOSK, "local", "nobody", "plc", "ps4rig", "root", "station", "system")
 
 
 @dataclass(frozen=True)
@@ -26,8 +26,15 @@ class Accounts:
 
     def put_user(self, name: str, role: Role, password: str, seen: User | None = None) -> None:
         """Add a user, or give one another role and password; see `Users.put`."""
-        require_account(name, password)
         _require_free("user", name)
+        self._put(name, role, password, seen)
+
+    def put_kiosk(self, pin: str) -> None:
+        """Set the PIN by which the line's screens log in as an operator."""
+        self._put(KIOSK, Role.OPERATOR, pin)
+
+    def _put(self, name: str, role: Role, password: str, seen: User | None = None) -> None:
+        require_account(name, password)
         before = self.users.get(name)
         old_role = None if before is None else before.role
         self.changes.record(self.who, f"user {name}", old_role, f"{role}, new password")

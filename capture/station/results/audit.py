@@ -156,12 +156,12 @@ class ChangeLog:
             f"change by {who.name} ({who.role}, {who.via}): {what}: {old} -> {after or 'nothing'}"
         )
 
-    def record_failed_login(self, name: str, address: str, further: int) -> None:
-        """Record that somebody gave a wrong name or password; `further` ones had no row."""
+    def record_failed_login(self, name: str, address: str, via: str, further: int) -> None:
+        """Record that somebody gave a wrong name, password or PIN; `further` ones had no row."""
         what = f"login as {name[:_LONGEST_NAME]}"
         after = "failed" + (f"; {further} further failed logins before it" if further else "")
         store = self._results.made()
-        record_change(store, what, None, after, by=address, role="none", via="page")
+        record_change(store, what, None, after, by=address, role="none", via=via)
         self._log(f"{what} from {address}: {after}")
 
     def _log(self, line: str) -> None:

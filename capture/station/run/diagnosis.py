@@ -10,6 +10,7 @@ from capture.calibration.lookup import read_calibration
 from capture.station.domain.config import StationConfig
 from capture.station.domain.folder import StationFolder, first_recipe
 from capture.station.domain.own_folder import too_open
+from capture.station.domain.private_file import SECRETS
 from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.judge.approval import approved_states
 from capture.station.judge.challenge import has_met_challenge
@@ -68,7 +69,7 @@ def _check_permissions(folder: Path) -> Iterator[Check]:
         "permissions",
         "warning",
         f"{len(found)} files or folders are open to other users, such as {named}",
-        f"run chmod -R u=rwX,g=rX,o= {folder}, and chmod 600 for users.json and tokens.json",
+        f"run chmod -R u=rwX,g=rX,o= {folder}, and chmod 600 for {', '.join(SECRETS)}",
     )
 
 

@@ -15,6 +15,7 @@ from capture.base.utc_time import utc_text
 from capture.station.domain.config import CONFIG, SIM, StationConfig
 from capture.station.domain.folder import PARTS, RECIPES, StationFolder
 from capture.station.domain.own_folder import refuse_link
+from capture.station.domain.private_file import SESSIONS
 from capture.station.results.snapshot import ResultsSnapshot, copy_results
 from capture.station.run.retention import inside_parts, sets_stay
 from classify.base.durable_file import durable_file, require_folder, temporary_path
@@ -142,7 +143,9 @@ def _settings(folder: Path, config: StationConfig) -> Iterator[tuple[str, Path]]
         except UnicodeEncodeError as error:
             raise InputError(f"{str(path)!r}: a name that is not UTF-8; rename it") from error
         is_set = name.startswith(f"{PARTS}/") and name.endswith(SET_SUFFIX)
-        if not (is_set or path.name.endswith(_LOCKS) or path.resolve() in left_out):
+        is_left_out = path.name.endswith(_LOCKS) or path.resolve() in left_out
+        # A restore would begin sessions again that somebody ended.
+        if not (is_set or is_left_out or name == SESSIONS):
             yield name, path
 
 

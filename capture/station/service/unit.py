@@ -26,7 +26,8 @@ _SERIAL = ("ttyACM", "ttyUSB")
 _FIRST_FREE_PORT = 1024
 _HOMES = ("/home", "/root", "/run/user")
 _TEMPORARY = ("/tmp", "/var/tmp")
-_NO_PANEL = " --no-panel"
+# Of station run with its panel, of station run without, and of the panel alone.
+OPTIONS = {None: "", False: " --no-panel", True: " --panel"}
 
 # Not here: MemoryDenyWriteExecute, which forbids numba to compile; PrivateDevices, which hides the
 # rig; ProcSubset, which hides the number of processors from the libraries.
@@ -57,12 +58,13 @@ LimitCORE=0
 DevicePolicy=closed"""
 
 
-def unit_name(folder: Path) -> str:
-    """Return the name of the unit of the station in `folder`, without ``.service``.
+def unit_name(folder: Path, panel: bool | None = None) -> str:
+    """Return the name of the unit of a station, or of its panel, without ``.service``.
 
     Not by the name of the station, which a restored copy has, too.
     """
-    return "ps4rig-" + re.sub(r"[^A-Za-z0-9:_.-]", "_", folder.resolve().name)
+    name = "ps4rig-" + re.sub(r"[^A-Za-z0-9:_.-]", "_", folder.resolve().name)
+    return f"{name}-panel" if panel else name
 
 
 def unit_text(station: StationFolder, user: str = USER, panel: bool | None = None) -> str:
@@ -119,7 +121,7 @@ def _run_service(station: StationFolder, panel: bool | None) -> tuple[list[str],
         "[Service]",
         "Type=notify",
         "NotifyAccess=main",
-        f"ExecStart={_program()} station run {_word(folder)}{_NO_PANEL if panel is False else ''}",
+        f"ExecStart={_program()} station run {_word(folder)}{OPTIONS[panel]}",
         *([f"SupplementaryGroups={' '.join(groups)}"] if groups else []),
         "# The challenge set is replayed before the station is ready.",
         "TimeoutStartSec=30min",
@@ -154,15 +156,14 @@ def _panel_service(station: StationFolder) -> tuple[list[str], list[str]]:
 
 
 def _how_to_install(folder: Path, user: str, panel: bool | None) -> list[str]:
-    name = unit_name(folder) + ("-panel" if panel else "")
-    options = {True: " --panel", False: _NO_PANEL, None: ""}[panel]
+    name = unit_name(folder, panel)
     program = shlex.join([sys.executable, "-P", "-m", "capture"])
     place = shlex.quote(str(folder))
     return [
         f"Printed by ps4rig station unit, ps4rig {version('ps4rig')}. To install it, as root:",
         f"  id {user} || useradd --system --no-create-home --shell /usr/sbin/nologin {user}",
         f"  chown -R {user}: {place}",
-        f"  {program} station unit {place}{options} --user {user} > {_UNITS}/{name}.service",
+        f"  {program} station unit {place}{OPTIONS[panel]} --user {user} > {_UNITS}/{name}.service",
         "  systemctl daemon-reload",
         f"  systemctl enable --now {name}",
     ]

@@ -55,8 +55,8 @@ def recipe_changes(folder: Path) -> int:
         return len(newest_changes(store, _MOST_CHANGES))
 
 
-def station_with_two_recipes(place: Path) -> Path:
-    """Make a station whose PLC needs now one recipe, now another one."""
-    folder = taught_station(place / "line-1")
+def station_with_two_recipes(place: Path, **config: object) -> Path:
+    """Make a station whose PLC needs now one recipe, now another one; see `taught_station`."""
+    folder = taught_station(place / "line-1", **config)
     add_second_recipe(folder, place / "shown")
     return folder

@@ -8,6 +8,7 @@ import sys
 import tracemalloc
 import zipfile
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from classify import InputError, LibraryError, Lighting, TextureLibrary
+from classify.library import ps4lib
 from classify.library.ps4lib import VERSION
 from tests.archives import members, npy, write_members
 
@@ -61,14 +63,25 @@ def saved(library, tmp_path: Path) -> Path:
     return path
 
 
+def with_its_hash(content: dict[str, bytes]) -> dict[str, bytes]:
+    """The members with the hash of what they hold, so that the other checks are tested."""
+    with suppress(Exception):  # what cannot be read has no hash
+        header = json.loads(content["library.json"])
+        arrays = {
+            name.removesuffix(".npy"): np.load(io.BytesIO(data))
+            for name, data in content.items()
+            if name.endswith(".npy")
+        }
+        sha256 = ps4lib._sha256(ps4lib._Header.model_validate(header), arrays)
+        return content | {"library.json": json.dumps(header | {"sha256": sha256}).encode()}
+    return content
+
+
 def put(path: Path, **content: bytes) -> None:
     """Replace or add members, named without ``.npy``; ``header`` is the JSON header."""
     names = {name: "library.json" if name == "header" else f"{name}.npy" for name in content}
-    stored = members(path)
-    # Without the hash of the file, so that the other checks are tested.
-    header = json.loads(stored["library.json"]) | {"sha256": None}
-    stored["library.json"] = json.dumps(header).encode()
-    write_members(path, stored | {names[name]: data for name, data in content.items()})
+    stored = members(path) | {names[name]: data for name, data in content.items()}
+    write_members(path, with_its_hash(stored))
 
 
 def assert_refused(path: Path, cause: str, **options: Any) -> None:
@@ -82,10 +95,10 @@ def assert_refused(path: Path, cause: str, **options: Any) -> None:
 def edited(path: Path, edit: Callable[[dict[str, Any]], None]) -> Path:
     """The same library with its header changed by `edit`."""
     content = members(path)
-    header = json.loads(content["library.json"]) | {"sha256": None}
+    header = json.loads(content["library.json"])
     edit(header)
     content["library.json"] = json.dumps(header).encode()
-    write_members(path, content)
+    write_members(path, with_its_hash(content))
     return path
 
 
@@ -256,12 +269,11 @@ def test_arrays_that_do_not_belong_together_are_refused(
 def test_a_parameter_of_another_shape_is_refused(
     saved: Path, name: str, array: np.ndarray | None
 ) -> None:
-    put(saved)
     content = members(saved)
     del content[f"parameters/{name}.npy"]
     if array is not None:
         content[f"parameters/{name}.npy"] = npy(array)
-    write_members(saved, content)
+    write_members(saved, with_its_hash(content))
     assert_refused(saved, rf"parameter {name}.*; train it again$")
 
 
@@ -569,6 +581,18 @@ def test_a_library_with_altered_values_is_refused(saved: Path, name: str) -> Non
     array.flat[0] = 0 if array.flat[0] else 1
     write_members(saved, content | {f"{name}.npy": npy(array)})
     assert_refused(saved, "does not match its SHA-256")
+
+
+@pytest.mark.parametrize("map_from_bytes", [SMALL_BYTES, ps4lib.MAP_FROM_BYTES])
+@pytest.mark.parametrize("given", [{}, {"sha256": None}])
+def test_a_library_without_its_hash_is_refused(
+    saved: Path, given: dict[str, Any], map_from_bytes: int
+) -> None:
+    content = members(saved)
+    header = json.loads(content["library.json"])
+    del header["sha256"]
+    write_members(saved, content | {"library.json": json.dumps(header | given).encode()})
+    assert_refused(saved, "sha256", map_from_bytes=map_from_bytes)
 
 
 def test_a_library_with_an_altered_limit_is_refused(saved: Path) -> None:

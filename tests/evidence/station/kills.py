@@ -2,8 +2,10 @@
 
     python -m tests.evidence.station.kills --kills 300
     python -m tests.evidence.station.kills --kills 50 --postgresql
+    python -m tests.evidence.station.kills --kills 300 --panel
 
-With ``--postgresql`` two stations write to one server, which is killed, too.
+With ``--postgresql`` two stations write to one server, which is killed, too. With ``--panel`` run,
+panel, PLC and server of one station are killed in random order: see `line_kills`.
 """
 
 import argparse
@@ -19,11 +21,15 @@ os.environ |= {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_T
 
 import cv2
 
+from capture.station.results.verification import verify_station
 from tests.capture.station.production import (
     contradictions,
     killed_production,
     taught_station,
 )
+from tests.capture.station.two_recipes import rows_of, station_with_two_recipes
+from tests.evidence.station import line_kills, watched_panel
+from tests.evidence.station.line_kills import killed_line
 from tests.postgresql_server import postgresql_server
 
 # The server is killed with every so many kills of a station.
@@ -49,6 +55,30 @@ def main(kills: int, *, on_postgresql: bool, seed: int) -> int:
             return _told(kills, folders, choice, between)
 
 
+def all_killed(kills: int, seed: int) -> int:
+    """Kill run, panel, PLC and database; print the figures and return the exit status."""
+    with (
+        tempfile.TemporaryDirectory(prefix="ps4rig-kills-") as place,
+        postgresql_server() as server,
+    ):
+        folder = station_with_two_recipes(Path(place), results=server.url)
+        journal = killed_line(folder, kills, random.Random(seed), server).read()
+        rows = rows_of(folder)
+        wrong = [
+            *line_kills.contradictions(rows, journal),
+            *watched_panel.contradictions(rows, journal),
+            *(str(each) for each in verify_station(folder) if each.state != "good"),
+        ]
+    judged, shown = (sum(name in each for each in journal) for name in ("number", "shown"))
+    again = sum("snapshot" in each for each in journal)
+    print(
+        f"{kills} kills: {len(rows)} parts begun; the PLC sorted {judged}, the browser was shown "
+        f"{shown} and began anew {again} times; {len(wrong)} lost, doubled or contradicted"
+    )
+    print(*wrong, sep="\n", end="")
+    return int(bool(wrong))
+
+
 def _told(kills: int, folders: list[Path], choice: random.Random, between=lambda _: None) -> int:
     events = killed_production(folders, kills, choice, between)
     wrong = [said for folder in folders for said in contradictions(folder, events[folder])]
@@ -65,6 +95,9 @@ if __name__ == "__main__":
     options = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     options.add_argument("--kills", type=int, default=300)
     options.add_argument("--postgresql", action="store_true")
+    options.add_argument("--panel", action="store_true")
     options.add_argument("--seed", type=int, default=20260101)
     given = options.parse_args()
+    if given.panel:
+        sys.exit(all_killed(given.kills, given.seed))
     sys.exit(main(given.kills, on_postgresql=given.postgresql, seed=given.seed))

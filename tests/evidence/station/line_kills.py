@@ -8,6 +8,7 @@ other PLC needs another recipe, so that changes of the recipe are killed, too.
 """
 
 import argparse
+import itertools
 import json
 import os
 import random
@@ -39,8 +40,10 @@ from capture.station.line.modbus import PlcConnection, serving_modbus
 from capture.station.line.registers import VERDICTS, Status
 from capture.station.results.part_result import PartResult
 from capture.station.run.events import Publisher
+from capture.station.run.live_socket import serving_live
 from capture.station.run.live_station import LiveStation
 from capture.station.run.run import run_station
+from classify.base.errors import Ps4rigError
 from tests.capture.station.line.lines import WAIT_S
 from tests.capture.station.production import SMALL_RIG
 from tests.capture.station.two_recipes import (
@@ -49,11 +52,14 @@ from tests.capture.station.two_recipes import (
     rows_of,
     station_with_two_recipes,
 )
+from tests.evidence.station.watched_panel import be_the_browser, be_the_panel
+from tests.postgresql_server import PostgresqlServer
 
 # A kill comes after up to so many parts, and so much later: longer than a part takes.
 _MOST_PARTS, _LATEST_S = 2, 0.4
 _LAST_PARTS = 3
 _ENDLESS = 1 << 30
+_MOST_SESSIONS = 1000  # of the stations that are started after a kill
 _PAUSE_S = 0.01
 _HOST = "127.0.0.1"
 
@@ -90,7 +96,14 @@ def forked(work: Callable[[], None]) -> int:
 
 
 def be_the_station(folder: Path, port: int, session: int, journal: Journal) -> None:
-    """Run a station whose triggers come by Modbus."""
+    """Run a station whose triggers come by Modbus; start it again if it cannot run, as systemd."""
+    for attempt in itertools.count():
+        with suppress(Ps4rigError):
+            _run_a_station(folder, port, session + attempt * _MOST_SESSIONS, journal)
+        time.sleep(_PAUSE_S)
+
+
+def _run_a_station(folder: Path, port: int, session: int, journal: Journal) -> None:
     journal.write(session=session, began_utc=utc_text(timespec="milliseconds"))
     with station_folder(folder) as opened:
         live = LiveStation(opened.config.name, simulated=True)
@@ -99,6 +112,7 @@ def be_the_station(folder: Path, port: int, session: int, journal: Journal) -> N
         with (
             Publisher(live.tell, line.tell) as publisher,
             serving_modbus(line, ModbusConfig(host=_HOST, port=port)),
+            serving_live(folder, live),
         ):
             run_station(opened, SMALL_RIG, live.attached(None), publisher)
 
@@ -137,20 +151,33 @@ def be_the_observer(port: int, journal: Journal) -> None:
         time.sleep(_PAUSE_S)
 
 
-def killed_line(folder: Path, kills: int, choice: random.Random) -> Journal:
-    """Kill one side after the other, and let the last PLC end its parts."""
+def killed_line(
+    folder: Path, kills: int, choice: random.Random, database: PostgresqlServer | None = None
+) -> Journal:
+    """Kill one side after the other, and let the last PLC end its parts.
+
+    With a database it is killed too, and so is a panel, which a browser follows.
+    """
     journal = Journal(folder.parent / "journal")
+    sides = ["station", "plc"]
+    watchers = [lambda: be_the_observer(port, journal)]
+    if database is not None:
+        listener = socket.create_server((_HOST, 0))
+        sides += ["panel", "database"]
+        watchers.append(lambda: be_the_browser(listener.getsockname()[1], journal.write))
     with socket.create_server((_HOST, 0)) as free:
         port = free.getsockname()[1]
 
     def start(which: str, number: int) -> int:
         if which == "station":
             return forked(lambda: be_the_station(folder, port, number + 1, journal))
+        if which == "panel":
+            return forked(lambda: be_the_panel(folder, listener))
         recipe = number % len(RECIPES) + 1
         return forked(lambda: be_the_plc(port, f"run{number}", _ENDLESS, journal, recipe))
 
-    observer = forked(lambda: be_the_observer(port, journal))
-    processes = {which: start(which, 0) for which in ("station", "plc")}
+    watching = [forked(watch) for watch in watchers]
+    processes = {which: start(which, 0) for which in sides if which != "database"}
 
     def kill(which: str) -> None:
         os.kill(processes[which], signal.SIGKILL)
@@ -160,7 +187,11 @@ def killed_line(folder: Path, kills: int, choice: random.Random) -> Journal:
         for number in range(1, kills + 1):
             _await_parts(journal, choice.randint(0, _MOST_PARTS))
             time.sleep(choice.uniform(0.0, _LATEST_S))
-            which = choice.choice(("station", "plc"))
+            which = choice.choice(sides)
+            if which == "database" and database is not None:
+                database.kill()
+                database.start()
+                continue
             kill(which)
             processes[which] = start(which, number)
         kill("plc")
@@ -169,7 +200,7 @@ def killed_line(folder: Path, kills: int, choice: random.Random) -> Journal:
         assert os.waitpid(last, 0)[1] == 0
         del processes["plc"]
     finally:
-        for process in (observer, *processes.values()):
+        for process in (*watching, *processes.values()):
             os.kill(process, signal.SIGKILL)
             os.waitpid(process, 0)
     return journal

@@ -92,9 +92,10 @@ class Client:
     def post(self, path: str, fields: dict[str, Any] | None = None, **headers: str) -> Answer:
         return self.ask("POST", path, fields, **headers)
 
-    def log_in(self, name: str, password: str = PASSWORD) -> Answer:
+    def log_in(self, name: str, password: str = PASSWORD, pin: str = "") -> Answer:
         """Log in, and keep cookie and CSRF token."""
-        answer = self.ask("POST", "/login", form={"name": name, "password": password})
+        form = {"pin": pin} if pin else {"name": name, "password": password}
+        answer = self.ask("POST", "/login", form=form)
         cookie = answer.headers["set-cookie"]
         if cookie is not None:
             self.headers["Cookie"] = cookie.partition(";")[0]

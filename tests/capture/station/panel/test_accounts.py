@@ -12,12 +12,17 @@ from typing import Any
 import pytest
 
 from capture.base.folder_lock import file_lock
+from capture.sets.captured_set import CapturedSet
 from capture.station.domain import users as users_module
 from capture.station.domain.folder import make_station
+from capture.station.domain.interface_config import PanelConfig
 from capture.station.domain.roles import Role
 from capture.station.domain.tokens import Tokens
 from capture.station.domain.users import LONGEST_PASSWORD, Users
+from capture.station.panel.panel import Panel
+from capture.station.panel.server import serving_panel
 from capture.station.panel.sessions import (
+    FAILURES_OF_A_NAME,
     IDLE_S,
     LONGEST_S,
     MOST_SESSIONS,
@@ -26,7 +31,7 @@ from capture.station.panel.sessions import (
 from capture.station.results.audit import newest_changes, record_change
 from capture.station.results.store import open_store
 from classify.base.errors import InputError
-from tests.capture.station.panel.panels import PASSWORD, RunningPanel
+from tests.capture.station.panel.panels import PASSWORD, RunningPanel, running_panel
 
 SHIPPED = users_module.HASHER  # before the fixture that replaces it
 UTC = "2026-01-02T03:04:05.678Z"
@@ -254,7 +259,7 @@ def test_sessions_end_by_time_and_their_number_is_bounded(folder: Path) -> None:
     users = Users(folder)
     users.put("ada", Role.ENGINEER, PASSWORD)
     user = users.all()[0]
-    sessions = Sessions(users, lambda: now_s[0])
+    sessions = Sessions(folder, users, lambda: now_s[0])
     idle = sessions.begin(user)
     now_s[0] = IDLE_S + 1
     assert sessions.find(idle) is None
@@ -268,6 +273,134 @@ def test_sessions_end_by_time_and_their_number_is_bounded(folder: Path) -> None:
         now_s[0] += 0.001
         sessions.begin(user)
     assert sessions.find(first) is None
+
+
+def restarted(folder: Path, now_s: float = 0.0) -> Sessions:
+    """The sessions of a panel that has just been started."""
+    return Sessions(folder, Users(folder), lambda: now_s)
+
+
+def test_a_session_outlives_the_panel_and_has_the_present_role(folder: Path) -> None:
+    users, now_s = Users(folder), [0.0]
+    users.put("ada", Role.ADMINISTRATOR, PASSWORD)
+    users.put("kim", Role.ENGINEER, PASSWORD)
+    sessions = Sessions(folder, users, lambda: now_s[0])
+    ada, kim = (sessions.begin(user) for user in users.all())
+    before = sessions.find(kim)
+    assert before is not None
+    assert restarted(folder).find(kim) == before
+    assert restarted(folder, LONGEST_S).find(kim) == before
+    assert restarted(folder, LONGEST_S + 1.0).find(kim) is None
+    after = restarted(folder)
+    other = after.find(ada)
+    assert other is not None
+    assert other.csrf != before.csrf
+    mode = (folder / "sessions.json").stat().st_mode
+    assert stat.S_IMODE(mode) == 0o600
+    # Users are looked up at each request.
+    removed = users.remove("kim")
+    assert after.find(kim) is None
+    users.put("kim", Role.ENGINEER, PASSWORD)
+    assert users.get("kim") != removed
+    assert after.find(kim) is None
+
+
+def test_a_page_goes_on_with_the_panel_that_is_started_next(panel: RunningPanel) -> None:
+    panel.panel.users.put("ada", Role.ADMINISTRATOR, PASSWORD)
+    browser = panel.local
+    browser.log_in("ada")
+    panel.until_ready()
+    with serving_panel(Panel.of(panel.bench.folder, panel.live, panel.panel.settings)) as url:
+        browser.url = url
+        assert browser.get("/").status == 200
+        # The page was drawn before the restart.
+        assert browser.post("/api/v1/trigger", X_CSRF_Token=browser.csrf).status == 202
+        assert browser.form("/logout").status == 303
+    browser.url = panel.url
+    assert browser.get("/").status == 303
+
+
+def test_damaged_sessions_are_named_with_the_way_out(folder: Path) -> None:
+    (folder / "sessions.json").write_text("{")
+    with pytest.raises(InputError, match=r"sessions\.json: damaged: .*; remove it"):
+        restarted(folder).find("x")
+
+
+def test_a_session_that_somebody_ended_stays_ended_after_a_restart(folder: Path) -> None:
+    users = Users(folder)
+    users.put("ada", Role.ENGINEER, PASSWORD)
+    sessions, user = restarted(folder), users.all()[0]
+    ended, other = sessions.begin(user), sessions.begin(user)
+    sessions.end(ended)
+    sessions.end("x")
+    for panel in (sessions, restarted(folder)):
+        assert panel.find(ended) is None
+        assert panel.find(other) is not None
+    later = Sessions(folder, users, lambda: LONGEST_S + 1.0)
+    later.end(later.begin(user))
+    assert len(json.loads((folder / "sessions.json").read_text())["ended"]) == 1
+
+
+def test_a_session_that_the_station_did_not_sign_is_refused(folder: Path, tmp_path: Path) -> None:
+    make_station(tmp_path / "line-2")
+    for place in (folder, tmp_path / "line-2"):
+        Users(place).put("ada", Role.ENGINEER, PASSWORD)
+    foreign = restarted(tmp_path / "line-2").begin(Users(folder).all()[0])
+    assert restarted(folder).find(foreign) is None  # there is no key yet
+    sessions = restarted(folder)
+    own = sessions.begin(Users(folder).all()[0])
+    for cookie in (foreign, own[:-1], own.rpartition(".")[0], "", "\u00ff", own + "x"):
+        assert sessions.find(cookie) is None
+    assert sessions.find(own) is not None
+
+
+def test_an_idle_session_does_not_begin_again(folder: Path) -> None:
+    now_s = [0.0]
+    users = Users(folder)
+    users.put("ada", Role.ENGINEER, PASSWORD)
+    idle = restarted(folder).begin(users.all()[0])
+    now_s[0] = 100.0
+    sessions = Sessions(folder, users, lambda: now_s[0])
+    for now_s[0] in (101.0 + IDLE_S, 102.0 + IDLE_S):
+        assert sessions.find(idle) is None
+
+
+SCREEN = PanelConfig(port=0, kiosk_addresses=["127.0.0.1"])
+PIN = "493817"
+
+
+def test_a_screen_of_the_line_logs_in_with_a_pin(
+    tmp_path: Path, captured: CapturedSet, ps4rig: Callable[..., Any]
+) -> None:
+    with running_panel(tmp_path / "line-1", captured, SCREEN) as panel:
+        folder = panel.bench.folder.path
+        users, screen = panel.panel.users, panel.local
+        assert 'name="pin"' not in screen.get("/login").text
+        for pin in ("12345", "12345x", "1234567890123", "correct horse"):
+            assert ps4rig("station", "user", "kiosk", folder, typed=f"{pin}\n").exit_code == 2
+        assert ps4rig("station", "user", "kiosk", folder, typed=f"{PIN}\n").exit_code == 0
+        assert PIN not in (folder / "users.json").read_text()
+        assert 'name="pin"' in screen.get("/login").text
+        assert screen.log_in("kiosk", PIN).status == 401  # a PIN is no password
+        assert screen.log_in("", pin="000000").status == 401
+        assert screen.log_in("", pin=PIN).status == 303
+        assert screen.get("/accounts").status == 403
+        panel.until_ready()
+        assert screen.post("/api/v1/trigger").status == 403  # without the token of the page
+        assert screen.post("/api/v1/trigger", X_CSRF_Token=screen.csrf).status == 202
+        row = panel.client(Role.ENGINEER).get("/api/v1/audit").json["changes"][0]
+        assert (row["what"], row["via"], row["after"]) == ("login as kiosk", "kiosk", "failed")
+        users.put("kiosk", Role.OPERATOR, "493818")
+        assert screen.get("/api/v1/state").status == 401
+        for _ in range(FAILURES_OF_A_NAME):
+            assert screen.log_in("", pin=PIN).status == 401
+        assert screen.log_in("", pin="493818").status == 429
+
+
+def test_another_address_cannot_use_the_pin(panel: RunningPanel) -> None:
+    panel.panel.users.put("kiosk", Role.OPERATOR, PIN)
+    assert 'name="pin"' not in panel.local.get("/login").text
+    assert panel.local.log_in("", pin=PIN).status == 401
 
 
 def test_commands_add_list_and_remove_users_and_tokens(
@@ -337,7 +470,7 @@ def test_changes_keep_their_order_and_cannot_be_changed(tmp_path: Path) -> None:
                 store.write(lambda connection, said=statement: connection.execute(text(said)))
 
 
-@pytest.mark.parametrize("name", ["PLC", "root", "Station"])
+@pytest.mark.parametrize("name", ["PLC", "root", "Station", "kiosk"])
 def test_names_of_others_in_the_log_of_changes_are_reserved(
     tmp_path: Path, ps4rig: Callable[..., Any], name: str
 ) -> None:

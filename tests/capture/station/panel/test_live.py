@@ -118,6 +118,25 @@ def test_a_stream_that_was_cut_off_goes_on_where_it_was(panel: RunningPanel) -> 
             assert next(messages)["event"] == "snapshot"
 
 
+def test_a_browser_that_slept_for_an_hour_gets_all_that_it_missed(panel: RunningPanel) -> None:
+    """Of more events than are kept it gets the whole state, as of now."""
+    panel.until_ready()
+    parts = [result(number, error(Cause.CAPTURE)) for number in range(1, 3601)]
+    with stream(panel.local) as messages:
+        last = next(messages)["id"]
+    for part in parts:
+        panel.live.tell(PartAnnounced(part, 80.0))
+    with stream(panel.local, last) as messages:
+        state = next(messages)
+        assert state["event"] == "snapshot"
+        assert state["announced"]["ERROR"] == len(parts)
+        assert state["last"]["part_id"] == parts[-1].part_id
+        rejected = [part["part_id"] for part in state["rejected"]]
+        assert rejected == [part.part_id for part in parts[: -len(rejected) - 1 : -1]]
+        panel.live.announce({"event": "filler"})
+        assert next(messages)["event"] == "filler"
+
+
 def test_a_stream_ends_when_its_user_is_removed(panel: RunningPanel, monkeypatch: Any) -> None:
     monkeypatch.setattr("capture.station.panel.event_stream.KEEP_ALIVE_S", 0.05)
     panel.panel.users.put("root", Role.ADMINISTRATOR, PASSWORD)
@@ -175,7 +194,7 @@ def test_a_stream_ends_with_the_last_event() -> None:
     async def kinds() -> list[str]:
         live = live_station()
         stay = AsyncMock(return_value=True)
-        stream = event_stream._messages(live, "", stay)
+        stream = event_stream._messages(live, "", stay, [])
         first = [await anext(stream), await anext(stream)]
         live.announce({"event": "stopped"})
         live.close()

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,7 +18,8 @@ import pytest
 
 from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.judge.approval import approve
-from capture.station.panel.station_link import NO_RUN
+from capture.station.panel.process import _FIRST_PAUSE_S
+from capture.station.panel.station_link import _RECONNECT_S, NO_RUN
 from tests.capture.station.panel.panels import WAIT_S, Client
 from tests.capture.station.production import configure
 
@@ -28,8 +29,11 @@ pytestmark = [
 ]
 # A verdict takes some 20 ms on an idle machine. One that waits for the panel takes `STOPPED_S`.
 STOPPED_S = 4.0
-# A start takes 0.2 s. A panel yields to everything else that a busy machine does.
-RESTART_S = 30.0
+# A panel yields to everything else that a busy machine does, for so long at most.
+BUSY_S = 30.0
+# From a kill to the answer with the present part: the pauses of both sides, and the processor time
+# of the new process. On an idle machine that is the time.
+MOST_RESTART_S = 1.0
 
 
 def children(process: int) -> list[int]:
@@ -43,6 +47,12 @@ def children(process: int) -> list[int]:
         if parent == process:
             found.append(int(status.parent.name))
     return found
+
+
+def processor_s(process: int) -> float:
+    """The processor time that a process has taken."""
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 @dataclass
@@ -113,7 +123,9 @@ def started(station: Path, *options: str) -> Iterator[Run]:
             reading.join(WAIT_S)
 
 
-def test_a_killed_panel_answers_again_and_a_stopped_one_delays_no_verdict(run: Run) -> None:
+def test_a_killed_panel_answers_again_and_a_stopped_one_delays_no_verdict(
+    run: Run, show_figures: Callable[[str], None]
+) -> None:
     before = run.state()
     for _ in range(2):
         os.kill(run.panel(), signal.SIGKILL)
@@ -124,10 +136,15 @@ def test_a_killed_panel_answers_again_and_a_stopped_one_delays_no_verdict(run: R
                 state = run.state()
                 break
             except OSError:
-                assert time.monotonic() - killed_s < RESTART_S
+                assert time.monotonic() - killed_s < BUSY_S
         while state["reason"] == NO_RUN:
             state = run.state()
-        assert time.monotonic() - killed_s < RESTART_S
+        restart_s = _FIRST_PAUSE_S + _RECONNECT_S + processor_s(run.panel())
+        show_figures(
+            f"a panel restarts in {restart_s:.2f} s, {time.monotonic() - killed_s:.2f} s here"
+        )
+        assert restart_s < MOST_RESTART_S
+        assert time.monotonic() - killed_s < BUSY_S
         assert state["run"] == before["run"]
         assert sum(state["announced"].values()) >= sum(before["announced"].values())
     stopped, parts = run.panel(), len(run.parts())

@@ -7,8 +7,9 @@ import ssl
 import time
 import tracemalloc
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from typing import BinaryIO
 from urllib.parse import urlsplit
 
 import pytest
@@ -18,11 +19,16 @@ from capture.station.domain.folder import make_station
 from capture.station.domain.interface_config import PanelConfig
 from capture.station.domain.roles import Role
 from capture.station.domain.users import Users
-from capture.station.panel import listening, security, server
+from capture.station.panel import event_stream, listening, security, server
 from capture.station.panel.app import ROUTES
 from capture.station.panel.security import MAX_BODY_BYTES, HostRule
-from capture.station.panel.server import MAX_CONNECTIONS
-from capture.station.panel.sessions import FAILURES_OF_A_NAME, FAILURES_OF_AN_ADDRESS, LoginLimit
+from capture.station.panel.server import MAX_CONNECTIONS, MOST_OF_AN_ADDRESS
+from capture.station.panel.sessions import (
+    FAILURES_OF_A_NAME,
+    FAILURES_OF_AN_ADDRESS,
+    MOST_TRYING,
+    LoginLimit,
+)
 from capture.station.results.audit import newest_changes
 from classify.base.errors import InputError
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel, running_panel
@@ -34,9 +40,9 @@ SHORT_S, LONG_S = 0.2, 30.0
 CERTIFICATE = Path(__file__).parents[3] / "data" / "panel"
 
 
-def connected(panel: RunningPanel) -> socket.socket:
+def connected(panel: RunningPanel, address: str = "127.0.0.1") -> socket.socket:
     parts = urlsplit(panel.url)
-    return socket.create_connection((parts.hostname, parts.port), timeout=LONG_S)
+    return socket.create_connection((parts.hostname, parts.port), LONG_S, (address, 0))
 
 
 def answer_to(panel: RunningPanel, text: bytes) -> bytes:
@@ -56,7 +62,9 @@ def answer_to(panel: RunningPanel, text: bytes) -> bytes:
 def test_another_name_of_this_machine_is_refused(without_users: RunningPanel, host: str) -> None:
     """DNS rebinding: the page of another site asks for its own name."""
     for path in ("/", "/static/without_users.css", "/api/v1/state", "/nowhere"):
-        assert without_users.local.get(path, Host=host).status == 421
+        answer = without_users.local.get(path, Host=host)
+        assert answer.status == 421
+        assert f"Host {host!r}" in answer.text
 
 
 def test_this_machine_may_be_called_localhost(without_users: RunningPanel) -> None:
@@ -109,6 +117,14 @@ def test_a_change_that_another_site_sends_is_refused(
     assert panel.bench.rows() == []
     own = {"Origin": panel.url.rstrip("/"), "Sec_Fetch_Site": "same-origin"}
     assert panel.local.post("/api/v1/trigger", **own).status == 202
+
+
+def test_a_refused_change_names_what_differs(without_users: RunningPanel) -> None:
+    """Behind a proxy that sends its own Host, every change is refused."""
+    answer = without_users.local.post("/api/v1/trigger", Origin="https://line-3.example")
+    assert answer.status == 403
+    for named in (without_users.local.host, "https://line-3.example", "proxy_set_header Host"):
+        assert named in answer.json["error"]
 
 
 def test_a_change_of_a_session_needs_its_token(with_users: RunningPanel) -> None:
@@ -360,8 +376,46 @@ def test_a_client_that_does_not_read_is_cut_off(
             time.sleep(0.01)
 
 
+def test_the_connections_of_one_address_leave_room_for_others(panel: RunningPanel) -> None:
+    idle = [connected(panel, "127.0.0.2") for _ in range(MOST_OF_AN_ADDRESS)]
+    try:
+        with connected(panel, "127.0.0.2") as raw, suppress(ConnectionError):
+            raw.sendall(b"GET / HTTP/1.1\r\n")
+            assert raw.recv(1) == b""
+        assert panel.local.get("/api/v1/state").status == 200
+    finally:
+        for each in idle:
+            each.close()
+
+
+def test_the_oldest_stream_of_one_client_ends(
+    with_users: RunningPanel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(event_stream, "MOST_OF_ONE", 2)
+    tokens = [with_users.client(role).headers["Authorization"] for role in Role]
+    with ExitStack() as open_streams:
+
+        def stream(token: str) -> BinaryIO:
+            raw = open_streams.enter_context(connected(with_users))
+            head = ("GET /api/v1/events HTTP/1.1", f"Host: {with_users.local.host}",
+                    f"Authorization: {token}", "", "")  # fmt: skip
+            raw.sendall("\r\n".join(head).encode())
+            lines = open_streams.enter_context(raw.makefile("rb"))
+            assert b"event: snapshot\n" in lines
+            return lines
+
+        other, first, second, third = (stream(tokens[which]) for which in (1, 0, 0, 0))
+        assert b"0\r\n" in first  # the end of the answer
+        with_users.live.announce({"event": "filler"})
+        for lines in (other, second, third):
+            assert b"event: filler\n" in lines
+
+
 def test_many_idle_connections_leave_room_for_no_more(panel: RunningPanel) -> None:
-    idle = [connected(panel) for _ in range(MAX_CONNECTIONS)]
+    idle = [
+        connected(panel, f"127.0.0.{2 + number // MOST_OF_AN_ADDRESS}")
+        for number in range(MAX_CONNECTIONS)
+    ]
     try:
         with connected(panel) as raw, suppress(ConnectionError):
             raw.sendall(b"GET / HTTP/1.1\r\n")
@@ -452,6 +506,18 @@ def test_a_success_forgets_the_failures_of_its_name() -> None:
         for _ in range(FAILURES_OF_A_NAME - 1):
             assert limit.begin("ada", "192.0.2.1") == 0.0
             limit.succeeded("ada", "192.0.2.1")
+
+
+def test_few_passwords_wait_and_further_logins_are_answered_at_once(
+    with_users: RunningPanel,
+) -> None:
+    """A flood of logins takes few of the threads that serve pages."""
+    with ExitStack() as waiting:
+        for number in range(MOST_TRYING):
+            waiting.enter_context(with_users.panel.logins.attempt("ada", f"192.0.2.{number}"))
+        answer = with_users.local.log_in("operator")
+        assert (answer.status, answer.headers["retry-after"]) == (503, "2")
+    assert with_users.local.log_in("operator").status == 303
 
 
 def test_failed_logins_with_long_names_take_little_memory() -> None:

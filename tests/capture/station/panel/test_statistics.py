@@ -5,6 +5,7 @@ import io
 import json
 import re
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from html import unescape
 from typing import Any
 
@@ -16,6 +17,7 @@ from capture.sets.captured_set import CapturedSet
 from capture.station.domain.verdict import Decision
 from capture.station.judge.gauge.gauge import GaugeStudy, Presentation
 from capture.station.judge.gauge.gauge_report import GaugeReport, write_gauge_report
+from capture.station.panel.panel import MOST_RECKONING
 from capture.station.panel.statistics import gauge_of
 from capture.station.results.history import Selection
 from classify.base.errors import InputError
@@ -61,6 +63,17 @@ def statistics_of(panel: RunningPanel, query: str = "") -> dict[str, Any]:
     answer = panel.local.get(f"/api/v1/statistics?{query}")
     assert answer.status == 200, answer.text
     return dict(answer.json)
+
+
+def test_few_statistics_are_made_at_a_time(filled: RunningPanel) -> None:
+    with ExitStack() as others:
+        for _ in range(MOST_RECKONING):
+            others.enter_context(filled.panel.reckoning.taken())
+        for path in ("/statistics", "/api/v1/statistics", "/api/v1/statistics/yield.png"):
+            answer = filled.local.get(f"{path}?simulated=only")
+            assert (answer.status, answer.headers["retry-after"]) == (503, "2")
+        assert filled.local.get("/api/v1/state").status == 200
+    assert filled.local.get("/api/v1/statistics?simulated=only").status == 200
 
 
 def test_the_pages_of_the_history_show_every_part_once_and_as_the_api_does(

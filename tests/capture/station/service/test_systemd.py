@@ -15,7 +15,7 @@ from tests.capture.station.teaching_sets import SIDE_PX
 
 pytestmark = pytest.mark.systemd
 
-UNIT = "ps4rig-line-3.service"
+UNIT, PANEL = "ps4rig-line-3.service", "ps4rig-line-3-panel.service"
 STATION = Path("/srv/line-3")
 PS4RIG = (sys.executable, "-P", "-m", "capture", "station")
 AS_OWNER = ("runuser", "-u", "ps4rig", "--")  # a station is for its owner alone
@@ -93,6 +93,39 @@ def test_the_doctor_finds_the_unit_as_printed(running: SystemdContainer) -> None
     [unit] = [check for check in json.loads(said)["checks"] if check["name"] == "unit"]
     assert unit["status"] == "ok", unit
     assert "enabled, active, watchdog 1min" in unit["seen"]
+
+
+def test_run_and_panel_have_a_unit_each(systemd: SystemdContainer) -> None:
+    """A killed panel is started again, while the run goes on."""
+    units = {UNIT: "--no-panel", PANEL: "--panel"}
+    for unit, option in units.items():
+        printed = systemd.run(*PS4RIG, "unit", STATION, option).stdout
+        commands = re.findall(r"^#   (.+)$", printed, re.MULTILINE)
+        for command in commands[2:]:
+            systemd.run("/bin/sh", "-c", command)
+        systemd.until(lambda unit=unit: systemd.shown(unit, "ActiveState") == "active")
+    doctor = systemd.run(*PS4RIG, "doctor", STATION, "--json", check=False).stdout
+    checks = [check for check in json.loads(doctor)["checks"] if check["name"] == "unit"]
+    assert [check["status"] for check in checks] == ["ok", "ok"], checks
+
+    def served() -> int:
+        """How often a panel has begun to serve."""
+        return systemd.run("journalctl", "--unit", PANEL).stdout.count("panel: http")
+
+    systemd.until(lambda: served() > 0)
+    run, panel, before = *(systemd.shown(unit, "MainPID") for unit in units), served()
+    systemd.run("kill", "-KILL", panel)
+    systemd.until(lambda: served() > before)
+    assert systemd.shown(UNIT, "MainPID") == run
+    known = parts(systemd)
+    systemd.until(lambda: parts(systemd) > known)
+    systemd.run("systemctl", "stop", *units)
+    assert [systemd.shown(unit, "Result") for unit in units] == ["success", "success"]
+    systemd.run("systemctl", "disable", PANEL)
+    systemd.run("rm", f"/etc/systemd/system/{PANEL}")
+    printed = systemd.run(*PS4RIG, "unit", STATION).stdout
+    for command in re.findall(r"^#   (.+)$", printed, re.MULTILINE)[2:-1]:
+        systemd.run("/bin/sh", "-c", command)
 
 
 def test_a_station_that_hangs_is_killed_by_the_watchdog_and_goes_on(

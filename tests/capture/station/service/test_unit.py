@@ -10,11 +10,13 @@ import pytest
 
 from capture.station.domain.folder import StationFolder, make_station
 from capture.station.service.unit import unit_name, unit_text
-from capture.station.service.unit_check import checks_of_unit
+from capture.station.service.unit_check import checks_of_units
 from classify.base.errors import InputError
 
 # systemd 252 gives 2.0; a service without options has 9.6.
 MOST_EXPOSURE = 2.2
+# What systemctl shows of a unit that is not installed.
+NONE = {"FragmentPath": "", "UnitFileState": ""}
 
 
 def changed(folder: Path, **keys: str) -> StationFolder:
@@ -188,12 +190,8 @@ def installed(station: StationFolder, tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("panel", [None, False])
-def test_a_unit_as_printed_for_any_user_is_good(
-    station: StationFolder, installed: Path, panel: bool | None
-) -> None:
-    installed.write_text(unit_text(station, "kim", panel))
-    [check] = checks_of_unit(station, shown(installed))
+def test_a_unit_as_printed_for_any_user_is_good(station: StationFolder, installed: Path) -> None:
+    [check] = checks_of_units(station, shown(installed), NONE)
     assert (check.status, check.seen) == (
         "ok",
         "ps4rig-line-3 is installed as printed, enabled, active, watchdog 1min 3s",
@@ -213,7 +211,7 @@ def test_a_unit_as_printed_for_any_user_is_good(
 def test_what_systemd_says_otherwise_is_a_warning(
     station: StationFolder, installed: Path, changes: dict[str, str], said: str
 ) -> None:
-    [check] = checks_of_unit(station, shown(installed, **changes))
+    [check] = checks_of_units(station, shown(installed, **changes), NONE)
     assert check.status == "warning"
     assert said in check.seen
 
@@ -223,21 +221,58 @@ def test_a_unit_of_another_rig_or_program_is_named(
 ) -> None:
     text = installed.read_text()
     installed.write_text(text.replace("NoNewPrivileges=yes\n", "# NoNewPrivileges=yes\n"))
-    [check] = checks_of_unit(station, shown(installed))
+    [check] = checks_of_units(station, shown(installed), NONE)
     assert check.seen == "ps4rig-line-3 is not as printed: it lacks NoNewPrivileges=yes"
     installed.write_text(text + "DeviceAllow=/dev/mem rw\n")
-    [check] = checks_of_unit(station, shown(installed))
+    [check] = checks_of_units(station, shown(installed), NONE)
     assert check.seen.endswith("it has DeviceAllow=/dev/mem rw")
     installed.write_text(text)
     real = with_rig(folder, 'port = "auto"', 'device = "/dev/video0"')
-    [check] = checks_of_unit(real, shown(installed))
+    [check] = checks_of_units(real, shown(installed), NONE)
     assert "it lacks Description=ps4rig station line-3" in check.seen
 
 
+@pytest.fixture
+def panel_unit(station: StationFolder, tmp_path: Path) -> Path:
+    path = tmp_path / f"{unit_name(station.path, True)}.service"
+    path.write_text(unit_text(station, "kim", True))
+    return path
+
+
+def test_the_unit_of_the_panel_is_checked_like_that_of_the_run(
+    station: StationFolder, installed: Path, panel_unit: Path
+) -> None:
+    installed.write_text(unit_text(station, "kim", False))
+    of_panel = shown(panel_unit, WatchdogUSec="0")
+    checks = list(checks_of_units(station, shown(installed), of_panel))
+    assert [check.status for check in checks] == ["ok", "ok"]
+    assert "ps4rig-line-3-panel is installed as printed" in checks[1].seen
+    panel_unit.write_text(panel_unit.read_text().replace("UMask=0027\n", ""))
+    for changes, said in (
+        ({}, "it lacks UMask=0027"),
+        ({"UnitFileState": "disabled"}, "is disabled"),
+        ({"NeedDaemonReload": "yes"}, "was changed since systemd read it"),
+    ):
+        checks = list(checks_of_units(station, shown(installed), of_panel | changes))
+        found = [check.seen for check in checks if check.status == "warning"]
+        assert any("line-3-panel" in seen and said in seen for seen in found)
+
+
+def test_a_station_has_one_panel(station: StationFolder, installed: Path, panel_unit: Path) -> None:
+    checks = list(checks_of_units(station, shown(installed), shown(panel_unit)))
+    assert [check.status for check in checks] == ["ok", "warning"]
+    assert "beside the panel that the run starts" in checks[1].seen
+    installed.write_text(unit_text(station, "kim", False))
+    checks = list(checks_of_units(station, shown(installed), NONE))
+    assert [check.status for check in checks] == ["ok", "warning"]
+    assert "ps4rig-line-3-panel is not installed" in checks[1].seen
+    assert " --panel prints it" in checks[1].advice
+
+
 def test_a_missing_unit_matters_only_without_a_keyboard(folder: Path) -> None:
-    [check] = checks_of_unit(StationFolder(folder), {})
+    [check] = checks_of_units(StationFolder(folder), {}, NONE)
     assert (check.status, check.seen) == ("warning", "ps4rig-line-3 is not installed")
-    [check] = checks_of_unit(changed(folder, trigger='"enter"'), {})
+    [check] = checks_of_units(changed(folder, trigger='"enter"'), {}, NONE)
     assert check.status == "ok"
 
 
