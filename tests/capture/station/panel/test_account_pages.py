@@ -29,7 +29,8 @@ def test_an_administrator_adds_and_removes_users(panel: RunningPanel, browser: C
     assert browser.form("/accounts", action="remove user", name="kim").status == 303
     assert kim.get("/").status == 303  # to the login
     changes = browser.get("/changes").text
-    assert changes.index("<td>user kim</td><td>engineer</td>") < changes.index("new password")
+    removed = '<td>user kim</td><td data-label="From">engineer</td>'
+    assert changes.index(removed) < changes.index("new password")
 
 
 @pytest.mark.parametrize(

@@ -172,7 +172,7 @@ def test_each_figure_has_its_numbers_as_csv_and_its_picture(filled: RunningPanel
         assert png.headers["content-type"] == "image/png"
         image = cv2.imdecode(np.frombuffer(png.body, np.uint8), cv2.IMREAD_COLOR)
         assert image is not None
-        assert image.shape[1] == 1200
+        assert image.shape[1] == 960
         assert len(np.unique(image)) > 10
     missing = filled.local.get("/api/v1/statistics/gauge.csv")
     assert missing.status == 404
