@@ -100,7 +100,7 @@ def _tiles(entry: _ReportEntry) -> dict[str, str]:
     maps = {
         **pictures.light_images(entry.captured, 4),
         "lights in shadow": pictures.coloured(
-            entry.surface.shadow_count, pictures.shadow_colours()
+            entry.surface.shadow_count, pictures.shadow_colours(len(entry.captured.images))
         ),
         "albedo": pictures.grey(entry.surface.albedo),
         "relief": pictures.shaded(entry.surface.normals),

@@ -133,9 +133,12 @@ def _shading(normals: FloatMap) -> FloatMap:
     return shading
 
 
-def shadow_colours() -> Picture:
-    """Return the (256, 3) colours of the numbers of lights in shadow."""
-    return _SHADOW_COLOURS[np.minimum(np.arange(256), len(_SHADOW_COLOURS) - 1)]
+def shadow_colours(lights: int) -> Picture:
+    """Return the (256, 3) colours of the numbers of lights in shadow, one for each number."""
+    last = len(_SHADOW_COLOURS) - 1
+    at = np.arange(256) * last / max(lights, last)
+    channels = [np.interp(at, range(last + 1), channel) for channel in _SHADOW_COLOURS.T]
+    return np.stack(channels, axis=1).round().astype(np.uint8)
 
 
 def dropped_colours(lights: int) -> Picture:

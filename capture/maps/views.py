@@ -182,7 +182,8 @@ SHADOWED_LIGHTS = Labels(
         {0: "0 lights", 1: "1 light"}
         | {count: f"{count} lights" for count in range(2, len(tilts_deg) + 1)}
     ),
-    lambda _: pictures.shadow_colours(),
+    pictures.shadow_colours,
+    cv2.INTER_NEAREST,
 )
 DROPPED_LIGHT = Labels(
     lambda tilts_deg: dict(enumerate(led_names(tilts_deg))) | {NO_DROPPED_LIGHT: "none"},

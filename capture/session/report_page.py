@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.dates import ConciseDateFormatter
 from matplotlib.figure import Figure
 
 from capture.base.page import curve_colour, rendered, svg_uri
@@ -24,11 +25,13 @@ from .report_analysis import Separation, SessionAnalysis, SpecimenResult
 
 _MARKS = "osD^v<>Ph*"
 _GRID = "#dddddd"
+# Letters have 10 px or more where a telephone shows a figure of this width on 358 px.
+_WIDTH_IN, _LETTERS_PT = 4.4, 9
 
 
 def _levels_figure(entries: Sequence[SetEntry]) -> str:
     """Draw the level of each light over time, relative to the first set of each specimen."""
-    figure, axes = _figure(7.0, 2.6)
+    figure, axes = _figure(2.8)
     first: dict[tuple[str, int], tuple[float, ...]] = {}
     # A session may be resumed on a rig with another number of lights.
     curves: dict[int, list[tuple[float, float]]] = {}
@@ -47,15 +50,16 @@ def _levels_figure(entries: Sequence[SetEntry]) -> str:
         )  # fmt: skip
     axes.set_ylabel("% of the first set")
     axes.xaxis_date()
-    if curves:
-        axes.legend(fontsize=7, ncols=4, frameon=False)
-    figure.autofmt_xdate()
+    formatter = ConciseDateFormatter(axes.xaxis.get_major_locator())  # type: ignore[no-untyped-call]
+    axes.xaxis.set_major_formatter(formatter)
+    axes.set_xlabel("time, UTC")
+    _legend(figure, axes)
     return svg_uri(figure)
 
 
 def _orientations_figure(entries: Sequence[SetEntry]) -> str:
     """Draw how far the estimated orientation of each set is from the entered one."""
-    figure, axes = _figure(7.0, 2.6)
+    figure, axes = _figure(2.8)
     for number, specimen in enumerate(dict.fromkeys(entry.piece for entry in entries)):
         points = [
             (entry.entered_deg, off_deg)
@@ -70,7 +74,7 @@ def _orientations_figure(entries: Sequence[SetEntry]) -> str:
     axes.axhline(0.0, color=_GRID, zorder=0)
     axes.set_xlabel("entered, degrees")
     axes.set_ylabel("estimated - entered")
-    _legend(axes)
+    _legend(figure, axes)
     return svg_uri(figure)
 
 
@@ -85,29 +89,44 @@ def _orientation_error_deg(entry: SetEntry) -> float | None:
 
 def _matrix_figure(separation: Separation) -> str:
     """Draw the dissimilarities of the specimens, in the order of their dendrogram."""
+    figure, axes = _figure(_height_in(separation))
+    axes.grid(visible=False)
     order = separation.tree.order
-    names = [separation.specimens[index] for index in order]
-    side = min(3.0 + 0.16 * len(names), 10.0)
-    figure = Figure(figsize=(2.0 * side, side), layout="constrained")
-    matrix_axes, tree_axes = figure.subplots(1, 2, width_ratios=(3, 2))
-    shown = separation.dissimilarities[np.ix_(order, order)]
-    image = matrix_axes.imshow(shown, cmap="viridis")
-    matrix_axes.set_xticks(range(len(names)), names, rotation=90, fontsize=7)
-    matrix_axes.set_yticks(range(len(names)), names, fontsize=7)
-    figure.colorbar(image, ax=matrix_axes, shrink=0.7, label="distance")
-    for branch in separation.tree.branches:
-        tree_axes.plot(branch[:, 0], branch[:, 1], color=curve_colour(0), linewidth=1.0)
-    tree_axes.set_ylim(len(names) - 0.5, -0.5)
-    tree_axes.set_yticks(range(len(names)), names, fontsize=7)
-    tree_axes.yaxis.tick_right()
-    tree_axes.set_xlabel("distance at which groups join")
-    tree_axes.invert_xaxis()
+    image = axes.imshow(separation.dissimilarities[np.ix_(order, order)], cmap="viridis")
+    names = _names_in_order(separation)
+    axes.set_xticks(range(len(names)), names, rotation=90)
+    axes.set_yticks(range(len(names)), names)
+    figure.colorbar(image, ax=axes, shrink=0.7, label="distance")
     return svg_uri(figure)
+
+
+def _tree_figure(separation: Separation) -> str:
+    """Draw the dendrogram of the specimens."""
+    figure, axes = _figure(_height_in(separation))
+    axes.grid(visible=False)
+    for branch in separation.tree.branches:
+        axes.plot(branch[:, 0], branch[:, 1], color=curve_colour(0), linewidth=1.0)
+    names = _names_in_order(separation)
+    axes.set_ylim(len(names) - 0.5, -0.5)
+    axes.set_yticks(range(len(names)), names)
+    axes.yaxis.tick_right()
+    axes.set_xlabel("distance at which groups join")
+    axes.invert_xaxis()
+    return svg_uri(figure)
+
+
+def _names_in_order(separation: Separation) -> list[str]:
+    return [separation.specimens[index] for index in separation.tree.order]
+
+
+def _height_in(separation: Separation) -> float:
+    """Height with a line of text for each specimen."""
+    return max(3.6, 0.16 * len(separation.specimens))
 
 
 def _map_figure(separation: Separation) -> str:
     """Draw all sets in a plane in which near sets look alike."""
-    figure, axes = _figure(7.0, 5.0)
+    figure, axes = _figure(3.6)
     for number, specimen in enumerate(separation.specimens):
         chosen = [entry.piece == specimen for entry in separation.entries]
         axes.plot(
@@ -115,7 +134,7 @@ def _map_figure(separation: Separation) -> str:
             label=specimen, alpha=0.8,
         )  # fmt: skip
     axes.set_aspect("equal", adjustable="datalim")
-    _legend(axes)
+    _legend(figure, axes)
     return svg_uri(figure)
 
 
@@ -128,22 +147,24 @@ def _spectrum_figure(spectra: Spectra) -> str:
         angles = np.linspace(0.0, 2.0 * np.pi, len(around))
         axes.plot(angles, around, color=curve_colour(number), linewidth=1.0)
     axes.set_yticklabels([])
-    axes.tick_params(labelsize=6)
+    axes.tick_params(labelsize=_LETTERS_PT)
     return svg_uri(figure)
 
 
-def _figure(width_in: float, height_in: float) -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+def _figure(height_in: float) -> tuple[Figure, Axes]:
+    figure = Figure(figsize=(_WIDTH_IN, height_in), layout="constrained")
     axes = figure.subplots()
     axes.grid(visible=True, color=_GRID, linewidth=0.5)
-    axes.tick_params(labelsize=7)
+    axes.tick_params(labelsize=_LETTERS_PT)
+    axes.xaxis.label.set_fontsize(_LETTERS_PT)
+    axes.yaxis.label.set_fontsize(_LETTERS_PT)
     return figure, axes
 
 
-def _legend(axes: Axes) -> None:
+def _legend(figure: Figure, axes: Axes) -> None:
     handles, _ = axes.get_legend_handles_labels()
     if 0 < len(handles) <= 40:
-        axes.legend(fontsize=6, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+        figure.legend(fontsize=_LETTERS_PT, loc="outside lower center", ncols=4, frameon=False)
 
 
 def _mark(number: int) -> str:
@@ -165,7 +186,7 @@ def report_page(folder: SessionFolder, analysis: SessionAnalysis) -> str:
         entries=analysis.entries,
         separation=[]
         if analysis.separation is None
-        else [_matrix_figure(analysis.separation), _map_figure(analysis.separation)],
+        else [draw(analysis.separation) for draw in (_matrix_figure, _tree_figure, _map_figure)],
         specimens=[
             _specimen(name, result, analysis) for name, result in analysis.specimens.items()
         ],

@@ -230,8 +230,11 @@ def _camera_drawings(file: CalibrationFile) -> Iterator[Drawing]:
     calibration = file.calibration
     if calibration.response is not None:
         response = calibration.response
-        use = "Taken as linear; the curve is not applied." if response.linear else "Undone."
-        yield svg_uri(_response_curve(response)), "response", f"{use} Grey: linear."
+        use = "is so near to linear that it is not applied"
+        if not response.linear:
+            use = "makes the values of sets linear in light before they are solved"
+        caption = f"The curve {use}. Grey: a linear camera."
+        yield svg_uri(_response_curve(response)), "response", caption
     if calibration.dark is not None:
         frame = _frame(file.records["dark"].setting)
         for dark in calibration.dark.exposures:
@@ -247,7 +250,7 @@ def _frame(setting: Setting) -> npt.NDArray[np.float64]:
     return np.array([setting.width_px, setting.height_px], np.float64)
 
 
-_SIDE_IN = 3.2
+_SIDE_IN, _LETTERS_PT = 3.2, 9
 _MARGIN = 1.25  # drawn range, as a multiple of the largest coordinate
 # An ellipse of two standard errors holds a position with 86 %.
 _STANDARD_ERRORS = 2.0
@@ -290,7 +293,7 @@ def _lights(lights: CalibratedLights, scale: Scale | None, frame: Floats, up: in
     axes.scatter(places[:, 0], places[:, up], s=8, color=_LED)
     for (x, y), indices in names.items():  # lights behind each other share their text
         axes.annotate(
-            ", ".join(indices), (reach * x, reach * y), (3, 3), fontsize=7,
+            ", ".join(indices), (reach * x, reach * y), (3, 3), fontsize=_LETTERS_PT,
             textcoords="offset points",
         )  # fmt: skip
     axes.set_xlim(-_MARGIN * reach, _MARGIN * reach)
@@ -340,5 +343,5 @@ def _figure() -> tuple[Figure, Axes]:
     figure = Figure(figsize=(_SIDE_IN, _SIDE_IN), layout="constrained")
     axes = figure.subplots()
     axes.set_aspect("equal")
-    axes.tick_params(labelsize=7)
+    axes.tick_params(labelsize=_LETTERS_PT)
     return figure, axes

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from capture.base.utc_time import readable_utc
+from capture.base.utc_time import local_time
 from capture.calibration.lookup import read_calibration
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_file import read_recipe
@@ -33,7 +33,7 @@ class RecipeState:
             return "not approved"
         if not self.recipe.is_approved:
             return f"changed since {approval.by} approved it"
-        return f"approved by {approval.by}, {readable_utc(approval.utc)}"
+        return f"approved by {approval.by}, {local_time(approval.utc)}"
 
 
 def state_of(files: RecipeFolder, calibration: Path | None) -> RecipeState:
@@ -54,6 +54,6 @@ def state_of(files: RecipeFolder, calibration: Path | None) -> RecipeState:
     elif valid.regressions:
         text = f"{len(valid.regressions)} of {parts} parts got another verdict"
     else:
-        text = f"all {parts} parts got their verdict, {readable_utc(valid.utc)}"
+        text = f"all {parts} parts got their verdict, {local_time(valid.utc)}"
     has_met = valid is not None and not valid.regressions
     return RecipeState(recipe, None, text, has_met, replay)

@@ -1,7 +1,9 @@
 """Which parts a page or an API call is about: the filters of a query."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Self
 from urllib.parse import urlencode
 
@@ -17,13 +19,14 @@ FILTERS = {
     "since": "parts triggered then or later: 2026-11-22 or 2026-11-22T14:30, UTC",
     "until": "parts triggered then or earlier; a date or a minute counts to its end",
     "verdict": "the verdict that holds, after overrides: PASS, FAIL, UNKNOWN or ERROR",
-    "part": "identity of the part",
+    "part": "part of the identity, in any case",
     "class": "the texture that was found",
     "recipe": "name of the recipe",
     "simulated": "true: also parts of a simulated rig; only: these alone; by default production",
 }
 OF_ONE_PART = ("verdict", "part")
 """Filters that statistics do not have."""
+_TIMES = {"since", "until"}
 _SIMULATED = {"true": None, "false": False, "only": True}
 
 
@@ -42,7 +45,7 @@ def selection_of(query: Mapping[str, str]) -> Selection:
         label=query.get("class") or None,
         recipe=query.get("recipe") or None,
         simulated=_SIMULATED[simulated],
-        part_id=query.get("part") or None,
+        part_of_id=query.get("part") or None,
     )
 
 
@@ -50,7 +53,8 @@ def selection_of(query: Mapping[str, str]) -> Selection:
 class FilterForm:
     """Values and choices of the form."""
 
-    # Filters of the query; on a simulated rig simulated parts unless the query says otherwise.
+    # Filters of the query, with times in UTC; on a simulated rig simulated parts unless the query
+    # says otherwise.
     values: Mapping[str, str]
     choices: Choices
 
@@ -58,6 +62,9 @@ class FilterForm:
     def of(cls, call: Call, choices: Choices) -> Self:
         """Return the form of a page."""
         given = {name: value for name in FILTERS if (value := call.query.get(name))}
+        for name in _TIMES & given.keys():
+            with suppress(InputError):  # of which `selection_of` tells
+                given[name] = utc_bound(name, given[name], is_end=name == "until", is_local=True)
         default = "only" if call.panel.live.snapshot().simulated else "false"
         return cls({"simulated": default} | given, choices)
 
@@ -79,8 +86,13 @@ class FilterForm:
         return self.values.get(name, "")
 
     def time(self, name: str) -> str:
-        """Return a time as a field for times has it; a date alone is its first or last minute."""
-        text = self.value(name)
-        if len(text) == len("2026-11-22"):
-            text += "T00:00" if name == "since" else "T23:59"
-        return text[: len("2026-11-22T17:08")]
+        """Return a time as a field for times has it, on the station's clock."""
+        try:
+            return f"{datetime.fromisoformat(self.value(name)).astimezone():%Y-%m-%dT%H:%M}"
+        except ValueError:
+            return ""
+
+    def names(self, name: str) -> list[str]:
+        """Return the classes or recipes of all results, and the one that is asked for."""
+        known = self.choices.labels if name == "class" else self.choices.recipes
+        return list(dict.fromkeys(filter(None, (*known, self.value(name)))))

@@ -4,6 +4,7 @@ import hmac
 import inspect
 import logging
 from collections.abc import Awaitable, Callable, Collection, Sequence
+from contextlib import suppress
 from typing import cast
 from urllib.parse import quote
 
@@ -116,7 +117,10 @@ def error_answer(
     """Return an error: JSON for programs, a page for people."""
     if request.url.path.startswith(API) or request.headers.get("accept") == "application/json":
         return JsonAnswer({"error": message}, status, headers)
-    call = Call(panel, request, None)
+    who = None
+    with suppress(Denied):
+        who = identity_of(panel, request)
+    call = Call(panel, request, who)
     answer = page(call, "error.html", status=status, message=message)
     answer.status_code = status
     answer.headers.update(headers or {})

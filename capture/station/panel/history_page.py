@@ -53,7 +53,7 @@ def _statistics(call: Call) -> Response:
     except InputError as error:
         message = str(error)
     else:
-        statistics = statistics_of(call.panel, selection)
+        statistics = statistics_of(call.panel, selection, zone=None)
     answer = page(
         call, "statistics.html", form=form, statistics=statistics, message=message,
         decisions=Decision, most_remarks=_MOST_REMARKS,

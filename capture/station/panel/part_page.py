@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 from starlette.responses import RedirectResponse, Response
 
+from capture.base.utc_time import local_time
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.roles import Role
 from capture.station.results.history import HistoryEntry, Selection
@@ -66,9 +67,9 @@ def _recipe(call: Call, result: PartResult) -> tuple[Recipe | None, str]:
 
 def _facts(result: PartResult) -> Iterator[tuple[str, str | None]]:
     yield "number", str(result.number)
-    yield "triggered", f"{result.triggered_utc} by {result.trigger}"
-    yield "exposed", result.exposed_utc
-    yield "judged", result.decided_utc
+    yield "triggered", f"{local_time(result.triggered_utc, 'seconds')} by {result.trigger}"
+    yield "exposed", result.exposed_utc and local_time(result.exposed_utc, "seconds")
+    yield "judged", local_time(result.decided_utc, "seconds")
     yield "operator", result.operator
     recipe = result.recipe and f"{result.recipe}, version {result.recipe_version}"
     yield "recipe", recipe

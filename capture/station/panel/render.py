@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from starlette.responses import HTMLResponse, JSONResponse
 
-from capture.base.utc_time import readable_utc
+from capture.base.utc_time import local_time, local_zone
 
 if TYPE_CHECKING:
     from .routes import Call
@@ -27,7 +27,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.filters["utc"] = readable_utc
+    made.filters["time"] = local_time
     return made
 
 
@@ -52,6 +52,7 @@ def page(call: "Call", template: str, **values: Any) -> HTMLResponse:
         "station": call.panel.folder.config.name,
         "live": call.panel.live.snapshot(),
         "path": call.request.url.path,
+        "zone": local_zone(),
         "version": version("ps4rig"),
     }
     return HTMLResponse(_environment().get_template(template).render(about | values))

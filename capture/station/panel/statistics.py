@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from datetime import UTC, tzinfo
 
 from capture.station.domain.folder import StationFolder, first_recipe
 from capture.station.domain.verdict import Decision
@@ -55,17 +56,22 @@ class StationStatistics:
         return "simulated" if self.selection.simulated else "production"
 
 
-def statistics_of(panel: Panel, selection: Selection) -> StationStatistics:
-    """Return the statistics of the selected parts; Denied if too many are being made."""
+def statistics_of(
+    panel: Panel, selection: Selection, zone: tzinfo | None = UTC
+) -> StationStatistics:
+    """Return the statistics of the selected parts; Denied if too many are being made.
+
+    Periods are hours and days of the zone; None is that of this machine.
+    """
     if selection.simulated is None:
         raise InputError(
             "simulated = 'true': give false or only; parts of a simulated rig are not production"
         )
     with panel.reckoning.taken():
-        return _statistics_of(panel, selection)
+        return _statistics_of(panel, selection, zone)
 
 
-def _statistics_of(panel: Panel, selection: Selection) -> StationStatistics:
+def _statistics_of(panel: Panel, selection: Selection, zone: tzinfo | None) -> StationStatistics:
     store = panel.results.store
     counters = store.counters(selection)
     tally = counters.simulated if selection.simulated else counters.production
@@ -75,7 +81,7 @@ def _statistics_of(panel: Panel, selection: Selection) -> StationStatistics:
         tally,
         dict(
             (
-                *_yield_figure(counted_periods(store, selection)),
+                *_yield_figure(counted_periods(store, selection, zone)),
                 *_pareto_figure(
                     "causes",
                     "Causes",

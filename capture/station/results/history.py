@@ -52,6 +52,7 @@ class Selection:
     recipe: str | None = None
     simulated: bool | None = None  # False selects production, True parts of a simulated rig
     part_id: str | None = None
+    part_of_id: str | None = None  # contained in the id, in any case
     below_number: int | None = None
 
     def without_simulated(self) -> Self:
@@ -211,6 +212,9 @@ def conditions(station: str, selection: Selection) -> Iterator[ColumnElement[boo
         if value is not None:
             # An id with invalid characters matches no row.
             yield column == (storable(value) if isinstance(value, str) else value)
+    if selection.part_of_id is not None:
+        text = storable(selection.part_of_id)
+        yield results.c.part_id.icontains(text, autoescape=True)
     if selection.below_number is not None:
         yield results.c.number < selection.below_number
 

@@ -7,7 +7,7 @@ import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime, tzinfo
 
 from sqlalchemy import ColumnElement, Text, cast, func, select
 
@@ -33,7 +33,7 @@ _MONTH = len("2026-11")
 class Period:
     """Numbers of parts of an hour, a day or a month, by the verdict that holds."""
 
-    begin: str  # such as ``2026-11-22T17``, ``2026-11-22`` or ``2026-11``, UTC
+    begin: str  # such as ``2026-11-22T17``, ``2026-11-22`` or ``2026-11``
     verdicts: Mapping[Decision, int]
 
     @property
@@ -70,8 +70,13 @@ class Choices:
     recipes: tuple[str, ...]
 
 
-def counted_periods(store: ResultStore, selection: Selection) -> list[Period]:
-    """Count the selected parts that were judged by period, the earliest first."""
+def counted_periods(
+    store: ResultStore, selection: Selection, zone: tzinfo | None = UTC
+) -> list[Period]:
+    """Count the selected parts that were judged by period of a zone, the earliest first.
+
+    None is the zone of this machine. A period is made of hours of UTC.
+    """
     selected = (*conditions(store.station, selection), ~IS_COLLECTED)
     utc = results.c.triggered_utc
     span = select(func.min(utc), func.max(utc)).select_from(JOINED).where(*selected)
@@ -79,18 +84,18 @@ def counted_periods(store: ResultStore, selection: Selection) -> list[Period]:
         first_utc, last_utc = connection.execute(span).one()
         if first_utc is None:
             return []
-        begin = func.substr(utc, 1, _period_length(first_utc, last_utc))
+        length = _period_length(first_utc, last_utc)
+        hour = func.substr(utc, 1, len("2026-11-22T17"))
         counts = (
-            select(begin.label("begin"), IN_FORCE.label("decision"), func.count().label("parts"))
+            select(hour.label("hour"), IN_FORCE.label("decision"), func.count().label("parts"))
             .select_from(JOINED)
             .where(*selected)
-            .group_by(begin, IN_FORCE)
-            .order_by(begin.desc())
-            .limit(MOST_PERIODS * len(Decision))
+            .group_by(hour, IN_FORCE)
         )
         verdicts: dict[str, Counter[Decision]] = {}
         for row in connection.execute(counts):
-            verdicts.setdefault(row.begin, Counter())[Decision(row.decision)] = row.parts
+            begin = datetime.fromisoformat(f"{row.hour}:00Z").astimezone(zone).isoformat()[:length]
+            verdicts.setdefault(begin, Counter())[Decision(row.decision)] += row.parts
     return [Period(name, verdicts[name]) for name in sorted(verdicts)[-MOST_PERIODS:]]
 
 

@@ -5,7 +5,7 @@ from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 
-from capture.base.utc_time import readable_utc
+from capture.base.utc_time import local_time
 from capture.calibration.lookup import read_calibration
 from capture.station.domain.config import StationConfig
 from capture.station.domain.folder import StationFolder, first_recipe
@@ -81,9 +81,7 @@ def _check_recipe(station: StationFolder) -> Iterator[Check]:
     text = f"{recipe.name}, version {recipe.version}: passes {', '.join(recipe.passes)}"
     yield Check("recipe", "ok", f"{text}; fails {', '.join(recipe.fails) or 'no known texture'}")
     if recipe.is_approved and recipe.approval is not None:
-        yield Check(
-            "approval", "ok", f"by {recipe.approval.by}, {readable_utc(recipe.approval.utc)}"
-        )
+        yield Check("approval", "ok", f"by {recipe.approval.by}, {local_time(recipe.approval.utc)}")
     else:
         state = "is not approved" if recipe.approval is None else "was changed after its approval"
         status: Status = "warning" if approved_states(files) else "fault"  # which judges meanwhile

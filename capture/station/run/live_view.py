@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
-from capture.station.domain.verdict import Decision
+from capture.station.domain.verdict import Cause, Decision
 from capture.station.results.part_result import PartResult, result_of
 from capture.station.run.events import RecipeLoaded
 from capture.station.run.states import State
@@ -109,7 +109,7 @@ def _changes(before: LiveSnapshot, about: Mapping[str, Any]) -> dict[str, Any]:
 def _announced(before: LiveSnapshot, about: Mapping[str, Any]) -> dict[str, Any]:
     result, latency_ms = result_of({name: about[name] for name in _COLUMNS}), about["latency_ms"]
     decision, rejected = result.verdict.decision, before.rejected
-    if decision is not Decision.PASS:
+    if decision is not Decision.PASS and Cause.COLLECTED not in result.verdict.causes:
         rejected = (RejectedPart(result), *rejected)[:_KEPT_REJECTED]
     return {
         "inspected": None if before.inspected == result.part_id else before.inspected,

@@ -7,7 +7,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from capture.acquisition.attempts import MAX_ATTEMPTS
-from capture.base.utc_time import readable_utc, utc_text
+from capture.base.utc_time import local_time, utc_text
 from capture.calibration.ps4cal import CalibrationFile
 from capture.procedures.rig_check import checks_of_drift, drift_of_rig
 from capture.station.domain.folder import PARTS
@@ -110,7 +110,7 @@ def check_results(store: ResultStore) -> Iterator[Check]:
     if last is None:
         yield Check("clock", "ok", "there is no earlier result")
         return
-    last_at = readable_utc(last.result.decided_utc)
+    last_at = local_time(last.result.decided_utc)
     behind = datetime.fromisoformat(last.result.decided_utc) - datetime.now(UTC)
     if behind > _CLOCK_TOLERANCE:
         text = f"{behind.total_seconds():.0f} s behind the last result, of {last_at}"

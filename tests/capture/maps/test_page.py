@@ -43,7 +43,10 @@ def test_the_page_says_that_a_part_was_solved_as_planar(
 
 def test_the_page_shows_every_map_with_its_name(page: Page) -> None:
     titles = [image["alt"] for image in page.all("img")]
-    assert len(titles) == len(set(titles)) == 4 + 4 + 4 + 2 + 5
+    # The mask of gloss has one value, and no picture.
+    assert len(titles) == len(set(titles)) == 4 + 4 + 4 + 2 + 5 - 1
+    assert "no 100.0%" in page.text
+    assert "specular.png" in page.text
     for name in (
         "p.tif", "q.tif", "albedo.tif", "normals.tif", "height.tif", "raised.tif",
         "mean_curvature.tif", "gaussian_curvature.tif", "relit.tif", "residual.tif",

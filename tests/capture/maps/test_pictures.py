@@ -100,9 +100,10 @@ def test_maps_of_few_values_show_each_value_in_its_colour(
     surface = made_set(images).solve("least_squares")
     # Nothing is predicted where all lights are out.
     assert surface.shadow_count[0, [0, 1, 4, 5]].tolist() == [0, 1, 0, 0]
-    colours = pictures.shadow_colours()
-    assert len(np.unique(colours[:5], axis=0)) == 5
-    assert (colours[4:] == colours[4]).all()
+    colours = pictures.shadow_colours(4)
+    for lights in (3, 4, 8, 50):
+        shown = pictures.shadow_colours(lights)[: lights + 1]
+        assert len(np.unique(shown, axis=0)) == lights + 1
     np.testing.assert_array_equal(
         pictures.coloured(surface.shadow_count, colours), colours[surface.shadow_count]
     )

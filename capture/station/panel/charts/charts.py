@@ -32,8 +32,8 @@ from .drawing import (
 _NAMES, _NUMBERS = 110, 86
 _ROW = 22
 # Names of periods that fit side by side below the chart.
-_MOST_NAMES = 8
-MOST_SHARES = 16
+_MOST_NAMES = 6
+MOST_SHARES = 10
 """Bars that are wide enough for the share that passed, above them."""
 
 Element = Line | Box | Dot | Words
@@ -92,7 +92,7 @@ _KINDS: dict[Decision, Kind] = {
 
 def _legend(decisions: Sequence[Decision]) -> Iterator[Element]:
     for number, decision in enumerate(decisions):
-        x = LEFT + 110.0 * number
+        x = LEFT + 100.0 * number
         yield Box(_KINDS[decision], x, 6, 12, 12)
         yield Words(x + 18, 16, decision)
 

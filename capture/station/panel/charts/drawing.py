@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-WIDTH, HEIGHT = 600, 280
+WIDTH, HEIGHT = 480, 280
 # Room for the numbers of the axes, in pixels of the drawing.
 LEFT, RIGHT, TOP, BOTTOM = 64, 16, 28, 34
 LINE_HEIGHT = 16

@@ -57,10 +57,10 @@ def _painted(
     remark = "" if contrast < 1.05 else f" Contrast {contrast:.1f} times that of the shape."
     relief = pictures.shaded(normals, contrast)
     yield "relief", _jpeg("relief", f"The shape alone, lit from the upper left.{remark}", relief)
-    shadow = pictures.shadow_colours()[view.shadow_count]
+    shadow = pictures.shadow_colours(len(view.captured.images))[view.shadow_count]
     yield "shadow", _jpeg(
-        "shadow", "Lights in shadow: grey none, yellow one, to black four.",
-        pictures.reduced(shadow, longest_px=longest_px),
+        "shadow", "Lights in shadow: grey none, then from yellow to black all of them.",
+        pictures.reduced(shadow, cv2.INTER_NEAREST, longest_px),
     )  # fmt: skip
     colours, description = (
         pictures.normal_map(normals),

@@ -1,8 +1,12 @@
 """Settings of a recipe as a form: fields with values and messages, and answers."""
 
+import re
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal
+
+import numpy as np
 
 from capture.station.domain.limits import RANGES, ROWS, GeneralLimits, Limits
 from capture.station.domain.recipe import CalibrationRule, Light, Orientation, Recipe, Region
@@ -43,6 +47,11 @@ class FormSection:
     hint: str
     fields: tuple[FormField, ...]
     message: str = ""
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether the section has a message to show."""
+        return bool(self.message or any(field.message for field in self.fields))
 
 
 @dataclass(frozen=True)
@@ -152,7 +161,7 @@ class RecipeForm:
             hint=COMMENTS.get(key, ""),
             kind=kind,
             value=self._text(name, value, is_truth=kind == "yes"),
-            message=self._message(place),
+            message=self._message(place, name),
         )
 
     def _text(self, name: str, value: Any, *, is_truth: bool) -> str:
@@ -160,16 +169,18 @@ class RecipeForm:
             return str(self._given.get(name, ""))
         if is_truth:
             return "yes" if value else ""
-        return "" if value is None else str(value)
+        return _shown(value)
 
     def _value(self, name: str, number: int) -> str:
         if self._given is not None:
             return str(self._given.get(name, ""))
         return "pass" if number < len(self._recipe.passes) else "fail"
 
-    def _message(self, place: Place) -> str:
+    def _message(self, place: Place, name: str = "") -> str:
         self._shown.add(place)
-        return self._messages.get(place, "")
+        message, text = self._messages.get(place, ""), str((self._given or {}).get(name, ""))
+        is_with_comma = message and re.fullmatch(r"-?\d+,\d+", text.strip())
+        return f"write {text.strip().replace(',', '.')}" if is_with_comma else message
 
 
 def settings_of(recipe: Recipe, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -190,11 +201,12 @@ def settings_of(recipe: Recipe, given: Mapping[str, Any]) -> dict[str, Any]:
         "limits_of": {},
     }
     for name, model in _MODELS.items():
-        settings[name] = dict(_given(model, name, given))
+        settings[name] = dict(_given(model, name, given, getattr(recipe, name)))
     if not settings["region"]:
         settings["region"] = None
     for number, texture in enumerate(recipe.passes):
-        limits = dict(_given(Limits, f"limits_of.{number}", given))
+        present = recipe.limits_of.get(texture)
+        limits = dict(_given(Limits, f"limits_of.{number}", given, present))
         if limits and texture in passes:
             settings["limits_of"][texture] = limits
     return settings
@@ -208,25 +220,41 @@ def _use(number: int) -> str:
     return f"use.{number}"
 
 
-def _given(model: type[Section], names: str, given: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+def _given(
+    model: type[Section], names: str, given: Mapping[str, Any], present: Section | None
+) -> Iterator[tuple[str, Any]]:
     for key in model.model_fields:
-        name = f"{names}.{key}"
+        name, value = f"{names}.{key}", getattr(present, key, None)
         if key in _TRUTHS:
             yield key, given.get(name) == "yes"
         elif key in RANGES:
-            both = [_number(given.get(f"{name}.{number}", "")) for number in range(len(_BOUNDS))]
+            values = value or (None, None)
+            both = [
+                _number(given.get(f"{name}.{number}", ""), values[number])
+                for number in range(len(_BOUNDS))
+            ]
             if any(each is not None for each in both):
                 yield key, both
-        elif (value := _number(given.get(name, ""))) is not None:
-            yield key, value
+        elif (number := _number(given.get(name, ""), value)) is not None:
+            yield key, number
 
 
-def _number(value: Any) -> int | float | str | None:
-    """A number where the text is one, None for an empty text, else the text."""
-    text = str(value).strip()
+def _shown(value: Any) -> str:
+    """Return a value of the recipe as its field shows it: a number with four digits."""
+    if isinstance(value, float):
+        return np.format_float_positional(value, precision=4, fractional=False, trim="-")
+    return "" if value is None else str(value)
+
+
+def _number(given: Any, present: float | None) -> int | float | str | None:
+    """Return a number where the text is one, None for an empty text, else the text.
+
+    A text that nobody changed is the present value, with all its digits.
+    """
+    text = str(given).strip()
+    if text == _shown(present):
+        return present
     for kind in (int, float):
-        try:
+        with suppress(ValueError):
             return kind(text)
-        except ValueError:
-            continue
     return text or None

@@ -3,6 +3,7 @@ import { ANSWER_MS } from "/static/requests.js";
 import { age, blankPictures, forgetThumbnails, showAges, showPictures, thumbnail } from "/static/part_pictures.js";
 
 const SILENCE_MS = 20000; // the state is asked for each 5 s
+const PATIENCE_MS = 2000; // a panel that is restarted is back before
 const REFRESH_MS = 5000; // the rate falls without an event, and a proxy may hold events back
 const RETRY_MS = 5000;
 const REJECTED = 12;
@@ -39,12 +40,14 @@ function shape(decision) {
 const partPage = (partId) => `/parts/${encodeURIComponent(partId)}`;
 
 function showVerdict(isOld) {
-  const decision = last === null ? "NONE" : last.decision;
+  const isCollected = last !== null && last.causes.includes("collected"); // it was not judged
+  const decision = last === null || isCollected ? "NONE" : last.decision;
   const block = byId("verdict");
   block.dataset.decision = decision;
   block.classList.toggle("old", isOld || !isConnected);
   block.querySelector("use").setAttribute("href", `#shape-${decision}`);
-  setText("word", last === null ? "NO PART YET" : decision);
+  setText("word", last === null ? "NO PART YET" : isCollected ? "COLLECTED" : decision);
+  setText("name-UNKNOWN", isCollected ? "COLLECTED" : "UNKNOWN");
   setText("reason", last === null ? "" : last.reason);
   setText("part", last === null ? "" : last.part_id);
   if (last !== null) byId("part").href = partPage(last.part_id);
@@ -54,7 +57,7 @@ function showVerdict(isOld) {
 }
 
 function showAge() {
-  setText("age", last === null ? "" : `judged ${age(last.decided_utc)} ago`);
+  setText("age", last === null ? "" : `${age(last.decided_utc)} ago`);
 }
 
 function showCounts() {
@@ -85,19 +88,27 @@ function showDevices(devices) {
   }));
 }
 
+function tellRejected() {
+  for (const [number, item] of [...byId("rejected").children].entries()) {
+    const part = rejected[number];
+    const seen = part.acknowledged_by ? `seen by ${part.acknowledged_by}, ` : "";
+    item.querySelector("p").textContent = `${seen}${age(part.decided_utc)} ago: ${part.reason}`;
+  }
+}
+
 function showRejected() {
   byId("rejected").replaceChildren(...rejected.map((part) => {
     const item = document.createElement("li");
     const link = document.createElement("a");
     const about = document.createElement("p");
+    about.title = part.reason;
     item.dataset.decision = part.decision;
     link.href = partPage(part.part_id);
     link.append(shape(part.decision), ` ${part.decision} ${part.part_id}`);
-    about.textContent = `${new Date(part.decided_utc).toLocaleTimeString()}: ${part.reason}`;
-    if (part.acknowledged_by) about.textContent += ` (seen by ${part.acknowledged_by})`;
     item.append(thumbnail(part), link, about);
     return item;
   }));
+  tellRejected();
   forgetThumbnails(rejected);
   byId("acknowledge").disabled = !isConnected || !rejected.some((part) => !part.acknowledged_by);
 }
@@ -132,7 +143,7 @@ const takes = {
     last = event;
     if (inspected === event.part_id) inspected = null;
     counts[event.decision] += 1;
-    if (event.decision !== "PASS") {
+    if (event.decision !== "PASS" && !event.causes.includes("collected")) {
       rejected = [{ ...event, acknowledged_by: null }, ...rejected].slice(0, REJECTED);
       showRejected();
     }
@@ -168,11 +179,13 @@ function disconnect() {
   byId("trigger").disabled = true;
 }
 
+// The verdict counts as old at once; the page says why if that lasts.
 function lost() {
   disconnect();
-  const lostPage = byId("lost");
-  lostPage.textContent = `No connection to the station for ${Math.round((Date.now() - heardMs) / 1000)} s. What is below is old.`;
-  lostPage.hidden = false;
+  const silentMs = Date.now() - heardMs;
+  if (silentMs < PATIENCE_MS) return;
+  byId("lost").textContent = `No connection to the station for ${Math.round(silentMs / 1000)} s. What is below is old.`;
+  byId("lost").hidden = false;
 }
 
 function follow() {
@@ -258,7 +271,8 @@ document.addEventListener("keydown", (event) => {
 setInterval(() => {
   showAge();
   showAges();
-  if (source !== null && Date.now() - heardMs > SILENCE_MS) lost();
+  tellRejected();
+  if (source !== null && (!isConnected || Date.now() - heardMs > SILENCE_MS)) lost();
 }, 1000);
 setInterval(() => {
   if (source !== null) refresh();

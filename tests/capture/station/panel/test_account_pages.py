@@ -22,14 +22,22 @@ def browser(panel: RunningPanel) -> Client:
 def test_an_administrator_adds_and_removes_users(panel: RunningPanel, browser: Client) -> None:
     user = {"action": "put user", "name": "kim", "role": "engineer", "password": PASSWORD}
     assert browser.form("/accounts", **user).status == 303
-    assert "<td>kim</td><td>engineer</td>" in browser.get("/accounts").text
+    text = browser.get("/accounts").text
+    assert "<td>kim</td><td>engineer</td>" in text
+    # The button that removes her comes after a first press.
+    assert re.search(r'<details><summary[^>]*kim">Remove</summary>\n<form [^>]*>', text)
     kim = panel.local
+    assert 'aria-label="Pages"' not in kim.get("/nowhere").text
     assert kim.log_in("kim").status == 303
     assert kim.get("/accounts").status == 403
+    for path in ("/nowhere", "/parts/nobody"):
+        answer = kim.get(path)
+        assert (answer.status, 'aria-label="Pages"' in answer.text) == (404, True)
     assert browser.form("/accounts", action="remove user", name="kim").status == 303
     assert kim.get("/").status == 303  # to the login
     changes = browser.get("/changes").text
-    assert changes.index("<td>user kim</td><td>engineer</td>") < changes.index("new password")
+    removed = '<td>user kim</td><td data-label="From">engineer</td>'
+    assert changes.index(removed) < changes.index("new password")
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,22 @@ from tests.capture.station.panel.pages import PAGES, REPORTS, address_of, logged
 from tests.capture.station.panel.panels import ServedPanel
 from tests.chromium import Chromium, Page, chromium
 
-SCREENS = {"screen, light": (1280, 800, False), "tablet, dark": (1024, 768, True)}
+SCREENS = {
+    "screen, light": (1280, 800, False), "tablet, dark": (1024, 768, True),
+    "telephone, light": (390, 844, False),
+}  # fmt: skip
+# Elements that reach beyond the screen and are in no box that scrolls.
+CUT = """
+[...document.querySelectorAll('main *')]
+  .filter((each) => each.checkVisibility() && each.getBoundingClientRect().right > innerWidth + 1
+    && !each.closest('.table, .hidden'))
+  .map((each) => each.outerHTML.slice(0, 100))
+"""
+# The sizes of the letters of all charts, as they are on the screen.
+LETTERS_PX = """
+[...document.querySelectorAll('.drawing text')].map(
+  (each) => parseFloat(getComputedStyle(each).fontSize) * each.getScreenCTM().a)
+"""
 FIRST_PAINT = "performance.getEntriesByName('first-contentful-paint')"
 pytestmark = [pytest.mark.browser]
 
@@ -63,6 +78,9 @@ def test_a_page_is_for_everybody_on_screens_and_tablets_in_a_light_and_a_dark_ro
         page.show(width, height, dark=dark)
         page.go(address)
         assert page.value("document.documentElement.scrollWidth") <= width
+        assert page.value(CUT) == []
+        assert min(page.value(LETTERS_PX), default=10.0) >= 10.0
+        assert page.value("document.documentElement.scrollHeight") < 6000
         back = page.value("getComputedStyle(document.body).backgroundColor")
         assert (sum(map(int, back[4:-1].split(","))) < 380) is dark
         assert page.value("document.querySelectorAll('h1').length") == 1

@@ -126,8 +126,9 @@ def test_a_page_without_its_station_says_so_and_shows_no_verdict_as_new(
         panel.parts(1)
         page = browser.page(panel.url)
         page.until("word.textContent == 'PASS' && !verdict.classList.contains('old')")
-    page.until("!lost.hidden && verdict.classList.contains('old')")
-    assert "No connection to the station" in page.text("lost")
+    page.until("verdict.classList.contains('old')")
+    page.until("!lost.hidden")
+    assert "No connection to the station for 0 s" not in page.text("lost")
     assert page.value("trigger.disabled && acknowledge.disabled")
 
 
@@ -226,6 +227,60 @@ def test_the_page_fits_screens_and_tablets_in_a_light_and_a_dark_room(
     back = page.value("getComputedStyle(document.body).backgroundColor")
     assert (sum(map(int, back[4:-1].split(","))) < 380) is dark
     page.picture(tmp_path / "page.png")
+    assert page.errors() == []
+
+
+# The bottom of each box that an operator watches.
+BOTTOMS = """
+['verdict', 'refused', 'rate', 'devices', 'rejected'].map(
+  (id) => document.getElementById(id).getBoundingClientRect().bottom)
+"""
+BANNER = "JSON.stringify(verdict.getBoundingClientRect())"
+SIZE = "parseFloat(getComputedStyle({}).fontSize)"
+
+
+@pytest.mark.browser
+def test_an_operator_sees_all_at_a_glance_and_nothing_moves(
+    panel: RunningPanel, browser: Chromium
+) -> None:
+    panel.bench.inspector.inspect = lambda _: Said(VERDICTS[Decision.FAIL])
+    panel.until_ready()
+    page = browser.page(panel.url, 1280, 800)
+    banner = page.value(BANNER)
+    panel.parts(12)
+    page.until("rejected.children.length == 12")
+    page.until("document.querySelector('#main-picture img')?.complete")
+    assert page.value(BANNER) == banner
+    assert max(page.value(BOTTOMS)) <= 800
+    # 20 mm at the usual 96 pixels an inch: a capital of 10 minutes of arc at 5 m.
+    assert page.value(SIZE.format("word")) >= 96
+    page.show(390, 844)
+    assert page.value(SIZE.format("word")) >= 4 * page.value(SIZE.format("reason"))
+    assert page.value("document.scrollingElement.scrollWidth") <= 390
+    assert page.errors() == []
+
+
+COLLECTED = Verdict(Decision.UNKNOWN, "not judged", (Cause.COLLECTED,))
+
+
+def test_a_collected_part_has_no_verdict(panel: RunningPanel) -> None:
+    panel.bench.inspector.inspect = lambda _: Said(COLLECTED)
+    panel.parts(1)
+    page = panel.local.get("/").text
+    assert 'data-decision="NONE" aria-label="Last part"' in page
+    assert 'role="status">COLLECTED<' in page
+    assert panel.live.snapshot().rejected == ()
+
+
+@pytest.mark.browser
+def test_a_collecting_run_shows_that_it_collects(panel: RunningPanel, browser: Chromium) -> None:
+    panel.bench.inspector.inspect = lambda _: Said(COLLECTED)
+    panel.until_ready()
+    page = browser.page(panel.url)
+    panel.parts(1)
+    page.until("word.textContent == 'COLLECTED' && verdict.dataset.decision == 'NONE'")
+    assert page.value("document.getElementById('name-UNKNOWN').textContent") == "COLLECTED"
+    assert page.value("rejected.children.length") == 0
     assert page.errors() == []
 
 

@@ -30,6 +30,7 @@ class Scratched:
     """What the inspector says of a part with two defects."""
 
     verdict: Verdict = BAD
+    defects: tuple[DefectRecord, ...] = (SCRATCH, STAIN)
 
     def recorded(self, part: PartResult) -> PartResult:
         return replace(
@@ -39,7 +40,7 @@ class Scratched:
             distance=1.25,
             limit=1.0,
             defect_score=3.1,
-            defects=(SCRATCH, STAIN),
+            defects=self.defects,
         )
 
 
@@ -191,6 +192,22 @@ def test_three_presses_lead_from_the_verdict_to_the_defect(
     page.until("!shown.hidden && shown.complete && shown.naturalWidth == 32 && relit.hidden")
     assert grave_findings(page) == []
     assert page.errors() == []
+
+
+@pytest.mark.browser
+def test_many_defects_leave_the_views_beside_the_picture(
+    scratched: RunningPanel, browser: Chromium
+) -> None:
+    scratched.bench.inspector.inspect = lambda _: Scratched(defects=22 * (SCRATCH,))
+    (part_id,) = scratched.parts(1)
+    page = browser.page(f"{scratched.url}parts/{part_id}", 1280, 800)
+    page.until(SHOWN)
+    assert page.value("document.querySelectorAll('#defects button').length") == 22
+    assert page.value("views.getBoundingClientRect().top < stage.getBoundingClientRect().bottom")
+    page.show(390, 844)
+    assert page.value("document.scrollingElement.scrollWidth") <= 390
+    narrowest = "Math.min(...[...document.querySelectorAll('dd')].map((each) => each.clientWidth))"
+    assert page.value(narrowest) > 150
 
 
 @pytest.mark.browser

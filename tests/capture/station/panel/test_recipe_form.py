@@ -2,6 +2,7 @@
 
 import pytest
 
+from capture.station.domain.limits import GeneralLimits, Limits
 from capture.station.domain.recipe import Recipe
 from capture.station.panel.recipes.recipe_form import RecipeForm, settings_of
 
@@ -23,3 +24,36 @@ def test_acknowledged_faults_are_texts_between_commas() -> None:
     recipe = RECIPE.model_copy(update={"acknowledged": ("dent", "hole")})
     field = RecipeForm(recipe).sections()[0].fields[1]
     assert (field.kind, field.value) == ("text", "dent, hole")
+
+
+def test_a_number_is_shown_with_four_digits_and_kept_with_all_if_nobody_changes_it() -> None:
+    exact = 0.06072058624977393
+    recipe = RECIPE.model_copy(
+        update={
+            "limits": GeneralLimits(unmeasured_fraction=exact),
+            "limits_of": {"steel": Limits(sdq=(exact, 12345.678))},
+        }
+    )
+    shown = {
+        field.name: field.value for section in RecipeForm(recipe).sections()
+        for field in section.fields
+    }  # fmt: skip
+    assert shown["limits.unmeasured_fraction"] == "0.06072"
+    assert (shown["limits_of.0.sdq.0"], shown["limits_of.0.sdq.1"]) == ("0.06072", "12350")
+    given = shown | {"use.0": "pass", "limits_of.0.sdq.1": "12350.5"}
+    settings = settings_of(recipe, given)
+    assert settings["limits"]["unmeasured_fraction"] == exact
+    assert settings["limits_of"]["steel"]["sdq"] == [exact, 12350.5]
+
+
+def test_a_number_with_a_comma_is_answered_with_what_to_write() -> None:
+    given = {"use.0": "pass", "light.exposure_ms": " 22,5 ", "limits_of.0.sdq.0": "1,x"}
+    assert settings_of(RECIPE, given)["light"]["exposure_ms"] == "22,5"
+    messages = {("light", "exposure_ms"): "no", ("limits_of", "steel", "sdq", 0): "no"}
+    fields = {
+        field.name: field.message
+        for section in RecipeForm(RECIPE, given, messages).sections()
+        for field in section.fields
+    }
+    assert fields["light.exposure_ms"] == "write 22.5"
+    assert fields["limits_of.0.sdq.0"] == "no"

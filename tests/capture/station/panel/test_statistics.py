@@ -4,10 +4,12 @@ import csv
 import io
 import json
 import re
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from html import unescape
 from typing import Any
+from urllib.parse import parse_qsl
 
 import cv2
 import numpy as np
@@ -172,7 +174,7 @@ def test_each_figure_has_its_numbers_as_csv_and_its_picture(filled: RunningPanel
         assert png.headers["content-type"] == "image/png"
         image = cv2.imdecode(np.frombuffer(png.body, np.uint8), cv2.IMREAD_COLOR)
         assert image is not None
-        assert image.shape[1] == 1200
+        assert image.shape[1] == 960
         assert len(np.unique(image)) > 10
     missing = filled.local.get("/api/v1/statistics/gauge.csv")
     assert missing.status == 404
@@ -194,6 +196,33 @@ def test_a_wrong_filter_is_named_on_the_page(filled: RunningPanel, address: str,
     answer = filled.local.get(address)
     assert answer.status == 400
     assert said in unescape(answer.text)
+
+
+def test_the_form_of_a_page_is_on_the_clock_of_the_station(
+    filled: RunningPanel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TZ", "America/New_York")
+    time.tzset()
+    page = filled.local.get("/history?since=2026-11-22&until=2026-07-01T08:30").text
+    monkeypatch.undo()
+    time.tzset()
+    assert 'name="since" value="2026-11-22T00:00"' in page
+    assert 'name="until" value="2026-07-01T08:30"' in page
+    link = re.search(r'/api/v1/parts.csv\?([^"]*)', page)
+    assert link is not None
+    query = dict(parse_qsl(unescape(link[1])))
+    assert query["since"] == "2026-11-22T05:00:00.000Z"
+    assert query["until"] == "2026-07-01T12:30:59.999Z"
+    assert re.search(r"Times: E[SD]T, UTC-0[45]:00", page)
+
+
+def test_classes_of_results_are_a_list_that_has_what_is_asked(filled: RunningPanel) -> None:
+    page = filled.local.get("/history?class=elsewhere").text
+    select = page.partition('<select name="class">')[2].partition("</select>")[0]
+    options = re.findall(r"<option[^>]*>([^<]*)", select)
+    assert options[0] == "any"
+    assert len(options) > 2
+    assert "<option selected>elsewhere</option>" in select
 
 
 def test_a_selection_without_parts_says_so(filled: RunningPanel) -> None:

@@ -59,7 +59,20 @@ def test_parts_that_come_while_pages_are_read_are_left_out(store: ResultStore) -
 )
 def test_what_no_database_can_hold_selects_nothing(store: ResultStore, value: str) -> None:
     inspect(store)
-    for selection in (Selection(part_id=value), Selection(label=value), Selection(recipe=value)):
+    names = ("part_id", "part_of_id", "label", "recipe")
+    for selection in (
+        Selection(**{name: value}) for name in names if value or name != "part_of_id"
+    ):
         assert list(store.parts(selection)) == []
         assert store.counters(selection).production.parts == 0
     assert store.known([value]) == set()
+
+
+@pytest.mark.parametrize(("text", "found"), [("a-1", ["A-1", "xa-17"]), ("%", []), ("_", ["b_2"])])
+def test_parts_are_found_by_a_part_of_their_id(
+    store: ResultStore, text: str, found: list[str]
+) -> None:
+    for part_id in ("A-1", "xa-17", "b_2"):
+        inspect(store, part_id=part_id)
+    entries = store.parts(Selection(part_of_id=text))
+    assert [each.result.part_id for each in entries] == found

@@ -6,6 +6,7 @@
 import os
 import time
 from collections import Counter
+from datetime import timedelta, timezone
 from pathlib import Path
 
 import pytest
@@ -103,6 +104,15 @@ def test_periods_are_hours_days_or_months_by_their_span(store: ResultStore) -> N
     assert at("2026-11-23T17:08") == ["2026-11-22T17", "2026-11-23T17"]
     assert at("2026-12-01T00:00") == ["2026-11-22", "2026-11-23", "2026-12-01"]
     assert at("2027-05-01T00:00") == ["2026-11", "2026-12", "2027-05"]
+
+
+def test_periods_are_of_a_zone(store: ResultStore) -> None:
+    east = timezone(timedelta(hours=9))
+    inspect(store, triggered_utc="2026-11-22T17:08:00.000Z")
+    assert [each.begin for each in counted_periods(store, PRODUCTION, east)] == ["2026-11-23T02"]
+    inspect(store, triggered_utc="2026-11-30T17:08:00.000Z")
+    days = counted_periods(store, PRODUCTION, east)
+    assert [(each.begin, each.parts) for each in days] == [("2026-11-23", 1), ("2026-12-01", 1)]
 
 
 def test_a_clock_that_jumps_leaves_the_answer_bounded(store: ResultStore) -> None:
