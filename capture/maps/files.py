@@ -19,7 +19,7 @@ from classify.base.durable_file import durable_folder
 from classify.base.errors import InputError
 from classify.lights.flat_field import FlatField
 
-from .map_kinds import MAP_KINDS, map_views
+from .map_kinds import kinds_of, map_views
 from .map_tiff import write_channels, write_values
 from .pictures import Picture
 from .surface_maps import RELIT_LIGHT, SurfaceMaps
@@ -104,6 +104,8 @@ def _facts(captured: CapturedSet, maps: SurfaceMaps) -> Iterator[tuple[str, str]
     yield "image", f"{columns} x {rows} px, {metadata.bit_depth} bit"
     if maps.mm_per_px is not None:
         yield "scale", f"{maps.mm_per_px:.4g} mm/px"
+    if surface.angle_sd is not None:
+        yield "noise", "of the sensor" if surface.noise_given else "estimated from the images"
     yield "lights", f"{len(lighting)}, slant {_span(lighting.slants_deg)}°"
     if lighting.positions_px is not None:
         distances_px = np.linalg.norm(lighting.positions_px, axis=1)
@@ -180,6 +182,7 @@ def write_maps(
     origin = {
         "method": surface.method,
         "planar": surface.planar,
+        "noise": "of the sensor" if surface.noise_given else "estimated from the images",
         "mm_per_px": mm_per_px,
         "calibration": None if calibration is None else calibration.path.name,
         "calibration_sha256": None if calibration is None else calibration.file.hash,
@@ -198,7 +201,7 @@ def write_maps(
         "roughness.json": json.dumps(origin | roughness, indent=2, allow_nan=False),
         _PAGE: map_page(captured, maps, views, calibration, raw_residual),
     }
-    tiffs = [kind for kind in MAP_KINDS.values() if kind.is_written]
+    tiffs = [kind for kind in kinds_of(surface) if kind.is_written]
     masks = [kind for kind in tiffs if kind.is_mask]
     names = [f"{kind.name}.tif" for kind in tiffs] + [f"{kind.name}.png" for kind in masks]
     names += [_PREVIEW, *texts]
