@@ -9,7 +9,7 @@ Rows = tuple[Array, ...]
 
 # A residual whose square exceeds this multiple of that of the pixels around is an error of its own:
 # one normal residual in 370 does.
-_OWN = np.float32(9.0)
+OWN = np.float32(9.0)
 # A pixel value whose square is below this multiple of its variance does not tell the factor that
 # divided it.
 KNOWN = np.float32(4.0)
@@ -156,7 +156,7 @@ def _judge(
         mean = total[c] / lights
         variance = model[c] * mean * mean
         own = energy[c] / freedom
-        is_own = (chosen == none) & (own > _OWN * (variance + expected[c] / freedom))
+        is_own = (chosen == none) & (own > OWN * (variance + expected[c] / freedom))
         total[c] = variance + (own if is_own else zero)
 
 

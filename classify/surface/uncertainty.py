@@ -22,6 +22,7 @@ from .deviation_kernels import (
     DEGREES,
     FIRST_POWER,
     KNOWN,
+    OWN,
     POWERS,
     SECOND_AXIS,
     propagate_errors,
@@ -151,6 +152,9 @@ def _model_errors(solution: _Solution, pinv: FloatMap) -> tuple[FloatMap, Floats
     strengths = _strengths(remainder @ lobes, residuals, bright / expected)
     lobe = np.tensordot(strengths.astype(np.float32), lobes, 1)
     excess = np.square(residuals - remainder @ lobe).sum(axis=0) - expected
+    # Larger ones, as those of an edge, are errors of their own pixel: see `_judge`.
+    usual = max(float(np.median(excess[lit])), 0.0) if lit.any() else 0.0
+    excess = np.minimum(excess, OWN * (expected + usual))
     brightness = values.mean(axis=0)
 
     def around(quantity: FloatMap) -> FloatMap:
