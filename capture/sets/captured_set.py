@@ -269,13 +269,15 @@ class LoadedSet:
         """Warnings about the calibration."""
         return () if self.found_calibration is None else self.found_calibration.warnings
 
-    def solve_texture(self, method: Method | None, *, planar: bool) -> SurfaceEstimate:
+    def solve_texture(
+        self, method: Method | None, *, planar: bool, uncertainty: bool = False
+    ) -> SurfaceEstimate:
         """Solve a part with a texture.
 
         With a flat field in the calibration, no fall-off is fitted to the part.
         """
         has_flat_field = self.calibration is not None and self.calibration.flat_field is not None
-        return self.solve(method, planar=planar and not has_flat_field)
+        return self.solve(method, planar=planar and not has_flat_field, uncertainty=uncertainty)
 
     def solve(
         self, method: Method | None = None, *, planar: bool = False, uncertainty: bool = False
