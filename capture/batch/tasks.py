@@ -191,8 +191,9 @@ def solve_set(
     captured, applied, source = loaded.captured, loaded.calibration, loaded.found_calibration
     with named(task.path):
         surface = captured.solve(
-            method, planar=planar, calibration=applied, raw=raw, on_progress=on_progress
-        )
+            method, planar=planar, calibration=applied, raw=raw, uncertainty=True,
+            on_progress=on_progress,
+        )  # fmt: skip
         raw_residual = None
         if applied is not None:
             raw_residual = captured.solve(method, planar=planar, raw=True).residual_share

@@ -33,6 +33,7 @@ class Side:
     surface: SurfaceEstimate
     texture: SurfaceEstimate  # solved as for a texture; for a folder, `surface` itself
     maps: _Maps  # (H, W), NaN where not valid
+    deviations: Mapping[str, npt.NDArray[np.float32]]  # standard deviations of maps that have one
     facts: Mapping[str, Mapping[str, Any]]  # values by field, by group
     simulated: bool
     orientation_deg: float | None
@@ -51,7 +52,7 @@ def side_of(path: Path, calibration: Path | None = None, *, raw: bool = False) -
 
 def _set(path: Path, loaded: LoadedSet) -> Side:
     captured, applied = loaded.captured, loaded.calibration
-    surface = loaded.solve()
+    surface = loaded.solve(uncertainty=True)
     mm_per_px = None if applied is None or applied.scale is None else applied.scale.mm_per_px
     solved = SurfaceMaps(surface, mm_per_px=mm_per_px)
     maps: _Maps = {}
@@ -61,6 +62,9 @@ def _set(path: Path, loaded: LoadedSet) -> Side:
             solved.values(kind),
             unit_text(described["unit"], relative=described.get("relative", False)),
         )
+    deviations = {
+        name: solved.values(MAP_KINDS[f"{name}_sd"]) for name in maps if f"{name}_sd" in MAP_KINDS
+    }
     facts = _facts_of_set(captured)
     if loaded.found_calibration is not None:
         records = loaded.found_calibration.file.records
@@ -75,6 +79,7 @@ def _set(path: Path, loaded: LoadedSet) -> Side:
         surface,
         texture,
         maps,
+        deviations,
         facts,
         metadata.simulated,
         metadata.orientation_deg,
@@ -136,6 +141,9 @@ def _folder(folder: Path) -> Side:
         p=p, q=q, albedo=albedo, valid=valid,
         method=str(description.get("method", "")), planar=bool(description.get("planar")),
     )  # fmt: skip
+    deviations = {
+        name: read_map(path)[0] for name in maps if (path := folder / f"{name}_sd.tif").is_file()
+    }
     columns, rows = surface.shape[1], surface.shape[0]
     facts = {
         "set": {name: description.get(name) for name in ("label", "pixels_sha256")},
@@ -149,7 +157,8 @@ def _folder(folder: Path) -> Side:
         },
         "software": {"version": description.get("software_version")},
     }  # fmt: skip
-    return Side(folder, surface, surface, maps, facts, bool(description.get("simulated")), None)
+    simulated = bool(description.get("simulated"))
+    return Side(folder, surface, surface, maps, deviations, facts, simulated, None)
 
 
 def _compared() -> dict[str, MapKind]:

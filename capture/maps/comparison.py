@@ -48,6 +48,8 @@ class MapDifference:
     p95: float  # 95th percentile of the magnitudes
     largest: float  # magnitude
     correlation: float  # of the two maps: near 1 for a part that lies as before; 0 if constant
+    # rms of the differences over their standard deviations, near 1 for noise alone; if known
+    rms_in_deviations: float | None = None
 
 
 def map_difference(
@@ -55,8 +57,12 @@ def map_difference(
     second: npt.NDArray[np.floating[Any]],
     valid: npt.NDArray[np.bool_],
     unit: str,
+    deviation: npt.NDArray[np.floating[Any]] | None = None,
 ) -> MapDifference | None:
-    """Compare two (H, W) maps pixel by pixel; None if no pixel is valid or finite in both."""
+    """Compare two (H, W) maps pixel by pixel; None if no pixel is valid or finite in both.
+
+    `deviation` is the (H, W) standard deviation of the difference.
+    """
     used = valid & np.isfinite(first) & np.isfinite(second)
     if not used.any():
         return None
@@ -70,6 +76,9 @@ def map_difference(
         p95=float(np.percentile(magnitudes, 95)),
         largest=float(magnitudes.max()),
         correlation=_correlation(one, other),
+        rms_in_deviations=None
+        if deviation is None
+        else float(np.sqrt(np.mean((off / deviation[used]) ** 2))),
     )
 
 
@@ -144,7 +153,10 @@ def compare(first: Side, second: Side) -> Comparison:
         valid = first.surface.valid & second.surface.valid
         for name, (values, unit) in first.maps.items():
             others, other_unit = second.maps[name]
-            difference = map_difference(values, others, valid, unit)
+            deviation = None
+            if name in first.deviations and name in second.deviations:
+                deviation = np.hypot(first.deviations[name], second.deviations[name])
+            difference = map_difference(values, others, valid, unit, deviation)
             if unit == other_unit and difference is not None:
                 maps[name] = difference
         if valid.any():

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Collection, Iterator
+from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -13,13 +14,14 @@ from capture.base.page import rendered
 from capture.calibration.lookup import FoundCalibration
 from capture.maps import pictures
 from capture.sets.captured_set import CapturedSet
-from classify import Lighting, Roughness, SurfaceEstimate
+from classify import Lighting, SurfaceEstimate
 from classify.base.arrays import Floats
 from classify.base.durable_file import durable_folder
 from classify.base.errors import InputError
 from classify.lights.flat_field import FlatField
+from classify.relief.roughness_uncertainty import common_error
 
-from .map_kinds import MAP_KINDS, map_views
+from .map_kinds import kinds_of, map_views
 from .map_tiff import write_channels, write_values
 from .pictures import Picture
 from .surface_maps import RELIT_LIGHT, SurfaceMaps
@@ -27,29 +29,64 @@ from .views import MapKind, MapView, mask_picture
 
 _OF_A_PIXEL = "ISO 25178-2 over the valid pixels, at the scale of a pixel"
 _RELATIVE_NOTE = (
-    f"{_OF_A_PIXEL}; noise raises all of them. Sa and Sq come from relative height without its "
+    f"{_OF_A_PIXEL}; {{}}. Sa and Sq come from relative height without its "
     "mean plane and are not lengths: compare them only between images of one size and "
     "magnification."
 )
 _LENGTHS_NOTE = (
-    "{}, {:.3g} mm; noise raises all of them. Sa and Sq come from height without its mean plane. "
+    "{}, {:.3g} mm; {}. Sa and Sq come from height without its mean plane. "
     "Errors of slopes add up over the frame: compare them only between images of one size."
 )
 _UM_PER_MM = 1e3
 
 
-def roughness_note(mm_per_px: float | None) -> str:
+_WITH_NOISE = "noise raises all of them"
+_WITHOUT_NOISE = (
+    "noise is subtracted from Sdq and Sq; expanded uncertainties with k = 2, without errors of the "
+    "calibration"
+)
+
+
+def roughness_note(maps: SurfaceMaps) -> str:
     """Return the meaning of the parameters, with or without a scale."""
-    return _RELATIVE_NOTE if mm_per_px is None else _LENGTHS_NOTE.format(_OF_A_PIXEL, mm_per_px)
+    noise = _WITH_NOISE if maps.roughness_uncertainty is None else _WITHOUT_NOISE
+    if maps.mm_per_px is None:
+        return _RELATIVE_NOTE.format(noise)
+    return _LENGTHS_NOTE.format(_OF_A_PIXEL, maps.mm_per_px, noise)
+
+
+def _uncertainty(maps: SurfaceMaps, calibration: FoundCalibration | None) -> dict[str, Any] | None:
+    """Return what holds for the whole frame: heights, and errors of the calibration."""
+    uncertainty = maps.roughness_uncertainty
+    if uncertainty is None:
+        return None
+    surface, length = maps.surface, float(maps.length_per_px)
+    angles = surface.angle_sd[surface.valid] if surface.angle_sd is not None else np.zeros(1)
+    lights = None if calibration is None else calibration.file.calibration.lights
+    common = None
+    if lights is not None and surface.lighting is not None:
+        levels = np.full(len(surface.lighting), lights.residual)
+        common = asdict(common_error(surface, lights.direction_errors_deg, levels))
+    return {
+        "median_angle_sd_deg": float(np.median(angles)),
+        "height_difference_sd": [
+            {"distance": length * px, "sd": length * sd, "unit": maps.length_unit}
+            for px, sd in uncertainty.height_sd_px.items()
+        ],
+        "calibration": common,
+    }
 
 
 def _roughness_parameters(
-    roughness: Roughness | None, mm_per_px: float | None
+    maps: SurfaceMaps,
 ) -> dict[str, dict[str, Any]]:
     """Return name, value and unit of each parameter by symbol, and whether it is relative.
 
     A value is None if no pixel is valid; Sa and Sq are in um, or relative in px without a scale.
+    Of a surface with deviations, noise is subtracted, and the expanded uncertainty is with it.
     """
+    uncertainty, mm_per_px = maps.roughness_uncertainty, maps.mm_per_px
+    roughness = maps.roughness if uncertainty is None else uncertainty.corrected
     relative = mm_per_px is None
     unit, per_px = ("px", 1.0) if mm_per_px is None else ("um", _UM_PER_MM * mm_per_px)
     rows = (
@@ -65,6 +102,11 @@ def _roughness_parameters(
             "unit": unit,
             "relative": relative,
         }
+        | (
+            {}
+            if uncertainty is None
+            else {"expanded_uncertainty": factor * getattr(uncertainty.expanded, field)}
+        )
         for symbol, name, field, unit, factor, relative in rows
     }
 
@@ -88,8 +130,8 @@ def map_page(
         metadata=metadata,
         facts=(*_facts(captured, maps), *_calibration(maps.surface, calibration, raw_residual)),
         views=views,
-        roughness=_roughness_parameters(maps.roughness, maps.mm_per_px),
-        roughness_note=roughness_note(maps.mm_per_px),
+        roughness=_roughness_parameters(maps),
+        roughness_note=roughness_note(maps),
         units=_UNITS,
     )
 
@@ -104,6 +146,8 @@ def _facts(captured: CapturedSet, maps: SurfaceMaps) -> Iterator[tuple[str, str]
     yield "image", f"{columns} x {rows} px, {metadata.bit_depth} bit"
     if maps.mm_per_px is not None:
         yield "scale", f"{maps.mm_per_px:.4g} mm/px"
+    if surface.angle_sd is not None:
+        yield "noise", "of the sensor" if surface.noise_given else "estimated from the images"
     yield "lights", f"{len(lighting)}, slant {_span(lighting.slants_deg)}°"
     if lighting.positions_px is not None:
         distances_px = np.linalg.norm(lighting.positions_px, axis=1)
@@ -180,6 +224,7 @@ def write_maps(
     origin = {
         "method": surface.method,
         "planar": surface.planar,
+        "noise": "of the sensor" if surface.noise_given else "estimated from the images",
         "mm_per_px": mm_per_px,
         "calibration": None if calibration is None else calibration.path.name,
         "calibration_sha256": None if calibration is None else calibration.file.hash,
@@ -191,14 +236,15 @@ def write_maps(
     views = map_views(captured, maps)
     roughness = {
         "valid_pixels": int(np.count_nonzero(surface.valid)),
-        "note": roughness_note(mm_per_px),
-        "parameters": _roughness_parameters(maps.roughness, mm_per_px),
+        "note": roughness_note(maps),
+        "parameters": _roughness_parameters(maps),
+        "uncertainty": _uncertainty(maps, calibration),
     }
     texts = {
         "roughness.json": json.dumps(origin | roughness, indent=2, allow_nan=False),
         _PAGE: map_page(captured, maps, views, calibration, raw_residual),
     }
-    tiffs = [kind for kind in MAP_KINDS.values() if kind.is_written]
+    tiffs = [kind for kind in kinds_of(surface) if kind.is_written]
     masks = [kind for kind in tiffs if kind.is_mask]
     names = [f"{kind.name}.tif" for kind in tiffs] + [f"{kind.name}.png" for kind in masks]
     names += [_PREVIEW, *texts]

@@ -3,11 +3,14 @@
 A new map is a function that computes it, and a row.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 import numpy.typing as npt
 
 from capture.sets.captured_set import CapturedSet
-from classify import local_relief, relight
+from classify import SurfaceEstimate, local_relief, relight
+from classify.base.arrays import FloatMap
 from classify.relief.curvature import CURVATURE_SCALE_PX
 
 from . import pictures, views
@@ -17,6 +20,14 @@ from .views import LENGTH, SHOWN_LIGHTS, MapKind, MapView
 
 def _inside(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint8]:
     return mask * np.uint8(255)
+
+
+def _deviation(name: str) -> Callable[[SurfaceMaps], FloatMap]:
+    def compute(maps: SurfaceMaps) -> FloatMap:
+        deviations: FloatMap = getattr(maps.surface, f"{name}_sd")
+        return deviations
+
+    return compute
 
 
 _ROWS = (
@@ -76,6 +87,20 @@ _ROWS = (
         "1/{length}^2",
     ),
     MapKind(
+        "angle_sd", "Quality", "standard deviation of the normal",
+        "Angle of which 1.96 times hold 95 % of the errors of the normal: noise, departures from "
+        "a matt surface, completed shadows. Without errors of the calibration.",
+        _deviation("angle"), views.grey, "deg", is_deviation=True,
+    ),
+    *(
+        MapKind(
+            f"{name}_sd", "Quality", f"standard deviation of {name}", "",
+            _deviation(name), views.grey, unit,
+            is_shown=False, is_deviation=True,
+        )
+        for name, unit in (("p", "1"), ("q", "1"), ("albedo", "full scale"))
+    ),
+    MapKind(
         "shadow", "Quality", "lights in shadow",
         "Number of lights that give at most half of the predicted brightness: cast and "
         "attached shadow. 0 where no slope is known, as on a black backdrop.",
@@ -103,6 +128,13 @@ _ROWS = (
 MAP_KINDS: dict[str, MapKind] = {kind.name: kind for kind in _ROWS}
 
 
+def kinds_of(surface: SurfaceEstimate) -> list[MapKind]:
+    """Return the maps that a surface has: deviations only if it was solved with them."""
+    return [
+        kind for kind in MAP_KINDS.values() if not kind.is_deviation or surface.angle_sd is not None
+    ]
+
+
 def map_views(captured: CapturedSet, maps: SurfaceMaps) -> dict[str, list[MapView]]:
     """Return the views of a set and its surface by section, in the order of the page."""
     lights = len(captured.images)
@@ -113,6 +145,7 @@ def map_views(captured: CapturedSet, maps: SurfaceMaps) -> dict[str, list[MapVie
             for name, picture in pictures.light_images(captured, SHOWN_LIGHTS).items()
         ]
     }
-    for kind in MAP_KINDS.values():
-        sections.setdefault(kind.section, []).append(kind.show(kind, maps))
+    for kind in kinds_of(maps.surface):
+        if kind.is_shown:
+            sections.setdefault(kind.section, []).append(kind.show(kind, maps))
     return sections

@@ -19,6 +19,7 @@ from classify import (
 )
 from classify.base.errors import InputError
 from classify.relief.height import default_cutoff_px
+from classify.relief.roughness_uncertainty import RoughnessUncertainty, roughness_uncertainty
 from classify.surface.estimate import FloatMap
 
 if TYPE_CHECKING:
@@ -71,6 +72,16 @@ class SurfaceMaps:
         if not self.surface.valid.any():
             return None
         return surface_roughness(self.surface, self.height / self.length_per_px)
+
+    @cached_property
+    def roughness_uncertainty(self) -> RoughnessUncertainty | None:
+        """Uncertainty of the roughness; None for a surface without deviations."""
+        if self.roughness is None or self.surface.p_sd is None:
+            return None
+        across_px = float(self.surface.shape[1] - 1)
+        of_mm = () if self.mm_per_px is None else (1.0 / self.mm_per_px,)
+        distances = (*(px for px in of_mm if px < across_px), across_px)
+        return roughness_uncertainty(self.surface, self.roughness, distances)
 
     @property
     def tilts_deg(self) -> list[float]:

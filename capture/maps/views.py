@@ -75,6 +75,8 @@ class MapKind:
     details: Callable[[SurfaceMaps], dict[str, Any]] | None = None  # further text of the file
     is_compared: bool = False  # whether `ps4rig compare` compares it
     is_written: bool = True  # to a file; else there is only a picture
+    is_shown: bool = True  # on the page; else there is only a file
+    is_deviation: bool = False  # only of a surface that was solved with its uncertainty
 
     @property
     def is_mask(self) -> bool:

@@ -29,6 +29,7 @@ from classify.library.dissimilarity import (
 
 from .folder import SessionFolder
 from .journal import SetEntry
+from .repeatability import Repeatability, first_repeats, repeatability_of
 
 # Distances of patches of one texture are log-normal with this deviation (joint_learning.py). In
 # one of a hundred sessions the largest distance is beyond the limit by chance.
@@ -68,6 +69,7 @@ class SessionAnalysis:
     separation: Separation | None  # None with fewer than two specimens that have a texture
     damaged: dict[str, str]  # errors of the sets that cannot be read or solved, by their files
     remarks: list[tuple[str, str]]  # (file, remark) for a person to look at
+    repeatability: list[Repeatability]  # of placements with repeated sets
 
 
 def analyse(
@@ -88,7 +90,18 @@ def analyse(
     separation = _separation(folder.path, entries, specimens, damaged, on_progress)
     entries = [entry for entry in entries if entry.file not in damaged]
     remarks = [*_remarks(entries, separation)]
-    return SessionAnalysis(entries, specimens, separation, damaged, remarks)
+    repeatability = [*_repeatability(folder.path, entries, damaged)]
+    return SessionAnalysis(entries, specimens, separation, damaged, remarks, repeatability)
+
+
+def _repeatability(
+    folder: Path, entries: list[SetEntry], damaged: dict[str, str]
+) -> Iterator[Repeatability]:
+    for pair in first_repeats(entries):
+        loaded = [_loaded(folder, entry, damaged) for entry in pair]
+        surfaces = [each.solve(uncertainty=True) for each in loaded if each is not None]
+        if len(surfaces) == len(pair) and (found := repeatability_of(pair[0], *surfaces)):
+            yield found
 
 
 def _loaded(folder: Path, entry: SetEntry, damaged: dict[str, str]) -> LoadedSet | None:

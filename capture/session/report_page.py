@@ -184,6 +184,7 @@ def report_page(folder: SessionFolder, analysis: SessionAnalysis) -> str:
         levels=_levels_figure(analysis.entries),
         orientations=_orientations_figure(analysis.entries),
         entries=analysis.entries,
+        repeatability=analysis.repeatability,
         separation=[]
         if analysis.separation is None
         else [draw(analysis.separation) for draw in (_matrix_figure, _tree_figure, _map_figure)],

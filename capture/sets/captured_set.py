@@ -118,6 +118,7 @@ class CapturedSet:
         planar: bool = False,
         calibration: Calibration | None = None,
         raw: bool = False,
+        uncertainty: bool = False,
         on_progress: Callable[[float], None] | None = None,
     ) -> SurfaceEstimate:
         """Solve for gradients and albedo, with ambient light subtracted.
@@ -133,6 +134,8 @@ class CapturedSet:
             that it names, which is looked for as by ``ps4rig solve``.
         raw
             Use no calibration.
+        uncertainty
+            Add the standard deviations of slopes, albedo and normals.
 
         Raises
         ------
@@ -151,7 +154,7 @@ class CapturedSet:
             stack.images, applied.lighting_of(self.lighting), method, ambient=stack.ambient,
             full_scale=full_scale, noise=self.noise_with(applied), planar=planar,
             mask=None if self.mask is None else applied.corrected_mask(self.mask),
-            flat_field=applied.flat_field, on_progress=on_progress,
+            flat_field=applied.flat_field, uncertainty=uncertainty, on_progress=on_progress,
             lobe_exponent=None if applied.lights is None else applied.lights.lobe_exponent,
         )  # fmt: skip
 
@@ -266,20 +269,25 @@ class LoadedSet:
         """Warnings about the calibration."""
         return () if self.found_calibration is None else self.found_calibration.warnings
 
-    def solve_texture(self, method: Method | None, *, planar: bool) -> SurfaceEstimate:
+    def solve_texture(
+        self, method: Method | None, *, planar: bool, uncertainty: bool = False
+    ) -> SurfaceEstimate:
         """Solve a part with a texture.
 
         With a flat field in the calibration, no fall-off is fitted to the part.
         """
         has_flat_field = self.calibration is not None and self.calibration.flat_field is not None
-        return self.solve(method, planar=planar and not has_flat_field)
+        return self.solve(method, planar=planar and not has_flat_field, uncertainty=uncertainty)
 
-    def solve(self, method: Method | None = None, *, planar: bool = False) -> SurfaceEstimate:
+    def solve(
+        self, method: Method | None = None, *, planar: bool = False, uncertainty: bool = False
+    ) -> SurfaceEstimate:
         """Solve with the calibration, or without one if there is none."""
         calibration = self.calibration
         return self.captured.solve(
-            method, planar=planar, calibration=calibration, raw=calibration is None
-        )
+            method, planar=planar, calibration=calibration, raw=calibration is None,
+            uncertainty=uncertainty,
+        )  # fmt: skip
 
 
 @contextmanager

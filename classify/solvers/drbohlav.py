@@ -6,11 +6,11 @@ from classify.base.arrays import Array, FloatMap
 from classify.base.compiling import kernel
 from classify.images import BEYOND_NOISE, ImageStack, chi_squared
 from classify.lights.algebra import least_squares_weights
-from classify.shadow_rule import NO_DROPPED_LIGHT, SHADOW_FRACTION
+from classify.shadow_rule import DARK, LEAK, NO_DROPPED_LIGHT, SHADOW_FRACTION
 
 from .linear import by_fours, invert, judge_row, least_determinant, solve_lights
 from .problem import Maps, Problem, slope_noise
-from .robust import DARK, LEAK, TOLERANCE
+from .robust import TOLERANCE
 from .strips import solve_strips
 
 

@@ -17,7 +17,8 @@ from classify.lights.near_light import Shear, middle_px
 # their mean slope is the better estimate.
 _MAX_SLOPE_ERROR = 0.5
 # A pixel below this share of the bright parts of the frame is dark: half of its light can come from
-# the lens (veiling glare, 1 to 5 % by ISO 9358) and from the surface around it (`robust.LEAK`).
+# the lens (veiling glare, 1 to 5 % by ISO 9358) and from the surface around it
+# (`shadow_rule.LEAK`).
 # test_validity.py holds it on photographs with dark backdrops.
 _DARK = 0.06
 # `dark` leaves out pixels whose albedo is above this multiple of the albedo of a dark pixel that

@@ -14,7 +14,14 @@ from classify.base.threads import STRIP_PX
 from classify.images import ImageStack
 from classify.lights.algebra import drop_one_constants
 from classify.lights.led_levels import LitSamples, level_corrections, residual_spread
-from classify.shadow_rule import MIN_NORMAL_Z, MIN_SCALED_Z, NO_DROPPED_LIGHT, SHADOW_FRACTION
+from classify.shadow_rule import (
+    DARK,
+    LEAK,
+    MIN_NORMAL_Z,
+    MIN_SCALED_Z,
+    NO_DROPPED_LIGHT,
+    SHADOW_FRACTION,
+)
 
 from .in_fill import in_fill
 from .problem import Maps, Problem, slope_noise
@@ -25,12 +32,6 @@ _NONE_LIT = np.uint8(15)
 
 # A residual of more standard deviations than this is not noise; one normal residual in 370 is.
 _GATE = np.float32(3.0)
-# A light is dark at a pixel if it gives no more than DARK standard deviations of a pixel without
-# light, but at most half of the brightest light: a dark material is all noise without shadow. It
-# is dark in any case below the share LEAK of the second brightest light, which is not a highlight:
-# shadows get light from the surface around them.
-DARK = np.float32(3.0)
-LEAK = np.float32(0.03)
 # LED levels are known, and surfaces are Lambertian, to a few percent only: a smaller residual, as
 # a share of the brightness, is taken off no light. All four lights average such errors better
 # than three. tests/rig/test_known_truth.py holds the slope errors that these limits give.

@@ -15,6 +15,7 @@ from classify.lights.flat_field import DividedStack, FlatField
 from classify.lights.near_light import sheet_of
 from classify.methods import METHODS, Method, default_method
 from classify.surface.estimate import SurfaceEstimate
+from classify.surface.uncertainty import with_deviations
 
 from .drbohlav import solve_drbohlav
 from .linear import solve_least_squares, solve_three_of_ring
@@ -53,6 +54,7 @@ def photometric_stereo(
     lobe_exponent: float | None = None,
     planar: bool = False,
     mask: BoolArray | None = None,
+    uncertainty: bool = False,
     on_progress: Callable[[float], None] | None = None,
 ) -> SurfaceEstimate:
     """Gradients and albedo of a Lambertian surface from images under known lights.
@@ -91,6 +93,8 @@ def photometric_stereo(
         (`classify.lights.fall_off`). This also takes away a tilt or bow of the part.
     mask
         (H, W) pixels of the part. Others are not valid, and do not count in the fall-off.
+    uncertainty
+        Add the standard deviations of slopes, albedo and normals; see `SurfaceEstimate`.
     on_progress
         Called with the share of rows solved, 0 to 1, by any thread.
 
@@ -135,6 +139,7 @@ def photometric_stereo(
             )
     if mask is not None and mask.shape != stack.shape:
         raise InputError(f"the mask has shape {mask.shape}, the images {stack.shape}")
+    taken = stack
     used, saturation = lighting, np.float32(np.inf if full_scale is None else full_scale)
     divided_by = None
     if flat_field is not None:
@@ -175,5 +180,8 @@ def photometric_stereo(
         left_out=maps.left_out,
         highlights=maps.highlights,
         repaired=maps.repaired,
+        noise_given=noise is not None,
     )
+    if uncertainty:
+        surface = with_deviations(surface, stack, taken, problem.variance)
     return surface if mask is None else surface.within(mask)

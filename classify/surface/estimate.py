@@ -72,6 +72,12 @@ class SurfaceEstimate:
     repaired
         bool, true where fewer than three lights were usable and the slope, with one light or none
         the albedo too, comes from the pixels around (ps4_robust only).
+    p_sd, q_sd, albedo_sd, angle_sd
+        float32 standard deviations of p, q and albedo, and of the normal in degrees, of noise and
+        model errors at each pixel; 1.96 times each holds 95 % of the errors. Only with
+        ``uncertainty=True``. Errors of the calibration are not in them.
+    noise_given
+        Whether the noise of the sensor was given, not estimated from the images.
     mask
         bool, false outside the part: no pixel there is valid, in shadow or a highlight. None for
         the whole frame.
@@ -94,6 +100,11 @@ class SurfaceEstimate:
     left_out: npt.NDArray[np.uint8] | None = None
     highlights: BoolArray | None = None
     repaired: BoolArray | None = None
+    p_sd: FloatMap | None = None
+    q_sd: FloatMap | None = None
+    albedo_sd: FloatMap | None = None
+    angle_sd: FloatMap | None = None
+    noise_given: bool = False
     mask: BoolArray | None = None
 
     @cached_property
@@ -211,7 +222,10 @@ class SurfaceEstimate:
         def cut(plane: Any) -> Any:
             return None if plane is None else np.ascontiguousarray(plane[rows, columns])
 
-        planes = ("p", "q", "albedo", "valid", "left_out", "highlights", "repaired", "mask")
+        planes = (
+            "p", "q", "albedo", "valid", "left_out", "highlights", "repaired", "mask",
+            "p_sd", "q_sd", "albedo_sd", "angle_sd",
+        )  # fmt: skip
         part = replace(
             self,
             images=None,

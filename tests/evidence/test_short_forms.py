@@ -14,11 +14,12 @@ from . import (
     session_faults,
     session_kills,
     sphere_rates,
+    uncertainty,
 )
 
 STUDIES = (
     defect_constants, drift_rates, joint_constants, light_order_rates, orientation_flags,
-    photograph_rates, session_faults, session_kills, sphere_rates,
+    photograph_rates, session_faults, session_kills, sphere_rates, uncertainty,
 )  # fmt: skip
 Main = Callable[[Sequence[str]], int]
 

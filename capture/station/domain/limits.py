@@ -28,6 +28,7 @@ class LimitedMeasures:
     shadow_fraction: float | None = None  # shares of the region
     unmeasured_fraction: float | None = None
     albedo: float | None = None
+    angle_sd: float | None = None  # median, degrees; measured only where it is limited
     scale: float | None = None
     handedness: float | None = None
     octaves: float | None = None
@@ -115,6 +116,13 @@ class Limits(Section):
         default=None,
         strict=False,
         description="least and largest mean albedo, a share of full scale at the taught exposure",
+    )
+    angle_sd: Annotated[
+        Positive | None,
+        LimitRow("standard deviation of the normal in degrees", "largest", Cause.CAPTURE, ".2f"),
+    ] = Field(
+        default=None,
+        description="largest median of the standard deviation of the normal, in degrees",
     )
     scale: Annotated[
         Range | None,

@@ -179,6 +179,11 @@ class Inspector:
             return begun.inspection()
         return self._inspection(captured)
 
+    @property
+    def _limits_angle_sd(self) -> bool:
+        all_limits = (self.recipe.limits, *self.recipe.limits_of.values())
+        return any(limits.angle_sd is not None for limits in all_limits)
+
     def _inspection(self, captured: CapturedSet) -> Inspection:
         faults = list(self._faults(captured))
         if faults:
@@ -186,7 +191,11 @@ class Inspector:
         timings_ms: dict[str, float] = {}
         with _timed(timings_ms, "solve"):
             measured = MeasuredSurface.of(
-                captured, self.recipe.region, self.calibration, self._library.method
+                captured,
+                self.recipe.region,
+                self.calibration,
+                self._library.method,
+                uncertainty=self._limits_angle_sd,
             )
             measures = Measures(
                 unmeasured_fraction=measured.unmeasured_fraction,
@@ -196,6 +205,7 @@ class Inspector:
                 sdq=measured.sdq,
                 shadow_fraction=measured.share(measured.shadowed),
                 albedo=measured.albedo,
+                angle_sd=measured.angle_sd,
             )
         if not any(invalid(self.recipe, measures)):
             with _timed(timings_ms, "match"):

@@ -34,6 +34,8 @@ class MeasuredSurface:
         region: Region | None,
         calibration: FoundCalibration | None,
         method: Method | None,
+        *,
+        uncertainty: bool = False,
     ) -> Self:
         """Solve a set by `method`, by default that for its number of lights.
 
@@ -48,7 +50,9 @@ class MeasuredSurface:
             inside = inside & only
             metadata = captured.metadata.model_copy(update={"mask_file": _MASK_FILE})
             captured = replace(captured, mask=inside, metadata=metadata)
-        whole = LoadedSet(captured, calibration).solve_texture(method, planar=PLANAR)
+        whole = LoadedSet(captured, calibration).solve_texture(
+            method, planar=PLANAR, uncertainty=uncertainty
+        )
         part = replace(
             captured,
             images=_cut(captured.images, region),
@@ -83,10 +87,20 @@ class MeasuredSurface:
         valid = self.surface.valid
         return float(self.surface.albedo[valid].mean()) if valid.any() else float("nan")
 
+    @property
+    def angle_sd(self) -> float | None:
+        """Median standard deviation of the normal, degrees; None if it was not asked for."""
+        deviations = self.surface.angle_sd
+        return None if deviations is None else _median(deviations[self.surface.valid])
+
     @cached_property
     def sdq(self) -> float:
         """Root mean square slope (ISO 25178-2); NaN if no pixel has one."""
         return root_mean_square_slope(self.surface)
+
+
+def _median(values: npt.NDArray[np.float32]) -> float:
+    return float(np.median(values)) if values.size else float("nan")
 
 
 def fits(region: Region | None, captured: CapturedSet) -> bool:

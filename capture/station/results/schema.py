@@ -40,7 +40,7 @@ from classify.base.errors import InputError
 
 from .part_result import MEASURES
 
-VERSION = 8
+VERSION = 9
 MADE_BY = "ps4rig station run makes it while parts/ is empty; if it was lost, restore a backup"
 
 metadata = MetaData()

@@ -57,6 +57,8 @@ def test_a_part_that_was_not_moved_is_aligned_and_3_px_are_not(
     first, again = capture("a", surface), capture("b", surface)
     found = compared(first, again)
     assert found.is_aligned
+    for name in ("p", "q", "albedo"):
+        assert 0.8 < found.maps[name].rms_in_deviations < 1.1
     assert found.texture is not None
     assert found.texture.distance < 0.1
     assert found.normals_deg is not None

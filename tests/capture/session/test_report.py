@@ -180,3 +180,25 @@ def test_the_command_writes_the_page_and_names_what_stands_out(
     report = str(mixed / "report.html")
     assert answer == {"report": report, "sets": 6, "damaged": [], "remarks": []}
     assert ps4rig("session", "report", in_folder).exit_code == 2
+
+
+REPEATED = """
+name = "repeated"
+operator = "J. Wu"
+orientations_deg = [0]
+repeats = 2
+specimen = [{id = "rock-1", surface = "rock"}]
+"""
+
+
+def test_repeats_differ_by_the_deviation_that_is_stated(
+    captured_session: Callable[[str], Path], tmp_path: Path
+) -> None:
+    folder = Path(shutil.copytree(captured_session(REPEATED), tmp_path / "repeated"))
+    with session_folder(folder) as session:
+        found = analyse(session)
+        page = report_page(session, found)
+    (row,) = found.repeatability
+    assert row.specimen == "rock-1"
+    assert 0.9 < row.measured / row.stated < 1.1
+    assert "Repeatability" in page

@@ -183,3 +183,16 @@ def test_a_part_that_moves_between_two_exposures_does_not_pass(
         except SetRejected:
             return
     assert inspector.inspect(captured).verdict.decision is not Decision.PASS
+
+
+@pytest.mark.parametrize(("most_deg", "is_beyond"), [(None, False), (0.01, True), (30.0, False)])
+def test_a_recipe_limits_the_deviation_of_the_normal(
+    files: RecipeFolder, most_deg: float | None, is_beyond: bool
+) -> None:
+    recipe = read_recipe(files.file)
+    inspector = Inspector.load(files)
+    limits = recipe.limits.model_copy(update={"angle_sd": most_deg})
+    inspector.recipe = recipe.model_copy(update={"limits": limits})
+    found = inspector.inspect(patch("rock", 20))
+    assert (found.measures.angle_sd is None) == (most_deg is None)
+    assert ("standard deviation of the normal" in found.verdict.reason) == is_beyond

@@ -1,0 +1,109 @@
+"""Standard deviations against the errors of simulated surfaces."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from classify import Lighting, Method, SurfaceEstimate, photometric_stereo
+from rig.scene.render import Gloss, SceneImages, render_frame
+from rig.scene.synthetic import synthetic_surface
+from rig.simulation.sensor import SensorModel
+from rig.simulation.simulated_set import SimulatedSet
+from tests.evidence.uncertainty import held
+
+SIDE = 192
+
+
+def scene_of(slant_deg: float, gloss: Gloss | None = None) -> tuple[SceneImages, SimulatedSet]:
+    ring = Lighting.ring(slant_deg)
+    scene = render_frame(synthetic_surface("rock", 0, 2 * SIDE), ring, SIDE, gloss=gloss)
+    return scene, SimulatedSet.expose(scene, ring, SensorModel(bit_depth=12), 0)
+
+
+def solved(taken: SimulatedSet, method: Method | None = None) -> SurfaceEstimate:
+    return photometric_stereo(
+        taken.images, taken.lighting, method, ambient=taken.ambient, noise=taken.noise,
+        full_scale=taken.full_scale, uncertainty=True,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("method", ["ps4_robust", "ps4"])
+@pytest.mark.parametrize("gloss", [None, Gloss(0.05, 20.0)], ids=["matt", "gloss"])
+def test_95_percent_of_the_errors_are_within_their_intervals(
+    method: Method, gloss: Gloss | None
+) -> None:
+    scene, taken = scene_of(60.0, gloss)
+    surface = solved(taken, method)
+    lit = (~scene.shadowed).sum(axis=0)
+    for lights in (4, 3):
+        assert 0.92 < held(scene, surface, lit == lights) < 0.97
+    if surface.repaired is not None and method == "ps4_robust":
+        assert held(scene, surface, surface.repaired, completed=True) > 0.9
+
+
+def test_deviations_rotate_with_images_and_lights() -> None:
+    _, taken = scene_of(60.0)
+    surface = solved(taken)
+    lights = taken.lighting.directions
+    rotated = photometric_stereo(
+        np.ascontiguousarray(np.rot90(taken.images, axes=(1, 2))),
+        Lighting(np.stack([-lights[:, 1], lights[:, 0], lights[:, 2]], axis=1)),
+        ambient=np.ascontiguousarray(np.rot90(taken.ambient)),
+        noise=taken.noise, full_scale=taken.full_scale, uncertainty=True,
+    )  # fmt: skip
+    for before, after in (("p_sd", "q_sd"), ("q_sd", "p_sd"), ("angle_sd", "angle_sd")):
+        expected = np.rot90(getattr(surface, before))
+        np.testing.assert_allclose(getattr(rotated, after), expected, rtol=2e-2, atol=1e-4)
+
+
+def test_they_are_there_only_when_asked_for() -> None:
+    _, taken = scene_of(45.0)
+    assert taken.solve().angle_sd is None
+    surface = solved(taken)
+    assert surface.noise_given
+    assert surface.cropped(slice(0, 8), slice(0, 9)).angle_sd.shape == (8, 9)
+    estimated = solved(replace(taken, noise=None))
+    assert not estimated.noise_given
+    ratio = estimated.angle_sd / surface.angle_sd
+    assert 0.8 < np.median(ratio) < 1.3
+
+
+def averaged(scene: SceneImages, taken: SimulatedSet) -> SimulatedSet:
+    """The set with each image the mean of four frames."""
+    sets = [
+        SimulatedSet.expose(scene, taken.lighting, SensorModel(bit_depth=12), seed)
+        for seed in range(4)
+    ]
+    return replace(
+        taken,
+        images=np.mean([each.images for each in sets], axis=0, dtype=np.float32),
+        ambient=np.mean([each.ambient for each in sets], axis=0, dtype=np.float32),
+    )
+
+
+def test_four_times_the_frames_halve_the_noise() -> None:
+    scene, taken = scene_of(45.0)
+    noise = taken.noise
+    assert noise is not None
+    of_four = replace(
+        noise, gain_e_per_dn=4 * noise.gain_e_per_dn, read_noise_dn=noise.read_noise_dn / 2
+    )
+    ratios = solved(replace(averaged(scene, taken), noise=of_four)).p_sd / solved(taken).p_sd
+    assert 0.48 < np.median(ratios) < 0.56
+
+
+def test_noise_that_was_given_too_low_is_found_in_the_residuals() -> None:
+    _, taken = scene_of(45.0)
+    assert taken.noise is not None
+    noise = replace(taken.noise, gain_e_per_dn=4 * taken.noise.gain_e_per_dn)
+    ratios = solved(replace(taken, noise=noise)).p_sd / solved(taken).p_sd
+    assert 0.9 < np.median(ratios) < 1.1
+
+
+@pytest.mark.parametrize("lights", [3, 6])
+def test_any_number_of_lights_has_deviations(lights: int) -> None:
+    lighting = Lighting.from_angles([360.0 / lights * k for k in range(lights)], 45.0)
+    scene = render_frame(synthetic_surface("rock", 0, 2 * SIDE), lighting, SIDE)
+    surface = solved(SimulatedSet.expose(scene, lighting, SensorModel(bit_depth=12), 0))
+    assert 0.92 < held(scene, surface, ~scene.shadowed.any(axis=0)) < 0.97

@@ -1,0 +1,189 @@
+"""Standard deviations of slopes against true errors: coverage and sharpness.
+
+    python -m tests.evidence.uncertainty [--quick] [--materials DIR]
+
+Ten simulated rigs: the share of slopes within 1.96 standard deviations of the scene's own, where
+four lights or three reach and where the slope was completed. Scanned materials, rough or with
+gloss: the mean error of the half with the smaller `angle_sd` over that of the other half, and the
+share of the total error in the fifth with the largest, beside that of the largest errors. --quick
+takes smaller frames and no materials.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from classify import Lighting, SurfaceEstimate, photometric_stereo
+from classify.base.arrays import BoolArray, FloatMap
+from classify.lights.near_light import sheet_of
+from rig.scene.material_folder import bundled_materials, load_material
+from rig.scene.render import DISTANT, Gloss, SceneImages, render_frame
+from rig.scene.synthetic import synthetic_surface
+from rig.simulation.sensor import SensorModel
+from rig.simulation.simulated_set import SimulatedSet
+
+from .limits import at_least, at_most
+
+SIDE, QUICK_SIDE = 512, 256
+GLOSS = Gloss(0.05, 20.0)
+LOBE = 1.0
+# Fewer pixels do not determine a share to a percent.
+LEAST_PIXELS = 400
+# The scanned materials: slant of the lights, and the deviation of the slope of a rough one.
+SLANT_DEG, ROUGH = 60.0, 0.25
+
+
+@dataclass(frozen=True)
+class Case:
+    """A simulated rig, and what lies below it."""
+
+    surface: str
+    fields: float  # distance of the LEDs in sides of the frame
+    bits: int
+    gloss: Gloss | None
+    slant_deg: float
+
+    def __str__(self) -> str:
+        where = "distant" if self.fields == DISTANT else f"{self.fields:g} fields"
+        kind = "matt" if self.gloss is None else "5 % gloss"
+        return f"{self.surface}, {where}, {self.bits} bit, {kind}, slant {self.slant_deg:g}"
+
+
+CASES = (
+    Case("rock", DISTANT, 12, None, 45.0), Case("rock", DISTANT, 8, None, 60.0),
+    Case("sand", DISTANT, 12, None, 60.0), Case("sand", DISTANT, 8, GLOSS, 50.0),
+    Case("malv", 3.0, 12, None, 45.0), Case("malv", 3.0, 8, GLOSS, 55.0),
+    Case("ogil", DISTANT, 12, GLOSS, 30.0), Case("ogil", 4.0, 8, None, 40.0),
+    Case("rock", 3.0, 12, GLOSS, 60.0), Case("malv", DISTANT, 8, GLOSS, 30.0),
+)  # fmt: skip
+
+
+def solved(case: Case, side: int, seed: int) -> tuple[SceneImages, SurfaceEstimate]:
+    """The scene of a rig, and its surface with standard deviations."""
+    lighting = Lighting.ring(case.slant_deg)
+    scene = render_frame(
+        synthetic_surface(case.surface, seed, 2 * side), lighting, side, gloss=case.gloss,
+        led_distance_px=case.fields * side, lobe_exponent=0.0 if case.fields == DISTANT else LOBE,
+    )  # fmt: skip
+    taken = SimulatedSet.expose(scene, lighting, SensorModel(bit_depth=case.bits), seed)
+    flat_field = None
+    if case.fields != DISTANT:
+        lighting = Lighting.near(case.fields * side * lighting.directions)
+        flat_field = sheet_of(lighting, (side, side), LOBE)
+    return scene, photometric_stereo(
+        taken.images, lighting, ambient=taken.ambient, full_scale=taken.full_scale,
+        noise=taken.noise, flat_field=flat_field, uncertainty=True,
+    )  # fmt: skip
+
+
+def held(
+    scene: SceneImages, surface: SurfaceEstimate, pixels: BoolArray, *, completed: bool = False
+) -> float:
+    """Share of the slopes p and q within 1.96 standard deviations; NaN of too few pixels."""
+    repaired = np.zeros(surface.shape, np.bool_) if surface.repaired is None else surface.repaired
+    used = pixels & surface.valid & (repaired == completed)
+    if np.count_nonzero(used) < LEAST_PIXELS / (4 if completed else 1):
+        return float("nan")
+    assert surface.p_sd is not None
+    assert surface.q_sd is not None
+    within = [
+        np.abs(found - true)[used] < 1.96 * deviation[used]
+        for found, true, deviation in (
+            (surface.p, scene.p, surface.p_sd),
+            (surface.q, scene.q, surface.q_sd),
+        )
+    ]
+    return float(np.mean(within))
+
+
+def errors_deg(scene: SceneImages, surface: SurfaceEstimate) -> FloatMap:
+    """(H, W) angle between the estimated and the true normals."""
+    true = np.stack([-scene.p, -scene.q, np.ones_like(scene.p)], axis=-1)
+    found = surface.normals
+    across = np.linalg.norm(np.cross(true, found), axis=-1)
+    return np.degrees(np.arctan2(across, (true * found).sum(axis=-1))).astype(np.float32)
+
+
+def sharpness(errors: FloatMap, deviations: FloatMap) -> tuple[float, float]:
+    """Mean error of the better half over that of the other; the share of the worst fifth."""
+    order = np.argsort(deviations)
+    ranked, half = errors[order], len(order) // 2
+    worst = ranked[4 * len(order) // 5 :].sum() / ranked.sum()
+    return float(ranked[:half].mean() / ranked[half:].mean()), float(worst)
+
+
+def _are_covered(side: int) -> bool:
+    are_met = []
+    for case in CASES:
+        scene, surface = solved(case, side, seed=0)
+        lit = (~scene.shadowed).sum(axis=0)
+        shares = {
+            "four lights": held(scene, surface, lit == 4),
+            "three lights": held(scene, surface, lit == 3),
+            "completed": held(scene, surface, lit >= 0, completed=True),
+        }
+        print(f"{case}, {scene.shadowed.mean():.0%} in shadow")
+        for name, share in shares.items():
+            if np.isnan(share):
+                continue
+            are_met.append(
+                at_least(f"  {name}: share held", share, 0.9 if name == "completed" else 0.93)
+            )
+            if name != "completed":
+                are_met.append(at_most(f"  {name}: share held", share, 0.97))
+    return all(are_met)
+
+
+def _are_sharp(folders: dict[str, Path], side: int) -> bool:
+    """Rank the pixels of glossy materials, and of rough matt ones, by their `angle_sd`."""
+    lighting, are_met = Lighting.ring(SLANT_DEG), []
+    print(f"{'':32} better half   worst fifth   at best")
+    for gloss in (None, GLOSS):
+        kind, pooled = "rough, matt" if gloss is None else "5 % gloss", []
+        for name, folder in folders.items():
+            scene = render_frame(load_material(folder), lighting, side, gloss=gloss)
+            if gloss is None and float(np.hypot(scene.p, scene.q).std()) < ROUGH:
+                continue
+            taken = SimulatedSet.expose(scene, lighting, SensorModel(bit_depth=12), 1)
+            surface = photometric_stereo(
+                taken.images, lighting, ambient=taken.ambient, full_scale=taken.full_scale,
+                noise=taken.noise, uncertainty=True,
+            )  # fmt: skip
+            assert surface.angle_sd is not None
+            errors = errors_deg(scene, surface)[surface.valid]
+            deviations = surface.angle_sd[surface.valid]
+            half, worst = sharpness(errors, deviations)
+            best = sharpness(errors, errors)[1]
+            print(f"{name:22}{kind:12}{half:10.2f}{worst:14.2f}{best:12.2f}", flush=True)
+            pooled.append(np.stack([errors, deviations]))
+        if pooled:
+            half, worst = sharpness(*np.concatenate(pooled, axis=1))
+            are_met += [
+                at_most(f"all, {kind}: better half", half, 0.6),
+                at_least(f"all, {kind}: worst fifth", worst, 0.35),
+            ]
+    return all(are_met)
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Print the tables; return 1 if a figure is beyond its limit."""
+    parser = argparse.ArgumentParser(prog="uncertainty")
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--materials", type=Path)
+    options = parser.parse_args(arguments)
+    side = QUICK_SIDE if options.quick else SIDE
+    are_met = [_are_covered(side)]
+    folders = bundled_materials()
+    if options.materials is not None:
+        folders = {path.parent.name: path.parent for path in options.materials.glob("*/normal.png")}
+    if not options.quick:
+        are_met.append(_are_sharp(dict(sorted(folders.items())), QUICK_SIDE))
+    return int(not all(are_met))
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
