@@ -12,15 +12,15 @@ from typing import Any
 from capture.station.results.part_id import require_given_part_id
 from capture.station.results.part_result import PartResult
 from capture.station.run.events import (
-    Event,
     ExposureComplete,
     PartAnnounced,
     PartBegun,
     PartRecovered,
     RecipeLoaded,
-    StateChanged,
 )
+from capture.station.run.live_view import LiveEvent
 from capture.station.run.states import State
+from capture.station.run.station_state import StationState
 from capture.station.run.triggers import Accepted, Answer, Refusal, Refused
 from classify.base.errors import InputError
 
@@ -78,13 +78,11 @@ class Handshake:
     """
 
     def __init__(
-        self, session: int, *, is_trigger: bool, is_simulated: bool, recipes: Sequence[str] = ()
+        self, session: int, *, is_trigger: bool, station: StationState, recipes: Sequence[str] = ()
     ) -> None:
         self._session, self._is_trigger = session, is_trigger
-        self._is_simulated, self._recipes = is_simulated, recipes
+        self._station, self._recipes = station, recipes  # the state after the last event
         self._written = [0] * PLC_WORDS
-        self._state = State.PREOPERATIONAL
-        self._recipe: RecipeLoaded | None = None
         # The last rise of Trigger, and the one that the station has not answered.
         self._trigger_id = 0
         self._current: TriggerRequest | None = None
@@ -158,19 +156,17 @@ class Handshake:
 
     # The station.
 
-    def tell(self, event: Event) -> None:
-        """Take an event of the station."""
-        match event:
-            case StateChanged(state, _):
-                self._state = state
-            case RecipeLoaded():
-                self._recipe = event
-                self.selection.tell(event)
+    def tell(self, live: LiveEvent) -> None:
+        """Take an event of the station, and the state after it."""
+        self._station = live.state
+        match live.event:
+            case RecipeLoaded() as recipe:
+                self.selection.tell(recipe)
             case PartBegun(_, number) if not self._is_trigger:
                 self._begun = number
             case ExposureComplete(_, number):
                 self._exposed = number
-            case PartAnnounced(result, _):
+            case PartAnnounced(result):
                 self._announced = result.number
                 self._add(result)
             case PartRecovered(result):
@@ -186,7 +182,7 @@ class Handshake:
 
     def station_words(self) -> list[int]:
         """Return the registers that the station shows."""
-        recipe, shown = self._recipe, self._shown
+        recipe, shown = self._station.recipe, self._shown
         verdict = None if shown is None else shown.verdict
         return encoded(
             STATION,
@@ -195,7 +191,7 @@ class Handshake:
                 "session": self._session,
                 "heartbeat": self.heartbeat,
                 "status": self._status(),
-                "state": STATES[self._state],
+                "state": STATES[self._station.state],
                 "error": self._error,
                 "trigger_id": self._trigger_id,
                 "number": self._begun,
@@ -216,15 +212,16 @@ class Handshake:
 
     def _status(self) -> Status:
         is_exposed = self._unanswered is None and self._exposed >= self._begun
+        is_ready = self._station.state is State.READY and is_exposed and self._refusal() is None
         bits = {
-            Status.READY: self._state is State.READY and is_exposed and self._refusal() is None,
+            Status.READY: is_ready,
             Status.ACK: self._is_accepted,
             Status.EXPOSURE_COMPLETE: is_exposed and self._begun > 0,
             Status.BUSY: self.is_busy,
             Status.RESULTS_VALID: self._shown is not None,
             Status.REFUSED: self._error is not ErrorCode.NONE,
             Status.WRONG_ACK: self._is_wrong_ack,
-            Status.SIMULATED: self._is_simulated,
+            Status.SIMULATED: self._station.simulated,
             Status.RECIPE_LOADED: self.selection.is_loaded,
             Status.RECIPE_REFUSED: self.selection.error is not SelectError.NONE,
         }
@@ -290,9 +287,10 @@ class Handshake:
 
     def _position(self) -> int:
         """Return the position of the loaded recipe, from 1, or 0."""
-        if self._recipe is None or self._recipe.name not in self._recipes:
+        recipe = self._station.recipe
+        if recipe is None or recipe.name not in self._recipes:
             return 0
-        return self._recipes.index(self._recipe.name) + 1
+        return self._recipes.index(recipe.name) + 1
 
     def _name_at(self, position: int) -> str | None:
         return self._recipes[position - 1] if 1 <= position <= len(self._recipes) else None

@@ -6,9 +6,9 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Self
 
-from capture.station.run.devices import Device, Status
-from capture.station.run.events import Event
+from capture.station.run.events import DeviceSeen
 from capture.station.run.live_station import LiveStation
+from capture.station.run.live_view import LiveEvent
 from capture.station.run.triggers import RecipeRefusal, RecipeRefused, Trigger
 
 from .handshake import Handshake, TriggerRequest
@@ -64,10 +64,10 @@ class PlcLine:
 
     # The bus.
 
-    def tell(self, event: Event) -> None:
+    def tell(self, live: LiveEvent) -> None:
         """Take an event of the station."""
         with self._changed:
-            self._handshake.tell(event)
+            self._handshake.tell(live)
             self._changed.notify_all()
 
     def station_words(self) -> list[int]:
@@ -103,8 +103,7 @@ class PlcLine:
             self._handshake.heartbeat += 1
             heartbeat = self._handshake.commands["heartbeat"]
             is_silent = heartbeat != 0 and self._now_s() - self._heard_s > _SILENCE_S
-        status, text = _state(connections, heartbeat, where, is_silent=is_silent)
-        self._live.set_device(Device("plc", status, text))
+        self._live.show_device(_device(connections, heartbeat, where, is_silent=is_silent))
 
     def _is_done(self) -> bool:
         return not self._handshake.is_busy and not self._handshake.has_results
@@ -150,9 +149,9 @@ class PlcLine:
                 self._handshake.selection.refused(request, kind)
 
 
-def _state(connections: int, heartbeat: int, where: str, *, is_silent: bool) -> tuple[Status, str]:
+def _device(connections: int, heartbeat: int, where: str, *, is_silent: bool) -> DeviceSeen:
     if connections == 0:
-        return "warning", f"no PLC is connected to {where}"
+        return DeviceSeen("plc", "warning", f"no PLC is connected to {where}")
     if is_silent:
-        return "fault", f"the heartbeat of the PLC stays at {heartbeat}"
-    return "ok", "connected" if heartbeat else "connected, without a heartbeat"
+        return DeviceSeen("plc", "fault", f"the heartbeat of the PLC stays at {heartbeat}")
+    return DeviceSeen("plc", "ok", "connected" if heartbeat else "connected, without a heartbeat")

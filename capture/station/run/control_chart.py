@@ -3,13 +3,14 @@
 import math
 import statistics
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 from capture.station.judge.judge import STOP_LED_LEVEL
 from capture.station.results.part_result import PartResult
-from capture.station.run.events import Event, PartAnnounced, RecipeLoaded, Subscriber, Warned
+from capture.station.run.events import PartAnnounced, RecipeLoaded, Warned
+from capture.station.run.live_view import LiveEvent
 from rig.acceptance import EQUAL_LED_LEVELS
 
 WARN_LED_LEVEL = 0.95
@@ -119,13 +120,12 @@ class _Watched:
 class ControlChart:
     """Charts of a running station; subscribe it to the events of the station.
 
-    A warning is passed on once as `Warned`, until it has not held for eight points; each recipe
+    A warning is published once as `Warned`, until it has not held for eight points; each recipe
     starts new charts.
     """
 
-    def __init__(self, led_names: Sequence[str], *subscribers: Subscriber) -> None:
-        self._led_names = tuple(led_names)
-        self._subscribers = subscribers
+    def __init__(self, led_names: Sequence[str], publish: Callable[[Warned], None]) -> None:
+        self._led_names, self._publish = tuple(led_names), publish
         self._begin()
 
     def _begin(self) -> None:
@@ -134,14 +134,13 @@ class ControlChart:
         self._notes = NewWarnings()
         self._group: list[PartResult] = []
 
-    def __call__(self, event: Event) -> None:
+    def __call__(self, live: LiveEvent) -> None:
         """Take an event of the station: the result of a part, or another recipe."""
-        if isinstance(event, RecipeLoaded):
+        if isinstance(live.event, RecipeLoaded):
             self._begin()
-        elif isinstance(event, PartAnnounced):
-            for text in self.add(event.result):
-                for subscriber in self._subscribers:
-                    subscriber(Warned(text))
+        elif isinstance(live.event, PartAnnounced):
+            for text in self.add(live.event.result):
+                self._publish(Warned(text))
 
     def add(self, result: PartResult) -> list[str]:
         """Add a result; return the new warnings, of which its new notes are the first."""

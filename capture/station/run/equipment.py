@@ -9,7 +9,7 @@ from capture.station.results.store import ResultStore
 from rig.doctor.check import Check
 
 from .changeover import Recipes
-from .events import Publisher
+from .live_station import LiveStation
 from .outcome import PartJudge
 from .station_clock import StationClock
 from .station_rig import PartCamera
@@ -63,7 +63,7 @@ class Equipment:
     # Makes all checks except those of the rig, while no part is in progress.
     prepare: Callable[[], list[Check]]
     clock: StationClock
-    publisher: Publisher
+    live: LiveStation
     sensor: PartSensor | None = None
     # Called by each worker several times a second, unless the worker hangs.
     report_alive: ReportAlive = lambda _: None

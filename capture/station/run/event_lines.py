@@ -1,15 +1,19 @@
 """Events of a station as lines of text for people and the log, and as JSON for programs."""
 
+from dataclasses import asdict
 from typing import Any
 
 from capture.base.outputs import escaped
-from capture.station.domain.folder import StationFolder
 from capture.station.domain.verdict import Decision
 from capture.station.results.part_result import PartResult
 
 from .events import (
+    DevicesChanged,
+    DeviceSeen,
     Event,
     ExposureComplete,
+    Noted,
+    PartAcknowledged,
     PartAnnounced,
     PartBegun,
     PartRecovered,
@@ -35,10 +39,10 @@ def _lines(event: Event) -> list[str]:
         case RecipeLoaded(name, version, sha256, by):
             loaded = f", loaded by {by}" if by else ""
             return [f"recipe {name}, version {version}, {sha256[:_DIGITS]}{loaded}"]
-        case StateChanged(State.EXECUTING, _) | StateChanged(State.READY, Change.FREE):
+        case StateChanged(State.EXECUTING) | StateChanged(change=Change.FREE):
             return []  # of every part
-        case StateChanged(state, reason):
-            return [f"{state}: {reason}"]
+        case StateChanged(state):
+            return [f"{state}: {event.reason}"]
         case SelfTestFinished(checks):
             faults = [check for check in checks if check.status != "ok"]
             lines = [
@@ -61,7 +65,7 @@ def _lines(event: Event) -> list[str]:
         case StationStopped(reason, announced, refused):
             counts = [f"{announced.get(decision, 0)} {decision}" for decision in Decision]
             return [f"stopped: {reason}; {', '.join(counts)}, {refused} triggers refused"]
-        case PartBegun() | ExposureComplete():
+        case _:
             return []
 
 
@@ -70,14 +74,17 @@ def json_fields(event: Event) -> dict[str, Any]:
     match event:
         case RecipeLoaded():
             return {"event": "recipe", **vars(event)}
-        case StateChanged(state, reason):
-            return {"event": "state", "state": state, "reason": reason}
+        case StateChanged(state, _, fault):
+            return {
+                "event": "state", "state": state, "reason": event.reason,
+                "fault": None if fault is None else asdict(fault),
+            }  # fmt: skip
         case SelfTestFinished(checks):
             return {"event": "self-test", "checks": [vars(check) for check in checks]}
         case TriggerRefused(source, part_id, reason, is_recorded):
             return {
                 "event": "refused", "trigger": source, "part_id": part_id, "reason": reason,
-                "recorded": is_recorded,
+                "recorded": is_recorded, "triggers": event.triggers,
             }  # fmt: skip
         case PartBegun(part_id, number):
             return {"event": "begun", "part_id": part_id, "number": number}
@@ -87,18 +94,20 @@ def json_fields(event: Event) -> dict[str, Any]:
             return {"event": "part", **_fields(result), "latency_ms": round(latency_ms, 1)}
         case PartRecovered(result):
             return {"event": "recovered", **_fields(result)}
+        case PartAcknowledged():
+            return {"event": "acknowledged", **vars(event)}
+        case DeviceSeen():
+            return {"event": "device", **vars(event)}
+        case DevicesChanged(devices):
+            return {"event": "devices", "devices": list(devices)}
+        case Noted(fields):
+            return dict(fields)
         case Warned(text):
             return {"event": "warning", "text": text}
         case StationStopped(reason, announced, refused):
             return {
                 "event": "stopped", "reason": reason, "parts": dict(announced), "refused": refused
             }  # fmt: skip
-
-
-def log_to(folder: StationFolder, event: Event) -> None:
-    """Append an event to the log of a station."""
-    for line in text_lines(event):
-        folder.log(line)
 
 
 def _part(result: PartResult) -> str:

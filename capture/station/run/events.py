@@ -1,23 +1,15 @@
-"""Events of a station, to which terminal, log, panel and PLC subscribe."""
+"""Events of a station, which terminal, log, panel and PLC follow."""
 
-import logging
-import queue
-import threading
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Literal
 
+from capture.station.domain.fault import Fault
 from capture.station.domain.verdict import Decision
 from capture.station.results.part_result import PartResult
 from rig.doctor.check import Check
 
-from .states import State
-
-_log = logging.getLogger(__name__)
-# Events of some hundred parts; a subscriber that is further behind hangs.
-MOST_EVENTS = 1000
-_POLL_S = 0.02
+from .states import Change, State
 
 
 @dataclass(frozen=True)
@@ -35,7 +27,14 @@ class StateChanged:
     """The station is in another state."""
 
     state: State
-    reason: str
+    change: Change
+    fault: Fault | None = None
+    why: str = ""  # in words, where neither change nor fault says it
+
+    @property
+    def reason(self) -> str:
+        """Why, in words."""
+        return self.why or str(self.fault or self.change)
 
 
 @dataclass(frozen=True)
@@ -53,6 +52,7 @@ class TriggerRefused:
     part_id: str | None
     reason: str
     recorded: bool
+    triggers: int = 1  # refused for the same reason
 
 
 @dataclass(frozen=True)
@@ -77,6 +77,7 @@ class PartAnnounced:
 
     result: PartResult
     latency_ms: float  # since the end of its last exposure
+    fault: Fault | None = None  # of a device, which the part has shown
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,37 @@ class PartRecovered:
     """A part that an earlier run began and did not finish got the verdict ERROR."""
 
     result: PartResult
+
+
+@dataclass(frozen=True)
+class PartAcknowledged:
+    """Somebody has seen a rejected part."""
+
+    part_id: str
+    by: str
+
+
+@dataclass(frozen=True)
+class DeviceSeen:
+    """A device that the self-test does not test, the PLC, is in another state."""
+
+    name: str
+    status: Literal["ok", "warning", "fault"]
+    text: str
+
+
+@dataclass(frozen=True)
+class DevicesChanged:
+    """The devices, after an event that changed one of them."""
+
+    devices: tuple[Mapping[str, str], ...]
+
+
+@dataclass(frozen=True)
+class Noted:
+    """Something that an interface did, such as an override."""
+
+    fields: Mapping[str, Any]  # for JSON; ``event`` names its kind
 
 
 @dataclass(frozen=True)
@@ -116,49 +148,10 @@ Event = (
     | ExposureComplete
     | PartAnnounced
     | PartRecovered
+    | PartAcknowledged
+    | DeviceSeen
+    | DevicesChanged
+    | Noted
     | Warned
     | StationStopped
 )
-Subscriber = Callable[[Event], None]
-
-
-class Publisher:
-    """Passes events to all subscribers, in order, from a thread of its own.
-
-    `publish` never waits and may be called under a lock; `wait_for_room` bounds the memory.
-    """
-
-    def __init__(self, *subscribers: Subscriber) -> None:
-        self._subscribers = subscribers
-        self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
-        self._thread = threading.Thread(target=self._run, name="station events")
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._events.put(None)
-        self._thread.join()
-
-    def publish(self, event: Event) -> None:
-        """Pass an event on to every subscriber."""
-        self._events.put(event)
-
-    def wait_for_room(self, is_over: Callable[[], bool]) -> None:
-        """Wait while subscribers are `MOST_EVENTS` behind, unless `is_over`.
-
-        A call by a subscriber returns at once.
-        """
-        while self._events.qsize() >= MOST_EVENTS and not is_over():
-            if threading.current_thread() is self._thread:
-                return
-            time.sleep(_POLL_S)
-
-    def _run(self) -> None:
-        while (event := self._events.get()) is not None:
-            for subscriber in self._subscribers:
-                try:
-                    subscriber(event)
-                except Exception:
-                    _log.exception("a subscriber failed on %s", type(event).__name__)

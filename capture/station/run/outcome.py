@@ -7,9 +7,10 @@ from importlib.metadata import version
 from typing import Any, Protocol, TypeVar
 
 from capture.sets.captured_set import CapturedSet
-from capture.station.domain.errors import error_verdict
+from capture.station.domain.fault import Fault, fault_of
 from capture.station.domain.folder import set_file_of
 from capture.station.domain.verdict import Cause, Decision, Verdict
+from capture.station.judge.judge import STOP_LED_LEVEL
 from capture.station.results.part_result import PartResult
 from capture.station.results.store import BegunPart
 from classify.base.threads import beside_workers
@@ -91,8 +92,8 @@ class PartJudge:
     @beside_workers()
     def result_of(
         self, part: ExposedPart, writer: ThreadPoolExecutor
-    ) -> tuple[PartResult, BaseException | None]:
-        """Judge a part while `writer` saves its set; return the result and any exception.
+    ) -> tuple[PartResult, Fault | None, BaseException | None]:
+        """Judge a part while `writer` saves its set; return the result, a fault, any exception.
 
         A part passes only if its set is on disk, the inspector says so, and nothing was raised.
         """
@@ -117,11 +118,11 @@ class PartJudge:
                 saved = tried(saving.result, Cause.STORAGE)
         result = None if failures else tried(lambda: self._whole(part, judged, saved))
         if result is not None:
-            return result, None
+            return result, _fault_shown_by(result), None
         error, cause = failures[0]
-        decided_utc = self._clock.now()
-        result = replace(unjudged, verdict=error_verdict(error, cause), decided_utc=decided_utc)
-        return result if saved is None else saved.recorded(result), error
+        fault, decided_utc = fault_of(error, cause), self._clock.now()
+        result = replace(unjudged, verdict=fault.verdict, decided_utc=decided_utc)
+        return result if saved is None else saved.recorded(result), fault, error
 
     def _unjudged(self, part: ExposedPart) -> PartResult:
         """The result of a part before its verdict, which no part keeps."""
@@ -166,6 +167,17 @@ class PartJudge:
         self._save(captured, set_file)
         sha256 = captured.metadata.pixels_sha256
         return SavedSet(set_file, sha256, 1e3 * (self._clock.monotonic_s() - began_s))
+
+
+def _fault_shown_by(result: PartResult) -> Fault | None:
+    """The fault in a verdict ERROR; where levels were measured, the lights have it."""
+    verdict = result.verdict
+    if verdict.decision is not Decision.ERROR:
+        return None
+    cause, levels = verdict.causes[0], result.led_levels
+    if Cause.RIG not in verdict.causes or not levels:
+        return Fault(cause, verdict.reason, "rig" if Cause.RIG in verdict.causes else "")
+    return Fault(cause, verdict.reason, "lights", min(levels) / max(levels), STOP_LED_LEVEL)
 
 
 def interrupted_result(

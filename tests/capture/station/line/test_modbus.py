@@ -377,7 +377,7 @@ def test_the_results_of_other_triggers_go_to_a_plc_that_does_not_trigger(
 
 def test_a_taken_port_is_named() -> None:
     live = LiveStation("line-1", simulated=True)
-    line = PlcLine(live, Handshake(SESSION, is_trigger=True, is_simulated=True))
+    line = PlcLine(live, Handshake(SESSION, is_trigger=True, station=live.state))
     with socket.create_server(("127.0.0.1", 0)) as other:
         settings = ModbusConfig(port=other.getsockname()[1])
         with (

@@ -18,7 +18,6 @@ from capture.station.domain.roles import Role
 from capture.station.panel.guard import CSRF_FIELD
 from capture.station.panel.panel import Panel
 from capture.station.panel.server import serving_panel
-from capture.station.run.events import Publisher
 from capture.station.run.live_station import LiveStation
 from capture.station.run.run import run_station
 from capture.station.run.triggers import TriggerSource
@@ -173,7 +172,7 @@ def running_panel(
     """Run a station with a fake rig in `folder` whose triggers come by HTTP, with its panel."""
     with bench(folder, captured) as station:
         live = LiveStation(station.folder.config.name, simulated=True)
-        station.listen, station.recipes = live.tell, recipes
+        station.live, station.recipes = live, recipes
         panel = Panel.of(station.folder, live, settings)
         with _running(panel, station.run) as url:
             yield RunningPanel(panel, url, bench=station)
@@ -186,10 +185,8 @@ def real_panel(folder: Path, rig_config: RigConfig) -> Iterator[ServedPanel]:
         live = LiveStation(opened.config.name, simulated=True)
         panel = Panel.of(opened, live, ANY_PORT)
         with (
-            Publisher(live.tell) as publisher,
-            _running(
-                panel, lambda source: run_station(opened, rig_config, source, publisher)
-            ) as url,
+            live.telling(),
+            _running(panel, lambda source: run_station(opened, rig_config, source, live)) as url,
         ):
             yield ServedPanel(panel, url)
 
