@@ -25,20 +25,20 @@ from capture.station.run.triggers import Accepted, Answer, Refusal, Refused
 from classify.base.errors import InputError
 
 from .registers import (
-    NO_ORIENTATION,
     PAGE_VERSION,
     PLC,
     PLC_ADDRESS,
     PLC_WORDS,
     STATES,
     STATION,
-    VERDICTS,
     Command,
     ErrorCode,
     SelectError,
     Status,
     decoded,
     encoded,
+    first_digits,
+    registers_of,
 )
 from .selection import SOURCE, Selection
 
@@ -182,8 +182,7 @@ class Handshake:
 
     def station_words(self) -> list[int]:
         """Return the registers that the station shows."""
-        recipe, shown = self._station.recipe, self._shown
-        verdict = None if shown is None else shown.verdict
+        recipe = self._station.recipe
         return encoded(
             STATION,
             {
@@ -197,16 +196,11 @@ class Handshake:
                 "number": self._begun,
                 "recipe": self._position(),
                 "recipe_version": 0 if recipe is None else recipe.version,
-                "recipe_hash": _hash(None if recipe is None else recipe.sha256),
-                "result_number": 0 if shown is None else shown.number,
-                "verdict": 0 if verdict is None else VERDICTS[verdict.decision],
-                "cause": verdict.causes[0].plc_code if verdict and verdict.causes else 0,
-                "orientation": _tenths(None if shown is None else shown.orientation_deg),
-                "result_hash": _hash(None if shown is None else shown.recipe_sha256),
+                "recipe_hash": first_digits(None if recipe is None else recipe.sha256),
                 "overruns": self._overruns,
-                "result_part_id": "" if shown is None else shown.part_id,
                 "selected": self.selection.position,
                 "select_error": self.selection.error,
+                **registers_of(self._shown),
             },
         )
 
@@ -322,11 +316,3 @@ class Handshake:
 
     def _is_acknowledging(self) -> bool:
         return bool(self.commands["commands"] & Command.RESULTS_ACK)
-
-
-def _hash(sha256: str | None) -> int:
-    return 0 if sha256 is None else int(sha256[:8], 16)
-
-
-def _tenths(orientation_deg: float | None) -> int:
-    return NO_ORIENTATION if orientation_deg is None else round(10 * orientation_deg) % 3600

@@ -6,6 +6,7 @@ from enum import IntEnum, IntFlag
 from typing import Any, Literal
 
 from capture.station.domain.verdict import Decision
+from capture.station.results.part_result import PartResult
 from capture.station.run.states import State
 
 PAGE_VERSION = 2  # 2 has SelectRecipe
@@ -197,6 +198,27 @@ PLC = _page(
 )
 STATION_WORDS = STATION[-1].address + STATION[-1].words
 PLC_WORDS = PLC[-1].address + PLC[-1].words - PLC_ADDRESS
+
+
+def registers_of(part: PartResult | None) -> Values:
+    """Return the values that show a result, or none."""
+    if part is None:
+        unknown = dict.fromkeys(("result_number", "verdict", "cause", "result_hash"), 0)
+        return unknown | {"orientation": NO_ORIENTATION, "result_part_id": ""}
+    verdict, angle_deg = part.verdict, part.orientation_deg
+    return {
+        "result_number": part.number,
+        "verdict": VERDICTS[verdict.decision],
+        "cause": verdict.causes[0].plc_code if verdict.causes else 0,
+        "orientation": NO_ORIENTATION if angle_deg is None else round(10 * angle_deg) % 3600,
+        "result_hash": first_digits(part.recipe_sha256),
+        "result_part_id": part.part_id,
+    }
+
+
+def first_digits(sha256: str | None) -> int:
+    """Return the number of the first 8 digits of a hash; 0 without one."""
+    return 0 if sha256 is None else int(sha256[:8], 16)
 
 
 def encoded(registers: Sequence[Register], values: Values) -> list[int]:

@@ -57,22 +57,6 @@ class ExposedPart:
     notes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class SavedSet:
-    """The file of a set, relative to the station, the hash of its pixels, and the time it took."""
-
-    set_file: str
-    set_sha256: str
-    save_ms: float
-
-    def recorded(self, part: PartResult) -> PartResult:
-        """Return a result with the set."""
-        timings_ms = part.timings_ms | {"save": self.save_ms}
-        return replace(
-            part, set_file=self.set_file, set_sha256=self.set_sha256, timings_ms=timings_ms
-        )
-
-
 class PartJudge:
     """Makes the result of an exposed part."""
 
@@ -122,7 +106,7 @@ class PartJudge:
         error, cause = failures[0]
         fault, decided_utc = fault_of(error, cause), self._clock.now()
         result = replace(unjudged, verdict=fault.verdict, decided_utc=decided_utc)
-        return result if saved is None else saved.recorded(result), fault, error
+        return replace(result, **(saved or {})), fault, error
 
     def _unjudged(self, part: ExposedPart) -> PartResult:
         """The result of a part before its verdict, which no part keeps."""
@@ -150,23 +134,27 @@ class PartJudge:
         return replace(result, timings_ms=timings_ms)
 
     def _whole(
-        self, part: ExposedPart, judged: PartResult | None, saved: SavedSet | None
+        self, part: ExposedPart, judged: PartResult | None, saved: dict[str, Any] | None
     ) -> PartResult:
         """Return a result with all its timings; raises for values that no row can hold."""
         if judged is None or saved is None:
             raise ValueError("the part was not judged, or its set was not saved")
-        result = saved.recorded(judged)
-        timings_ms = part.timings_ms | result.timings_ms
-        result = replace(result, decided_utc=self._clock.now(), timings_ms=timings_ms)
+        timings_ms = part.timings_ms | judged.timings_ms | saved["timings_ms"]
+        values = saved | {"decided_utc": self._clock.now(), "timings_ms": timings_ms}
+        result = replace(judged, **values)
         result.row  # noqa: B018
         return result
 
-    def _saved(self, begun: BegunPart, captured: CapturedSet) -> SavedSet:
+    def _saved(self, begun: BegunPart, captured: CapturedSet) -> dict[str, Any]:
+        """Write the set; return the fields of the result that name it."""
         began_s = self._clock.monotonic_s()
         set_file = set_file_of(begun.part_id, begun.triggered_utc)
         self._save(captured, set_file)
-        sha256 = captured.metadata.pixels_sha256
-        return SavedSet(set_file, sha256, 1e3 * (self._clock.monotonic_s() - began_s))
+        return {
+            "set_file": set_file,
+            "set_sha256": captured.metadata.pixels_sha256,
+            "timings_ms": {"save": 1e3 * (self._clock.monotonic_s() - began_s)},
+        }
 
 
 def _fault_shown_by(result: PartResult) -> Fault | None:
