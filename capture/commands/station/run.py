@@ -108,16 +108,16 @@ def run(
             opened, live, trigger, subscribers, is_asked=panel, host=host, port=port
         ):
             settle_station()
-            source = live.attached(_source(trigger, config.timer_s))
+            source = _source(trigger, config.timer_s)
             run_options = RunOptions(operator, parts, notifier.report_alive, collect)
             stopped = run_station(opened, rig_config, source, live, run_options)
     if stopped.rejected:
         raise typer.Exit(1)
 
 
-def _source(trigger: str, timer_s: float) -> TriggerSource | None:
-    """Return where triggers come from; None for those that interfaces submit."""
-    from capture.station.run.triggers import LineTrigger, SensorTrigger, TimerTrigger
+def _source(trigger: str, timer_s: float) -> TriggerSource:
+    """Return where triggers come from."""
+    from capture.station.run.triggers import LineTrigger, NoTriggers, SensorTrigger, TimerTrigger
 
     from .terminal import read_key_line
 
@@ -129,4 +129,4 @@ def _source(trigger: str, timer_s: float) -> TriggerSource | None:
         case "sensor":
             return SensorTrigger()
         case _:
-            return None
+            return NoTriggers()

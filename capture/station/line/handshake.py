@@ -96,7 +96,6 @@ class Handshake:
         self._overruns = 0
         self._is_wrong_ack = False
         self.heartbeat = 0  # the caller counts it up
-        self.is_open = True  # whether triggers reach the station; otherwise they are refused
         self.selection = Selection()
 
     # The PLC.
@@ -135,7 +134,7 @@ class Handshake:
             self.selection.withdraw()
         elif Command.SELECT_RECIPE not in old:
             position = given["recipe"]
-            self.selection.select(position, self._name_at(position), is_open=self.is_open)
+            self.selection.select(position, self._name_at(position))
         if Command.TRIGGER not in new:
             self._withdraw()
         elif Command.TRIGGER not in old:
@@ -263,8 +262,6 @@ class Handshake:
 
     def _refusal(self) -> tuple[ErrorCode, str] | None:
         """Why the handshake would refuse any trigger now."""
-        if not self.is_open:
-            return ErrorCode.NOT_READY, "not ready: the station is starting"
         if not self._is_trigger:
             return ErrorCode.OTHER_TRIGGER, "triggers do not come from the PLC"
         if self._unanswered is not None:

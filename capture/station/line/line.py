@@ -73,8 +73,6 @@ class PlcLine:
     def station_words(self) -> list[int]:
         """Return the registers that the station shows, of one moment."""
         with self._changed:
-            # The state may be ready a moment before triggers are taken.
-            self._handshake.is_open = self._live.is_attached
             return self._handshake.station_words()
 
     def plc_words(self) -> list[int]:
@@ -85,7 +83,6 @@ class PlcLine:
     def write(self, address: int, words: Sequence[int]) -> None:
         """Take what the PLC writes."""
         with self._changed:
-            self._handshake.is_open = self._live.is_attached
             before = self._handshake.commands["heartbeat"]
             request = self._handshake.write(address, words)
             if self._handshake.commands["heartbeat"] != before:

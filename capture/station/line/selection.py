@@ -32,13 +32,11 @@ class Selection:
         self.error = SelectError.NONE
         self._current: RecipeRequest | None = None  # None after SelectRecipe fell
 
-    def select(self, position: int, name: str | None, *, is_open: bool) -> None:
+    def select(self, position: int, name: str | None) -> None:
         """Take a rise of SelectRecipe; `name` is that of the recipe, None if there is none."""
         self.withdraw()
         self.position = position
-        if not is_open:
-            self.error = SelectError.NOT_READY
-        elif self.loading is not None:
+        if self.loading is not None:
             self.error = SelectError.BUSY
         elif name is None:
             self.error = SelectError.UNKNOWN

@@ -144,6 +144,7 @@ class Station:
         ]
         # A source that waits for a key cannot be ended.
         feeder = GuardedThread(lambda: source.run(self), self.stop, "triggers", daemon=True)
+        self._live.attach(self)
         with self._live.refusals.recording(self._store, lambda: self._camera.is_simulated):
             try:
                 for thread in (*threads, feeder):

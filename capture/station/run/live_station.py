@@ -29,12 +29,10 @@ from .station_state import STARTING, StationState, changes_by
 from .triggers import (
     Answer,
     Asker,
-    AttachedSource,
     RecipeRefusal,
     RecipeRefused,
     Refused,
     Trigger,
-    TriggerSource,
     TriggerTarget,
 )
 
@@ -134,10 +132,6 @@ class LiveStation(LiveView):
                 except Exception:
                     _log.exception("a subscriber failed on %s", type(published.event).__name__)
 
-    def attached(self, source: TriggerSource | None) -> TriggerSource:
-        """Return `source`, from whose run on `submit` reaches the station; None waits for it."""
-        return AttachedSource(self.attach, source)
-
     def attach(self, target: TriggerTarget) -> None:
         """Pass triggers and requests to `target` from now on."""
         self._target = target
@@ -147,13 +141,10 @@ class LiveStation(LiveView):
 
     def submit(self, trigger: Trigger) -> Answer:
         """Pass a trigger to the station. Never raises."""
-        target = self._target
-        return Refused(f"not ready: {STARTING}") if target is None else target.submit(trigger)
-
-    @property
-    def is_attached(self) -> bool:
-        """Whether the station takes triggers."""
-        return self._has_target.is_set()
+        if self._target is not None:
+            return self._target.submit(trigger)
+        self.refuse(trigger, f"not ready: {STARTING}")
+        return Refused(f"not ready: {STARTING}")
 
     def refuse(self, trigger: Trigger, reason: str) -> None:
         """Record a trigger that an interface refused, as soon as possible. Never raises."""

@@ -15,7 +15,6 @@ from capture.station.domain.recipe import Recipe
 from capture.station.domain.verdict import Decision, Verdict
 from capture.station.results.part_result import PartResult
 from capture.station.results.store import ResultStore, open_store
-from capture.station.run.changeover import UsableRecipe
 from capture.station.run.cycle import Station
 from capture.station.run.equipment import Equipment, ReportAlive
 from capture.station.run.events import Event, PartAnnounced, PartRecovered
@@ -23,6 +22,7 @@ from capture.station.run.live_station import LiveStation, Subscriber
 from capture.station.run.live_view import LiveEvent
 from capture.station.run.outcome import PartJudge
 from capture.station.run.recovery import finish_interrupted
+from capture.station.run.run_recipes import UsableRecipe
 from capture.station.run.station_clock import StationClock
 from capture.station.run.station_state import StationState
 from capture.station.run.triggers import Answer, Asker, Trigger, TriggerTarget
@@ -148,9 +148,6 @@ class FakeRecipes:
     def use(self, recipe: UsableRecipe) -> list[Check]:
         self.on_use(recipe.recipe.name)
         return []
-
-    def use_present(self) -> None:
-        self.use(self.present)
 
     def keep(self, recipe: UsableRecipe, by: Asker) -> None:  # noqa: ARG002
         self.on_keep(recipe.recipe.name)

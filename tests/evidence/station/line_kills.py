@@ -23,6 +23,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from capture.station.run.triggers import NoTriggers
+
 # The kernels of forked processes run in one thread.
 os.environ |= {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
@@ -113,7 +115,7 @@ def _run_a_station(folder: Path, port: int, session: int, journal: Journal) -> N
             serving_modbus(line, ModbusConfig(host=_HOST, port=port)),
             serving_live(folder, live),
         ):
-            run_station(opened, SMALL_RIG, live.attached(None), live)
+            run_station(opened, SMALL_RIG, NoTriggers(), live)
 
 
 def be_the_plc(port: int, name: str, parts: int, journal: Journal, recipe: int) -> None:

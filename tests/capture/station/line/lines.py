@@ -76,7 +76,6 @@ def running_line(
 
         class UntilStopped:
             def run(self, target: Any) -> None:
-                live.attach(target)
                 stopping.wait()
                 target.stop()
 

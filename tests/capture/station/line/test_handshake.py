@@ -183,14 +183,6 @@ def test_a_trigger_that_the_handshake_refuses_has_a_code_and_is_to_be_recorded(
     assert status(handshake) & (Status.ACK | Status.REFUSED) == Status.REFUSED
 
 
-def test_a_station_that_triggers_do_not_reach_yet_is_not_ready() -> None:
-    handshake = ready()
-    handshake.is_open = False
-    assert Status.READY not in status(handshake)
-    assert triggered(handshake, 1).refusal == "not ready: the station is starting"
-    assert shown(handshake)["error"] == ErrorCode.NOT_READY
-
-
 def test_a_recipe_is_required_by_its_position() -> None:
     handshake = ready(recipes=("brass", "steel"))
     tell(handshake, RecipeLoaded("steel", 4, "0123456789abcdef" * 4))
@@ -242,19 +234,12 @@ def test_a_recipe_that_is_not_loaded_has_its_code_and_the_old_one_stays(
     assert shown(handshake)["select_error"] == 0
 
 
-@pytest.mark.parametrize(
-    ("position", "is_open", "code"),
-    [(0, True, SelectError.UNKNOWN), (3, True, SelectError.UNKNOWN),
-     (1, False, SelectError.NOT_READY)],
-)  # fmt: skip
-def test_a_selection_that_names_no_recipe_or_comes_too_early_is_refused(
-    position: int, is_open: bool, code: SelectError
-) -> None:
+@pytest.mark.parametrize("position", [0, 3])
+def test_a_selection_that_names_no_recipe_is_refused(position: int) -> None:
     handshake = ready(recipes=RECIPES)
-    handshake.is_open = is_open
     write(handshake, commands=Command.SELECT_RECIPE, recipe=position)
     assert handshake.selection.loading is None
-    assert shown(handshake)["select_error"] == code
+    assert shown(handshake)["select_error"] == SelectError.UNKNOWN
 
 
 def test_a_trigger_that_comes_with_a_selection_or_before_its_answer_is_refused() -> None:

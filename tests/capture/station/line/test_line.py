@@ -15,6 +15,7 @@ from capture.station.line.registers import (
     PLC_ADDRESS,
     STATION,
     Command,
+    ErrorCode,
     SelectError,
     decoded,
     encoded,
@@ -52,6 +53,22 @@ def test_refusals_before_the_station_takes_triggers_are_recorded_with_it() -> No
         with live.refusals.recording(results, lambda: True):  # type: ignore[arg-type]
             ask_for(line, 2, "A-2")
     assert [(row.part_id, row.simulated) for row in results.rows] == [("A-1", True), ("A-2", True)]
+
+
+def test_a_plc_that_comes_before_the_station_takes_triggers_is_refused() -> None:
+    live, results = LiveStation("line-1", simulated=True), Recorder()
+    handshake = Handshake(session=7, is_trigger=True, station=live.state, recipes=("brass",))
+    line = PlcLine(live, handshake, last_s=0.0)
+    with line, live.refusals.recording(results, lambda: True):  # type: ignore[arg-type]
+        values = NOTHING | {"trigger_id": 1, "part_id": "A-1", "commands": Command.TRIGGER}
+        line.write(PLC_ADDRESS, encoded(PLC, values))
+        until_so(lambda: decoded(STATION, line.station_words())["error"] == ErrorCode.NOT_READY)
+        line.write(PLC_ADDRESS, encoded(PLC, NOTHING))
+        values = NOTHING | {"recipe": 1, "commands": Command.SELECT_RECIPE}
+        line.write(PLC_ADDRESS, encoded(PLC, values))
+        until_so(lambda: handshake.selection.loading is None)
+    assert decoded(STATION, line.station_words())["select_error"] == SelectError.NOT_READY
+    assert [row.part_id for row in results.rows] == ["A-1"]
 
 
 def test_refusals_beyond_a_hundred_before_the_start_are_counted() -> None:

@@ -40,7 +40,6 @@ def test_each_part_is_judged_by_the_recipe_that_its_plc_needs_whoever_loads_othe
 
     class UntilStopped:
         def run(self, target: TriggerTarget) -> None:
-            live.attach(target)
             stopping.wait()
             target.stop()  # type: ignore[attr-defined]
 

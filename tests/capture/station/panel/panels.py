@@ -198,7 +198,6 @@ def _running(panel: Panel, run: Callable[[TriggerSource], object]) -> Iterator[s
 
     class UntilStopped:
         def run(self, target: Any) -> None:
-            panel.live.attach(target)
             stopping.wait()
             target.stop()
 

@@ -15,8 +15,8 @@ from capture.station.run.control_chart import (
     ControlChart,
     baseline_of,
     broken_rules,
+    chart_histories,
 )
-from capture.station.run.control_history import chart_histories
 from capture.station.run.events import PartAnnounced, RecipeLoaded
 from rig.config.lights import led_names
 from tests.capture.station.results.many import many
