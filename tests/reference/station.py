@@ -29,8 +29,8 @@ def station_page() -> str:
             "",
             "## Events",
             "",
-            "One line of JSON each, as `event`, with `utc` and the fields in brackets; `part` and "
-            "`recovered` have the columns of `results`, too.",
+            "One line of JSON each, as `event`, with `utc` and the fields in brackets;",
+            "`part` and `recovered` have the columns of `results`, too.",
             "",
             *event_lines(),
             "",
