@@ -9,7 +9,6 @@ from capture.station.panel.app import ROUTES
 from capture.station.panel.filters import FILTERS
 from capture.station.panel.routes import PanelRoute
 from capture.station.results.part_result import PartResult
-from capture.station.run.event_lines import json_fields
 from capture.station.run.events import (
     DevicesChanged,
     DeviceSeen,
@@ -26,6 +25,7 @@ from capture.station.run.events import (
     StationStopped,
     TriggerRefused,
     Warned,
+    json_fields,
 )
 from capture.station.run.states import Change, State
 

@@ -102,9 +102,8 @@ def panel_settings(configured: PanelConfig, host: str | None, port: int | None) 
 
 def plc_line(config: StationConfig, live: LiveStation, trigger: str) -> PlcLine | None:
     """Return the handshake with a PLC, or None if neither section nor trigger asks for one."""
-    from capture.station.line.handshake import MAX_SESSION, Handshake
+    from capture.station.line.handshake import MAX_SESSION, SOURCE, Handshake
     from capture.station.line.line import PlcLine
-    from capture.station.line.selection import SOURCE
 
     if config.modbus is None and trigger != SOURCE:
         return None

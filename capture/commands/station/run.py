@@ -80,7 +80,7 @@ def run(
     from capture.base.process_settings import settle_station
     from capture.station.domain.folder import station_folder
     from capture.station.run.control_chart import ControlChart
-    from capture.station.run.event_lines import text_lines
+    from capture.station.run.events import text_lines
     from capture.station.run.live_station import LiveStation
     from capture.station.run.run import RunOptions, run_station
     from capture.station.service.notify import Notifier

@@ -4,8 +4,7 @@ import os
 import sys
 
 from capture.base.console import complain, out
-from capture.station.run.event_lines import text_lines
-from capture.station.run.events import Warned
+from capture.station.run.events import Warned, text_lines
 from capture.station.run.live_station import Subscriber
 from capture.station.run.live_view import LiveEvent
 from capture.station.service.journal import Journal, is_connected_to_journal

@@ -21,7 +21,7 @@ from capture.station.run.events import (
 from capture.station.run.live_view import LiveEvent
 from capture.station.run.states import State
 from capture.station.run.station_state import StationState
-from capture.station.run.triggers import Accepted, Answer, Refusal, Refused
+from capture.station.run.triggers import Accepted, Answer, Asker, RecipeRefusal, Refused
 from classify.base.errors import InputError
 
 from .registers import (
@@ -40,24 +40,65 @@ from .registers import (
     first_digits,
     registers_of,
 )
-from .selection import SOURCE, Selection
 
+SOURCE = "modbus"
+ASKER = Asker("PLC", SOURCE)
 # With more unacknowledged results than this, the PLC does not run its program.
 MOST_WAITING = 16
-_CODES = {
-    Refusal.NOT_READY: ErrorCode.NOT_READY,
-    Refusal.BUSY: ErrorCode.BUSY,
-    Refusal.STOPPING: ErrorCode.STOPPING,
-    Refusal.DISK: ErrorCode.DISK,
-    Refusal.DATABASE: ErrorCode.DATABASE,
-    Refusal.PART_ID: ErrorCode.PART_ID,
-    Refusal.RECIPE: ErrorCode.RECIPE,
-    Refusal.LATE: ErrorCode.LATE,
-    Refusal.UNFORESEEN: ErrorCode.UNFORESEEN,
-}
 MAX_SESSION = (1 << 32) - 1
 _ALL_COMMANDS = Command.TRIGGER | Command.RESULTS_ACK | Command.SELECT_RECIPE
 _NUMBERS = 1 << 32  # a register holds the number of a part modulo this
+
+
+@dataclass(frozen=True, eq=False)
+class RecipeRequest:
+    """A recipe that the PLC wants to be loaded."""
+
+    name: str
+
+
+class Selection:
+    """The state of the last rise of SelectRecipe.
+
+    A selection that is withdrawn goes on: until its recipe is loaded no other one can be selected.
+    """
+
+    def __init__(self) -> None:
+        self.position = 0
+        self.loading: RecipeRequest | None = None  # until the station has answered
+        # The answer; it is taken back when SelectRecipe falls.
+        self.is_loaded = False
+        self.error = SelectError.NONE
+        self._current: RecipeRequest | None = None  # None after SelectRecipe fell
+
+    def select(self, position: int, name: str | None) -> None:
+        """Take a rise of SelectRecipe; `name` is that of the recipe, None if there is none."""
+        self.withdraw()
+        self.position = position
+        if self.loading is not None:
+            self.error = SelectError.BUSY
+        elif name is None:
+            self.error = SelectError.UNKNOWN
+        else:
+            self._current = self.loading = RecipeRequest(name)
+
+    def withdraw(self) -> None:
+        """Take a fall of SelectRecipe."""
+        self._current, self.is_loaded, self.error = None, False, SelectError.NONE
+
+    def refused(self, request: RecipeRequest, kind: RecipeRefusal) -> None:
+        """Take the refusal of a request."""
+        if self.loading is request:
+            self.loading = None
+        if self._current is request:
+            self.error = SelectError[kind.name]
+
+    def tell(self, event: RecipeLoaded) -> None:
+        """Take a recipe that the station has loaded, for the PLC or for somebody else."""
+        request = self.loading
+        if request is not None and (event.by, event.name) == (ASKER.name, request.name):
+            self.loading = None
+            self.is_loaded = self._current is request
 
 
 @dataclass(frozen=True)
@@ -151,7 +192,7 @@ class Handshake:
         if self._current is request:  # not withdrawn
             self._is_accepted = isinstance(answer, Accepted)
             if isinstance(answer, Refused):
-                self._error = _CODES[answer.kind]
+                self._error = ErrorCode[answer.kind.name]
 
     # The station.
 

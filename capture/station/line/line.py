@@ -11,8 +11,7 @@ from capture.station.run.live_station import LiveStation
 from capture.station.run.live_view import LiveEvent
 from capture.station.run.triggers import RecipeRefusal, RecipeRefused, Trigger
 
-from .handshake import Handshake, TriggerRequest
-from .selection import ASKER, SOURCE, RecipeRequest
+from .handshake import ASKER, SOURCE, Handshake, RecipeRequest, TriggerRequest
 
 _log = logging.getLogger(__name__)
 # Time that the last results wait for the PLC: many scans of its program.

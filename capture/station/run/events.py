@@ -1,9 +1,10 @@
 """Events of a station, which terminal, log, panel and PLC follow."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, Literal
+from dataclasses import asdict, dataclass
+from typing import Any, ClassVar, Literal
 
+from capture.base.outputs import escaped
 from capture.station.domain.fault import Fault
 from capture.station.domain.verdict import Decision
 from capture.station.results.part_result import PartResult
@@ -16,6 +17,7 @@ from .states import Change, State
 class RecipeLoaded:
     """A recipe was loaded; it judges all parts that are triggered from now on."""
 
+    kind: ClassVar = "recipe"
     name: str
     version: int
     sha256: str
@@ -26,6 +28,7 @@ class RecipeLoaded:
 class StateChanged:
     """The station is in another state."""
 
+    kind: ClassVar = "state"
     state: State
     change: Change
     fault: Fault | None = None
@@ -41,6 +44,7 @@ class StateChanged:
 class SelfTestFinished:
     """The self-test has run; with a fault among its checks the station does not become ready."""
 
+    kind: ClassVar = "self-test"
     checks: tuple[Check, ...]
 
 
@@ -48,7 +52,8 @@ class SelfTestFinished:
 class TriggerRefused:
     """A trigger could not be served; `recorded` says whether the refusal is in the results."""
 
-    source: str
+    kind: ClassVar = "refused"
+    trigger: str
     part_id: str | None
     reason: str
     recorded: bool
@@ -59,6 +64,7 @@ class TriggerRefused:
 class PartBegun:
     """A trigger was accepted, and the part has its row in the results."""
 
+    kind: ClassVar = "begun"
     part_id: str
     number: int
 
@@ -67,6 +73,7 @@ class PartBegun:
 class ExposureComplete:
     """No further exposure of the part is needed: it may move. Published after the last attempt."""
 
+    kind: ClassVar = "exposed"
     part_id: str
     number: int
 
@@ -75,6 +82,7 @@ class ExposureComplete:
 class PartAnnounced:
     """The result of a part; its set file and its row are on disk."""
 
+    kind: ClassVar = "part"
     result: PartResult
     latency_ms: float  # since the end of its last exposure
     fault: Fault | None = None  # of a device, which the part has shown
@@ -84,6 +92,7 @@ class PartAnnounced:
 class PartRecovered:
     """A part that an earlier run began and did not finish got the verdict ERROR."""
 
+    kind: ClassVar = "recovered"
     result: PartResult
 
 
@@ -91,6 +100,7 @@ class PartRecovered:
 class PartAcknowledged:
     """Somebody has seen a rejected part."""
 
+    kind: ClassVar = "acknowledged"
     part_id: str
     by: str
 
@@ -99,6 +109,7 @@ class PartAcknowledged:
 class DeviceSeen:
     """A device that the self-test does not test, the PLC, is in another state."""
 
+    kind: ClassVar = "device"
     name: str
     status: Literal["ok", "warning", "fault"]
     text: str
@@ -108,6 +119,7 @@ class DeviceSeen:
 class DevicesChanged:
     """The devices, after an event that changed one of them."""
 
+    kind: ClassVar = "devices"
     devices: tuple[Mapping[str, str], ...]
 
 
@@ -122,6 +134,7 @@ class Noted:
 class Warned:
     """A warning for people; the station goes on."""
 
+    kind: ClassVar = "warning"
     text: str
 
 
@@ -129,14 +142,15 @@ class Warned:
 class StationStopped:
     """The run is over."""
 
+    kind: ClassVar = "stopped"
     reason: str
-    announced: Mapping[Decision, int]
+    parts: Mapping[Decision, int]
     refused: int  # triggers that were not served
 
     @property
     def rejected(self) -> int:
         """Number of parts that did not pass."""
-        return sum(count for verdict, count in self.announced.items() if verdict != Decision.PASS)
+        return sum(count for verdict, count in self.parts.items() if verdict != Decision.PASS)
 
 
 Event = (
@@ -155,3 +169,76 @@ Event = (
     | Warned
     | StationStopped
 )
+
+_DIGITS = 8  # of a hash, for people to compare
+# What programs need of a result that is announced; its row has the rest.
+_OF_RESULT = (
+    "part_id", "number", "decision", "causes", "reason", "simulated", "set_file", "chain_sha256",
+)  # fmt: skip
+
+
+def text_lines(event: Event) -> list[str]:
+    """Return an event as lines of text for people; many events have none."""
+    return [*map(escaped, _lines(event))]
+
+
+def _lines(event: Event) -> list[str]:
+    match event:
+        case RecipeLoaded(name, version, sha256, by):
+            loaded = f", loaded by {by}" if by else ""
+            return [f"recipe {name}, version {version}, {sha256[:_DIGITS]}{loaded}"]
+        case StateChanged(State.EXECUTING) | StateChanged(change=Change.FREE):
+            return []  # of every part
+        case StateChanged(state):
+            return [f"{state}: {event.reason}"]
+        case SelfTestFinished(checks):
+            faults = [check for check in checks if check.status != "ok"]
+            lines = [
+                f"self-test: {check.name}: {check.status}: {check.seen}; {check.advice}".rstrip(
+                    "; "
+                )
+                for check in faults
+            ]
+            return lines or [f"self-test: {len(checks)} checks are ok"]
+        case TriggerRefused(source, part_id, reason, is_recorded):
+            part = f" for {part_id}" if part_id else ""
+            lost = "" if is_recorded else "; not in the results"
+            return [f"trigger by {source}{part} refused: {reason}{lost}"]
+        case PartAnnounced(result, latency_ms):
+            return [f"{_part(result)} ({latency_ms:.0f} ms)"]
+        case PartRecovered(result):
+            return [f"{_part(result)} (of an earlier run)"]
+        case Warned(text):
+            return [f"warning: {text}"]
+        case StationStopped(reason, parts, refused):
+            counts = [f"{parts.get(decision, 0)} {decision}" for decision in Decision]
+            return [f"stopped: {reason}; {', '.join(counts)}, {refused} triggers refused"]
+        case _:
+            return []
+
+
+def json_fields(event: Event) -> dict[str, Any]:
+    """Return an event as fields of JSON; ``event`` names its kind."""
+    match event:
+        case Noted(fields):
+            return dict(fields)
+        case PartAnnounced(result, latency_ms):
+            return {"event": event.kind, **_of(result), "latency_ms": round(latency_ms, 1)}
+        case PartRecovered(result):
+            return {"event": event.kind, **_of(result)}
+        case StateChanged(state, _, fault):
+            about = {"state": state, "reason": event.reason}
+            return {"event": event.kind, **about, "fault": None if fault is None else asdict(fault)}
+        case _:
+            return {"event": event.kind, **asdict(event)}
+
+
+def _of(result: PartResult) -> dict[str, Any]:
+    return {name: result.row[name] for name in _OF_RESULT}
+
+
+def _part(result: PartResult) -> str:
+    simulated = ", simulated" if result.simulated else ""
+    notes = "".join(f"; {note}" for note in result.notes)
+    verdict = result.verdict
+    return f"{result.part_id} {verdict.decision}{simulated}: {verdict.reason}{notes}"

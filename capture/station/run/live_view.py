@@ -11,8 +11,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from .event_lines import json_fields
-from .events import Event, Noted, PartAnnounced, PartRecovered
+from .events import Event, Noted, PartAnnounced, PartRecovered, json_fields
 from .station_state import StationState
 
 # A part has four events: a browser that was disconnected for a hundred parts misses none.

@@ -11,7 +11,6 @@ from contextlib import suppress
 from pathlib import Path
 
 from capture.station.domain.verdict import Decision
-from capture.station.run.event_lines import json_fields, text_lines
 from capture.station.run.events import (
     Event,
     PartAnnounced,
@@ -20,6 +19,8 @@ from capture.station.run.events import (
     StateChanged,
     TriggerRefused,
     Warned,
+    json_fields,
+    text_lines,
 )
 from capture.station.run.live_view import LiveEvent
 from capture.station.run.states import State

@@ -15,7 +15,7 @@ from hypothesis.stateful import (
 )
 
 from capture.station.domain.verdict import Cause, Decision, Verdict
-from capture.station.line.handshake import MOST_WAITING, Handshake, TriggerRequest
+from capture.station.line.handshake import MOST_WAITING, Handshake, RecipeRequest, TriggerRequest
 from capture.station.line.ladder import ANSWER_S, Judged, Ladder
 from capture.station.line.registers import (
     PLC,
@@ -30,7 +30,6 @@ from capture.station.line.registers import (
     decoded,
     encoded,
 )
-from capture.station.line.selection import RecipeRequest
 from capture.station.results.part_result import PartResult
 from capture.station.run.events import (
     Event,

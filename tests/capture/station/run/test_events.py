@@ -7,8 +7,7 @@ import pytest
 
 from capture.station.domain.folder import LOG, StationFolder, make_station
 from capture.station.run import live_station
-from capture.station.run.event_lines import text_lines
-from capture.station.run.events import Event, TriggerRefused, Warned
+from capture.station.run.events import Event, TriggerRefused, Warned, text_lines
 from capture.station.run.live_station import LiveStation
 from capture.station.run.live_view import LiveEvent
 
