@@ -80,7 +80,7 @@ def test_parts_are_announced_in_the_order_of_their_triggers(station: Bench) -> N
     results = [event.result for event in station.of(PartAnnounced)]
     assert all((station.folder.path / result.set_file).is_file() for result in results)
     assert all(result.operator == "Ada" and result.simulated for result in results)
-    assert station.of(StationStopped)[-1].announced == {Decision.PASS: 5}
+    assert station.of(StationStopped)[-1].parts == {Decision.PASS: 5}
 
 
 def test_the_next_part_is_exposed_while_the_last_verdict_is_computed(station: Bench) -> None:

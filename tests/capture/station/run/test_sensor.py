@@ -84,7 +84,7 @@ def test_each_part_at_the_sensor_is_inspected(line: Line) -> None:
 def test_a_part_during_an_exposure_is_on_record_as_refused(line: Line) -> None:
     line.rig.on_first = Simulation.see_part
     line.run(2)
-    assert [event.source for event in line.bench.of(TriggerRefused)] == ["sensor"]
+    assert [event.trigger for event in line.bench.of(TriggerRefused)] == ["sensor"]
     assert [event.result.number for event in line.bench.of(PartAnnounced)] == [1, 2]
 
 
