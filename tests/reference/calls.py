@@ -10,8 +10,8 @@ from capture.station.panel.filters import FILTERS
 from capture.station.panel.routes import PanelRoute
 from capture.station.results.part_result import PartResult
 from capture.station.run.events import (
+    Device,
     DevicesChanged,
-    DeviceSeen,
     Event,
     ExposureComplete,
     Noted,
@@ -44,7 +44,7 @@ _EVENTS: tuple[Event, ...] = (
     PartAnnounced(_RESULT, 0.0),
     PartRecovered(_RESULT),
     PartAcknowledged("", ""),
-    DeviceSeen("plc", "ok", ""),
+    Device("plc", "ok", ""),
     DevicesChanged(()),
     Noted(dict.fromkeys(("event", "part_id", "decision", "by"), "override")),
     TriggerRefused("", None, "", recorded=True),

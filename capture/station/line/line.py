@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Self
 
-from capture.station.run.events import DeviceSeen
+from capture.station.run.events import Device
 from capture.station.run.live_station import LiveStation
 from capture.station.run.live_view import LiveEvent
 from capture.station.run.triggers import RecipeRefusal, RecipeRefused, Trigger
@@ -145,9 +145,9 @@ class PlcLine:
                 self._handshake.selection.refused(request, kind)
 
 
-def _device(connections: int, heartbeat: int, where: str, *, is_silent: bool) -> DeviceSeen:
+def _device(connections: int, heartbeat: int, where: str, *, is_silent: bool) -> Device:
     if connections == 0:
-        return DeviceSeen("plc", "warning", f"no PLC is connected to {where}")
+        return Device("plc", "warning", f"no PLC is connected to {where}")
     if is_silent:
-        return DeviceSeen("plc", "fault", f"the heartbeat of the PLC stays at {heartbeat}")
-    return DeviceSeen("plc", "ok", "connected" if heartbeat else "connected, without a heartbeat")
+        return Device("plc", "fault", f"the heartbeat of the PLC stays at {heartbeat}")
+    return Device("plc", "ok", "connected" if heartbeat else "connected, without a heartbeat")

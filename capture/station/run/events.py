@@ -105,14 +105,17 @@ class PartAcknowledged:
     by: str
 
 
+Status = Literal["ok", "warning", "fault", "unknown", "off"]
+
+
 @dataclass(frozen=True)
-class DeviceSeen:
-    """A device that the self-test does not test, the PLC, is in another state."""
+class Device:
+    """The state of a device; an event of the PLC, which the self-test does not test."""
 
     kind: ClassVar = "device"
-    name: str
-    status: Literal["ok", "warning", "fault"]
-    text: str
+    name: str  # ``camera``, ``lights``, ``plc``, ``disk`` or ``database``
+    status: Status  # ``off``: not configured; ``unknown``: not tested yet
+    text: str = ""
 
 
 @dataclass(frozen=True)
@@ -120,7 +123,7 @@ class DevicesChanged:
     """The devices, after an event that changed one of them."""
 
     kind: ClassVar = "devices"
-    devices: tuple[Mapping[str, str], ...]
+    devices: tuple[Device, ...]
 
 
 @dataclass(frozen=True)
@@ -163,7 +166,7 @@ Event = (
     | PartAnnounced
     | PartRecovered
     | PartAcknowledged
-    | DeviceSeen
+    | Device
     | DevicesChanged
     | Noted
     | Warned

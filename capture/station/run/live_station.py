@@ -14,8 +14,8 @@ from capture.base.utc_time import utc_text
 from capture.station.domain.fault import Fault
 
 from .events import (
+    Device,
     DevicesChanged,
-    DeviceSeen,
     Event,
     Noted,
     PartAcknowledged,
@@ -63,7 +63,7 @@ class LiveStation(LiveView):
         self._subscribers: tuple[Subscriber, ...] = ()
         self._thread = threading.Thread(target=self._tell, name="station events")
         self._changed = threading.Condition(self._lock)
-        self.refusals = Refusals(self)
+        self.refusals = Refusals(self.publish, self.wait_for_room)
         self._target: TriggerTarget | None = None
         self._has_target = threading.Event()
 
@@ -80,7 +80,7 @@ class LiveStation(LiveView):
             if self._subscribers:
                 self._queue.put(published)
             if state.devices != before.devices:
-                self.publish(DevicesChanged(tuple(vars(device) for device in state.devices)))
+                self.publish(DevicesChanged(state.devices))
 
     def change(self, change: Change, fault: Fault | None = None, why: str = "") -> None:
         """Make a transition of `TRANSITIONS`; ValueError if the table does not have it."""
@@ -164,12 +164,10 @@ class LiveStation(LiveView):
         target = self._target
         return target is not None and target.wait_until_ready(max(ends_s - self._now_s(), 0.0))
 
-    def show_device(self, device: DeviceSeen) -> None:
+    def show_device(self, device: Device) -> None:
         """Show the state of a device that the station does not know, such as the PLC."""
         with self._lock:
-            if (device.name, device.status, device.text) not in {
-                (each.name, each.status, each.text) for each in self._state.tested
-            }:
+            if device not in self._state.tested:
                 self.publish(device)
 
     def acknowledge(self, part_id: str, by: str) -> bool:

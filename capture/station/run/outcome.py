@@ -19,7 +19,7 @@ from .station_clock import StationClock
 
 T = TypeVar("T")
 
-_SOFTWARE_VERSION = version("ps4rig")
+SOFTWARE_VERSION = version("ps4rig")
 
 
 class Inspected(Protocol):
@@ -117,7 +117,7 @@ class PartJudge:
             decided_utc=self._clock.now(),
             verdict=Verdict(Decision.ERROR, "the part was not judged", (Cause.UNFORESEEN,)),
             operator=self._operator,
-            software_version=_SOFTWARE_VERSION,
+            software_version=SOFTWARE_VERSION,
             notes=part.notes,
             **vars(part.begun),
             **self._recipe_fields,
@@ -166,19 +166,3 @@ def _fault_shown_by(result: PartResult) -> Fault | None:
     if Cause.RIG not in verdict.causes or not levels:
         return Fault(cause, verdict.reason, "rig" if Cause.RIG in verdict.causes else "")
     return Fault(cause, verdict.reason, "lights", min(levels) / max(levels), STOP_LED_LEVEL)
-
-
-def interrupted_result(
-    station: str, begun: BegunPart, decided_utc: str, stored: dict[str, Any], reason: str
-) -> PartResult:
-    """Return the result of a part that an earlier run began and did not end."""
-    return PartResult(
-        station=station,
-        exposed_utc=None,
-        decided_utc=decided_utc,
-        operator=None,
-        software_version=_SOFTWARE_VERSION,
-        verdict=Verdict(Decision.ERROR, reason, (Cause.INTERRUPTED,)),
-        **vars(begun),
-        **stored,
-    )

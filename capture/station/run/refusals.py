@@ -4,7 +4,6 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Protocol
 
 from capture.base.utc_time import utc_text
 from capture.station.results.database import ResultsUnavailable
@@ -22,24 +21,18 @@ _ROWS_PER_S = 20.0
 _RETRY_S = 0.5
 
 
-class Publisher(Protocol):
-    """The owner of a station's state."""
-
-    def publish(self, event: TriggerRefused) -> None:
-        """Tell everybody of an event."""
-
-    def wait_for_room(self, is_over: Callable[[], bool]) -> None:
-        """Wait while subscribers are far behind."""
-
-
 class Refusals:
     """Records refused triggers from a thread of its own; `add` never waits.
 
     At most `MOST_WAITING` wait, also before the run; one row counts those beyond.
     """
 
-    def __init__(self, publisher: Publisher) -> None:
-        self._publisher = publisher
+    def __init__(
+        self,
+        publish: Callable[[TriggerRefused], None],
+        wait_for_room: Callable[[Callable[[], bool]], None],
+    ) -> None:
+        self._publish, self._wait_for_room = publish, wait_for_room
         self._changed = threading.Condition()
         self._waiting: deque[RefusedTrigger] = deque()
         self._beyond = 0
@@ -94,7 +87,7 @@ class Refusals:
                 for _ in range(len(refused) - bool(beyond)):
                     self._waiting.popleft()
                 self._beyond -= beyond
-            self._publisher.wait_for_room(self._closed.is_set)
+            self._wait_for_room(self._closed.is_set)
             self._tell(refused, recorded=recorded, beyond=beyond)
             self._closed.wait(len(refused) / _ROWS_PER_S)
 
@@ -102,7 +95,7 @@ class Refusals:
         triggers = [1] * (len(refused) - bool(beyond)) + [beyond] * bool(beyond)
         for row, count in zip(refused, triggers, strict=True):
             event = TriggerRefused(row.trigger, row.part_id, row.reason, recorded, count)
-            self._publisher.publish(event)
+            self._publish(event)
 
     def _record(self, store: ResultStore, refused: list[RefusedTrigger]) -> bool:
         try:

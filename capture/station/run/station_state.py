@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Literal
+from typing import Any
 
 from capture.station.domain.fault import Fault
 from capture.station.domain.verdict import Cause, Decision
@@ -11,7 +11,7 @@ from capture.station.results.part_result import PartResult
 from rig.doctor.check import Check
 
 from .events import (
-    DeviceSeen,
+    Device,
     Event,
     PartAcknowledged,
     PartAnnounced,
@@ -19,6 +19,7 @@ from .events import (
     RecipeLoaded,
     SelfTestFinished,
     StateChanged,
+    Status,
     TriggerRefused,
     Warned,
 )
@@ -27,19 +28,9 @@ from .states import Change, State
 # The strip of the operator's page.
 _KEPT_REJECTED = 12
 _KEPT_WARNINGS = 12
-Status = Literal["ok", "warning", "fault", "unknown", "off"]
 _GRAVITY: tuple[Status, ...] = ("off", "ok", "unknown", "warning", "fault")
 _RIG = ("camera", "lights")
 STARTING = "the station is starting"
-
-
-@dataclass(frozen=True)
-class Device:
-    """The state of a device."""
-
-    name: str  # ``camera``, ``lights``, ``plc``, ``disk`` or ``database``
-    status: Status  # ``off``: not configured; ``unknown``: not tested yet
-    text: str = ""
 
 
 _UNTESTED = tuple(
@@ -127,8 +118,8 @@ def changes_by(event: Event, before: StationState) -> dict[str, Any]:
             }
         case SelfTestFinished(checks):
             return {"tested": _tested(before.tested, checks)}
-        case DeviceSeen(name, status, text):
-            return {"tested": _replaced(before.tested, [Device(name, status, text)])}
+        case Device():
+            return {"tested": _replaced(before.tested, [event])}
         case TriggerRefused():
             return {"refused": before.refused + event.triggers}
         case PartBegun(part_id):

@@ -21,7 +21,7 @@ from capture.station.panel import event_stream
 from capture.station.results.database import ResultsUnavailable
 from capture.station.results.part_result import PartResult
 from capture.station.run.events import (
-    DeviceSeen,
+    Device,
     PartAnnounced,
     PartBegun,
     SelfTestFinished,
@@ -350,7 +350,7 @@ def test_devices_follow_the_self_test_and_failures() -> None:
     live.publish(SelfTestFinished((Check("rig", "fault", "no such device", device="rig"),)))
     assert statuses(live)["camera"] == statuses(live)["lights"] == "fault"
     for _ in range(2):
-        live.show_device(DeviceSeen("plc", "ok", "connected"))
+        live.show_device(Device("plc", "ok", "connected"))
     assert statuses(live)["plc"] == "ok"
     kinds = [each.fields["event"] for each in live.events_after(0) or ()]
     assert kinds.count("device") == 1
