@@ -367,7 +367,7 @@ class Station:
 
     def refuse(self, trigger: Trigger, reason: str, kind: Refusal = Refusal.NOT_READY) -> Refused:
         """Record a trigger that cannot be served, as soon as the database answers. Never raises."""
-        self._live.refusals.add(trigger, reason)
+        self._live.refuse(trigger, reason)
         return Refused(reason, kind)
 
     def _become_free(self) -> None:

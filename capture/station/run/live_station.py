@@ -65,7 +65,6 @@ class LiveStation(LiveView):
         self._changed = threading.Condition(self._lock)
         self.refusals = Refusals(self.publish, self.wait_for_room)
         self._target: TriggerTarget | None = None
-        self._has_target = threading.Event()
 
     # The run.
 
@@ -135,7 +134,6 @@ class LiveStation(LiveView):
     def attach(self, target: TriggerTarget) -> None:
         """Pass triggers and requests to `target` from now on."""
         self._target = target
-        self._has_target.set()
 
     # What interfaces do.
 
@@ -155,14 +153,6 @@ class LiveStation(LiveView):
         if self._target is None:
             raise RecipeRefused(f"not ready: {STARTING}", RecipeRefusal.NOT_READY)
         return self._target.load_recipe(name, by)
-
-    def wait_until_ready(self, timeout_s: float) -> bool:
-        """Wait until a trigger would be accepted; False after the time-out or a stop."""
-        ends_s = self._now_s() + timeout_s
-        if not self._has_target.wait(timeout_s):
-            return False
-        target = self._target
-        return target is not None and target.wait_until_ready(max(ends_s - self._now_s(), 0.0))
 
     def show_device(self, device: Device) -> None:
         """Show the state of a device that the station does not know, such as the PLC."""

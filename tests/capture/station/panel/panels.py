@@ -20,6 +20,7 @@ from capture.station.panel.panel import Panel
 from capture.station.panel.server import serving_panel
 from capture.station.run.live_station import LiveStation
 from capture.station.run.run import run_station
+from capture.station.run.states import State
 from capture.station.run.triggers import TriggerSource
 from rig import RigConfig
 from tests.capture.station.stations import Bench, FakeRecipes, bench
@@ -140,7 +141,7 @@ class ServedPanel:
 
     def until_ready(self) -> None:
         """Wait until the station takes a trigger."""
-        assert self.live.wait_until_ready(WAIT_S)
+        assert self.live.wait_for(State.READY, WAIT_S)
 
     def parts(self, count: int, client: Client | None = None) -> list[str]:
         """Trigger parts by HTTP and wait for their results."""
