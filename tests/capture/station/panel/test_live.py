@@ -129,7 +129,7 @@ def test_a_browser_that_slept_for_an_hour_gets_all_that_it_missed(panel: Running
     with stream(panel.local) as messages:
         last = next(messages)["id"]
     for part in parts:
-        panel.live.tell(PartAnnounced(part, 80.0))
+        panel.live.publish(PartAnnounced(part, 80.0))
     with stream(panel.local, last) as messages:
         state = next(messages)
         assert state["event"] == "snapshot"
