@@ -10,6 +10,7 @@ class HardwareError(Ps4rigError):
     """Hardware that is missing, does not answer, or answers wrongly."""
 
     exit_status = 3
+    device = "rig"  # camera or lights
 
 
 class LightControllerError(HardwareError):
@@ -18,9 +19,13 @@ class LightControllerError(HardwareError):
     The state of the LEDs is unknown until the controller's watchdog puts them out.
     """
 
+    device = "lights"
+
 
 class CameraError(HardwareError):
     """A camera that delivers no frame, or frames of another kind than configured."""
+
+    device = "camera"
 
 
 @dataclass(frozen=True)

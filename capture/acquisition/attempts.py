@@ -194,7 +194,11 @@ def _attempt(
     if levels is not None:
         corrected = replace(rig.lighting, intensities=rig.lighting.intensities * levels)
         checked["lighting"] = LightingRecord.of(corrected)
-    return replace(unchecked, metadata=metadata.model_copy(update=checked))
+    return replace(
+        unchecked,
+        metadata=metadata.model_copy(update=checked),
+        hashed=(unchecked.images, unchecked.ambient, None),
+    )
 
 
 def _images_of(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -60,6 +61,8 @@ class CapturedSet:
     mask: npt.NDArray[np.bool_] | None = None
     path: Path | None = field(default=None, repr=False)
     calibration: CalibrationFile | None = field(default=None, repr=False)
+    # Images, ambient image and mask of which the metadata have the hash, if it is known.
+    hashed: tuple[object, ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
         lights = len(self.metadata.lighting.directions)
@@ -198,7 +201,12 @@ class CapturedSet:
         """
         if self.calibration is not None:
             keep_beside(self.calibration, Path(path))
-        ome_tiff.write(Path(path), self.images, self.ambient, self.metadata, self.mask, home)
+        planes = self.images, self.ambient, self.mask
+        is_hashed = len(self.hashed) == len(planes) and all(map(operator.is_, self.hashed, planes))
+        ome_tiff.write(
+            Path(path), self.images, self.ambient, self.metadata, self.mask, home,
+            is_hashed=is_hashed,
+        )  # fmt: skip
 
     @staticmethod
     def load(path: str | Path) -> CapturedSet:

@@ -17,13 +17,14 @@ class Check:
     status: Status
     seen: str
     advice: str = ""
+    device: str = ""  # that it tests, such as ``lights``; empty for none
 
 
-def collected(name: str, checks: Callable[[], Iterator[Check]]) -> list[Check]:
+def collected(name: str, checks: Callable[[], Iterator[Check]], device: str = "") -> list[Check]:
     """Make some checks; an error that they raise becomes a fault called `name`."""
     made: list[Check] = []
     try:
         made.extend(checks())
     except (Ps4rigError, OSError) as error:
-        made.append(Check(name, "fault", str(error)))
+        made.append(Check(name, "fault", str(error), device=getattr(error, "device", device)))
     return made

@@ -80,10 +80,10 @@ def check_leds(images: LightImages) -> Iterator[Check]:
 def _ambient(share: float) -> Check:
     finding = f"{share:.1%} of full scale with all LEDs off"
     if share <= HIGH_AMBIENT_SHARE:
-        return Check("ambient light", "ok", finding)
+        return Check("ambient light", "ok", finding, device="lights")
     status: Status = "fault" if share > MAX_AMBIENT_SHARE else "warning"
     advice = "shield the rig from other light; does an LED stay on?"
-    return Check("ambient light", status, finding, advice)
+    return Check("ambient light", status, finding, advice, "lights")
 
 
 def _led(led: int, signal: float, brightest: float) -> Check:
@@ -91,13 +91,12 @@ def _led(led: int, signal: float, brightest: float) -> Check:
     finding = f"{signal:.1%} of full scale above dark"
     if signal < MIN_SIGNAL_SHARE or signal < DEAD_LED_SHARE * brightest:
         advice = "check its wiring, its resistor and whether something stands before it"
-        return Check(name, "fault", f"{finding}: dead", advice)
+        return Check(name, "fault", f"{finding}: dead", advice, "lights")
     finding += f", {signal / brightest:.0%} of the brightest LED"
     if signal < WEAK_LED_SHARE * brightest:
-        return Check(
-            name, "warning", f"{finding}: weak", "clean or replace it, or lower the others"
-        )
-    return Check(name, "ok", finding)
+        advice = "clean or replace it, or lower the others"
+        return Check(name, "warning", f"{finding}: weak", advice, "lights")
+    return Check(name, "ok", finding, device="lights")
 
 
 def _saturation(images: LightImages) -> Check:

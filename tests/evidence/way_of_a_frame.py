@@ -16,7 +16,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from types import CodeType, FrameType
 
-from capture.station.run.events import Event, PartAnnounced, PartBegun
+from capture.station.run.events import PartAnnounced, PartBegun
+from capture.station.run.live_view import LiveEvent
 from tests.capture.station.production import run_parts, taught_station
 
 ROOT = Path(__file__).parents[2]
@@ -33,8 +34,9 @@ class CallRecorder:
         self.functions: dict[CodeType, None] = {}
         self._is_recording = False
 
-    def listen(self, event: Event) -> None:
+    def listen(self, live: LiveEvent) -> None:
         """Begin and end at the events of the recorded part."""
+        event = live.event
         if isinstance(event, PartBegun) and event.number == _RECORDED_PART:
             self._is_recording = True
         if isinstance(event, PartAnnounced) and event.result.number == _RECORDED_PART:

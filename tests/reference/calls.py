@@ -9,10 +9,13 @@ from capture.station.panel.app import ROUTES
 from capture.station.panel.filters import FILTERS
 from capture.station.panel.routes import PanelRoute
 from capture.station.results.part_result import PartResult
-from capture.station.run.event_lines import json_fields
 from capture.station.run.events import (
+    Device,
+    DevicesChanged,
     Event,
     ExposureComplete,
+    Noted,
+    PartAcknowledged,
     PartAnnounced,
     PartBegun,
     PartRecovered,
@@ -22,8 +25,9 @@ from capture.station.run.events import (
     StationStopped,
     TriggerRefused,
     Warned,
+    json_fields,
 )
-from capture.station.run.states import State
+from capture.station.run.states import Change, State
 
 _RESULT = PartResult(
     station="line-3", part_id="part-000001", number=1, trigger="timer",
@@ -34,11 +38,15 @@ _RESULT = PartResult(
 _EVENTS: tuple[Event, ...] = (
     RecipeLoaded("", 1, ""),
     SelfTestFinished(()),
-    StateChanged(State.READY, ""),
+    StateChanged(State.READY, Change.TESTED),
     PartBegun("", 1),
     ExposureComplete("", 1),
     PartAnnounced(_RESULT, 0.0),
     PartRecovered(_RESULT),
+    PartAcknowledged("", ""),
+    Device("plc", "ok", ""),
+    DevicesChanged(()),
+    Noted(dict.fromkeys(("event", "part_id", "decision", "by"), "override")),
     TriggerRefused("", None, "", recorded=True),
     Warned(""),
     StationStopped("", {}, 0),

@@ -6,14 +6,14 @@ from enum import IntFlag
 from capture.station.domain.verdict import Cause
 from capture.station.line.registers import (
     COMMAND_MEANINGS,
-    ERROR_MEANINGS,
     PLC,
-    SELECT_ERROR_MEANINGS,
     STATES,
     STATION,
     STATUS_MEANINGS,
     VERDICTS,
+    ErrorCode,
     Register,
+    SelectError,
 )
 
 
@@ -24,8 +24,8 @@ def register_lines() -> list[str]:
         *_registers("Written by the PLC", PLC),
         *_bits("status", STATUS_MEANINGS),
         *_bits("commands", COMMAND_MEANINGS),
-        *_codes("error", ERROR_MEANINGS),
-        *_codes("select_error", SELECT_ERROR_MEANINGS),
+        *_codes("error", {code: code.meaning for code in ErrorCode if code}),
+        *_codes("select_error", {code: code.meaning for code in SelectError if code}),
         *_codes("verdict", {code: str(word) for word, code in VERDICTS.items()}),
         *_codes("state", {code: str(word) for word, code in STATES.items()}),
     ]

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from capture.station.domain.interface_config import ModbusConfig, MqttConfig, PanelConfig
     from capture.station.line.line import PlcLine
     from capture.station.line.mqtt import MqttPublisher
-    from capture.station.run.events import Publisher, Subscriber
-    from capture.station.run.live_station import LiveStation
+    from capture.station.run.live_station import LiveStation, Subscriber
 
 
 @contextmanager
@@ -31,12 +30,11 @@ def running_interfaces(
     is_asked: bool | None,
     host: str | None,
     port: int | None,
-) -> Iterator[Publisher]:
-    """Serve panel, PLC and MQTT while the block runs; yield the publisher of events to all.
+) -> Iterator[None]:
+    """Serve panel, PLC and MQTT, and tell them and `subscribers` of events, while the block runs.
 
     `is_asked`, `host` and `port` are the options for the panel.
     """
-    from capture.station.run.events import Publisher
     from capture.station.run.live_socket import serving_live
 
     config = folder.config
@@ -49,13 +47,13 @@ def running_interfaces(
             if is_asked is not False:
                 stack.enter_context(panel_of(folder, settings))
         line = plc_line(config, live, trigger)
-        listeners = [*subscribers, live.tell] + ([] if line is None else [line.tell])
+        listeners = [*subscribers] + ([] if line is None else [line.tell])
         if config.mqtt is not None:
             listeners.append(stack.enter_context(mqtt_of(config.mqtt, folder)).tell)
-        publisher = stack.enter_context(Publisher(*listeners))
+        stack.enter_context(live.telling(*listeners))
         if line is not None:
             stack.enter_context(modbus_of(line, config.modbus))
-        yield publisher
+        yield
 
 
 @contextmanager
@@ -104,16 +102,15 @@ def panel_settings(configured: PanelConfig, host: str | None, port: int | None) 
 
 def plc_line(config: StationConfig, live: LiveStation, trigger: str) -> PlcLine | None:
     """Return the handshake with a PLC, or None if neither section nor trigger asks for one."""
-    from capture.station.line.handshake import MAX_SESSION, Handshake
+    from capture.station.line.handshake import MAX_SESSION, SOURCE, Handshake
     from capture.station.line.line import PlcLine
-    from capture.station.line.selection import SOURCE
 
     if config.modbus is None and trigger != SOURCE:
         return None
     handshake = Handshake(
         session=1 + secrets.randbelow(MAX_SESSION),
         is_trigger=trigger == SOURCE,
-        is_simulated=live.snapshot().simulated,
+        station=live.state,
         recipes=() if config.modbus is None else config.modbus.recipes,
     )
     return PlcLine(live, handshake)

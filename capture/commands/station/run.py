@@ -11,6 +11,7 @@ from capture.base.console import reported
 from capture.commands import options
 
 if TYPE_CHECKING:
+    from capture.station.run.live_view import LiveEvent
     from capture.station.run.triggers import TriggerSource
 
 
@@ -75,14 +76,11 @@ def run(
     parts in the panel, or by station teach.
     """
     import os
-    from functools import partial
 
     from capture.base.process_settings import settle_station
     from capture.station.domain.folder import station_folder
-    from capture.station.results.database import database_url
-    from capture.station.results.database import shown as shown_url
     from capture.station.run.control_chart import ControlChart
-    from capture.station.run.event_lines import log_to
+    from capture.station.run.events import text_lines
     from capture.station.run.live_station import LiveStation
     from capture.station.run.run import RunOptions, run_station
     from capture.station.service.notify import Notifier
@@ -96,28 +94,30 @@ def run(
         config = opened.config
         rig_config = config_of(rig or config.rig_in(folder))
         trigger = trigger or config.trigger
-        database = shown_url(database_url(config.results_in(folder)))
-        live = LiveStation(
-            config.name, simulated=rig_config.is_simulated, trigger=trigger, database=database
-        )
-        shown, log = shown_by(config.name, as_json=json), partial(log_to, opened)
+        live = LiveStation(config.name, simulated=rig_config.is_simulated, trigger=trigger)
+        shown = shown_by(config.name, as_json=json)
+
+        def log(live_event: LiveEvent) -> None:
+            for line in text_lines(live_event.event):
+                opened.log(line)
+
         notifier = Notifier.from_environment(os.environ)
-        chart = ControlChart(led_names(rig_config.lights.tilts_deg), shown, log, live.tell)
+        chart = ControlChart(led_names(rig_config.lights.tilts_deg), live.publish)
         subscribers = (shown, log, chart, notifier.tell)
         with running_interfaces(
             opened, live, trigger, subscribers, is_asked=panel, host=host, port=port
-        ) as publisher:
+        ):
             settle_station()
-            source = live.attached(_source(trigger, config.timer_s))
+            source = _source(trigger, config.timer_s)
             run_options = RunOptions(operator, parts, notifier.report_alive, collect)
-            stopped = run_station(opened, rig_config, source, publisher, run_options)
+            stopped = run_station(opened, rig_config, source, live, run_options)
     if stopped.rejected:
         raise typer.Exit(1)
 
 
-def _source(trigger: str, timer_s: float) -> TriggerSource | None:
-    """Return where triggers come from; None for those that interfaces submit."""
-    from capture.station.run.triggers import LineTrigger, SensorTrigger, TimerTrigger
+def _source(trigger: str, timer_s: float) -> TriggerSource:
+    """Return where triggers come from."""
+    from capture.station.run.triggers import LineTrigger, NoTriggers, SensorTrigger, TimerTrigger
 
     from .terminal import read_key_line
 
@@ -129,4 +129,4 @@ def _source(trigger: str, timer_s: float) -> TriggerSource | None:
         case "sensor":
             return SensorTrigger()
         case _:
-            return None
+            return NoTriggers()

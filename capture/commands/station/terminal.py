@@ -1,12 +1,12 @@
 """A station on the terminal: a line for each part, or a line of JSON for each event."""
 
-import json
 import os
 import sys
 
 from capture.base.console import complain, out
-from capture.station.run.event_lines import json_fields, text_lines
-from capture.station.run.events import Event, Subscriber, Warned
+from capture.station.run.events import Warned, text_lines
+from capture.station.run.live_station import Subscriber
+from capture.station.run.live_view import LiveEvent
 from capture.station.service.journal import Journal, is_connected_to_journal
 
 _STDOUT = 1
@@ -21,18 +21,18 @@ def shown_by(station: str, *, as_json: bool) -> Subscriber:
     return _print_event
 
 
-def _print_event(event: Event) -> None:
+def _print_event(live: LiveEvent) -> None:
     """Print an event for people; warnings go to stderr."""
-    for line in text_lines(event):
-        if isinstance(event, Warned):
+    for line in text_lines(live.event):
+        if isinstance(live.event, Warned):
             complain(line)
         else:
             out.print(line)
 
 
-def _print_event_as_json(event: Event) -> None:
+def _print_event_as_json(live: LiveEvent) -> None:
     """Print an event as one line of JSON, at once."""
-    print(json.dumps(json_fields(event), allow_nan=False), flush=True)
+    print(live.as_json, flush=True)
 
 
 def read_key_line() -> str:

@@ -1,18 +1,9 @@
-"""Errors of the inspection station; the text of any error, and the verdict that it causes."""
+"""Errors of the inspection station, and the text of any error."""
 
-from capture.base.errors import CalibrationError, SetRejected
 from classify.base.errors import InputError, Ps4rigError
-from rig import HardwareError
-
-from .verdict import Cause, Decision, Verdict
 
 # Characters that are kept of an exception's text, which may be a whole document.
 _MAX_CHARACTERS = 500
-_CAUSES = (
-    (SetRejected, Cause.CAPTURE),
-    (CalibrationError, Cause.CALIBRATION),
-    (HardwareError, Cause.RIG),
-)
 
 
 class RecipeError(InputError):
@@ -47,10 +38,3 @@ def error_text(error: BaseException) -> str:
         text = ""
     is_known = isinstance(error, Ps4rigError | OSError)
     return text if text and is_known else f"{type(error).__name__}: {text}".rstrip(": ")
-
-
-def error_verdict(error: BaseException, cause: Cause | None = None) -> Verdict:
-    """Return the verdict ERROR on a part; a `cause` of None is derived from the kind of error."""
-    if cause is None:
-        cause = next((row for kind, row in _CAUSES if isinstance(error, kind)), Cause.UNFORESEEN)
-    return Verdict(Decision.ERROR, error_text(error), (cause,))

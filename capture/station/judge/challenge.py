@@ -11,7 +11,8 @@ from pydantic import ValidationError
 from capture.base.console import ShowProgress, progress
 from capture.base.utc_time import utc_text
 from capture.sets.captured_set import CapturedSet
-from capture.station.domain.errors import ChallengeFailed, error_verdict
+from capture.station.domain.errors import ChallengeFailed
+from capture.station.domain.fault import fault_of
 from capture.station.domain.recipe_folder import RecipeFolder, file_sha256
 from capture.station.domain.verdict import Decision, Verdict
 from capture.station.judge.fingerprint import Fingerprint
@@ -157,7 +158,7 @@ def _replayed(path: Path, inspector: Inspector) -> tuple[Verdict, str | None]:
             captured = captured.with_calibration(inspector.calibration.file)
         return inspector.inspect(captured).verdict, pixels_sha256
     except Exception as error:  # as in the cycle of the station: no exception may end in PASS
-        return error_verdict(error), pixels_sha256
+        return fault_of(error).verdict, pixels_sha256
 
 
 def valid_replay(

@@ -12,52 +12,93 @@ from typing import Any
 from capture.station.results.part_id import require_given_part_id
 from capture.station.results.part_result import PartResult
 from capture.station.run.events import (
-    Event,
     ExposureComplete,
     PartAnnounced,
     PartBegun,
     PartRecovered,
     RecipeLoaded,
-    StateChanged,
 )
+from capture.station.run.live_view import LiveEvent
 from capture.station.run.states import State
-from capture.station.run.triggers import Accepted, Answer, Refusal, Refused
+from capture.station.run.station_state import StationState
+from capture.station.run.triggers import Accepted, Answer, Asker, RecipeRefusal, Refused
 from classify.base.errors import InputError
 
 from .registers import (
-    NO_ORIENTATION,
     PAGE_VERSION,
     PLC,
     PLC_ADDRESS,
     PLC_WORDS,
     STATES,
     STATION,
-    VERDICTS,
     Command,
     ErrorCode,
     SelectError,
     Status,
     decoded,
     encoded,
+    first_digits,
+    registers_of,
 )
-from .selection import SOURCE, Selection
 
+SOURCE = "modbus"
+ASKER = Asker("PLC", SOURCE)
 # With more unacknowledged results than this, the PLC does not run its program.
 MOST_WAITING = 16
-_CODES = {
-    Refusal.NOT_READY: ErrorCode.NOT_READY,
-    Refusal.BUSY: ErrorCode.BUSY,
-    Refusal.STOPPING: ErrorCode.STOPPING,
-    Refusal.DISK: ErrorCode.DISK,
-    Refusal.DATABASE: ErrorCode.DATABASE,
-    Refusal.PART_ID: ErrorCode.PART_ID,
-    Refusal.RECIPE: ErrorCode.RECIPE,
-    Refusal.LATE: ErrorCode.LATE,
-    Refusal.UNFORESEEN: ErrorCode.UNFORESEEN,
-}
 MAX_SESSION = (1 << 32) - 1
 _ALL_COMMANDS = Command.TRIGGER | Command.RESULTS_ACK | Command.SELECT_RECIPE
 _NUMBERS = 1 << 32  # a register holds the number of a part modulo this
+
+
+@dataclass(frozen=True, eq=False)
+class RecipeRequest:
+    """A recipe that the PLC wants to be loaded."""
+
+    name: str
+
+
+class Selection:
+    """The state of the last rise of SelectRecipe.
+
+    A selection that is withdrawn goes on: until its recipe is loaded no other one can be selected.
+    """
+
+    def __init__(self) -> None:
+        self.position = 0
+        self.loading: RecipeRequest | None = None  # until the station has answered
+        # The answer; it is taken back when SelectRecipe falls.
+        self.is_loaded = False
+        self.error = SelectError.NONE
+        self._current: RecipeRequest | None = None  # None after SelectRecipe fell
+
+    def select(self, position: int, name: str | None) -> None:
+        """Take a rise of SelectRecipe; `name` is that of the recipe, None if there is none."""
+        self.withdraw()
+        self.position = position
+        if self.loading is not None:
+            self.error = SelectError.BUSY
+        elif name is None:
+            self.error = SelectError.UNKNOWN
+        else:
+            self._current = self.loading = RecipeRequest(name)
+
+    def withdraw(self) -> None:
+        """Take a fall of SelectRecipe."""
+        self._current, self.is_loaded, self.error = None, False, SelectError.NONE
+
+    def refused(self, request: RecipeRequest, kind: RecipeRefusal) -> None:
+        """Take the refusal of a request."""
+        if self.loading is request:
+            self.loading = None
+        if self._current is request:
+            self.error = SelectError[kind.name]
+
+    def tell(self, event: RecipeLoaded) -> None:
+        """Take a recipe that the station has loaded, for the PLC or for somebody else."""
+        request = self.loading
+        if request is not None and (event.by, event.name) == (ASKER.name, request.name):
+            self.loading = None
+            self.is_loaded = self._current is request
 
 
 @dataclass(frozen=True)
@@ -78,13 +119,11 @@ class Handshake:
     """
 
     def __init__(
-        self, session: int, *, is_trigger: bool, is_simulated: bool, recipes: Sequence[str] = ()
+        self, session: int, *, is_trigger: bool, station: StationState, recipes: Sequence[str] = ()
     ) -> None:
         self._session, self._is_trigger = session, is_trigger
-        self._is_simulated, self._recipes = is_simulated, recipes
+        self._station, self._recipes = station, recipes  # the state after the last event
         self._written = [0] * PLC_WORDS
-        self._state = State.PREOPERATIONAL
-        self._recipe: RecipeLoaded | None = None
         # The last rise of Trigger, and the one that the station has not answered.
         self._trigger_id = 0
         self._current: TriggerRequest | None = None
@@ -98,7 +137,6 @@ class Handshake:
         self._overruns = 0
         self._is_wrong_ack = False
         self.heartbeat = 0  # the caller counts it up
-        self.is_open = True  # whether triggers reach the station; otherwise they are refused
         self.selection = Selection()
 
     # The PLC.
@@ -137,7 +175,7 @@ class Handshake:
             self.selection.withdraw()
         elif Command.SELECT_RECIPE not in old:
             position = given["recipe"]
-            self.selection.select(position, self._name_at(position), is_open=self.is_open)
+            self.selection.select(position, self._name_at(position))
         if Command.TRIGGER not in new:
             self._withdraw()
         elif Command.TRIGGER not in old:
@@ -154,23 +192,21 @@ class Handshake:
         if self._current is request:  # not withdrawn
             self._is_accepted = isinstance(answer, Accepted)
             if isinstance(answer, Refused):
-                self._error = _CODES[answer.kind]
+                self._error = ErrorCode[answer.kind.name]
 
     # The station.
 
-    def tell(self, event: Event) -> None:
-        """Take an event of the station."""
-        match event:
-            case StateChanged(state, _):
-                self._state = state
-            case RecipeLoaded():
-                self._recipe = event
-                self.selection.tell(event)
+    def tell(self, live: LiveEvent) -> None:
+        """Take an event of the station, and the state after it."""
+        self._station = live.state
+        match live.event:
+            case RecipeLoaded() as recipe:
+                self.selection.tell(recipe)
             case PartBegun(_, number) if not self._is_trigger:
                 self._begun = number
             case ExposureComplete(_, number):
                 self._exposed = number
-            case PartAnnounced(result, _):
+            case PartAnnounced(result):
                 self._announced = result.number
                 self._add(result)
             case PartRecovered(result):
@@ -186,8 +222,7 @@ class Handshake:
 
     def station_words(self) -> list[int]:
         """Return the registers that the station shows."""
-        recipe, shown = self._recipe, self._shown
-        verdict = None if shown is None else shown.verdict
+        recipe = self._station.recipe
         return encoded(
             STATION,
             {
@@ -195,36 +230,32 @@ class Handshake:
                 "session": self._session,
                 "heartbeat": self.heartbeat,
                 "status": self._status(),
-                "state": STATES[self._state],
+                "state": STATES[self._station.state],
                 "error": self._error,
                 "trigger_id": self._trigger_id,
                 "number": self._begun,
                 "recipe": self._position(),
                 "recipe_version": 0 if recipe is None else recipe.version,
-                "recipe_hash": _hash(None if recipe is None else recipe.sha256),
-                "result_number": 0 if shown is None else shown.number,
-                "verdict": 0 if verdict is None else VERDICTS[verdict.decision],
-                "cause": verdict.causes[0].plc_code if verdict and verdict.causes else 0,
-                "orientation": _tenths(None if shown is None else shown.orientation_deg),
-                "result_hash": _hash(None if shown is None else shown.recipe_sha256),
+                "recipe_hash": first_digits(None if recipe is None else recipe.sha256),
                 "overruns": self._overruns,
-                "result_part_id": "" if shown is None else shown.part_id,
                 "selected": self.selection.position,
                 "select_error": self.selection.error,
+                **registers_of(self._shown),
             },
         )
 
     def _status(self) -> Status:
         is_exposed = self._unanswered is None and self._exposed >= self._begun
+        is_ready = self._station.state is State.READY and is_exposed and self._refusal() is None
         bits = {
-            Status.READY: self._state is State.READY and is_exposed and self._refusal() is None,
+            Status.READY: is_ready,
             Status.ACK: self._is_accepted,
             Status.EXPOSURE_COMPLETE: is_exposed and self._begun > 0,
             Status.BUSY: self.is_busy,
             Status.RESULTS_VALID: self._shown is not None,
             Status.REFUSED: self._error is not ErrorCode.NONE,
             Status.WRONG_ACK: self._is_wrong_ack,
-            Status.SIMULATED: self._is_simulated,
+            Status.SIMULATED: self._station.simulated,
             Status.RECIPE_LOADED: self.selection.is_loaded,
             Status.RECIPE_REFUSED: self.selection.error is not SelectError.NONE,
         }
@@ -272,8 +303,6 @@ class Handshake:
 
     def _refusal(self) -> tuple[ErrorCode, str] | None:
         """Why the handshake would refuse any trigger now."""
-        if not self.is_open:
-            return ErrorCode.NOT_READY, "not ready: the station is starting"
         if not self._is_trigger:
             return ErrorCode.OTHER_TRIGGER, "triggers do not come from the PLC"
         if self._unanswered is not None:
@@ -290,9 +319,10 @@ class Handshake:
 
     def _position(self) -> int:
         """Return the position of the loaded recipe, from 1, or 0."""
-        if self._recipe is None or self._recipe.name not in self._recipes:
+        recipe = self._station.recipe
+        if recipe is None or recipe.name not in self._recipes:
             return 0
-        return self._recipes.index(self._recipe.name) + 1
+        return self._recipes.index(recipe.name) + 1
 
     def _name_at(self, position: int) -> str | None:
         return self._recipes[position - 1] if 1 <= position <= len(self._recipes) else None
@@ -324,11 +354,3 @@ class Handshake:
 
     def _is_acknowledging(self) -> bool:
         return bool(self.commands["commands"] & Command.RESULTS_ACK)
-
-
-def _hash(sha256: str | None) -> int:
-    return 0 if sha256 is None else int(sha256[:8], 16)
-
-
-def _tenths(orientation_deg: float | None) -> int:
-    return NO_ORIENTATION if orientation_deg is None else round(10 * orientation_deg) % 3600

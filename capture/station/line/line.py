@@ -6,13 +6,12 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Self
 
-from capture.station.run.devices import Device, Status
-from capture.station.run.events import Event
+from capture.station.run.events import Device
 from capture.station.run.live_station import LiveStation
+from capture.station.run.live_view import LiveEvent
 from capture.station.run.triggers import RecipeRefusal, RecipeRefused, Trigger
 
-from .handshake import Handshake, TriggerRequest
-from .selection import ASKER, SOURCE, RecipeRequest
+from .handshake import ASKER, SOURCE, Handshake, RecipeRequest, TriggerRequest
 
 _log = logging.getLogger(__name__)
 # Time that the last results wait for the PLC: many scans of its program.
@@ -64,17 +63,15 @@ class PlcLine:
 
     # The bus.
 
-    def tell(self, event: Event) -> None:
+    def tell(self, live: LiveEvent) -> None:
         """Take an event of the station."""
         with self._changed:
-            self._handshake.tell(event)
+            self._handshake.tell(live)
             self._changed.notify_all()
 
     def station_words(self) -> list[int]:
         """Return the registers that the station shows, of one moment."""
         with self._changed:
-            # The state may be ready a moment before triggers are taken.
-            self._handshake.is_open = self._live.is_attached
             return self._handshake.station_words()
 
     def plc_words(self) -> list[int]:
@@ -85,7 +82,6 @@ class PlcLine:
     def write(self, address: int, words: Sequence[int]) -> None:
         """Take what the PLC writes."""
         with self._changed:
-            self._handshake.is_open = self._live.is_attached
             before = self._handshake.commands["heartbeat"]
             request = self._handshake.write(address, words)
             if self._handshake.commands["heartbeat"] != before:
@@ -103,8 +99,7 @@ class PlcLine:
             self._handshake.heartbeat += 1
             heartbeat = self._handshake.commands["heartbeat"]
             is_silent = heartbeat != 0 and self._now_s() - self._heard_s > _SILENCE_S
-        status, text = _state(connections, heartbeat, where, is_silent=is_silent)
-        self._live.set_device(Device("plc", status, text))
+        self._live.show_device(_device(connections, heartbeat, where, is_silent=is_silent))
 
     def _is_done(self) -> bool:
         return not self._handshake.is_busy and not self._handshake.has_results
@@ -150,9 +145,9 @@ class PlcLine:
                 self._handshake.selection.refused(request, kind)
 
 
-def _state(connections: int, heartbeat: int, where: str, *, is_silent: bool) -> tuple[Status, str]:
+def _device(connections: int, heartbeat: int, where: str, *, is_silent: bool) -> Device:
     if connections == 0:
-        return "warning", f"no PLC is connected to {where}"
+        return Device("plc", "warning", f"no PLC is connected to {where}")
     if is_silent:
-        return "fault", f"the heartbeat of the PLC stays at {heartbeat}"
-    return "ok", "connected" if heartbeat else "connected, without a heartbeat"
+        return Device("plc", "fault", f"the heartbeat of the PLC stays at {heartbeat}")
+    return Device("plc", "ok", "connected" if heartbeat else "connected, without a heartbeat")

@@ -14,12 +14,12 @@ from paho.mqtt.enums import CallbackAPIVersion
 
 from capture.station.domain.interface_config import MqttConfig
 from capture.station.run.events import (
-    Event,
     PartAnnounced,
     PartRecovered,
     RecipeLoaded,
     StateChanged,
 )
+from capture.station.run.live_view import LiveEvent
 
 # A result and two states for each part: five minutes of a line with a part a second; 2 kB each.
 MOST_WAITING = 1000
@@ -84,15 +84,15 @@ class MqttPublisher:
         self._client.disconnect()
         self._client.loop_stop()
 
-    def tell(self, event: Event) -> None:
+    def tell(self, live: LiveEvent) -> None:
         """Take an event of the station."""
-        match event:
-            case PartAnnounced(result, _) | PartRecovered(result):
+        match live.event:
+            case PartAnnounced(result) | PartRecovered(result):
                 name, text = "result", json.dumps(result.row)
-            case RecipeLoaded():
-                name, text = "recipe", json.dumps(vars(event))
-            case StateChanged(state, reason):
-                name, text = "state", json.dumps({"state": state, "reason": reason})
+            case RecipeLoaded() as recipe:
+                name, text = "recipe", json.dumps(vars(recipe))
+            case StateChanged(state) as changed:
+                name, text = "state", json.dumps({"state": state, "reason": changed.reason})
             case _:
                 return
         with self._changed:

@@ -3,9 +3,10 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from capture.station.domain.verdict import Decision
+from capture.station.results.part_result import PartResult
 from capture.station.run.states import State
 
 PAGE_VERSION = 2  # 2 has SelectRecipe
@@ -42,39 +43,57 @@ class Command(IntFlag):
     SELECT_RECIPE = 4
 
 
-class ErrorCode(IntEnum):
+class Code(IntEnum):
+    """A code of a register with its meaning for the reference."""
+
+    meaning: str
+
+    def __new__(cls, value: int, meaning: str) -> Self:
+        """Keep the meaning beside the number."""
+        code = int.__new__(cls, value)
+        code._value_, code.meaning = value, meaning
+        return code
+
+
+class ErrorCode(Code):
     """Why a trigger was refused."""
 
-    NONE = 0
-    BUSY = 1
-    NOT_READY = 2
-    STOPPING = 3
-    DISK = 4
-    DATABASE = 5
-    PART_ID = 6
-    UNFORESEEN = 7
-    TRIGGER_ID = 10
-    UNANSWERED = 11
-    RESULTS_WAITING = 12
-    RECIPE = 13
-    OTHER_TRIGGER = 14
-    RECIPE_LOADING = 15
-    LATE = 16
+    NONE = 0, ""
+    BUSY = 1, "another part is exposed, or parts wait for their verdicts"
+    NOT_READY = 2, "the station is not ready; `state` says more"
+    STOPPING = 3, "the station stops"
+    DISK = 4, "the disk is at its floor"
+    DATABASE = 5, "the database of results does not answer"
+    PART_ID = 6, "`part_id` is invalid, or was used before"
+    UNFORESEEN = 7, "the program has a fault"
+    TRIGGER_ID = 10, "`trigger_id` is 0, or that of the last trigger"
+    UNANSWERED = 11, "an earlier trigger is not answered yet"
+    RESULTS_WAITING = 12, "16 results are not acknowledged"
+    RECIPE = 13, "the loaded recipe is not the required one"
+    OTHER_TRIGGER = 14, 'parts are triggered otherwise: `trigger` is not "modbus"'
+    RECIPE_LOADING = 15, "a recipe that the PLC selected is being loaded"
+    LATE = (
+        16,
+        "the trigger was older than `max_trigger_age_s`",
+    )
 
 
-class SelectError(IntEnum):
+class SelectError(Code):
     """Why a recipe was not loaded."""
 
-    NONE = 0
-    NOT_READY = 1
-    BUSY = 2
-    UNKNOWN = 3
-    NOT_APPROVED = 4
-    CHALLENGE = 5
-    UNUSABLE = 6
-    RIG = 7
-    DATABASE = 8
-    UNFORESEEN = 9
+    NONE = 0, ""
+    NOT_READY = 1, "the station starts, stops, is in error, or collects parts to teach"
+    BUSY = 2, "another recipe is being loaded"
+    UNKNOWN = 3, "no recipe has this position in `recipes`, or its file is missing"
+    NOT_APPROVED = 4, "nobody approved it as it is"
+    CHALLENGE = 5, "it does not meet its challenge set"
+    UNUSABLE = 6, "it was not taught, is damaged, or has no challenge set or calibration"
+    RIG = 7, "the self-test with its light found a fault"
+    DATABASE = 8, "the change could not be recorded"
+    UNFORESEEN = (
+        9,
+        "the program has a fault",
+    )
 
 
 STATUS_MEANINGS = {
@@ -94,33 +113,6 @@ COMMAND_MEANINGS = {
     Command.TRIGGER: "its rise says that a part lies below the camera",
     Command.RESULTS_ACK: "its rise acknowledges the result `ack_number`",
     Command.SELECT_RECIPE: "its rise asks the station to load the recipe `recipe`",
-}
-ERROR_MEANINGS = {
-    ErrorCode.BUSY: "another part is exposed, or parts wait for their verdicts",
-    ErrorCode.NOT_READY: "the station is not ready; `state` says more",
-    ErrorCode.STOPPING: "the station stops",
-    ErrorCode.DISK: "the disk is at its floor",
-    ErrorCode.DATABASE: "the database of results does not answer",
-    ErrorCode.PART_ID: "`part_id` is invalid, or was used before",
-    ErrorCode.UNFORESEEN: "the program has a fault",
-    ErrorCode.TRIGGER_ID: "`trigger_id` is 0, or that of the last trigger",
-    ErrorCode.UNANSWERED: "an earlier trigger is not answered yet",
-    ErrorCode.RESULTS_WAITING: "16 results are not acknowledged",
-    ErrorCode.RECIPE: "the loaded recipe is not the required one",
-    ErrorCode.OTHER_TRIGGER: 'parts are triggered otherwise: `trigger` is not "modbus"',
-    ErrorCode.RECIPE_LOADING: "a recipe that the PLC selected is being loaded",
-    ErrorCode.LATE: "the trigger was older than `max_trigger_age_s`",
-}
-SELECT_ERROR_MEANINGS = {
-    SelectError.NOT_READY: "the station starts, stops, is in error, or collects parts to teach",
-    SelectError.BUSY: "another recipe is being loaded",
-    SelectError.UNKNOWN: "no recipe has this position in `recipes`, or its file is missing",
-    SelectError.NOT_APPROVED: "nobody approved it as it is",
-    SelectError.CHALLENGE: "it does not meet its challenge set",
-    SelectError.UNUSABLE: "it was not taught, is damaged, or has no challenge set or calibration",
-    SelectError.RIG: "the self-test with its light found a fault",
-    SelectError.DATABASE: "the change could not be recorded",
-    SelectError.UNFORESEEN: "the program has a fault",
 }
 
 VERDICTS = {
@@ -197,6 +189,27 @@ PLC = _page(
 )
 STATION_WORDS = STATION[-1].address + STATION[-1].words
 PLC_WORDS = PLC[-1].address + PLC[-1].words - PLC_ADDRESS
+
+
+def registers_of(part: PartResult | None) -> Values:
+    """Return the values that show a result, or none."""
+    if part is None:
+        unknown = dict.fromkeys(("result_number", "verdict", "cause", "result_hash"), 0)
+        return unknown | {"orientation": NO_ORIENTATION, "result_part_id": ""}
+    verdict, angle_deg = part.verdict, part.orientation_deg
+    return {
+        "result_number": part.number,
+        "verdict": VERDICTS[verdict.decision],
+        "cause": verdict.causes[0].plc_code if verdict.causes else 0,
+        "orientation": NO_ORIENTATION if angle_deg is None else round(10 * angle_deg) % 3600,
+        "result_hash": first_digits(part.recipe_sha256),
+        "result_part_id": part.part_id,
+    }
+
+
+def first_digits(sha256: str | None) -> int:
+    """Return the number of the first 8 digits of a hash; 0 without one."""
+    return 0 if sha256 is None else int(sha256[:8], 16)
 
 
 def encoded(registers: Sequence[Register], values: Values) -> list[int]:

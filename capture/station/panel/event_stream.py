@@ -9,8 +9,8 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response, StreamingResponse
 
 from capture.station.domain.roles import Role
-from capture.station.run.live_view import LiveSnapshot, LiveView
-from capture.station.run.subscription import LiveEvent, Subscription
+from capture.station.run.live_view import LiveEvent, LiveView, Subscription
+from capture.station.run.station_state import StationState
 
 from .guard import identity_of
 from .routes import Call, PanelRoute
@@ -135,7 +135,7 @@ def _message(run: str, event: LiveEvent) -> str:
     return _text(run, event.id, event.fields["event"], event.as_json)
 
 
-def _snapshot_message(snapshot: LiveSnapshot) -> str:
+def _snapshot_message(snapshot: StationState) -> str:
     data = json.dumps({"event": "snapshot", **snapshot.fields()}, allow_nan=False)
     return _text(snapshot.run, snapshot.event_id, "snapshot", data)
 

@@ -4,18 +4,18 @@ from collections.abc import Iterator
 from importlib.metadata import version
 
 from capture.station.domain.verdict import Decision
-from capture.station.run.live_view import LiveSnapshot
 from capture.station.run.states import State
+from capture.station.run.station_state import StationState
 
 MEDIA_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 
 
-def metrics_text(live: LiveSnapshot) -> str:
+def metrics_text(live: StationState) -> str:
     """Return the figures of a snapshot; counters begin at 0 with each run."""
     return "".join(f"{line}\n" for line in _lines(live))
 
 
-def _lines(live: LiveSnapshot) -> Iterator[str]:
+def _lines(live: StationState) -> Iterator[str]:
     yield from _family("info", "gauge", "The station and its software.")
     labels = f'station="{live.station}",version="{version("ps4rig")}"'
     yield f"ps4rig_info{{{labels}}} 1"

@@ -10,7 +10,7 @@ from capture.station.domain.tokens import Tokens
 from capture.station.domain.users import Users
 from capture.station.results.audit import ChangeLog, ResultsAccess
 from capture.station.run.live_station import LiveStation
-from capture.station.run.subscription import Subscription
+from capture.station.run.live_view import Subscription
 
 from .background_jobs import BackgroundJobs
 from .part_pictures.picture_maker import PictureMaker

@@ -15,7 +15,6 @@ from capture.station.domain.folder import StationFolder
 from capture.station.results.database import ResultsUnavailable
 from capture.station.run.events import RecipeLoaded
 from capture.station.run.live_socket import (
-    SNAPSHOT,
     Ask,
     AskAcknowledge,
     AskAnnounce,
@@ -26,9 +25,9 @@ from capture.station.run.live_socket import (
     Request,
     live_address,
 )
-from capture.station.run.live_view import LiveSnapshot, LiveView
+from capture.station.run.live_view import STATE, LiveEvent, LiveView
 from capture.station.run.states import State
-from capture.station.run.subscription import LiveEvent
+from capture.station.run.station_state import StationState
 from capture.station.run.triggers import Answer, Asker, RecipeRefused, Trigger
 from classify.base.errors import InputError
 
@@ -56,7 +55,7 @@ class StationLink(LiveView):
             is_simulated = folder.rig_config().is_simulated
         except InputError:
             is_simulated = False
-        super().__init__(LiveSnapshot(config.name, is_simulated, config.trigger, (), NO_RUN))
+        super().__init__(StationState(config.name, is_simulated, config.trigger, (), NO_RUN))
         self._folder = folder.path
         self._ending = threading.Event()
         self._sending = threading.Lock()  # guards the three below
@@ -148,13 +147,13 @@ class StationLink(LiveView):
             for reply in lost.values():
                 reply.set_exception(RunUnavailable(f"{NO_RUN}: it ended before its answer"))
             if not self._ending.is_set():
-                shown = replace(self._snapshot, inspected=None, rejected=())
+                shown = replace(self._state, inspected=None, rejected=())
                 self.begin(replace(shown, state=State.PREOPERATIONAL, reason=NO_RUN))
 
     def _take(self, line: dict[str, Any], connection: socket.socket) -> None:
         match line:
             case {"snapshot": snapshot}:
-                self.begin(SNAPSHOT.validate_python(snapshot))
+                self.begin(STATE.validate_python(snapshot))
                 with self._sending:
                     self._connection = connection
             case {"reply": fields}:
@@ -162,6 +161,6 @@ class StationLink(LiveView):
                 with self._sending:
                     waiting = self._replies.pop(reply.id)
                 waiting.set_result(reply)
-            case {"id": position, "utc": utc, **about}:
-                if position > self._snapshot.event_id:
-                    self.add(LiveEvent(position, utc, about))
+            case {"id": position}:
+                if position > self._state.event_id:
+                    self.add(LiveEvent.of_line(line, self._state))

@@ -18,7 +18,7 @@ from capture.station.results.statistics import (
     counted_periods,
     newest_measured,
 )
-from capture.station.run.control_history import ChartHistory, chart_histories
+from capture.station.run.control_chart import ChartHistory, chart_histories
 from classify.base.errors import InputError
 from rig.config.lights import led_names
 

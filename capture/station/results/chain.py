@@ -26,8 +26,8 @@ class Head:
     chain_sha256: str = ""
 
 
-def append(connection: Connection, table: Table, *rows: Mapping[str, Any]) -> dict[str, Any]:
-    """Insert rows of one station as the next links of its chain; return the last one.
+def append(connection: Connection, table: Table, *rows: Mapping[str, Any]) -> Head:
+    """Insert rows of one station as the next links of its chain; return its new end.
 
     The caller holds the lock of the station.
     """
@@ -38,7 +38,7 @@ def append(connection: Connection, table: Table, *rows: Mapping[str, Any]) -> di
         last = Head(link, sha256)
         linked.append({**row, **vars(last)})
     connection.execute(insert(table), linked)
-    return linked[-1]
+    return last
 
 
 def head(connection: Connection, station: str) -> Head:

@@ -16,6 +16,7 @@ from sqlalchemy.exc import (
 )
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
+from capture.station.domain.verdict import Cause
 from classify.base.errors import InputError, Ps4rigError
 
 # Twice as long as another program may lock the database without an error (README.md: 10 s).
@@ -39,6 +40,7 @@ class ResultsUnavailable(Ps4rigError):  # noqa: N818 - the state of a server, no
     """
 
     exit_status = 3
+    cause, device = Cause.STORAGE, "database"
 
     def __init__(self, message: str, *, may_pass: bool = False) -> None:
         super().__init__(message)

@@ -9,7 +9,7 @@ from capture.base.outputs import csv_line
 
 from .chain import Head
 from .history import Counters, HistoryEntry, Tally
-from .schema import results
+from .part_result import COLUMNS as RESULT_COLUMNS
 
 _FIRST = (
     "station", "number", "part_id", "triggered_utc", "verdict", "reason", "causes", "simulated",
@@ -18,7 +18,7 @@ _FIRST = (
 _RENAMED = "decision"  # to verdict and station_verdict
 COLUMNS = (
     *_FIRST,
-    *(column.name for column in results.c if column.name not in (*_FIRST, _RENAMED)),
+    *(name for name in RESULT_COLUMNS if name not in (*_FIRST, _RENAMED)),
 )
 
 

@@ -3,8 +3,9 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, astuple, dataclass, field, fields
+from enum import StrEnum
 from functools import cached_property
-from typing import Any
+from typing import Any, get_type_hints
 
 from capture.station.domain.limits import LimitedMeasures
 from capture.station.domain.verdict import Cause, Decision, Verdict
@@ -87,23 +88,8 @@ class PartResult(LimitedMeasures):
     @cached_property
     def row(self) -> Mapping[str, Any]:
         """The columns of the table ``results``, which CSV, JSON and MQTT show, too."""
-        row = {column.name: getattr(self, column.name) for column in fields(self)}
-        del row["verdict"]
-        # + 0.0: SQLite makes 0.0 of -0.0.
-        row |= {name: None if row[name] is None else float(row[name]) + 0.0 for name in MEASURES}
-        row |= {
-            "decision": self.verdict.decision.value,
-            "reason": self.verdict.reason,
-            "causes": [cause.value for cause in self.verdict.causes],
-            "defects": [asdict(defect) for defect in self.defects],
-            "led_levels": [float(level) for level in self.led_levels],
-            "timings_ms": {name: float(ms) for name, ms in self.timings_ms.items()},
-            "notes": [storable(note) for note in self.notes],
-        }
-        return {
-            name: storable(value) if isinstance(value, str) else value
-            for name, value in row.items()
-        }
+        values = vars(self) | vars(self.verdict)
+        return {name: _plain(name, values[name]) for name in COLUMNS}
 
     def _measured(self) -> Iterator[tuple[str, float | None]]:
         yield from ((name, getattr(self, name)) for name in MEASURES)
@@ -111,6 +97,39 @@ class PartResult(LimitedMeasures):
             yield from (("defects", value) for value in astuple(defect)[1:])
         yield from (("led_levels", level) for level in self.led_levels)
         yield from self.timings_ms.items()
+
+
+def _columns() -> dict[str, Any]:
+    hints = get_type_hints(PartResult)
+    columns: dict[str, Any] = {}
+    for name in PartResult.__annotations__:
+        columns |= get_type_hints(Verdict) if name == "verdict" else {name: hints[name]}
+        if name == "blur_px":
+            columns |= {field.name: float | None for field in fields(LimitedMeasures)}
+    return columns
+
+
+COLUMNS = _columns()
+"""The columns of a result with their types: of table, CSV, JSON and MQTT."""
+
+
+def _plain(name: str, value: Any) -> Any:
+    """Return a value of a column as database and JSON hold it."""
+    if name in MEASURES and value is not None:
+        return float(value) + 0.0  # SQLite makes 0.0 of -0.0
+    match value:
+        case StrEnum():
+            return value.value
+        case str():
+            return storable(value)
+        case tuple():
+            return [_plain(name, each) for each in value]
+        case DefectRecord():
+            return asdict(value)
+        case Mapping():
+            return {key: float(number) for key, number in value.items()}
+        case _:
+            return float(value) if isinstance(value, float) else value
 
 
 def storable(text: str) -> str:

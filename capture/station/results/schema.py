@@ -5,7 +5,8 @@ A change of a table needs a new `VERSION`: tables of another one are refused.
 
 from collections.abc import Iterator
 from importlib.metadata import version
-from typing import Any
+from types import UnionType
+from typing import Any, get_args
 
 from sqlalchemy import (
     JSON,
@@ -38,12 +39,23 @@ from sqlalchemy.sql.functions import GenericFunction
 from capture.base.utc_time import utc_text
 from classify.base.errors import InputError
 
-from .part_result import MEASURES
+from .part_result import COLUMNS
 
 VERSION = 9
 MADE_BY = "ps4rig station run makes it while parts/ is empty; if it was lost, restore a backup"
 
 metadata = MetaData()
+
+
+_LINK = ("link", "chain_sha256")
+_TYPES: dict[object, Any] = {str: Text, int: BigInteger, bool: Boolean, float: Double}
+
+
+def _column(name: str, kind: Any) -> Column[Any]:
+    """The column of a field of `PartResult`; what is no text or number is JSON."""
+    [kind, *optional] = get_args(kind) if isinstance(kind, UnionType) else [kind]
+    kind = str if isinstance(kind, type) and issubclass(kind, str) else kind
+    return Column(name, _TYPES.get(kind, JSON), nullable=bool(optional))
 
 
 def _link() -> Iterator[Column[Any] | UniqueConstraint]:
@@ -108,33 +120,7 @@ Index("begun_parts_lower", begun_parts.c.station, lower_ascii(begun_parts.c.part
 results = Table(
     "results",
     metadata,
-    Column("station", Text, nullable=False),
-    Column("part_id", Text, nullable=False),
-    Column("number", BigInteger, nullable=False),
-    Column("trigger", Text, nullable=False),
-    Column("triggered_utc", Text, nullable=False),
-    Column("exposed_utc", Text),
-    Column("decided_utc", Text, nullable=False),
-    Column("decision", Text, nullable=False),
-    Column("reason", Text, nullable=False),
-    Column("causes", JSON, nullable=False),
-    Column("operator", Text),
-    Column("simulated", Boolean, nullable=False),
-    Column("software_version", Text, nullable=False),
-    Column("recipe", Text),
-    Column("recipe_version", BigInteger),
-    Column("recipe_sha256", Text),
-    Column("library_sha256", Text),
-    Column("calibration_sha256", Text),
-    Column("set_file", Text),
-    Column("set_sha256", Text),
-    Column("label", Text),
-    Column("nearest", Text),
-    *(Column(name, Double) for name in MEASURES),
-    Column("defects", JSON, nullable=False),
-    Column("led_levels", JSON, nullable=False),
-    Column("timings_ms", JSON, nullable=False),
-    Column("notes", JSON, nullable=False),
+    *(_column(name, kind) for name, kind in COLUMNS.items() if name not in _LINK),
     *_link(),
     PrimaryKeyConstraint("station", "part_id"),
     UniqueConstraint("station", "number"),

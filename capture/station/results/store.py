@@ -3,7 +3,7 @@
 import uuid
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
@@ -137,7 +137,7 @@ class ResultStore:
             self.lock_station(connection, result.decided_utc)
             written = self._find(connection, results, result.part_id)
             if written is None:
-                return result_of(append(connection, results, row))
+                return replace(result, **vars(append(connection, results, row)))
             recorded = result_of(dict(written._mapping))
             if recorded != result_of(row):
                 raise InputError(f"part {result.part_id}: has another result already")

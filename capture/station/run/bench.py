@@ -41,7 +41,9 @@ from rig.set_file import pages
 
 from .cycle import Station
 from .equipment import Equipment
-from .events import Event, PartAnnounced, Publisher, Subscriber
+from .events import PartAnnounced
+from .live_station import LiveStation
+from .live_view import LiveEvent
 from .outcome import PartJudge
 from .station_clock import StationClock
 from .triggers import TimerTrigger
@@ -112,9 +114,9 @@ class _Watcher:
     announced: list[PartAnnounced] = field(default_factory=list)
     early_mb: float | None = None
 
-    def __call__(self, event: Event) -> None:
-        if isinstance(event, PartAnnounced):
-            self.announced.append(event)
+    def __call__(self, live: LiveEvent) -> None:
+        if isinstance(live.event, PartAnnounced):
+            self.announced.append(live.event)
             if len(self.announced) == max(1, self.parts // 10):
                 self.early_mb = _memory_mb()
 
@@ -170,7 +172,7 @@ def run_bench(
     side_px: int,
     classes: int,
     prepared: Callable[[str], None] = lambda _: None,
-    subscribers: Sequence[Subscriber] = (),
+    live: LiveStation | None = None,
 ) -> BenchResult:
     """Judge `parts` parts of 16 bit, with a library of `classes` classes and a defect map.
 
@@ -194,13 +196,14 @@ def run_bench(
 
     prepared("judging parts")
     settle_station()
+    live = live or LiveStation(config.name, simulated=True)
     with (
         open_store(config.results_in(folder), config.name, create=True) as store,
-        Publisher(watcher, *subscribers) as publisher,
+        live.telling(watcher),
     ):
         judge = PartJudge(config.name, None, inspector, {}, save, clock)
         camera = _StoredSets(good[LEAST_PARTS:], inspector.begin)
-        equipment = Equipment(camera, judge, store, list, clock, publisher)
+        equipment = Equipment(camera, judge, store, list, clock, live)
         began_s = time.monotonic()
         Station(folder, config, equipment, parts).run(TimerTrigger(0.0))
         duration_s = time.monotonic() - began_s

@@ -5,63 +5,18 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Protocol
 
-from capture.calibration.lookup import FoundCalibration
-from capture.sets.captured_set import CapturedSet
 from capture.station.domain.errors import error_text
-from capture.station.domain.recipe import Recipe
-from rig.doctor.check import Check
 
 from .events import RecipeLoaded, Warned
 from .outcome import PartJudge
+from .run_recipes import RunRecipes, UsableRecipe
 from .self_test import SelfTest
 from .station_rig import PartCamera
 from .triggers import Asker, RecipeRefusal, RecipeRefused
 
 # Time that a second asker waits for the first, whose recipe may have been taken just now.
 PATIENCE_S = 1.0
-
-
-@dataclass(frozen=True, eq=False)
-class UsableRecipe:
-    """A recipe that may judge parts: approved, loaded, with its challenge set met."""
-
-    judge: PartJudge
-    recipe: Recipe
-    # Called with the images of each part before their checks.
-    begin: Callable[[CapturedSet], None] = lambda _: None
-    calibration: FoundCalibration | None = None
-    by: str = ""  # who asked for it; empty for the recipe of the start
-
-    @cached_property
-    def loaded(self) -> RecipeLoaded:
-        """The event that announces the recipe when it is taken, always the same object."""
-        return RecipeLoaded(self.recipe.name, self.recipe.version, self.recipe.sha256, self.by)
-
-
-class Recipes(Protocol):
-    """The recipes of a station. One method runs at a time; only `load` runs while parts go on."""
-
-    @property
-    def present(self) -> UsableRecipe:
-        """The recipe that judges now."""
-
-    def load(self, name: str, by: Asker, go_on: Callable[[], None]) -> UsableRecipe:
-        """Load a recipe, or raise RecipeRefused.
-
-        `go_on` is called repeatedly; an exception of it ends the work.
-        """
-
-    def use(self, recipe: UsableRecipe) -> list[Check]:
-        """Give the rig the settings of a recipe, and check what it requires."""
-
-    def use_present(self) -> None:
-        """Give the closed rig the settings of the present recipe again."""
-
-    def keep(self, recipe: UsableRecipe, by: Asker) -> None:
-        """Record that the rig took a recipe; the next run begins with it, too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +37,7 @@ class Changeover:
 
     def __init__(
         self,
-        recipes: Recipes | None,
+        recipes: RunRecipes | None,
         publish: Callable[[RecipeLoaded | Warned], None],
         is_stopping: Callable[[], bool],
     ) -> None:
@@ -154,7 +109,7 @@ class Changeover:
         except BaseException as error:
             try:
                 camera.close()
-                recipes.use_present()
+                recipes.use(recipes.present)
             finally:  # The asker waits without a time-out.
                 refused = RecipeRefused(error_text(error), RecipeRefusal.RIG)
                 request.answer.set_exception(error if isinstance(error, RecipeRefused) else refused)

@@ -3,13 +3,15 @@
 import math
 import statistics
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 from capture.station.judge.judge import STOP_LED_LEVEL
 from capture.station.results.part_result import PartResult
-from capture.station.run.events import Event, PartAnnounced, RecipeLoaded, Subscriber, Warned
+from capture.station.results.statistics import ChartedPart
+from capture.station.run.events import PartAnnounced, RecipeLoaded, Warned
+from capture.station.run.live_view import LiveEvent
 from rig.acceptance import EQUAL_LED_LEVELS
 
 WARN_LED_LEVEL = 0.95
@@ -119,13 +121,12 @@ class _Watched:
 class ControlChart:
     """Charts of a running station; subscribe it to the events of the station.
 
-    A warning is passed on once as `Warned`, until it has not held for eight points; each recipe
+    A warning is published once as `Warned`, until it has not held for eight points; each recipe
     starts new charts.
     """
 
-    def __init__(self, led_names: Sequence[str], *subscribers: Subscriber) -> None:
-        self._led_names = tuple(led_names)
-        self._subscribers = subscribers
+    def __init__(self, led_names: Sequence[str], publish: Callable[[Warned], None]) -> None:
+        self._led_names, self._publish = tuple(led_names), publish
         self._begin()
 
     def _begin(self) -> None:
@@ -134,14 +135,13 @@ class ControlChart:
         self._notes = NewWarnings()
         self._group: list[PartResult] = []
 
-    def __call__(self, event: Event) -> None:
+    def __call__(self, live: LiveEvent) -> None:
         """Take an event of the station: the result of a part, or another recipe."""
-        if isinstance(event, RecipeLoaded):
+        if isinstance(live.event, RecipeLoaded):
             self._begin()
-        elif isinstance(event, PartAnnounced):
-            for text in self.add(event.result):
-                for subscriber in self._subscribers:
-                    subscriber(Warned(text))
+        elif isinstance(live.event, PartAnnounced):
+            for text in self.add(live.event.result):
+                self._publish(Warned(text))
 
     def add(self, result: PartResult) -> list[str]:
         """Add a result; return the new warnings, of which its new notes are the first."""
@@ -188,3 +188,71 @@ def is_measured(distance: float | None, led_levels: Sequence[float], leds: int) 
     """Whether a part has a distance, and the levels of `leds` LEDs, all finite and positive."""
     values = [*led_levels, distance or 0.0]
     return len(led_levels) == leds and all(math.isfinite(value) and value > 0.0 for value in values)
+
+
+@dataclass(frozen=True)
+class ChartPoint:
+    """A point of a chart: the mean of some parts, of which the last one names it."""
+
+    number: int
+    part_id: str
+    triggered_utc: str
+    value: float  # arithmetic mean of levels, geometric mean of distances
+    broken: tuple[str, ...]  # Western Electric rules that the point breaks, in words
+    begun: tuple[str, ...]  # those that a running station would report as new at this point
+
+
+@dataclass(frozen=True)
+class ChartHistory:
+    """A control chart."""
+
+    points: tuple[ChartPoint, ...]
+    baseline_points: int  # number of first points
+    centre: float | None
+    # Three standard deviations from `centre`, as `upper`; None with too few points.
+    lower: float | None
+    upper: float | None
+
+
+def chart_histories(parts: Iterable[ChartedPart]) -> tuple[ChartHistory, ...]:
+    """Return the chart of the distance and those of each LED, in the order of the lights.
+
+    Parts with another number of lights than the last one are left out.
+    """
+    listed = list(parts)
+    leds = len(listed[-1].led_levels) if listed else 0
+    measured = [part for part in listed if is_measured(part.distance, part.led_levels, leds)]
+    groups = [measured[end - GROUP : end] for end in range(GROUP, len(measured) + 1, GROUP)]
+    levels = [relative_levels([part.led_levels for part in group]) for group in groups]
+    return (
+        _history(
+            groups,
+            [mean_log_distance(part.distance for part in group) for group in groups],
+            math.exp,
+        ),
+        *(
+            _history(groups, [point[led] for point in levels], least=LEAST_LED_CHANGE)
+            for led in range(leds)
+        ),
+    )
+
+
+def _history(
+    groups: Sequence[Sequence[ChartedPart]],
+    points: Sequence[float],
+    value_of: Callable[[float], float] = lambda point: point,
+    least: float = 0.0,
+) -> ChartHistory:
+    """Apply the rules to points of groups; `value_of` converts a point to chart units."""
+    series, warnings, shown = RuleSeries(least), NewWarnings(), []
+    for (*_, last), point in zip(groups, points, strict=True):
+        broken = series.add(point)
+        begun, value = warnings.begun(broken), value_of(point)
+        shown.append(
+            ChartPoint(last.number, last.part_id, last.triggered_utc, value, broken, begun)
+        )
+    if series.baseline is None:
+        return ChartHistory(tuple(shown), len(shown), None, None, None)
+    mean, three_sigma = series.baseline.mean, 3.0 * series.baseline.sigma
+    centre, lower, upper = map(value_of, (mean, mean - three_sigma, mean + three_sigma))
+    return ChartHistory(tuple(shown), BASELINE_POINTS, centre, lower, upper)

@@ -6,18 +6,19 @@ One thread captures, another judges: the next part is exposed while the last ver
 import queue
 import threading
 import time
-from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 from capture.base.errors import CalibrationError, SetRejected
 from capture.station.domain.config import StationConfig
 from capture.station.domain.errors import error_text
-from capture.station.domain.verdict import Cause, Decision
+from capture.station.domain.fault import Fault, fault_of
+from capture.station.domain.verdict import Decision
 from capture.station.results.database import ResultsUnavailable
 from capture.station.results.part_result import PartResult
-from capture.station.results.store import BegunPart, RefusedTrigger
+from capture.station.results.store import BegunPart
 
 from .beginning import Beginning
 from .changeover import Changeover
@@ -27,13 +28,11 @@ from .events import (
     PartAnnounced,
     PartBegun,
     RecipeLoaded,
-    StateChanged,
     StationStopped,
 )
 from .outcome import ExposedPart
-from .refusals import Refusals
 from .self_test import SelfTest, disk_fault
-from .states import Change, ErrorRow, State, StateMachine
+from .states import Change, State
 from .triggers import (
     Accepted,
     Answer,
@@ -69,24 +68,19 @@ class Station:
         self._folder, self._config, self._equipment = folder, config, equipment
         self._camera, self._judge, self._store = equipment.camera, equipment.judge, equipment.store
         self._prepare, self._clock = equipment.prepare, equipment.clock
-        self._publish, self._sensor = equipment.publisher.publish, equipment.sensor
+        self._live, self._sensor = equipment.live, equipment.sensor
         self._report_alive = equipment.report_alive
-        self._self_test = SelfTest(self._publish)
-        self._refusals = Refusals(self._store, equipment.publisher)
+        self._self_test = SelfTest(self._live.publish)
         self._beginning = Beginning(self._store, self._clock, config.max_trigger_age_s)
         self._stopping = threading.Event()
-        self._changeover = Changeover(equipment.recipes, self._publish, self._stopping.is_set)
+        self._changeover = Changeover(equipment.recipes, self._live.publish, self._stopping.is_set)
         # Guards everything below; the state changes only while it is held.
         self._lock = threading.RLock()
-        self._machine = StateMachine(lambda state, why: self._publish(StateChanged(state, why)))
-        self._reason = "the station is starting"  # why it is not ready
         self._left = count  # parts that may still be triggered
         self._exposing = False  # from the reservation to the end of the last exposure
         self._waiting = 0  # parts that are exposed and have no announced result
-        self._errors = ErrorRow(config.stop_after_errors)
-        self.resume = self._errors.end
-        self._was_ready, self._refused = False, 0
-        self._announced: Counter[Decision] = Counter()
+        self._errors = 0  # in a row, of parts or triggers
+        self._was_ready = False
         self._error: BaseException | None = None
         self._next: queue.SimpleQueue[tuple[BegunPart, str | None, Trigger]] = queue.SimpleQueue()
         self._exposed: queue.SimpleQueue[ExposedPart | None] = queue.SimpleQueue()
@@ -100,7 +94,7 @@ class Station:
 
     def wait_until_ready(self, timeout_s: float) -> bool:
         """Wait until a trigger would be accepted; False after the time-out or a stop."""
-        return self._machine.wait_for(State.READY, timeout_s=timeout_s) and not self.is_stopping
+        return self._live.wait_for(State.READY, timeout_s) and not self.is_stopping
 
     def submit(self, trigger: Trigger) -> Answer:
         """Accept or refuse a trigger. The part has its row before the answer. Never raises."""
@@ -111,10 +105,10 @@ class Station:
             step = self._clock.step()
             begun = self._beginning.begin(trigger, is_simulated=self._camera.is_simulated)
         except BaseException as error:
-            reason, kind = error_text(error), refusal_by(error)
-            self._release(None if kind in (Refusal.PART_ID, Refusal.LATE) else reason)
-            return self.refuse(trigger, reason, kind)
-        self._publish(PartBegun(begun.part_id, begun.number))
+            fault, kind = fault_of(error), refusal_by(error)
+            self._release(None if kind in (Refusal.PART_ID, Refusal.LATE) else fault)
+            return self.refuse(trigger, str(fault), kind)
+        self._live.publish(PartBegun(begun.part_id, begun.number))
         self._next.put((begun, step, trigger))
         return Accepted(begun.part_id, begun.number)
 
@@ -122,11 +116,16 @@ class Station:
         """Load a recipe, which judges all later parts when this returns; or raise RecipeRefused."""
         with self._changeover.loading(name, by) as request:
             with self._lock:
-                if self._machine.state not in (State.READY, State.EXECUTING):
-                    raise RecipeRefused(f"not ready: {self._reason}", RecipeRefusal.NOT_READY)
+                if self._live.state.state not in (State.READY, State.EXECUTING):
+                    reason = f"not ready: {self._live.state.reason}"
+                    raise RecipeRefused(reason, RecipeRefusal.NOT_READY)
                 self._changeover.want(request)
                 self._become_free()
             return request.answer.result()
+
+    def resume(self) -> None:
+        """Try again after a row of errors: somebody has seen one."""
+        self._errors = 0
 
     def stop(self, error: BaseException | None = None) -> None:
         """Accept no further trigger; `run` ends after the parts in progress, with `error`."""
@@ -145,7 +144,8 @@ class Station:
         ]
         # A source that waits for a key cannot be ended.
         feeder = GuardedThread(lambda: source.run(self), self.stop, "triggers", daemon=True)
-        with self._refusals:
+        self._live.attach(self)
+        with self._live.refusals.recording(self._store, lambda: self._camera.is_simulated):
             try:
                 for thread in (*threads, feeder):
                     thread.start()
@@ -160,9 +160,10 @@ class Station:
         if self._error is not None:
             reason = error_text(self._error)
         with self._lock:
-            self._machine.change(Change.STOPPED, reason)
-        stopped = StationStopped(reason, dict(self._announced), self._refused)
-        self._publish(stopped)
+            self._live.change(Change.STOPPED, why=reason)
+        state = self._live.state
+        stopped = StationStopped(reason, state.announced, state.refused)
+        self._live.publish(stopped)
         if self._error is not None:
             raise self._error
         return stopped
@@ -173,13 +174,13 @@ class Station:
         try:
             while not self.is_stopping or self._exposing:  # no part begins after a stop
                 self._report_alive("capture")
-                self._equipment.publisher.wait_for_room(self._stopping.is_set)
+                self._live.wait_for_room(self._stopping.is_set)
                 if not self._exposing and not self._is_open():
                     self._become_ready()
-                elif self._machine.state is State.INITIALIZED:
+                elif self._live.state.state is State.INITIALIZED:
                     self._change_recipe()
                 else:
-                    if self._sensor is not None and self._machine.state is State.READY:
+                    if self._sensor is not None and self._live.state.state is State.READY:
                         self._await_part(self._sensor)
                     with suppress(queue.Empty):
                         self._expose(*self._next.get(timeout=_POLL_S))
@@ -188,22 +189,22 @@ class Station:
             self._exposed.put(None)
 
     def _is_open(self) -> bool:
-        return self._machine.state not in (State.PREOPERATIONAL, State.ERROR)
+        return self._live.state.state not in (State.PREOPERATIONAL, State.ERROR)
 
     def _await_part(self, sensor: PartSensor) -> None:
         def is_over() -> bool:
             self._report_alive("capture")
-            return self.is_stopping or self._machine.state is not State.READY
+            return self.is_stopping or self._live.state.state is not State.READY
 
         try:
             sensor.await_part(self, is_over)
         except Exception as error:
-            self._fail(error_text(error))
+            self._fail(fault_of(error))
 
     def _become_ready(self) -> None:
         """Open the rig and test everything; an error at the start ends the run."""
         self._camera.close()
-        if self._waiting > 0 or self._errors.is_full:
+        if self._waiting > 0 or self._has_lasting_errors:
             self._stopping.wait(_PAUSE_S)
             return
         if self._was_ready and self._stops_within(self._config.reconnect_s):
@@ -213,16 +214,16 @@ class Station:
                 require(self._prepare())
                 self._camera.open()
                 with self._lock:
-                    self._machine.change(Change.OPENED)
+                    self._live.change(Change.OPENED)
                 require(self._camera.test(is_start=not self._was_ready))
         except Exception as error:
-            self._fail(error_text(error))
+            self._fail(fault_of(error))
             if not self._was_ready:
                 raise
             return
         self._was_ready = True
         with self._lock:
-            self._machine.change(Change.TESTED)
+            self._live.change(Change.TESTED)
 
     def _change_recipe(self) -> None:
         """Take another recipe as soon as the last part has its result."""
@@ -234,10 +235,10 @@ class Station:
         try:
             self._judge = self._changeover.take(request, self._camera, self._self_test)
         except Exception as error:
-            self._fail(error_text(error))
+            self._fail(fault_of(error))
         else:
             with self._lock:
-                self._machine.change(Change.TESTED)
+                self._live.change(Change.TESTED)
             request.answer.set_result(request.recipe.loaded)
 
     def _stops_within(self, duration_s: float) -> bool:
@@ -272,12 +273,12 @@ class Station:
             if self._left == 0:
                 self.stop()
             self._exposed.put(part)
-            self._publish(ExposureComplete(begun.part_id, begun.number))
+            self._live.publish(ExposureComplete(begun.part_id, begun.number))
             if error is None or isinstance(error, _OF_THE_SET):
                 self._become_free()
             else:
                 # The state of the rig is unknown.
-                self._fail(error_text(error))
+                self._fail(fault_of(error))
         if not isinstance(error, Exception | None):
             self.stop(error)
 
@@ -286,19 +287,17 @@ class Station:
     def _judge_parts(self) -> None:
         with ThreadPoolExecutor(1, "station writer") as writer:
             while (part := self._next_exposed()) is not None:
-                result, error = self._judge.result_of(part, writer)
-                result = self._add(result)
+                judged, fault, error = self._judge.result_of(part, writer)
+                result = self._add(judged)
                 latency_ms = 1e3 * (self._clock.monotonic_s() - part.exposed_s)
-                self._publish(PartAnnounced(result, latency_ms))
+                self._live.publish(PartAnnounced(result, latency_ms, fault))
                 with self._lock:
-                    verdict = result.verdict
-                    self._announced[verdict.decision] += 1
                     self._waiting -= 1
                     self._become_free()
-                    if verdict.decision is Decision.ERROR:
-                        self._count_error(verdict.reason, fails=Cause.STORAGE in verdict.causes)
-                    else:
-                        self._errors.end()
+                    if result.verdict.decision is not Decision.ERROR:
+                        self._errors = 0
+                    elif fault is not None:
+                        self._count_error(fault, fails=fault.device == "disk")
                 if not isinstance(error, Exception | None):
                     self.stop(error)
 
@@ -316,7 +315,7 @@ class Station:
             try:
                 return self._store.add(result)
             except ResultsUnavailable as error:
-                self._fail(error_text(error))
+                self._fail(fault_of(error))
                 if self.is_stopping:
                     now_s = self._clock.monotonic_s()
                     given_up_s = given_up_s or now_s + _LAST_WAIT_S
@@ -335,27 +334,27 @@ class Station:
             if self._exposing:
                 return "busy: another part is being exposed", Refusal.BUSY
             if not self._is_open():
-                return f"not ready: {self._reason}", Refusal.NOT_READY
+                return f"not ready: {self._live.state.reason}", Refusal.NOT_READY
             if self._waiting >= self._config.buffers:
                 return f"busy: {self._waiting} parts wait for their verdict", Refusal.BUSY
-            if self._machine.state is not State.READY:
+            if self._live.state.state is not State.READY:
                 waits, tests = "a recipe waits for the parts in progress", "the self-test runs"
                 why = waits if self._changeover.is_wanted else tests
                 return f"not ready: {why}", Refusal.NOT_READY
             if self._changeover.lacks(trigger.recipe):
                 return f"recipe {trigger.recipe} is not the loaded one", Refusal.RECIPE
             sets_bytes = (self._waiting + 1) * self._camera.set_bytes
-            reason = disk_fault(self._folder, self._config.disk_floor_mb, sets_bytes)
-            if reason is not None:
-                self._count_error(reason)
-                return reason, Refusal.DISK
+            fault = disk_fault(self._folder, self._config.disk_floor_mb, sets_bytes)
+            if fault is not None:
+                self._count_error(fault)
+                return str(fault), Refusal.DISK
             self._exposing = True
-            self._machine.change(Change.TRIGGERED)
+            self._live.change(Change.TRIGGERED)
             if self._left is not None:
                 self._left -= 1
             return None
 
-    def _release(self, failure: str | None) -> None:
+    def _release(self, failure: Fault | None) -> None:
         """Give back what `_reserve` reserved, for a part that was not begun."""
         with self._lock:
             self._exposing = False
@@ -368,32 +367,33 @@ class Station:
 
     def refuse(self, trigger: Trigger, reason: str, kind: Refusal = Refusal.NOT_READY) -> Refused:
         """Record a trigger that cannot be served, as soon as the database answers. Never raises."""
-        with self._lock:
-            self._refused += 1
-        utc, is_simulated = self._clock.now(), self._camera.is_simulated
-        self._refusals.add(
-            RefusedTrigger(trigger.source, utc, reason, is_simulated, trigger.part_id)
-        )
+        self._live.refuse(trigger, reason)
         return Refused(reason, kind)
 
     def _become_free(self) -> None:
         """Take another recipe or the next trigger, if the camera is free."""
         with self._lock:
-            state, has_buffer = self._machine.state, self._waiting < self._config.buffers
+            state, has_buffer = self._live.state.state, self._waiting < self._config.buffers
             if self._exposing or state not in (State.READY, State.EXECUTING):
                 return
             if self._changeover.is_wanted:
-                self._machine.change(Change.RECIPE)
+                self._live.change(Change.RECIPE)
             elif has_buffer and state is State.EXECUTING and not self.is_stopping:
-                self._machine.change(Change.FREE)
+                self._live.change(Change.FREE)
 
-    def _count_error(self, reason: str, *, fails: bool = True) -> None:
-        reason = self._errors.add(reason)
-        if fails or self._errors.is_full:
-            self._fail(reason)
+    @property
+    def _has_lasting_errors(self) -> bool:
+        """Whether the line stands until somebody has seen the errors: the self-test finds none."""
+        return self._errors >= self._config.stop_after_errors
 
-    def _fail(self, reason: str) -> None:
+    def _count_error(self, fault: Fault, *, fails: bool = True) -> None:
+        self._errors += 1
+        if self._has_lasting_errors:
+            fault = replace(fault, in_a_row=self._errors)
+        if fails or self._has_lasting_errors:
+            self._fail(fault)
+
+    def _fail(self, fault: Fault) -> None:
         with self._lock:
-            self._reason = reason
-            self._machine.change(Change.FAILED, reason, is_news=self._errors.is_full)
-            self._changeover.refuse(f"not ready: {reason}")
+            self._live.change(Change.FAILED, fault)
+            self._changeover.refuse(f"not ready: {fault}")

@@ -8,9 +8,9 @@ from typing import Literal
 from capture.station.results.store import ResultStore
 from rig.doctor.check import Check
 
-from .changeover import Recipes
-from .events import Publisher
+from .live_station import LiveStation
 from .outcome import PartJudge
+from .run_recipes import RunRecipes
 from .station_clock import StationClock
 from .station_rig import PartCamera
 from .triggers import PartSensor
@@ -63,8 +63,8 @@ class Equipment:
     # Makes all checks except those of the rig, while no part is in progress.
     prepare: Callable[[], list[Check]]
     clock: StationClock
-    publisher: Publisher
+    live: LiveStation
     sensor: PartSensor | None = None
     # Called by each worker several times a second, unless the worker hangs.
     report_alive: ReportAlive = lambda _: None
-    recipes: Recipes | None = None  # None if no parts are judged
+    recipes: RunRecipes | None = None  # None if no parts are judged

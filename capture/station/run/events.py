@@ -1,29 +1,23 @@
-"""Events of a station, to which terminal, log, panel and PLC subscribe."""
+"""Events of a station, which terminal, log, panel and PLC follow."""
 
-import logging
-import queue
-import threading
-import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Self
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, ClassVar, Literal
 
+from capture.base.outputs import escaped
+from capture.station.domain.fault import Fault
 from capture.station.domain.verdict import Decision
 from capture.station.results.part_result import PartResult
 from rig.doctor.check import Check
 
-from .states import State
-
-_log = logging.getLogger(__name__)
-# Events of some hundred parts; a subscriber that is further behind hangs.
-MOST_EVENTS = 1000
-_POLL_S = 0.02
+from .states import Change, State
 
 
 @dataclass(frozen=True)
 class RecipeLoaded:
     """A recipe was loaded; it judges all parts that are triggered from now on."""
 
+    kind: ClassVar = "recipe"
     name: str
     version: int
     sha256: str
@@ -34,14 +28,23 @@ class RecipeLoaded:
 class StateChanged:
     """The station is in another state."""
 
+    kind: ClassVar = "state"
     state: State
-    reason: str
+    change: Change
+    fault: Fault | None = None
+    why: str = ""  # in words, where neither change nor fault says it
+
+    @property
+    def reason(self) -> str:
+        """Why, in words."""
+        return self.why or str(self.fault or self.change)
 
 
 @dataclass(frozen=True)
 class SelfTestFinished:
     """The self-test has run; with a fault among its checks the station does not become ready."""
 
+    kind: ClassVar = "self-test"
     checks: tuple[Check, ...]
 
 
@@ -49,16 +52,19 @@ class SelfTestFinished:
 class TriggerRefused:
     """A trigger could not be served; `recorded` says whether the refusal is in the results."""
 
-    source: str
+    kind: ClassVar = "refused"
+    trigger: str
     part_id: str | None
     reason: str
     recorded: bool
+    triggers: int = 1  # refused for the same reason
 
 
 @dataclass(frozen=True)
 class PartBegun:
     """A trigger was accepted, and the part has its row in the results."""
 
+    kind: ClassVar = "begun"
     part_id: str
     number: int
 
@@ -67,6 +73,7 @@ class PartBegun:
 class ExposureComplete:
     """No further exposure of the part is needed: it may move. Published after the last attempt."""
 
+    kind: ClassVar = "exposed"
     part_id: str
     number: int
 
@@ -75,21 +82,62 @@ class ExposureComplete:
 class PartAnnounced:
     """The result of a part; its set file and its row are on disk."""
 
+    kind: ClassVar = "part"
     result: PartResult
     latency_ms: float  # since the end of its last exposure
+    fault: Fault | None = None  # of a device, which the part has shown
 
 
 @dataclass(frozen=True)
 class PartRecovered:
     """A part that an earlier run began and did not finish got the verdict ERROR."""
 
+    kind: ClassVar = "recovered"
     result: PartResult
+
+
+@dataclass(frozen=True)
+class PartAcknowledged:
+    """Somebody has seen a rejected part."""
+
+    kind: ClassVar = "acknowledged"
+    part_id: str
+    by: str
+
+
+Status = Literal["ok", "warning", "fault", "unknown", "off"]
+
+
+@dataclass(frozen=True)
+class Device:
+    """The state of a device; an event of the PLC, which the self-test does not test."""
+
+    kind: ClassVar = "device"
+    name: str  # ``camera``, ``lights``, ``plc``, ``disk`` or ``database``
+    status: Status  # ``off``: not configured; ``unknown``: not tested yet
+    text: str = ""
+
+
+@dataclass(frozen=True)
+class DevicesChanged:
+    """The devices, after an event that changed one of them."""
+
+    kind: ClassVar = "devices"
+    devices: tuple[Device, ...]
+
+
+@dataclass(frozen=True)
+class Noted:
+    """Something that an interface did, such as an override."""
+
+    fields: Mapping[str, Any]  # for JSON; ``event`` names its kind
 
 
 @dataclass(frozen=True)
 class Warned:
     """A warning for people; the station goes on."""
 
+    kind: ClassVar = "warning"
     text: str
 
 
@@ -97,14 +145,15 @@ class Warned:
 class StationStopped:
     """The run is over."""
 
+    kind: ClassVar = "stopped"
     reason: str
-    announced: Mapping[Decision, int]
+    parts: Mapping[Decision, int]
     refused: int  # triggers that were not served
 
     @property
     def rejected(self) -> int:
         """Number of parts that did not pass."""
-        return sum(count for verdict, count in self.announced.items() if verdict != Decision.PASS)
+        return sum(count for verdict, count in self.parts.items() if verdict != Decision.PASS)
 
 
 Event = (
@@ -116,49 +165,83 @@ Event = (
     | ExposureComplete
     | PartAnnounced
     | PartRecovered
+    | PartAcknowledged
+    | Device
+    | DevicesChanged
+    | Noted
     | Warned
     | StationStopped
 )
-Subscriber = Callable[[Event], None]
+
+_DIGITS = 8  # of a hash, for people to compare
+# What programs need of a result that is announced; its row has the rest.
+_OF_RESULT = (
+    "part_id", "number", "decision", "causes", "reason", "simulated", "set_file", "chain_sha256",
+)  # fmt: skip
 
 
-class Publisher:
-    """Passes events to all subscribers, in order, from a thread of its own.
+def text_lines(event: Event) -> list[str]:
+    """Return an event as lines of text for people; many events have none."""
+    return [*map(escaped, _lines(event))]
 
-    `publish` never waits and may be called under a lock; `wait_for_room` bounds the memory.
-    """
 
-    def __init__(self, *subscribers: Subscriber) -> None:
-        self._subscribers = subscribers
-        self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
-        self._thread = threading.Thread(target=self._run, name="station events")
+def _lines(event: Event) -> list[str]:
+    match event:
+        case RecipeLoaded(name, version, sha256, by):
+            loaded = f", loaded by {by}" if by else ""
+            return [f"recipe {name}, version {version}, {sha256[:_DIGITS]}{loaded}"]
+        case StateChanged(State.EXECUTING) | StateChanged(change=Change.FREE):
+            return []  # of every part
+        case StateChanged(state):
+            return [f"{state}: {event.reason}"]
+        case SelfTestFinished(checks):
+            faults = [check for check in checks if check.status != "ok"]
+            lines = [
+                f"self-test: {check.name}: {check.status}: {check.seen}; {check.advice}".rstrip(
+                    "; "
+                )
+                for check in faults
+            ]
+            return lines or [f"self-test: {len(checks)} checks are ok"]
+        case TriggerRefused(source, part_id, reason, is_recorded):
+            part = f" for {part_id}" if part_id else ""
+            lost = "" if is_recorded else "; not in the results"
+            return [f"trigger by {source}{part} refused: {reason}{lost}"]
+        case PartAnnounced(result, latency_ms):
+            return [f"{_part(result)} ({latency_ms:.0f} ms)"]
+        case PartRecovered(result):
+            return [f"{_part(result)} (of an earlier run)"]
+        case Warned(text):
+            return [f"warning: {text}"]
+        case StationStopped(reason, parts, refused):
+            counts = [f"{parts.get(decision, 0)} {decision}" for decision in Decision]
+            return [f"stopped: {reason}; {', '.join(counts)}, {refused} triggers refused"]
+        case _:
+            return []
 
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
 
-    def __exit__(self, *_: object) -> None:
-        self._events.put(None)
-        self._thread.join()
+def json_fields(event: Event) -> dict[str, Any]:
+    """Return an event as fields of JSON; ``event`` names its kind."""
+    match event:
+        case Noted(fields):
+            return dict(fields)
+        case PartAnnounced(result, latency_ms):
+            return {"event": event.kind, **_of(result), "latency_ms": round(latency_ms, 1)}
+        case PartRecovered(result):
+            return {"event": event.kind, **_of(result)}
+        case StateChanged(state, _, fault):
+            about = {"state": state, "reason": event.reason}
+            return {"event": event.kind, **about, "fault": None if fault is None else asdict(fault)}
+        case _:
+            return {"event": event.kind, **asdict(event)}
 
-    def publish(self, event: Event) -> None:
-        """Pass an event on to every subscriber."""
-        self._events.put(event)
 
-    def wait_for_room(self, is_over: Callable[[], bool]) -> None:
-        """Wait while subscribers are `MOST_EVENTS` behind, unless `is_over`.
+def _of(result: PartResult) -> dict[str, Any]:
+    return {name: result.row[name] for name in _OF_RESULT}
 
-        A call by a subscriber returns at once.
-        """
-        while self._events.qsize() >= MOST_EVENTS and not is_over():
-            if threading.current_thread() is self._thread:
-                return
-            time.sleep(_POLL_S)
 
-    def _run(self) -> None:
-        while (event := self._events.get()) is not None:
-            for subscriber in self._subscribers:
-                try:
-                    subscriber(event)
-                except Exception:
-                    _log.exception("a subscriber failed on %s", type(event).__name__)
+def _part(result: PartResult) -> str:
+    simulated = ", simulated" if result.simulated else ""
+    notes = "".join(f"; {note}" for note in result.notes)
+    verdict = result.verdict
+    return f"{result.part_id} {verdict.decision}{simulated}: {verdict.reason}{notes}"

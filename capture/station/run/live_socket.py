@@ -1,7 +1,8 @@
 """The live socket: a run's state and events for panels, and their requests, on a Unix socket.
 
-A panel reads lines of JSON: the snapshot, then each event as ``station run --json`` prints it, with
-its position. It writes requests, each of which is answered by its number.
+A panel reads lines of JSON: the state, then each event as ``station run --json`` prints it, with
+its position and the fields of the state that it changes. It writes requests, each of which is
+answered by its number.
 """
 
 import logging
@@ -17,14 +18,14 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, TypeAdapter
+from pydantic import Field
 
 from capture.station.domain.errors import CannotListen, error_text
 from capture.station.run.events import RecipeLoaded
 from classify.base.models import Record
 
 from .live_station import LiveStation
-from .live_view import LiveSnapshot
+from .live_view import STATE
 from .triggers import Accepted, Asker, RecipeRefusal, RecipeRefused, Refused, Trigger
 
 NAME = "live.sock"
@@ -93,9 +94,6 @@ class Reply(Record):
     value: Accepted | Refused | RecipeLoaded | bool | None = None
     refused: RecipeRefusal | None = None  # why a recipe is not loaded
     reason: str = ""
-
-
-SNAPSHOT = TypeAdapter(LiveSnapshot)
 
 
 @contextmanager
@@ -183,7 +181,7 @@ class _Panel:
             self._connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, SEND_TIME)
             with suppress(OSError):
                 self._connection.sendall(
-                    b'{"snapshot":%s}\n' % SNAPSHOT.dump_json(snapshot, warnings=False)
+                    b'{"snapshot":%s}\n' % STATE.dump_json(snapshot, warnings=False)
                 )
             reading.start()
             while not self._has_ended:

@@ -1,46 +1,53 @@
-"""`LiveStation`: state and trigger of a station for panel, API, PLC and MQTT."""
+"""`LiveStation`: the state of a run, its events for all interfaces, and their requests to it."""
 
+import logging
+import queue
 import secrets
 import threading
 import time
-from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 from capture.base.utc_time import utc_text
-from capture.station.run.event_lines import json_fields
-from capture.station.run.events import (
+from capture.station.domain.fault import Fault
+
+from .events import (
+    Device,
+    DevicesChanged,
     Event,
-    PartAnnounced,
-    PartRecovered,
+    Noted,
+    PartAcknowledged,
     RecipeLoaded,
-    StationStopped,
+    StateChanged,
 )
-from capture.station.run.triggers import (
+from .live_view import LiveEvent, LiveView
+from .refusals import Refusals
+from .states import TRANSITIONS, Change, State
+from .station_state import STARTING, StationState, changes_by
+from .triggers import (
     Answer,
     Asker,
     RecipeRefusal,
     RecipeRefused,
     Refused,
     Trigger,
-    TriggerSource,
     TriggerTarget,
 )
 
-from .devices import Device, DeviceStates
-from .live_view import LiveSnapshot, LiveView
-from .subscription import LiveEvent
-from .triggers import AttachedSource
-
-_STARTING = "the station is starting"
-# Loads that overlap: of one asker each, of which all but two are refused as busy.
-_KEPT_LOADS = 8
-# Refusals before the station takes triggers; a start takes seconds.
-_KEPT_REFUSALS = 100
+Subscriber = Callable[[LiveEvent], None]
+# Events of some hundred parts; a subscriber that is further behind hangs.
+MOST_EVENTS = 1000
+_POLL_S = 0.02
+_log = logging.getLogger(__name__)
 
 
 class LiveStation(LiveView):
-    """A running station as its interfaces see it, in the process of the run."""
+    """The owner of a run's state, and the way of triggers and requests to its cycle.
+
+    `publish` never waits and may be called under a lock; `wait_for_room` bounds the memory.
+    """
 
     def __init__(
         self,
@@ -48,127 +55,123 @@ class LiveStation(LiveView):
         *,
         simulated: bool,
         trigger: str = "http",
-        database: str = "results",
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._devices = DeviceStates(database)
-        snapshot = LiveSnapshot(
-            station, simulated, trigger, self._devices.all(), _STARTING, run=secrets.token_hex(4)
-        )
-        super().__init__(snapshot, now_s)
+        state = StationState(station, simulated, trigger, run=secrets.token_hex(4))
+        super().__init__(state, now_s)
+        self._queue: queue.SimpleQueue[LiveEvent | None] = queue.SimpleQueue()
+        self._subscribers: tuple[Subscriber, ...] = ()
+        self._thread = threading.Thread(target=self._tell, name="station events")
+        self._changed = threading.Condition(self._lock)
+        self.refusals = Refusals(self.publish, self.wait_for_room)
         self._target: TriggerTarget | None = None
-        self._has_target = threading.Event()
-        self._refused: list[tuple[Trigger, str]] = []
-        self._refused_beyond = 0
-        self._loaded: deque[RecipeLoaded] = deque(maxlen=_KEPT_LOADS)
 
-    # What the run gives.
+    # The run.
 
-    def tell(self, event: Event) -> None:
-        """Take an event of the station; the subscriber of its `Publisher`."""
+    def publish(self, event: Event) -> None:
+        """Change the state by an event, and pass both on to everybody."""
         with self._lock:
-            if isinstance(event, RecipeLoaded):
-                if any(event is loaded for loaded in self._loaded):
-                    return
-                self._loaded.append(event)
-            self._devices.take(event)
-            self.announce(_fields(event))
-            self._show_devices()
+            before, changes = self._state, changes_by(event, self._state)
+            state = replace(before, event_id=before.event_id + 1, **changes)
+            utc = utc_text(timespec="milliseconds")
+            published = LiveEvent(state.event_id, utc, event, state, frozenset(changes))
+            self.add(published)
+            if self._subscribers:
+                self._queue.put(published)
+            if state.devices != before.devices:
+                self.publish(DevicesChanged(state.devices))
 
-    def attached(self, source: TriggerSource | None) -> TriggerSource:
-        """Return `source`, from whose run on `submit` reaches the station; None waits for it."""
-        return AttachedSource(self.attach, source)
+    def change(self, change: Change, fault: Fault | None = None, why: str = "") -> None:
+        """Make a transition of `TRANSITIONS`; ValueError if the table does not have it."""
+        with self._changed:
+            old = self._state.state
+            if (old, change) not in TRANSITIONS:
+                raise ValueError(f"a station that is {old} cannot change by: {change}")
+            new = TRANSITIONS[old, change]
+            if new is not old or fault != self._state.fault:
+                self.publish(StateChanged(new, change, fault, why))
+                self._changed.notify_all()
+
+    def wait_for(self, state: State, timeout_s: float) -> bool:
+        """Wait until the station is in a state; False after the time-out."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self._state.state is state, timeout_s)
+
+    @contextmanager
+    def telling(self, *subscribers: Subscriber) -> Iterator[None]:
+        """Tell subscribers of all events during the block, in order, from a thread of its own."""
+        self._subscribers = subscribers
+        self._thread.start()
+        try:
+            yield
+        finally:
+            self._queue.put(None)
+            self._thread.join()
+
+    def wait_for_room(self, is_over: Callable[[], bool]) -> None:
+        """Wait while subscribers are `MOST_EVENTS` behind, unless `is_over`.
+
+        A call by a subscriber returns at once.
+        """
+        while self._queue.qsize() >= MOST_EVENTS and not is_over():
+            if threading.current_thread() is self._thread:
+                return
+            time.sleep(_POLL_S)
+
+    def _tell(self) -> None:
+        is_last = False
+        while not (is_last and self._queue.empty()):  # a subscriber may publish, too
+            published = self._queue.get()
+            if published is None:
+                is_last = True
+                continue
+            for subscriber in self._subscribers:
+                try:
+                    subscriber(published)
+                except Exception:
+                    _log.exception("a subscriber failed on %s", type(published.event).__name__)
 
     def attach(self, target: TriggerTarget) -> None:
-        """Pass triggers, and the refusals so far, to `target` from now on."""
-        with self._lock:
-            self._target = target
-            if self._refused_beyond:
-                reason = f"{self._refused_beyond} triggers more than could be recorded one by one"
-                self._refused.append((Trigger(self._refused[-1][0].source), reason))
-            for refused in self._refused:
-                target.refuse(*refused)
-            self._refused.clear()
-            self._refused_beyond = 0
-            self._has_target.set()
+        """Pass triggers and requests to `target` from now on."""
+        self._target = target
 
     # What interfaces do.
 
     def submit(self, trigger: Trigger) -> Answer:
         """Pass a trigger to the station. Never raises."""
-        target = self._target
-        return Refused(f"not ready: {_STARTING}") if target is None else target.submit(trigger)
-
-    @property
-    def is_attached(self) -> bool:
-        """Whether the station takes triggers, and records those that it refuses."""
-        return self._has_target.is_set()
+        if self._target is not None:
+            return self._target.submit(trigger)
+        self.refuse(trigger, f"not ready: {STARTING}")
+        return Refused(f"not ready: {STARTING}")
 
     def refuse(self, trigger: Trigger, reason: str) -> None:
-        """Record a trigger that an interface refused, at once or after `attach`. Never raises."""
-        with self._lock:
-            if self._target is not None:
-                self._target.refuse(trigger, reason)
-            elif len(self._refused) < _KEPT_REFUSALS:
-                self._refused.append((trigger, reason))
-            else:
-                self._refused_beyond += 1
+        """Record a trigger that an interface refused, as soon as possible. Never raises."""
+        self.refusals.add(trigger, reason)
 
     def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
         """Let the station load a recipe; return when it judges all parts triggered from then on."""
         if self._target is None:
-            raise RecipeRefused(f"not ready: {_STARTING}", RecipeRefusal.NOT_READY)
-        loaded = self._target.load_recipe(name, by)
-        self.tell(loaded)  # the publisher may come later
-        return loaded
+            raise RecipeRefused(f"not ready: {STARTING}", RecipeRefusal.NOT_READY)
+        return self._target.load_recipe(name, by)
 
-    def wait_until_ready(self, timeout_s: float) -> bool:
-        """Wait until a trigger would be accepted; False after the time-out or a stop."""
-        ends_s = self._now_s() + timeout_s
-        if not self._has_target.wait(timeout_s):
-            return False
-        target = self._target
-        return target is not None and target.wait_until_ready(max(ends_s - self._now_s(), 0.0))
-
-    def set_device(self, device: Device) -> None:
+    def show_device(self, device: Device) -> None:
         """Show the state of a device that the station does not know, such as the PLC."""
         with self._lock:
-            self._devices.set(device)
-            self._show_devices()
+            if device not in self._state.tested:
+                self.publish(device)
 
     def acknowledge(self, part_id: str, by: str) -> bool:
         """Record that somebody has seen a rejected part; False if it is not among the last."""
         with self._lock:
-            rejected = {part.result.part_id: part for part in self._snapshot.rejected}
+            rejected = {part.result.part_id: part for part in self._state.rejected}
             if part_id not in rejected:
                 return False
             if rejected[part_id].acknowledged_by is None:
-                self.announce({"event": "acknowledged", "part_id": part_id, "by": by})
-            target = self._target
-        if target is not None:
-            target.resume()
+                self.publish(PartAcknowledged(part_id, by))
+        if self._target is not None:
+            self._target.resume()
         return True
 
     def announce(self, fields: Mapping[str, Any]) -> None:
-        """Tell all subscribers of something that an interface did, such as an override."""
-        with self._lock:
-            utc = utc_text(timespec="milliseconds")
-            self.add(LiveEvent(self._snapshot.event_id + 1, utc, fields))
-
-    def _show_devices(self) -> None:
-        devices = self._devices.all()
-        if devices != self._snapshot.devices:
-            self.announce({"event": "devices", "devices": [vars(device) for device in devices]})
-
-
-def _fields(event: Event) -> dict[str, Any]:
-    fields = json_fields(event)
-    match event:
-        case PartAnnounced(result, _) | PartRecovered(result):
-            return {**result.row, **fields}
-        case StationStopped():
-            return fields | {
-                "parts": {decision.value: n for decision, n in event.announced.items()}
-            }
-        case _:
-            return fields
+        """Tell everybody of something that an interface did, such as an override."""
+        self.publish(Noted(fields))

@@ -1,135 +1,124 @@
-"""`LiveView`: what a station shows at a moment, and its latest events, in any process."""
+"""`LiveView`: the state of a station and its latest events, in any process."""
 
+import json
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
-from capture.station.domain.verdict import Cause, Decision
-from capture.station.results.part_result import PartResult, result_of
-from capture.station.run.events import RecipeLoaded
-from capture.station.run.states import State
+from pydantic import TypeAdapter
 
-from .devices import Device
-from .subscription import LiveEvent, Subscription
+from .events import Event, Noted, PartAnnounced, PartRecovered, json_fields
+from .station_state import StationState
 
 # A part has four events: a browser that was disconnected for a hundred parts misses none.
 _KEPT_EVENTS = 400
-# The strip of the operator's page.
-_KEPT_REJECTED = 12
+# Some fifty parts; a subscriber that is further behind reads the state anew.
+MOST_WAITING = 200
 _RATE_WINDOW_S = 60.0
 # A line of 10 parts a second fills it in the window; the rate is right with fewer, too.
 _KEPT_TIMES = 600
-_COLUMNS = {column.name for column in fields(PartResult)} - {"verdict"} | {
-    "decision", "reason", "causes",
-}  # fmt: skip
+STATE = TypeAdapter(StationState)
 
 
 @dataclass(frozen=True)
-class RejectedPart:
-    """A part that did not pass, and who acknowledged it; None if nobody did."""
+class LiveEvent:
+    """Something that happened, with its position in the run and the state after it."""
 
-    result: PartResult
-    acknowledged_by: str | None = None
+    id: int  # position, from 1, without gaps
+    utc: str
+    event: Event
+    state: StationState
+    changed: frozenset[str] = frozenset()  # fields of the state
 
+    @cached_property
+    def fields(self) -> Mapping[str, Any]:
+        """The event for JSON; ``event`` names its kind."""
+        fields = json_fields(self.event)
+        if isinstance(self.event, PartAnnounced | PartRecovered):
+            return {**self.event.result.row, **fields}
+        return fields
 
-@dataclass(frozen=True)
-class LiveSnapshot:
-    """What a station shows at one moment."""
+    @cached_property
+    def as_json(self) -> str:
+        """The fields and ``utc`` as one line of JSON, made once for all who want it."""
+        return json.dumps({"utc": self.utc, **self.fields}, allow_nan=False)
 
-    station: str
-    simulated: bool
-    trigger: str
-    devices: tuple[Device, ...]
-    reason: str
-    run: str = ""  # a random name of this run; empty where none is known
-    event_id: int = 0  # of the last event in the snapshot
-    state: State = State.PREOPERATIONAL
-    recipe: RecipeLoaded | None = None  # None before it is loaded
-    inspected: str | None = None  # the latest part, until its result is announced
-    last: PartResult | None = None
-    latency_ms: float | None = None  # from exposure to announcement; None before the first
-    total_latency_ms: float = 0.0  # sum over all parts of this run
-    announced: Mapping[Decision, int] = field(default_factory=dict)
-    refused: int = 0
-    parts_per_minute: float = 0.0  # over the last minute
-    rejected: tuple[RejectedPart, ...] = ()  # that did not pass, the newest first
-    subscribers: int = 0  # browsers and programs that follow the events
+    @cached_property
+    def as_line(self) -> bytes:
+        """The line of the live socket: `as_json`, the position, and what it changes."""
+        changes = STATE.dump_json(self.state, include=set(self.changed), warnings=False)
+        return b'{"id":%d,"state":%s,"event":%s}\n' % (self.id, changes, self.as_json.encode())
 
-    def fields(self) -> dict[str, Any]:
-        """Return the snapshot as fields of JSON."""
-        last = None if self.last is None else {**self.last.row, "latency_ms": self.latency_ms}
-        return dict(vars(self)) | {
-            "recipe": None if self.recipe is None else vars(self.recipe),
-            "last": last,
-            "announced": {decision.value: self.announced.get(decision, 0) for decision in Decision},
-            "devices": [vars(device) for device in self.devices],
-            "rejected": [
-                {**part.result.row, "acknowledged_by": part.acknowledged_by}
-                for part in self.rejected
-            ],
-        }
+    @classmethod
+    def of_line(cls, line: Mapping[str, Any], before: StationState) -> "LiveEvent":
+        """Return the event of a line, which came after another state."""
+        position, about, changes = line["id"], line["event"], line["state"]
+        state = STATE.validate_python({**vars(before), **changes, "event_id": position})
+        return cls(position, about.pop("utc"), Noted(about), state, frozenset(changes))
 
 
-def folded(before: LiveSnapshot, event: LiveEvent) -> LiveSnapshot:
-    """Return the snapshot after an event."""
-    return replace(before, event_id=event.id, **_changes(before, event.fields))
+class Subscription:
+    """The events that a subscriber has not taken yet; all are lost when `MOST_WAITING` wait.
 
+    `wake` is called under a lock from a thread of the station, and must not wait.
+    """
 
-def _changes(before: LiveSnapshot, about: Mapping[str, Any]) -> dict[str, Any]:
-    match about["event"]:
-        case "recipe":
-            named = {column.name: about[column.name] for column in fields(RecipeLoaded)}
-            return {"recipe": RecipeLoaded(**named)}
-        case "state":
-            return {"state": State(about["state"]), "reason": about["reason"]}
-        case "refused":
-            return {"refused": before.refused + 1}
-        case "begun":
-            return {"inspected": about["part_id"]}
-        case "devices":
-            return {"devices": tuple(Device(**device) for device in about["devices"])}
-        case "part":
-            return _announced(before, about)
-        case "acknowledged":
-            return {
-                "rejected": tuple(
-                    replace(part, acknowledged_by=about["by"])
-                    if part.result.part_id == about["part_id"]
-                    else part
-                    for part in before.rejected
-                )
-            }
-        case _:
-            return {}
+    def __init__(self, wake: Callable[[], None] = lambda: None) -> None:
+        self._wake = wake
+        self._waiting: deque[LiveEvent] = deque()
+        self._missed = 0
+        self._is_closed = False
+        self._lock = threading.Lock()
 
+    @property
+    def is_closed(self) -> bool:
+        """Whether no further event comes."""
+        return self._is_closed
 
-def _announced(before: LiveSnapshot, about: Mapping[str, Any]) -> dict[str, Any]:
-    result, latency_ms = result_of({name: about[name] for name in _COLUMNS}), about["latency_ms"]
-    decision, rejected = result.verdict.decision, before.rejected
-    if decision is not Decision.PASS and Cause.COLLECTED not in result.verdict.causes:
-        rejected = (RejectedPart(result), *rejected)[:_KEPT_REJECTED]
-    return {
-        "inspected": None if before.inspected == result.part_id else before.inspected,
-        "last": result,
-        "latency_ms": latency_ms,
-        "total_latency_ms": before.total_latency_ms + latency_ms,
-        "announced": {**before.announced, decision: before.announced.get(decision, 0) + 1},
-        "rejected": rejected,
-    }
+    def put(self, event: LiveEvent) -> None:
+        """Add an event; called by `LiveView`."""
+        with self._lock:
+            if len(self._waiting) >= MOST_WAITING:
+                self._missed += len(self._waiting)
+                self._waiting.clear()
+            self._waiting.append(event)
+            self._wake()
+
+    def lose(self) -> None:
+        """Drop what waits and what nobody could add; called by `LiveView`."""
+        with self._lock:
+            self._missed += len(self._waiting) + 1
+            self._waiting.clear()
+            self._wake()
+
+    def close(self) -> None:
+        """Wake the subscriber for the last time."""
+        with self._lock:
+            self._is_closed = True
+            self._wake()
+
+    def take(self) -> tuple[list[LiveEvent], int]:
+        """Return all events that wait, and how many were lost before them."""
+        with self._lock:
+            events, missed = list(self._waiting), self._missed
+            self._waiting.clear()
+            self._missed = 0
+            return events, missed
 
 
 class LiveView:
-    """The present snapshot, the latest events and who follows them; any thread may call it.
+    """The present state, the latest events and who follows them; any thread may call it.
 
     Its subscribers never delay anybody: each has a bounded queue.
     """
 
-    def __init__(self, snapshot: LiveSnapshot, now_s: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, state: StationState, now_s: Callable[[], float] = time.monotonic) -> None:
         self._lock = threading.RLock()
-        self._snapshot, self._now_s = snapshot, now_s
+        self._state, self._now_s = state, now_s
         self._announced_s: deque[float] = deque(maxlen=_KEPT_TIMES)
         self._events: deque[LiveEvent] = deque(maxlen=_KEPT_EVENTS)
         self._subscriptions: set[Subscription] = set()
@@ -138,12 +127,17 @@ class LiveView:
     @property
     def run(self) -> str:
         """The name of the run."""
-        return self._snapshot.run
+        return self._state.run
 
-    def begin(self, snapshot: LiveSnapshot) -> None:
+    @property
+    def state(self) -> StationState:
+        """The state after the last event."""
+        return self._state
+
+    def begin(self, state: StationState) -> None:
         """Show another state, without the events that led to it; subscribers have lost those."""
         with self._lock:
-            self._snapshot = snapshot
+            self._state = state
             self._events.clear()
             for subscription in self._subscriptions:
                 subscription.lose()
@@ -151,8 +145,8 @@ class LiveView:
     def add(self, event: LiveEvent) -> None:
         """Take the next event."""
         with self._lock:
-            self._snapshot = folded(self._snapshot, event)
-            if event.fields["event"] == "part":
+            self._state = event.state
+            if "last" in event.changed:
                 self._announced_s.append(self._now_s())
             self._events.append(event)
             for subscription in self._subscriptions:
@@ -165,11 +159,11 @@ class LiveView:
             for subscription in self._subscriptions:
                 subscription.close()
 
-    def snapshot(self) -> LiveSnapshot:
-        """Return what the station shows now."""
+    def snapshot(self) -> StationState:
+        """Return the state with its rates of this moment."""
         with self._lock:
             subscribers = len(self._subscriptions)
-            return replace(self._snapshot, parts_per_minute=self._rate(), subscribers=subscribers)
+            return replace(self._state, parts_per_minute=self._rate(), subscribers=subscribers)
 
     def subscribe(
         self, wake: Callable[[], None] = lambda: None, most: int | None = None
@@ -193,7 +187,7 @@ class LiveView:
     def events_after(self, event_id: int) -> list[LiveEvent] | None:
         """Return the events after one, or None if not all of them are kept any more."""
         with self._lock:
-            last_id = self._snapshot.event_id
+            last_id = self._state.event_id
             if not 0 <= event_id <= last_id:
                 return None
             after = [event for event in self._events if event.id > event_id]

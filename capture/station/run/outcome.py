@@ -7,9 +7,10 @@ from importlib.metadata import version
 from typing import Any, Protocol, TypeVar
 
 from capture.sets.captured_set import CapturedSet
-from capture.station.domain.errors import error_verdict
+from capture.station.domain.fault import Fault, fault_of
 from capture.station.domain.folder import set_file_of
 from capture.station.domain.verdict import Cause, Decision, Verdict
+from capture.station.judge.judge import STOP_LED_LEVEL
 from capture.station.results.part_result import PartResult
 from capture.station.results.store import BegunPart
 from classify.base.threads import beside_workers
@@ -18,7 +19,7 @@ from .station_clock import StationClock
 
 T = TypeVar("T")
 
-_SOFTWARE_VERSION = version("ps4rig")
+SOFTWARE_VERSION = version("ps4rig")
 
 
 class Inspected(Protocol):
@@ -56,22 +57,6 @@ class ExposedPart:
     notes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class SavedSet:
-    """The file of a set, relative to the station, the hash of its pixels, and the time it took."""
-
-    set_file: str
-    set_sha256: str
-    save_ms: float
-
-    def recorded(self, part: PartResult) -> PartResult:
-        """Return a result with the set."""
-        timings_ms = part.timings_ms | {"save": self.save_ms}
-        return replace(
-            part, set_file=self.set_file, set_sha256=self.set_sha256, timings_ms=timings_ms
-        )
-
-
 class PartJudge:
     """Makes the result of an exposed part."""
 
@@ -91,8 +76,8 @@ class PartJudge:
     @beside_workers()
     def result_of(
         self, part: ExposedPart, writer: ThreadPoolExecutor
-    ) -> tuple[PartResult, BaseException | None]:
-        """Judge a part while `writer` saves its set; return the result and any exception.
+    ) -> tuple[PartResult, Fault | None, BaseException | None]:
+        """Judge a part while `writer` saves its set; return the result, a fault, any exception.
 
         A part passes only if its set is on disk, the inspector says so, and nothing was raised.
         """
@@ -117,11 +102,11 @@ class PartJudge:
                 saved = tried(saving.result, Cause.STORAGE)
         result = None if failures else tried(lambda: self._whole(part, judged, saved))
         if result is not None:
-            return result, None
+            return result, _fault_shown_by(result), None
         error, cause = failures[0]
-        decided_utc = self._clock.now()
-        result = replace(unjudged, verdict=error_verdict(error, cause), decided_utc=decided_utc)
-        return result if saved is None else saved.recorded(result), error
+        fault, decided_utc = fault_of(error, cause), self._clock.now()
+        result = replace(unjudged, verdict=fault.verdict, decided_utc=decided_utc)
+        return replace(result, **(saved or {})), fault, error
 
     def _unjudged(self, part: ExposedPart) -> PartResult:
         """The result of a part before its verdict, which no part keeps."""
@@ -132,7 +117,7 @@ class PartJudge:
             decided_utc=self._clock.now(),
             verdict=Verdict(Decision.ERROR, "the part was not judged", (Cause.UNFORESEEN,)),
             operator=self._operator,
-            software_version=_SOFTWARE_VERSION,
+            software_version=SOFTWARE_VERSION,
             notes=part.notes,
             **vars(part.begun),
             **self._recipe_fields,
@@ -149,36 +134,35 @@ class PartJudge:
         return replace(result, timings_ms=timings_ms)
 
     def _whole(
-        self, part: ExposedPart, judged: PartResult | None, saved: SavedSet | None
+        self, part: ExposedPart, judged: PartResult | None, saved: dict[str, Any] | None
     ) -> PartResult:
         """Return a result with all its timings; raises for values that no row can hold."""
         if judged is None or saved is None:
             raise ValueError("the part was not judged, or its set was not saved")
-        result = saved.recorded(judged)
-        timings_ms = part.timings_ms | result.timings_ms
-        result = replace(result, decided_utc=self._clock.now(), timings_ms=timings_ms)
+        timings_ms = part.timings_ms | judged.timings_ms | saved["timings_ms"]
+        values = saved | {"decided_utc": self._clock.now(), "timings_ms": timings_ms}
+        result = replace(judged, **values)
         result.row  # noqa: B018
         return result
 
-    def _saved(self, begun: BegunPart, captured: CapturedSet) -> SavedSet:
+    def _saved(self, begun: BegunPart, captured: CapturedSet) -> dict[str, Any]:
+        """Write the set; return the fields of the result that name it."""
         began_s = self._clock.monotonic_s()
         set_file = set_file_of(begun.part_id, begun.triggered_utc)
         self._save(captured, set_file)
-        sha256 = captured.metadata.pixels_sha256
-        return SavedSet(set_file, sha256, 1e3 * (self._clock.monotonic_s() - began_s))
+        return {
+            "set_file": set_file,
+            "set_sha256": captured.metadata.pixels_sha256,
+            "timings_ms": {"save": 1e3 * (self._clock.monotonic_s() - began_s)},
+        }
 
 
-def interrupted_result(
-    station: str, begun: BegunPart, decided_utc: str, stored: dict[str, Any], reason: str
-) -> PartResult:
-    """Return the result of a part that an earlier run began and did not end."""
-    return PartResult(
-        station=station,
-        exposed_utc=None,
-        decided_utc=decided_utc,
-        operator=None,
-        software_version=_SOFTWARE_VERSION,
-        verdict=Verdict(Decision.ERROR, reason, (Cause.INTERRUPTED,)),
-        **vars(begun),
-        **stored,
-    )
+def _fault_shown_by(result: PartResult) -> Fault | None:
+    """The fault in a verdict ERROR; where levels were measured, the lights have it."""
+    verdict = result.verdict
+    if verdict.decision is not Decision.ERROR:
+        return None
+    cause, levels = verdict.causes[0], result.led_levels
+    if Cause.RIG not in verdict.causes or not levels:
+        return Fault(cause, verdict.reason, "rig" if Cause.RIG in verdict.causes else "")
+    return Fault(cause, verdict.reason, "lights", min(levels) / max(levels), STOP_LED_LEVEL)

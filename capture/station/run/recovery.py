@@ -9,11 +9,12 @@ from capture.base.names import SET_SUFFIX
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.config import CONFIG
 from capture.station.domain.folder import PARTS, StationFolder, set_file_of
+from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.results.part_result import PartResult
 from capture.station.results.store import BegunPart, ResultStore
 from classify.base.errors import InputError
 
-from .outcome import interrupted_result
+from .outcome import SOFTWARE_VERSION
 
 # Number of last results whose set files are read again at the start. A loss of power can damage
 # files of the last seconds.
@@ -27,7 +28,16 @@ def finish_interrupted(
     """Give each begun part without a result the verdict ERROR, and yield it with its intact set."""
     for begun in store.unfinished():
         stored, reason = _left_behind(folder, begun)
-        result = interrupted_result(store.station, begun, decided_utc(), stored, reason)
+        result = PartResult(
+            station=store.station,
+            exposed_utc=None,
+            decided_utc=decided_utc(),
+            operator=None,
+            software_version=SOFTWARE_VERSION,
+            verdict=Verdict(Decision.ERROR, reason, (Cause.INTERRUPTED,)),
+            **vars(begun),
+            **stored,
+        )
         yield store.add(result)
 
 

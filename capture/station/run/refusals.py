@@ -2,13 +2,16 @@
 
 import threading
 from collections import deque
-from typing import Self
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
+from capture.base.utc_time import utc_text
 from capture.station.results.database import ResultsUnavailable
 from capture.station.results.part_id import shown_part_id
 from capture.station.results.store import RefusedTrigger, ResultStore
 
-from .events import Publisher, TriggerRefused
+from .events import TriggerRefused
+from .triggers import Trigger
 
 # More than this wait only if the database does not answer, or a client is out of order.
 MOST_WAITING = 100
@@ -21,32 +24,40 @@ _RETRY_S = 0.5
 class Refusals:
     """Records refused triggers from a thread of its own; `add` never waits.
 
-    At most `MOST_WAITING` wait; one row counts those beyond. What the database does not take at the
-    end of the ``with`` block is published as not recorded.
+    At most `MOST_WAITING` wait, also before the run; one row counts those beyond.
     """
 
-    def __init__(self, store: ResultStore, publisher: Publisher) -> None:
-        self._store, self._publisher = store, publisher
+    def __init__(
+        self,
+        publish: Callable[[TriggerRefused], None],
+        wait_for_room: Callable[[Callable[[], bool]], None],
+    ) -> None:
+        self._publish, self._wait_for_room = publish, wait_for_room
         self._changed = threading.Condition()
         self._waiting: deque[RefusedTrigger] = deque()
         self._beyond = 0
         self._closed = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="station refusals")
 
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
+    @contextmanager
+    def recording(self, store: ResultStore, is_simulated: Callable[[], bool]) -> Iterator[None]:
+        """Record during the block; what the database does not take then is published as lost."""
+        thread = threading.Thread(
+            target=self._run, args=(store, is_simulated), name="station refusals"
+        )
+        thread.start()
+        try:
+            yield
+        finally:
+            self._closed.set()
+            with self._changed:
+                self._changed.notify_all()
+            thread.join()
 
-    def __exit__(self, *_: object) -> None:
-        self._closed.set()
-        with self._changed:
-            self._changed.notify_all()
-        self._thread.join()
-
-    def add(self, refused: RefusedTrigger) -> None:
+    def add(self, trigger: Trigger, reason: str) -> None:
         """Take a refused trigger; after the end it is published as not recorded."""
-        if refused.part_id is not None:
-            refused = refused._replace(part_id=shown_part_id(refused.part_id))
+        part_id = None if trigger.part_id is None else shown_part_id(trigger.part_id)
+        utc = utc_text(timespec="milliseconds")
+        refused = RefusedTrigger(trigger.source, utc, reason, False, part_id)
         with self._changed:
             if self._closed.is_set():
                 self._tell([refused], recorded=False)
@@ -56,7 +67,7 @@ class Refusals:
                 self._beyond += 1
             self._changed.notify_all()
 
-    def _run(self) -> None:
+    def _run(self, store: ResultStore, is_simulated: Callable[[], bool]) -> None:
         is_last = False
         while not is_last:
             with self._changed:
@@ -66,7 +77,8 @@ class Refusals:
             if beyond:
                 reason = f"{beyond} triggers more than could be recorded one by one"
                 refused.append(refused[-1]._replace(part_id=None, reason=reason))
-            recorded = self._record(refused)
+            simulated = is_simulated()
+            recorded = self._record(store, [row._replace(simulated=simulated) for row in refused])
             if not recorded:
                 is_last = self._closed.wait(_RETRY_S)
                 if not is_last:
@@ -75,18 +87,19 @@ class Refusals:
                 for _ in range(len(refused) - bool(beyond)):
                     self._waiting.popleft()
                 self._beyond -= beyond
-            self._publisher.wait_for_room(self._closed.is_set)
-            self._tell(refused, recorded=recorded)
+            self._wait_for_room(self._closed.is_set)
+            self._tell(refused, recorded=recorded, beyond=beyond)
             self._closed.wait(len(refused) / _ROWS_PER_S)
 
-    def _tell(self, refused: list[RefusedTrigger], *, recorded: bool) -> None:
-        for each in refused:
-            event = TriggerRefused(each.trigger, each.part_id, each.reason, recorded)
-            self._publisher.publish(event)
+    def _tell(self, refused: list[RefusedTrigger], *, recorded: bool, beyond: int = 0) -> None:
+        triggers = [1] * (len(refused) - bool(beyond)) + [beyond] * bool(beyond)
+        for row, count in zip(refused, triggers, strict=True):
+            event = TriggerRefused(row.trigger, row.part_id, row.reason, recorded, count)
+            self._publish(event)
 
-    def _record(self, refused: list[RefusedTrigger]) -> bool:
+    def _record(self, store: ResultStore, refused: list[RefusedTrigger]) -> bool:
         try:
-            self._store.refuse(*refused)
+            store.refuse(*refused)
         except ResultsUnavailable:
             return False
         return True

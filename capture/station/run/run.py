@@ -8,11 +8,12 @@ from capture.station.domain.folder import StationFolder
 from capture.station.judge.inspector import COLLECTS
 from capture.station.results.store import ResultStore, open_store
 from rig import RigConfig
-from rig.doctor.check import Check
+from rig.doctor.check import Check, collected
 
 from .cycle import Station
 from .equipment import Equipment, ReportAlive
-from .events import PartRecovered, Publisher, StationStopped, Warned
+from .events import PartRecovered, StationStopped, Warned
+from .live_station import LiveStation
 from .recovery import damaged_sets, finish_interrupted, require_own_sets, unknown_files
 from .retention import retention_in_background
 from .run_recipes import RecipeLoader, RunRecipes
@@ -36,7 +37,7 @@ def run_station(
     folder: StationFolder,
     rig_config: RigConfig,
     source: TriggerSource,
-    publisher: Publisher,
+    live: LiveStation,
     options: RunOptions = RunOptions(),
 ) -> StationStopped:
     """Run a station until its triggers end; KeyboardInterrupt is raised after the parts in
@@ -47,7 +48,7 @@ def run_station(
     loader = RecipeLoader(folder, path, options.operator or config.operator, clock)
 
     def warn(text: str) -> None:
-        publisher.publish(Warned(text))
+        live.publish(Warned(text))
 
     results = config.results_in(folder.path)
     with open_store(results, config.name, create=not folder.has_sets()) as store:
@@ -57,14 +58,14 @@ def run_station(
             first = loader.collecting()
         else:
             first = loader.first(store, warn)
-            publisher.publish(first.loaded)
+            live.publish(first.loaded)
         rig = StationRig(config, rig_config, first.recipe, first.begin)
         for warning in (*damaged_sets(folder.path, store), *unknown_files(folder.path, store)):
             warn(warning)
         recipes = RunRecipes(folder, loader, store, rig, first)
 
         def prepare() -> list[Check]:
-            return [*recipes.checks(), *_checks(folder, rig_config, store, publisher, clock)]
+            return [*recipes.checks(), *_checks(folder, rig_config, store, live, clock)]
 
         sensor = PartSensor(rig, store) if isinstance(source, SensorTrigger) else None
         equipment = Equipment(
@@ -73,7 +74,7 @@ def run_station(
             store,
             prepare,
             clock,
-            publisher,
+            live,
             sensor,
             options.report_alive,
             None if options.is_collecting else recipes,
@@ -86,14 +87,15 @@ def _checks(
     folder: StationFolder,
     rig_config: RigConfig,
     store: ResultStore,
-    publisher: Publisher,
+    live: LiveStation,
     clock: StationClock,
 ) -> Iterator[Check]:
     """All checks but those of recipe and rig; interrupted parts get their results.
 
     The check of the results waits for a part whose trigger the database began too late.
     """
-    yield from check_disk(folder.path, folder.config.disk_floor_mb, set_bytes(rig_config))
+    floor_mb, size = folder.config.disk_floor_mb, set_bytes(rig_config)
+    yield from collected("disk", lambda: check_disk(folder.path, floor_mb, size), "disk")
     yield from check_results(store)
     for result in finish_interrupted(folder.path, store, clock.now):
-        publisher.publish(PartRecovered(result))
+        live.publish(PartRecovered(result))

@@ -1,6 +1,8 @@
 """`RunRecipes`: the recipe by which a run judges, and other recipes that it can load."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +23,7 @@ from classify.base.durable_file import make_folder
 from classify.base.errors import InputError, Ps4rigError
 from rig.doctor.check import Check
 
-from .changeover import UsableRecipe
+from .events import RecipeLoaded
 from .outcome import PartInspector, PartJudge
 from .self_test import check_calibration_age, require_no_fault
 from .station_clock import StationClock
@@ -33,6 +35,23 @@ _KINDS: tuple[tuple[type[Exception], RecipeRefusal], ...] = (
     (ChallengeFailed, RecipeRefusal.CHALLENGE),
     (Ps4rigError, RecipeRefusal.UNUSABLE),
 )
+
+
+@dataclass(frozen=True, eq=False)
+class UsableRecipe:
+    """A recipe that may judge parts: approved, loaded, with its challenge set met."""
+
+    judge: PartJudge
+    recipe: Recipe
+    # Called with the images of each part before their checks.
+    begin: Callable[[CapturedSet], None] = lambda _: None
+    calibration: FoundCalibration | None = None
+    by: str = ""  # who asked for it; empty for the recipe of the start
+
+    @cached_property
+    def loaded(self) -> RecipeLoaded:
+        """The event that announces the recipe when it is taken, always the same object."""
+        return RecipeLoaded(self.recipe.name, self.recipe.version, self.recipe.sha256, self.by)
 
 
 class RecipeLoader:
@@ -127,7 +146,10 @@ class RecipeLoader:
 
 
 class RunRecipes:
-    """The recipes of a running station, whose rig has the settings of the first one."""
+    """The recipes of a running station, whose rig has the settings of the first one.
+
+    One method runs at a time; only `load` runs while parts go on.
+    """
 
     def __init__(
         self,
@@ -165,10 +187,6 @@ class RunRecipes:
             recipe.recipe, None if calibration is None else calibration.file, recipe.begin
         )
         return self._checks_of(recipe)
-
-    def use_present(self) -> None:
-        """Give the rig, which is closed, the settings of the present recipe again."""
-        self.use(self.present)
 
     def keep(self, recipe: UsableRecipe, by: Asker) -> None:
         """Record that the rig took a recipe, with which the next run begins, or raise

@@ -1,8 +1,9 @@
 """The self-test of a station: the checks before it accepts a trigger."""
 
 import shutil
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -10,8 +11,10 @@ from capture.acquisition.attempts import MAX_ATTEMPTS
 from capture.base.utc_time import local_time, utc_text
 from capture.calibration.ps4cal import CalibrationFile
 from capture.procedures.rig_check import checks_of_drift, drift_of_rig
+from capture.station.domain.fault import Fault
 from capture.station.domain.folder import PARTS
 from capture.station.domain.recipe import CalibrationRule
+from capture.station.domain.verdict import Cause
 from capture.station.results.store import ResultStore
 from classify.base.durable_file import durable_file, make_folder
 from rig import HardwareError, Rig, RigConfig
@@ -27,18 +30,19 @@ _PROBE = ".self-test.tmp"
 
 
 class SelfTestFailed(HardwareError):  # noqa: N818 - the state of the station, no program error
-    """The self-test found faults; the message names all of them."""
+    """The self-test found faults; the message names all of them, `device` is that of the first."""
+
+    def __init__(self, faults: Sequence[Check]) -> None:
+        seen = [(check.name, check.seen, check.advice) for check in faults]
+        super().__init__("self-test: " + "; ".join(": ".join(filter(None, each)) for each in seen))
+        self.device = faults[0].device
 
 
 def require_no_fault(checks: Iterable[Check]) -> None:
     """Raise SelfTestFailed, with every fault, if a check found one."""
-    faults = [
-        ": ".join(filter(None, (check.name, check.seen, check.advice)))
-        for check in checks
-        if check.status == "fault"
-    ]
+    faults = [check for check in checks if check.status == "fault"]
     if faults:
-        raise SelfTestFailed("self-test: " + "; ".join(faults))
+        raise SelfTestFailed(faults)
 
 
 class SelfTest:
@@ -66,21 +70,23 @@ class SelfTest:
             self._published = texts
 
 
-def disk_fault(folder: Path, floor_mb: int, sets_bytes: int) -> str | None:
+def disk_fault(folder: Path, floor_mb: int, sets_bytes: int) -> Fault | None:
     """Return why no set may be written to `folder`; `sets_bytes` is space that sets will take."""
     try:
         free_bytes = shutil.disk_usage(folder).free
     except OSError as error:
-        return f"disk: {folder}: {error.strerror}"
+        return Fault(Cause.STORAGE, f"{folder}: {error.strerror}", "disk")
     return floor_fault(free_bytes, sets_bytes, floor_mb)
 
 
-def floor_fault(free_bytes: int, sets_bytes: int, floor_mb: int) -> str | None:
+def floor_fault(free_bytes: int, sets_bytes: int, floor_mb: int) -> Fault | None:
     """Return why no set may be written, or None if `floor_mb` stays free after the sets."""
     if free_bytes - sets_bytes >= floor_mb * 1_000_000:
         return None
     needed = f", the next sets need {sets_bytes / 1e6:.0f} MB" if sets_bytes else ""
-    return f"disk: {free_bytes / 1e6:.0f} MB free, the floor is {floor_mb} MB{needed}; make room"
+    free_mb = free_bytes / 1e6
+    text = f"{free_mb:.0f} MB free on the disk, the floor is {floor_mb} MB{needed}; make room"
+    return Fault(Cause.STORAGE, text, "disk", free_mb, floor_mb)
 
 
 def set_bytes(config: RigConfig) -> int:
@@ -92,21 +98,21 @@ def set_bytes(config: RigConfig) -> int:
 def check_disk(folder: Path, floor_mb: int, set_bytes: int) -> Iterator[Check]:
     """Check that a set can be written below `folder`, and that the floor stays free then."""
     make_folder(folder / PARTS)
-    reason = disk_fault(folder / PARTS, floor_mb, set_bytes)
-    if reason is not None:
-        yield Check("disk", "fault", reason.removeprefix("disk: "))
+    fault = disk_fault(folder / PARTS, floor_mb, set_bytes)
+    if fault is not None:
+        yield Check("disk", "fault", fault.detail, device="disk")
         return
     with durable_file(folder / PARTS / _PROBE) as probe:
         probe.write_bytes(bytes(set_bytes))
     (folder / PARTS / _PROBE).unlink()
-    yield Check("disk", "ok", f"can be written, more than {floor_mb} MB free")
+    yield Check("disk", "ok", f"can be written, more than {floor_mb} MB free", device="disk")
 
 
 def check_results(store: ResultStore) -> Iterator[Check]:
     """Check that a row can be written, and that the clock is not behind the last result."""
     store.check_writable(utc_text(timespec="milliseconds"))
     last = next(store.parts(newest=1), None)
-    yield Check("results", "ok", "the database can be written")
+    yield Check("results", "ok", "the database can be written", device="database")
     if last is None:
         yield Check("clock", "ok", "there is no earlier result")
         return
@@ -155,7 +161,7 @@ def check_rig(rig: Rig, sheet: CalibrationFile | None) -> list[Check]:
             break
         # A transmission error leaves the line to the controller unusable until it is opened anew.
         results += collected("light controller", lambda: _recovered(rig))
-    return results
+    return [replace(check, device=check.device or "camera") for check in results]
 
 
 def _recovered(rig: Rig) -> Iterator[Check]:

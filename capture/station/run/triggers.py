@@ -184,14 +184,18 @@ class TimerTrigger:
                 passed = 0
 
 
-class SensorTrigger:
-    """The part sensor at the light controller; the cycle itself waits for it."""
+class NoTriggers:
+    """Triggers come from interfaces only."""
 
     def run(self, station: TriggerTarget) -> None:
         """Wait until the station stops."""
         pause = threading.Event()
         while not station.is_stopping:
             pause.wait(_POLL_S)
+
+
+class SensorTrigger(NoTriggers):
+    """The part sensor at the light controller; the cycle itself waits for it."""
 
 
 class LineTrigger:
@@ -208,25 +212,6 @@ class LineTrigger:
             if not line or text == "q":
                 return
             station.submit(Trigger("enter", text or None))
-
-
-class AttachedSource:
-    """Passes the station to `attach`, then runs a source; without one it waits for the stop."""
-
-    def __init__(
-        self, attach: Callable[[TriggerTarget], None], source: TriggerSource | None
-    ) -> None:
-        self._attach, self._source = attach, source
-        self._pause = threading.Event()  # never set: waiting on it can be interrupted
-
-    def run(self, station: TriggerTarget) -> None:
-        """Submit triggers until the station stops."""
-        self._attach(station)
-        if self._source is not None:
-            self._source.run(station)
-            return
-        while not station.is_stopping:
-            self._pause.wait(_POLL_S)
 
 
 class PartSensor:

@@ -11,7 +11,6 @@ from contextlib import suppress
 from pathlib import Path
 
 from capture.station.domain.verdict import Decision
-from capture.station.run.event_lines import json_fields, text_lines
 from capture.station.run.events import (
     Event,
     PartAnnounced,
@@ -20,7 +19,10 @@ from capture.station.run.events import (
     StateChanged,
     TriggerRefused,
     Warned,
+    json_fields,
+    text_lines,
 )
+from capture.station.run.live_view import LiveEvent
 from capture.station.run.states import State
 
 SOCKET = Path("/run/systemd/journal/socket")
@@ -43,8 +45,9 @@ class Journal:
     def __init__(self, station: str, path: Path = SOCKET) -> None:
         self._station, self._path = station, path
 
-    def tell(self, event: Event) -> None:
+    def tell(self, live: LiveEvent) -> None:
         """Write an event: an entry for each line of text."""
+        event = live.event
         fields = [
             ("PRIORITY", str(_priority(event))),
             ("SYSLOG_IDENTIFIER", "ps4rig"),

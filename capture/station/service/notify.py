@@ -9,13 +9,15 @@ from contextlib import suppress
 from typing import Self, get_args
 
 from capture.station.run.equipment import Worker
-from capture.station.run.events import Event, PartAnnounced, StateChanged, StationStopped
+from capture.station.run.events import StationStopped
+from capture.station.run.live_view import LiveEvent
 from capture.station.run.states import State
 from classify.base.errors import InputError
 
 # Workers report several times a second; systemd does not need each report.
 _PING_S = 1.0
 _WORKERS = set(get_args(Worker))
+_OPEN = (State.READY, State.EXECUTING)
 
 
 class Notifier:
@@ -40,10 +42,7 @@ class Notifier:
         self._alive: set[Worker] = set()
         self._pinged_s = -float("inf")
         self._is_ready = False
-        self._state = ""
-        self._parts = 0
-        self._last_part = ""
-        self._told: tuple[str, ...] = ()
+        self._lines: tuple[str, ...] = ()  # that were sent last
 
     @classmethod
     def from_environment(cls, environment: Mapping[str, str]) -> Self:
@@ -56,27 +55,23 @@ class Notifier:
             raise InputError(f"WATCHDOG_USEC={usec}: give a number of microseconds")
         return cls(address, int(usec) / 1e6)
 
-    def tell(self, event: Event) -> None:
-        """Take an event of the station."""
+    def tell(self, live: LiveEvent) -> None:
+        """Take an event of the station, and the state after it."""
+        state = live.state
         with self._lock:
-            match event:
-                case StateChanged(State.EXECUTING):
-                    return
-                case StateChanged(state, reason):
-                    self._is_ready |= state is State.READY
-                    self._state = state if state is State.READY else f"{state}: {reason}"
-                case PartAnnounced(result, _):
-                    self._parts += 1
-                    self._last_part = f", the last {result.part_id} {result.verdict.decision}"
-                case StationStopped(reason):
-                    self._state = f"stopped: {reason}"
-                    self._send("STOPPING=1", *self._lines())
-                    return
-                case _:
-                    return
-            if self._lines() != self._told:
-                self._send(*self._lines())
-                self._told = self._lines()
+            self._is_ready |= state.state is State.READY
+            phase = State.READY if state.state in _OPEN else f"{state.state}: {state.reason}"
+            is_over = isinstance(live.event, StationStopped)
+            status = f"STATUS={'stopped: ' + state.reason if is_over else phase}; parts: "
+            status += str(sum(state.announced.values()))
+            if state.last is not None:
+                status += f", the last {state.last.part_id} {state.last.verdict.decision}"
+            lines = ("READY=1", status) if self._is_ready else (status,)
+            if is_over:
+                lines = ("STOPPING=1", *lines)
+            if lines != self._lines:
+                self._send(*lines)
+                self._lines = lines
 
     def report_alive(self, worker: Worker) -> None:
         """Note that a worker is alive."""
@@ -86,13 +81,9 @@ class Notifier:
                 return
             if self._now_s() >= self._pinged_s + self._ping_s:
                 # Send the whole state: an earlier datagram may have been lost.
-                self._send("WATCHDOG=1", *self._lines())
+                self._send("WATCHDOG=1", *self._lines)
                 self._alive.clear()
                 self._pinged_s = self._now_s()
-
-    def _lines(self) -> tuple[str, ...]:
-        status = f"STATUS={self._state}; parts: {self._parts}{self._last_part}"
-        return ("READY=1", status) if self._is_ready else (status,)
 
     def _send(self, *lines: str) -> None:
         if self._address is None:

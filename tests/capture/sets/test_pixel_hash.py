@@ -2,14 +2,21 @@
 
 import threading
 import time
+from dataclasses import replace
+from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from capture.acquisition.attempts import capture_set
+from capture.sets.captured_set import CapturedSet
 from capture.sets.ome_tiff import PixelHash
+from classify.base.errors import InputError
 from classify.base.threads import set_thread_count
+from rig import RigConfig, open_rig
 from rig.set_file import pixels_sha256
 
 PLANES = np.random.default_rng(1).integers(0, 65536, (6, 5, 7), dtype=np.uint16)
@@ -69,3 +76,19 @@ def test_a_page_that_is_missing_or_comes_twice_is_refused() -> None:
     for page in (0, 1):
         with pytest.raises(ValueError, match="a second time"):
             hashed.add(page, PLANES[page])
+
+
+def test_pixels_are_hashed_once_from_capture_to_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    small = RigConfig().with_changes(camera={"width_px": 32, "height_px": 32})
+    with open_rig(small) as rig:
+        captured = capture_set(rig)
+    hashed = Mock(wraps=pixels_sha256)
+    monkeypatch.setattr("capture.sets.ome_tiff.pixels_sha256", hashed)
+    captured.save(tmp_path / "a.ome.tif")
+    assert hashed.call_count == 0
+    assert CapturedSet.load(tmp_path / "a.ome.tif").metadata == captured.metadata
+    other = replace(captured, images=captured.images + np.uint16(1))
+    with pytest.raises(InputError, match="pixels_sha256 in the metadata"):
+        other.save(tmp_path / "b.ome.tif")

@@ -11,7 +11,7 @@ import select
 import signal
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -28,8 +28,8 @@ from capture.station.judge.inspector import Inspector
 from capture.station.judge.teaching.teaching import teach
 from capture.station.results.store import open_store
 from capture.station.results.verification import verify_station
-from capture.station.run.event_lines import json_fields
-from capture.station.run.events import Event, Publisher
+from capture.station.run.live_station import LiveStation
+from capture.station.run.live_view import LiveEvent
 from capture.station.run.run import RunOptions, run_station
 from capture.station.run.triggers import TimerTrigger
 from rig import RigConfig
@@ -78,11 +78,18 @@ def in_memory(parts: int) -> str | None:
     return str(shared) if shared.is_dir() and disk_usage(shared).free > needed_bytes else None
 
 
-def run_parts(folder: Path, parts: int | None, listen: Any, rig: RigConfig = SMALL_RIG) -> None:
+def run_parts(
+    folder: Path,
+    parts: int | None,
+    listen: Callable[[LiveEvent], None],
+    rig: RigConfig = SMALL_RIG,
+    live: LiveStation | None = None,
+) -> None:
     """Run a station as ``ps4rig station run`` does, with a timer."""
-    with station_folder(folder) as opened, Publisher(listen) as publisher:
+    live = live or LiveStation(folder.name, simulated=True)
+    with station_folder(folder) as opened, live.telling(listen):
         source = TimerTrigger(opened.config.timer_s)
-        run_station(opened, rig, source, publisher, RunOptions(parts=parts))
+        run_station(opened, rig, source, live, RunOptions(parts=parts))
 
 
 @dataclass
@@ -142,8 +149,8 @@ class ForkedRun:
 
 
 def _be_the_run(folder: Path, parts: int | None, writing: int) -> None:
-    def tell(event: Event) -> None:
-        os.write(writing, json.dumps(json_fields(event)).encode() + b"\n")
+    def tell(live: LiveEvent) -> None:
+        os.write(writing, live.as_json.encode() + b"\n")
 
     status = 1
     try:

@@ -15,24 +15,32 @@ from capture.station.domain.recipe import Recipe
 from capture.station.domain.verdict import Decision, Verdict
 from capture.station.results.part_result import PartResult
 from capture.station.results.store import ResultStore, open_store
-from capture.station.run.changeover import UsableRecipe
 from capture.station.run.cycle import Station
 from capture.station.run.equipment import Equipment, ReportAlive
-from capture.station.run.events import (
-    Event,
-    PartAnnounced,
-    PartRecovered,
-    Publisher,
-)
+from capture.station.run.events import Event, PartAnnounced, PartRecovered
+from capture.station.run.live_station import LiveStation, Subscriber
+from capture.station.run.live_view import LiveEvent
 from capture.station.run.outcome import PartJudge
 from capture.station.run.recovery import finish_interrupted
+from capture.station.run.run_recipes import UsableRecipe
 from capture.station.run.station_clock import StationClock
+from capture.station.run.station_state import StationState
 from capture.station.run.triggers import Answer, Asker, Trigger, TriggerTarget
 from rig import RigConfig, open_rig
 from rig.doctor.check import Check
 
 FIRST = "steel"
+BEFORE = StationState("line-1", simulated=True, trigger="timer")
 PASSED = Verdict(Decision.PASS, "it is good")
+
+
+def published(*events: Event, before: StationState = BEFORE) -> list[LiveEvent]:
+    """Events as a station publishes them, each with the state after it."""
+    live = LiveStation(before.station, simulated=True)
+    live.begin(before)
+    for event in events:
+        live.publish(event)
+    return [each for each in live.events_after(before.event_id) or () if each.event in events]
 
 
 @dataclass(frozen=True)
@@ -141,9 +149,6 @@ class FakeRecipes:
         self.on_use(recipe.recipe.name)
         return []
 
-    def use_present(self) -> None:
-        self.use(self.present)
-
     def keep(self, recipe: UsableRecipe, by: Asker) -> None:  # noqa: ARG002
         self.on_keep(recipe.recipe.name)
         self.present = recipe
@@ -161,7 +166,8 @@ class Bench:
     save: Callable[[CapturedSet, Path], None] = lambda captured, path: captured.save(path)
     clock: StationClock = field(default_factory=StationClock)
     prepare: Callable[[], list[Check]] = list
-    listen: Callable[[Event], None] = lambda _: None
+    listen: Subscriber = lambda _: None
+    live: LiveStation | None = None
     report_alive: ReportAlive = lambda _: None
     recipes: FakeRecipes | None = None
 
@@ -175,12 +181,13 @@ class Bench:
             path.parent.mkdir(parents=True, exist_ok=True)
             self.save(captured, path)
 
-        with Publisher(self.events.append, self.listen) as publisher:
+        live = self.live or LiveStation(config.name, simulated=True)
+        with live.telling(self.tell, self.listen):
 
             def prepare() -> list[Check]:
                 found = finish_interrupted(self.folder.path, self.store, self.clock.now)
                 for result in found:
-                    publisher.publish(PartRecovered(result))
+                    live.publish(PartRecovered(result))
                 return self.prepare()
 
             def judge_of(recipe: str) -> PartJudge:
@@ -191,18 +198,22 @@ class Bench:
             if self.recipes is not None:
                 self.recipes.begin(judge_of, FIRST)
                 judge = self.recipes.present.judge
-                publisher.publish(self.recipes.present.loaded)
+                live.publish(self.recipes.present.loaded)
             parts = Equipment(
                 self.camera,
                 judge,
                 self.store,
                 prepare,
                 self.clock,
-                publisher,
+                live,
                 report_alive=self.report_alive,
                 recipes=self.recipes,
             )
             Station(self.folder.path, config, parts, count).run(source)
+
+    def tell(self, live: LiveEvent) -> None:
+        """Keep an event of the run."""
+        self.events.append(live.event)
 
     def of(self, kind: type[Any]) -> list[Any]:
         """Events of a kind, in their order."""

@@ -16,7 +16,8 @@ from capture.station.domain.verdict import Cause, Decision
 from capture.station.judge.gauge.made_faults import FAULTS, Place, with_fault
 from capture.station.judge.inspector import Inspector
 from capture.station.judge.judge import verdict_of
-from capture.station.run.events import Event, PartAnnounced
+from capture.station.run.events import PartAnnounced
+from capture.station.run.live_view import LiveEvent
 from capture.station.run.station_rig import StationRig
 from classify import Match
 from classify.base.errors import InputError
@@ -30,9 +31,9 @@ from tests.capture.station.teaching_sets import SIDE_PX, patch
 def results_of(folder: Path, parts: int, meanwhile: Any = lambda _: None) -> list[Any]:
     found: list[Any] = []
 
-    def listen(event: Event) -> None:
-        if isinstance(event, PartAnnounced):
-            found.append(event.result)
+    def listen(live: LiveEvent) -> None:
+        if isinstance(live.event, PartAnnounced):
+            found.append(live.event.result)
             meanwhile(len(found))
 
     run_parts(folder, parts, listen)

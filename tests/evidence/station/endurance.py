@@ -34,9 +34,9 @@ from capture.station.domain.folder import StationFolder
 from capture.station.domain.simulated_parts import SimulatedPart, simulated_part
 from capture.station.results.store import open_store
 from capture.station.run.control_chart import ControlChart
-from capture.station.run.event_lines import json_fields
-from capture.station.run.events import Event, PartAnnounced
+from capture.station.run.events import PartAnnounced
 from capture.station.run.live_station import LiveStation
+from capture.station.run.live_view import LiveEvent
 from tests.capture.station.production import (
     contradictions,
     in_memory,
@@ -95,14 +95,14 @@ def produce(folder: Path, parts: int, announced: Path) -> list[Reading]:
     every = max(1, parts // LINES)
     before_s = time.process_time()
     live = LiveStation(folder.name, simulated=True)
-    chart = ControlChart([f"LED {number}" for number in range(4)], live.tell)
+    chart = ControlChart([f"LED {number}" for number in range(4)], live.publish)
     with announced.open("w", encoding="utf-8") as file:
 
-        def listen(event: Event) -> None:
+        def listen(published: LiveEvent) -> None:
             nonlocal before_s
-            live.tell(event)
-            chart(event)
-            file.write(json.dumps(json_fields(event)) + "\n")
+            event = published.event
+            chart(published)
+            file.write(published.as_json + "\n")
             if not isinstance(event, PartAnnounced):
                 return
             number = event.result.number
@@ -122,7 +122,7 @@ def produce(folder: Path, parts: int, announced: Path) -> list[Reading]:
             patch("capture.station.run.retention.removed_until", some_time_ago),
             patch("capture.station.run.retention.PERIOD_S", REMOVED_EACH_S),
         ):
-            run_parts(folder, parts, listen)
+            run_parts(folder, parts, listen, live=live)
     return readings
 
 

@@ -24,7 +24,8 @@ from capture.station.domain.config import CONFIG
 from capture.station.domain.folder import StationFolder
 from capture.station.domain.simulated_parts import simulated_part
 from capture.station.domain.verdict import Decision
-from capture.station.run.events import Event, PartAnnounced
+from capture.station.run.events import PartAnnounced
+from capture.station.run.live_view import LiveEvent
 from classify.base.errors import Ps4rigError
 from tests.capture.acquisition.test_fault_matrix import FAMILIES
 from tests.capture.station.production import SMALL_RIG, in_memory, run_parts, taught_station
@@ -86,9 +87,9 @@ def main(parts: int, seed: int) -> int:
                 for name in (*names, "all"):
                     ends[name][end] += 1
 
-            def listen(event: Event, names: list[str] = names, count: Any = count) -> None:
-                if isinstance(event, PartAnnounced):
-                    result = event.result
+            def listen(live: LiveEvent, names: list[str] = names, count: Any = count) -> None:
+                if isinstance(live.event, PartAnnounced):
+                    result = live.event.result
                     is_other = simulated_part(feed, result.number, SIDE_PX).is_other
                     count(f"{'other' if is_other else 'good'} {result.verdict.decision}")
                     if is_other and result.verdict.decision is Decision.PASS:

@@ -23,6 +23,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from capture.station.run.triggers import NoTriggers
+
 # The kernels of forked processes run in one thread.
 os.environ |= {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
@@ -39,7 +41,6 @@ from capture.station.line.line import PlcLine
 from capture.station.line.modbus import PlcConnection, serving_modbus
 from capture.station.line.registers import VERDICTS, Status
 from capture.station.results.part_result import PartResult
-from capture.station.run.events import Publisher
 from capture.station.run.live_socket import serving_live
 from capture.station.run.live_station import LiveStation
 from capture.station.run.run import run_station
@@ -107,14 +108,14 @@ def _run_a_station(folder: Path, port: int, session: int, journal: Journal) -> N
     journal.write(session=session, began_utc=utc_text(timespec="milliseconds"))
     with station_folder(folder) as opened:
         live = LiveStation(opened.config.name, simulated=True)
-        handshake = Handshake(session, is_trigger=True, is_simulated=True, recipes=RECIPES)
+        handshake = Handshake(session, is_trigger=True, station=live.state, recipes=RECIPES)
         line = PlcLine(live, handshake)
         with (
-            Publisher(live.tell, line.tell) as publisher,
+            live.telling(line.tell),
             serving_modbus(line, ModbusConfig(host=_HOST, port=port)),
             serving_live(folder, live),
         ):
-            run_station(opened, SMALL_RIG, live.attached(None), publisher)
+            run_station(opened, SMALL_RIG, NoTriggers(), live)
 
 
 def be_the_plc(port: int, name: str, parts: int, journal: Journal, recipe: int) -> None:

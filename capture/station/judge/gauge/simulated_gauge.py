@@ -8,7 +8,7 @@ from capture.acquisition.attempts import capture_set
 from capture.base.errors import CalibrationError, SetRejected
 from capture.calibration.ps4cal import CalibrationFile
 from capture.station.domain.config import SimulatedParts
-from capture.station.domain.errors import error_verdict
+from capture.station.domain.fault import fault_of
 from capture.station.domain.simulated_parts import simulated_part
 from capture.station.domain.verdict import Verdict
 from capture.station.judge.inspector import Inspector
@@ -93,4 +93,4 @@ def _verdict(rig: Rig, calibration: CalibrationFile | None, inspector: Inspector
     try:
         return inspector.inspect(capture_set(rig, calibration=calibration)).verdict
     except (SetRejected, CalibrationError) as error:
-        return error_verdict(error)
+        return fault_of(error).verdict

@@ -6,7 +6,7 @@ from capture.station.domain.verdict import Decision
 from capture.station.judge.gauge.gauge import ACCEPTABLE
 from capture.station.judge.gauge.gauge_report import GaugeReport
 from capture.station.results.statistics import CauseCount, Period
-from capture.station.run.control_history import ChartHistory
+from capture.station.run.control_chart import ChartHistory
 
 from .drawing import (
     BOTTOM,

@@ -13,9 +13,9 @@ from capture.station.judge.inspector import COLLECTS
 from capture.station.run.events import (
     Event,
     PartAnnounced,
-    Publisher,
     RecipeLoaded,
 )
+from capture.station.run.live_station import LiveStation
 from capture.station.run.run import RunOptions, run_station
 from capture.station.run.triggers import TimerTrigger
 from classify.base.errors import InputError
@@ -27,9 +27,10 @@ VIRTUAL = SMALL_RIG.with_changes(simulation={"clock": "virtual"})
 
 def collected(folder: Path, rig: RigConfig, parts: int) -> list[Event]:
     events: list[Event] = []
-    with station_folder(folder) as opened, Publisher(events.append) as publisher:
+    live = LiveStation("line", simulated=True)
+    with station_folder(folder) as opened, live.telling(lambda each: events.append(each.event)):
         options = RunOptions(parts=parts, is_collecting=True)
-        run_station(opened, rig, TimerTrigger(0.0), publisher, options)
+        run_station(opened, rig, TimerTrigger(0.0), live, options)
     return events
 
 
@@ -62,5 +63,5 @@ def test_collecting_takes_exposure_and_gain_of_a_recipe_that_is_there(tmp_path: 
 
 
 def _run_without_collecting(folder: Path) -> None:
-    with station_folder(folder) as opened, Publisher() as publisher:
-        run_station(opened, VIRTUAL, TimerTrigger(0.0), publisher)
+    with station_folder(folder) as opened:
+        run_station(opened, VIRTUAL, TimerTrigger(0.0), LiveStation("line", simulated=True))

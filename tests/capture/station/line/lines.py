@@ -19,7 +19,7 @@ from capture.station.line.registers import (
     Status,
     decoded,
 )
-from capture.station.run.events import Event, TriggerRefused
+from capture.station.run.events import TriggerRefused
 from capture.station.run.live_station import LiveStation
 from tests.capture.station.stations import Bench, bench
 
@@ -69,19 +69,13 @@ def running_line(
         station = stack.enter_context(bench(folder, captured))
         before(station)
         live = LiveStation(station.folder.config.name, simulated=True)
-        handshake = Handshake(session, is_trigger=is_trigger, is_simulated=True)
+        handshake = Handshake(session, is_trigger=is_trigger, station=live.state)
         line = PlcLine(live, handshake, now_s, last_s=0.0)
-
-        def tell(event: Event) -> None:
-            live.tell(event)
-            line.tell(event)
-
-        station.listen = tell
+        station.live, station.listen = live, line.tell
         stopping = threading.Event()
 
         class UntilStopped:
             def run(self, target: Any) -> None:
-                live.attach(target)
                 stopping.wait()
                 target.stop()
 

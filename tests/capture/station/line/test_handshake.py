@@ -1,5 +1,6 @@
 """The handshake without a bus: its codes, its page, and its rules in any order of events."""
 
+from dataclasses import replace
 from itertools import count
 from typing import Any
 
@@ -14,7 +15,7 @@ from hypothesis.stateful import (
 )
 
 from capture.station.domain.verdict import Cause, Decision, Verdict
-from capture.station.line.handshake import MOST_WAITING, Handshake, TriggerRequest
+from capture.station.line.handshake import MOST_WAITING, Handshake, RecipeRequest, TriggerRequest
 from capture.station.line.ladder import ANSWER_S, Judged, Ladder
 from capture.station.line.registers import (
     PLC,
@@ -29,9 +30,9 @@ from capture.station.line.registers import (
     decoded,
     encoded,
 )
-from capture.station.line.selection import RecipeRequest
 from capture.station.results.part_result import PartResult
 from capture.station.run.events import (
+    Event,
     ExposureComplete,
     PartAnnounced,
     PartBegun,
@@ -39,9 +40,10 @@ from capture.station.run.events import (
     RecipeLoaded,
     StateChanged,
 )
-from capture.station.run.states import State
+from capture.station.run.states import Change, State
 from capture.station.run.triggers import Accepted, RecipeRefusal, Refusal, Refused
 from tests.capture.station.line.lines import NOTHING
+from tests.capture.station.stations import BEFORE, published
 
 UTC = "2026-01-02T03:04:05.678Z"
 PASSED = Verdict(Decision.PASS, "it is good")
@@ -64,9 +66,14 @@ def loaded(name: str, by: str = "") -> RecipeLoaded:
     return RecipeLoaded(name, 4, f"{len(name):08x}" * 8, by)
 
 
+def tell(handshake: Handshake, event: Event) -> None:
+    handshake.tell(*published(event, before=handshake._station))
+
+
 def ready(**options: Any) -> Handshake:
-    handshake = Handshake(7, **{"is_trigger": True, "is_simulated": False} | options)
-    handshake.tell(StateChanged(State.READY, "tested"))
+    production = replace(BEFORE, simulated=False)
+    handshake = Handshake(7, **{"is_trigger": True, "station": production} | options)
+    tell(handshake, StateChanged(State.READY, Change.TESTED))
     return handshake
 
 
@@ -93,7 +100,7 @@ def accepted(handshake: Handshake, number: int, trigger_id: int = 1) -> None:
     request = triggered(handshake, trigger_id)
     handshake.answered(request, Accepted(f"part-{number:06d}", number))
     write(handshake)
-    handshake.tell(ExposureComplete(f"part-{number:06d}", number))
+    tell(handshake, ExposureComplete(f"part-{number:06d}", number))
 
 
 def test_a_part_goes_through_the_handshake_of_the_readme() -> None:
@@ -107,13 +114,14 @@ def test_a_part_goes_through_the_handshake_of_the_readme() -> None:
     assert (shown(handshake)["trigger_id"], shown(handshake)["number"]) == (5, 3)
     write(handshake)
     assert status(handshake) == Status.BUSY
-    handshake.tell(ExposureComplete("A-17", 3))
+    tell(handshake, ExposureComplete("A-17", 3))
     assert status(handshake) == Status.BUSY | Status.EXPOSURE_COMPLETE | Status.READY
-    handshake.tell(
+    tell(
+        handshake,
         PartAnnounced(
             result(3, FAILED, part_id="A-17", orientation_deg=-0.04, recipe_sha256="89abcdef" * 8),
             12.0,
-        )
+        ),
     )
     page = shown(handshake)
     assert Status(page["status"]) == Status.READY | Status.EXPOSURE_COMPLETE | Status.RESULTS_VALID
@@ -163,7 +171,7 @@ def test_a_trigger_that_the_handshake_refuses_has_a_code_and_is_to_be_recorded(
     options: dict[str, Any], values: dict[str, Any], code: ErrorCode
 ) -> None:
     handshake = ready(**options)
-    handshake.tell(RecipeLoaded("steel", 4, "0" * 64))
+    tell(handshake, RecipeLoaded("steel", 4, "0" * 64))
     first = triggered(handshake, 1)
     if first.refusal is None:
         handshake.answered(first, Refused("busy"))
@@ -174,17 +182,9 @@ def test_a_trigger_that_the_handshake_refuses_has_a_code_and_is_to_be_recorded(
     assert status(handshake) & (Status.ACK | Status.REFUSED) == Status.REFUSED
 
 
-def test_a_station_that_triggers_do_not_reach_yet_is_not_ready() -> None:
-    handshake = ready()
-    handshake.is_open = False
-    assert Status.READY not in status(handshake)
-    assert triggered(handshake, 1).refusal == "not ready: the station is starting"
-    assert shown(handshake)["error"] == ErrorCode.NOT_READY
-
-
 def test_a_recipe_is_required_by_its_position() -> None:
     handshake = ready(recipes=("brass", "steel"))
-    handshake.tell(RecipeLoaded("steel", 4, "0123456789abcdef" * 4))
+    tell(handshake, RecipeLoaded("steel", 4, "0123456789abcdef" * 4))
     page = shown(handshake)
     assert (page["recipe"], page["recipe_version"], page["recipe_hash"]) == (2, 4, 0x01234567)
     write(handshake, recipe=1)
@@ -197,7 +197,7 @@ def test_a_recipe_is_required_by_its_position() -> None:
 def selecting(**options: Any) -> tuple[Handshake, RecipeRequest]:
     """A station with steel whose PLC has selected brass."""
     handshake = ready(recipes=RECIPES, **options)
-    handshake.tell(loaded("steel"))
+    tell(handshake, loaded("steel"))
     write(handshake, commands=Command.SELECT_RECIPE, recipe=1)
     request = handshake.selection.loading
     assert request is not None
@@ -208,7 +208,7 @@ def test_a_plc_loads_a_recipe_by_its_position() -> None:
     handshake, request = selecting()
     assert request.name == "brass"
     assert status(handshake) == Status(0)  # not Ready: the PLC requires the new one
-    handshake.tell(loaded("brass", "PLC"))
+    tell(handshake, loaded("brass", "PLC"))
     page = shown(handshake)
     assert Status(page["status"]) == Status.RECIPE_LOADED | Status.READY
     assert [page[name] for name in ("recipe", "selected", "select_error")] == [1, 1, 0]
@@ -233,24 +233,17 @@ def test_a_recipe_that_is_not_loaded_has_its_code_and_the_old_one_stays(
     assert shown(handshake)["select_error"] == 0
 
 
-@pytest.mark.parametrize(
-    ("position", "is_open", "code"),
-    [(0, True, SelectError.UNKNOWN), (3, True, SelectError.UNKNOWN),
-     (1, False, SelectError.NOT_READY)],
-)  # fmt: skip
-def test_a_selection_that_names_no_recipe_or_comes_too_early_is_refused(
-    position: int, is_open: bool, code: SelectError
-) -> None:
+@pytest.mark.parametrize("position", [0, 3])
+def test_a_selection_that_names_no_recipe_is_refused(position: int) -> None:
     handshake = ready(recipes=RECIPES)
-    handshake.is_open = is_open
     write(handshake, commands=Command.SELECT_RECIPE, recipe=position)
     assert handshake.selection.loading is None
-    assert shown(handshake)["select_error"] == code
+    assert shown(handshake)["select_error"] == SelectError.UNKNOWN
 
 
 def test_a_trigger_that_comes_with_a_selection_or_before_its_answer_is_refused() -> None:
     handshake = ready(recipes=RECIPES)
-    handshake.tell(loaded("steel"))
+    tell(handshake, loaded("steel"))
     both = Command.SELECT_RECIPE | Command.TRIGGER
     request = write(handshake, commands=both, recipe=2, trigger_id=1)
     assert request is not None
@@ -260,7 +253,7 @@ def test_a_trigger_that_comes_with_a_selection_or_before_its_answer_is_refused()
     assert triggered(handshake, 2, recipe=2).refusal == "recipe steel is being loaded"
     write(handshake, commands=Command.SELECT_RECIPE, recipe=1)
     assert shown(handshake)["select_error"] == SelectError.BUSY
-    handshake.tell(loaded("steel", "PLC"))
+    tell(handshake, loaded("steel", "PLC"))
     assert Status.RECIPE_LOADED not in status(handshake)  # the answer to a selection withdrawn
     assert shown(handshake)["recipe"] == 2
 
@@ -268,11 +261,11 @@ def test_a_trigger_that_comes_with_a_selection_or_before_its_answer_is_refused()
 def test_a_recipe_that_somebody_else_loads_is_no_answer() -> None:
     handshake, _ = selecting()
     for event in (
-        StateChanged(State.INITIALIZED, ""),
+        StateChanged(State.INITIALIZED, Change.RECIPE),
         loaded("brass", "kim"),
-        StateChanged(State.READY, ""),
+        StateChanged(State.READY, Change.TESTED),
     ):
-        handshake.tell(event)
+        tell(handshake, event)
         assert status(handshake) == Status(0)  # not Ready before its own answer
     assert handshake.selection.loading is not None
 
@@ -303,7 +296,7 @@ def test_results_wait_for_each_other_and_for_the_end_of_the_acknowledgement() ->
     handshake = ready()
     for number in (1, 2):
         accepted(handshake, number, trigger_id=number)
-        handshake.tell(PartAnnounced(result(number), 1.0))
+        tell(handshake, PartAnnounced(result(number), 1.0))
     assert shown(handshake)["result_number"] == 1
     write(handshake, commands=Command.RESULTS_ACK, ack_number=2)
     assert status(handshake) & (Status.WRONG_ACK | Status.RESULTS_VALID) == (
@@ -321,8 +314,8 @@ def test_results_wait_for_each_other_and_for_the_end_of_the_acknowledgement() ->
 def test_a_result_is_not_shown_before_its_trigger_is_answered() -> None:
     handshake = ready()
     request = triggered(handshake, 1)
-    handshake.tell(ExposureComplete("part-000001", 1))
-    handshake.tell(PartAnnounced(result(1), 1.0))
+    tell(handshake, ExposureComplete("part-000001", 1))
+    tell(handshake, PartAnnounced(result(1), 1.0))
     assert not status(handshake) & (Status.RESULTS_VALID | Status.EXPOSURE_COMPLETE)
     handshake.answered(request, Accepted("part-000001", 1))
     assert status(handshake) & ~Status.READY == (
@@ -334,7 +327,7 @@ def test_a_plc_that_never_acknowledges_gets_no_further_part() -> None:
     handshake = ready()
     for number in range(1, MOST_WAITING + 1):
         accepted(handshake, number, trigger_id=number)
-        handshake.tell(PartAnnounced(result(number), 1.0))
+        tell(handshake, PartAnnounced(result(number), 1.0))
     assert Status.READY not in status(handshake)
     assert triggered(handshake, 99).refusal == "16 results wait for an acknowledgement"
     assert shown(handshake)["error"] == ErrorCode.RESULTS_WAITING
@@ -343,8 +336,8 @@ def test_a_plc_that_never_acknowledges_gets_no_further_part() -> None:
 
 def test_a_plc_that_triggers_gets_the_results_of_its_own_parts_alone() -> None:
     handshake = ready()
-    handshake.tell(PartBegun("key-1", 1))
-    handshake.tell(PartAnnounced(result(1, trigger="http"), 1.0))
+    tell(handshake, PartBegun("key-1", 1))
+    tell(handshake, PartAnnounced(result(1, trigger="http"), 1.0))
     assert status(handshake) == Status.READY
     assert shown(handshake)["number"] == 0
 
@@ -352,12 +345,12 @@ def test_a_plc_that_triggers_gets_the_results_of_its_own_parts_alone() -> None:
 def test_a_plc_that_does_not_trigger_gets_all_results_and_the_last_ones_if_it_is_away() -> None:
     handshake = ready(is_trigger=False)
     for number in range(1, MOST_WAITING + 4):
-        handshake.tell(PartBegun("x", number))
+        tell(handshake, PartBegun("x", number))
         assert status(handshake) & (Status.EXPOSURE_COMPLETE | Status.BUSY) == Status.BUSY
         assert shown(handshake)["number"] == number
-        handshake.tell(ExposureComplete("x", number))
+        tell(handshake, ExposureComplete("x", number))
         assert Status.EXPOSURE_COMPLETE in status(handshake)
-        handshake.tell(PartAnnounced(result(number, trigger="sensor"), 1.0))
+        tell(handshake, PartAnnounced(result(number, trigger="sensor"), 1.0))
     assert shown(handshake)["overruns"] == 2
     assert shown(handshake)["result_number"] == 1  # what is shown stays
     write(handshake, commands=Command.RESULTS_ACK, ack_number=1)
@@ -367,8 +360,8 @@ def test_a_plc_that_does_not_trigger_gets_all_results_and_the_last_ones_if_it_is
 
 def test_an_interrupted_part_of_an_earlier_run_is_shown_as_error() -> None:
     handshake = ready()
-    handshake.tell(PartRecovered(result(4, INTERRUPTED)))
-    handshake.tell(PartRecovered(result(5, INTERRUPTED, trigger="timer")))
+    tell(handshake, PartRecovered(result(4, INTERRUPTED)))
+    tell(handshake, PartRecovered(result(5, INTERRUPTED, trigger="timer")))
     page = shown(handshake)
     assert Status.RESULTS_VALID in Status(page["status"])
     assert (page["result_number"], page["verdict"], page["cause"]) == (4, 4, 4)
@@ -419,7 +412,7 @@ class Belt(RuleBasedStateMachine):
 
     def start_station(self) -> None:
         self.session = next(self.sessions)
-        self.station = Handshake(self.session, is_trigger=True, is_simulated=True, recipes=RECIPES)
+        self.station = Handshake(self.session, is_trigger=True, station=BEFORE, recipes=RECIPES)
         self.selected: RecipeRequest | None = None  # the last one that was answered
         self.request: TriggerRequest | None = None
         self.unanswered: tuple[TriggerRequest, int] | None = None
@@ -429,7 +422,7 @@ class Belt(RuleBasedStateMachine):
         for number in self.seen.keys() - self.rows.keys():
             self.rows[number] = result(number, INTERRUPTED)
             self.events.append(PartRecovered(self.rows[number]))
-        self.events.append(StateChanged(State.READY, "tested"))
+        self.events.append(StateChanged(State.READY, Change.TESTED))
 
     def start_plc(self) -> None:
         self.ladder = Ladder()
@@ -540,8 +533,11 @@ class Belt(RuleBasedStateMachine):
     @rule(name=st.sampled_from(RECIPES))
     def load(self, name: str, by: str = "kim") -> None:
         self.loaded = name
-        self.events += [StateChanged(State.INITIALIZED, "wanted"), loaded(name, by)]
-        self.events += [StateChanged(State.READY, "tested")]
+        self.events += [
+            StateChanged(State.INITIALIZED, Change.RECIPE),
+            loaded(name, by),
+        ]
+        self.events += [StateChanged(State.READY, Change.TESTED)]
 
     @precondition(lambda self: self.request is not None and self.exposing is None)
     @rule()
@@ -563,7 +559,10 @@ class Belt(RuleBasedStateMachine):
         self.judged_by[self.last] = self.loaded
         self.seen[self.last], self.session_of[self.last] = self.below_camera, self.session
         self.exposing = self.last
-        self.events += [StateChanged(State.EXECUTING, "triggered"), PartBegun("", self.last)]
+        self.events += [
+            StateChanged(State.EXECUTING, Change.TRIGGERED),
+            PartBegun("", self.last),
+        ]
         return self.last
 
     @precondition(lambda self: self.request is not None)
@@ -589,7 +588,10 @@ class Belt(RuleBasedStateMachine):
             self.seen[number] = None  # it moved
         self.exposed.append(number)
         self.exposing = None
-        self.events += [ExposureComplete("", number), StateChanged(State.READY, "free")]
+        self.events += [
+            ExposureComplete("", number),
+            StateChanged(State.READY, Change.FREE),
+        ]
 
     @precondition(lambda self: bool(self.exposed))
     @rule(verdict=st.sampled_from([PASSED, FAILED]))
@@ -602,7 +604,7 @@ class Belt(RuleBasedStateMachine):
     @rule(most=st.integers(1, 4))
     def tell(self, most: int) -> None:
         for event in self.events[:most]:
-            self.station.tell(event)
+            tell(self.station, event)
         del self.events[:most]
 
     @precondition(lambda self: self.session_of.get(self.last) == self.session)

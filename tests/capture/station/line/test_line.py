@@ -15,36 +15,27 @@ from capture.station.line.registers import (
     PLC_ADDRESS,
     STATION,
     Command,
+    ErrorCode,
     SelectError,
     decoded,
     encoded,
 )
+from capture.station.results.store import RefusedTrigger
 from capture.station.run.live_station import LiveStation
-from capture.station.run.triggers import Refused, Trigger
+from capture.station.run.triggers import Trigger
 from tests.capture.station.line.lines import NOTHING, until_so
 
 WAIT_S = 60.0
 
 
 class Recorder:
-    """A station that refuses everything."""
-
-    is_stopping = True
+    """Results that keep the refusals in memory, and a station that defies all requests."""
 
     def __init__(self) -> None:
-        self.refused: list[str | None] = []
-        self.reasons: list[str] = []
+        self.rows: list[RefusedTrigger] = []
 
-    def submit(self, trigger: Trigger) -> Refused:
-        return self.refuse(trigger, "stopping")
-
-    def refuse(self, trigger: Trigger, reason: str) -> Refused:
-        self.refused.append(trigger.part_id)
-        self.reasons.append(reason)
-        return Refused(reason)
-
-    def wait_until_ready(self, timeout_s: float) -> bool:
-        return timeout_s < 0.0
+    def refuse(self, *rows: RefusedTrigger) -> None:
+        self.rows += rows
 
 
 def ask_for(line: PlcLine, trigger_id: int, part_id: str) -> None:
@@ -55,22 +46,42 @@ def ask_for(line: PlcLine, trigger_id: int, part_id: str) -> None:
 
 
 def test_refusals_before_the_station_takes_triggers_are_recorded_with_it() -> None:
-    live, station = LiveStation("line-1", simulated=True), Recorder()
-    line = PlcLine(live, Handshake(session=7, is_trigger=False, is_simulated=True), last_s=0.0)
+    live, results = LiveStation("line-1", simulated=True), Recorder()
+    line = PlcLine(live, Handshake(session=7, is_trigger=False, station=live.state), last_s=0.0)
     with line:
         ask_for(line, 1, "A-1")
-        live.attach(station)
-        ask_for(line, 2, "A-2")
-    assert station.refused == ["A-1", "A-2"]
+        with live.refusals.recording(results, lambda: True):  # type: ignore[arg-type]
+            ask_for(line, 2, "A-2")
+    assert [(row.part_id, row.simulated) for row in results.rows] == [("A-1", True), ("A-2", True)]
+
+
+def test_a_plc_that_comes_before_the_station_takes_triggers_is_refused() -> None:
+    live, results = LiveStation("line-1", simulated=True), Recorder()
+    handshake = Handshake(session=7, is_trigger=True, station=live.state, recipes=("brass",))
+    line = PlcLine(live, handshake, last_s=0.0)
+    with line, live.refusals.recording(results, lambda: True):  # type: ignore[arg-type]
+        values = NOTHING | {"trigger_id": 1, "part_id": "A-1", "commands": Command.TRIGGER}
+        line.write(PLC_ADDRESS, encoded(PLC, values))
+        until_so(lambda: decoded(STATION, line.station_words())["error"] == ErrorCode.NOT_READY)
+        line.write(PLC_ADDRESS, encoded(PLC, NOTHING))
+        values = NOTHING | {"recipe": 1, "commands": Command.SELECT_RECIPE}
+        line.write(PLC_ADDRESS, encoded(PLC, values))
+        until_so(lambda: handshake.selection.loading is None)
+    assert decoded(STATION, line.station_words())["select_error"] == SelectError.NOT_READY
+    assert [row.part_id for row in results.rows] == ["A-1"]
 
 
 def test_refusals_beyond_a_hundred_before_the_start_are_counted() -> None:
-    live, station = LiveStation("line-1", simulated=True), Recorder()
+    live, results = LiveStation("line-1", simulated=True), Recorder()
     for number in range(103):
         live.refuse(Trigger("modbus", f"A-{number}"), "too early")
-    live.attach(station)
-    assert station.refused == [*(f"A-{number}" for number in range(100)), None]
-    assert station.reasons[-1].startswith("3 triggers more")
+    with live.refusals.recording(results, lambda: True):  # type: ignore[arg-type]
+        pass
+    assert [row.part_id for row in results.rows] == [
+        *(f"A-{number}" for number in range(100)),
+        None,
+    ]
+    assert live.state.refused == 103
 
 
 def test_a_defect_while_a_recipe_loads_is_an_answer_to_the_plc() -> None:
@@ -79,10 +90,10 @@ def test_a_defect_while_a_recipe_loads_is_an_answer_to_the_plc() -> None:
             raise ValueError("a defect")
 
     live = LiveStation("line-1", simulated=True)
-    handshake = Handshake(session=7, is_trigger=True, is_simulated=True, recipes=("brass",))
+    handshake = Handshake(session=7, is_trigger=True, station=live.state, recipes=("brass",))
     line = PlcLine(live, handshake, last_s=0.0)
     with line:
-        live.attach(Defective())
+        live.attach(Defective())  # type: ignore[arg-type]
         values = NOTHING | {"recipe": 1, "commands": Command.SELECT_RECIPE}
         line.write(PLC_ADDRESS, encoded(PLC, values))
         until_so(lambda: handshake.selection.loading is None)
@@ -96,7 +107,7 @@ def test_a_heartbeat_that_stops_is_logged(
         raise ValueError("a defect")
 
     live = LiveStation("line-1", simulated=True)
-    line = PlcLine(live, Handshake(session=7, is_trigger=False, is_simulated=True), last_s=0.0)
+    line = PlcLine(live, Handshake(session=7, is_trigger=False, station=live.state), last_s=0.0)
     monkeypatch.setattr(line, "tick", fail)
     with caplog.at_level(logging.ERROR), serving_modbus(line, ModbusConfig(port=0)):
         given_up_s = time.monotonic() + WAIT_S

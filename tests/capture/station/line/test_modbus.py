@@ -33,6 +33,7 @@ from capture.station.line.registers import (
 )
 from capture.station.run.events import PartAnnounced
 from capture.station.run.live_station import LiveStation
+from capture.station.run.states import State
 from capture.station.run.triggers import Trigger
 from classify.base.errors import InputError
 from tests.capture.station.line.lines import (
@@ -366,7 +367,7 @@ def test_the_results_of_other_triggers_go_to_a_plc_that_does_not_trigger(
 ) -> None:
     folder = tmp_path / "line-1"
     with running_line(folder, captured, is_trigger=False) as line, line.client() as plc:
-        assert line.live.wait_until_ready(WAIT_S)
+        assert line.live.wait_for(State.READY, WAIT_S)
         line.live.submit(Trigger("http", "B-1"))
         read = until(plc, Status.RESULTS_VALID)
         assert (read["number"], read["result_part_id"]) == (1, "B-1")
@@ -377,7 +378,7 @@ def test_the_results_of_other_triggers_go_to_a_plc_that_does_not_trigger(
 
 def test_a_taken_port_is_named() -> None:
     live = LiveStation("line-1", simulated=True)
-    line = PlcLine(live, Handshake(SESSION, is_trigger=True, is_simulated=True))
+    line = PlcLine(live, Handshake(SESSION, is_trigger=True, station=live.state))
     with socket.create_server(("127.0.0.1", 0)) as other:
         settings = ModbusConfig(port=other.getsockname()[1])
         with (

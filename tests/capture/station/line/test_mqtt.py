@@ -17,10 +17,11 @@ from pydantic import ValidationError
 from capture.station.domain.interface_config import MqttConfig
 from capture.station.line.mqtt import MOST_WAITING, MqttPublisher
 from capture.station.run.events import PartAnnounced, RecipeLoaded, StateChanged
-from capture.station.run.states import State
+from capture.station.run.states import Change, State
 from tests.capture.station.line.broker import Broker, mqtt_broker
 from tests.capture.station.line.lines import until_so
 from tests.capture.station.line.test_handshake import FAILED, result
+from tests.capture.station.stations import published
 
 # For a client that connects again after a second, on a loaded machine.
 _PATIENCE_S = 60.0
@@ -53,9 +54,9 @@ def test_the_last_result_is_retained_and_the_end_of_a_run_is_told(broker: Broker
     broker.start()
     said: list[str] = []
     with publisher(broker, said) as mqtt, broker.subscribed(f"{TOPIC}/#") as live:
-        mqtt.tell(StateChanged(State.READY, "tested"))
+        mqtt.tell(*published(StateChanged(State.READY, Change.TESTED, why="tested")))
         for event in announced(1, 2, 3):
-            mqtt.tell(event)
+            mqtt.tell(*published(event))
         until_so(lambda: numbers(live) == [1, 2, 3])
         with broker.subscribed(f"{TOPIC}/#") as later:
             until_so(lambda: len(later) == 3)
@@ -90,7 +91,7 @@ def test_the_end_of_a_run_is_told_to_a_broker_that_hangs(broker: Broker) -> None
         until_so(lambda: live == {ONLINE: ["true"]})
         broker.process.send_signal(signal.SIGSTOP)
         for event in announced(1, 2):
-            mqtt.tell(event)
+            mqtt.tell(*published(event))
     broker.process.send_signal(signal.SIGCONT)
     with broker.subscribed(ONLINE) as later:
         until_so(lambda: later.get(ONLINE, [])[-1:] == ["false"])
@@ -101,14 +102,14 @@ def test_results_wait_for_a_broker_that_is_started_late_and_killed(broker: Broke
     said: list[str] = []
     with publisher(broker, said) as mqtt:
         for event in announced(1, 2):
-            mqtt.tell(event)
+            mqtt.tell(*published(event))
         broker.start()
         with broker.subscribed(RESULT) as messages:
             until_so(lambda: numbers(messages) in ([1, 2], [2]))  # retained when it subscribed
         broker.kill()
         until_so(lambda: len(said) > 1)
         for event in announced(3, 4):
-            mqtt.tell(event)
+            mqtt.tell(*published(event))
         broker.start()
         with broker.subscribed(RESULT) as messages:
             until_so(lambda: numbers(messages)[-1:] == [4])
@@ -121,10 +122,10 @@ def test_a_broker_that_has_forgotten_everything_is_told_again(broker: Broker) ->
     """A broker without persistence that was restarted, while the station is idle."""
     broker.start()
     with publisher(broker, []) as mqtt:
-        mqtt.tell(RecipeLoaded("example", 2, "0" * 64))
-        mqtt.tell(StateChanged(State.READY, "tested"))
+        mqtt.tell(*published(RecipeLoaded("example", 2, "0" * 64)))
+        mqtt.tell(*published(StateChanged(State.READY, Change.TESTED, why="tested")))
         for event in announced(1, 2):
-            mqtt.tell(event)
+            mqtt.tell(*published(event))
         with broker.subscribed(RESULT) as before:
             until_so(lambda: numbers(before)[-1:] == [2])
         broker.kill()
@@ -169,7 +170,7 @@ def test_the_oldest_results_are_dropped_while_the_broker_is_away(broker: Broker)
     last = MOST_WAITING + 50
     with publisher(broker, said) as mqtt:
         for event in announced(*range(1, last + 1)):
-            mqtt.tell(event)
+            mqtt.tell(*published(event))
         broker.start()
         with broker.subscribed(RESULT) as messages:
             until_so(lambda: numbers(messages)[-1:] == [last])

@@ -14,7 +14,6 @@ from capture.station.line.ladder import Judged
 from capture.station.line.line import PlcLine
 from capture.station.line.modbus import serving_modbus
 from capture.station.line.registers import VERDICTS
-from capture.station.run.events import Publisher
 from capture.station.run.live_station import LiveStation
 from capture.station.run.run import run_station
 from capture.station.run.triggers import Asker, RecipeRefused, TriggerTarget
@@ -41,7 +40,6 @@ def test_each_part_is_judged_by_the_recipe_that_its_plc_needs_whoever_loads_othe
 
     class UntilStopped:
         def run(self, target: TriggerTarget) -> None:
-            live.attach(target)
             stopping.wait()
             target.stop()  # type: ignore[attr-defined]
 
@@ -58,13 +56,11 @@ def test_each_part_is_judged_by_the_recipe_that_its_plc_needs_whoever_loads_othe
         opened = stack.enter_context(station_folder(folder))
         live = LiveStation(opened.config.name, simulated=True)
         line = PlcLine(
-            live, Handshake(7, is_trigger=True, is_simulated=True, recipes=RECIPES), last_s=0.0
+            live, Handshake(7, is_trigger=True, station=live.state, recipes=RECIPES), last_s=0.0
         )
-        publisher = stack.enter_context(Publisher(live.tell, line.tell))
+        stack.enter_context(live.telling(line.tell))
         where = stack.enter_context(serving_modbus(line, ANY_PORT))
-        run = threading.Thread(
-            target=run_station, args=(opened, SMALL_RIG, UntilStopped(), publisher)
-        )
+        run = threading.Thread(target=run_station, args=(opened, SMALL_RIG, UntilStopped(), live))
         run.start()
         try:
             port = int(where.rpartition(":")[2])

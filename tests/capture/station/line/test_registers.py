@@ -11,7 +11,6 @@ from capture.station.domain.interface_config import ModbusConfig
 from capture.station.line.handshake import MOST_WAITING
 from capture.station.line.registers import (
     COMMAND_MEANINGS,
-    ERROR_MEANINGS,
     PLC,
     PLC_ADDRESS,
     PLC_WORDS,
@@ -58,8 +57,8 @@ def test_values_come_back_from_their_words(
 def test_every_bit_and_code_has_a_meaning() -> None:
     assert set(STATUS_MEANINGS) == set(Status)
     assert set(COMMAND_MEANINGS) == set(Command)
-    assert set(ERROR_MEANINGS) == set(ErrorCode) - {ErrorCode.NONE}
-    assert ERROR_MEANINGS[ErrorCode.RESULTS_WAITING].startswith(f"{MOST_WAITING} results")
+    assert all(code.meaning for code in ErrorCode if code)
+    assert ErrorCode.RESULTS_WAITING.meaning.startswith(f"{MOST_WAITING} results")
 
 
 def test_a_recipe_has_one_position() -> None:

@@ -18,9 +18,9 @@ from capture.station.domain.roles import Role
 from capture.station.panel.guard import CSRF_FIELD
 from capture.station.panel.panel import Panel
 from capture.station.panel.server import serving_panel
-from capture.station.run.events import Publisher
 from capture.station.run.live_station import LiveStation
 from capture.station.run.run import run_station
+from capture.station.run.states import State
 from capture.station.run.triggers import TriggerSource
 from rig import RigConfig
 from tests.capture.station.stations import Bench, FakeRecipes, bench
@@ -141,7 +141,7 @@ class ServedPanel:
 
     def until_ready(self) -> None:
         """Wait until the station takes a trigger."""
-        assert self.live.wait_until_ready(WAIT_S)
+        assert self.live.wait_for(State.READY, WAIT_S)
 
     def parts(self, count: int, client: Client | None = None) -> list[str]:
         """Trigger parts by HTTP and wait for their results."""
@@ -173,7 +173,7 @@ def running_panel(
     """Run a station with a fake rig in `folder` whose triggers come by HTTP, with its panel."""
     with bench(folder, captured) as station:
         live = LiveStation(station.folder.config.name, simulated=True)
-        station.listen, station.recipes = live.tell, recipes
+        station.live, station.recipes = live, recipes
         panel = Panel.of(station.folder, live, settings)
         with _running(panel, station.run) as url:
             yield RunningPanel(panel, url, bench=station)
@@ -186,10 +186,8 @@ def real_panel(folder: Path, rig_config: RigConfig) -> Iterator[ServedPanel]:
         live = LiveStation(opened.config.name, simulated=True)
         panel = Panel.of(opened, live, ANY_PORT)
         with (
-            Publisher(live.tell) as publisher,
-            _running(
-                panel, lambda source: run_station(opened, rig_config, source, publisher)
-            ) as url,
+            live.telling(),
+            _running(panel, lambda source: run_station(opened, rig_config, source, live)) as url,
         ):
             yield ServedPanel(panel, url)
 
@@ -201,7 +199,6 @@ def _running(panel: Panel, run: Callable[[TriggerSource], object]) -> Iterator[s
 
     class UntilStopped:
         def run(self, target: Any) -> None:
-            panel.live.attach(target)
             stopping.wait()
             target.stop()
 

@@ -5,7 +5,7 @@ import threading
 
 from capture.station.panel.event_stream import subscribed
 from capture.station.run.live_station import LiveStation
-from capture.station.run.subscription import MOST_WAITING
+from capture.station.run.live_view import MOST_WAITING
 
 READERS = 5
 EVENTS = MOST_WAITING - 1  # none is lost, however late a reader is

@@ -14,23 +14,27 @@ from typing import Any
 from unittest.mock import AsyncMock
 
 from capture.sets.captured_set import CapturedSet
+from capture.station.domain.fault import Fault, fault_of
 from capture.station.domain.roles import Identity, Role
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.panel import event_stream
+from capture.station.results.database import ResultsUnavailable
 from capture.station.results.part_result import PartResult
-from capture.station.run.devices import Device
 from capture.station.run.events import (
+    Device,
     PartAnnounced,
     PartBegun,
     SelfTestFinished,
-    StateChanged,
     TriggerRefused,
+    Warned,
 )
 from capture.station.run.live_station import LiveStation
+from capture.station.run.live_view import MOST_WAITING
+from capture.station.run.self_test import SelfTestFailed
 from capture.station.run.states import Change, State
-from capture.station.run.subscription import MOST_WAITING
 from capture.station.run.triggers import Refused, Trigger
 from rig.doctor.check import Check
+from rig.errors import CameraError, HardwareError, LightControllerError
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel, running_panel
 from tests.capture.station.stations import PASSED, Said
 
@@ -53,7 +57,7 @@ def statuses(live: LiveStation) -> dict[str, str]:
 
 
 def live_station() -> LiveStation:
-    return LiveStation("line-1", simulated=True, database="/srv/line-1/results.sqlite")
+    return LiveStation("line-1", simulated=True)
 
 
 @contextmanager
@@ -125,7 +129,7 @@ def test_a_browser_that_slept_for_an_hour_gets_all_that_it_missed(panel: Running
     with stream(panel.local) as messages:
         last = next(messages)["id"]
     for part in parts:
-        panel.live.tell(PartAnnounced(part, 80.0))
+        panel.live.publish(PartAnnounced(part, 80.0))
     with stream(panel.local, last) as messages:
         state = next(messages)
         assert state["event"] == "snapshot"
@@ -268,7 +272,7 @@ def test_the_rate_falls_when_no_part_comes() -> None:
     live = LiveStation("line-1", simulated=True, now_s=lambda: now_s[0])
     for number in range(1, 12):
         now_s[0] = float(number)
-        live.tell(PartAnnounced(result(number), 10.0))
+        live.publish(PartAnnounced(result(number), 10.0))
     assert live.snapshot().parts_per_minute == 60.0
     now_s[0] = 31.0
     assert live.snapshot().parts_per_minute == 20.0
@@ -286,7 +290,7 @@ def test_a_snapshot_says_which_part_has_no_verdict_yet() -> None:
         PartAnnounced(result(1), 1.0),
         PartAnnounced(result(2), 1.0),
     ):
-        live.tell(event)
+        live.publish(event)
         seen.append(live.snapshot().fields()["inspected"])
     assert seen == ["part-000001", "part-000002", "part-000002", None]
 
@@ -295,7 +299,7 @@ def test_rejected_parts_are_kept_the_newest_first_and_acknowledged_once() -> Non
     live = live_station()
     for number in range(1, 30):
         verdict = error(Cause.CAPTURE) if number % 2 else PASSED
-        live.tell(PartAnnounced(result(number, verdict), 10.0))
+        live.publish(PartAnnounced(result(number, verdict), 10.0))
     shown = live.snapshot()
     assert [each.result.number for each in shown.rejected] == list(range(29, 5, -2))
     assert shown.announced == {Decision.PASS: 14, Decision.ERROR: 15}
@@ -312,60 +316,87 @@ def test_devices_follow_the_self_test_and_failures() -> None:
     live = live_station()
     assert set(statuses(live).values()) == {"unknown", "off"}
     checks = (
-        Check("disk", "ok", "can be written"),
-        Check("results", "ok", "the database answers"),
+        Check("disk", "ok", "can be written", device="disk"),
+        Check("results", "ok", "the database answers", device="database"),
         Check("calibration", "warning", "300 days old"),
-        Check("LED 0", "ok", "20 %"),
-        Check("LED 1", "warning", "9 %: weak"),
+        Check("LED 0", "ok", "20 %", device="lights"),
+        Check("LED 1", "warning", "9 %: weak", device="lights"),
     )
-    live.tell(SelfTestFinished(checks))
+    live.publish(SelfTestFinished(checks))
     good = {"camera": "ok", "lights": "warning", "plc": "off", "disk": "ok", "database": "ok"}
     assert statuses(live) == good
-    for event, at_fault in (
-        (StateChanged(State.ERROR, "disk: 3 MB free"), {"disk"}),
-        (StateChanged(State.ERROR, "/srv/line-1/results.sqlite: locked"), {"database"}),
-        (StateChanged(State.ERROR, "/dev/video0: unplugged"), {"camera", "lights"}),
-        (PartAnnounced(result(1, error(Cause.STORAGE)), 1.0), {"disk"}),
-        (PartAnnounced(result(2, error(Cause.RIG)), 1.0), {"camera", "lights"}),
+    for raised, at_fault in (
+        (ResultsUnavailable("/srv/line-1/results.sqlite: locked"), {"database"}),
+        (CameraError("/dev/video0: unplugged"), {"camera"}),
+        (LightControllerError("/dev/ttyACM0: unplugged"), {"lights"}),
+        (HardwareError("the rig is not open"), {"camera", "lights"}),
+        (SelfTestFailed([Check("LED 0", "fault", "dead", device="lights")]), {"lights"}),
+        (ValueError("a defect"), set()),
     ):
-        live.tell(event)
+        fault = fault_of(raised)
+        live.change(Change.FAILED, fault)
+        assert live.state.fault == fault
         assert {name for name, status in statuses(live).items() if status == "fault"} == at_fault
-        live.tell(StateChanged(State.READY, Change.FREE))
-        assert "fault" in statuses(live).values()  # only a self-test says that it is over
-        live.tell(StateChanged(State.READY, Change.TESTED))
+        live.change(Change.OPENED)
+        assert (live.state.fault, statuses(live) == good) == (None, not at_fault)
+        live.change(Change.TESTED)  # only a self-test says that it is over
         assert statuses(live) == good
-    live.tell(PartAnnounced(result(3, error(Cause.STORAGE)), 1.0))
-    live.tell(StateChanged(State.ERROR, error(Cause.STORAGE).reason))  # as the cycle does
+    disk = Fault(Cause.STORAGE, "3 MB free", "disk", 3.0, 50.0)
+    live.publish(PartAnnounced(result(1, disk.verdict), 1.0, disk))
+    live.change(Change.FAILED, disk)  # as the cycle does
     assert statuses(live) == good | {"disk": "fault"}
-    live.tell(StateChanged(State.READY, Change.TESTED))
-    live.tell(SelfTestFinished((Check("rig", "fault", "no such device"),)))
+    live.change(Change.OPENED)
+    live.change(Change.TESTED)
+    live.publish(SelfTestFinished((Check("rig", "fault", "no such device", device="rig"),)))
     assert statuses(live)["camera"] == statuses(live)["lights"] == "fault"
-    live.set_device(Device("plc", "ok", "connected"))
+    for _ in range(2):
+        live.show_device(Device("plc", "ok", "connected"))
     assert statuses(live)["plc"] == "ok"
+    kinds = [each.fields["event"] for each in live.events_after(0) or ()]
+    assert kinds.count("device") == 1
+
+
+def test_warnings_are_part_of_the_state() -> None:
+    live = live_station()
+    for number in range(20):
+        live.publish(Warned(f"drift {number}"))
+    assert live.state.warnings[-1] == "drift 19"
+    assert live.snapshot().fields()["warnings"] == live.state.warnings
+    assert len(live.state.warnings) < 20
+
+
+def test_json_is_not_built_where_nobody_listens() -> None:
+    live = live_station()
+    live.publish(PartAnnounced(result(1), 1.0))
+    [event] = live.events_after(0) or ()
+    assert {"fields", "as_json", "as_line"}.isdisjoint(vars(event))
+    assert event.as_json is event.as_json
 
 
 def test_a_weak_led_is_a_fault_of_the_lights_until_a_part_shows_that_it_is_over() -> None:
     live = live_station()
-    live.tell(SelfTestFinished((Check("LED 0", "ok", "20 %"),)))
+    live.publish(SelfTestFinished((Check("LED 0", "ok", "20 %", device="lights"),)))
     weak = replace(result(1, error(Cause.RIG)), led_levels=(1.0, 0.6, 1.0, 1.0))
+    is_weak = Fault(Cause.RIG, "weak", "lights", 0.6, 0.85)
+    is_lost = Fault(Cause.RIG, "unplugged", "rig")
     good = replace(result(2), led_levels=(1.0, 1.0, 1.0, 1.0))
-    live.tell(PartAnnounced(weak, 1.0))
+    live.publish(PartAnnounced(weak, 1.0, is_weak))
     assert (statuses(live)["camera"], statuses(live)["lights"]) == ("ok", "fault")
-    live.tell(PartAnnounced(result(2, error(Cause.CAPTURE)), 1.0))  # nothing measured
+    live.publish(PartAnnounced(result(2, error(Cause.CAPTURE)), 1.0))  # nothing measured
     assert statuses(live)["lights"] == "fault"
-    live.tell(PartAnnounced(good, 1.0))
+    live.publish(PartAnnounced(good, 1.0))
     assert statuses(live)["lights"] == "ok"
     # A part that was captured before the lights were lost says nothing of them.
-    live.tell(PartAnnounced(result(3, error(Cause.RIG)), 1.0))
-    live.tell(PartAnnounced(good, 1.0))
+    live.publish(PartAnnounced(result(3, error(Cause.RIG)), 1.0, is_lost))
+    live.publish(PartAnnounced(good, 1.0))
     assert (statuses(live)["camera"], statuses(live)["lights"]) == ("fault", "fault")
 
 
 def test_a_trigger_before_the_station_is_there_is_refused() -> None:
     live = live_station()
     assert live.submit(Trigger("http")) == Refused("not ready: the station is starting")
-    assert not live.wait_until_ready(0.0)
-    live.tell(TriggerRefused("http", None, "busy", recorded=True))
+    assert not live.wait_for(State.READY, 0.0)
+    live.publish(TriggerRefused("http", None, "busy", recorded=True))
     assert live.snapshot().refused == 1
 
 

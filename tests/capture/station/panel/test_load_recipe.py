@@ -95,7 +95,7 @@ def test_only_an_approved_recipe_that_does_not_run_has_a_button(
     assert button in kim.get("/recipes").text
     assert button in kim.get("/recipes/example").text
     assert button not in line.client(Role.OPERATOR).get("/recipes").text
-    line.live.tell(RecipeLoaded("example", 2, read_recipe(files.file).sha256))
+    line.live.publish(RecipeLoaded("example", 2, read_recipe(files.file).sha256))
     assert button not in kim.get("/recipes").text
     assert button not in kim.get("/recipes/example").text
 

@@ -145,7 +145,7 @@ def test_programs_change_approve_and_roll_back_recipes(line: RunningPanel) -> No
     first = client.get(API).json
     assert (first["is_approved"], first["problem"], first["is_running"]) == (False, None, False)
     assert first["least_found"][0]["text"].startswith("a scratch 2 px wide ")
-    line.live.tell(RecipeLoaded("example", 2, first["sha256"]))
+    line.live.publish(RecipeLoaded("example", 2, first["sha256"]))
     assert client.get(API).json["is_running"]
     assert "version 2</b>, " + first["sha256"][:8] in client.get(PAGE).text
     seen = {"sha256": first["sha256"]}

@@ -22,9 +22,9 @@ from capture.station.run import live_socket
 from capture.station.run.events import PartAnnounced, PartBegun, RecipeLoaded, StateChanged
 from capture.station.run.live_socket import MOST_PANELS, MOST_REQUEST_BYTES, serving_live
 from capture.station.run.live_station import LiveStation
-from capture.station.run.live_view import LiveSnapshot
-from capture.station.run.states import State
-from capture.station.run.subscription import MOST_WAITING
+from capture.station.run.live_view import MOST_WAITING
+from capture.station.run.states import Change, State
+from capture.station.run.station_state import StationState
 from capture.station.run.triggers import (
     Accepted,
     Answer,
@@ -48,7 +48,8 @@ class Station:
 
     is_stopping = False
 
-    def __init__(self) -> None:
+    def __init__(self, live: LiveStation) -> None:
+        self.live = live
         self.asked: list[object] = []
 
     def submit(self, trigger: Trigger) -> Answer:
@@ -62,6 +63,7 @@ class Station:
         self.asked.append((name, by))
         if name != LOADED.name:
             raise RecipeRefused("nobody approved it", RecipeRefusal.NOT_APPROVED)
+        self.live.publish(LOADED)
         return LOADED
 
 
@@ -77,7 +79,7 @@ def folder(tmp_path: Path) -> StationFolder:
 @contextmanager
 def running(folder: StationFolder) -> Iterator[LiveStation]:
     live = LiveStation("line-1", simulated=True)
-    live.attach(Station())  # type: ignore[arg-type]
+    live.attach(Station(live))  # type: ignore[arg-type]
     with serving_live(folder.path, live):
         yield live
 
@@ -99,7 +101,7 @@ def until(is_so: Callable[[], bool]) -> None:
 
 
 def same(link: StationLink, live: LiveStation) -> bool:
-    def shown(snapshot: LiveSnapshot) -> LiveSnapshot:
+    def shown(snapshot: StationState) -> StationState:
         return replace(snapshot, parts_per_minute=0.0, subscribers=0)
 
     return shown(link.snapshot()) == shown(live.snapshot())
@@ -107,18 +109,18 @@ def same(link: StationLink, live: LiveStation) -> bool:
 
 def test_a_panel_shows_what_the_run_shows(folder: StationFolder) -> None:
     with running(folder) as live, linked(folder) as link:
-        live.tell(PartAnnounced(result(1, error(Cause.CAPTURE)), 12.0))
+        live.publish(PartAnnounced(result(1, error(Cause.CAPTURE)), 12.0))
         until(lambda: same(link, live))
         subscription = link.subscribe()
         assert subscription is not None
         for event in (
             LOADED,
-            StateChanged(State.ERROR, "disk: 3 MB free"),
+            StateChanged(State.ERROR, Change.FAILED, why="disk: 3 MB free"),
             PartBegun("part-000002", 2),
             PartAnnounced(result(2, error(Cause.STORAGE)), 30.0),
             PartBegun("part-000003", 3),
         ):
-            live.tell(event)
+            live.publish(event)
         assert link.acknowledge("part-000001", "Ada")
         # The reply comes after the events before it.
         assert same(link, live)
@@ -174,21 +176,6 @@ def test_the_run_hears_of_the_age_of_a_trigger_and_of_a_client_that_leaves(
         assert heard[0].at_s == asked.at_s
 
 
-def test_a_recipe_is_announced_once_however_late_the_publisher_is() -> None:
-    live = LiveStation("line-1", simulated=True)
-    live.attach(Station())  # type: ignore[arg-type]
-    other = replace(LOADED, name="other")
-    live.load_recipe("example", ADA)
-    live.tell(other)
-    live.tell(LOADED)  # published before `other`, and told by the asker already
-    assert live.snapshot().recipe == other
-    events = live.events_after(0) or ()
-    assert [event.fields["name"] for event in events] == ["example", "other"]
-    again = replace(LOADED)  # the same recipe, loaded another time
-    live.tell(again)
-    assert live.snapshot().recipe == again
-
-
 def test_a_panel_without_a_run_says_so_and_follows_the_next_one(folder: StationFolder) -> None:
     with linked(folder) as link:
         panel = Panel.of(folder, link, ANY_PORT)
@@ -206,8 +193,8 @@ def test_a_panel_without_a_run_says_so_and_follows_the_next_one(folder: StationF
             runs = []
             for _ in range(2):
                 with running(folder) as live:
-                    live.tell(PartAnnounced(result(1, error(Cause.CAPTURE)), 12.0))
-                    live.tell(StateChanged(State.READY, "self-test passed"))
+                    live.publish(PartAnnounced(result(1, error(Cause.CAPTURE)), 12.0))
+                    live.publish(StateChanged(State.READY, Change.TESTED, why="self-test passed"))
                     until(lambda: state()["state"] == "ready")
                     assert client.post("/api/v1/trigger").status == 202
                     runs.append(state()["run"])

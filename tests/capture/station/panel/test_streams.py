@@ -72,7 +72,7 @@ def test_five_streams_see_every_part_and_memory_stays_flat(tmp_path: Path) -> No
                 StateChanged(State.READY, Change.FREE),
                 PartAnnounced(announced, 80.0),
             ):
-                live.tell(event)
+                live.publish(event)
             slowest_s = max(slowest_s, time.perf_counter() - begun_s)
             if number == PARTS // 10:
                 early_mb = resident_mb()

@@ -31,18 +31,20 @@ def main(folder: Path, parts: int, frame_px: int, classes: int) -> None:
 
     if not (folder / CONFIG).exists():
         make_station(folder)
-    live = LiveStation("bench", simulated=True)
     used_s: list[float] = []
 
-    def measure(event: Event) -> None:
-        if isinstance(event, PartAnnounced):
-            used_s.append(time.process_time())
+    class MeasuredStation(LiveStation):
+        def publish(self, event: Event) -> None:
+            super().publish(event)
+            if isinstance(event, PartAnnounced):
+                used_s.append(time.process_time())
 
+    live = MeasuredStation("bench", simulated=True)
     listener = panel_listener(folder, ANY_PORT)
     with serving_live(folder, live), panel_process(folder, ANY_PORT, listener, print):
         print(panel_address(ANY_PORT, listener), flush=True)
         sys.stdin.readline()
-        result = run_bench(folder, parts, frame_px, classes, subscribers=(live.tell, measure))
+        result = run_bench(folder, parts, frame_px, classes, live=live)
         last = live.snapshot().last
         assert last is not None
         used_ms = 1e3 * (used_s[-1] - used_s[0]) / (parts - 1)

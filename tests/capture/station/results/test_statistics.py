@@ -24,7 +24,7 @@ from capture.station.results.statistics import (
     newest_measured,
 )
 from capture.station.results.store import ResultStore, open_store
-from capture.station.run.control_history import chart_histories
+from capture.station.run.control_chart import chart_histories
 
 from .many import fill, many
 from .parts import inspect

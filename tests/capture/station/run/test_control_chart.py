@@ -15,16 +15,12 @@ from capture.station.run.control_chart import (
     ControlChart,
     baseline_of,
     broken_rules,
+    chart_histories,
 )
-from capture.station.run.control_history import chart_histories
-from capture.station.run.events import (
-    Event,
-    PartAnnounced,
-    RecipeLoaded,
-    Warned,
-)
+from capture.station.run.events import PartAnnounced, RecipeLoaded
 from rig.config.lights import led_names
 from tests.capture.station.results.many import many
+from tests.capture.station.stations import published
 
 BASELINE_PARTS = GROUP * BASELINE_POINTS
 
@@ -89,13 +85,13 @@ def fed(levels: np.ndarray, distances: np.ndarray) -> list[str]:
     """Warnings of a chart that sees these parts."""
     told: list[str] = []
 
-    def subscriber(event: Event) -> None:
-        assert isinstance(event, Warned)
-        told.append(event.text)
-
-    chart = ControlChart(LEDS, subscriber)
+    chart = ControlChart(LEDS, lambda warned: told.append(warned.text))
     for level, distance in zip(levels.tolist(), distances.tolist(), strict=True):
-        chart(PartAnnounced(replace(PART, led_levels=tuple(level), distance=distance), 1.0))
+        chart(
+            *published(
+                PartAnnounced(replace(PART, led_levels=tuple(level), distance=distance), 1.0)
+            )
+        )
     return told
 
 
@@ -124,14 +120,14 @@ def test_a_growing_distance_is_noticed() -> None:
 def test_another_recipe_begins_another_baseline() -> None:
     """Its distances and the levels at which it was taught are others."""
     draw, told = np.random.default_rng(5), list[str]()
-    chart = ControlChart(LEDS, lambda event: told.append(event.text))
+    chart = ControlChart(LEDS, lambda warned: told.append(warned.text))
 
     def judge(logs: np.ndarray) -> None:
         for log in logs:
-            chart(PartAnnounced(replace(PART, distance=float(np.exp(log))), 1.0))
+            chart(*published(PartAnnounced(replace(PART, distance=float(np.exp(log))), 1.0)))
 
     judge(draw.normal(0.0, 0.1, BASELINE_PARTS + 2))
-    chart(RecipeLoaded("other", 1, "0" * 64))
+    chart(*published(RecipeLoaded("other", 1, "0" * 64)))
     judge(draw.normal(0.4, 0.1, BASELINE_PARTS))
     assert told == []
     judge(draw.normal(0.55, 0.1, 100))
@@ -139,7 +135,7 @@ def test_another_recipe_begins_another_baseline() -> None:
 
 
 def test_parts_without_a_texture_are_on_no_chart() -> None:
-    chart = ControlChart(LEDS)
+    chart = ControlChart(LEDS, print)
     for changes in (
         {"label": None},
         {"led_levels": ()},
@@ -150,7 +146,7 @@ def test_parts_without_a_texture_are_on_no_chart() -> None:
 
 
 def test_a_weak_led_is_named_with_the_first_point() -> None:
-    chart = ControlChart(LEDS)
+    chart = ControlChart(LEDS, print)
     part = replace(PART, led_levels=(0.9, 0.846, 0.9, 0.9))  # of a part of another albedo
     told = [text for _ in range(20) for text in chart.add(part)]
     assert len(told) == 1
@@ -171,7 +167,7 @@ def test_only_a_change_that_matters_is_a_drift(change: float, is_told: bool) -> 
 def test_charts_of_recorded_parts_warn_where_a_running_station_did() -> None:
     """The points, the baseline and the rules are the same; only low levels are not told."""
     parts = many("line-1", 600)
-    watching = ControlChart(LEDS)
+    watching = ControlChart(LEDS, print)
     told = {part.part_id: watching.add(part) for part in parts}
     running = [
         (part_id, text) for part_id, texts in told.items() for text in texts if "least" not in text

@@ -80,7 +80,7 @@ def test_parts_are_announced_in_the_order_of_their_triggers(station: Bench) -> N
     results = [event.result for event in station.of(PartAnnounced)]
     assert all((station.folder.path / result.set_file).is_file() for result in results)
     assert all(result.operator == "Ada" and result.simulated for result in results)
-    assert station.of(StationStopped)[-1].announced == {Decision.PASS: 5}
+    assert station.of(StationStopped)[-1].parts == {Decision.PASS: 5}
 
 
 def test_the_next_part_is_exposed_while_the_last_verdict_is_computed(station: Bench) -> None:
@@ -162,7 +162,7 @@ def test_a_trigger_during_an_exposure_is_refused_and_recorded(station: Bench) ->
 def test_a_subscriber_that_hangs_delays_neither_a_trigger_nor_a_stop(
     station: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("capture.station.run.events.MOST_EVENTS", 3)
+    monkeypatch.setattr("capture.station.run.live_station.MOST_EVENTS", 3)
     go_on, late = threading.Event(), []
     station.listen = lambda _: late.append(not go_on.wait(30.0))
 
@@ -288,7 +288,6 @@ def test_below_the_disk_floor_triggers_are_refused(station: Bench) -> None:
         until_ready(target)
         answer = trigger(target)
         assert isinstance(answer, Refused)
-        assert "MB free, the floor is" in answer.reason
         assert answer.kind is Refusal.DISK
 
     station.run(Manual(feed), disk_floor_mb=10_000_000)
@@ -509,9 +508,10 @@ def test_a_lost_rig_is_reconnected_between_parts(station: Bench) -> None:
     assert [decision for _, decision in station.announced()] == [Decision.ERROR, Decision.PASS]
     assert opens == 4
     states = [event.state for event in station.of(StateChanged)]
+    # Another reason is told, the same one is not told again.
     assert states == [
-        State.INITIALIZED, State.READY, State.EXECUTING, State.ERROR, State.INITIALIZED,
-        State.READY, State.EXECUTING, State.PREOPERATIONAL,
+        State.INITIALIZED, State.READY, State.EXECUTING, State.ERROR, State.ERROR,
+        State.INITIALIZED, State.READY, State.EXECUTING, State.PREOPERATIONAL,
     ]  # fmt: skip
 
 

@@ -1,6 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
+from capture.station.domain.verdict import Cause
 from capture.station.run.self_test import floor_fault
 
 
@@ -14,8 +15,9 @@ def test_triggers_are_refused_exactly_where_a_set_would_reach_the_floor(
     )
 
 
-def test_the_reason_has_all_sizes() -> None:
-    assert floor_fault(510_000_000, 20_000_000, 500) == (
-        "disk: 510 MB free, the floor is 500 MB, the next sets need 20 MB; make room"
-    )
-    assert floor_fault(490_000_000, 0, 500) == ("disk: 490 MB free, the floor is 500 MB; make room")
+def test_the_fault_has_device_value_and_limit() -> None:
+    fault = floor_fault(510_000_000, 20_000_000, 500)
+    assert fault is not None
+    assert (fault.cause, fault.device) == (Cause.STORAGE, "disk")
+    assert (fault.measured, fault.limit) == (510.0, 500.0)
+    assert "20 MB" in str(fault)

@@ -6,33 +6,35 @@ from pathlib import Path
 import pytest
 
 from capture.station.domain.folder import LOG, StationFolder, make_station
-from capture.station.run import events
-from capture.station.run.event_lines import log_to, text_lines
-from capture.station.run.events import Event, Publisher, TriggerRefused, Warned
+from capture.station.run import live_station
+from capture.station.run.events import Event, TriggerRefused, Warned, text_lines
+from capture.station.run.live_station import LiveStation
+from capture.station.run.live_view import LiveEvent
 
 WAIT_S = 60.0
 
 
 def test_an_event_never_waits_for_its_subscriber(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(events, "MOST_EVENTS", 3)
-    go_on, told = threading.Event(), []
+    monkeypatch.setattr(live_station, "MOST_EVENTS", 3)
+    go_on, told = threading.Event(), list[Event]()
+    live = LiveStation("line-1", simulated=True)
 
-    def listen(event: Event) -> None:
+    def listen(published: LiveEvent) -> None:
         assert go_on.wait(WAIT_S)
-        told.append(event)
+        told.append(published.event)
 
     def publish() -> None:
         for number in range(10):
-            publisher.publish(Warned(str(number)))
+            live.publish(Warned(str(number)))
 
-    with Publisher(listen) as publisher:
+    with live.telling(listen):
         publishing = threading.Thread(target=publish)
         publishing.start()
         publishing.join(WAIT_S / 2)
         is_done = not publishing.is_alive()
-        waiting = threading.Thread(target=publisher.wait_for_room, args=(lambda: False,))
+        waiting = threading.Thread(target=live.wait_for_room, args=(lambda: False,))
         waiting.start()
-        publisher.wait_for_room(lambda: True)
+        live.wait_for_room(lambda: True)
         assert waiting.is_alive()
         go_on.set()
         waiting.join(WAIT_S)
@@ -42,15 +44,16 @@ def test_an_event_never_waits_for_its_subscriber(monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_subscriber_does_not_wait_for_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(events, "MOST_EVENTS", 0)
+    monkeypatch.setattr(live_station, "MOST_EVENTS", 0)
     told = threading.Event()
+    live = LiveStation("line-1", simulated=True)
 
-    def listen(_: Event) -> None:
-        publisher.wait_for_room(told.is_set)
+    def listen(_: LiveEvent) -> None:
+        live.wait_for_room(told.is_set)
         told.set()
 
-    with Publisher(listen) as publisher:
-        publisher.publish(Warned(""))
+    with live.telling(listen):
+        live.publish(Warned(""))
         is_told = told.wait(WAIT_S)
         told.set()
     assert is_told
@@ -71,6 +74,6 @@ def test_no_text_from_outside_makes_a_line_or_a_command_of_the_terminal(
     assert line.isprintable()
     make_station(tmp_path / "line-1")
     folder = StationFolder(tmp_path / "line-1")
-    log_to(folder, event)
+    folder.log(line)
     [logged] = (folder.path / LOG).read_text(encoding="utf-8").split("\n")[:-1]
     assert logged.endswith(line)

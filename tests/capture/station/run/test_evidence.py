@@ -9,7 +9,8 @@ from capture.station.domain.config import CONFIG
 from capture.station.domain.folder import make_station, station_folder
 from capture.station.domain.verdict import Cause, Decision
 from capture.station.run.diagnosis import diagnose_station
-from capture.station.run.events import Event, PartAnnounced, Publisher
+from capture.station.run.events import Event, PartAnnounced
+from capture.station.run.live_station import LiveStation
 from capture.station.run.run import RunOptions, run_station
 from capture.station.run.triggers import TimerTrigger
 from classify.base.errors import InputError
@@ -30,9 +31,10 @@ def line(tmp_path: Path) -> Path:
 
 def collected(folder: Path, parts: int) -> list[PartAnnounced]:
     events: list[Event] = []
-    with station_folder(folder) as opened, Publisher(events.append) as publisher:
+    live = LiveStation("line", simulated=True)
+    with station_folder(folder) as opened, live.telling(lambda each: events.append(each.event)):
         options = RunOptions(parts=parts, is_collecting=True)
-        run_station(opened, VIRTUAL, TimerTrigger(0.0), publisher, options)
+        run_station(opened, VIRTUAL, TimerTrigger(0.0), live, options)
     return [event for event in events if isinstance(event, PartAnnounced)]
 
 

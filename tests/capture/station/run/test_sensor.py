@@ -11,7 +11,8 @@ from capture.station.domain.recipe import Recipe
 from capture.station.domain.verdict import Decision
 from capture.station.run.cycle import Station
 from capture.station.run.equipment import Equipment
-from capture.station.run.events import PartAnnounced, Publisher, TriggerRefused
+from capture.station.run.events import PartAnnounced, TriggerRefused
+from capture.station.run.live_station import LiveStation
 from capture.station.run.outcome import PartJudge
 from capture.station.run.station_rig import StationRig
 from capture.station.run.triggers import MOST_RECORDED, PartSensor, Refused, SensorTrigger, Trigger
@@ -55,10 +56,11 @@ class Line:
             path.parent.mkdir(parents=True, exist_ok=True)
             captured.save(path)
 
-        with Publisher(self.bench.events.append) as publisher:
+        live = LiveStation("line-1", simulated=True)
+        with live.telling(self.bench.tell):
             judge = PartJudge(self.config.name, "Ada", self.bench.inspector, {}, save, clock)
             sensor = PartSensor(self.rig, store)
-            parts = Equipment(self.rig, judge, store, list, clock, publisher, sensor)
+            parts = Equipment(self.rig, judge, store, list, clock, live, sensor)
             Station(self.bench.folder.path, self.config, parts, count).run(SensorTrigger())
 
 
@@ -82,7 +84,7 @@ def test_each_part_at_the_sensor_is_inspected(line: Line) -> None:
 def test_a_part_during_an_exposure_is_on_record_as_refused(line: Line) -> None:
     line.rig.on_first = Simulation.see_part
     line.run(2)
-    assert [event.source for event in line.bench.of(TriggerRefused)] == ["sensor"]
+    assert [event.trigger for event in line.bench.of(TriggerRefused)] == ["sensor"]
     assert [event.result.number for event in line.bench.of(PartAnnounced)] == [1, 2]
 
 

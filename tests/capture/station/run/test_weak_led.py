@@ -19,7 +19,7 @@ def results_with(line: Path, parts: int, *faults: dict[str, Any]) -> list[PartRe
     events: list[Event] = []
     leds = [{"led": 1, **fault} for fault in faults]
     rig = SMALL_RIG.with_changes(simulation={"clock": "virtual", "faults": {"leds": leds}})
-    run_parts(line, parts, events.append, rig)
+    run_parts(line, parts, lambda live: events.append(live.event), rig)
     return [event.result for event in events if isinstance(event, PartAnnounced)]
 
 
@@ -45,7 +45,7 @@ def test_a_led_that_stays_on_is_named_once_and_its_parts_are_judged(
     assert {result.verdict.decision for result in results} == {Decision.PASS}
     name = LEDS[1]
     assert all(any(name in note for note in result.notes) for result in results)
-    chart = ControlChart(LEDS)
+    chart = ControlChart(LEDS, print)
     told = [text for result in results for text in chart.add(result)]
     assert len(told) == 1
     assert told[0].startswith(name)

@@ -20,10 +20,11 @@ from capture.station.run.events import (
     TriggerRefused,
     Warned,
 )
-from capture.station.run.states import State
+from capture.station.run.states import Change, State
 from capture.station.service.journal import Journal, is_connected_to_journal
 from rig.doctor.check import Check
 from tests.capture.station.results.parts import UTC, result_of
+from tests.capture.station.stations import published
 
 
 def part(decision: Decision) -> PartResult:
@@ -61,7 +62,7 @@ def journal(journald: socket.socket) -> Journal:
 def test_a_part_is_found_by_its_id_verdict_and_causes(
     journal: Journal, journald: socket.socket
 ) -> None:
-    journal.tell(PartAnnounced(part(Decision.FAIL), 42.0))
+    journal.tell(*published(PartAnnounced(part(Decision.FAIL), 42.0)))
     fields = decoded(journald.recv(1 << 16))
     assert fields[0] == (
         "MESSAGE", "part-000017 FAIL, simulated: it is a FAIL (42 ms)"
@@ -83,8 +84,8 @@ def test_a_part_is_found_by_its_id_verdict_and_causes(
 @pytest.mark.parametrize(
     ("event", "priority"),
     [
-        (StateChanged(State.READY, "tested"), "6"),
-        (StateChanged(State.ERROR, "no camera"), "3"),
+        (StateChanged(State.READY, Change.TESTED, why="tested"), "6"),
+        (StateChanged(State.ERROR, Change.FAILED, why="no camera"), "3"),
         (PartAnnounced(part(Decision.PASS), 1.0), "6"),
         (PartAnnounced(part(Decision.UNKNOWN), 1.0), "5"),
         (PartAnnounced(part(Decision.ERROR), 1.0), "4"),
@@ -97,7 +98,7 @@ def test_a_part_is_found_by_its_id_verdict_and_causes(
 def test_the_priority_says_how_bad_it_is(
     journal: Journal, journald: socket.socket, event: object, priority: str
 ) -> None:
-    journal.tell(event)
+    journal.tell(*published(event))
     assert ("PRIORITY", priority) in decoded(journald.recv(1 << 16))
 
 
@@ -105,21 +106,21 @@ def test_a_text_of_several_lines_cannot_forge_a_field(
     journal: Journal, journald: socket.socket
 ) -> None:
     text = "odd\nPRIORITY=0\nPS4RIG_PART_ID=part-000001\udc80"
-    journal.tell(Warned(text))
+    journal.tell(*published(Warned(text)))
     fields = decoded(journald.recv(1 << 16))
     assert fields[0] == ("MESSAGE", f"warning: {escaped(text)}")
     assert ("PRIORITY", "0") not in fields
 
 
 def test_what_nobody_is_told_makes_no_entry(journal: Journal, journald: socket.socket) -> None:
-    journal.tell(ExposureComplete("part-000017", 17))
+    journal.tell(*published(ExposureComplete("part-000017", 17)))
     journald.settimeout(0.05)
     with pytest.raises(TimeoutError):
         journald.recv(1 << 16)
 
 
 def test_a_missing_journal_does_not_disturb_the_station(tmp_path: Path) -> None:
-    Journal("line-3", tmp_path / "gone").tell(Warned("drift"))
+    Journal("line-3", tmp_path / "gone").tell(*published(Warned("drift")))
 
 
 def test_only_the_stream_that_systemd_names_leads_to_the_journal(tmp_path: Path) -> None:

@@ -10,12 +10,12 @@ from typing import Any
 import pytest
 
 from capture.station.run.events import PartAnnounced, StateChanged
-from capture.station.run.states import State
+from capture.station.run.states import Change, State
 from capture.station.run.triggers import Trigger, TriggerTarget
 from capture.station.service.notify import Notifier
 from classify.base.errors import InputError
 from rig import HardwareError
-from tests.capture.station.stations import PASSED, Bench, Manual, Said, bench, small_set
+from tests.capture.station.stations import PASSED, Bench, Manual, Said, bench, published, small_set
 
 from .systemd_socket import SystemdSocket, systemd_socket
 
@@ -141,7 +141,9 @@ def test_a_station_that_waits_for_its_rig_pings_on(station: Bench, systemd: Syst
 
 def test_an_abstract_socket_is_told_too(tmp_path: Path) -> None:
     with systemd_socket(tmp_path, is_abstract=True) as systemd:
-        Notifier(systemd.address).tell(StateChanged(State.READY, "tested\nREADY=0"))
+        Notifier(systemd.address).tell(
+            *published(StateChanged(State.READY, Change.TESTED, why="tested\nREADY=0"))
+        )
         systemd.receive(60.0)
     assert systemd.said == [["READY=1", "STATUS=ready; parts: 0"]]
 
@@ -150,7 +152,7 @@ def test_the_environment_of_systemd_is_understood(systemd: SystemdSocket) -> Non
     given = {"NOTIFY_SOCKET": systemd.address, "WATCHDOG_USEC": "30000000"}
     for process, pings in ((str(os.getpid()), 1), ("1", 0)):
         notifier = Notifier.from_environment(given | {"WATCHDOG_PID": process})
-        notifier.tell(StateChanged(State.READY, ""))
+        notifier.tell(*published(StateChanged(State.READY, Change.TESTED)))
         notifier.report_alive("capture")
         notifier.report_alive("capture")
         notifier.report_alive("verdict")
@@ -164,7 +166,7 @@ def test_the_environment_of_systemd_is_understood(systemd: SystemdSocket) -> Non
 
 def test_without_systemd_nothing_is_told_and_nothing_fails() -> None:
     notifier = Notifier.from_environment({"WATCHDOG_USEC": "30000000"})
-    notifier.tell(StateChanged(State.READY, ""))
+    notifier.tell(*published(StateChanged(State.READY, Change.TESTED)))
     for worker in ("capture", "verdict"):
         notifier.report_alive(worker)
 
