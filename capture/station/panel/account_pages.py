@@ -1,5 +1,6 @@
 """Pages of users and API clients, of changes, and of one's own password."""
 
+from fastapi import APIRouter
 from starlette.responses import RedirectResponse, Response
 
 from capture.station.domain.roles import Role
@@ -7,38 +8,46 @@ from capture.station.results.audit import newest_changes
 from capture.station.results.database import ResultsUnavailable
 from classify.base.errors import InputError
 
-from .accounts_api import accounts_of, role_of
+from .accounts_api import accounts_of
+from .guard import ByAdministrator, ByEngineer, ByOperator, Call
 from .login import address_of
 from .render import page
-from .routes import Call, PanelRoute
 
+router = APIRouter(include_in_schema=False)
 _SHOWN_CHANGES = 200
 
 
-def _accounts(call: Call, message: str = "", token: str = "") -> Response:
+@router.get("/accounts")
+def _accounts(call: ByAdministrator) -> Response:
+    """Users and API clients."""
+    return _accounts_page(call)
+
+
+def _accounts_page(call: Call, message: str = "", token: str = "") -> Response:
     panel = call.panel
-    answer = page(
+    return page(
         call,
         "accounts.html",
+        400 if message else 200,
         users=panel.users.all(),
         clients=panel.tokens.all(),
         roles=tuple(Role),
         message=message,
         token=token,
     )
-    answer.status_code = 400 if message else 200
-    return answer
 
 
-def _change_accounts(call: Call) -> Response:
+@router.post("/accounts")
+def _change_accounts(call: ByAdministrator) -> Response:
+    """Add or remove a user or an API client."""
     accounts, action, name = accounts_of(call), call.text("action"), call.text("name")
     try:
         if action == "put user":
-            accounts.put_user(name, role_of(call), call.text("password"))
+            accounts.put_user(name, _role_of(call), call.text("password"))
         elif action == "remove user":
             accounts.remove_user(name)
         elif action == "add client":
-            return _accounts(call, token=accounts.add_client(name, role_of(call)))
+            return _accounts_page(call, token=accounts.add_client(name, _role_of(call)))
         elif action == "remove client":
             accounts.remove_client(name)
         else:
@@ -46,22 +55,36 @@ def _change_accounts(call: Call) -> Response:
     except ResultsUnavailable:
         raise
     except InputError as error:
-        return _accounts(call, message=str(error))
+        return _accounts_page(call, message=str(error))
     return RedirectResponse("/accounts", 303)
 
 
-def _changes(call: Call) -> Response:
+def _role_of(call: Call) -> Role:
+    text = call.text("role")
+    if text not in tuple(Role):
+        raise InputError(f"role = {text[:20]!r}: give {', '.join(Role)}")
+    return Role(text)
+
+
+@router.get("/changes")
+def _changes(call: ByEngineer) -> Response:
+    """Who changed what."""
     changes = newest_changes(call.panel.results.store, _SHOWN_CHANGES)
     return page(call, "changes.html", changes=changes, most=_SHOWN_CHANGES)
 
 
+@router.get("/password")
+def _password(call: ByOperator) -> Response:
+    """The form for another password."""
+    return _password_form(call)
+
+
 def _password_form(call: Call, message: str = "") -> Response:
-    answer = page(call, "password.html", message=message)
-    answer.status_code = 400 if message else 200
-    return answer
+    return page(call, "password.html", 400 if message else 200, message=message)
 
 
-def _change_password(call: Call) -> Response:
+@router.post("/password")
+def _change_password(call: ByOperator) -> Response:
     """Replace the password of the user, whose sessions then end."""
     who, panel = call.someone, call.panel
     user = panel.users.get(who.name) if who.via == "page" else None
@@ -83,35 +106,3 @@ def _change_password(call: Call) -> Response:
     except InputError as error:
         return _password_form(call, str(error))
     return RedirectResponse("/login", 303)
-
-
-_HTML = "text/html"
-ROUTES = (
-    PanelRoute(
-        "GET", "/accounts", Role.ADMINISTRATOR, _accounts, "Users and API clients.", answer=_HTML,
-        menu="Accounts",
-    ),
-    PanelRoute(
-        "POST", "/accounts", Role.ADMINISTRATOR, _change_accounts,
-        "Add or remove a user or an API client.",
-        fields={
-            "action": "put user, remove user, add client or remove client",
-            "name": "name of the user or client", "role": "role of a new user or client",
-            "password": "password of a new user",
-        },
-        answer=_HTML,
-    ),
-    PanelRoute(
-        "GET", "/changes", Role.ENGINEER, _changes, "Who changed what.", answer=_HTML,
-        menu="Changes",
-    ),
-    PanelRoute(
-        "GET", "/password", Role.OPERATOR, _password_form, "The form for another password.",
-        answer=_HTML,
-    ),
-    PanelRoute(
-        "POST", "/password", Role.OPERATOR, _change_password, "Change one's own password.",
-        fields={"password": "the present one", "new": "the new one", "again": "the new one again"},
-        answer=_HTML,
-    ),
-)  # fmt: skip

@@ -1,14 +1,38 @@
 """Users and API clients, for administrators."""
 
-from starlette.responses import Response
+from typing import Annotated, Any
+
+from fastapi import APIRouter
+from pydantic import Field, conlist
 
 from capture.station.domain.roles import Role
+from capture.station.domain.users import LONGEST_PASSWORD, SHORTEST_PASSWORD
 from capture.station.results.accounts import Accounts
-from classify.base.errors import InputError
+from classify.base.models import Record
 
-from .api import V1
-from .render import JsonAnswer
-from .routes import Call, PanelRoute
+from .answers import Name, answer
+from .guard import V1, ByAdministrator, Call
+
+router = APIRouter(prefix=V1)
+_Account = answer("Account", name=str, role=Role)
+_Users = answer("Users", users=conlist(_Account))
+_Client = answer("Client", _Account, created_utc=str)
+_Clients = answer("Clients", clients=conlist(_Client))
+_NewClient = answer("NewClient", _Account, token=str)
+_Removed = answer("Removed", name=str, removed=bool)
+
+
+class AccountFields(Record):
+    """An API client to add."""
+
+    name: Name
+    role: Role
+
+
+class UserFields(AccountFields):
+    """A user to add or change."""
+
+    password: Annotated[str, Field(min_length=SHORTEST_PASSWORD, max_length=LONGEST_PASSWORD)]
 
 
 def accounts_of(call: Call) -> Accounts:
@@ -17,66 +41,40 @@ def accounts_of(call: Call) -> Accounts:
     return Accounts(panel.users, panel.tokens, panel.changes, call.someone)
 
 
-def role_of(call: Call) -> Role:
-    """Return the role of a form."""
-    text = call.text("role")
-    if text not in tuple(Role):
-        raise InputError(f"role = {text[:20]!r}: give operator, engineer or administrator")
-    return Role(text)
+@router.get("/users", response_model=_Users)
+def _users(call: ByAdministrator) -> dict[str, Any]:
+    """The users."""
+    return {"users": call.panel.users.all()}
 
 
-def _users(call: Call) -> Response:
-    users = [{"name": user.name, "role": user.role} for user in call.panel.users.all()]
-    return JsonAnswer({"users": users})
+@router.post("/users", status_code=201, response_model=_Account)
+def _put_user(call: ByAdministrator, given: UserFields) -> AccountFields:
+    """Add a user, or give one another role and password."""
+    accounts_of(call).put_user(given.name, given.role, given.password)
+    return given
 
 
-def _put_user(call: Call) -> Response:
-    name, role = call.text("name"), role_of(call)
-    accounts_of(call).put_user(name, role, call.text("password"))
-    return JsonAnswer({"name": name, "role": role}, 201)
+@router.delete("/users/{name}", response_model=_Removed)
+def _remove_user(call: ByAdministrator, name: str) -> dict[str, Any]:
+    """Remove a user."""
+    accounts_of(call).remove_user(name)
+    return {"name": name, "removed": True}
 
 
-def _remove_user(call: Call) -> Response:
-    accounts_of(call).remove_user(call.path["name"])
-    return JsonAnswer({"name": call.path["name"], "removed": True})
+@router.get("/tokens", response_model=_Clients)
+def _clients(call: ByAdministrator) -> dict[str, Any]:
+    """The API clients."""
+    return {"clients": call.panel.tokens.all()}
 
 
-def _clients(call: Call) -> Response:
-    return JsonAnswer(
-        {
-            "clients": [
-                {"name": client.name, "role": client.role, "created_utc": client.created_utc}
-                for client in call.panel.tokens.all()
-            ]
-        }
-    )
+@router.post("/tokens", status_code=201, response_model=_NewClient)
+def _add_client(call: ByAdministrator, given: AccountFields) -> dict[str, Any]:
+    """Add an API client; the answer has its token, which is not stored."""
+    return {**given.model_dump(), "token": accounts_of(call).add_client(given.name, given.role)}
 
 
-def _add_client(call: Call) -> Response:
-    name, role = call.text("name"), role_of(call)
-    token = accounts_of(call).add_client(name, role)
-    return JsonAnswer({"name": name, "role": role, "token": token}, 201)
-
-
-def _remove_client(call: Call) -> Response:
-    accounts_of(call).remove_client(call.path["name"])
-    return JsonAnswer({"name": call.path["name"], "removed": True})
-
-
-_ADMIN = Role.ADMINISTRATOR
-_FIELDS = {"name": "the name", "role": "operator, engineer or administrator"}
-ROUTES = (
-    PanelRoute("GET", f"{V1}/users", _ADMIN, _users, "The users."),
-    PanelRoute(
-        "POST", f"{V1}/users", _ADMIN, _put_user,
-        "Add a user, or give one another role and password.",
-        fields=_FIELDS | {"password": "8 to 256 characters"},
-    ),
-    PanelRoute("DELETE", f"{V1}/users/{{name}}", _ADMIN, _remove_user, "Remove a user."),
-    PanelRoute("GET", f"{V1}/tokens", _ADMIN, _clients, "The API clients."),
-    PanelRoute(
-        "POST", f"{V1}/tokens", _ADMIN, _add_client,
-        "Add an API client; the answer has its token, which is not stored.", fields=_FIELDS,
-    ),
-    PanelRoute("DELETE", f"{V1}/tokens/{{name}}", _ADMIN, _remove_client, "Remove an API client."),
-)  # fmt: skip
+@router.delete("/tokens/{name}", response_model=_Removed)
+def _remove_client(call: ByAdministrator, name: str) -> dict[str, Any]:
+    """Remove an API client."""
+    accounts_of(call).remove_client(name)
+    return {"name": name, "removed": True}
