@@ -1,5 +1,6 @@
 """How calls of the API are described: what they answer, and what else may happen."""
 
+from dataclasses import is_dataclass
 from typing import Annotated, Any, get_type_hints
 
 from fastapi import Response
@@ -11,16 +12,18 @@ from classify.base.models import Record
 Name = Annotated[str, Field(pattern=NAME_PATTERN)]
 
 
-def answer(model: str, base: type[BaseModel] = Record, /, **fields: Any) -> type[BaseModel]:
-    """Return the model of an answer with these fields; a tuple is a type and its default."""
-    for key, kind in fields.items():
-        fields[key] = kind if isinstance(kind, tuple) else (kind, ...)
-    return create_model(model, __base__=base, **fields)
+def answer(model: str, base: type = Record, /, *left_out: str, **fields: Any) -> type[BaseModel]:
+    """Return the model of an answer: the fields of a model or dataclass, and these.
 
-
-def fields_of(kind: type, *left_out: str) -> dict[str, Any]:
-    """Return the fields of a dataclass for `answer`."""
-    return {name: kind for name, kind in get_type_hints(kind).items() if name not in left_out}
+    A tuple is a type and its default.
+    """
+    if is_dataclass(base):
+        known = {key: kind for key, kind in get_type_hints(base).items() if key not in left_out}
+        base, fields = Record, known | fields
+    made: dict[str, Any] = {
+        key: kind if isinstance(kind, tuple) else (kind, ...) for key, kind in fields.items()
+    }
+    return create_model(model, __base__=base, **made)
 
 
 def media(media_type: str) -> dict[str, Any]:
@@ -30,13 +33,16 @@ def media(media_type: str) -> dict[str, Any]:
     return {"response_class": Response, "responses": {200: {"content": content}}}
 
 
-def refused(**also: Any) -> dict[str, Any]:
-    """Return the description of an answer with an error, and with further fields."""
-    name = "Failure" + "".join(key.title() for key in also)
-    return {"model": answer(name, error=str, **also), "description": "not served"}
-
-
-_FAILURE = refused()
+_FAILURE = {
+    "description": "not served",
+    "model": answer(
+        "Failure",
+        error=str,
+        accepted=(bool, Field(False, description="of a trigger")),
+        kind=(str, Field("", description="of a refusal to load a recipe")),
+        settings=(dict[str, str], Field({}, description="messages by wrong setting")),
+    ),
+}
 ERRORS: dict[int | str, dict[str, Any]] = {
     401: _FAILURE | {"headers": {"WWW-Authenticate": {"schema": {"type": "string"}}}},
     "4XX": _FAILURE,

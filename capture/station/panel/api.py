@@ -25,7 +25,7 @@ from capture.station.run.station_state import StationState
 from capture.station.run.triggers import Accepted, Refused, Trigger
 from classify.base.models import Record
 
-from .answers import Name, answer, fields_of, media, refused
+from .answers import Name, answer, media
 from .event_stream import subscribed
 from .filters import Filters
 from .guard import V1, ByEngineer, ByOperator, Call, Turn
@@ -38,7 +38,7 @@ from .triggering import LONGEST_KEY, OtherPart
 
 _MOST_ROWS = 500
 PARTS = 50
-LONGEST_WAIT_S = 30.0
+_LONGEST_WAIT_S = 30.0
 # Patience of `results_access` with a locked database.
 CHANGE_PATIENCE_S = 5.0
 router = APIRouter(prefix=V1)
@@ -46,14 +46,17 @@ Below = Annotated[
     int | None,
     Query(ge=1, le=2**53, description="only parts with a lower number: next_below before"),
 ]
-_Row = answer("Row", **fields_of(PartResult, "verdict"), reason=str, causes=list[Cause])
+_Row = answer("Row", PartResult, "verdict", reason=str, causes=list[Cause])
 _Judged = answer("Judged", _Row, decision=Decision)
 _Last = answer("Last", _Judged, latency_ms=float | None)
 _Rejected = answer("Rejected", _Judged, acknowledged_by=str | None)
 _State = answer(
     "Snapshot",
-    **fields_of(StationState, "tested")
-    | {"devices": tuple[Device, ...], "last": _Last | None, "rejected": conlist(_Rejected)},
+    StationState,
+    "tested",
+    devices=tuple[Device, ...],
+    last=_Last | None,
+    rejected=conlist(_Rejected),
 )
 _Part = answer(
     "Part",
@@ -142,11 +145,7 @@ def _state(call: ByOperator) -> Response:
     "/trigger",
     status_code=202,
     response_model=_Triggered,
-    responses={
-        200: {"model": _Triggered, "description": "accepted before with this Idempotency-Key"},
-        409: refused(accepted=(bool, False)) | {"description": "refused, with the reason"},
-        422: refused() | {"description": "the key is that of another part or recipe"},
-    },
+    responses={200: {"model": _Triggered, "description": "accepted before with this key"}},
 )
 async def _trigger(
     call: ByOperator,
@@ -160,7 +159,10 @@ async def _trigger(
         ),
     ] = None,
 ) -> Response:
-    """Trigger a part; it is refused if the client leaves before the part is begun."""
+    """Trigger a part: 202 accepted, 200 accepted before with this key, 409 refused.
+
+    422 if the key was accepted for another part or recipe. A client that leaves early is refused.
+    """
     is_gone = threading.Event()
 
     async def watch() -> None:
@@ -273,7 +275,7 @@ async def _part(
     call: ByOperator,
     part_id: str,
     wait_s: Annotated[
-        FiniteFloat, Query(ge=0.0, le=LONGEST_WAIT_S, description="seconds to wait for its result")
+        FiniteFloat, Query(ge=0.0, le=_LONGEST_WAIT_S, description="seconds to wait for its result")
     ] = 0.0,
 ) -> Response:
     """One part, as soon as it has a result."""

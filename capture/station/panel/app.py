@@ -18,8 +18,7 @@ from starlette.staticfiles import StaticFiles
 
 from capture.station.domain.errors import Conflict, NotThere
 from capture.station.panel import (
-    account_pages,
-    accounts_api,
+    accounts,
     api,
     event_stream,
     history_page,
@@ -33,7 +32,7 @@ from classify.base.errors import InputError, Ps4rigError
 from classify.base.models import in_words
 
 from .answers import ERRORS
-from .guard import API, V1, ByOperator, Call, identity_of
+from .guard import V1, ByOperator, Call, identity_of
 from .panel import Panel
 from .recipes import recipe_pages, recipes_api
 from .render import STATIC, JsonAnswer, page
@@ -51,8 +50,8 @@ _ROUTERS: tuple[APIRouter, ...] = (
     statistics_api.router,
     recipes_api.router,
     event_stream.router,
-    accounts_api.router,
-    account_pages.router,
+    accounts.router,
+    accounts.pages,
     _description,
 )
 
@@ -102,10 +101,10 @@ def panel_app(panel: Panel) -> FastAPI:
 async def _refused(request: Request, error: Exception) -> Response:
     """Answer an error: with JSON for programs, with a page for people."""
     status, message, headers = _status_of(request, error)
-    if request.url.path.startswith(API) or request.headers.get("accept") == "application/json":
+    if request.url.path.startswith(V1) or request.headers.get("accept") == "application/json":
         return JsonAnswer({"error": message}, status, headers)
     panel, who = request.app.state.panel, None
-    with suppress(Denied):
+    with suppress(Denied, Ps4rigError):
         who = await run_in_threadpool(identity_of, panel, request)
     answer = page(Call(panel, request, who), "error.html", status, message=message)
     answer.headers.update(headers)

@@ -15,7 +15,7 @@ from capture.station.results.history import HistoryEntry
 from capture.station.results.part_result import DefectRecord
 from classify.base.errors import InputError
 
-from .answers import answer, fields_of, media
+from .answers import answer, media
 from .api import entry_of
 from .guard import V1, ByOperator, Call
 from .part_pictures.judged_by import stored_set
@@ -39,7 +39,7 @@ router = APIRouter(prefix=f"{V1}/parts/{{part_id}}/pictures")
 _Picture = answer(
     "Picture", name=str, title=str, caption=str, url=str, media_type=(str, ""), content=(str, "")
 )
-_OutlinedDefect = answer("OutlinedDefect", **fields_of(DefectRecord), outline=Outline)
+_OutlinedDefect = answer("OutlinedDefect", DefectRecord, outline=Outline)
 _Pictures = answer(
     "Pictures",
     part_id=str,

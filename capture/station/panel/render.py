@@ -20,7 +20,7 @@ STATIC = _HERE / "static"
 
 
 # Address, name and lowest role of the pages in the menu.
-MENU = (
+_MENU = (
     ("/", "Station", Role.OPERATOR),
     ("/history", "History", Role.OPERATOR),
     ("/statistics", "Statistics", Role.OPERATOR),
@@ -55,7 +55,7 @@ class JsonAnswer(JSONResponse):
 def page(call: "Call", template: str, status: int = 200, **values: Any) -> HTMLResponse:
     """Return the page of a template, which gets the names in `about`, and `values`."""
     who = call.who
-    menu = [each for each in MENU if who is not None and who.role.includes(each[-1])]
+    menu = [each for each in _MENU if who is not None and who.role.includes(each[-1])]
     about = {
         "who": who,
         "status": status,

@@ -185,16 +185,12 @@ def require_same_origin(request: Request) -> None:
         )
 
 
-def media_type_of(request: Request) -> str:
-    """Return the media type of a body, in lower case and without parameters."""
-    return request.headers.get("content-type", "").partition(";")[0].strip().lower()
-
-
 def form_of(request: Request, body: bytes) -> dict[str, str]:
     """Return the values of a form; an empty body has none."""
     if not body:
         return {}
-    if media_type_of(request) != "application/x-www-form-urlencoded":
+    kind = request.headers.get("content-type", "").lower()
+    if not kind.startswith("application/x-www-form-urlencoded"):
         raise Denied(415, "the body must be a form")
     try:
         return dict(

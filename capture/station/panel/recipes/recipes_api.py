@@ -15,7 +15,7 @@ from capture.station.judge.challenge import Replay
 from capture.station.judge.challenge_set import Expected, challenge_sets
 from capture.station.judge.recipe_changes import RecipeChanges
 from capture.station.judge.recipe_settings import SettingsRefused, dotted
-from capture.station.panel.answers import Name, answer, refused
+from capture.station.panel.answers import Name, answer
 from capture.station.panel.background_jobs import Job
 from capture.station.panel.guard import V1, ByEngineer, ByOperator, Call
 from capture.station.panel.render import JsonAnswer
@@ -148,11 +148,7 @@ def _versions(call: ByOperator, name: Name) -> Response:
     )
 
 
-@router.post(
-    f"{_ONE}/settings",
-    response_model=_Now,
-    responses={400: refused(settings=(dict[str, str], {}))},
-)
+@router.post(f"{_ONE}/settings", response_model=_Now)
 def _save_settings(call: ByEngineer, name: Name, given: SettingsFields) -> Response:
     """Change settings: a state that nobody approved."""
     changes = known_changes_of(call, name)
@@ -180,11 +176,7 @@ def _roll_back(call: ByEngineer, name: Name, given: SeenRecipe) -> Response:
     return JsonAnswer(_now(call, changes))
 
 
-@router.post(
-    f"{_ONE}/load",
-    response_model=_Loaded,
-    responses={409: refused(kind=(str, ""))},
-)
+@router.post(f"{_ONE}/load", response_model=_Loaded)
 def _load(call: ByEngineer, name: Name, given: LoadFields = _PRESENT) -> Response:
     """Judge by the recipe from now on: 200 after the parts in progress, 409 with the reason."""
     try:
