@@ -25,6 +25,7 @@ from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_file import write_recipe
 from capture.station.domain.roles import Role
 from capture.station.domain.verdict import Cause, Decision, Verdict
+from capture.station.panel.app import routes
 from capture.station.panel.filters import selection_of
 from capture.station.panel.panel import MOST_RECKONING
 from capture.station.panel.triggering import MOST_WAITING, KeyedTriggers
@@ -509,6 +510,16 @@ def test_the_head_of_an_answer_can_be_asked_for(without_users: RunningPanel) -> 
         answer = without_users.local.ask("HEAD", path)
         assert (answer.status, answer.body) == (200, b"")
         assert int(answer.headers["content-length"]) > 0
+
+
+def test_the_state_and_parts_are_as_they_are_described(panel: RunningPanel) -> None:
+    panel.bench.inspector.inspect = lambda _: Said(BAD)
+    (part_id,) = panel.parts(1)
+    models = {route.path: route.response_model for route in routes() if "GET" in route.methods}
+    for path in ("state", "parts", "parts/{part_id}", "counts", "recipes"):
+        answer = panel.local.get(f"/api/v1/{path.format(part_id=part_id)}")
+        assert answer.status == 200
+        models[f"/api/v1/{path}"].model_validate_json(answer.body)
 
 
 def test_recipes_are_listed_and_read(panel: RunningPanel) -> None:
