@@ -9,6 +9,7 @@ from urllib.parse import parse_qsl, urlsplit
 
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
+from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 # The largest form, the settings of a recipe with a reason, has 4 kB.
@@ -117,20 +118,11 @@ class SecureHeaders:
         address = (scope.get("server") or ("", 0))[0]
         if len(hosts) != 1 or not self._rule.accepts(hosts[0].decode("latin-1"), address):
             named = ", ".join(repr(host.decode("latin-1")[:100]) for host in hosts) or "none"
-            body = (
+            text = (
                 f"Host {named}: not an address of this station; add it to names in [panel] of "
                 "station.toml, or let the proxy pass on the Host that the browser sent\n"
-            ).encode()
-            start = {
-                "type": "http.response.start",
-                "status": 421,
-                "headers": [
-                    (b"content-type", b"text/plain; charset=utf-8"),
-                    (b"content-length", str(len(body)).encode()),
-                ],
-            }
-            await send_with_headers(start)
-            await send_with_headers({"type": "http.response.body", "body": body})
+            )
+            await PlainTextResponse(text, 421)(scope, receive, send_with_headers)
             return
         await self._app(scope, receive, send_with_headers)
 
