@@ -12,11 +12,12 @@ SET_SUFFIX = ".ome.tif"
 """End of the name of a captured set."""
 # A page of text; a longer story belongs into a file of its own.
 _MAX_CHARACTERS = 4000
+NAME_PATTERN = "^[A-Za-z0-9][A-Za-z0-9_.-]{0,99}$"
 
 
 def file_name(name: str) -> str:
     """Return a name that can be that of a file on every system; ValueError for another."""
-    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}", name):
+    if not re.fullmatch(NAME_PATTERN, name):
         raise ValueError(
             f"{name!r} becomes part of names of files; use up to 100 letters, digits and _ . -, "
             "and begin with a letter or digit"

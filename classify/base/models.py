@@ -111,7 +111,7 @@ def validation_message(error: ValidationError, root: type[BaseModel], section: s
             return f"{field} has {limits['actual_length']} values: must have {bound}"
         case "model_type" | "model_attributes_type" | "dict_type":
             return f"{field} = {toml_text(value)}: must be a table, [{field}]"
-    return f"{field} = {toml_text(value)}: {_in_words(cause)}"
+    return f"{field} = {toml_text(value)}: {in_words(cause)}"
 
 
 def first_fault(error: ValidationError) -> str:
@@ -123,10 +123,10 @@ def first_fault(error: ValidationError) -> str:
 
 def messages_by_place(error: ValidationError) -> dict[tuple[str | int, ...], str]:
     """Return what is wrong with each value, by its place, for a form that shows the value."""
-    return {fault["loc"]: _in_words(fault["msg"]) for fault in error.errors(include_url=False)}
+    return {fault["loc"]: in_words(fault["msg"]) for fault in error.errors(include_url=False)}
 
 
-def _in_words(cause: str) -> str:
+def in_words(cause: str) -> str:
     """Rewrite a message of pydantic in the wording of this program."""
     cause = cause.removeprefix("Value error, ").replace("Field required", "is missing; give it")
     for old, new in (("Input should", "must"), ("should", "must"), ("valid integer", "integer")):
@@ -135,7 +135,8 @@ def _in_words(cause: str) -> str:
 
 
 def _unknown_key(location: tuple[str | int, ...], root: type[BaseModel]) -> str:
-    keys = list(_fields_at(location[:-1], root))
+    fields = _fields_at(location[:-1], root)
+    keys = [about.alias or name for name, about in fields.items()]
     near = difflib.get_close_matches(str(location[-1]), keys, 1)
     if near:
         return f"unknown key; did you mean {near[0]}?"

@@ -6,7 +6,15 @@ from classify.base.errors import InputError, Ps4rigError
 _MAX_CHARACTERS = 500
 
 
-class RecipeError(InputError):
+class NotThere(InputError):  # noqa: N818 - the state of a station, no error of the program
+    """Something that somebody named, such as a user, does not exist."""
+
+
+class Conflict(InputError):  # noqa: N818 - the state of a station, no error of the program
+    """What somebody asks does not fit the state of the station."""
+
+
+class RecipeError(Conflict):
     """A recipe, or a file that teaching made, cannot be used; the message says what to do."""
 
 

@@ -8,9 +8,9 @@ from pydantic import Field
 
 from capture.base.names import Name
 from capture.base.utc_time import utc_text
-from classify.base.errors import InputError
 from classify.base.models import Section, validated
 
+from .errors import Conflict, NotThere
 from .private_file import PrivateFile
 from .roles import Role, require_name
 
@@ -62,7 +62,7 @@ class Tokens:
             clients = self.all()
             require_new_client(name, clients)
             if len(clients) >= MOST_CLIENTS:
-                raise InputError(f"client {name}: there are {MOST_CLIENTS} clients already")
+                raise Conflict(f"client {name}: there are {MOST_CLIENTS} clients already")
             self._file.write(_File(clients=(*clients, client)))
         return token
 
@@ -72,7 +72,7 @@ class Tokens:
             clients = self.all()
             removed = [client for client in clients if client.name == name]
             if not removed:
-                raise InputError(f"client {name}: no such client; see ps4rig station token list")
+                raise NotThere(f"client {name}: no such client; see ps4rig station token list")
             others = tuple(client for client in clients if client.name != name)
             self._file.write(_File(clients=others))
         return removed[0]
@@ -82,7 +82,7 @@ def require_new_client(name: str, clients: tuple[Client, ...]) -> None:
     """Check the name of a new client."""
     require_name("client", name)
     if any(client.name == name for client in clients):
-        raise InputError(f"client {name}: there is one already; remove it first")
+        raise Conflict(f"client {name}: there is one already; remove it first")
 
 
 def _sha256(token: str) -> str:

@@ -14,6 +14,7 @@ from capture.base.names import Name
 from classify.base.errors import InputError
 from classify.base.models import Section
 
+from .errors import Conflict, NotThere
 from .private_file import PrivateFile
 from .roles import Role, require_name
 
@@ -75,9 +76,9 @@ class Users:
         with self._file.changing():
             before, others = self._apart(name)
             if seen is not None and before != seen:
-                raise InputError(f"user {name}: was changed meanwhile; log in again")
+                raise Conflict(f"user {name}: was changed meanwhile; log in again")
             if len(others) >= MOST_USERS:
-                raise InputError(f"user {name}: there are {MOST_USERS} users already")
+                raise Conflict(f"user {name}: there are {MOST_USERS} users already")
             _require_administrator((*others, user), before)
             self._file.write(_File(users=(*others, user)))
         return before
@@ -87,7 +88,7 @@ class Users:
         with self._file.changing():
             user, others = self._apart(name)
             if user is None:
-                raise InputError(f"user {name}: no such user; see ps4rig station user list")
+                raise NotThere(f"user {name}: no such user; see ps4rig station user list")
             _require_administrator(others, user)
             self._file.write(_File(users=others))
         return user
@@ -122,7 +123,7 @@ def _require_administrator(users: tuple[User, ...], changed: User | None) -> Non
     if changed is None or changed.role is not Role.ADMINISTRATOR:
         return
     if users and all(user.role is not Role.ADMINISTRATOR for user in users):
-        raise InputError(f"user {changed.name}: is the last administrator; add another one first")
+        raise Conflict(f"user {changed.name}: is the last administrator; add another one first")
 
 
 def require_account(name: str, password: str) -> str:

@@ -11,10 +11,9 @@ from pydantic import Field
 from capture.base.folder_lock import folder_lock
 from capture.base.names import Name
 from capture.sets.captured_set import LoadedSet
-from capture.station.domain.errors import RecipeError
+from capture.station.domain.errors import NotThere, RecipeError
 from capture.station.domain.verdict import Decision
 from classify.base.durable_file import durable_file, make_folder
-from classify.base.errors import InputError
 from classify.base.models import Section, read_toml_as, validated
 
 FILE = "challenge.toml"
@@ -103,7 +102,7 @@ def _is_there(copy: Path, path: Path) -> bool:
 
 def remove_from_challenge(folder: Path, file: str, record: Record = lambda *_: None) -> None:
     """Take a set out of a challenge; its file stays. `record` is that of `add_to_challenge`."""
-    missing = InputError(f"{file[:100]!r} is not in the challenge set")
+    missing = NotThere(f"{file[:100]!r} is not in the challenge set")
     if not folder.is_dir():  # the lock needs it
         raise missing
     with folder_lock(folder, _LOCK):

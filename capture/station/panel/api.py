@@ -6,57 +6,163 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from itertools import chain, islice
+from typing import Annotated, Any, Literal
 
+from fastapi import APIRouter, Header, Query
+from pydantic import Field, FiniteFloat, PlainValidator, WithJsonSchema, conlist
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import FileResponse, Response, StreamingResponse
 
-from capture.station.domain.roles import Role
-from capture.station.results.audit import newest_changes, override_part
+from capture.base.names import NAME_PATTERN
+from capture.station.domain.verdict import Cause, Decision
+from capture.station.results.audit import ChangeRecord, newest_changes, override_part
 from capture.station.results.database import ResultsUnavailable
-from capture.station.results.history import ROWS_AT_A_TIME, HistoryEntry, Selection
+from capture.station.results.history import ROWS_AT_A_TIME, HistoryEntry, Override, Selection
 from capture.station.results.history_table import counts_of, csv_pieces, record_of
+from capture.station.results.part_result import PartResult
+from capture.station.run.events import Device
+from capture.station.run.station_state import StationState
 from capture.station.run.triggers import Accepted, Refused, Trigger
-from classify.base.errors import InputError
+from classify.base.models import Record
 
+from .answers import Name, answer, media
 from .event_stream import subscribed
-from .filters import FILTERS, selection_of
+from .filters import Filters
+from .guard import V1, ByEngineer, ByOperator, Call, Turn
 from .metrics import MEDIA_TYPE, metrics_text
+from .panel import Panel
 from .part_pictures.judged_by import stored_set
 from .render import JsonAnswer
-from .routes import Call, PanelRoute
 from .security import Denied
-from .triggering import OtherPart
+from .triggering import LONGEST_KEY, OtherPart
 
-MOST_ROWS = 500
+_MOST_ROWS = 500
 PARTS = 50
-LONGEST_WAIT_S = 30.0
+_LONGEST_WAIT_S = 30.0
 # Patience of `results_access` with a locked database.
 CHANGE_PATIENCE_S = 5.0
+router = APIRouter(prefix=V1)
+Below = Annotated[
+    int | None,
+    Query(ge=1, le=2**53, description="only parts with a lower number: next_below before"),
+]
+_Row = answer("Row", PartResult, "verdict", reason=str, causes=list[Cause])
+_Judged = answer("Judged", _Row, decision=Decision)
+_Last = answer("Last", _Judged, latency_ms=float | None)
+_Rejected = answer("Rejected", _Judged, acknowledged_by=str | None)
+_State = answer(
+    "Snapshot",
+    StationState,
+    "tested",
+    devices=tuple[Device, ...],
+    last=_Last | None,
+    rejected=conlist(_Rejected),
+)
+_Part = answer(
+    "Part",
+    _Row,
+    verdict=Annotated[Decision, Field(description="that holds, after overrides")],
+    station_verdict=Decision,
+    override=Override | None,
+    set_removed_utc=str | None,
+)
+_Parts = answer("Parts", station=str, parts=conlist(_Part), next_below=int | None)
+Numbers = answer(
+    "Numbers",
+    parts=int,
+    verdicts=dict[Decision, int],
+    station_verdicts=dict[Decision, int],
+    refused_triggers=int,
+    collected=int,
+)
+_Counts = answer("Counts", station=str, production=Numbers, simulated=Numbers)
+_Triggered = answer("Triggered", accepted=bool, part_id=str, number=int | None, repeated=bool)
+_Acknowledged = answer("Acknowledged", part_id=str, acknowledged=bool)
+_Changes = answer("Changes", changes=list[ChangeRecord])
+_PART_ID = {
+    "type": "string",
+    "description": "identity of the part; without it the station makes one",
+    "pattern": f"^({NAME_PATTERN[1:-1]})?$",
+}
+_Limit = Annotated[int, Query(ge=1, le=_MOST_ROWS)]
 
 
-def whole_number(call: Call, name: str, default: int, most: int) -> int:
-    """Return a whole number of a query, from 1 to `most`."""
-    text = call.query.get(name, str(default))
-    if not (text.isascii() and text.isdecimal() and len(text) < 16 and 1 <= int(text) <= most):
-        raise InputError(f"{name} = {text[:20]!r}: give a whole number from 1 to {most}")
-    return int(text)
+class _PartsQuery(Filters):
+    limit: int = Field(PARTS, ge=1, le=_MOST_ROWS, description="number of parts")
+    below: Below = None
 
 
-def entry_of(call: Call) -> HistoryEntry:
-    """Return the part that the path names."""
-    part_id = call.path["part_id"]
-    entry = call.panel.results.store.part(part_id)
+class _CountsQuery(Filters):
+    simulated: Literal["", "true", "false", "only"] = Field(
+        "true", description="false: only production; only: only a simulated rig"
+    )
+
+
+def _text(value: object) -> str:
+    if not isinstance(value, str):
+        raise ValueError("must be a text")
+    return value
+
+
+class PartFields(Record):
+    """What must be known of a part that is triggered."""
+
+    # Not checked here: a trigger with an id that is none is recorded as refused.
+    part_id: Annotated[str, PlainValidator(_text), WithJsonSchema(_PART_ID)] = ""
+    recipe: Name | None = Field(
+        None,
+        description="name of the recipe that must judge the part; 409 if another one is loaded",
+    )
+
+
+# At least one letter, and no control characters.
+_REASON = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x20\x7f-\xa0][^\x00-\x1f\x7f-\x9f]*$"
+_ANY_PART = PartFields()
+
+
+class OverrideFields(Record):
+    """The verdict of a person."""
+
+    decision: Literal["PASS", "FAIL"]
+    reason: Annotated[str, Field(pattern=_REASON)]
+
+
+def entry_of(panel: Panel, part_id: str) -> HistoryEntry:
+    """Return a part."""
+    entry = panel.results.store.part(part_id)
     if entry is None:
         raise Denied(404, f"part {part_id[:100]}: there is no result of it")
     return entry
 
 
-def _state(call: Call) -> Response:
+@router.get("/state", response_model=_State)
+def _state(call: ByOperator) -> Response:
+    """State, last result, devices, counts."""
     return JsonAnswer(call.panel.live.snapshot().fields())
 
 
-async def _trigger(call: Call) -> Response:
-    """Pass a trigger on; it is refused if the client leaves before the part is begun."""
+@router.post(
+    "/trigger",
+    status_code=202,
+    response_model=_Triggered,
+    responses={200: {"model": _Triggered, "description": "accepted before with this key"}},
+)
+async def _trigger(
+    call: ByOperator,
+    given: PartFields = _ANY_PART,
+    idempotency_key: Annotated[
+        str | None,
+        Header(
+            description="a repeated request with it triggers no second part",
+            min_length=1,
+            max_length=LONGEST_KEY,
+        ),
+    ] = None,
+) -> Response:
+    """Trigger a part: 202 accepted, 200 accepted before with this key, 409 refused.
+
+    422 if the key was accepted for another part or recipe. A client that leaves early is refused.
+    """
     is_gone = threading.Event()
 
     async def watch() -> None:
@@ -66,20 +172,17 @@ async def _trigger(call: Call) -> Response:
 
     watcher = asyncio.create_task(watch())
     try:
-        return await run_in_threadpool(_triggered, call, is_gone.is_set)
+        return await run_in_threadpool(_triggered, call, given, idempotency_key, is_gone.is_set)
     finally:
         watcher.cancel()
 
 
-def _triggered(call: Call, is_gone: Callable[[], bool]) -> Response:
-    part_id, recipe = call.text("part_id", "") or None, call.text("recipe", "") or None
-    if recipe is not None:
-        call.panel.folder.recipe_files(recipe)  # raises for an invalid name
-    key = call.request.headers.get("idempotency-key")
+def _triggered(
+    call: Call, given: PartFields, key: str | None, is_gone: Callable[[], bool]
+) -> Response:
+    trigger = Trigger("http", given.part_id or None, given.recipe, is_withdrawn=is_gone)
     try:
-        answer = call.panel.triggers.submit(
-            key, Trigger("http", part_id, recipe, is_withdrawn=is_gone)
-        )
+        answer = call.panel.triggers.submit(key, trigger)
     except OtherPart as error:
         raise Denied(422, str(error)) from error
     if isinstance(answer, Refused):
@@ -98,19 +201,21 @@ def _triggered(call: Call, is_gone: Callable[[], bool]) -> Response:
 
 
 @contextmanager
-def _changing(call: Call) -> Iterator[None]:
+def _changing(panel: Panel) -> Iterator[None]:
     """Hold `Panel.changing`; clicks on a locked database must not keep all threads of the panel."""
-    if not call.panel.changing.acquire(timeout=CHANGE_PATIENCE_S):
+    if not panel.changing.acquire(timeout=CHANGE_PATIENCE_S):
         raise ResultsUnavailable("nothing was changed: another change waits for the database")
     try:
         yield
     finally:
-        call.panel.changing.release()
+        panel.changing.release()
 
 
-def _acknowledge(call: Call) -> Response:
-    part_id, live = call.path["part_id"], call.panel.live
-    with _changing(call):
+@router.post("/parts/{part_id}/acknowledge", response_model=_Acknowledged)
+def _acknowledge(call: ByOperator, part_id: str) -> dict[str, Any]:
+    """Record that somebody has seen one of the last rejected parts."""
+    live = call.panel.live
+    with _changing(call.panel):
         rejected = {part.result.part_id: part for part in live.snapshot().rejected}
         if part_id not in rejected:
             raise Denied(404, f"part {part_id[:100]}: is not among the last rejected parts")
@@ -118,40 +223,42 @@ def _acknowledge(call: Call) -> Response:
             decision = rejected[part_id].result.verdict.decision
             call.panel.changes.record(call.someone, f"part {part_id}", decision, "acknowledged")
             live.acknowledge(part_id, call.name)
-    return JsonAnswer({"part_id": part_id, "acknowledged": True})
+    return {"part_id": part_id, "acknowledged": True}
 
 
 def newest_parts(
-    call: Call, selection: Selection, most: int
+    panel: Panel, selection: Selection, most: int, below: int | None
 ) -> tuple[list[HistoryEntry], int | None]:
     """Return selected parts, the newest first, and ``below`` of the next page, None on the last."""
-    if "below" in call.query:
-        selection = replace(selection, below_number=whole_number(call, "below", 1, 2**53))
-    entries = list(call.panel.results.store.parts(selection, newest=most + 1))[::-1]
+    selection = replace(selection, below_number=below)
+    entries = list(panel.results.store.parts(selection, newest=most + 1))[::-1]
     return entries[:most], entries[most - 1].result.number if len(entries) > most else None
 
 
-def _parts(call: Call) -> Response:
-    most = whole_number(call, "limit", PARTS, MOST_ROWS)
-    entries, below = newest_parts(call, selection_of(call.query), most)
+@router.get("/parts", response_model=_Parts)
+def _parts(call: ByOperator, filters: Annotated[_PartsQuery, Query()]) -> Response:
+    """Parts, the newest first."""
+    entries, next_below = newest_parts(call.panel, filters.selection, filters.limit, filters.below)
     return JsonAnswer(
         {
             "station": call.panel.folder.config.name,
             "parts": [record_of(entry) for entry in entries],
-            "next_below": below,
+            "next_below": next_below,
         }
     )
 
 
-def _counts(call: Call) -> Response:
-    # Both kinds of rigs: real and simulated parts are counted apart.
-    selection = selection_of({"simulated": "true"} | dict(call.query))
-    counters = call.panel.results.store.counters(selection)
+@router.get("/counts", response_model=_Counts)
+def _counts(call: ByOperator, filters: Annotated[_CountsQuery, Query()]) -> Response:
+    """Numbers of parts by verdict, those of a simulated rig apart."""
+    counters = call.panel.results.store.counters(filters.selection)
     return JsonAnswer({"station": call.panel.folder.config.name, **counts_of(counters)})
 
 
-def _parts_csv(call: Call) -> Response:
-    entries = call.panel.results.store.parts(selection_of(call.query))
+@router.get("/parts.csv", **media("text/csv"))
+def _parts_csv(call: ByOperator, _: Turn, filters: Annotated[Filters, Query()]) -> Response:
+    """All selected parts as CSV."""
+    entries = call.panel.results.store.parts(filters.selection)
     # The first piece is read before the answer begins, so that a database that does not answer is
     # an error 503.
     first = list(islice(entries, 1))
@@ -160,13 +267,23 @@ def _parts_csv(call: Call) -> Response:
     pieces: Iterator[str] = iter(lambda: "".join(islice(lines, ROWS_AT_A_TIME)), "")
     name = f"{call.panel.folder.config.name}-parts.csv"
     headers = {"Content-Disposition": f'attachment; filename="{name}"'}
-    return StreamingResponse(pieces, media_type="text/csv; charset=utf-8", headers=headers)
+    return StreamingResponse(pieces, media_type="text/csv", headers=headers)
 
 
-async def _part(call: Call) -> Response:
-    """Answer with a part as soon as it has a result, at most after the client's `wait_s`."""
-    wait_s = _seconds(call.query.get("wait_s", "0"))
-    part_id, loop = call.path["part_id"], asyncio.get_running_loop()
+@router.get("/parts/{part_id}", response_model=_Part)
+async def _part(
+    call: ByOperator,
+    part_id: str,
+    wait_s: Annotated[
+        FiniteFloat, Query(ge=0.0, le=_LONGEST_WAIT_S, description="seconds to wait for its result")
+    ] = 0.0,
+) -> Response:
+    """One part, as soon as it has a result."""
+
+    def record() -> dict[str, Any]:
+        return record_of(entry_of(call.panel, part_id))
+
+    loop = asyncio.get_running_loop()
     with subscribed(call.panel.live) as (subscription, changed):
         assert subscription is not None  # their number has no limit here
         ends_s, is_due = loop.time() + wait_s, True
@@ -178,7 +295,7 @@ async def _part(call: Call) -> Response:
             is_told = lost > 0 or any(event.fields.get("part_id") == part_id for event in events)
             if is_due or is_told or is_over:
                 try:
-                    return JsonAnswer(await run_in_threadpool(lambda: record_of(entry_of(call))))
+                    return JsonAnswer(await run_in_threadpool(record))
                 except Denied:
                     if is_over:
                         raise
@@ -187,108 +304,46 @@ async def _part(call: Call) -> Response:
                 await asyncio.wait_for(changed.wait(), max(ends_s - loop.time(), 0.0))
 
 
-def _seconds(text: str) -> float:
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = -1.0
-    if not 0.0 <= seconds <= LONGEST_WAIT_S:
-        raise InputError(f"wait_s = {text[:20]!r}: give 0 to {LONGEST_WAIT_S:g} seconds")
-    return seconds
-
-
-def _set_file(call: Call) -> Response:
-    path = stored_set(call.panel.folder, entry_of(call))
+@router.get("/parts/{part_id}/set", **media("image/tiff"))
+def _captured_set(call: ByOperator, part_id: str) -> Response:
+    """The captured set of a part, an OME-TIFF."""
+    path = stored_set(call.panel.folder, entry_of(call.panel, part_id))
     return FileResponse(path, media_type="image/tiff", filename=path.name)
 
 
-def override(call: Call) -> HistoryEntry:
-    """Override the verdict of the part in the path by a form or JSON; return the part."""
+def override(call: Call, part_id: str, decision: str, reason: str) -> HistoryEntry:
+    """Give a part another verdict; return the part."""
     panel = call.panel
-    with _changing(call):
-        entry = entry_of(call)
-        decision = override_part(
+    with _changing(panel):
+        entry = entry_of(panel, part_id)
+        given = override_part(
             panel.results.store,
             panel.changes,
             call.someone,
             entry,
-            decision=call.text("decision"),
+            decision=decision,
             by=call.name,
-            reason=call.text("reason"),
+            reason=reason,
         )
-    part_id = entry.result.part_id
     panel.live.announce(
-        {"event": "override", "part_id": part_id, "decision": decision, "by": call.name}
+        {"event": "override", "part_id": part_id, "decision": given, "by": call.name}
     )
-    return entry_of(call)
+    return entry_of(panel, part_id)
 
 
-def _override(call: Call) -> Response:
-    return JsonAnswer(record_of(override(call)))
+@router.post("/parts/{part_id}/override", response_model=_Part)
+def _override(call: ByEngineer, part_id: str, given: OverrideFields) -> Response:
+    """Give a part another verdict; the station's own stays beside it."""
+    return JsonAnswer(record_of(override(call, part_id, given.decision, given.reason)))
 
 
-def _audit(call: Call) -> Response:
-    changes = newest_changes(
-        call.panel.results.store, whole_number(call, "limit", PARTS, MOST_ROWS)
-    )
-    return JsonAnswer({"changes": [vars(change) for change in changes]})
+@router.get("/audit", response_model=_Changes)
+def _audit(call: ByEngineer, limit: _Limit = PARTS) -> dict[str, Any]:
+    """Who changed what, the newest first."""
+    return {"changes": newest_changes(call.panel.results.store, limit)}
 
 
-def _metrics(call: Call) -> Response:
+@router.get("/metrics", **media(MEDIA_TYPE))
+def _metrics(call: ByOperator) -> Response:
+    """Figures of this run for Prometheus."""
     return Response(metrics_text(call.panel.live.snapshot()), media_type=MEDIA_TYPE)
-
-
-V1 = "/api/v1"
-ROUTES = (
-    PanelRoute("GET", f"{V1}/state", Role.OPERATOR, _state, "State, last result, devices, counts."),
-    PanelRoute(
-        "POST", f"{V1}/trigger", Role.OPERATOR, _trigger,
-        "Trigger a part: 202 accepted, 200 accepted before with this Idempotency-Key, 409 refused, "
-        "422 if the key was accepted for another part or recipe.",
-        fields={
-            "part_id": "identity of the part; without it the station makes one",
-            "recipe": "name of the recipe that must judge the part; 409 if another one is loaded",
-        },
-    ),
-    PanelRoute(
-        "GET", f"{V1}/parts", Role.OPERATOR, _parts, "Parts, the newest first.",
-        query=FILTERS | {
-            "limit": f"number of parts, {PARTS} by default, at most {MOST_ROWS}",
-            "below": "only parts with a lower number: next_below of the page before",
-        },
-    ),
-    PanelRoute(
-        "GET", f"{V1}/parts.csv", Role.OPERATOR, _parts_csv, "All selected parts as CSV.",
-        query=FILTERS, answer="text/csv",
-    ),
-    PanelRoute(
-        "GET", f"{V1}/counts", Role.OPERATOR, _counts,
-        "Numbers of parts by verdict, those of a simulated rig apart.",
-        query=FILTERS | {"simulated": "false: only production; only: only a simulated rig"},
-    ),
-    PanelRoute(
-        "GET", f"{V1}/parts/{{part_id}}", Role.OPERATOR, _part, "One part.",
-        query={"wait_s": f"seconds to wait for its result, at most {LONGEST_WAIT_S:g}"},
-    ),
-    PanelRoute(
-        "GET", f"{V1}/parts/{{part_id}}/set", Role.OPERATOR, _set_file,
-        "The captured set of a part, an OME-TIFF.", answer="image/tiff",
-    ),
-    PanelRoute(
-        "POST", f"{V1}/parts/{{part_id}}/acknowledge", Role.OPERATOR, _acknowledge,
-        "Record that somebody has seen one of the last rejected parts.",
-    ),
-    PanelRoute(
-        "POST", f"{V1}/parts/{{part_id}}/override", Role.ENGINEER, _override,
-        "Give a part another verdict; the station's own stays beside it.",
-        fields={"decision": "PASS or FAIL", "reason": "reason of the override"},
-    ),
-    PanelRoute(
-        "GET", f"{V1}/audit", Role.ENGINEER, _audit, "Who changed what, the newest first.",
-        query={"limit": f"number of changes, {PARTS} by default, at most {MOST_ROWS}"},
-    ),
-    PanelRoute(
-        "GET", f"{V1}/metrics", Role.OPERATOR, _metrics, "Figures of this run for Prometheus.",
-        answer="text/plain",
-    ),
-)  # fmt: skip

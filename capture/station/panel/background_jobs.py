@@ -17,7 +17,7 @@ from classify.base.errors import Ps4rigError
 _log = logging.getLogger(__name__)
 # Teaching takes a second of processor time for each part of 1024 x 1024 px: 300 parts, if a busy
 # line leaves a job a tenth of a processor.
-MOST_S = 3600.0
+_MOST_S = 3600.0
 
 T = TypeVar("T")
 Work = Callable[[ShowProgress], dict[str, Any]]
@@ -56,7 +56,7 @@ class BackgroundJobs:
     A job that must end does so before its next item.
     """
 
-    def __init__(self, most_s: float = MOST_S) -> None:
+    def __init__(self, most_s: float = _MOST_S) -> None:
         self._most_s = most_s
         self._lock = threading.Lock()
         self._job: Job | None = None

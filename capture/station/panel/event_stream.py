@@ -4,7 +4,9 @@ import asyncio
 import json
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import contextmanager, suppress
+from typing import Annotated
 
+from fastapi import APIRouter, Header, Query
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response, StreamingResponse
 
@@ -12,13 +14,14 @@ from capture.station.domain.roles import Role
 from capture.station.run.live_view import LiveEvent, LiveView, Subscription
 from capture.station.run.station_state import StationState
 
-from .guard import identity_of
-from .routes import Call, PanelRoute
+from .answers import media
+from .guard import V1, ByOperator, identity_of
 from .security import Denied
 
 # Proxies and browsers give up silent connections after 30 s and more.
 KEEP_ALIVE_S = 15.0
 _RETRY_MS = 1000
+router = APIRouter(prefix=V1)
 _MEDIA_TYPE = "text/event-stream"
 # The server takes 256 connections: some stay free for other requests, and some streams for other
 # accounts and clients than one.
@@ -53,12 +56,16 @@ def subscribed(
                 of_one.remove(subscription)
 
 
-async def events(call: Call) -> Response:
-    """Answer with the events from now on, or from ``Last-Event-ID`` on."""
-    last = call.request.headers.get("last-event-id", call.query.get("after", ""))
-    live = call.panel.live
-    if call.request.method == "HEAD":
-        return Response(media_type=_MEDIA_TYPE)
+@router.get("/events", **media(_MEDIA_TYPE))
+async def _events(
+    call: ByOperator,
+    after: Annotated[
+        str, Query(description="id of the last event that the client has, like Last-Event-ID")
+    ] = "",
+    last_event_id: Annotated[str | None, Header(description="before `after`")] = None,
+) -> Response:
+    """Everything that happens, as server-sent events; first the state, or what was missed."""
+    last, live = after if last_event_id is None else last_event_id, call.panel.live
     if live.snapshot().subscribers >= MOST_STREAMS:
         raise Denied(503, f"{MOST_STREAMS} event streams are open", {"Retry-After": "5"})
 
@@ -143,15 +150,3 @@ def _snapshot_message(snapshot: StationState) -> str:
 def _text(run: str, event_id: int, kind: str, data: str) -> str:
     """A message; `data` is one line, because JSON escapes line ends."""
     return f"id: {run}.{event_id}\nevent: {kind}\ndata: {data}\n\n"
-
-
-ROUTES = (
-    PanelRoute(
-        "GET", "/api/v1/events", Role.OPERATOR, events,
-        "Everything that happens, as server-sent events; first the state, or what was missed.",
-        query={
-            "after": "id of the last event that the client has, like the header Last-Event-ID",
-        },
-        answer="text/event-stream",
-    ),
-)  # fmt: skip

@@ -2,51 +2,87 @@
 
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
-from typing import Self
+from typing import Annotated, Literal, Self
 from urllib.parse import urlencode
+
+from pydantic import BeforeValidator, Field, WithJsonSchema
 
 from capture.station.domain.verdict import Decision
 from capture.station.results.history import Selection
 from capture.station.results.statistics import Choices
 from capture.station.results.utc import utc_bound
 from classify.base.errors import InputError
+from classify.base.models import Record, validated
 
-from .routes import Call
+from .guard import Call
 
-FILTERS = {
-    "since": "parts triggered then or later: 2026-11-22 or 2026-11-22T14:30, UTC",
-    "until": "parts triggered then or earlier; a date or a minute counts to its end",
-    "verdict": "the verdict that holds, after overrides: PASS, FAIL, UNKNOWN or ERROR",
-    "part": "part of the identity, in any case",
-    "class": "the texture that was found",
-    "recipe": "name of the recipe",
-    "simulated": "true: also parts of a simulated rig; only: these alone; by default production",
-}
-OF_ONE_PART = ("verdict", "part")
-"""Filters that statistics do not have."""
-_TIMES = {"since", "until"}
-_SIMULATED = {"true": None, "false": False, "only": True}
+_TIME = WithJsonSchema(
+    {
+        "anyOf": [
+            {"type": "string", "format": "date"},
+            {"type": "string", "format": "date-time"},
+            {"type": "string", "maxLength": 0},
+        ]
+    }
+)
+_SIMULATED = {"": False, "true": None, "false": False, "only": True}
 
 
-def selection_of(query: Mapping[str, str]) -> Selection:
-    """Return the selection that a query describes; an empty value selects all."""
-    since, until, verdict = (query.get(name) or None for name in ("since", "until", "verdict"))
-    simulated = query.get("simulated") or "false"
-    if verdict is not None and verdict.upper() not in Decision.__members__:
-        raise InputError(f"verdict = {verdict[:20]!r}: give PASS, FAIL, UNKNOWN or ERROR")
-    if simulated not in _SIMULATED:
-        raise InputError(f"simulated = {simulated[:20]!r}: give true, false or only")
-    return Selection(
-        since_utc=None if since is None else utc_bound("since", since),
-        until_utc=None if until is None else utc_bound("until", until, is_end=True),
-        decision=None if verdict is None else Decision(verdict.upper()),
-        label=query.get("class") or None,
-        recipe=query.get("recipe") or None,
-        simulated=_SIMULATED[simulated],
-        part_of_id=query.get("part") or None,
+class StatisticsFilters(Record):
+    """Filters of statistics; an empty value selects all."""
+
+    since: Annotated[str, _TIME] = Field(
+        "", description="parts triggered then or later: 2026-11-22 or 2026-11-22T14:30, UTC"
     )
+    until: Annotated[str, _TIME] = Field(
+        "", description="parts triggered then or earlier; a date or a minute counts to its end"
+    )
+    label: str = Field("", alias="class", description="the texture that was found")
+    recipe: str = Field("", description="name of the recipe")
+    simulated: Literal["", "false", "only"] = Field(
+        "false", description="only: parts of a simulated rig; by default production"
+    )
+
+    @property
+    def selection(self) -> Selection:
+        """The parts that they select."""
+        return Selection(
+            since_utc=utc_bound("since", self.since) if self.since else None,
+            until_utc=utc_bound("until", self.until, is_end=True) if self.until else None,
+            label=self.label or None,
+            recipe=self.recipe or None,
+            simulated=_SIMULATED[self.simulated],
+        )
+
+
+class Filters(StatisticsFilters):
+    """Filters of parts."""
+
+    verdict: Annotated[Decision | Literal[""], BeforeValidator(str.upper)] = Field(
+        "", description="the verdict that holds, after overrides: PASS, FAIL, UNKNOWN or ERROR"
+    )
+    part: str = Field("", description="part of the identity, in any case")
+    simulated: Literal["", "true", "false", "only"] = Field(  # type: ignore[assignment]
+        "false",
+        description="true: also parts of a simulated rig; only: these alone; by default production",
+    )
+
+    @property
+    def selection(self) -> Selection:
+        """The parts that they select."""
+        decision = Decision(self.verdict) if self.verdict else None
+        return replace(super().selection, decision=decision, part_of_id=self.part or None)
+
+
+FILTERS = {about.alias or name: about.description for name, about in Filters.model_fields.items()}
+_OF_ONE_PART, _TIMES = ("verdict", "part"), {"since", "until"}
+
+
+def selection_of(query: Mapping[str, str], filters: type[StatisticsFilters] = Filters) -> Selection:
+    """Return the selection that a query describes."""
+    return validated(dict(query), filters, "filters").selection
 
 
 @dataclass(frozen=True)
@@ -61,7 +97,7 @@ class FilterForm:
     @classmethod
     def of(cls, call: Call, choices: Choices) -> Self:
         """Return the form of a page."""
-        given = {name: value for name in FILTERS if (value := call.query.get(name))}
+        given = {name: value for name in FILTERS if (value := call.request.query_params.get(name))}
         for name in _TIMES & given.keys():
             with suppress(InputError):  # of which `selection_of` tells
                 given[name] = utc_bound(name, given[name], is_end=name == "until", is_local=True)
@@ -76,7 +112,7 @@ class FilterForm:
     @property
     def statistics_query(self) -> str:
         """The filters that statistics have, of production or of a simulated rig."""
-        values = {name: value for name, value in self.values.items() if name not in OF_ONE_PART}
+        values = {name: value for name, value in self.values.items() if name not in _OF_ONE_PART}
         if values["simulated"] == "true":
             values["simulated"] = "false"
         return urlencode(values)

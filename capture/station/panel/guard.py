@@ -1,28 +1,55 @@
-"""From a row of the table of routes to an endpoint: login, role, and answers to errors."""
+"""`Call`: a request that may be served; its dependency checks origin, login, role and token."""
 
 import hmac
-import inspect
-import logging
-from collections.abc import Awaitable, Callable, Collection, Sequence
-from contextlib import suppress
-from typing import cast
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Annotated
 from urllib.parse import quote
 
+from fastapi import Depends, Request, Security
+from fastapi.security import HTTPBearer, SecurityScopes
 from starlette.concurrency import run_in_threadpool
-from starlette.requests import Request
-from starlette.responses import RedirectResponse, Response
 
 from capture.station.domain.roles import Identity, Role
-from capture.station.results.database import ResultsUnavailable
-from classify.base.errors import InputError, Ps4rigError
+from classify.base.errors import InputError
 
 from .panel import Panel
-from .render import JsonAnswer, page
-from .routes import API, Call, PanelRoute
-from .security import SAFE_METHODS, Denied, fields_of, read_body, require_same_origin
+from .security import Denied, form_of, require_same_origin
 
-_log = logging.getLogger(__name__)
+V1 = "/api/v1"
 CSRF_FIELD, CSRF_HEADER = "csrf", "x-csrf-token"
+_TOKEN = HTTPBearer(
+    scheme_name="token", description="Token of an API client.", auto_error=False
+)  # describes it; `identity_of` reads it
+
+
+@dataclass(frozen=True)
+class Call:
+    """A request that may be served."""
+
+    panel: Panel
+    request: Request
+    who: Identity | None  # None where no login is needed
+    fields: Mapping[str, str] = field(default_factory=dict)  # of the form of a page
+
+    @property
+    def someone(self) -> Identity:
+        """The user or client, on a route that needs a role."""
+        assert self.who is not None
+        return self.who
+
+    @property
+    def name(self) -> str:
+        """Name of the user or client, for records."""
+        return self.someone.name
+
+    def text(self, name: str, default: str | None = None) -> str:
+        """Return a text of the form."""
+        value = self.fields.get(name, default)
+        if value is None:
+            raise InputError(f"{name}: missing")
+        return value
 
 
 def session_cookie(panel: Panel) -> str:
@@ -46,82 +73,68 @@ def identity_of(panel: Panel, request: Request) -> Identity | None:
     return None
 
 
-def endpoint_of(panel: Panel, route: PanelRoute) -> Callable[[Request], Awaitable[Response]]:
-    """Return the function that serves a route."""
-
-    async def endpoint(request: Request) -> Response:
-        try:
-            return await _answer(panel, route, request)
-        except Denied as error:
-            return error_answer(panel, request, error.status, str(error), error.headers)
-        except ResultsUnavailable as error:
-            return error_answer(panel, request, 503, str(error), {"Retry-After": "2"})
-        except InputError as error:
-            return error_answer(panel, request, 400, str(error))
-        except Ps4rigError as error:
-            return error_answer(panel, request, 409, str(error))
-        except Exception:
-            _log.exception("%s %s", route.method, route.path)
-            return error_answer(panel, request, 500, "an unforeseen error; see the log")
-
-    return endpoint
-
-
-async def _answer(panel: Panel, route: PanelRoute, request: Request) -> Response:
-    is_change = request.method not in SAFE_METHODS
+async def _call(
+    request: Request, needed: SecurityScopes, _: Annotated[object, Depends(_TOKEN)]
+) -> Call:
+    """Return a request if the user or client has the role that its route needs."""
+    panel: Panel = request.app.state.panel
+    is_api = request.url.path.startswith(V1)
+    is_change = request.method != "GET"
     if is_change:
         require_same_origin(request)
     who = await run_in_threadpool(identity_of, panel, request)
-    if route.role is not None:
+    for role in needed.scopes:
         if who is None:
-            if route.is_api:
-                raise Denied(401, "log in, or send a token", {"WWW-Authenticate": "Bearer"})
-            if is_change:
-                raise Denied(401, "nothing was changed: the session is over; log in again")
-            return RedirectResponse(f"/login?next={quote(request.url.path, safe='')}", 303)
-        if not who.role.includes(route.role):
-            raise Denied(403, f"{who.name} is {who.role}; this needs the role {route.role}")
-    # The body is read after the check of the role: others cannot make this program wait for it.
-    fields = fields_of(request, await read_body(request)) if is_change else {}
-    if is_change and who is not None and who.csrf and route.role is not None:
-        given = request.headers.get(CSRF_HEADER, fields.get(CSRF_FIELD))
-        if not isinstance(given, str) or not _same(given, who.csrf):
+            raise _without_login(request, is_api=is_api, is_change=is_change)
+        if not who.role.includes(Role(role)):
+            raise Denied(403, f"{who.name} is {who.role}; this needs the role {role}")
+    fields = form_of(request, await request.body()) if is_change and not is_api else {}
+    if is_change and needed.scopes and who is not None and who.csrf:
+        given = request.headers.get(CSRF_HEADER, fields.get(CSRF_FIELD, ""))
+        if not hmac.compare_digest(given.encode("utf-8", "replace"), who.csrf.encode()):
             raise Denied(403, "the page is out of date; load it again")
-    if route.is_api:
-        query = [name for name, _ in request.query_params.multi_items()]
-        _require_known("query", query, route.query)
-        _require_known("field", [name for name in fields if name != CSRF_FIELD], route.fields)
-    call = Call(panel, request, who, fields)
-    if inspect.iscoroutinefunction(route.handler):
-        return await cast(Awaitable[Response], route.handler(call))
-    return cast(Response, await run_in_threadpool(route.handler, call))
+    if is_api:
+        _require_known(request, await request.body() if is_change else b"")
+    return Call(panel, request, who, fields)
 
 
-def _require_known(kind: str, given: Sequence[str], known: Collection[str]) -> None:
-    """Refuse what the route does not know: with a misspelled filter, a list has other parts."""
+def _without_login(request: Request, *, is_api: bool, is_change: bool) -> Denied:
+    if is_api:
+        return Denied(401, "log in, or send a token", {"WWW-Authenticate": "Bearer"})
+    if is_change:
+        return Denied(401, "nothing was changed: the session is over; log in again")
+    place = quote(request.url.path, safe="")
+    return Denied(303, "log in", {"Location": f"/login?next={place}"})
+
+
+def _require_known(request: Request, body: bytes) -> None:
+    """Refuse what the call does not know: with a misspelled filter, a list has other parts."""
+    paths = request.app.state.description["paths"]
+    operation = paths[request.scope["route"].path][request.method.lower()]
+    known = [each["name"] for each in operation.get("parameters", []) if each["in"] == "query"]
+    given = [name for name, _ in request.query_params.multi_items()]
     for name in given:
         if name not in known:
             names = ", ".join(known) or "none"
-            raise InputError(f"{kind} {name[:40]!r} is not known; known are: {names}")
+            raise InputError(f"query {name[:40]!r} is not known; known are: {names}")
         if given.count(name) > 1:
-            raise InputError(f"{kind} {name!r} is given more than once")
+            raise InputError(f"query {name!r} is given more than once")
+    if body and not request.headers.get("content-type", "").lower().startswith("application/json"):
+        raise Denied(415, "the body must be application/json")
+    if "requestBody" not in operation and body and json.loads(body) != {}:
+        raise InputError("the body must be empty: this call has no fields")
 
 
-def _same(given: str, expected: str) -> bool:
-    return hmac.compare_digest(given.encode("utf-8", "replace"), expected.encode())
+ByAnybody = Annotated[Call, Depends(_call)]
+ByOperator = Annotated[Call, Security(_call, scopes=[Role.OPERATOR])]
+ByEngineer = Annotated[Call, Security(_call, scopes=[Role.ENGINEER])]
+ByAdministrator = Annotated[Call, Security(_call, scopes=[Role.ADMINISTRATOR])]
 
 
-def error_answer(
-    panel: Panel, request: Request, status: int, message: str, headers: dict[str, str] | None = None
-) -> Response:
-    """Return an error: JSON for programs, a page for people."""
-    if request.url.path.startswith(API) or request.headers.get("accept") == "application/json":
-        return JsonAnswer({"error": message}, status, headers)
-    who = None
-    with suppress(Denied):
-        who = identity_of(panel, request)
-    call = Call(panel, request, who)
-    answer = page(call, "error.html", status=status, message=message)
-    answer.status_code = status
-    answer.headers.update(headers or {})
-    return answer
+def _turn(call: ByOperator) -> Iterator[None]:
+    """Refuse a request that may read all parts while others do."""
+    with call.panel.reckoning.taken():
+        yield
+
+
+Turn = Annotated[None, Depends(_turn)]

@@ -15,7 +15,7 @@ SEND_S = 30.0
 
 def panel_listener(folder: Path, settings: PanelConfig) -> socket.socket:
     """Listen on the panel's port, if that is safe."""
-    require_safe(folder, settings)
+    _require_safe(folder, settings)
     tls_context(folder, settings)
     return listening_socket(
         "panel",
@@ -27,7 +27,7 @@ def panel_listener(folder: Path, settings: PanelConfig) -> socket.socket:
     )
 
 
-def require_safe(folder: Path, settings: PanelConfig) -> None:
+def _require_safe(folder: Path, settings: PanelConfig) -> None:
     """Check that a panel that other machines reach has users, and HTTPS."""
     if settings.is_for_this_machine:
         return

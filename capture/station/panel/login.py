@@ -3,33 +3,40 @@
 import re
 from contextlib import suppress
 
+from fastapi import APIRouter
 from starlette.responses import RedirectResponse, Response
 
-from capture.station.domain.roles import Role
 from capture.station.domain.users import KIOSK
 from capture.station.results.database import ResultsUnavailable
 
-from .guard import session_cookie
+from .guard import ByAnybody, ByOperator, Call, session_cookie
 from .render import page
-from .routes import Call, PanelRoute
 
+router = APIRouter(include_in_schema=False)
 # A path on this station: it begins with one slash; two would begin the name of a host.
 _PLACE = re.compile(r"/(?![/\\])[A-Za-z0-9/._-]*")
 
 
-def _form(call: Call, place: str = "", message: str = "") -> Response:
-    answer = page(
+@router.get("/login")
+def _form(call: ByAnybody, next: str = "/") -> Response:  # noqa: A002 - a name of the query
+    """The login form."""
+    return _page(call, _place(next))
+
+
+def _page(call: Call, place: str, message: str = "") -> Response:
+    return page(
         call,
         "login.html",
-        next=place or _place(call.query.get("next", "/")),
+        401 if message else 200,
+        next=place,
         kiosk=_is_screen(call) and call.panel.users.get(KIOSK) is not None,
         message=message,
     )
-    answer.status_code = 401 if message else 200
-    return answer
 
 
-def _login(call: Call) -> Response:
+@router.post("/login")
+def _login(call: ByAnybody) -> Response:
+    """Begin a session."""
     pin, address = call.text("pin", ""), address_of(call)
     name, password = (KIOSK, pin) if pin else (call.text("name"), call.text("password"))
     is_allowed = _is_screen(call) if pin else name != KIOSK
@@ -42,7 +49,7 @@ def _login(call: Call) -> Response:
             via = "kiosk" if pin else "page"
             with suppress(ResultsUnavailable):  # the answer is the same in any case
                 call.panel.changes.record_failed_login(name, address, via, further)
-        return _form(call, place, "The PIN is wrong." if pin else "Name or password is wrong.")
+        return _page(call, place, "The PIN is wrong." if pin else "Name or password is wrong.")
     call.panel.logins.succeeded(name, address)
     answer = RedirectResponse(place, 303)
     answer.set_cookie(
@@ -55,7 +62,9 @@ def _login(call: Call) -> Response:
     return answer
 
 
-def _logout(call: Call) -> Response:
+@router.post("/logout")
+def _logout(call: ByOperator) -> Response:
+    """End the session."""
     cookie = session_cookie(call.panel)
     call.panel.sessions.end(call.request.cookies.get(cookie, ""))
     answer = RedirectResponse("/login", 303)
@@ -75,17 +84,3 @@ def _is_screen(call: Call) -> bool:
 
 def _place(text: str) -> str:
     return text if _PLACE.fullmatch(text) else "/"
-
-
-ROUTES = (
-    PanelRoute("GET", "/login", None, _form, "The login form.", answer="text/html"),
-    PanelRoute(
-        "POST", "/login", None, _login, "Begin a session.",
-        fields={
-            "name": "name of the user", "password": "password", "next": "page after it",
-            "pin": "PIN of a screen of the line, instead of name and password",
-        },
-        answer="text/html",
-    ),
-    PanelRoute("POST", "/logout", Role.OPERATOR, _logout, "End the session.", answer="text/html"),
-)  # fmt: skip

@@ -19,7 +19,8 @@ from .sessions import LoginLimit, Sessions
 from .station_link import StationLink
 from .triggering import KeyedTriggers
 
-# Over a million parts each takes seconds, in one of the 40 threads that serve requests.
+# Exports and statistics: of a million parts each takes seconds, in one of the 40 threads that
+# serve requests.
 MOST_RECKONING = 3
 
 
@@ -43,7 +44,7 @@ class Panel:
     streams: defaultdict[tuple[str, str], list[Subscription]] = field(
         default_factory=lambda: defaultdict(list)
     )
-    reckoning: Slots = field(default_factory=lambda: Slots(MOST_RECKONING, "statistics are made"))
+    reckoning: Slots = field(default_factory=lambda: Slots(MOST_RECKONING, "exports or statistics"))
     # Held by an override or acknowledgement, so that a second click finds the first done.
     changing: threading.Lock = field(default_factory=threading.Lock)
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from fastapi import APIRouter
 from starlette.responses import RedirectResponse, Response
 
 from capture.base.utc_time import local_time
@@ -12,22 +13,27 @@ from capture.station.results.part_result import PartResult
 from classify.base.errors import InputError
 
 from .api import entry_of, override
+from .guard import ByEngineer, ByOperator, Call
 from .part_numbers import measured_numbers
 from .part_pictures.judged_by import recipe_of
 from .render import page
-from .routes import Call, PanelRoute
+
+router = APIRouter(prefix="/parts/{part_id}", include_in_schema=False)
 
 
-def _show(call: Call) -> Response:
-    return _page(call)
+@router.get("")
+def _show(call: ByOperator, part_id: str) -> Response:
+    """One part: pictures, numbers against limits, hashes, and why it got its verdict."""
+    return _page(call, part_id)
 
 
-def _page(call: Call, problem: str = "") -> Response:
-    entry = entry_of(call)
+def _page(call: Call, part_id: str, problem: str = "") -> Response:
+    entry = entry_of(call.panel, part_id)
     recipe, recipe_note = _recipe(call, entry.result)
-    answer = page(
+    return page(
         call,
         "part.html",
+        400 if problem else 200,
         entry=entry,
         result=entry.result,
         numbers=measured_numbers(entry.result, recipe),
@@ -39,16 +45,16 @@ def _page(call: Call, problem: str = "") -> Response:
         may_override=call.someone.role.includes(Role.ENGINEER),
         problem=problem,
     )
-    answer.status_code = 400 if problem else 200
-    return answer
 
 
-def _override(call: Call) -> Response:
+@router.post("/override")
+def _override_part(call: ByEngineer, part_id: str) -> Response:
+    """Give a part another verdict, from its page."""
     try:
-        entry = override(call)
+        override(call, part_id, call.text("decision"), call.text("reason"))
     except InputError as error:
-        return _page(call, str(error))
-    return RedirectResponse(f"/parts/{entry.result.part_id}", 303)
+        return _page(call, part_id, str(error))
+    return RedirectResponse(f"/parts/{part_id}", 303)
 
 
 def _neighbour(call: Call, entry: HistoryEntry, below_number: int) -> str | None:
@@ -87,17 +93,3 @@ def _hashes(result: PartResult) -> Iterator[tuple[str, str | None]]:
     yield "recipe", result.recipe_sha256
     yield "texture library", result.library_sha256
     yield "calibration", result.calibration_sha256
-
-
-ROUTES = (
-    PanelRoute(
-        "GET", "/parts/{part_id}", Role.OPERATOR, _show,
-        "One part: pictures, numbers against limits, hashes, and why it got its verdict.",
-        answer="text/html",
-    ),
-    PanelRoute(
-        "POST", "/parts/{part_id}/override", Role.ENGINEER, _override,
-        "Give a part another verdict, from its page.", answer="text/html",
-        fields={"decision": "PASS or FAIL", "reason": "reason of the override"},
-    ),
-)  # fmt: skip

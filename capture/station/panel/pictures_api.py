@@ -4,35 +4,70 @@ import asyncio
 import base64
 from concurrent.futures import Future
 from dataclasses import asdict
+from typing import Annotated, Literal
 
+from fastapi import APIRouter, Query
+from pydantic import conlist
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
-from capture.station.domain.roles import Role
 from capture.station.results.history import HistoryEntry
+from capture.station.results.part_result import DefectRecord
 from classify.base.errors import InputError
 
-from .api import V1, entry_of
+from .answers import answer, media
+from .api import entry_of
+from .guard import V1, ByOperator, Call
 from .part_pictures.judged_by import stored_set
 from .part_pictures.painting import SIZES, PaintedPicture
+from .part_pictures.part_view import Outline
 from .part_pictures.picture_maker import PartPictures
 from .render import JsonAnswer
-from .routes import Call, PanelRoute
 from .security import Denied
 
 # Browsers keep pictures, and ask each time whether they may still show them.
 _KEPT = "private, no-cache"
 # A part takes a tenth of a second, and up to `MOST_WAITING` wait before it.
 LONGEST_WAIT_S = 30.0
-_SIZE = "; ".join(f"{name}: at most {px} px" for name, px in SIZES.items()) + "; small by default"
+_Size = Annotated[
+    Literal["small", "large"],
+    Query(description="; ".join(f"{name}: at most {px} px" for name, px in SIZES.items())),
+]
+router = APIRouter(prefix=f"{V1}/parts/{{part_id}}/pictures")
 
 
-async def _about(call: Call) -> Response:
-    """Answer with the names of the pictures of a part, and its outlined defects."""
-    size, has_content, left_out = _size(call), _has_content(call), call.query.get("without")
-    entry = await run_in_threadpool(entry_of, call)
-    part_id, made = entry.result.part_id, await _made(call, entry)
-    sent = [name for name in made.pictures if has_content and name != left_out]
+_Picture = answer(
+    "Picture", name=str, title=str, caption=str, url=str, media_type=(str, ""), content=(str, "")
+)
+_OutlinedDefect = answer("OutlinedDefect", DefectRecord, outline=Outline)
+_Pictures = answer(
+    "Pictures",
+    part_id=str,
+    width_px=int,
+    height_px=int,
+    pictures=conlist(_Picture),
+    defects=conlist(_OutlinedDefect),
+    notes=list[str],
+)
+
+
+@router.get("", response_model=_Pictures)
+async def _pictures(
+    call: ByOperator,
+    part_id: str,
+    size: _Size = "small",
+    content: Annotated[
+        Literal["yes", "no"],
+        Query(description="yes: with the pictures, as media_type and base64"),
+    ] = "no",
+    without: Annotated[
+        str | None, Query(description="name of a picture of which no content is needed")
+    ] = None,
+) -> Response:
+    """The pictures of a part with captions, and its defects with outlines."""
+    entry = await run_in_threadpool(entry_of, call.panel, part_id)
+    made = await _made(call, entry, size)
+    sent = [name for name in made.pictures if content == "yes" and name != without]
     return JsonAnswer(
         {
             "part_id": part_id,
@@ -57,15 +92,21 @@ async def _about(call: Call) -> Response:
     )
 
 
-async def _picture(call: Call) -> Response:
-    entry = await run_in_threadpool(entry_of, call)
-    name, size, result = call.path["name"], _size(call), entry.result
+@router.get("/{name}", **media("image/jpeg"))
+async def _picture(call: ByOperator, part_id: str, name: str, size: _Size = "small") -> Response:
+    """A picture of a part, made from its stored set.
+
+    Its name is light-0 and so on, albedo, relief, shadow, normals, defects or defect-map; slopes
+    at the large size.
+    """
+    entry = await run_in_threadpool(entry_of, call.panel, part_id)
+    result = entry.result
     tag = f'"{result.set_sha256}-{result.number}-{size}-{name}"'
     headers = {"ETag": tag, "Cache-Control": _KEPT}
     if _is_known(call, tag):
         await run_in_threadpool(stored_set, call.panel.folder, entry)
         return Response(status_code=304, headers=headers)
-    made = await _made(call, entry)
+    made = await _made(call, entry, size)
     if name not in made.pictures:
         known = ", ".join(made.pictures)
         raise Denied(404, f"part {result.part_id}: there is no picture {name[:40]!r}; give {known}")
@@ -78,27 +119,13 @@ def _is_known(call: Call, tag: str) -> bool:
     return tag in (known_tag.strip().removeprefix("W/") for known_tag in known.split(","))
 
 
-def _size(call: Call) -> str:
-    size = call.query.get("size", "small")
-    if size not in SIZES:
-        raise InputError(f"size = {size[:20]!r}: give {' or '.join(SIZES)}")
-    return size
-
-
-def _has_content(call: Call) -> bool:
-    content = call.query.get("content", "no")
-    if content not in ("yes", "no"):
-        raise InputError(f"content = {content[:20]!r}: give yes or no")
-    return content == "yes"
-
-
 def _content(picture: PaintedPicture) -> dict[str, str]:
     content = base64.b64encode(picture.content).decode()
     return {"media_type": picture.media_type, "content": content}
 
 
-async def _made(call: Call, entry: HistoryEntry) -> PartPictures:
-    part, size = f"part {entry.result.part_id}", _size(call)
+async def _made(call: Call, entry: HistoryEntry, size: str) -> PartPictures:
+    part = f"part {entry.result.part_id}"
 
     def asked() -> Future[PartPictures] | None:
         path = stored_set(call.panel.folder, entry)
@@ -118,19 +145,3 @@ async def _made(call: Call, entry: HistoryEntry) -> PartPictures:
         raise Denied(503, f"{part}: its pictures are being made", {"Retry-After": "2"}) from None
     except InputError as error:
         raise Denied(409, f"{part}: no pictures can be made: {error}") from error
-
-
-ROUTES = (
-    PanelRoute(
-        "GET", f"{V1}/parts/{{part_id}}/pictures", Role.OPERATOR, _about,
-        "The pictures of a part with captions, and its defects with outlines.",
-        query={"size": _SIZE, "content": "yes: with the pictures, as media_type and base64",
-               "without": "name of a picture of which no content is needed"},
-    ),
-    PanelRoute(
-        "GET", f"{V1}/parts/{{part_id}}/pictures/{{name}}", Role.OPERATOR, _picture,
-        "A picture of a part, made from its stored set: light-0 and so on, albedo, relief, shadow, "
-        "normals, defects, defect-map; slopes at the large size.",
-        query={"size": _SIZE}, answer="image/jpeg",
-    ),
-)  # fmt: skip

@@ -32,14 +32,14 @@ def panel_process(
     """
     # Forks processes that have the modules already: to load them takes seconds.
     context = get_context("forkserver")
-    context.set_forkserver_preload([serve_panel.__module__, f"{__package__}.server"])
+    context.set_forkserver_preload([_serve_panel.__module__, f"{__package__}.server"])
     far_end, lifeline = context.Pipe(duplex=False)
     is_over = threading.Event()
     started: list[BaseProcess] = []  # the present one
 
     def serve() -> str:
         process = context.Process(
-            target=serve_panel, args=(folder, settings, listener, far_end), daemon=True
+            target=_serve_panel, args=(folder, settings, listener, far_end), daemon=True
         )
         try:
             process.start()
@@ -75,7 +75,7 @@ def panel_process(
         listener.close()
 
 
-def serve_panel(
+def _serve_panel(
     folder: Path, settings: PanelConfig, listener: socket.socket, lifeline: Connection
 ) -> None:
     """Serve the panel of a station until the other end of `lifeline` is closed."""

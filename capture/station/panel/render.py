@@ -10,12 +10,25 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from starlette.responses import HTMLResponse, JSONResponse
 
 from capture.base.utc_time import local_time, local_zone
+from capture.station.domain.roles import Role
 
 if TYPE_CHECKING:
-    from .routes import Call
+    from .guard import Call
 
 _HERE = Path(__file__).parent
 STATIC = _HERE / "static"
+
+
+# Address, name and lowest role of the pages in the menu.
+_MENU = (
+    ("/", "Station", Role.OPERATOR),
+    ("/history", "History", Role.OPERATOR),
+    ("/statistics", "Statistics", Role.OPERATOR),
+    ("/recipes", "Recipes", Role.OPERATOR),
+    ("/accounts", "Accounts", Role.ADMINISTRATOR),
+    ("/changes", "Changes", Role.ENGINEER),
+    ("/api", "API", Role.OPERATOR),
+)
 
 
 @cache
@@ -39,15 +52,13 @@ class JsonAnswer(JSONResponse):
         return json.dumps(content, allow_nan=False).encode()
 
 
-def page(call: "Call", template: str, **values: Any) -> HTMLResponse:
+def page(call: "Call", template: str, status: int = 200, **values: Any) -> HTMLResponse:
     """Return the page of a template, which gets the names in `about`, and `values`."""
     who = call.who
-    menu = [
-        route for route in call.request.app.state.menu
-        if who is not None and who.role.includes(route.role)
-    ]  # fmt: skip
+    menu = [each for each in _MENU if who is not None and who.role.includes(each[-1])]
     about = {
         "who": who,
+        "status": status,
         "menu": menu,
         "station": call.panel.folder.config.name,
         "live": call.panel.live.snapshot(),
@@ -55,4 +66,4 @@ def page(call: "Call", template: str, **values: Any) -> HTMLResponse:
         "zone": local_zone(),
         "version": version("ps4rig"),
     }
-    return HTMLResponse(_environment().get_template(template).render(about | values))
+    return HTMLResponse(_environment().get_template(template).render(about | values), status)

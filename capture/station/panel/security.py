@@ -1,15 +1,15 @@
 """Rules for every request: host, origin, size and time; headers of answers."""
 
 import asyncio
-import json
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
 from urllib.parse import parse_qsl, urlsplit
 
-from starlette.requests import ClientDisconnect, Request
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 # The largest form, the settings of a recipe with a reason, has 4 kB.
@@ -19,7 +19,6 @@ BODY_S = 5.0
 # Each of 100 textures has ten settings.
 MAX_FIELDS = 1200
 STATIC_PATH = "/static"
-SAFE_METHODS = ("GET", "HEAD")
 
 _HEADERS = {
     "Content-Security-Policy": (
@@ -36,13 +35,11 @@ _HEADERS = {
 }
 
 
-class Denied(Exception):  # noqa: N818 - an answer, not an error of the program
-    """A request that is not served."""
+class Denied(HTTPException):
+    """A request that is not served, as status, message and headers."""
 
-    def __init__(self, status: int, message: str, headers: Mapping[str, str] | None = None) -> None:
-        super().__init__(message)
-        self.status = status
-        self.headers = dict(headers or {})
+    def __str__(self) -> str:
+        return self.detail
 
 
 class Slots:
@@ -115,26 +112,54 @@ class SecureHeaders:
                 message["headers"] = [*message["headers"], *added]
             await send(message)
 
+        if scope["method"] == "HEAD":  # the server leaves the body out
+            scope = {**scope, "method": "GET"}
         hosts = [value for key, value in scope["headers"] if key == b"host"]
         address = (scope.get("server") or ("", 0))[0]
         if len(hosts) != 1 or not self._rule.accepts(hosts[0].decode("latin-1"), address):
             named = ", ".join(repr(host.decode("latin-1")[:100]) for host in hosts) or "none"
-            body = (
+            text = (
                 f"Host {named}: not an address of this station; add it to names in [panel] of "
                 "station.toml, or let the proxy pass on the Host that the browser sent\n"
-            ).encode()
-            start = {
-                "type": "http.response.start",
-                "status": 421,
-                "headers": [
-                    (b"content-type", b"text/plain; charset=utf-8"),
-                    (b"content-length", str(len(body)).encode()),
-                ],
-            }
-            await send_with_headers(start)
-            await send_with_headers({"type": "http.response.body", "body": body})
+            )
+            await PlainTextResponse(text, 421)(scope, receive, send_with_headers)
             return
         await self._app(scope, receive, send_with_headers)
+
+
+class BodyLimit:
+    """Refuses bodies of more than `MAX_BODY_BYTES`, or that take longer than `BODY_S`."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        closing = {"Connection": "close"}
+        too_large = Denied(413, f"the body has more than {MAX_BODY_BYTES} bytes", closing)
+        length = dict(scope["headers"]).get(b"content-length", b"0")
+        rest = MAX_BODY_BYTES + 1 if len(length) > 10 else int(length)
+        ends_s, is_complete, count = asyncio.get_running_loop().time() + BODY_S, False, 0
+
+        async def receive_limited() -> Message:
+            nonlocal count, is_complete
+            if is_complete:
+                return await receive()
+            if rest > MAX_BODY_BYTES:
+                raise too_large
+            try:
+                async with asyncio.timeout_at(ends_s):
+                    message = await receive()
+            except TimeoutError:
+                raise Denied(408, f"the body took longer than {BODY_S:g} s", closing) from None
+            if message["type"] == "http.disconnect":
+                raise Denied(400, "the body is not complete")  # nobody reads this
+            count += len(message["body"])
+            if count > MAX_BODY_BYTES:
+                raise too_large
+            is_complete = not message["more_body"]
+            return message
+
+        await self._app(scope, receive_limited, send)
 
 
 def require_same_origin(request: Request) -> None:
@@ -152,50 +177,18 @@ def require_same_origin(request: Request) -> None:
         )
 
 
-async def read_body(request: Request) -> bytes:
-    """Read the body of a request, of at most `MAX_BODY_BYTES` within `BODY_S`."""
-    too_large = Denied(
-        413, f"the body has more than {MAX_BODY_BYTES} bytes", {"Connection": "close"}
-    )
-    length = request.headers.get("content-length", "0")
-    if not length.isdecimal() or len(length) > 10 or int(length) > MAX_BODY_BYTES:
-        raise too_large
-    body = bytearray()
-    try:
-        async with asyncio.timeout(BODY_S):
-            async for block in request.stream():
-                body += block
-                if len(body) > MAX_BODY_BYTES:
-                    raise too_large
-    except TimeoutError:
-        raise Denied(
-            408, f"the body took longer than {BODY_S:g} s", {"Connection": "close"}
-        ) from None
-    except ClientDisconnect:
-        raise Denied(400, "the body is not complete") from None  # nobody reads this
-    return bytes(body)
-
-
-def fields_of(request: Request, body: bytes) -> dict[str, Any]:
-    """Return the values of a form or of a JSON object; an empty body has none."""
+def form_of(request: Request, body: bytes) -> dict[str, str]:
+    """Return the values of a form; an empty body has none."""
     if not body:
         return {}
-    kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    kind = request.headers.get("content-type", "").lower()
+    if not kind.startswith("application/x-www-form-urlencoded"):
+        raise Denied(415, "the body must be a form")
     try:
-        if kind == "application/x-www-form-urlencoded":
-            pairs = parse_qsl(
+        return dict(
+            parse_qsl(
                 body.decode(), keep_blank_values=True, max_num_fields=MAX_FIELDS, errors="strict"
             )
-            return dict(pairs)
-        if kind == "application/json":
-            values = json.loads(body, parse_constant=_refuse)
-            if isinstance(values, dict):
-                return values
-            raise ValueError("not an object")
-    except (ValueError, RecursionError) as error:
-        raise Denied(400, f"the body is no {kind}: {error}") from error
-    raise Denied(415, "the body must be application/json, or a form")
-
-
-def _refuse(constant: str) -> None:
-    raise ValueError(f"{constant} is not JSON")
+        )
+    except ValueError as error:
+        raise Denied(400, f"the body is no form: {error}") from error

@@ -59,19 +59,7 @@ class StationStatistics:
 def statistics_of(
     panel: Panel, selection: Selection, zone: tzinfo | None = UTC
 ) -> StationStatistics:
-    """Return the statistics of the selected parts; Denied if too many are being made.
-
-    Periods are hours and days of the zone; None is that of this machine.
-    """
-    if selection.simulated is None:
-        raise InputError(
-            "simulated = 'true': give false or only; parts of a simulated rig are not production"
-        )
-    with panel.reckoning.taken():
-        return _statistics_of(panel, selection, zone)
-
-
-def _statistics_of(panel: Panel, selection: Selection, zone: tzinfo | None) -> StationStatistics:
+    """Return the statistics of the selected parts, by hours and days of a zone; None is local."""
     store = panel.results.store
     counters = store.counters(selection)
     tally = counters.simulated if selection.simulated else counters.production

@@ -1,38 +1,38 @@
 """Statistics under ``/api/v1``: as JSON, and each figure as CSV and PNG."""
 
-from collections.abc import Mapping
+from typing import Annotated
 
+from fastapi import APIRouter, Query
 from starlette.responses import Response
 
 from capture.base.outputs import csv_line
-from capture.station.domain.roles import Role
-from capture.station.results.history import Selection
 from capture.station.results.history_table import tally_record
-from classify.base.errors import InputError
 
-from .api import V1
+from .answers import answer, media
+from .api import Numbers
 from .charts.chart_png import drawing_png
-from .filters import FILTERS, OF_ONE_PART, selection_of
+from .filters import StatisticsFilters
+from .guard import V1, ByOperator, Call, Turn
 from .render import JsonAnswer
-from .routes import Call, PanelRoute
 from .security import Denied
 from .statistics import Figure, StationStatistics, statistics_of
 
-_FILTERS = {name: about for name, about in FILTERS.items() if name not in OF_ONE_PART} | {
-    "simulated": "only: parts of a simulated rig; by default production"
-}
+router = APIRouter(prefix=f"{V1}/statistics")
+_Figure = answer("Figure", title=str, note=str, rows=list[dict[str, str | int | float | None]])
+_Statistics = answer(
+    "Statistics",
+    Numbers,
+    station=str,
+    shown=str,
+    figures=dict[str, _Figure],  # type: ignore[valid-type]
+)
+_Selected = Annotated[StatisticsFilters, Query()]
 
 
-def statistics_selection(query: Mapping[str, str]) -> Selection:
-    """Return the parts that a query of statistics selects."""
-    for name in OF_ONE_PART:
-        if query.get(name):
-            raise InputError(f"{name}: statistics have no such filter; leave it out")
-    return selection_of(query)
-
-
-def _statistics(call: Call) -> Response:
-    statistics = statistics_of(call.panel, statistics_selection(call.query))
+@router.get("", response_model=_Statistics)
+def _statistics(call: ByOperator, _: Turn, filters: _Selected) -> Response:
+    """Yield, causes, kinds of defects, control charts and gauge study."""
+    statistics = statistics_of(call.panel, filters.selection)
     return JsonAnswer(
         {
             "station": call.panel.folder.config.name,
@@ -50,25 +50,18 @@ def _statistics(call: Call) -> Response:
     )
 
 
-def _figure(call: Call) -> tuple[StationStatistics, Figure]:
-    name, statistics = (
-        call.path["name"],
-        statistics_of(call.panel, statistics_selection(call.query)),
-    )
-    if name not in statistics.figures:
-        there = ", ".join(statistics.figures) or "none"
-        raise Denied(404, f"figure {name[:100]}: not among those of the selected parts: {there}")
-    return statistics, statistics.figures[name]
-
-
-def _csv(call: Call) -> Response:
-    _, figure = _figure(call)
+@router.get("/{name}.csv", **media("text/csv"))
+def _statistics_csv(call: ByOperator, _: Turn, name: str, filters: _Selected) -> Response:
+    """A figure of the statistics: yield, causes, defects, distance, led-1 and so on, gauge."""
+    figure = _figure(call, name, filters)[1]
     text = "".join(map(csv_line, (figure.columns, *figure.rows)))
-    return _file(call, text, "text/csv; charset=utf-8", "csv")
+    return Response(text, media_type="text/csv", headers=_file_name(call, f"{name}.csv"))
 
 
-def _png(call: Call) -> Response:
-    statistics, figure = _figure(call)
+@router.get("/{name}.png", **media("image/png"))
+def _statistics_png(call: ByOperator, _: Turn, name: str, filters: _Selected) -> Response:
+    """The same as an image."""
+    statistics, figure = _figure(call, name, filters)
     selected = statistics.selection
     bounds = (("from", selected.since_utc), ("to", selected.until_utc),
               ("texture", selected.label), ("recipe", selected.recipe))  # fmt: skip
@@ -77,27 +70,18 @@ def _png(call: Call) -> Response:
         *(f"{name} {value}" for name, value in bounds if value is not None),
     ]  # fmt: skip
     heading = f"{call.panel.folder.config.name}: {figure.title}"
-    return _file(call, drawing_png(figure.drawing, heading, ", ".join(below)), "image/png", "png")
+    content = drawing_png(figure.drawing, heading, ", ".join(below))
+    return Response(content, media_type="image/png", headers=_file_name(call, f"{name}.png"))
 
 
-def _file(call: Call, content: str | bytes, media_type: str, suffix: str) -> Response:
-    name = f"{call.panel.folder.config.name}-{call.path['name']}.{suffix}"
-    headers = {"Content-Disposition": f'attachment; filename="{name}"'}
-    return Response(content, media_type=media_type, headers=headers)
+def _figure(call: Call, name: str, filters: StatisticsFilters) -> tuple[StationStatistics, Figure]:
+    statistics = statistics_of(call.panel, filters.selection)
+    if name not in statistics.figures:
+        there = ", ".join(statistics.figures) or "none"
+        raise Denied(404, f"figure {name[:100]}: not among those of the selected parts: {there}")
+    return statistics, statistics.figures[name]
 
 
-ROUTES = (
-    PanelRoute(
-        "GET", f"{V1}/statistics", Role.OPERATOR, _statistics,
-        "Yield, causes, kinds of defects, control charts and gauge study.", query=_FILTERS,
-    ),
-    PanelRoute(
-        "GET", f"{V1}/statistics/{{name}}.csv", Role.OPERATOR, _csv,
-        "A figure of the statistics: yield, causes, defects, distance, led-1 and so on, gauge.",
-        query=_FILTERS, answer="text/csv",
-    ),
-    PanelRoute(
-        "GET", f"{V1}/statistics/{{name}}.png", Role.OPERATOR, _png,
-        "The same as an image.", query=_FILTERS, answer="image/png",
-    ),
-)  # fmt: skip
+def _file_name(call: Call, name: str) -> dict[str, str]:
+    station = call.panel.folder.config.name
+    return {"Content-Disposition": f'attachment; filename="{station}-{name}"'}

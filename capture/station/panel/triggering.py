@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from capture.station.results.audit import ResultsAccess
 from capture.station.run.live_station import LiveStation
 from capture.station.run.triggers import Accepted, Refused, Trigger
-from classify.base.errors import InputError, Ps4rigError
+from classify.base.errors import Ps4rigError
 
 from .security import Slots
 from .station_link import StationLink
@@ -55,8 +55,6 @@ class KeyedTriggers:
         part_id, recipe = trigger.part_id, trigger.recipe
         if key is None:
             return self._live.submit(trigger)
-        if not 1 <= len(key) <= LONGEST_KEY:
-            raise InputError(f"Idempotency-Key: {len(key)} characters; give 1 to {LONGEST_KEY}")
         # One at a time: of two requests with one key, the second waits for the first.
         with self._lock:
             if key in self._accepted:

@@ -4,11 +4,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+from capture.station.domain.errors import Conflict, NotThere
 from capture.station.domain.folder import StationFolder
 from capture.station.domain.roles import Identity, Role
 from capture.station.domain.tokens import Tokens, require_new_client
 from capture.station.domain.users import KIOSK, User, Users, require_account
-from classify.base.errors import InputError
 
 from .audit import ChangeLog, changing_on_the_terminal
 
@@ -44,7 +44,7 @@ class Accounts:
         """Remove a user; see `Users.remove`."""
         user = self.users.get(name)
         if user is None:
-            raise InputError(f"user {name[:100]}: no such user")
+            raise NotThere(f"user {name[:100]}: no such user")
         self.changes.record(self.who, f"user {name}", user.role)
         self.users.remove(name)
 
@@ -59,7 +59,7 @@ class Accounts:
         """Remove a client; see `Tokens.remove`."""
         roles = [client.role for client in self.tokens.all() if client.name == name]
         if not roles:
-            raise InputError(f"client {name[:100]}: no such client")
+            raise NotThere(f"client {name[:100]}: no such client")
         self.changes.record(self.who, f"client {name}", roles[0])
         self.tokens.remove(name)
 
@@ -67,7 +67,7 @@ class Accounts:
 def _require_free(kind: str, name: str) -> None:
     """Refuse a new name that the log of changes has for others than people and programs."""
     if name.lower() in _RESERVED:
-        raise InputError(f"{kind} {name}: is reserved; give another name")
+        raise Conflict(f"{kind} {name}: is reserved; give another name")
 
 
 @contextmanager

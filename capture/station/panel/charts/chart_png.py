@@ -6,7 +6,7 @@ import numpy.typing as npt
 
 from .drawing import Box, Dot, Drawing, Kind, Line, Words
 
-UInt8Array = npt.NDArray[np.uint8]
+_UInt8Array = npt.NDArray[np.uint8]
 # Pixels of the file for each pixel of the drawing, so that it stays sharp in a report.
 _SCALE = 2
 # Room above for the heading, in pixels of the drawing.
@@ -29,7 +29,7 @@ def drawing_png(drawing: Drawing, heading: str, below: str) -> bytes:
     Letters that are not ASCII become question marks: the fonts of OpenCV have no others.
     """
     size = ((drawing.height + _HEADING) * _SCALE, drawing.width * _SCALE, 3)
-    image: UInt8Array = np.full(size, 255, np.uint8)
+    image: _UInt8Array = np.full(size, 255, np.uint8)
     _words(image, Words(12, 18 - _HEADING, heading), thickness=2)
     _words(image, Words(12, 36 - _HEADING, below))
     for element in drawing.elements:
@@ -47,7 +47,7 @@ def drawing_png(drawing: Drawing, heading: str, below: str) -> bytes:
     return cv2.imencode(".png", image, _COMPRESSION)[1].tobytes()
 
 
-def _words(image: UInt8Array, words: Words, thickness: int = 1) -> None:
+def _words(image: _UInt8Array, words: Words, thickness: int = 1) -> None:
     text = words.text.encode("ascii", "replace").decode()
     scale = _FONT_SCALE * _SCALE
     (width, _), _ = cv2.getTextSize(text, _FONT, scale, thickness)

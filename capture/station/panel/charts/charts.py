@@ -36,7 +36,7 @@ _MOST_NAMES = 6
 MOST_SHARES = 10
 """Bars that are wide enough for the share that passed, above them."""
 
-Element = Line | Box | Dot | Words
+_Element = Line | Box | Dot | Words
 
 
 def yield_chart(periods: Sequence[Period]) -> Drawing:
@@ -44,7 +44,7 @@ def yield_chart(periods: Sequence[Period]) -> Drawing:
     return Drawing("Parts of each period by verdict", tuple(_yield(periods)))
 
 
-def _yield(periods: Sequence[Period]) -> Iterator[Element]:
+def _yield(periods: Sequence[Period]) -> Iterator[_Element]:
     yield from _legend(tuple(Decision))
     most = max(period.parts for period in periods)
     up = Scale(0.0, 1.08 * most, HEIGHT - BOTTOM, TOP)
@@ -90,7 +90,7 @@ _KINDS: dict[Decision, Kind] = {
 }
 
 
-def _legend(decisions: Sequence[Decision]) -> Iterator[Element]:
+def _legend(decisions: Sequence[Decision]) -> Iterator[_Element]:
     for number, decision in enumerate(decisions):
         x = LEFT + 100.0 * number
         yield Box(_KINDS[decision], x, 6, 12, 12)
@@ -107,7 +107,7 @@ def causes_chart(causes: Sequence[CauseCount], title: str) -> Drawing:
     )
 
 
-def _causes(causes: Sequence[CauseCount], height: int) -> Iterator[Element]:
+def _causes(causes: Sequence[CauseCount], height: int) -> Iterator[_Element]:
     across = Scale(0.0, 100.0, LEFT + _NAMES - 20, WIDTH - _NUMBERS)
     yield from _percent_axis(across, height)
     total = sum(cause.parts for cause in causes)
@@ -126,7 +126,7 @@ def _causes(causes: Sequence[CauseCount], height: int) -> Iterator[Element]:
         yield Dot("share", x, y, 3)
 
 
-def _percent_axis(across: Scale, height: int) -> Iterator[Element]:
+def _percent_axis(across: Scale, height: int) -> Iterator[_Element]:
     for percent in (0, 20, 40, 60, 80, 100):
         x = across(percent)
         yield Line("grid", ((x, TOP), (x, height - BOTTOM)))
@@ -142,7 +142,7 @@ def control_chart(history: ChartHistory, about: str, *, is_share: bool) -> Drawi
     return Drawing(about, tuple(_control(history, factor, unit)))
 
 
-def _control(history: ChartHistory, factor: float, unit: str) -> Iterator[Element]:
+def _control(history: ChartHistory, factor: float, unit: str) -> Iterator[_Element]:
     points = history.points
     levels: tuple[tuple[Kind, float | None], ...] = (
         ("centre", history.centre), ("limit", history.lower), ("limit", history.upper)
@@ -181,7 +181,7 @@ def gauge_chart(report: GaugeReport) -> Drawing:
     )
 
 
-def _gauge(report: GaugeReport, height: int) -> Iterator[Element]:
+def _gauge(report: GaugeReport, height: int) -> Iterator[_Element]:
     across = Scale(0.0, 100.0, LEFT + _NAMES - 20, WIDTH - _NUMBERS)
     yield from _percent_axis(across, height)
     yield Box("series", across(0.0), 6, 12, 12)

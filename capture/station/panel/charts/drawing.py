@@ -14,7 +14,7 @@ Kind = Literal[
     "axis", "grid", "text", "series", "centre", "limit", "base", "alarm", "share",
     "PASS", "FAIL", "UNKNOWN", "ERROR",
 ]  # fmt: skip
-Anchor = Literal["start", "middle", "end"]
+_Anchor = Literal["start", "middle", "end"]
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Words:
     x: float
     y: float
     text: str
-    anchor: Anchor = "start"
+    anchor: _Anchor = "start"
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def scale_around(values: Sequence[float], begin: float, end: float) -> Scale:
     return Scale(low - room, high + room, begin, end)
 
 
-def ticks(low: float, high: float, most: int = 5) -> list[float]:
+def _ticks(low: float, high: float, most: int = 5) -> list[float]:
     """Return equidistant round values from `low` to `high`, at most `most` intervals."""
     rough = (high - low) / most
     power = 10.0 ** math.floor(math.log10(rough))
@@ -99,7 +99,7 @@ def ticks(low: float, high: float, most: int = 5) -> list[float]:
     return [number * step for number in range(first, math.floor(high / step + 1e-9) + 1)]
 
 
-def tick_text(value: float, values: Sequence[float]) -> str:
+def _tick_text(value: float, values: Sequence[float]) -> str:
     """Return a value of an axis with the decimals that tell it from the others."""
     step = values[1] - values[0] if len(values) > 1 else abs(value) or 1.0
     return f"{value:.{max(0, -math.floor(math.log10(step) + 1e-9))}f}"
@@ -107,11 +107,11 @@ def tick_text(value: float, values: Sequence[float]) -> str:
 
 def left_axis(scale: Scale, unit: str = "", most: int = 5) -> Iterator[Line | Words]:
     """Yield lines across the chart and their values, left of it."""
-    values = ticks(scale.low, scale.high, most)
+    values = _ticks(scale.low, scale.high, most)
     for value in values:
         y = scale(value)
         yield Line("grid", ((LEFT, y), (WIDTH - RIGHT, y)))
-        yield Words(LEFT - 6, y + 4, tick_text(value, values) + unit, "end")
+        yield Words(LEFT - 6, y + 4, _tick_text(value, values) + unit, "end")
 
 
 def bottom_line(height: float = HEIGHT) -> Line:

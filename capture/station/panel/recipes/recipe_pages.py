@@ -1,8 +1,8 @@
 """Pages of recipes: state, settings, parts to teach, challenge set, versions, job."""
 
-from collections.abc import Callable
-from typing import Any
+from typing import Literal
 
+from fastapi import APIRouter
 from starlette.responses import RedirectResponse, Response
 
 from capture.station.domain.recipe_file import SUFFIX, read_recipe
@@ -15,9 +15,10 @@ from capture.station.judge.challenge_set import EXPECTED, challenge_sets
 from capture.station.judge.recipe_changes import RecipeChanges
 from capture.station.judge.recipe_settings import SettingsRefused
 from capture.station.judge.recipe_state import RecipeState
-from capture.station.panel.api import whole_number
+from capture.station.panel.answers import Name
+from capture.station.panel.api import Below
+from capture.station.panel.guard import ByEngineer, ByOperator, Call
 from capture.station.panel.render import page
-from capture.station.panel.routes import Call, PanelRoute
 from capture.station.panel.security import Denied
 from capture.station.results.database import ResultsUnavailable
 from capture.station.results.history import HistoryEntry, Selection
@@ -40,29 +41,29 @@ _REPORT_POLICY = (
 _CHOSEN = "part."
 
 
-def changes_of(call: Call) -> RecipeChanges:
-    """Return the recipe of the path, which may not exist yet, for changes by the user."""
-    return _changes_of(call, call.path["name"])
+router = APIRouter(include_in_schema=False)
+_NAME = "/recipes/{name}"
 
 
-def _changes_of(call: Call, name: str) -> RecipeChanges:
+def changes_of(call: Call, name: str) -> RecipeChanges:
+    """Return a recipe, which may not exist yet, for changes by the user."""
     folder = call.panel.folder
     return RecipeChanges(folder, call.panel.changes, call.someone, folder.recipe_files(name))
 
 
-def known_changes_of(call: Call) -> RecipeChanges:
-    """Return the recipe of the path, for changes by the user."""
-    changes = changes_of(call)
+def known_changes_of(call: Call, name: str) -> RecipeChanges:
+    """Return a recipe for changes by the user."""
+    changes = changes_of(call, name)
     if not changes.files.file.is_file():
         raise Denied(404, f"recipe {changes.files.name}: no such recipe")
     return changes
 
 
-def load_recipe_of(call: Call) -> RecipeLoaded:
-    """Let the station judge by the recipe of the path; the station records the change."""
+def load_recipe(call: Call, name: str, sha256: str | None) -> RecipeLoaded:
+    """Let the station judge by a recipe; the station records the change."""
     who = call.someone
-    asker = Asker(call.name, who.role, call.text("sha256", "") or None, who.via)
-    return call.panel.live.load_recipe(known_changes_of(call).files.name, asker)
+    asker = Asker(call.name, who.role, sha256, who.via)
+    return call.panel.live.load_recipe(known_changes_of(call, name).files.name, asker)
 
 
 def recipe_names(call: Call) -> list[str]:
@@ -70,15 +71,16 @@ def recipe_names(call: Call) -> list[str]:
     return sorted(path.stem for path in (call.panel.folder.path / "recipes").glob(f"*{SUFFIX}"))
 
 
-def _list(call: Call) -> Response:
-    new = call.query.get("new")
+@router.get("/recipes")
+def _list(call: ByOperator, new: str | None = None) -> Response:
+    """All recipes, and which one runs."""
     if new is not None:
         name = call.panel.folder.recipe_files(new.strip()).name
         return RedirectResponse(f"/recipes/{name}/parts", 303)
     rows: list[tuple[str, RecipeState | None, str]] = []
     for name in recipe_names(call):
         try:
-            rows.append((name, _changes_of(call, name).state, ""))
+            rows.append((name, changes_of(call, name).state, ""))
         except InputError as error:
             rows.append((name, None, str(error)))
     return page(
@@ -90,18 +92,21 @@ def _list(call: Call) -> Response:
     )
 
 
-def _show(call: Call) -> Response:
-    return _recipe_page(call)
+@router.get(_NAME)
+def _show(call: ByOperator, name: Name) -> Response:
+    """A recipe: state, challenge set, versions."""
+    return _recipe_page(call, name)
 
 
-def _recipe_page(call: Call, problem: str = "") -> Response:
-    changes = known_changes_of(call)
+def _recipe_page(call: Call, name: str, problem: str = "") -> Response:
+    changes = known_changes_of(call, name)
     files, state = changes.files, changes.state
     outcomes = {} if state.replay is None else {each.file: each for each in state.replay.parts}
     challenge = challenge_sets(files.challenge)
-    answer = page(
+    return page(
         call,
         "recipe.html",
+        400 if problem else 200,
         recipe=state.recipe,
         state=state,
         challenge=[(file, want, outcomes.get(file)) for file, want in challenge.items()],
@@ -112,26 +117,25 @@ def _recipe_page(call: Call, problem: str = "") -> Response:
         is_engineer=_is_engineer(call),
         problem=problem,
     )
-    answer.status_code = 400 if problem else 200
-    return answer
 
 
-def _parts(call: Call) -> Response:
-    return _parts_page(call)
+@router.get(f"{_NAME}/parts")
+def _parts(call: ByEngineer, name: Name, below: Below = None) -> Response:
+    """Choose parts to teach, or for the challenge set."""
+    return _parts_page(call, name, below)
 
 
-def _parts_page(call: Call, problem: str = "") -> Response:
-    changes = changes_of(call)
-    files = changes.files
-    below = whole_number(call, "below", 1, 2**53) if "below" in call.query else None
+def _parts_page(call: Call, name: str, below: int | None, problem: str = "") -> Response:
+    files = changes_of(call, name).files
     selection = Selection(below_number=below)
     entries = list(call.panel.results.store.parts(selection, newest=_SHOWN_PARTS))[::-1]
     taught, textures = _taught(files)
     chosen = _chosen_ids(call)
     usable = {entry.result.part_id for entry in entries if _is_usable(entry)}
-    answer = page(
+    return page(
         call,
         "recipe_parts.html",
+        400 if problem else 200,
         name=files.name,
         entries=entries,
         usable=usable,
@@ -148,8 +152,6 @@ def _parts_page(call: Call, problem: str = "") -> Response:
         problem=problem,
         is_known=files.file.is_file(),
     )
-    answer.status_code = 400 if problem else 200
-    return answer
 
 
 def _is_usable(entry: HistoryEntry) -> bool:
@@ -161,7 +163,7 @@ def _is_usable(entry: HistoryEntry) -> bool:
 def _chosen_ids(call: Call) -> list[str]:
     """Return the parts that are ticked, and those that are given by their id."""
     ticked = [name.removeprefix(_CHOSEN) for name in call.fields if name.startswith(_CHOSEN)]
-    given = call.text("ids", call.query.get("ids", ""))
+    given = call.text("ids", call.request.query_params.get("ids", ""))
     return list(dict.fromkeys([*ticked, *given.replace(",", " ").split()]))
 
 
@@ -180,12 +182,14 @@ def _taught(files: RecipeFolder) -> tuple[dict[str, str], list[str]]:
     return known, list(taught.textures)
 
 
-def _use_parts(call: Call) -> Response:
-    changes, use = changes_of(call), call.text("use", "")
+@router.post(f"{_NAME}/parts")
+def _use_parts(call: ByEngineer, name: Name, below: Below = None) -> Response:
+    """Teach chosen parts, or add them to the challenge set."""
+    changes, use = changes_of(call, name), call.text("use", "")
     part_ids = _chosen_ids(call)
     try:
         if use == "look":
-            return _parts_page(call)
+            return _parts_page(call, name, below)
         if use in ("good", "bad"):
             if not part_ids:
                 raise InputError("choose a part")
@@ -194,19 +198,24 @@ def _use_parts(call: Call) -> Response:
         elif use == "again":
             start_teaching(call.panel, changes, [], "", is_good=True)
         elif use == "challenge":
-            add_parts_to_challenge(call.panel, changes, part_ids, call.text("expected", ""))
+            expected = next((each for each in EXPECTED if each == call.text("expected", "")), None)
+            if expected is None:
+                raise InputError(f"expected: give {', '.join(EXPECTED)}")
+            add_parts_to_challenge(call.panel, changes, part_ids, expected)
             return RedirectResponse(f"/recipes/{changes.files.name}", 303)
         else:
             raise InputError(f"use = {use[:20]!r}: give good, bad, again, challenge or look")
     except ResultsUnavailable:
         raise
     except Ps4rigError as error:
-        return _parts_page(call, str(error))
+        return _parts_page(call, name, below, str(error))
     return RedirectResponse("/job", 303)
 
 
-def _settings(call: Call) -> Response:
-    recipe = read_recipe(known_changes_of(call).files.file)
+@router.get(f"{_NAME}/settings")
+def _settings(call: ByEngineer, name: Name) -> Response:
+    """The form of the settings."""
+    recipe = read_recipe(known_changes_of(call, name).files.file)
     return _settings_page(call, RecipeForm(recipe), recipe.name, recipe.sha256)
 
 
@@ -214,9 +223,10 @@ def _settings_page(
     call: Call, form: RecipeForm, name: str, sha256: str, problem: str = ""
 ) -> Response:
     sections = form.sections()
-    answer = page(
+    return page(
         call,
         "recipe_settings.html",
+        400 if problem or form.is_wrong else 200,
         name=name,
         sha256=sha256,
         sections=sections,
@@ -224,12 +234,12 @@ def _settings_page(
         problem="; ".join(filter(None, [problem, *form.other_messages()])),
         is_wrong=form.is_wrong,
     )
-    answer.status_code = 400 if problem or form.is_wrong else 200
-    return answer
 
 
-def _save_settings(call: Call) -> Response:
-    changes, seen = known_changes_of(call), call.text("sha256")
+@router.post(f"{_NAME}/settings")
+def _save_settings_page(call: ByEngineer, name: Name) -> Response:
+    """Save the settings: a state that nobody approved."""
+    changes, seen = known_changes_of(call, name), call.text("sha256")
     recipe = read_recipe(changes.files.file)
     try:
         # A form of another state may have other textures under the names of its fields.
@@ -244,127 +254,56 @@ def _save_settings(call: Call) -> Response:
     return RedirectResponse(f"/recipes/{recipe.name}", 303)
 
 
-def _changed(change: Callable[[Call, RecipeChanges], Any]) -> Callable[[Call], Response]:
-    """Return the handler of a form of the recipe's page, which shows errors on that page."""
-
-    def handler(call: Call) -> Response:
-        changes = known_changes_of(call)
-        try:
-            job = change(call, changes)
-        except ResultsUnavailable:
-            raise
-        except Ps4rigError as error:
-            return _recipe_page(call, str(error))
-        return RedirectResponse("/job" if job else f"/recipes/{changes.files.name}", 303)
-
-    return handler
-
-
-def _approve(call: Call, changes: RecipeChanges) -> None:
-    changes.approve(call.name, call.text("sha256"))
-
-
-def _roll_back(call: Call, changes: RecipeChanges) -> None:
-    changes.roll_back(call.text("sha256"))
-
-
-def _load(call: Call, _: RecipeChanges) -> None:
-    load_recipe_of(call)
+@router.post(f"{_NAME}/{{action}}")
+def _change(
+    call: ByEngineer, name: Name, action: Literal["approve", "rollback", "load", "challenge"]
+) -> Response:
+    """Approve a recipe, go back to another state, load it, replay or change its challenge set."""
+    changes, place = known_changes_of(call, name), f"/recipes/{name}"
+    seen, removed = call.text("sha256", ""), call.text("remove", "")
+    try:
+        if action == "approve":
+            changes.approve(call.name, seen)
+        elif action == "rollback":
+            changes.roll_back(seen)
+        elif action == "load":
+            load_recipe(call, name, seen or None)
+        elif removed:
+            changes.remove_from_challenge(removed)
+        else:
+            start_replay(call.panel, changes)
+            place = "/job"
+    except ResultsUnavailable:
+        raise
+    except Ps4rigError as error:  # shown on the page of the recipe
+        return _recipe_page(call, name, str(error))
+    return RedirectResponse(place, 303)
 
 
-def _challenge(call: Call, changes: RecipeChanges) -> Any:
-    file = call.text("remove", "")
-    return changes.remove_from_challenge(file) if file else start_replay(call.panel, changes)
-
-
-def _report(call: Call) -> Response:
-    changes, text = known_changes_of(call), call.path["version"]
-    numbers = {str(n): n for n in changes.files.taught_versions()}
-    if text not in numbers:
-        raise Denied(404, f"recipe {changes.files.name}: there is no version {text[:20]!r}")
-    path = changes.files.version(numbers[text]).report
-    if not path.is_file():
-        raise Denied(404, f"recipe {changes.files.name}, version {text}: there is no report")
+@router.get(f"{_NAME}/versions/{{version}}/teaching")
+def _report(call: ByOperator, name: Name, version: int) -> Response:
+    """What teaching found for a version."""
+    files = known_changes_of(call, name).files
+    path = files.version(version).report
+    if version not in files.taught_versions() or not path.is_file():
+        raise Denied(404, f"recipe {name}, version {version}: there is no report")
     content = read_regular_file(path, _MOST_REPORT_BYTES)
     headers = {"Content-Security-Policy": _REPORT_POLICY}
     return Response(content, media_type="text/html; charset=utf-8", headers=headers)
 
 
-def _job(call: Call) -> Response:
+@router.get("/job")
+def _job_page(call: ByOperator) -> Response:
+    """The running or last job, with its progress."""
     return page(call, "job.html", job=call.panel.jobs.last, is_engineer=_is_engineer(call))
 
 
-def _end_job(call: Call) -> Response:
+@router.post("/job/end")
+def _end_job_page(call: ByEngineer) -> Response:
+    """End the running job."""
     call.panel.jobs.cancel(call.name)
     return RedirectResponse("/job", 303)
 
 
 def _is_engineer(call: Call) -> bool:
     return call.someone.role.includes(Role.ENGINEER)
-
-
-_HTML = "text/html"
-_NAME = "/recipes/{name}"
-_SHA256 = {"sha256": "hash of the recipe as it was seen"}
-ROUTES = (
-    PanelRoute(
-        "GET", "/recipes", Role.OPERATOR, _list, "All recipes, and which one runs.",
-        query={"new": "name of a new recipe, to choose its parts"}, answer=_HTML, menu="Recipes",
-    ),
-    PanelRoute(
-        "GET", _NAME, Role.OPERATOR, _show, "A recipe: state, challenge set, versions.",
-        answer=_HTML,
-    ),
-    PanelRoute(
-        "GET", f"{_NAME}/parts", Role.ENGINEER, _parts,
-        "Choose parts to teach, or for the challenge set.",
-        query={"below": "only parts with a lower number", "ids": "parts that are chosen already"},
-        answer=_HTML,
-    ),
-    PanelRoute(
-        "POST", f"{_NAME}/parts", Role.ENGINEER, _use_parts,
-        "Teach chosen parts, or add them to the challenge set.",
-        fields={
-            "use": "good, bad, again, challenge, or look at other parts",
-            "part.ID": "anything, for each chosen part",
-            "ids": "further parts", "texture": "their texture",
-            "expected": "the verdict that they must get",
-        },
-        answer=_HTML,
-    ),
-    PanelRoute(
-        "GET", f"{_NAME}/settings", Role.ENGINEER, _settings, "The form of the settings.",
-        answer=_HTML,
-    ),
-    PanelRoute(
-        "POST", f"{_NAME}/settings", Role.ENGINEER, _save_settings,
-        "Save the settings: a state that nobody approved.",
-        fields=_SHA256 | {"...": "the fields of the form"}, answer=_HTML,
-    ),
-    PanelRoute(
-        "POST", f"{_NAME}/approve", Role.ENGINEER, _changed(_approve), "Approve a recipe.",
-        fields=_SHA256, answer=_HTML,
-    ),
-    PanelRoute(
-        "POST", f"{_NAME}/rollback", Role.ENGINEER, _changed(_roll_back),
-        "Go back to a state that was approved.", fields={"sha256": "its hash"}, answer=_HTML,
-    ),
-    PanelRoute(
-        "POST", f"{_NAME}/load", Role.ENGINEER, _changed(_load),
-        "Judge by an approved recipe from now on.", fields=_SHA256, answer=_HTML,
-    ),
-    PanelRoute(
-        "POST", f"{_NAME}/challenge", Role.ENGINEER, _changed(_challenge),
-        "Replay the challenge set, or take a part out of it.",
-        fields={"remove": "file of the part"}, answer=_HTML,
-    ),
-    PanelRoute(
-        "GET", f"{_NAME}/versions/{{version}}/teaching", Role.OPERATOR, _report,
-        "What teaching found for a version.", answer=_HTML,
-    ),
-    PanelRoute(
-        "GET", "/job", Role.OPERATOR, _job, "The running or last job, with its progress.",
-        answer=_HTML,
-    ),
-    PanelRoute("POST", "/job/end", Role.ENGINEER, _end_job, "End the running job.", answer=_HTML),
-)  # fmt: skip

@@ -5,9 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from capture.base.console import ShowProgress
+from capture.station.domain.errors import Conflict, NotThere
 from capture.station.domain.verdict import Decision
 from capture.station.judge.challenge import run_challenge
-from capture.station.judge.challenge_set import EXPECTED
+from capture.station.judge.challenge_set import Expected
 from capture.station.judge.inspector import Inspector
 from capture.station.judge.recipe_changes import LongChange, RecipeChanges
 from capture.station.judge.teaching.teaching import teach
@@ -30,7 +31,7 @@ def start_teaching(
     if paths:
         texture = checked_label(texture)
     elif not changes.files.file.is_file():
-        raise InputError(f"recipe {changes.files.name}: no parts are known; give some")
+        raise Conflict(f"recipe {changes.files.name}: no parts are known; give some")
     panel.jobs.require_free()
     change = changes.begin_teaching(part_ids, texture, is_good=is_good)
     bad, good = (None, texture or None) if is_good else (texture, None)
@@ -58,16 +59,13 @@ def start_replay(panel: Panel, changes: RecipeChanges) -> Job:
 
 
 def add_parts_to_challenge(
-    panel: Panel, changes: RecipeChanges, part_ids: Sequence[str], expected: str
+    panel: Panel, changes: RecipeChanges, part_ids: Sequence[str], expected: Expected
 ) -> None:
     """Add parts to the challenge set."""
-    wanted = next((each for each in EXPECTED if each == expected), None)
-    if wanted is None:
-        raise InputError(f"expected = {expected[:20]!r}: give {', '.join(EXPECTED)}")
     paths = _sets(panel, part_ids)
     if not paths:
         raise InputError("choose a part")
-    changes.add_to_challenge(paths, wanted)
+    changes.add_to_challenge(paths, expected)
 
 
 def _start(panel: Panel, changes: RecipeChanges, kind: str, change: LongChange, work: Work) -> Job:
@@ -92,11 +90,11 @@ def _sets(panel: Panel, part_ids: Sequence[str]) -> tuple[Path, ...]:
     for part_id in dict.fromkeys(part_ids):
         entry = store.part(part_id)
         if entry is None:
-            raise InputError(f"part {part_id[:100]}: there is no result of it")
+            raise NotThere(f"part {part_id[:100]}: there is no result of it")
         if entry.result.exposed_utc is None or entry.result.verdict.decision is Decision.ERROR:
-            raise InputError(f"part {part_id}: is ERROR; its set cannot be relied on")
+            raise Conflict(f"part {part_id}: is ERROR; its set cannot be relied on")
         try:
             paths.append(stored_set(panel.folder, entry))
         except Denied as error:
-            raise InputError(str(error)) from error
+            raise Conflict(str(error)) from error
     return tuple(paths)

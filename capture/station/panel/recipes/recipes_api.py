@@ -1,50 +1,117 @@
 """Recipes by HTTP: state, settings, approval, roll back, teaching, challenge set."""
 
-from dataclasses import asdict
-from typing import Any
+from typing import Annotated, Any, Literal
 
+from fastapi import APIRouter
+from pydantic import Field, JsonValue, conlist
 from starlette.responses import Response
 
-from capture.station.domain.recipe import Recipe
+from capture.station.domain.recipe import Recipe, Sha256
 from capture.station.domain.recipe_file import read_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
-from capture.station.domain.roles import Role
 from capture.station.domain.taught import read_taught
 from capture.station.judge.approval import approved_states
-from capture.station.judge.challenge_set import challenge_sets
+from capture.station.judge.challenge import Replay
+from capture.station.judge.challenge_set import Expected, challenge_sets
 from capture.station.judge.recipe_changes import RecipeChanges
 from capture.station.judge.recipe_settings import SettingsRefused, dotted
-from capture.station.panel.api import V1
+from capture.station.panel.answers import Name, answer
 from capture.station.panel.background_jobs import Job
+from capture.station.panel.guard import V1, ByEngineer, ByOperator, Call
 from capture.station.panel.render import JsonAnswer
-from capture.station.panel.routes import Call, PanelRoute
 from capture.station.panel.security import Denied
+from capture.station.run.events import RecipeLoaded
 from capture.station.run.triggers import RecipeRefused
 from classify.base.errors import InputError
+from classify.base.models import Record
 
-from .recipe_pages import changes_of, known_changes_of, load_recipe_of, recipe_names
-from .recipe_work import add_parts_to_challenge, start_replay, start_teaching
+from .recipe_pages import changes_of, known_changes_of, load_recipe, recipe_names
+from .recipe_work import MOST_CHOSEN_PARTS, add_parts_to_challenge, start_replay, start_teaching
 
-_ONE = f"{V1}/recipes/{{name}}"
-_SEEN = {"sha256": "hash of the recipe as it was seen"}
+router = APIRouter(prefix=V1)
+_ONE, _JOB = "/recipes/{name}", f"{V1}/job"
+_PartIds = Annotated[list[str], Field(max_length=MOST_CHOSEN_PARTS, description="ids of parts")]
+_Recipe = answer(
+    "Recipe",
+    **{key: (about.annotation, about) for key, about in Recipe.model_fields.items()},
+    sha256=Sha256,
+)
+_Now = answer(
+    "RecipeNow",
+    _Recipe,
+    is_approved=bool,
+    problem=str | None,
+    challenge=str,
+    has_met_challenge=bool,
+    is_running=bool,
+    least_found=list[dict[str, Any]],
+)
+_Recipes = answer("Recipes", recipes=list[str], configured=str, running=RecipeLoaded | None)
+_Versions = answer("Versions", present=Sha256, approved=conlist(_Recipe), taught=list[int])
+_Loaded = answer("Loaded", running=RecipeLoaded)
+_Sets = answer("Sets", sets=dict[str, Expected])
+_Challenge = answer(
+    "Challenge",
+    _Sets,
+    state=str,
+    has_met_challenge=bool,
+    last_replay=Replay | None,
+)
 
 
-def _recipes(call: Call) -> Response:
-    loaded = call.panel.live.snapshot().recipe
-    return JsonAnswer(
-        {
-            "recipes": recipe_names(call),
-            "configured": call.panel.folder.config.recipe,
-            "running": None if loaded is None else vars(loaded),
-        }
-    )
+class SeenRecipe(Record):
+    """A recipe as somebody saw it; a change of it meanwhile is refused."""
+
+    sha256: Sha256
 
 
-def _recipe(call: Call) -> Response:
-    return JsonAnswer(_state(call, known_changes_of(call)))
+class LoadFields(Record):
+    """The recipe as somebody saw it; without its hash, the present one."""
+
+    sha256: Sha256 | None = None
 
 
-def _state(call: Call, changes: RecipeChanges) -> dict[str, Any]:
+_PRESENT = LoadFields()
+
+
+class SettingsFields(SeenRecipe):
+    """New settings; each key replaces the whole setting."""
+
+    settings: dict[str, JsonValue]
+
+
+class TeachFields(Record):
+    """Parts to teach; without any, the known ones again."""
+
+    parts: _PartIds = Field([])
+    texture: str = ""
+    use: Literal["good", "bad"] = "good"
+
+
+class ChallengeFields(Record):
+    """Parts for the challenge set; reject is any verdict but PASS."""
+
+    parts: Annotated[_PartIds, Field(min_length=1)]
+    expected: Expected
+
+
+@router.get("/recipes", response_model=_Recipes)
+def _recipes(call: ByOperator) -> dict[str, Any]:
+    """Names of the recipes, and which one runs."""
+    return {
+        "recipes": recipe_names(call),
+        "configured": call.panel.folder.config.recipe,
+        "running": call.panel.live.snapshot().recipe,
+    }
+
+
+@router.get(_ONE, response_model=_Now)
+def _recipe(call: ByOperator, name: Name) -> Response:
+    """One recipe, and what it lacks."""
+    return JsonAnswer(_now(call, known_changes_of(call, name)))
+
+
+def _now(call: Call, changes: RecipeChanges) -> dict[str, Any]:
     state = changes.state
     loaded = call.panel.live.snapshot().recipe
     return _fields(state.recipe) | {
@@ -68,8 +135,10 @@ def _fields(recipe: Recipe) -> dict[str, Any]:
     return recipe.model_dump(mode="json", by_alias=True) | {"sha256": recipe.sha256}
 
 
-def _versions(call: Call) -> Response:
-    files = known_changes_of(call).files
+@router.get(f"{_ONE}/versions", response_model=_Versions)
+def _versions(call: ByOperator, name: Name) -> Response:
+    """States of a recipe to go back to."""
+    files = known_changes_of(call, name).files
     return JsonAnswer(
         {
             "present": read_recipe(files.file).sha256,
@@ -79,148 +148,103 @@ def _versions(call: Call) -> Response:
     )
 
 
-def _save(call: Call) -> Response:
-    changes, values = known_changes_of(call), call.fields.get("settings")
-    if not isinstance(values, dict):
-        raise InputError("settings: must be an object")
+@router.post(f"{_ONE}/settings", response_model=_Now)
+def _save_settings(call: ByEngineer, name: Name, given: SettingsFields) -> Response:
+    """Change settings: a state that nobody approved."""
+    changes = known_changes_of(call, name)
     try:
-        changes.save_settings(call.text("sha256"), values)
+        changes.save_settings(given.sha256, given.settings)
     except SettingsRefused as error:
         wrong = {dotted(place): message for place, message in error.messages.items()}
         return JsonAnswer({"error": str(error), "settings": wrong}, 400)
-    return JsonAnswer(_state(call, changes))
+    return JsonAnswer(_now(call, changes))
 
 
-def _approve(call: Call) -> Response:
-    changes = known_changes_of(call)
-    changes.approve(call.name, call.text("sha256"))
-    return JsonAnswer(_state(call, changes))
+@router.post(f"{_ONE}/approve", response_model=_Now)
+def _approve(call: ByEngineer, name: Name, given: SeenRecipe) -> Response:
+    """Approve a recipe."""
+    changes = known_changes_of(call, name)
+    changes.approve(call.name, given.sha256)
+    return JsonAnswer(_now(call, changes))
 
 
-def _roll_back(call: Call) -> Response:
-    changes = known_changes_of(call)
-    changes.roll_back(call.text("sha256"))
-    return JsonAnswer(_state(call, changes))
+@router.post(f"{_ONE}/rollback", response_model=_Now)
+def _roll_back(call: ByEngineer, name: Name, given: SeenRecipe) -> Response:
+    """Go back to a state that was approved, by its hash."""
+    changes = known_changes_of(call, name)
+    changes.roll_back(given.sha256)
+    return JsonAnswer(_now(call, changes))
 
 
-def _load(call: Call) -> Response:
+@router.post(f"{_ONE}/load", response_model=_Loaded)
+def _load(call: ByEngineer, name: Name, given: LoadFields = _PRESENT) -> Response:
+    """Judge by the recipe from now on: 200 after the parts in progress, 409 with the reason."""
     try:
-        return JsonAnswer({"running": vars(load_recipe_of(call))})
+        return JsonAnswer({"running": vars(load_recipe(call, name, given.sha256))})
     except RecipeRefused as error:
         return JsonAnswer({"error": str(error), "kind": error.kind.name}, 409)
 
 
-def _teach(call: Call) -> Response:
-    use = call.text("use", "good")
-    if use not in ("good", "bad"):
-        raise InputError(f"use = {use[:20]!r}: give good or bad")
-    part_ids, texture = _part_ids(call), call.text("texture", "")
-    return _started(
-        start_teaching(call.panel, changes_of(call), part_ids, texture, is_good=use == "good")
+@router.post(f"{_ONE}/teach", status_code=202)
+def _teach(call: ByEngineer, name: Name, given: TeachFields, response: Response) -> Job:
+    """Start to teach parts: 202, 409 while a job is running."""
+    response.headers["Location"] = _JOB
+    return start_teaching(
+        call.panel,
+        changes_of(call, name),
+        given.parts,
+        given.texture,
+        is_good=given.use == "good",
     )
 
 
-def _part_ids(call: Call) -> list[str]:
-    part_ids = call.fields.get("parts", [])
-    if not (isinstance(part_ids, list) and all(isinstance(each, str) for each in part_ids)):
-        raise InputError("parts: must be a list of part ids")
-    return part_ids
+@router.get(f"{_ONE}/challenge", response_model=_Challenge)
+def _challenge(call: ByOperator, name: Name) -> dict[str, Any]:
+    """The challenge set, and its last replay."""
+    changes = known_changes_of(call, name)
+    state = changes.state
+    return {
+        "sets": challenge_sets(changes.files.challenge),
+        "state": state.challenge,
+        "has_met_challenge": state.has_met_challenge,
+        "last_replay": state.replay,
+    }
 
 
-def _started(job: Job) -> Response:
-    return JsonAnswer(asdict(job), 202, {"Location": f"{V1}/job"})
+@router.post(f"{_ONE}/challenge", status_code=202)
+def _replay(call: ByEngineer, name: Name, response: Response) -> Job:
+    """Start a replay of the challenge set: 202, 409 while a job is running."""
+    response.headers["Location"] = _JOB
+    return start_replay(call.panel, known_changes_of(call, name))
 
 
-def _challenge(call: Call) -> Response:
-    changes = known_changes_of(call)
-    state, files = changes.state, changes.files
-    return JsonAnswer(
-        {
-            "sets": challenge_sets(files.challenge),
-            "state": state.challenge,
-            "has_met_challenge": state.has_met_challenge,
-            "last_replay": None if state.replay is None else state.replay.model_dump(mode="json"),
-        }
-    )
+@router.post(f"{_ONE}/challenge/parts", status_code=201, response_model=_Sets)
+def _add_to_challenge(call: ByEngineer, name: Name, given: ChallengeFields) -> dict[str, Any]:
+    """Add parts to the challenge set."""
+    changes = changes_of(call, name)
+    add_parts_to_challenge(call.panel, changes, given.parts, given.expected)
+    return {"sets": challenge_sets(changes.files.challenge)}
 
 
-def _replay(call: Call) -> Response:
-    return _started(start_replay(call.panel, known_changes_of(call)))
+@router.delete(f"{_ONE}/challenge/parts/{{file}}", response_model=_Sets)
+def _remove_from_challenge(call: ByEngineer, name: Name, file: str) -> dict[str, Any]:
+    """Take a part out of the challenge set."""
+    changes = changes_of(call, name)
+    changes.remove_from_challenge(file)
+    return {"sets": challenge_sets(changes.files.challenge)}
 
 
-def _add(call: Call) -> Response:
-    changes = changes_of(call)
-    add_parts_to_challenge(call.panel, changes, _part_ids(call), call.text("expected"))
-    return JsonAnswer({"sets": challenge_sets(changes.files.challenge)}, 201)
-
-
-def _remove(call: Call) -> Response:
-    changes = changes_of(call)
-    changes.remove_from_challenge(call.path["file"])
-    return JsonAnswer({"sets": challenge_sets(changes.files.challenge)})
-
-
-def _job(call: Call) -> Response:
+@router.get("/job")
+def _job(call: ByOperator) -> Job:
+    """The running or last job."""
     job = call.panel.jobs.last
     if job is None:
         raise Denied(404, "no job was started in this run")
-    return JsonAnswer(asdict(job))
+    return job
 
 
-def _end(call: Call) -> Response:
+@router.delete("/job")
+def _end_job(call: ByEngineer) -> Job:
+    """End the running job."""
     call.panel.jobs.cancel(call.name)
     return _job(call)
-
-
-_PARTS, _PARTS_TYPE = {"parts": "ids of parts"}, {"parts": "array"}
-ROUTES = (
-    PanelRoute(
-        "GET", f"{V1}/recipes", Role.OPERATOR, _recipes, "Names of the recipes, and which one runs."
-    ),
-    PanelRoute("GET", _ONE, Role.OPERATOR, _recipe, "One recipe, and what it lacks."),
-    PanelRoute(
-        "GET", f"{_ONE}/versions", Role.OPERATOR, _versions, "States of a recipe to go back to."
-    ),
-    PanelRoute(
-        "POST", f"{_ONE}/settings", Role.ENGINEER, _save,
-        "Change settings: a state that nobody approved. A wrong value is named in `settings`.",
-        fields=_SEEN | {"settings": "each of its keys replaces the whole setting"},
-        types={"settings": "object"},
-    ),
-    PanelRoute(
-        "POST", f"{_ONE}/approve", Role.ENGINEER, _approve, "Approve a recipe.", fields=_SEEN
-    ),
-    PanelRoute(
-        "POST", f"{_ONE}/rollback", Role.ENGINEER, _roll_back,
-        "Go back to a state that was approved.", fields={"sha256": "its hash"},
-    ),
-    PanelRoute(
-        "POST", f"{_ONE}/load", Role.ENGINEER, _load,
-        "Judge by the recipe from now on: 200 after the parts in progress, 409 with the reason.",
-        fields={"sha256": "hash of the recipe as it was seen; without it, the present one"},
-    ),
-    PanelRoute(
-        "POST", f"{_ONE}/teach", Role.ENGINEER, _teach,
-        "Start to teach parts, without any the known ones again: 202, 409 while a job is running.",
-        fields=_PARTS | {"texture": "their texture", "use": "good or bad"}, types=_PARTS_TYPE,
-    ),
-    PanelRoute(
-        "GET", f"{_ONE}/challenge", Role.OPERATOR, _challenge,
-        "The challenge set, and its last replay.",
-    ),
-    PanelRoute(
-        "POST", f"{_ONE}/challenge", Role.ENGINEER, _replay,
-        "Start a replay of the challenge set: 202, 409 while a job is running.",
-    ),
-    PanelRoute(
-        "POST", f"{_ONE}/challenge/parts", Role.ENGINEER, _add, "Add parts to the challenge set.",
-        fields=_PARTS | {"expected": "reject (any but PASS), PASS, FAIL or UNKNOWN"},
-        types=_PARTS_TYPE,
-    ),
-    PanelRoute(
-        "DELETE", f"{_ONE}/challenge/parts/{{file}}", Role.ENGINEER, _remove,
-        "Take a part out of the challenge set.",
-    ),
-    PanelRoute("GET", f"{V1}/job", Role.OPERATOR, _job, "The running or last job."),
-    PanelRoute("DELETE", f"{V1}/job", Role.ENGINEER, _end, "End the running job."),
-)  # fmt: skip

@@ -4,13 +4,12 @@ import re
 
 from capture.station.domain.recipe_file import read_recipe
 from capture.station.domain.roles import Role
-from capture.station.panel.app import ROUTES
-from capture.station.panel.routes import PanelRoute
 from tests.capture.station.panel.demonstration import failed
 from tests.capture.station.panel.panels import PASSWORD, ServedPanel
+from tests.capture.station.panel.routes import ROUTES, PanelRoute
 from tests.chromium import Chromium, Page
 
-_SHOWN = [route for route in ROUTES if route.method == "GET" and route.answer == "text/html"]
+_SHOWN = [route for route in ROUTES if route.is_page]
 # The report of teaching is for paper too: it is white in a dark room, and has no menu.
 _REPORTS = {"/recipes/{name}/versions/{version}/teaching"}
 PAGES = [route for route in _SHOWN if route.path not in _REPORTS]

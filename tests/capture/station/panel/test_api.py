@@ -9,7 +9,7 @@ import re
 import socket
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import suppress
 from pathlib import Path
@@ -25,7 +25,9 @@ from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_file import write_recipe
 from capture.station.domain.roles import Role
 from capture.station.domain.verdict import Cause, Decision, Verdict
+from capture.station.panel.app import routes
 from capture.station.panel.filters import selection_of
+from capture.station.panel.panel import MOST_RECKONING
 from capture.station.panel.triggering import MOST_WAITING, KeyedTriggers
 from capture.station.results.history import HistoryEntry
 from capture.station.results.schema import overrides
@@ -274,31 +276,24 @@ def test_parts_come_in_pages_and_as_csv_with_the_same_filters(panel: RunningPane
 
 
 @pytest.mark.parametrize(
-    ("query", "said"),
+    "query",
     [
-        ("verdict=MAYBE", "give PASS, FAIL, UNKNOWN or ERROR"),
-        ("since=yesterday", "give a date or a time"),
-        ("limit=0", "whole number from 1 to 500"),
-        ("limit=501", "whole number from 1 to 500"),
-        ("limit=٣", "whole number"),
-        ("below=9" + 20 * "9", "whole number"),
-        ("simulated=yes", "true, false or only"),
-        ("verdct=FAIL", "query 'verdct' is not known; known are: since, until, verdict"),
-        ("verdict=FAIL&verdict=PASS", "query 'verdict' is given more than once"),
+        "verdict=MAYBE", "since=yesterday", "limit=0", "limit=501", "limit=٣", "limit=5.5",
+        "below=9" + 20 * "9", "simulated=yes", "verdct=FAIL", "verdict=FAIL&verdict=PASS",
     ],
-)
-def test_a_query_that_is_wrong_is_named(without_users: RunningPanel, query: str, said: str) -> None:
+)  # fmt: skip
+def test_a_query_that_is_wrong_is_named(without_users: RunningPanel, query: str) -> None:
     without_users.until_ready()  # there are results
     answer = without_users.local.get(f"/api/v1/parts?{quote(query, safe='=&')}")
     assert answer.status == 400
-    assert said in answer.json["error"]
+    assert query.partition("=")[0] in answer.json["error"]
 
 
 def test_a_field_that_is_not_known_is_named_and_nothing_is_done(panel: RunningPanel) -> None:
     panel.until_ready()
     answer = panel.local.post("/api/v1/trigger", {"part": "A-17"})
     assert answer.status == 400
-    assert "field 'part' is not known; known are: part_id" in answer.json["error"]
+    assert answer.json["error"].startswith("part: ")
     assert panel.bench.rows() == []
 
 
@@ -335,9 +330,9 @@ def test_an_engineer_overrides_and_the_log_says_who_from_and_to(panel: RunningPa
     engineer = panel.client(Role.ENGINEER)
     override = f"/api/v1/parts/{part_id}/override"
     empty = engineer.post(override, {"decision": "PASS", "reason": " "})
-    assert (empty.status, empty.json) == (400, {"error": "reason: must not be empty"})
+    assert (empty.status, empty.json["error"].partition(":")[0]) == (400, "reason")
     wrong = engineer.post(override, {"decision": "UNKNOWN", "reason": "a hair"})
-    assert "a person decides PASS or FAIL" in wrong.json["error"]
+    assert (wrong.status, wrong.json["error"].partition(":")[0]) == (400, "decision")
     for control in ("\n2026-01-02T03:04:05.678Z change by nobody", "\x1b[2J", "\0", "\u202e"):
         forged = engineer.post(override, {"decision": "PASS", "reason": f"a{control}hair"})
         assert forged.status == 400
@@ -473,6 +468,58 @@ def test_the_description_names_every_call_and_its_page_loads_nothing_from_elsewh
         assert path in page
     assert "http://" not in page
     assert "https://" not in page
+
+
+def test_few_exports_and_statistics_are_made_at_once(
+    panel: RunningPanel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun, go_on, parts = threading.Semaphore(0), threading.Event(), ResultStore.parts
+
+    def slow(*given: Any, **further: Any) -> Iterator[HistoryEntry]:
+        begun.release()
+        assert go_on.wait(60)
+        return parts(*given, **further)
+
+    panel.until_ready()
+    with ThreadPoolExecutor(MOST_RECKONING) as exports:
+        with monkeypatch.context() as patch:
+            patch.setattr(ResultStore, "parts", slow)
+            path = "/api/v1/parts.csv"
+            made = [exports.submit(panel.local.get, path) for _ in range(MOST_RECKONING)]
+            assert all(begun.acquire(timeout=60) for _ in made)
+        for path in ("/api/v1/parts.csv", "/api/v1/statistics", "/statistics"):
+            refused = panel.local.get(path)
+            assert (refused.status, refused.headers["retry-after"]) == (503, "2")
+        assert panel.local.get("/api/v1/parts").status == 200
+        go_on.set()
+    assert {export.result().status for export in made} == {200}
+    assert panel.local.get("/statistics").status == 200
+
+
+def test_a_method_that_is_not_known_is_answered_with_those_that_are(
+    without_users: RunningPanel,
+) -> None:
+    allowed = {"/api/v1/job": "DELETE, GET", "/recipes/x/parts": "GET, POST", "/logout": "POST"}
+    for path, methods in allowed.items():
+        answer = without_users.local.ask("PUT", path)
+        assert (answer.status, answer.headers["allow"]) == (405, methods)
+
+
+def test_the_head_of_an_answer_can_be_asked_for(without_users: RunningPanel) -> None:
+    for path in ("/", "/api/v1/state", "/static/panel.css"):
+        answer = without_users.local.ask("HEAD", path)
+        assert (answer.status, answer.body) == (200, b"")
+        assert int(answer.headers["content-length"]) > 0
+
+
+def test_the_state_and_parts_are_as_they_are_described(panel: RunningPanel) -> None:
+    panel.bench.inspector.inspect = lambda _: Said(BAD)
+    (part_id,) = panel.parts(1)
+    models = {route.path: route.response_model for route in routes() if "GET" in route.methods}
+    for path in ("state", "parts", "parts/{part_id}", "counts", "recipes"):
+        answer = panel.local.get(f"/api/v1/{path.format(part_id=part_id)}")
+        assert answer.status == 200
+        models[f"/api/v1/{path}"].model_validate_json(answer.body)
 
 
 def test_recipes_are_listed_and_read(panel: RunningPanel) -> None:

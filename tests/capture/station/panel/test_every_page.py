@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from capture.station.domain.roles import Role
-from capture.station.panel.routes import PanelRoute
 from tests.accessibility import grave_findings, missed_by_tab
 from tests.capture.station.panel.demonstration import demonstration, failed
 from tests.capture.station.panel.pages import PAGES, REPORTS, address_of, logged_in
 from tests.capture.station.panel.panels import ServedPanel
+from tests.capture.station.panel.routes import PanelRoute
 from tests.chromium import Chromium, Page, chromium
 
 SCREENS = {

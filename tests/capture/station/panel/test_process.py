@@ -198,3 +198,11 @@ def test_a_panel_of_its_own_outlives_runs(
         assert len(client.get("/api/v1/parts?simulated=true").json["parts"]) == 1
         process.send_signal(signal.SIGTERM)
         assert process.wait(WAIT_S) == 130
+
+
+def test_a_run_does_not_load_what_only_its_panel_needs() -> None:
+    modules = ("capture.__main__", "capture.commands.station.run", "capture.station.run.run",
+               "capture.commands.station.interfaces", "capture.station.panel.process")  # fmt: skip
+    code = f"import {', '.join(modules)}, sys; print(*sys.modules)"
+    loaded = subprocess.check_output((sys.executable, "-c", code), text=True, timeout=WAIT_S)
+    assert not {"fastapi", "starlette", "uvicorn"} & set(loaded.split())

@@ -5,11 +5,16 @@ from collections.abc import Iterator
 import pytest
 
 from capture.station.domain.roles import Role
-from capture.station.panel.app import ROUTES
-from capture.station.panel.routes import PanelRoute
 from tests.capture.station.panel.panels import Client, RunningPanel
+from tests.capture.station.panel.routes import ROUTES, PanelRoute
 
-PLACES = {"part_id": "nobody", "name": "nobody", "version": "9", "file": "nothing"}
+PLACES = {
+    "part_id": "nobody",
+    "name": "nobody",
+    "version": "9",
+    "file": "nothing",
+    "action": "load",
+}
 # What a route answers to somebody who may ask: what follows finds no part, no user, no recipe, or
 # an empty body. Never 401 or 403.
 SERVED = {200, 202, 303, 400, 404, 409, 503}
@@ -20,7 +25,7 @@ def path_of(route: PanelRoute) -> str:
 
 
 def is_endless(route: PanelRoute) -> bool:
-    return route.answer == "text/event-stream"
+    return route.path.endswith("/events")
 
 
 def status(client: Client, route: PanelRoute) -> int:

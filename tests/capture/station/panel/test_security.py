@@ -20,7 +20,6 @@ from capture.station.domain.interface_config import PanelConfig
 from capture.station.domain.roles import Role
 from capture.station.domain.users import Users
 from capture.station.panel import event_stream, listening, security, server
-from capture.station.panel.app import ROUTES
 from capture.station.panel.security import MAX_BODY_BYTES, HostRule
 from capture.station.panel.server import MAX_CONNECTIONS, MOST_OF_AN_ADDRESS
 from capture.station.panel.sessions import (
@@ -32,6 +31,7 @@ from capture.station.panel.sessions import (
 from capture.station.results.audit import newest_changes
 from classify.base.errors import InputError
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel, running_panel
+from tests.capture.station.panel.routes import ROUTES
 from tests.memory_growth import growth_bytes
 
 # For a deadline in tests, and for a busy machine to keep to it.
@@ -163,7 +163,7 @@ def test_every_answer_has_the_headers_that_protect_it(with_users: RunningPanel) 
 def test_pages_have_no_script_or_style_inside(with_users: RunningPanel) -> None:
     browser = with_users.local
     browser.log_in("administrator")
-    pages = [r.path for r in ROUTES if r.answer == "text/html" and r.method == "GET"]
+    pages = [r.path for r in ROUTES if r.is_page]
     for path in [*pages, "/nowhere"]:
         text = browser.get(path).text
         assert "<style" not in text
@@ -249,8 +249,7 @@ def test_a_large_head_is_refused(without_users: RunningPanel) -> None:
         ("application/json", b'{"part_id": NaN}', 400),
         ("application/json", 60_000 * b"[", 400),
         ("application/json", b"\xff\xfe", 400),
-        ("application/x-www-form-urlencoded", 2 * security.MAX_FIELDS * b"a=b&", 400),
-        ("application/x-www-form-urlencoded", b"a=%ff", 400),
+        ("application/x-www-form-urlencoded", b"part_id=A-1", 415),
         ("multipart/form-data", b"x", 415),
         ("text/plain", b"x", 415),
     ],
@@ -263,6 +262,14 @@ def test_a_body_that_is_none_is_refused(
     answer = answer_to(without_users, head + about + body)
     assert int(answer.split()[1]) == status
     assert b"Traceback" not in answer
+
+
+@pytest.mark.parametrize("body", [2 * security.MAX_FIELDS * b"a=b&", b"a=%ff"])
+def test_a_form_that_is_none_is_refused(without_users: RunningPanel, body: bytes) -> None:
+    head = b"POST /login HTTP/1.1\r\nHost: HOST\r\nConnection: close\r\n"
+    kind = b"Content-Type: application/x-www-form-urlencoded\r\n"
+    length = f"Content-Length: {len(body)}\r\n\r\n".encode()
+    assert answer_to(without_users, head + kind + length + body).split()[1] == b"400"
 
 
 @pytest.mark.parametrize("rest", [b"", b"zz\r\n", b"GET / HTTP/1.1\r\n\x00\r\n\r\n", b"\x00\r\n"])
@@ -674,8 +681,10 @@ def test_a_proxy_cannot_be_passed_by() -> None:
 def test_texts_that_no_encoding_holds_are_refused(with_users: RunningPanel) -> None:
     browser = with_users.local
     browser.log_in("operator")
-    surrogate = {"csrf": "\ud800", "part_id": "\ud800"}
+    surrogate = {"part_id": "\ud800"}
     assert browser.post("/api/v1/trigger", surrogate).status == 403
+    form = {"csrf": "\ufffd"}
+    assert browser.ask("POST", "/logout", form=form).status == 403
     with_users.until_ready()
     refused = browser.post("/api/v1/trigger", surrogate, X_CSRF_Token=browser.csrf)
     assert refused.status == 409
