@@ -6,7 +6,7 @@ Simoncelli 2000). All are sums over pixels of isotropic responses, which rotatio
 """
 
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 
 import cv2
 import numpy as np
@@ -166,9 +166,9 @@ def _respond(
             if here < edges[block]:
                 continue
             _respond_row(windows[0], windows[1], windows[2], here % 3, responses)
+            squares = energy[here].reshape(-1)
             for c in range(columns):
-                energy[here, c, 0] = responses[0, c] * responses[0, c]
-                energy[here, c, 1] = responses[1, c] * responses[1, c]
+                squares[2 * c], squares[2 * c + 1] = z[c] * z[c], a[c] * a[c]
             if not _BORDER <= here < rows - _BORDER:
                 continue
             _add_powers(z, a, e, lines)
@@ -246,6 +246,7 @@ def _respond_row(p: Array, q: Array, albedo: Array, here: int, responses: Array)
         responses[2, left] = dq_dx - dp_dy
 
 
+@lru_cache(maxsize=32)
 def _block_edges(rows: int) -> Indices:
     """First rows of blocks, as many in the upper half as in the lower one, and the last edge."""
     half, blocks = rows // 2, max(1, rows // (2 * _ROWS))
