@@ -94,6 +94,8 @@ def run() -> int:
     logging.getLogger("tifffile").setLevel(logging.CRITICAL)
     try:
         _check_arguments(sys.argv[1:])
+        if sys.stderr.isatty():
+            _show_compilation()
         settle_process()
         status = app(standalone_mode=False)
         return status if isinstance(status, int) else 0
@@ -109,6 +111,14 @@ def run() -> int:
             raise
         complain(f"{message().rstrip('.')}; see --help")
         return InputError.exit_status
+
+
+def _show_compilation() -> None:
+    """Say why the first start after an installation takes a minute."""
+    log, handler = logging.getLogger("classify.base.compiling"), logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("ps4rig: %(message)s"))
+    log.addHandler(handler)
+    log.setLevel(logging.INFO)
 
 
 def _check_arguments(arguments: list[str]) -> None:

@@ -52,12 +52,15 @@ class ImageStack:
         """(N, n) values of pixels with these flat indices."""
         return self.images.reshape(len(self.images), -1).take(pixels, 1).astype(np.float32)
 
+    def dark_at(self, pixels: Indices) -> FloatMap:
+        """(n,) values of the ambient image, or (1,) 0."""
+        if self.ambient is None:
+            return np.zeros(1, np.float32)
+        return self.ambient.ravel().take(pixels).astype(np.float32)
+
     def values_at(self, pixels: Indices) -> FloatMap:
         """(N, n) values less ambient light of pixels with these flat indices."""
-        values = self.raw_at(pixels)
-        if self.ambient is not None:
-            values -= self.ambient.ravel().take(pixels).astype(np.float32)
-        return values
+        return self.raw_at(pixels) - self.dark_at(pixels)
 
     def materialised(self) -> ImageStack:
         """The stack with values that `DividedStack` divides on access written into its images."""

@@ -87,6 +87,7 @@ def opened_tiff(path: Path) -> Iterator[tifffile.TiffFile]:
     with open_regular_file(path, _MAX_BYTES) as file:
         try:
             with tifffile.TiffFile(file) as tiff:
+                tiff.pages.cache = True  # else each loop over the pages parses them again
                 yield tiff
         except InputError:
             raise

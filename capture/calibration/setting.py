@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Final, Literal, Self, get_args
+from typing import TYPE_CHECKING, Annotated, Final, Literal, Self, get_args
 
 import numpy as np
 from pydantic import Field, FiniteFloat
 
 from classify.base.models import Record
 from classify.calibration.dark import SAME_EXPOSURE
-from rig import CameraInfo, Rig
+
+if TYPE_CHECKING:
+    from rig import CameraInfo, Rig
 
 PartName = Literal["dark", "response", "noise", "flat_field", "lights", "scale"]
 PART_NAMES: Final[tuple[PartName, ...]] = get_args(PartName)
+
 # Dependences of a part beside camera and frame: response and noise are functions of the pixel
 # value, dark current and hot pixels grow with the exposure, flat field and lights are ratios of
 # images under the lights.

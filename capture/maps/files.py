@@ -152,7 +152,7 @@ def _facts(captured: CapturedSet, maps: SurfaceMaps) -> Iterator[tuple[str, str]
     if lighting.positions_px is not None:
         distances_px = np.linalg.norm(lighting.positions_px, axis=1)
         yield "distance of the lights", f"{_span(distances_px)} px"
-    if surface.divided_by is not None:
+    if surface.divided_by is not surface.fall_off:
         yield "LED levels", "in the flat field of the calibration"
     elif captured.lighting.intensities_given:
         yield "LED levels", f"{_levels(captured.lighting.intensities)}, as given"

@@ -1,6 +1,7 @@
 """Compile numeric kernels, and keep the machine code on disk while it is whole and current."""
 
 import hashlib
+import logging
 from collections.abc import Callable
 from contextlib import suppress
 from functools import lru_cache
@@ -11,6 +12,8 @@ from numba import njit
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 
 from .arrays import Array as Array
+
+_log = logging.getLogger(__name__)
 
 
 class _KernelCache(FunctionCache):
@@ -23,6 +26,13 @@ class _KernelCache(FunctionCache):
         # compiled into it, and after an upgrade the old code of those would be used.
         stamp = (locator.get_source_stamp(), _kernel_sources())
         self._cache_file = _CodeFiles(self._cache_path, self._impl.filename_base, stamp)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Load compiled code; say so the first time that there is none."""
+        code = super().load_overload(sig, target_context)
+        if code is None:
+            _announce_compilation(self.cache_path)
+        return code
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep compiled code, unless the disk is full."""
@@ -71,6 +81,11 @@ class _CodeFiles(IndexDataCacheFile):
 
     def _name_of(self, content: bytes) -> str:
         return f"{self._kernel_name}.{hashlib.sha256(content).hexdigest()[:16]}.nbc"
+
+
+@lru_cache(maxsize=1)
+def _announce_compilation(folder: str) -> None:
+    _log.info("compiling for this processor, once; kept in %s", folder)
 
 
 @lru_cache(maxsize=1)

@@ -236,7 +236,10 @@ def run_on_rows(
     rows, columns = shape
     height = max(1, strip_px // max(columns, 1))
     strips = [(first, min(first + height, rows)) for first in range(0, rows, height)]
-    map_in_threads(lambda strip: function(*strip), strips)
+    if len(strips) == 1:
+        function(0, rows)
+    else:
+        map_in_threads(lambda strip: function(*strip), strips)
 
 
 def _kept_workers() -> Workers:

@@ -14,8 +14,7 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-import scipy.fft
-from scipy.cluster.vq import kmeans2
+import scipy
 
 from classify.base.arrays import FloatMap
 from classify.base.errors import InputError
@@ -181,7 +180,7 @@ def learn_textons(responses: Sequence[FloatMap]) -> FloatMap:
             f"the images of a class have fewer than {count} different filter responses; "
             "use larger images"
         )
-    centres, _ = kmeans2(points, count, iter=_ITERATIONS, minit="++", seed=rng)
+    centres, _ = scipy.cluster.vq.kmeans2(points, count, iter=_ITERATIONS, minit="++", seed=rng)
     return np.ascontiguousarray(centres, dtype=np.float32)
 
 

@@ -83,8 +83,7 @@ def fall_off(
 class _Grid:
     """Samples of a frame, symmetric about its middle, and the blocks that they form."""
 
-    rows: Indices  # (n,) indices of the samples
-    columns: Indices  # (n,) indices of the samples
+    pixels: Indices  # (n * n,) flat indices of the samples
     x_powers: Floats  # (n, 5)
     y_powers: Floats  # (n, 5)
     bases: Mapping[int, Floats]  # by degree, (folds, blocks, terms) of y^i x^j, as `exponents`
@@ -103,14 +102,8 @@ class _Grid:
             i, j = exponents(degree)
             terms = block_y.T[i][:, :, None] * block_x.T[j][:, None, :]
             bases[degree] = np.moveaxis(by_fold(terms), 0, -1)
-        return cls(rows, columns, powers(x, _TERMS), powers(y, _TERMS), bases)
-
-    def of_image(self, image: Array) -> FloatMap:
-        """(..., n, n) samples of images (..., H, W)."""
-        # In a third of the time of an index for rows and one for columns.
-        pixels = self.rows[:, None] * image.shape[-1] + self.columns
-        flat: Array = image.reshape(*image.shape[:-2], -1).take(pixels, axis=-1)
-        return flat.astype(np.float32)
+        pixels = (rows[:, None] * shape[1] + columns).ravel()
+        return cls(pixels, powers(x, _TERMS), powers(y, _TERMS), bases)
 
     def polynomials(self, coefficients: Floats) -> FloatMap:
         """(N, n, n) values of polynomials at the samples."""
@@ -135,18 +128,19 @@ class _Samples:
         mask: BoolArray | None,
     ) -> "_Samples":
         grid = _Grid.of(stack.shape)
-        raw = grid.of_image(stack.images)
-        values = raw if stack.ambient is None else raw - grid.of_image(stack.ambient)
+        raw = stack.raw_at(grid.pixels)
         flat = lighting.directions[:, 2] * lighting.intensities
-        values = values * (flat.mean() / flat).astype(np.float32)[:, None, None]
+        values = raw - stack.dark_at(grid.pixels)
+        values *= (flat.mean() / flat).astype(np.float32)[:, None]
         brightness = values.mean(axis=0)
         if mask is not None:
-            brightness *= grid.of_image(mask)
+            brightness *= mask.ravel()[grid.pixels]
         bright = int(_BRIGHT * brightness.size)
-        usable = brightness > _DARK * np.partition(brightness, bright, axis=None)[bright]
+        usable = brightness > _DARK * np.partition(brightness, bright)[bright]
         if full_scale is not None:
             usable &= raw.max(axis=0) < full_scale
-        return cls(grid, values, usable)
+        square = (_SAMPLES, _SAMPLES)
+        return cls(grid, values.reshape(-1, *square), usable.reshape(square))
 
     def residuals(self, coefficients: Floats) -> tuple[Floats, Floats]:
         """(N, folds, blocks) means of ratio / strength - 1, and Tukey's weights."""

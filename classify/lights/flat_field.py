@@ -127,10 +127,7 @@ class DividedStack(ImageStack):
 
     def raw_at(self, pixels: Indices) -> FloatMap:
         raw = super().raw_at(pixels)
-        dark = np.zeros(1, np.float32)
-        if self.ambient is not None:
-            dark = self.ambient.ravel().take(pixels).astype(np.float32)
-        _multiply_at(pixels, raw, dark, *self._division)
+        _multiply_at(pixels, raw, self.dark_at(pixels), *self._division)
         return raw
 
     def float_rows(self, first: int, last: int) -> tuple[FloatMap, FloatMap]:

@@ -100,7 +100,7 @@ class LitSamples:
         """Take the samples, without pixels that reach the value `saturation`."""
         pixels = sample_pixels(stack.shape, _MAX_SAMPLES)
         raw = stack.raw_at(pixels)
-        values = stack.values_at(pixels) * gains[:, None]
+        values = (raw - stack.dark_at(pixels)) * gains[:, None]
         lit = np.flatnonzero(
             (values.min(axis=0) > MAYBE_SHADOW * values.max(axis=0))
             & (raw.max(axis=0) < saturation)

@@ -1,7 +1,7 @@
 """Relative height from a gradient field, and relief above the surroundings."""
 
 import numpy as np
-import scipy.fft
+import scipy
 
 from classify.base.arrays import BoolArray, FloatMap
 from classify.base.errors import InputError

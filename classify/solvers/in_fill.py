@@ -5,11 +5,12 @@ Slope and albedo are chosen so that they change as little from pixel to pixel as
 surface, and that the gradient field is one of a surface: dp/dy = dq/dx.
 """
 
-import numpy as np
-import numpy.typing as npt
+from functools import lru_cache
 
-from classify.base.arrays import FloatMap, Indices
-from classify.base.threads import run_on_rows
+import numpy as np
+
+from classify.base.arrays import Array, FloatMap, Indices
+from classify.base.compiling import kernel
 from classify.images import sample_pixels
 from classify.lighting import Lighting
 
@@ -22,7 +23,7 @@ _LIGHTS = np.uint8(15)  # the bits of `LOST` and `SATURATED` that are lights
 # Number of squares of four pixels from which the smoothness of the surface is estimated.
 _SAMPLES = 16_384
 _PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
-_FIRST, _SECOND = np.transpose(_PAIRS)
+_FIRST, _SECOND = np.ascontiguousarray(np.transpose(_PAIRS))
 # By the bits of the lights that are dark: the pair of the two others, and the first dark one.
 _PAIR_OF_DARK = np.full(16, NO_LINE)
 for _index, (_j, _k) in enumerate(_PAIRS):
@@ -39,58 +40,73 @@ def in_fill(problem: Problem, maps: Maps, strip_px: int) -> None:
     """
     unlit = maps.unlit
     assert unlit is not None
-    pixels = _pixels_to_fill(unlit, strip_px)
+    assert maps.left_out is not None
+    pixels = np.flatnonzero((unlit != 0) & (unlit != LOST))
     if not pixels.size:
         return
     solutions, along = _lines_of_two_lights(problem.lighting)
     values = problem.stack.values_at(pixels) * problem.gains[:, None]
     bits = unlit.ravel()[pixels]
-    # Two lights of a dark pixel are not used (see `dark`).
-    bits[values.sum(axis=0) < 4.0 * problem.dark_level] |= _LIGHTS
-    pairs = _PAIR_OF_DARK[bits & _LIGHTS]
-    lines = np.zeros((len(pixels), 4), np.float32)
-    for pair, two in enumerate(_PAIRS):
-        chosen = np.flatnonzero(pairs == pair)
-        lines[chosen, :3] = values[:, chosen].take(two, 0).T @ solutions[pair].T
+    pairs, lines = np.empty_like(bits), np.empty((len(pixels), 4), np.float32)
+    _choose_lines(values, problem.dark_level, solutions, bits, pairs, lines)
     unsolved = Unsolved.of(pixels, lines, pairs, along)
     planes = maps.p, maps.q, maps.albedo
-    rows, columns = problem.shape
-    corners = sample_pixels((rows - 1, columns - 1), _SAMPLES)
-    squares = np.stack(np.divmod(corners, max(columns - 1, 1)), axis=1)
-    albedo_weight, curl_weight = neighbour_weights(*planes, unlit, squares)
-    # A pixel takes many times as long here as in the first pass: shorter parts.
-    part = max(1, strip_px // 16)
+    albedo_weight, curl_weight = neighbour_weights(*planes, unlit, _squares(problem.shape))
+    # A pixel takes longer here than in the first pass, but a thread is handed a part in each of
+    # up to forty steps: shorter parts would cost as much as they save.
+    part = max(1, strip_px // 4)
     link(unsolved, unlit, curl_weight, *planes, part)
     grow(unsolved, albedo_weight, part)
     relax(unsolved, albedo_weight, curl_weight, part)
-    reached = unsolved.depth != NOT_REACHED
-    for plane, slopes in zip((maps.p, maps.q), unsolved.values.T, strict=False):
-        plane.ravel()[pixels] = slopes
-    pixels, bits = pixels[reached], bits[reached]
-    maps.albedo.ravel()[pixels] = unsolved.values[reached, 2]
-    maps.repaired.ravel()[pixels] = True
-    maps.valid.ravel()[pixels] = (_PAIR_OF_DARK[bits & _LIGHTS] < NO_LINE) & (bits & SATURATED == 0)
-    if maps.left_out is not None:
-        maps.left_out.ravel()[pixels] = _FIRST_DARK[bits & _LIGHTS]
+    written = (*planes, maps.valid, maps.repaired, maps.left_out)
+    _write(unsolved.values, unsolved.depth, pixels, bits, *(plane.ravel() for plane in written))
 
 
-def _pixels_to_fill(unlit: npt.NDArray[np.uint8], strip_px: int) -> Indices:
-    """Flat indices of the pixels that may be filled in."""
-    columns = unlit.shape[1]
-    pixels: dict[int, Indices] = {}
+@kernel
+def _choose_lines(
+    values: Array, dark_level: np.float32, solutions: Array, bits: Array, pairs: Array, lines: Array
+) -> None:
+    """Write the pair of lights of each pixel, and b0 of its line; add lights to `bits`."""
+    for n in range(len(bits)):
+        # Two lights of a dark pixel are not used (see `dark`).
+        if (values[0, n] + values[1, n]) + (values[2, n] + values[3, n]) < 4.0 * dark_level:
+            bits[n] |= _LIGHTS
+        pair = _PAIR_OF_DARK[bits[n] & _LIGHTS]
+        pairs[n] = pair
+        lines[n] = np.float32(0.0)
+        if pair < NO_LINE:
+            first, second = values[_FIRST[pair], n], values[_SECOND[pair], n]
+            for x in range(3):
+                lines[n, x] = solutions[pair, x, 0] * first + solutions[pair, x, 1] * second
 
-    def find(first: int, last: int) -> None:
-        part = unlit[first:last].ravel()
-        marked = np.flatnonzero(part != 0)
-        pixels[first] = first * columns + marked[part[marked] != LOST]
 
-    run_on_rows(find, unlit.shape, strip_px)
-    return np.concatenate([pixels[first] for first in sorted(pixels)])
+@kernel
+def _write(
+    values: Array, depth: Array, pixels: Array, bits: Array,
+    p: Array, q: Array, albedo: Array, valid: Array, repaired: Array, left_out: Array,
+) -> None:  # fmt: skip
+    """Write what was filled in to the maps, which are flat."""
+    for n in range(len(pixels)):
+        m = pixels[n]
+        p[m], q[m] = values[n, 0], values[n, 1]
+        if depth[n] != NOT_REACHED:
+            dark = bits[n] & _LIGHTS
+            albedo[m] = values[n, 2]
+            repaired[m] = True
+            valid[m] = (_PAIR_OF_DARK[dark] < NO_LINE) & (bits[n] & SATURATED == 0)
+            left_out[m] = _FIRST_DARK[dark]
 
 
-def _lines_of_two_lights(
-    lighting: Lighting,
-) -> tuple[FloatMap, FloatMap]:
+@lru_cache(maxsize=8)
+def _squares(shape: tuple[int, int]) -> Indices:
+    """(n, 2) lowest row and column of squares of four pixels, evenly spread."""
+    rows, columns = shape
+    corners = sample_pixels((rows - 1, columns - 1), _SAMPLES)
+    return np.stack(np.divmod(corners, max(columns - 1, 1)), axis=1)
+
+
+@lru_cache(maxsize=8)
+def _lines_of_two_lights(lighting: Lighting) -> tuple[FloatMap, FloatMap]:
     """(6, 3, 2) solutions and (7, 3) unit directions d of the lines of two lights.
 
     b0 = solutions[pair] (i_j, i_k) is that of the pseudo-inverse; d_z >= 0; the last d, 0, is no

@@ -153,11 +153,13 @@ def photometric_stereo(
         saturation = divided_by.saturation(float(saturation))
     fitted_fall_off = None
     if planar:
-        stack = stack.materialised()
+        stack, divided_by = stack.materialised(), None
         fitted_fall_off = fall_off(stack, used, float(saturation), mask)
+    saturated_value = float(saturation)
     if fitted_fall_off is not None:
-        stack = fitted_fall_off.divide(stack, float(saturation))
-        saturation = fitted_fall_off.saturation(float(saturation))
+        divided_by = fitted_fall_off
+        stack = DividedStack(stack.images, stack.ambient, divided_by, saturated_value)
+        saturation = divided_by.saturation(saturated_value)
         # What remains of the levels of the LEDs is not estimated again.
         used = replace(used, intensities=used.intensities)
     problem = Problem(stack, used, full_scale, noise, saturation, on_progress)
@@ -173,8 +175,8 @@ def photometric_stereo(
         full_scale=full_scale,
         lighting=maps.lighting,
         planar=planar,
-        divided_by=None if planar else divided_by,
-        saturation=float(saturation) if planar else full_scale,
+        divided_by=divided_by,
+        saturation=saturated_value if planar else full_scale,
         fall_off=fitted_fall_off,
         led_levels=None if maps.lighting is used else maps.lighting.intensities,
         left_out=maps.left_out,

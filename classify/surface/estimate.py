@@ -48,20 +48,20 @@ class SurfaceEstimate:
         Name of the solver.
     images, ambient, full_scale
         (N, H, W) the images that were solved, with the (H, W) ambient image and the full scale,
-        as they were given or, for a planar part, divided by a flat field and the fall-off; None for
-        an estimate that does not come from a solver.
+        as they were given or, for a planar part, divided by a flat field; None for an estimate that
+        does not come from a solver.
     lighting
         The N lights of these images, with the intensities that were used.
     planar
         Whether the part was solved as planar: then a tilt or bow of it is not in the slopes.
     divided_by
-        Flat field by which the images are divided where they are read: that of a calibration or of
-        near lights, or None.
+        Flat field by which the images are divided where they are read: that of a calibration, of
+        near lights, or the fall-off over a planar part; or None.
     saturation
         Value of saturated pixels of the images; None for `full_scale`.
     fall_off
-        Fall-off by which the images of a planar part were divided; None for other parts, or if too
-        little of the part was lit.
+        Fall-off of the lights over a planar part; None for other parts, or if too little of the
+        part was lit.
     led_levels
         (N,) intensities that ps4_robust estimated from the images (`level_corrections`); None where
         the intensities were given, and for other methods.
@@ -179,8 +179,7 @@ class SurfaceEstimate:
     def saturated(self) -> BoolArray:
         """(H, W) bool, true where any image reached full scale."""
         stack, _ = self._stack_and_lights
-        limit = self.full_scale if self.saturation is None else self.saturation
-        limit = np.inf if limit is None else limit
+        limit = np.inf if self._saturated_value is None else self._saturated_value
         saturated: BoolArray = stack.images.max(axis=0) >= limit
         return saturated
 
@@ -299,8 +298,12 @@ class SurfaceEstimate:
             )
         if self.divided_by is None:
             return ImageStack(self.images, self.ambient), self.lighting
-        stack = DividedStack(self.images, self.ambient, self.divided_by, self.full_scale)
+        stack = DividedStack(self.images, self.ambient, self.divided_by, self._saturated_value)
         return stack, self.lighting
+
+    @property
+    def _saturated_value(self) -> float | None:
+        return self.full_scale if self.saturation is None else self.saturation
 
     @property
     def _plane_px(self) -> tuple[FloatMap, FloatMap]:

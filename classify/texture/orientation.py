@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import scipy.fft
 
 from classify.base.arrays import Array, FloatMap, Floats
 from classify.base.compiling import kernel
@@ -33,10 +32,10 @@ def squared_errors_by_shift(
     a reference shifted anticlockwise by j steps of the grid.
     """
     between = tuple(range(1, references.ndim - 1))
-    cross = scipy.fft.rfft(test.astype(np.float64)) * np.conj(
-        scipy.fft.rfft(references.astype(np.float64))
+    cross = np.fft.rfft(test.astype(np.float64)) * np.conj(
+        np.fft.rfft(references.astype(np.float64))
     )
-    correlation = scipy.fft.irfft(cross.sum(axis=between), n=test.shape[-1])
+    correlation = np.fft.irfft(cross.sum(axis=between), n=test.shape[-1])
     energy = np.sum(np.square(test, dtype=np.float64)) + np.sum(
         np.square(references, dtype=np.float64), axis=(*between, references.ndim - 1)
     )
@@ -64,12 +63,12 @@ def _refined_minima(errors: Floats, flat_below: Floats) -> tuple[Floats, Floats]
 
 def roll_angles(polar: npt.NDArray[np.floating], shifts: Floats) -> Floats:
     """(n, ..., A) `polar` (..., A) shifted back by (n,) `shifts`, by a Fourier phase ramp."""
-    transform = scipy.fft.rfft(polar.astype(np.float64))
+    transform = np.fft.rfft(polar.astype(np.float64))
     order = np.arange(transform.shape[-1])
     count = polar.shape[-1]
     ramp = np.exp(2j * np.pi * order * shifts[:, None] / count)
     ramp = ramp.reshape(len(shifts), *(1,) * (polar.ndim - 1), -1)
-    shifted: Floats = scipy.fft.irfft(transform * ramp, n=count)
+    shifted: Floats = np.fft.irfft(transform * ramp, n=count)
     return shifted
 
 
@@ -119,7 +118,7 @@ class LeastError(NamedTuple):
 
 def harmonics(polar: npt.NDArray[np.floating[Any]]) -> Complex:
     """(..., 16) complex64 series of (..., A) real maps over 180 degrees."""
-    series = scipy.fft.rfft(polar, norm="ortho")[..., :HARMONICS]
+    series = np.fft.rfft(polar, norm="ortho")[..., :HARMONICS]
     # A real map has negative harmonics of the same modulus.
     series[..., 1:] *= np.sqrt(2.0)
     return np.ascontiguousarray(series, np.complex64)
@@ -158,7 +157,7 @@ def _correlations(test: Complex, references: Complex) -> tuple[Floats, Floats, F
     padded = np.zeros((len(cross), _SHIFTS // 2 + 1), np.complex128)
     padded[:, :HARMONICS] = cross
     padded[:, 1:] *= 0.5
-    correlations = scipy.fft.irfft(padded, n=_SHIFTS, norm="forward")
+    correlations = np.fft.irfft(padded, n=_SHIFTS, norm="forward")
     energies += _squares(test).sum(axis=0, dtype=np.float64)
     return correlations, cross[:, 0].real, energies
 

@@ -5,7 +5,6 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-import scipy.fft
 
 from classify.base.arrays import Array, FloatMap, Floats
 from classify.base.compiling import kernel
@@ -140,8 +139,8 @@ def image_spectrum(image: Array, segment_px: int) -> FloatMap:
 @lru_cache(maxsize=8)
 def _wave_directions(side: int) -> FloatMap:
     """(4, side, side // 2 + 1) cos and sin of one and two angles of each wave vector, y up."""
-    u = scipy.fft.rfftfreq(side)[None, :]
-    v = -scipy.fft.fftfreq(side)[:, None]
+    u = np.fft.rfftfreq(side)[None, :]
+    v = -np.fft.fftfreq(side)[:, None]
     radius = np.hypot(u, v)
     radius[0, 0] = 1.0
     cos, sin = u / radius, v / radius
@@ -175,15 +174,16 @@ def _amplitudes(powers: Array, directions: Array) -> Array:
     amplitudes = np.empty((side, columns, 4), np.float32)
     half, zero = np.float32(0.5), np.float32(0.0)
     for r in range(side):
-        target = amplitudes[(r + side // 2) % side]
+        target = amplitudes[(r + side // 2) % side].reshape(-1)
         for c in range(columns):
             gradient, difference, product = powers[r, 0, c], powers[r, 1, c], powers[r, 2, c]
-            cos, sin, cos_2, sin_2 = directions[:, r, c]
+            cos, sin = directions[0, r, c], directions[1, r, c]
+            cos_2, sin_2 = directions[2, r, c], directions[3, r, c]
             # The slope along the wave vector is cos P + sin Q = i k z, so that z has phase -i.
             relief = half * (gradient + cos_2 * difference + sin_2 * product)
             both = cos * powers[r, 4, c] + sin * powers[r, 5, c]
-            target[c, 0] = np.sqrt(gradient)
-            target[c, 1] = np.sqrt(powers[r, 3, c])
-            target[c, 2] = np.sqrt(max(relief, zero))
-            target[c, 3] = np.copysign(np.sqrt(abs(both)), both)
+            target[4 * c] = np.sqrt(gradient)
+            target[4 * c + 1] = np.sqrt(powers[r, 3, c])
+            target[4 * c + 2] = np.sqrt(max(relief, zero))
+            target[4 * c + 3] = np.copysign(np.sqrt(abs(both)), both)
     return amplitudes

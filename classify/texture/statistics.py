@@ -6,18 +6,18 @@ Simoncelli 2000). All are sums over pixels of isotropic responses, which rotatio
 """
 
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from classify.base.arrays import Array, Floats
+from classify.base.arrays import Array, Floats, Indices
 from classify.base.compiling import kernel
 from classify.base.threads import run_on_rows
 
 from .fields import TextureFields
-from .heading import HEADING_SUMS, add_row, heading_moments
+from .heading import HEADING_SUMS, TILE, add_row, heading_moments, sum_tiles
 
 QUARTERS = 4
 """Quarters of a frame; their differences show how much one surface differs from itself."""
@@ -36,6 +36,8 @@ _LEAK = np.float32(0.025)
 # Rows and columns at the edge of the frame that the repeated border changes.
 _BORDER = 2
 _SUMS = 12
+# Rows whose sums are taken in single precision; larger blocks would lose digits.
+_ROWS = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,12 +78,14 @@ def local_statistics(fields: TextureFields, levels: int) -> LocalStatistics:
             planes = [cv2.pyrDown(plane) for plane in planes]
         rows, columns = planes[0].shape
         energy = np.empty((rows, columns, 2), np.float32)
-        row_sums = np.zeros((rows, 2, _SUMS), np.float64)
+        edges = _block_edges(rows)
+        blocks = len(edges) - 1
+        block_sums = np.empty((blocks, 2, _SUMS), np.float64)
         # The finest level would take most of the time, and its third moments are mostly noise.
-        odd = np.zeros((rows if level else 0, 2, HEADING_SUMS), np.float64)
-        respond = partial(_respond, *planes, p_mean, q_mean, energy, row_sums, odd)
-        run_on_rows(respond, (rows, columns))
-        sums.append(_of_quarters(row_sums))
+        odd = np.empty((blocks if level else 0, 2, HEADING_SUMS), np.float64)
+        respond = partial(_respond, *planes, p_mean, q_mean, edges, energy, block_sums, odd)
+        run_on_rows(respond, (blocks, _ROWS * columns))
+        sums.append(_of_quarters(block_sums))
         if level:
             odd_sums.append(_of_quarters(odd))
         energies = [cv2.pyrDown(energies_before) for energies_before in energies] if level else []
@@ -139,93 +143,122 @@ def statistics_length(levels: int) -> int:
 
 @kernel
 def _respond(
-    p: Array, q: Array, albedo: Array, p_mean: np.float32, q_mean: np.float32,
+    p: Array, q: Array, albedo: Array, p_mean: np.float32, q_mean: np.float32, edges: Array,
     energy: Array, sums: Array, odd: Array, first: int, stop: int,
 ) -> None:  # fmt: skip
-    """Responses of rows of one level: squares, and sums of powers per row and half."""
+    """Responses of blocks of rows of one level: squares, and sums of powers per block and half."""
     rows, columns = p.shape
     middle = columns // 2
-    zero = np.float32(0.0)
-    window = np.empty((3, 3, columns + 2), np.float32)
-    responses = np.empty((3, columns), np.float32)
-    z, a, e = responses[0], responses[1], responses[2]
-    for r in range(first, stop):
-        _copy_rows(p, r, window[0])
-        _copy_rows(q, r, window[1])
-        _copy_rows(albedo, r, window[2])
-        _respond_row(window[0], window[1], window[2], responses)
-        for c in range(columns):
-            energy[r, c, 0] = z[c] * z[c]
-            energy[r, c, 1] = a[c] * a[c]
-        if not _BORDER <= r < rows - _BORDER:
-            continue
+    # Row n of a plane is in row n % 3.
+    windows = np.empty((3, 3, columns + 2), np.float32)
+    # Relief, albedo and curl; slopes less their mean.
+    responses = np.zeros((5, -(-columns // TILE) * TILE), np.float32)
+    z, a, e, x, y = responses[0], responses[1], responses[2], responses[3], responses[4]
+    for block in range(first, stop):
+        lines = np.zeros(responses.shape[1] * _SUMS, np.float32)
+        odd_lines = np.zeros(responses.shape[1] * HEADING_SUMS, np.float32)
+        for r in range(edges[block] - 1, edges[block + 1] + 1):
+            row = min(max(r, 0), rows - 1)
+            _copy_row(p, row, windows[0, r % 3])
+            _copy_row(q, row, windows[1, r % 3])
+            _copy_row(albedo, row, windows[2, r % 3])
+            here = r - 1
+            if here < edges[block]:
+                continue
+            _respond_row(windows[0], windows[1], windows[2], here % 3, responses)
+            squares = energy[here].reshape(-1)
+            for c in range(columns):
+                squares[2 * c], squares[2 * c + 1] = z[c] * z[c], a[c] * a[c]
+            if not _BORDER <= here < rows - _BORDER:
+                continue
+            _add_powers(z, a, e, lines)
+            if len(odd):
+                for c in range(columns):
+                    responses[3, c] = p[here, c] - p_mean
+                    responses[4, c] = q[here, c] - q_mean
+                add_row(x, y, z, a, odd_lines)
         for side in range(2):
             begin, end = (middle, columns - _BORDER) if side else (_BORDER, middle)
-            z1, z2, z3, z4 = zero, zero, zero, zero
-            a1, a2, a3, a4 = zero, zero, zero, zero
-            both, e1, e2 = zero, zero, zero
-            for c in range(begin, end):
-                z_square, a_square = z[c] * z[c], a[c] * a[c]
-                z1 += z[c]
-                z2 += z_square
-                z3 += z_square * z[c]
-                z4 += z_square * z_square
-                a1 += a[c]
-                a2 += a_square
-                a3 += a_square * a[c]
-                a4 += a_square * a_square
-                both += z[c] * a[c]
-                e1 += e[c]
-                e2 += e[c] * e[c]
-            powers = (np.float32(end - begin), z1, z2, z3, z4, a1, a2, a3, a4, both, e1, e2)
-            for index in range(_SUMS):
-                sums[r, side, index] = powers[index]
+            sum_tiles(lines, begin, end, sums[block, side])
             if len(odd):
-                add_row(p[r], q[r], z, a, p_mean, q_mean, begin, end, odd[r, side])
+                sum_tiles(odd_lines, begin, end, odd[block, side])
 
 
 @kernel
-def _copy_rows(plane: Array, r: int, target: Array) -> None:
-    """Rows r - 1, r and r + 1 of a plane, with its edge pixels repeated."""
-    rows, columns = plane.shape
-    for n in range(3):
-        row = min(max(r + n - 1, 0), rows - 1)
-        for c in range(columns):
-            target[n, c + 1] = plane[row, c]
-        target[n, 0], target[n, columns + 1] = plane[row, 0], plane[row, columns - 1]
+def _add_powers(z_row: Array, a_row: Array, e_row: Array, sums: Array) -> None:
+    """Add 1 and the powers of the responses of a row to the sums of its columns, as `add_row`."""
+    for tile in range(len(z_row) // TILE):
+        to = tile * _SUMS * TILE
+        for c in range(TILE):
+            z, a, e = z_row[tile * TILE + c], a_row[tile * TILE + c], e_row[tile * TILE + c]
+            z_square, a_square = z * z, a * a
+            sums[to + c] += np.float32(1.0)
+            sums[to + TILE + c] += z
+            sums[to + 2 * TILE + c] += z_square
+            sums[to + 3 * TILE + c] += z_square * z
+            sums[to + 4 * TILE + c] += z_square * z_square
+            sums[to + 5 * TILE + c] += a
+            sums[to + 6 * TILE + c] += a_square
+            sums[to + 7 * TILE + c] += a_square * a
+            sums[to + 8 * TILE + c] += a_square * a_square
+            sums[to + 9 * TILE + c] += z * a
+            sums[to + 10 * TILE + c] += e
+            sums[to + 11 * TILE + c] += e * e
 
 
 @kernel
-def _respond_row(p: Array, q: Array, albedo: Array, responses: Array) -> None:
+def _copy_row(plane: Array, r: int, target: Array) -> None:
+    """Row r of a plane, with its edge pixels repeated."""
+    columns = plane.shape[1]
+    for c in range(columns):
+        target[c + 1] = plane[r, c]
+    target[0], target[columns + 1] = plane[r, 0], plane[r, columns - 1]
+
+
+@kernel
+def _respond_row(p: Array, q: Array, albedo: Array, here: int, responses: Array) -> None:
     """Relief, albedo and curl responses, by Scharr derivatives (2000) and a 9-point Laplacian."""
     near, far = np.float32(10.0 / 32.0), np.float32(3.0 / 32.0)
+    above, below = (here + 2) % 3, (here + 1) % 3
     for left in range(p.shape[1] - 2):
         c, right = left + 1, left + 2
-        dp_dx = near * (p[1, right] - p[1, left]) + far * (
-            p[0, right] - p[0, left] + p[2, right] - p[2, left]
+        dp_dx = near * (p[here, right] - p[here, left]) + far * (
+            p[above, right] - p[above, left] + p[below, right] - p[below, left]
         )
-        dq_dx = near * (q[1, right] - q[1, left]) + far * (
-            q[0, right] - q[0, left] + q[2, right] - q[2, left]
+        dq_dx = near * (q[here, right] - q[here, left]) + far * (
+            q[above, right] - q[above, left] + q[below, right] - q[below, left]
         )
-        dp_dy = near * (p[0, c] - p[2, c]) + far * (
-            p[0, left] - p[2, left] + p[0, right] - p[2, right]
+        dp_dy = near * (p[above, c] - p[below, c]) + far * (
+            p[above, left] - p[below, left] + p[above, right] - p[below, right]
         )
-        dq_dy = near * (q[0, c] - q[2, c]) + far * (
-            q[0, left] - q[2, left] + q[0, right] - q[2, right]
+        dq_dy = near * (q[above, c] - q[below, c]) + far * (
+            q[above, left] - q[below, left] + q[above, right] - q[below, right]
         )
-        corners = albedo[0, left] + albedo[0, right] + albedo[2, left] + albedo[2, right]
-        sides = albedo[0, c] + albedo[2, c] + albedo[1, left] + albedo[1, right]
-        centre = np.float32(20.0) * albedo[1, c]
-        laplacian = np.float32(1.0 / 6.0) * (corners + np.float32(4.0) * sides - centre)
+        # Differences from the centre, which rounding changes less than sums.
+        centre = albedo[here, c]
+        corners = (albedo[above, left] - centre) + (albedo[above, right] - centre)
+        corners += (albedo[below, left] - centre) + (albedo[below, right] - centre)
+        sides = (albedo[above, c] - centre) + (albedo[below, c] - centre)
+        sides += (albedo[here, left] - centre) + (albedo[here, right] - centre)
+        laplacian = np.float32(1.0 / 6.0) * (corners + np.float32(4.0) * sides)
         responses[0, left] = -(dp_dx + dq_dy)
         responses[1, left] = -laplacian
         responses[2, left] = dq_dx - dp_dy
 
 
-def _of_quarters(row_sums: Array) -> Floats:
-    """(5, d) sums of the frame and of its quarters, from sums per row and side."""
-    half = len(row_sums) // 2
-    quarters = np.concatenate([row_sums[:half].sum(axis=0), row_sums[half:].sum(axis=0)])
+@lru_cache(maxsize=32)
+def _block_edges(rows: int) -> Indices:
+    """First rows of blocks, as many in the upper half as in the lower one, and the last edge."""
+    half, blocks = rows // 2, max(1, rows // (2 * _ROWS))
+    shares = np.arange(blocks + 1) / blocks
+    upper, lower = half * shares[:-1], half + (rows - half) * shares
+    return np.concatenate([upper, lower]).astype(np.intp)
+
+
+def _of_quarters(block_sums: Array) -> Floats:
+    """(5, d) sums of the frame and of its quarters, from sums per block and side."""
+    half = len(block_sums) // 2
+    quarters = np.concatenate([block_sums[:half].sum(axis=0), block_sums[half:].sum(axis=0)])
     return np.concatenate([quarters.sum(axis=0, keepdims=True), quarters])
 
 

@@ -166,9 +166,8 @@ def test_every_stage_of_a_classification_is_measured(textures: Textures) -> None
     assert image_set.lighting == Lighting.ring(50.0)
     section = pipeline_section(textures.library, 128, rounds=20)
     found = values(section)
-    stages = ("solve, ps4_robust", "fields", "spectra", "statistics", "signature", "match")
-    per_megapixel = [found[f"{stage} ms per megapixel"] for stage in stages]
-    assert sum(per_megapixel) * 128**2 / 1e6 < 2.0 * found["whole, images to match ms"]
+    stages = ("solve, ps4_robust, planar", "fields", "spectra", "statistics", "signature", "match")
+    assert sum(found[f"{stage} ms"] for stage in stages) < 2.0 * found["whole, images to match ms"]
     assert "sand" in section.notes[-1]
 
 

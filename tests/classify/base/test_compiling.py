@@ -1,6 +1,7 @@
 """Kernels are cached where a folder can be written to, and work without a cache."""
 
 import ast
+import logging
 import os
 import shutil
 import subprocess
@@ -8,8 +9,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from numba.core import config as numba_config
 
 import classify
+from classify.base import compiling
 
 PROGRAM = """
 import numpy as np
@@ -94,3 +97,23 @@ def test_a_change_in_another_file_of_kernels_compiles_anew(tmp_path: Path) -> No
     assert limit in rule.read_text()
     rule.write_text(rule.read_text().replace(limit, "MIN_NORMAL_Z = np.float32(2.0)"))
     run(program.replace("valid.all()", "valid.any() == False"), **variables)
+
+
+def test_an_empty_cache_says_once_that_kernels_are_compiled(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO, compiling.__name__)
+    monkeypatch.setattr(numba_config, "CACHE_DIR", str(tmp_path))
+    compiling._announce_compilation.cache_clear()
+    for function in (_one, _two):
+        compiling.kernel(function)()
+    (record,) = caplog.records
+    assert str(tmp_path) in record.getMessage()
+
+
+def _one() -> int:
+    return 1
+
+
+def _two() -> int:
+    return 2
