@@ -1,6 +1,6 @@
 """Pictures of every page of the panel, of a station on the simulated rig.
 
-``python -m tests.capture.station.panel.screens OUT`` makes those of `capture/station/README.md`;
+``python -m tests.capture.station.panel.screens OUT`` makes those of its README;
 ``--dark`` and ``--size 1024x768`` show them in a dark room and on a tablet.
 """
 

@@ -59,7 +59,7 @@ def nginx(folder: Path, site: str) -> Iterator[int]:
 
 def example(panel: RunningPanel) -> str:
     """The site of the README, with the files and the panel of the test."""
-    text = (ROOT / "capture" / "station" / "README.md").read_text()
+    text = (ROOT / "capture" / "station" / "panel" / "README.md").read_text()
     site = text.partition("```nginx\n")[2].partition("```")[0]
     for there, here in (
         ("127.0.0.1:8100", urlsplit(panel.url).netloc),

@@ -11,11 +11,11 @@ import pytest
 from capture.station.domain.roles import Role
 from tests.capture.station.panel.panels import RunningPanel
 
-README = Path(__file__).parents[4] / "capture" / "station" / "README.md"
+README = Path(__file__).parents[4] / "capture" / "station" / "panel" / "README.md"
 
 
 def example(language: str) -> str:
-    section = README.read_text(encoding="utf-8").partition("\n### The API\n")[2]
+    section = README.read_text(encoding="utf-8").partition("\n## The API\n")[2]
     [text] = re.findall(rf"```{language}\n(.*?)```", section.partition("\n## ")[0], re.DOTALL)
     return str(text)
 
