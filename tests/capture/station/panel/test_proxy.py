@@ -111,8 +111,8 @@ def test_pages_changes_and_events_pass_the_proxy(panel: RunningPanel, tmp_path: 
         browser.headers["Cookie"] = login.headers["set-cookie"].partition(";")[0]
         csrf = browser.ask("GET", "/").read().decode().partition('name="csrf" content="')[2]
         panel.until_ready()
-        form = {"csrf": csrf.partition('"')[0]}
-        assert browser.ask("POST", "/api/v1/trigger", form).status == 202
+        browser.headers["X-CSRF-Token"] = csrf.partition('"')[0]
+        assert browser.ask("POST", "/api/v1/trigger").status == 202
         events = browser.ask("GET", "/api/v1/events")
         assert events.status == 200
         lines = iter(events.readline, b"")
