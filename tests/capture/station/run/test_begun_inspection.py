@@ -31,9 +31,9 @@ def solved(monkeypatch: pytest.MonkeyPatch) -> list[CapturedSet]:
     found: list[CapturedSet] = []
     solve: Callable[..., MeasuredSurface] = MeasuredSurface.of
 
-    def of(captured: CapturedSet, *others: object) -> MeasuredSurface:
+    def of(captured: CapturedSet, *others: object, **options: object) -> MeasuredSurface:
         found.append(captured)
-        return solve(captured, *others)
+        return solve(captured, *others, **options)
 
     monkeypatch.setattr(MeasuredSurface, "of", of)
     return found
@@ -73,7 +73,7 @@ def test_another_attempt_is_solved_again(
 def test_the_error_of_a_begun_part_is_raised_where_it_is_judged(
     inspector: Inspector, part: CapturedSet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def of(*_: object) -> MeasuredSurface:
+    def of(*_: object, **__: object) -> MeasuredSurface:
         raise InputError("cannot be solved")
 
     monkeypatch.setattr(MeasuredSurface, "of", of)
