@@ -6,13 +6,13 @@ from pathlib import Path
 
 from classify.base.errors import InputError
 
-from .private_file import SECRETS
-
 try:
     import pwd
 except ImportError:  # Windows
     pwd = None  # type: ignore[assignment]
 
+SESSIONS = "sessions.json"
+SECRETS = ("users.json", "tokens.json", SESSIONS)
 # Rights of others, and of the group to write.
 _TOO_OPEN = 0o027
 

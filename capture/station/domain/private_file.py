@@ -18,8 +18,6 @@ from classify.base.regular_file import read_regular_file
 # A thousand users or clients have 200 kB.
 _MAX_BYTES = 1 << 20
 OWNER_ONLY = 0o600
-SESSIONS = "sessions.json"
-SECRETS = ("users.json", "tokens.json", SESSIONS)
 # A change takes 10 ms; a disk that is busy, a second.
 PATIENCE_S = 10.0
 

@@ -14,7 +14,7 @@ from typing import TypeVar
 from itsdangerous import BadData, Signer, URLSafeSerializer
 from pydantic import Field
 
-from capture.station.domain.private_file import SESSIONS as FILE
+from capture.station.domain.own_folder import SESSIONS as FILE
 from capture.station.domain.private_file import PrivateFile
 from capture.station.domain.roles import Identity
 from capture.station.domain.users import KIOSK, User, Users

@@ -14,8 +14,7 @@ from capture.base.names import SET_SUFFIX
 from capture.base.utc_time import utc_text
 from capture.station.domain.config import CONFIG, SIM, StationConfig
 from capture.station.domain.folder import PARTS, RECIPES, StationFolder
-from capture.station.domain.own_folder import refuse_link
-from capture.station.domain.private_file import SESSIONS
+from capture.station.domain.own_folder import SESSIONS, refuse_link
 from capture.station.results.snapshot import ResultsSnapshot, copy_results
 from capture.station.run.retention import inside_parts, sets_stay
 from classify.base.durable_file import durable_file, require_folder, temporary_path

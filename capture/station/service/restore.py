@@ -11,7 +11,8 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from capture.station.domain.folder import StationFolder
-from capture.station.domain.private_file import OWNER_ONLY, SECRETS
+from capture.station.domain.own_folder import SECRETS
+from capture.station.domain.private_file import OWNER_ONLY
 from classify.base.durable_file import sync, temporary_path
 from classify.base.errors import InputError
 from classify.base.regular_file import open_regular_file
