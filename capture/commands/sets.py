@@ -103,7 +103,7 @@ def capture(
     options.check_orientations("--orientation", orientation)
     # All configurations are checked before the first set is captured.
     configs = [
-        options.with_part(config, placement | {"rotate_deg": rotate_deg}, slant, bits, size)
+        options.with_simulation(config, placement | {"rotate_deg": rotate_deg}, slant, bits, size)
         for rotate_deg in orientations_deg
     ]
     options.check_orientations("--rotate", *orientations_deg)
