@@ -12,7 +12,7 @@ from capture.station.domain.recipe_file import read_recipe, write_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
 from classify.base.models import messages_by_place
 
-from .approval import Record, require_seen
+from .approval import RecordChange, require_seen
 
 SETTINGS = (
     "note", "pass", "fail", "orientation", "limits", "limits_of", "region", "light", "calibration",
@@ -77,7 +77,7 @@ def save_settings(
     files: RecipeFolder,
     recipe: Recipe,
     seen_sha256: str,
-    record: Record = lambda *_: None,
+    record: RecordChange = lambda *_: None,
 ) -> None:
     """Replace the recipe by a changed one, unless its hash is no longer `seen_sha256`."""
     with files.changing():
