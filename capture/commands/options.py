@@ -40,15 +40,15 @@ Orientation = Annotated[
 ]
 
 
-def calibration(default: str) -> Any:
+def calibration_option(default: str) -> Any:
     """Make the option ``--calibration``, whose default is described by `default`."""
     return typer.Option(
         help="Calibration of the rig, NAME.ps4cal.", show_default=default, metavar="CAL"
     )
 
 
-CalibrationOfSet = Annotated[Path | None, calibration("the one that the set names")]
-Raw = Annotated[bool, typer.Option("--raw", help="Leave out the calibration that a set names.")]
+CalibrationOfSet = Annotated[Path | None, calibration_option("the one that the set names")]
+Raw = Annotated[bool, typer.Option("--raw", help="Do not apply the calibration that a set names.")]
 
 
 def check_calibration(calibration: Path | None, raw: bool) -> None:
