@@ -80,6 +80,7 @@ def _summed_powers(planes: tuple[Array, ...], window: FloatMap, pairs: Sequence[
     """
     side, window_sum = len(window), window.sum()
     sums = np.zeros((side, _SPECTRA, side // 2 + 1), np.float32)
+    # Slopes of (segment, row, column, Re and Im); albedo of both segments in one.
     slopes, albedo = np.empty((2, side, side, 2), np.float32), np.empty((side, side, 2), np.float32)
     for corners in pairs:
         _cut(planes, corners, window, window_sum, slopes, albedo)
