@@ -40,8 +40,8 @@ def running_interfaces(
     config = folder.config
     with ExitStack() as stack:
         settings = panel_settings(config.panel, host, port)
-        is_needed = panel is not False and bool(panel or host or port or trigger == "http")
-        with warning_if_port_in_use(is_needed=is_needed):
+        is_used = host is not None or port is not None or trigger == "http"
+        with warning_if_cannot_listen(is_needed=is_used if panel is None else panel):
             # Also without a panel here: one that is a systemd unit of its own shows the run.
             stack.enter_context(serving_live(folder.path, live))
             if panel is not False:
@@ -57,8 +57,8 @@ def running_interfaces(
 
 
 @contextmanager
-def warning_if_port_in_use(*, is_needed: bool) -> Iterator[None]:
-    """Replace the error of a port in use by a warning, unless the panel `is_needed`."""
+def warning_if_cannot_listen(*, is_needed: bool) -> Iterator[None]:
+    """Turn `CannotListen`, as for a port in use, into a warning unless the panel `is_needed`."""
     from capture.station.domain.errors import CannotListen
 
     try:

@@ -40,6 +40,17 @@ def test_a_taken_port_stops_only_a_run_that_asked_for_the_panel(
             pass
 
 
+def test_a_run_whose_panel_may_take_any_port_asked_for_the_panel(tmp_path: Path) -> None:
+    make_station(tmp_path / "line-1")
+    folder, live = StationFolder(tmp_path / "line-1"), LiveStation("line-1", simulated=True)
+    (folder.path / NAME).mkdir()  # in the place of the socket
+    with (
+        pytest.raises(CannotListen),
+        running_interfaces(folder, live, "timer", (), panel=None, host=None, port=0),
+    ):
+        pass
+
+
 def test_the_command_line_changes_host_and_port_alone() -> None:
     configured = PanelConfig(port=8443, tls_cert="a", tls_key="b", names=("line-3.example",))
     changed = panel_settings(configured, "0.0.0.0", None)
