@@ -14,7 +14,7 @@ from .cameras.kinds import CAMERA_KINDS
 from .config.lights import AUTO
 from .config.rig import RigConfig, config_of
 from .lights.discovery import (
-    Whereabouts,
+    PossiblePorts,
     find_controller,
     known_port,
     list_serial_ports,
@@ -23,7 +23,7 @@ from .lights.discovery import (
 )
 from .lights.driver import LightController
 from .lights.link import DEFAULT_TIMEOUTS, LinkTimeouts
-from .lights.sequence import require_one_line
+from .lights.sequence import require_short_command
 from .signals import signals_held_back
 from .simulation.rig import Simulation
 
@@ -59,7 +59,7 @@ class Rig:
 
     @property
     def is_simulated(self) -> bool:
-        """Whether its hardware is simulated, also by `ps4rig rig simulate` behind devices."""
+        """Whether its hardware is simulated, here or by devices of `ps4rig rig simulate`."""
         return self.simulation is not None or self.lights.identity.is_simulated
 
     def close(self) -> None:
@@ -109,7 +109,7 @@ def open_rig(rig: str | Path | RigConfig, *, timeouts: LinkTimeouts = DEFAULT_TI
     """
     config = rig if isinstance(rig, RigConfig) else config_of(rig)
     if config.sequence_plan is not None:
-        require_one_line(config.sequence_plan)
+        require_short_command(config.sequence_plan)
     with ExitStack() as closing:
         simulation = None
         if config.is_simulated:
@@ -138,7 +138,7 @@ def open_lights(
         clock=clock_of(simulation),
         baud=config.lights.baud,
         watchdog_ms=config.lights.watchdog_ms,
-        whereabouts=_whereabouts(port, simulation),
+        possible_ports=_possible_ports(port, simulation),
         timeouts=timeouts,
     )
     if simulation is not None and config.simulation.clock == "virtual":
@@ -160,8 +160,8 @@ def port_of(config: RigConfig) -> str:
     return find_controller(config.lights, list_serial_ports())
 
 
-def _whereabouts(port: str, simulation: Simulation | None) -> Whereabouts:
-    """Return a search for the ports at which a lost controller may be now."""
+def _possible_ports(port: str, simulation: Simulation | None) -> PossiblePorts:
+    """Return a function that lists the ports on which a lost controller may be now."""
     if simulation is not None:
         return lambda: simulation.ports
     previous = known_port(port, list_serial_ports_if_possible())
@@ -178,4 +178,4 @@ def open_camera(config: RigConfig, simulation: Simulation | None) -> Camera:
             f"camera.kind = {config.camera.kind!r} cannot see the LEDs at {config.lights.port}; a "
             "simulated camera needs lights.port = 'simulated', a real one camera.kind = 'v4l2'"
         )
-    return simulation.frames
+    return simulation.camera_with_faults

@@ -68,7 +68,7 @@ class DaskPool:
         except InputError:
             self._client.close()
             raise
-        self.died: tuple[type[Exception], ...] = (KilledWorker,)
+        self.death_types: tuple[type[Exception], ...] = (KilledWorker,)
         self.in_flight = max(_MIN_IN_FLIGHT, 4 * sum(self._client.nthreads().values()))
         self._executor: Executor = self._client.get_executor(pure=False)
 

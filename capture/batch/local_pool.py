@@ -30,7 +30,7 @@ class LocalPool:
     """
 
     attempts = 3
-    died: tuple[type[Exception], ...] = (BrokenExecutor,)
+    death_types: tuple[type[Exception], ...] = (BrokenExecutor,)
 
     def __init__(self, workers: int) -> None:
         self.workers = workers

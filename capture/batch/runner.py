@@ -25,7 +25,7 @@ class _Pool(Protocol):
     workers: int  # items that run at a time
     in_flight: int  # submitted items that keep the workers busy
     attempts: int  # times that an item's worker may die before the item is given up
-    died: tuple[type[Exception], ...]  # of the future of an item whose worker died
+    death_types: tuple[type[Exception], ...]  # exceptions of a future whose worker died
 
     def submit(self, function: Callable[[_Item], _Result], item: _Item) -> Future[_Result]:
         """Have a worker call the function."""
@@ -43,17 +43,18 @@ class _Pool(Protocol):
 class Batch:
     """Call functions for many items. Use it as a context, which ends the workers.
 
-    The work begins in this process; after `starting_s` the remaining items go to worker processes,
-    or from the start to the Dask cluster at `scheduler`. Functions and items are pickled.
+    With a `scheduler`, all items go to its Dask cluster. Otherwise the work begins in this process,
+    and after `start_up_s` the remaining items go to worker processes. Functions and items are
+    pickled.
     """
 
     def __init__(
-        self, workers: int | None = None, scheduler: str | None = None, *, starting_s: float = 2.0
+        self, workers: int | None = None, scheduler: str | None = None, *, start_up_s: float = 2.0
     ) -> None:
         self._workers = workers or len(usable_processors())
         # Start-up time of workers on a laptop: numba, scipy and OpenCV. Starting them after this
         # much work in this process costs at most twice the better choice (the ski rental problem).
-        self._starting_s = starting_s
+        self._start_up_s = start_up_s
         self._spent_s = 0.0
         self._pool: _Pool | None = None
         if scheduler is not None:
@@ -65,16 +66,16 @@ class Batch:
         self,
         function: Callable[[_Item], _Result],
         items: Iterable[_Item],
-        here: Callable[[_Item], _Result] | None = None,
+        local_function: Callable[[_Item], _Result] | None = None,
     ) -> Iterator[_Result]:
         """Yield ``function(item)`` for each item, in order.
 
-        `items` are read when a worker needs one. In this process `here` is called instead of the
-        function; it may show progress and is not pickled.
+        `items` are read when a worker needs one. `local_function` is called instead of the function
+        for items that run in this process; it may show progress and is not pickled.
         """
         remaining = iter(items)
         for item in remaining:
-            if self._pool is None and self._workers > 1 and self._spent_s >= self._starting_s:
+            if self._pool is None and self._workers > 1 and self._spent_s >= self._start_up_s:
                 from .local_pool import LocalPool
 
                 self._pool = LocalPool(self._workers)
@@ -82,7 +83,7 @@ class Batch:
                 yield from _in_order(self._pool, function, chain([item], remaining))
                 return
             started_s = time.monotonic()
-            result = (here or function)(item)
+            result = (local_function or function)(item)
             self._spent_s += time.monotonic() - started_s
             yield result
 
@@ -113,22 +114,22 @@ def _in_order(
     runs alone and kills its worker again is the cause.
     """
     jobs: deque[_Job[_Item, _Result]] = deque()
-    suspects = 0
+    suspect_count = 0
     while True:
         jobs.extend(_Job(item) for item in islice(items, pool.in_flight - len(jobs)))
         if not jobs:
             return
         first = jobs[0]
         try:
-            for job in [first] if suspects else jobs:
+            for job in [first] if suspect_count else jobs:
                 job.future = job.future or pool.submit(function, job.item)
             assert first.future is not None
             result = first.future.result()
-        except CancelledError as error:  # not cancelled here
+        except CancelledError as error:  # by Dask: this module cancels no future
             raise InputError(
                 "the connection to the cluster broke; check the cluster and start again"
             ) from error
-        except pool.died as error:
+        except pool.death_types as error:
             first.deaths += 1
             if first.deaths == pool.attempts:
                 raise InputError(
@@ -137,11 +138,13 @@ def _in_order(
                 ) from error
             for job in jobs:  # those without a result are submitted again
                 future = job.future
-                if future and (not future.done() or isinstance(future.exception(), pool.died)):
+                if future is None:
+                    continue
+                if not future.done() or isinstance(future.exception(), pool.death_types):
                     job.future = None
             pool.renew()
-            suspects = pool.workers
+            suspect_count = pool.workers
         else:
             jobs.popleft()
-            suspects = max(0, suspects - 1)
+            suspect_count = max(0, suspect_count - 1)
             yield result

@@ -40,21 +40,21 @@ Orientation = Annotated[
 ]
 
 
-def calibration(default: str) -> Any:
+def calibration_option(default: str) -> Any:
     """Make the option ``--calibration``, whose default is described by `default`."""
     return typer.Option(
         help="Calibration of the rig, NAME.ps4cal.", show_default=default, metavar="CAL"
     )
 
 
-CalibrationOfSet = Annotated[Path | None, calibration("the one that the set names")]
-Raw = Annotated[bool, typer.Option("--raw", help="Leave out the calibration that a set names.")]
+CalibrationOfSet = Annotated[Path | None, calibration_option("the one that the set names")]
+Raw = Annotated[bool, typer.Option("--raw", help="Do not apply the calibration that a set names.")]
 
 
 def check_calibration(calibration: Path | None, raw: bool) -> None:
-    """Raise `InputError` if both a calibration and none are asked for."""
+    """Raise `InputError` if --calibration and --raw are both given."""
     if raw and calibration is not None:
-        raise InputError("--raw leaves out every calibration; leave out --calibration, or --raw")
+        raise InputError("--raw applies no calibration; leave out --calibration or --raw")
 
 
 Workers = Annotated[
@@ -126,13 +126,14 @@ def defects(texts: list[str] | None) -> list[dict[str, Any]] | None:
         return None
     defects_fields = []
     for text in texts:
-        kind, *values = (part.strip() for part in text.split(","))
-        value = {"stain": "contrast", "foreign": "surface"}.get(kind, "depth_px")
-        names = ("x_px", "y_px", "size_px", value)
+        kind, *values = (value.strip() for value in text.split(","))
+        last_name = {"stain": "contrast", "foreign": "surface"}.get(kind, "depth_px")
+        names = ("x_px", "y_px", "size_px", last_name)
         try:
             fields = {
-                name: part if name == "surface" else float(part)
-                for name, part in zip(names[: max(len(values), 3)], values, strict=True)
+                name: value if name == "surface" else float(value)
+                # Three or four values; any other number is a ValueError of `zip`.
+                for name, value in zip(names[: max(len(values), 3)], values, strict=True)
             }
         except ValueError:
             raise InputError(
@@ -143,29 +144,29 @@ def defects(texts: list[str] | None) -> list[dict[str, Any]] | None:
     return defects_fields
 
 
-def with_part(
+def with_simulation(
     config: RigConfig,
     placement: dict[str, Any],
     slant_deg: float | None,
     bits: int | None,
     size_px: int | None,
 ) -> RigConfig:
-    """Return `config` with values, and fields of `rig.Placement`, that are not None."""
+    """Return `config` with the simulated part, lights and frame changed; None changes nothing."""
     camera = {"bits": bits, "width_px": size_px, "height_px": size_px}
-    placed = config.simulation.placement.model_dump() | _given(placement)
+    placed = config.simulation.placement.model_dump() | _without_none(placement)
     return config.with_changes(
-        lights=_given({"slant_deg": slant_deg}),
-        camera=_given(camera),
+        lights=_without_none({"slant_deg": slant_deg}),
+        camera=_without_none(camera),
         simulation={"placement": placed},
     )
 
 
-def _given(values: dict[str, Any]) -> dict[str, Any]:
+def _without_none(values: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value is not None}
 
 
 def check_orientations(name: str, *degrees: float | None) -> None:
-    """Check orientations that are entered as `name`; beyond 360 degrees they are a warning."""
+    """Refuse orientations of option `name` that are not finite; warn beyond 360 degrees."""
     for angle_deg in degrees:
         if angle_deg is not None and not math.isfinite(angle_deg):
             raise InputError(f"{name} {angle_deg:g}: give degrees, such as 40")
@@ -173,16 +174,16 @@ def check_orientations(name: str, *degrees: float | None) -> None:
             complain(f"warning: {name} {angle_deg:g}: beyond 360 degrees; a typing error?")
 
 
-_MOST_DEG = 3600.0  # as in a rig.toml; beyond it a float soon has no exact degrees
+_MOST_DEG = 3600.0  # the limit of `Degrees` in a rig.toml
 
 
 def degrees(option: str, text: str, example: str) -> list[float]:
-    """Return the numbers of an option that are separated by commas."""
+    """Parse angles in degrees, separated by commas, of an option."""
     try:
-        numbers = [float(part) for part in text.split(",")]
+        numbers = [float(number) for number in text.split(",")]
     except ValueError:
-        numbers = [math.nan]
+        numbers = [math.nan]  # fails the comparison below
     if not all(abs(number) <= _MOST_DEG for number in numbers):
-        stated = text or "''"
-        raise InputError(f"{option} {stated}: give degrees separated by commas, such as {example}")
+        shown = text or "''"
+        raise InputError(f"{option} {shown}: give degrees separated by commas, such as {example}")
     return numbers

@@ -152,7 +152,7 @@ def simulate(
     from rig.simulation.devices import DeviceSimulation
 
     placement = {"surface": surface, "rotate_deg": rotate, "shift_px": shift_px, "seed": seed}
-    config = options.with_part(config_of(rig), placement, slant, bits, size)
+    config = options.with_simulation(config_of(rig), placement, slant, bits, size)
 
     simulation = DeviceSimulation(config, serial=serial, video=video, gige=gige)
     try:

@@ -37,7 +37,7 @@ def capture(
     note: options.Note = None,
     orientation: options.Orientation = None,
     average: Annotated[int, typer.Option(min=1, help="Frames that each image averages.")] = 1,
-    calibration: Annotated[Path | None, options.calibration("that of rig.toml")] = None,
+    calibration: Annotated[Path | None, options.calibration_option("that of rig.toml")] = None,
     count: Annotated[
         int,
         typer.Option(
@@ -103,7 +103,7 @@ def capture(
     options.check_orientations("--orientation", orientation)
     # All configurations are checked before the first set is captured.
     configs = [
-        options.with_part(config, placement | {"rotate_deg": rotate_deg}, slant, bits, size)
+        options.with_simulation(config, placement | {"rotate_deg": rotate_deg}, slant, bits, size)
         for rotate_deg in orientations_deg
     ]
     options.check_orientations("--rotate", *orientations_deg)
@@ -232,7 +232,7 @@ def import_(
             metavar="X,Y,W,H",
         ),
     ] = None,
-    calibration: Annotated[Path | None, options.calibration("none")] = None,
+    calibration: Annotated[Path | None, options.calibration_option("none")] = None,
     accept: Annotated[
         list[ImportCause] | None,
         typer.Option(help="Import although this was found. Repeat the option for more causes."),

@@ -87,7 +87,7 @@ def solve(
             raw=raw,
         )
         share = ItemProgress()
-        solving = batch.map(task, tasks, here=partial(task, on_progress=share))
+        solving = batch.map(task, tasks, local_function=partial(task, on_progress=share))
         solved = progress(solving, len(tasks), "solve", share)
         for (path, folder), surface in zip(folders.items(), solved, strict=True):
             warnings.append((path, surface.warnings))

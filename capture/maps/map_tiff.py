@@ -31,17 +31,17 @@ def write_channels(
     path: Path,
     channels: npt.NDArray[np.float32] | npt.NDArray[np.uint8],
     names: tuple[str, ...],
-    limits: tuple[float, float],
+    display_range: tuple[float, float],
     description: _Description,
     mm_per_px: float | None,
 ) -> None:
     """Write (C, H, W) channels, or one (H, W) channel, as an ImageJ hyperstack.
 
-    ImageJ opens no interleaved float32; it shows this as grey between `limits`.
+    ImageJ cannot open interleaved float32. It shows the channels as grey within `display_range`.
     """
     # Bio-Formats takes a pixel without a unit for a micrometre.
     per_unit, unit = (1.0, "pixel") if mm_per_px is None else (1.0 / mm_per_px, "mm")
-    low, high = limits
+    low, high = display_range
     tifffile.imwrite(
         path, channels, imagej=True, resolution=(per_unit, per_unit),
         metadata={

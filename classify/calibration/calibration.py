@@ -16,7 +16,7 @@ from classify.lights.flat_field import FlatField
 from .correction import (
     Response,
     Scale,
-    linear,
+    linearised,
     offset_in_light,
     undistorted,
     undistorted_mask,
@@ -135,7 +135,7 @@ class Calibration:
             stack = ImageStack(without_hot_pixels(stack.images, hot), ambient)
         response = self._applied_response
         if response is not None:
-            stack = linear(stack, response, full_scale)
+            stack = linearised(stack, response, full_scale)
         if self._subtracts_offset(stack.ambient is not None):
             assert dark is not None
             offset = offset_in_light(dark, response, full_scale)

@@ -59,8 +59,8 @@ def circles_through(points: Floats) -> Floats:
     return np.stack([first[:, 0] + x, first[:, 1] + y, np.hypot(x, y)], axis=1)
 
 
-# Angle in radians within which gradients point to the centre.
-_VOTE_SCATTER = 0.05
+# Standard deviation of the angle between a gradient and the direction to the centre.
+_VOTE_SCATTER_RAD = 0.05
 # Ratio of neighbouring radii: half a step is within the scatter of the votes.
 _RADIUS_STEP = 1.05
 # Number of circles that `sphere_outline` compares; its time is proportional to it.
@@ -84,7 +84,7 @@ def voted_circles(images: Sequence[FloatMap], smallest_radius_px: float) -> list
             inside = ((centres >= 0) & (centres < (width, height))).all(axis=1)
             cell = centres[inside, 1] * width + centres[inside, 0]
             votes += np.bincount(cell, weights[inside], height * width)
-        scatter = max(1.0, _VOTE_SCATTER * radius)
+        scatter = max(1.0, _VOTE_SCATTER_RAD * radius)
         image = votes.reshape(height, width)
         area = 4.0 * np.pi * scatter**2
         count = cv2.GaussianBlur(image, (0, 0), scatter) * area
@@ -97,7 +97,7 @@ def voted_circles(images: Sequence[FloatMap], smallest_radius_px: float) -> list
             for row, column in np.argwhere(peaks)
         ]
         radius *= _RADIUS_STEP
-    candidates.sort(key=lambda circle: -circle[0])
+    candidates.sort(key=lambda candidate: -candidate[0])
     distinct: list[Circle] = []
     for _, circle in candidates:
         if all(
@@ -112,7 +112,7 @@ def voted_circles(images: Sequence[FloatMap], smallest_radius_px: float) -> list
 
 
 def _edges(images: Sequence[FloatMap]) -> tuple[Floats, Floats, Floats]:
-    """(n, 2) columns and rows, unit gradients, and (n,) weights of edge pixels (Canny 1986)."""
+    """Columns and rows (n, 2), unit gradients (n, 2), weights (n,) of maxima of the gradient."""
     edges_by_image = []
     for image in images:
         smooth = cv2.GaussianBlur(image, (0, 0), 1.0)

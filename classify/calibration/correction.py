@@ -54,14 +54,15 @@ class Scale:
 
 
 def nominal_camera_matrix(frame: tuple[int, int]) -> Floats:
-    """Camera matrix with twice the longer side for an unknown focal length."""
+    """Camera matrix for an unknown focal length, which is set to twice the longer side."""
     rows, columns = frame
     focal_px = 2.0 * max(rows, columns)
     middle = 0.5 * (columns - 1), 0.5 * (rows - 1)
     return np.array([[focal_px, 0.0, middle[0]], [0.0, focal_px, middle[1]], [0.0, 0.0, 1.0]])
 
 
-STEPS = 256
+RESPONSE_STEPS = 256
+"""Number of equal steps of pixel value between the points of a `Response`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,13 +71,13 @@ class Response:
 
     curve: Floats  # (257,) light, 0 to 1, at k/256 of full scale; never falls
     error: float  # rms error of `curve`, as a share of full scale
-    linear: bool  # whether pixel values count as linear, and `curve` is not applied
+    linear: bool  # the camera counts as linear: `curve` is not applied
 
     def __post_init__(self) -> None:
         curve = self.curve
-        if curve.shape != (STEPS + 1,) or curve.dtype != np.float64:
+        if curve.shape != (RESPONSE_STEPS + 1,) or curve.dtype != np.float64:
             raise InputError(
-                f"the response is {curve.shape} {curve.dtype}; give ({STEPS + 1},) float64"
+                f"the response is {curve.shape} {curve.dtype}; give ({RESPONSE_STEPS + 1},) float64"
             )
         if not (np.diff(curve) >= 0.0).all() or not 0.0 <= curve[0] < curve[-1] == 1.0:
             raise InputError(
@@ -88,9 +89,9 @@ class Response:
 
     def linearise(self, image: Array, full_scale: float) -> FloatMap:
         """Pixel values of any shape as linear light with the same full scale, by `curve`."""
-        levels = np.linspace(0.0, full_scale, STEPS + 1)
+        levels = np.linspace(0.0, full_scale, RESPONSE_STEPS + 1)
         if image.dtype.kind == "u":
-            # By a table for all values of the type, a tenth of the time of interpolation.
+            # A table of all values of the type takes a tenth of the time of interpolation.
             values = np.arange(np.iinfo(image.dtype).max + 1)
             table = np.interp(values, levels, full_scale * self.curve).astype(np.float32)
             return table.take(image)
@@ -101,7 +102,7 @@ _NEIGHBOURS = [(row, column) for row in (-1, 0, 1) for column in (-1, 0, 1) if r
 
 
 def without_hot_pixels(images: Array, hot_pixels: npt.NDArray[np.int32]) -> Array:
-    """Copy of (..., H, W) images with the median of good neighbours in each hot pixel."""
+    """Replace (n, 2) hot pixels, row and column, of (..., H, W) images by neighbours' medians."""
     rows, columns = images.shape[-2:]
     is_good = np.ones((rows, columns), np.bool_)
     row, column = hot_pixels.T
@@ -121,7 +122,7 @@ def without_hot_pixels(images: Array, hot_pixels: npt.NDArray[np.int32]) -> Arra
     return corrected
 
 
-def linear(stack: ImageStack, response: Response, full_scale: float) -> ImageStack:
+def linearised(stack: ImageStack, response: Response, full_scale: float) -> ImageStack:
     """The images and the ambient image in units of light; full scale stays full scale."""
     ambient = None if stack.ambient is None else response.linearise(stack.ambient, full_scale)
     return ImageStack(response.linearise(stack.images, full_scale), ambient)
@@ -134,7 +135,7 @@ def without_offset(images: Array, offset: float, full_scale: float) -> FloatMap:
 
 
 def offset_in_light(dark: Dark, response: Response | None, full_scale: float) -> float:
-    """Linear offset of a camera, in units of images that saturate at `full_scale`."""
+    """Offset of a camera after the response, in units of images that saturate at `full_scale`."""
     offset = np.array([dark.offset * full_scale / dark.full_scale])
     if response is not None:
         return float(response.linearise(offset, full_scale)[0])
@@ -147,7 +148,7 @@ def undistorted(stack: ImageStack, scale: Scale, full_scale: float) -> ImageStac
 
     def remap(image: Array) -> Array:
         moved = cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        # Not of bytes, in which a small weight would be rounded to 0.
+        # float32: in uint8 a small interpolation weight would be rounded to 0.
         saturated = (image >= full_scale).astype(np.float32)
         if saturated.any():
             moved[cv2.remap(saturated, *maps, cv2.INTER_LINEAR) > 0.0] = image.max()

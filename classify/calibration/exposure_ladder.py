@@ -17,7 +17,7 @@ from scipy.optimize import lsq_linear
 from classify.base.arrays import Floats
 from classify.base.errors import CalibrationRejected, InputError
 
-from .correction import STEPS, Response
+from .correction import RESPONSE_STEPS, Response
 
 # Cubic pieces between the lowest and the highest value. With 8, gamma, sRGB and filmic curves come
 # out within 0.5 % of full scale (tests/classify/calibration/test_exposure_ladder.py).
@@ -104,7 +104,7 @@ def response_of(values: Floats, exposures_ms: Floats, full_scale: float) -> Expo
     )
 
 
-_GRID = np.linspace(0.0, 1.0, STEPS + 1)
+_GRID = np.linspace(0.0, 1.0, RESPONSE_STEPS + 1)
 
 
 def _check_levels(levels: Floats, times: Floats) -> None:
@@ -167,7 +167,7 @@ class _Fit:
         """Fit a spline with even knots, then one with knots evenly along that curve."""
         lowest, highest = float(np.nanmin(levels)), float(np.nanmax(levels))
         fit = cls._with_knots(levels, times, np.linspace(lowest, highest, _PIECES + 1))
-        grid = np.linspace(lowest, highest, STEPS + 1)
+        grid = np.linspace(lowest, highest, RESPONSE_STEPS + 1)
         light = fit.spline(grid)
         lengths = np.hypot(np.diff(grid) / (highest - lowest), np.diff(light) / light[-1])
         along = np.r_[0.0, np.cumsum(lengths)]

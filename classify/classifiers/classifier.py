@@ -11,11 +11,11 @@ from classify.surface.estimate import SurfaceEstimate
 
 
 class Observation:
-    """What a classifier keeps of one surface: a small dataclass that pickles cheaply."""
+    """Base class of the features of one surface: a small dataclass that pickles cheaply."""
 
 
-Tested = TypeVar("Tested", bound=Observation)
-_Trained = TypeVar("_Trained", bound=Observation)
+_Test = TypeVar("_Test", bound=Observation)
+_Training = TypeVar("_Training", bound=Observation)
 
 Parameters = Mapping[str, Floats]
 """What a classifier learns from all training sets together, such as floors and weights."""
@@ -30,27 +30,30 @@ class Comparison(NamedTuple):
     distances: Floats  # 0 equal
     orientations_deg: Floats | None = None  # anticlockwise, [0, 180)
     sharpness: Floats | None = None  # of the orientation, 0 to 1
-    headings: Floats | None = None  # sigma against 180 degrees more
-    blurs_px: Floats | None = None  # sigma; negative: sharper
+    headings: Floats | None = None  # score in standard deviations; negative: 180 degrees more
+    blurs_px: Floats | None = None  # sigma of the relative blur; negative: sharper
 
 
 @dataclass(frozen=True)
-class Classifier(Generic[Tested, _Trained]):
+class Classifier(Generic[_Test, _Training]):
     """A way to tell textures apart, as functions on arrays."""
 
     name: str
-    observe: Callable[[SurfaceEstimate, int], Tested]
-    # A training observation may hold more than one of a test.
-    observe_training: Callable[[SurfaceEstimate, int], _Trained]
+    # From a surface and `segment_px`.
+    observe: Callable[[SurfaceEstimate, int], _Test]
+    # The same for training, which may need more features than a test.
+    observe_training: Callable[[SurfaceEstimate, int], _Training]
     # An array of fixed shape.
-    signature: Callable[[Tested, Parameters], FloatMap]
+    signature: Callable[[_Test, Parameters], FloatMap]
     # (k, ...) signatures of one training set.
-    references: Callable[[_Trained, Parameters], FloatMap]
+    references: Callable[[_Training, Parameters], FloatMap]
     # A signature with (n, ...) references.
     compare: Callable[[FloatMap, FloatMap, Parameters], Comparison]
     # From the observations of all training sets and their labels.
-    learn: Callable[[Sequence[_Trained], Sequence[str]], Parameters] = lambda _trained, _labels: {}
-    # By `segment_px`.
+    learn: Callable[[Sequence[_Training], Sequence[str]], Parameters] = (
+        lambda _observations, _labels: {}
+    )
+    # From `segment_px`: the shape of each parameter.
     parameter_shapes: Callable[[int], Mapping[str, Shape]] = lambda _segment_px: {}
     # From label and set number of each reference, (n, ...) references: the distance beyond which
     # each class rejects; empty where the classifier rejects nothing.
@@ -59,17 +62,18 @@ class Classifier(Generic[Tested, _Trained]):
     )
     # Whether there are `bounds`; a large library then compares few references.
     has_invariants: bool = False
-    # (n, k) of (n, ...) signatures.
+    # (n, k) numbers of (n, ...) signatures that do not change with the orientation.
     invariants: Callable[[FloatMap, Parameters], FloatMap] = lambda signatures, _parameters: (
         np.ones((len(signatures), 1), np.float32)
     )
-    # (n,) numbers that do not exceed the distances, from (k,) and (n, k) invariants.
+    # (n,) lower bounds of the distances, from (k,) and (n, k) invariants.
     bounds: Callable[[FloatMap, FloatMap, Parameters], Floats] = (
         lambda _test, references, _parameters: np.zeros(len(references))
     )
     # (n, 180) share of the angular structure that agrees at each orientation relative to the
     # reference; None where the classifier finds none.
     agreement: Callable[[FloatMap, FloatMap], Floats] | None = None
+    # References that give no heading: of a set whose orientation may be off by 180 degrees.
     without_heading: Callable[[FloatMap], FloatMap] = lambda references: references
     # Whether it compares images, which depend on the lighting, rather than surfaces.
     from_images: bool = False
@@ -77,12 +81,12 @@ class Classifier(Generic[Tested, _Trained]):
 
 def simple_classifier(
     name: str,
-    observe: Callable[[SurfaceEstimate, int], Tested],
-    signature: Callable[[Tested, Parameters], FloatMap],
+    observe: Callable[[SurfaceEstimate, int], _Test],
+    signature: Callable[[_Test, Parameters], FloatMap],
     compare: Callable[[FloatMap, FloatMap, Parameters], Comparison],
     *,
     from_images: bool = False,
-) -> Classifier[Tested, Tested]:
+) -> Classifier[_Test, _Test]:
     """Make a classifier that observes training sets like tests and learns nothing."""
     return Classifier(
         name=name,

@@ -84,8 +84,8 @@ def _sum_energies(level: Array, pixels: int, energies: Array, first: int, stop: 
 _WINDOWS = (1, 3)
 WINDOW_STATISTICS = 5 * len(_WINDOWS)
 """Number of window statistics of a cell."""
-LOW = [0, 3]
-"""Window statistics that are low where the texture is missing: energies of the smallest window."""
+DEVIATIONS = [0, 3]
+"""Window statistics that are low where texture is missing: log deviations, smallest window."""
 
 # Cells over which squared distances are averaged: standard deviation of the Gaussian.
 _SMOOTHING_CELLS = 1.0

@@ -18,7 +18,7 @@ from classify.base.errors import DefectModelError
 from classify.confidence import share_at_most
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 
-from .cell_statistics import LOW
+from .cell_statistics import DEVIATIONS
 from .defect_map import DefectMap
 from .departures import (
     CENTRES,
@@ -27,8 +27,8 @@ from .departures import (
     RELIEF,
     STATISTICS,
     TEXTURE,
-    Departures,
-    Evidence,
+    DepartureModel,
+    EvidenceModel,
     GoodCells,
 )
 from .fields import PartFields, part_fields
@@ -62,8 +62,8 @@ _CHANNELS = len(CHANNEL_SHARES)
 _SHAPES: dict[str, tuple[int | None, ...]] = {
     "gains": (2, None, None),
     "scales": (sum(SIZES),),
-    "low_quantiles": (len(LOW), QUANTILES),
-    "low_excess": (len(LOW),),
+    "low_quantiles": (len(DEVIATIONS), QUANTILES),
+    "low_excess": (len(DEVIATIONS),),
     "quantiles": (DEPARTURES, QUANTILES),
     "excess": (DEPARTURES,),
     "limits": (_CHANNELS,),
@@ -98,8 +98,8 @@ class DefectModel:
         (N,) float64 highest score of each good part by a model of other good parts.
     """
 
-    departures: Departures
-    evidence: Evidence
+    departures: DepartureModel
+    evidence: EvidenceModel
     limits: FloatMap
     false_alarm_rate: float
     good_scores: npt.NDArray[np.float64]
@@ -175,10 +175,10 @@ class DefectModel:
             GoodCells(*(arrays[f"{name}_{part}"] for part in ("mean", "whitening", "centres")))
             for name in STATISTICS
         )
-        low = Evidence(arrays["low_quantiles"], arrays["low_excess"])
+        missing_texture = EvidenceModel(arrays["low_quantiles"], arrays["low_excess"])
         return cls(
-            Departures(gains, arrays["scales"], cells, low),
-            Evidence(arrays["quantiles"], arrays["excess"]),
+            DepartureModel(gains, arrays["scales"], cells, missing_texture),
+            EvidenceModel(arrays["quantiles"], arrays["excess"]),
             arrays["limits"],
             float(arrays["false_alarm_rate"][0]),
             arrays["good_scores"],
@@ -191,8 +191,8 @@ class DefectModel:
         arrays: dict[str, npt.NDArray[Any]] = {
             "gains": part.gains,
             "scales": part.scales,
-            "low_quantiles": part.low.quantiles,
-            "low_excess": part.low.excess,
+            "low_quantiles": part.missing_texture.quantiles,
+            "low_excess": part.missing_texture.excess,
             "quantiles": self.evidence.quantiles,
             "excess": self.evidence.excess,
             "limits": self.limits,

@@ -1,4 +1,4 @@
-"""`Departures`: how far the cells of a part are from good parts, in seven ways."""
+"""`DepartureModel`: how far the cells of a part are from good parts, in seven departures."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from classify.base.threads import map_in_threads
 from classify.surface.estimate import FloatMap
 
 from .cell_statistics import (
-    LOW,
+    DEVIATIONS,
     OCTAVE_STATISTICS,
     WINDOW_STATISTICS,
     mean_around,
@@ -30,19 +30,20 @@ CENTRES = 200
 _MOST_CELLS = 20_000
 # Ridge on the variances, so that directions in which a few parts agree by chance do not decide.
 _RIDGE = 0.01
-# A statistic that does not vary, as of an albedo without noise, must not decide.
+# Added to every variance: a statistic that is constant on all good parts must not decide.
 _LEAST_VARIANCE = 1e-6
 # Cells whose distances from all centres stay in the cache.
 _BLOCK = 512
 
-PowerSums = npt.NDArray[np.float64]
+MomentSums = npt.NDArray[np.float64]
+"""(d + 1, d + 1) sums of the products of (1, sample), of d statistics."""
 
 
 @dataclass(frozen=True, eq=False)
 class GoodCells:
     """Mean (d,), whitening matrix (d, d), and whitened statistics of chosen cells (CENTRES, d).
 
-    A part need not be alike everywhere: a joint and a brick have cells of their own.
+    Many centres describe a part with several kinds of cells, such as bricks and joints.
     """
 
     mean: FloatMap
@@ -55,7 +56,7 @@ class GoodCells:
 
         Each centre is the cell that is farthest from those chosen before it (Gonzalez 1985).
         """
-        moments = np.sum([power_sums(part) for part in parts], axis=0)
+        moments = np.sum([moment_sums(part) for part in parts], axis=0)
         moments = moments / moments[0, 0]
         mean = moments[0, 1:]
         covariance = moments[1:, 1:] - np.outer(mean, mean)
@@ -88,18 +89,18 @@ class GoodCells:
         return distances
 
 
-def power_sums(samples: FloatMap) -> PowerSums:
-    """(d + 1, d + 1) sums of the products of (1, sample), of (n, d) samples."""
+def moment_sums(samples: FloatMap) -> MomentSums:
+    """Count, sums and sums of products of (n, d) samples, in one matrix."""
     extended = np.pad(samples.astype(np.float64), ((0, 0), (1, 0)), constant_values=1.0)
     return extended.T @ extended
 
 
-def unlike_halves(sums: Sequence[PowerSums]) -> tuple[list[int], list[int]]:
-    """Split two or more parts into halves that differ as much as possible, by their `power_sums`.
+def unlike_halves(sums: Sequence[MomentSums]) -> tuple[list[int], list[int]]:
+    """Split two or more parts into halves that differ as much as possible, by their `moment_sums`.
 
-    Parts of one place or batch are alike. If each part were left out alone, the others of its place
-    would stay, and it would depart less than a part of another place. The parts are therefore split
-    along the first principal component of the means of their statistics.
+    For cross-validation: leaving out single parts would underestimate departures, because parts of
+    one batch resemble each other. The parts are split along the first principal component of the
+    means of their statistics.
     """
     total = np.sum(sums, axis=0)
     total = total / total[0, 0]
@@ -110,8 +111,8 @@ def unlike_halves(sums: Sequence[PowerSums]) -> tuple[list[int], list[int]]:
     return lower.tolist(), upper.tolist()
 
 
-# Negative logarithms of the probabilities of the quantiles. 1.8 % of the cells are beyond the last:
-# 56 cells of three parts of 256 px.
+# Negative logarithms of the probabilities that a good cell exceeds the quantiles. 1.8 % exceed the
+# last: 56 cells of three parts of 256 px.
 _STEP = 0.5
 _LEVELS = np.arange(0.0, 4.5, _STEP)
 QUANTILES = len(_LEVELS)
@@ -121,45 +122,45 @@ _LEAST_EXCESS = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
-    """Distributions of several departures in the cells of good parts."""
+class EvidenceModel:
+    """Distributions of several departures in the cells of good parts, with exponential tails."""
 
-    quantiles: FloatMap  # (k, QUANTILES), exceeded with falling probabilities
-    excess: FloatMap  # (k,), mean above the last one: beyond it the tail is exponential
+    quantiles: FloatMap  # (k, QUANTILES), exceeded with the probabilities exp(-_LEVELS)
+    excess: FloatMap  # (k,), mean excess over the last quantile: the scale of the tail
 
     @classmethod
     def learn(cls, samples: FloatMap) -> Self:
-        """The distributions of k departures, from their values (k, n) in good cells."""
-        quantiles, excess = [], []
+        """Estimate the distributions of k departures from their values (k, n) in good cells."""
+        all_quantiles, excess = [], []
         for values in samples:
-            steps = np.quantile(values, -np.expm1(-_LEVELS))
-            beyond = values[values > steps[-1]] - steps[-1]
+            quantiles = np.quantile(values, -np.expm1(-_LEVELS))
+            beyond = values[values > quantiles[-1]] - quantiles[-1]
             excess.append(max(float(beyond.mean()) if len(beyond) else 0.0, _LEAST_EXCESS))
-            # A departure that does not vary has no evidence at its value.
-            quantiles.append(steps + 1e-6 * np.arange(QUANTILES))
-        return cls(np.array(quantiles, np.float32), np.array(excess, np.float32))
+            # Quantiles must differ to be interpolated, also those of a constant departure.
+            all_quantiles.append(quantiles + 1e-6 * np.arange(QUANTILES))
+        return cls(np.array(all_quantiles, np.float32), np.array(excess, np.float32))
 
     def of(self, departures: FloatMap) -> FloatMap:
-        """Negative logarithms of the probabilities of (k, h, w) departures in a good cell."""
+        """Negative logarithms of the probabilities of larger departures than (k, h, w) values."""
         logs = np.empty(departures.shape, np.float32)
-        for values, steps, excess, out in zip(
+        for values, quantiles, excess, out in zip(
             departures, self.quantiles, self.excess, logs, strict=True
         ):
-            _interpolate(np.ascontiguousarray(values).ravel(), steps, excess, out.ravel())
+            _interpolate(np.ascontiguousarray(values).ravel(), quantiles, excess, out.ravel())
         return logs
 
 
 @kernel
-def _interpolate(values: Array, steps: Array, excess: np.float32, logs: Array) -> None:
-    """Piecewise linear between the quantiles, and beyond the last."""
+def _interpolate(values: Array, quantiles: Array, excess: np.float32, logs: Array) -> None:
+    """Interpolate linearly between the quantiles; beyond the last the slope is 1 / excess."""
     logs[:] = np.float32(0.0)
     zero, one = np.float32(0.0), np.float32(1.0)
-    for index in range(len(steps) - 1):
-        start, width = steps[index], steps[index + 1] - steps[index]
+    for index in range(len(quantiles) - 1):
+        start, width = quantiles[index], quantiles[index + 1] - quantiles[index]
         for c in range(len(values)):
             share = (values[c] - start) / width
             logs[c] += np.float32(_STEP) * np.minimum(np.maximum(share, zero), one)
-    last = steps[len(steps) - 1]
+    last = quantiles[len(quantiles) - 1]
     for c in range(len(values)):
         logs[c] += np.maximum(values[c] - last, zero) / excess
 
@@ -169,28 +170,29 @@ STATISTICS = {
     "windows": slice(OCTAVE_STATISTICS, OCTAVE_STATISTICS + WINDOW_STATISTICS),
 }
 """Columns of the statistics for each distance from the nearest good cell."""
-LOW_STATISTICS = [OCTAVE_STATISTICS + index for index in LOW]
+DEVIATION_STATISTICS = [OCTAVE_STATISTICS + index for index in DEVIATIONS]
+"""Columns of `DEVIATIONS` in the statistics."""
 DEPARTURES = ALBEDO + 1 + len(STATISTICS) + 1
-"""Spots, fine and wide scratches of the relief; albedo; the distances, and missing texture."""
+"""Number of departures: spots, fine and wide scratches; albedo; distances; missing texture."""
 RELIEF, TEXTURE = slice(0, ALBEDO), slice(ALBEDO + 1, DEPARTURES)
 """The departures of relief and of texture."""
 
 
 @dataclass(frozen=True, eq=False)
-class Departures:
+class DepartureModel:
     """Spectra, scales of responses, and statistics of the good parts of one texture."""
 
     gains: FloatMap  # (2, n, n), whitening relief and albedo in the frame of the texture
     scales: FloatMap  # (sum(SIZES),), mean highest responses in a tile of a good part
     cells: tuple[GoodCells, ...]  # for each of STATISTICS
-    low: Evidence  # of the log deviations of slopes and albedo, with their signs changed
+    missing_texture: EvidenceModel  # of the negated log deviations of slopes and albedo
 
     def of(self, fields: PartFields, orientation_deg: float) -> FloatMap:
         """(DEPARTURES, h, w) float32 departures."""
-        statistics, responses = observed(fields, self.gains, orientation_deg)
+        statistics, responses = statistics_and_responses(fields, self.gains, orientation_deg)
         departures = np.zeros((DEPARTURES, *fields.valid.shape), np.float32)
 
-        def filters() -> FloatMap:
+        def add_responses() -> FloatMap:
             weights = np.split(1.0 / self.scales, np.cumsum(SIZES)[:-1])
             for matched_filter, response, weight in zip(FILTERS, responses, weights, strict=True):
                 out = departures[matched_filter.departure]
@@ -198,31 +200,34 @@ class Departures:
             return departures
 
         # Most arrays are too small to be shared out among threads themselves.
-        values, _ = map_in_threads(lambda work: work(), [statistics, filters])
+        values, _ = map_in_threads(lambda task: task(), [statistics, add_responses])
 
-        def distances(number: int) -> None:
-            columns = list(STATISTICS.values())[number]
+        def add_distances(number: int) -> None:
+            name, columns = list(STATISTICS.items())[number]
             squares = self.cells[number].squared_distances(values[..., columns])
-            if number:  # octaves are means over several cells already
+            if name == "windows":  # octaves are means over several cells already
                 squares = smoothed(squares, fields.valid)
             np.sqrt(squares, out=departures[ALBEDO + 1 + number])
 
-        map_in_threads(distances, range(len(STATISTICS)))
-        low = self.low.of(-np.moveaxis(values[..., LOW_STATISTICS], -1, 0))
-        departures[-1] = mean_around(low.sum(axis=0), fields.valid)
+        map_in_threads(add_distances, range(len(STATISTICS)))
+        evidence = self.missing_texture.of(-np.moveaxis(values[..., DEVIATION_STATISTICS], -1, 0))
+        departures[-1] = mean_around(evidence.sum(axis=0), fields.valid)
         return departures
 
 
-def observed(
+def statistics_and_responses(
     fields: PartFields, gains: FloatMap, orientation_deg: float
 ) -> tuple[Callable[[], FloatMap], Iterator[Response]]:
-    """A part under given gains: statistics of its cells (h, w, d), and its `filter_responses`."""
+    """Whiten a part; return a function for the (h, w, d) statistics, and `filter_responses`.
+
+    Both may be computed at the same time, in two threads.
+    """
     h, w = fields.valid.shape
-    white, twice = white_spectra(fields, gains, orientation_deg)
+    white, twice_whitened = white_spectra(fields, gains, orientation_deg)
 
     def statistics() -> FloatMap:
         octaves = octave_statistics(white, fields.weight)[:h, :w]
         windows = window_statistics(fields.moments, orientation_deg)
         return np.concatenate([octaves, windows], axis=-1)
 
-    return statistics, filter_responses(twice, orientation_deg)
+    return statistics, filter_responses(twice_whitened, orientation_deg)

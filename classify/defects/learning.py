@@ -16,13 +16,13 @@ from .cell_statistics import window_statistics
 from .defect_map import CELL_PX
 from .defect_model import CHANNEL_SHARES, DefectModel, channels_of
 from .departures import (
-    LOW_STATISTICS,
+    DEVIATION_STATISTICS,
     STATISTICS,
-    Departures,
-    Evidence,
+    DepartureModel,
+    EvidenceModel,
     GoodCells,
-    observed,
-    power_sums,
+    moment_sums,
+    statistics_and_responses,
     unlike_halves,
 )
 from .fields import PartFields, part_fields
@@ -151,11 +151,11 @@ def learn_defects(
     observations = _observations(parts, angles)
     departures: dict[int, FloatMap] = {}
     windows = STATISTICS["windows"]
-    for half in unlike_halves([power_sums(part.statistics[:, windows]) for part in observations]):
-        others = _departures(_without(observations, half))
+    for half in unlike_halves([moment_sums(part.statistics[:, windows]) for part in observations]):
+        others = _departure_model(_without(observations, half))
         departures |= {index: others.of(parts[index], angles[index]) for index in half}
     inside = np.concatenate([part[:, parts[n].valid] for n, part in departures.items()], axis=1)
-    evidence = Evidence.learn(inside)
+    evidence = EvidenceModel.learn(inside)
     maxima = np.array([
         [
             tile_maxima(channel, part.valid)
@@ -168,7 +168,7 @@ def learn_defects(
         for channel, share in enumerate(CHANNEL_SHARES)
     ], np.float32)  # fmt: skip
     scores = np.max(maxima.max(axis=2) / limits, axis=1)
-    return DefectModel(_departures(observations), evidence, limits, false_alarm_rate, scores)
+    return DefectModel(_departure_model(observations), evidence, limits, false_alarm_rate, scores)
 
 
 def _require_alike(parts: Sequence[PartFields], angles: Sequence[float]) -> None:
@@ -207,11 +207,11 @@ def _observations(parts: Sequence[PartFields], angles: Sequence[float]) -> list[
         for part, angle in zip(parts, angles, strict=True)
     ]
     observations = {}
-    for half in unlike_halves([power_sums(part) for part in windows]):
+    for half in unlike_halves([moment_sums(part) for part in windows]):
         gains = mean_spectrum(_without(spectra, half)).gains()
         for index in half:
             valid = parts[index].valid
-            statistics, responses = observed(parts[index], gains, angles[index])
+            statistics, responses = statistics_and_responses(parts[index], gains, angles[index])
             maxima = np.array([
                 tile_maxima(response(weights), valid)
                 for response, size in zip(responses, SIZES, strict=True)
@@ -222,18 +222,18 @@ def _observations(parts: Sequence[PartFields], angles: Sequence[float]) -> list[
     return [observations[index] for index in range(len(parts))]
 
 
-def _departures(observations: Sequence[_Observation]) -> Departures:
+def _departure_model(observations: Sequence[_Observation]) -> DepartureModel:
     statistics = [part.statistics for part in observations]
     scales = np.mean([part.scales for part in observations], axis=0)
-    low = np.concatenate([-part[:, LOW_STATISTICS] for part in statistics])
-    return Departures(
+    negated_deviations = np.concatenate([-part[:, DEVIATION_STATISTICS] for part in statistics])
+    return DepartureModel(
         mean_spectrum([part.spectrum for part in observations]).gains(),
         np.maximum(scales, _LEAST_SCALE).astype(np.float32),
         tuple(
             GoodCells.of([part[:, columns] for part in statistics])
             for columns in STATISTICS.values()
         ),
-        Evidence.learn(low.T),
+        EvidenceModel.learn(negated_deviations.T),
     )
 
 

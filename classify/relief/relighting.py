@@ -58,16 +58,17 @@ def cast_shadow(height: FloatMap, direction: npt.ArrayLike) -> BoolArray:
     rows_per_col = round(along_row / along_col, 12)
     view = np.ascontiguousarray(view)
     rows, cols = view.shape
-    slip = -(cols - 1) * rows_per_col
-    first = math.floor(min(0.0, slip))
-    lines = math.ceil(rows - 1 + max(0.0, slip)) - first + 2
+    # Lines along the light, one row apart in every column, that cover the grid.
+    rows_to_last_col = (cols - 1) * rows_per_col
+    row_of_line_0 = math.floor(min(0.0, -rows_to_last_col))
+    lines = math.ceil(rows - 1 + max(0.0, -rows_to_last_col)) - row_of_line_0 + 2
     horizon, shadow = np.empty((lines, cols), np.float32), np.empty((rows, cols), np.bool_)
 
     def trace(first_line: int, last_line: int) -> None:
-        _horizons(first_line, last_line, view, rows_per_col, up / along_col, first, horizon)
+        _horizons(first_line, last_line, view, rows_per_col, up / along_col, row_of_line_0, horizon)
 
     def compare(first_row: int, last_row: int) -> None:
-        _below_horizon(first_row, last_row, view, rows_per_col, first, horizon, shadow)
+        _below_horizon(first_row, last_row, view, rows_per_col, row_of_line_0, horizon, shadow)
 
     run_on_rows(trace, (lines, cols))
     run_on_rows(compare, (rows, cols))
@@ -79,11 +80,11 @@ def cast_shadow(height: FloatMap, direction: npt.ArrayLike) -> BoolArray:
 @kernel
 def _horizons(
     first_line: int, last_line: int, height: Array, rows_per_col: float, rise_per_col: float,
-    first: int, horizon: Array,
+    row_of_line_0: int, horizon: Array,
 ) -> None:  # fmt: skip
     """Horizon of a light towards the last column, along lines through the grid.
 
-    Line k crosses column c at row first + k + c rows_per_col.
+    Line k crosses column c at row row_of_line_0 + k + c rows_per_col.
     """
     rows, cols = height.shape
     for k in range(first_line, last_line):
@@ -91,7 +92,7 @@ def _horizons(
         for c in range(cols - 1, -1, -1):
             # The horizon at (k, c) depends on the columns nearer to the light alone.
             horizon[k, c] = above
-            row = first + k + c * rows_per_col
+            row = row_of_line_0 + k + c * rows_per_col
             if -1.0 < row < rows:
                 upper = math.floor(row)
                 share = row - upper
@@ -103,13 +104,13 @@ def _horizons(
 
 @kernel
 def _below_horizon(
-    first_row: int, last_row: int, height: Array, rows_per_col: float, first: int,
+    first_row: int, last_row: int, height: Array, rows_per_col: float, row_of_line_0: int,
     horizon: Array, shadow: Array,
 ) -> None:  # fmt: skip
     """Compare the height with the horizon, interpolated between lines."""
     for r in range(first_row, last_row):
         for c in range(height.shape[1]):
-            line = r - c * rows_per_col - first
+            line = r - c * rows_per_col - row_of_line_0
             k = math.floor(line)
             share = line - k
             ray = horizon[k, c] * (1.0 - share) + horizon[k + 1, c] * share
@@ -156,16 +157,16 @@ def relight(surface: SurfaceEstimate, lighting: Lighting) -> FloatMap:
     return images
 
 
-_STEPS = 4
+_STEPS_BETWEEN_LIGHTS = 4
 # With less of the surface in shadow, noise causes most errors, whatever the orientation.
 _LEAST_SHADOW = 0.01
 
 
 def under_rotated_lights(surface: SurfaceEstimate) -> Iterator[SurfaceEstimate]:
-    """Yield estimates of the same pixels as if the part were rotated, three times.
+    """Yield three estimates of the same pixels, as if the part were rotated under its lights.
 
-    Each step is a quarter of the angle between lights; yields nothing without lighting, by PS3, or
-    where less than 1 % of the surface is in shadow.
+    The rotations are 1/4, 2/4 and 3/4 of the angle between lights. Nothing is yielded without
+    lighting, by PS3, or where less than 1 % of the surface is in shadow.
     """
     lighting = surface.lighting
     # PS3 chooses lights by their tilt: rotated, it would choose others.
@@ -174,8 +175,8 @@ def under_rotated_lights(surface: SurfaceEstimate) -> Iterator[SurfaceEstimate]:
     if surface.shadow_mask.mean() < _LEAST_SHADOW:
         return
     height = integrate_gradients(surface.p, surface.q)
-    step_deg = 360.0 / len(lighting) / _STEPS
-    for step in range(1, _STEPS):
+    step_deg = 360.0 / len(lighting) / _STEPS_BETWEEN_LIGHTS
+    for step in range(1, _STEPS_BETWEEN_LIGHTS):
         rotated = Lighting.from_angles(
             list(lighting.tilts_deg - step * step_deg), list(lighting.slants_deg)
         )

@@ -1,4 +1,4 @@
-"""Powers of slopes and albedo on the frequency plane, by Welch's method."""
+"""Power and cross spectra of slopes and albedo, by Welch's method."""
 
 from collections.abc import Sequence
 from functools import lru_cache, partial
@@ -13,7 +13,7 @@ from classify.base.threads import map_in_threads
 
 from .fields import TextureFields
 
-_POWERS = 6
+_SPECTRA = 6
 # Number of partial sums. It is the same on every machine, because the order of additions decides
 # the last digits of a sum.
 _LANES = 4
@@ -31,7 +31,7 @@ def require_segment(shape: tuple[int, ...], side: int) -> None:
 
 
 def segment_powers(fields: TextureFields, side: int) -> FloatMap:
-    """Mean powers (side, 6, side // 2 + 1) of overlapping segments, by wave vector.
+    """Mean spectra (side, 6, side // 2 + 1) of overlapping segments, by wave vector.
 
     They are |P|^2 + |Q|^2, |P|^2 - |Q|^2, 2 Re P Q*, |A|^2, Im P A* and Im Q A*. The thesis does
     not specify the window: here a circular Hann window, which unlike a square one rotates with the
@@ -58,11 +58,12 @@ def segment_powers(fields: TextureFields, side: int) -> FloatMap:
 
 def _starts(length: int, side: int) -> list[int]:
     """First pixels of segments that cover `length` evenly and overlap by half or more."""
-    rest = length - side
+    last = length - side
     count = -(-2 * length // side) - 1
-    count += count % 2 * (rest % 2)
-    first_half = [round(i * rest / max(count - 1, 1)) for i in range((count + 1) // 2)]
-    return sorted({*first_half, *(rest - start for start in first_half)})
+    # The starts are symmetric. With an odd count one is last / 2, so `last` must be even.
+    count += count % 2 * (last % 2)
+    first_half = [round(i * last / max(count - 1, 1)) for i in range((count + 1) // 2)]
+    return sorted({*first_half, *(last - start for start in first_half)})
 
 
 @lru_cache(maxsize=8)
@@ -73,12 +74,16 @@ def _circular_hann(side: int) -> FloatMap:
 
 
 def _summed_powers(planes: tuple[Array, ...], window: FloatMap, pairs: Sequence[Array]) -> FloatMap:
-    """Sum the powers of pairs of segments, using the same memory for every pair."""
-    side, weight = len(window), window.sum()
-    sums = np.zeros((side, _POWERS, side // 2 + 1), np.float32)
+    """Sum the powers of pairs of segments, using the same memory for every pair.
+
+    A complex transform holds two real planes: p and q of one segment, or albedo of both.
+    """
+    side, window_sum = len(window), window.sum()
+    sums = np.zeros((side, _SPECTRA, side // 2 + 1), np.float32)
+    # Slopes of (segment, row, column, Re and Im); albedo of both segments in one.
     slopes, albedo = np.empty((2, side, side, 2), np.float32), np.empty((side, side, 2), np.float32)
     for corners in pairs:
-        _cut(planes, corners, window, weight, slopes, albedo)
+        _cut(planes, corners, window, window_sum, slopes, albedo)
         for plane in (*slopes[: len(corners)], albedo):
             cv2.dft(plane, plane)
         _add_powers(*(_as_complex(plane) for plane in (slopes[: len(corners)], albedo)), sums)
@@ -87,52 +92,55 @@ def _summed_powers(planes: tuple[Array, ...], window: FloatMap, pairs: Sequence[
 
 @kernel
 def _cut(
-    planes: tuple[Array, ...], corners: Array, window: Array, weight: np.float32,
+    planes: tuple[Array, ...], corners: Array, window: Array, window_sum: np.float32,
     slopes: Array, albedos: Array,
 ) -> None:  # fmt: skip
     """Cut one segment or two from all fields, subtract their mean, apply the window."""
     p, q, albedo = planes
     for n in range(len(corners)):
-        _pair(p, corners[n], q, corners[n], window, weight, slopes[n])
-    _pair(albedo, corners[0], albedo, corners[-1], window, weight, albedos)
+        _write_complex(p, corners[n], q, corners[n], window, window_sum, slopes[n])
+    _write_complex(albedo, corners[0], albedo, corners[-1], window, window_sum, albedos)
     if len(corners) == 1:
         albedos[:, :, 1] = np.float32(0.0)
 
 
 @kernel
-def _pair(
+def _write_complex(
     real: Array, real_corner: Array, imaginary: Array, imaginary_corner: Array,
-    window: Array, weight: np.float32, target: Array,
+    window: Array, window_sum: np.float32, segment: Array,
 ) -> None:  # fmt: skip
-    """Combine two segments, of one plane or two, as complex numbers."""
+    """Write two segments, of one plane or two, as real and imaginary part of one."""
     side = len(window)
-    real_mean = _weighted_mean(real, real_corner, window, weight)
-    imaginary_mean = _weighted_mean(imaginary, imaginary_corner, window, weight)
+    real_mean = _weighted_mean(real, real_corner, window, window_sum)
+    imaginary_mean = _weighted_mean(imaginary, imaginary_corner, window, window_sum)
     for r in range(side):
-        here, there = _line(real, real_corner, r, side), _line(imaginary, imaginary_corner, r, side)
+        real_row = _segment_row(real, real_corner, r, side)
+        imaginary_row = _segment_row(imaginary, imaginary_corner, r, side)
         # Flat, because compilers vectorise one index: half of the time.
-        line = target[r].reshape(-1)
+        line = segment[r].reshape(-1)
         for c in range(side):
-            line[2 * c] = (here[c] - real_mean) * window[r, c]
-            line[2 * c + 1] = (there[c] - imaginary_mean) * window[r, c]
+            line[2 * c] = (real_row[c] - real_mean) * window[r, c]
+            line[2 * c + 1] = (imaginary_row[c] - imaginary_mean) * window[r, c]
 
 
 @kernel
-def _weighted_mean(plane: Array, corner: Array, window: Array, weight: np.float32) -> np.float32:
+def _weighted_mean(
+    plane: Array, corner: Array, window: Array, window_sum: np.float32
+) -> np.float32:
     # Sums of columns, which vectorise without changing the order of additions.
     side = len(window)
     sums = np.zeros(side, np.float32)
     for r in range(side):
-        line = _line(plane, corner, r, side)
+        row = _segment_row(plane, corner, r, side)
         for c in range(side):
-            sums[c] += line[c] * window[r, c]
-    return np.float32(sums.sum() / weight)
+            sums[c] += row[c] * window[r, c]
+    return np.float32(sums.sum() / window_sum)
 
 
 @kernel
-def _line(plane: Array, corner: Array, r: int, side: int) -> Array:
-    row, column = corner
-    return plane[row + r, column : column + side]
+def _segment_row(plane: Array, corner: Array, r: int, side: int) -> Array:
+    first_row, column = corner
+    return plane[first_row + r, column : column + side]
 
 
 @kernel
@@ -144,16 +152,18 @@ def _add_powers(slopes: Array, albedo: Array, sums: Array) -> None:
     """
     side = len(albedo)
     columns = side // 2 + 1
-    # Rows of real and imaginary parts at k and at -k; of albedo, for either segment.
-    parts, albedos = np.empty((4, columns), np.float32), np.empty((2, 2, columns), np.float32)
+    # Re C(k), Im C(k), Re C(-k) and Im C(-k) of a row of wave vectors k.
+    slope_parts = np.empty((4, columns), np.float32)
+    # The same of albedo, then (segment, Re and Im, column).
+    albedo_spectra = np.empty((2, 2, columns), np.float32)
+    albedo_parts = albedo_spectra.reshape(4, columns)
     for r in range(side):
         opposite = (side - r) % side
-        pair = albedos.reshape(4, columns)
-        _read_row_pair(albedo[r], albedo[opposite], pair)
-        _separate(pair)
+        _read_row_pair(albedo[r], albedo[opposite], albedo_parts)
+        _separate(albedo_parts)
         for n in range(len(slopes)):
-            _read_row_pair(slopes[n, r], slopes[n, opposite], parts)
-            _add_line(parts, albedos[n], sums[r])
+            _read_row_pair(slopes[n, r], slopes[n, opposite], slope_parts)
+            _add_row(slope_parts, albedo_spectra[n], sums[r])
 
 
 def _as_complex(plane: FloatMap) -> Array:
@@ -162,19 +172,20 @@ def _as_complex(plane: FloatMap) -> Array:
 
 
 @kernel
-def _read_row_pair(here: Array, there: Array, parts: Array) -> None:
-    side = len(here)
+def _read_row_pair(row: Array, opposite_row: Array, parts: Array) -> None:
+    side = len(row)
     for c in range(side // 2 + 1):
-        parts[0, c], parts[1, c] = here[c].real, here[c].imag
+        parts[0, c], parts[1, c] = row[c].real, row[c].imag
     # Column 0 is opposite to itself.
-    parts[2, 0], parts[3, 0] = there[0].real, there[0].imag
+    parts[2, 0], parts[3, 0] = opposite_row[0].real, opposite_row[0].imag
     for c in range(1, side // 2 + 1):
-        parts[2, c], parts[3, c] = there[side - c].real, there[side - c].imag
+        opposite = opposite_row[side - c]
+        parts[2, c], parts[3, c] = opposite.real, opposite.imag
 
 
 @kernel
 def _separate(parts: Array) -> None:
-    """Replace C(k) and C(-k) by X(k) and Y(k)."""
+    """Replace C(k) and C(-k) by X(k), of the first segment, and Y(k), of the second."""
     half = np.float32(0.5)
     for c in range(parts.shape[1]):
         re, im, opposite_re, opposite_im = parts[0, c], parts[1, c], parts[2, c], parts[3, c]
@@ -185,7 +196,7 @@ def _separate(parts: Array) -> None:
 
 
 @kernel
-def _add_line(slopes: Array, albedo: Array, sums: Array) -> None:
+def _add_row(slopes: Array, albedo: Array, sums: Array) -> None:
     # Arrays with two indices instead of named rows: the compiler cannot know that rows do not
     # overlap, and would not vectorise.
     half = np.float32(0.5)

@@ -14,7 +14,7 @@ from rig.errors import ControlError, HardwareError
 from rig.lights.discovery import list_serial_ports
 from rig.lights.driver import LightController
 from rig.lights.link import DEFAULT_TIMEOUTS, LinkTimeouts
-from rig.lights.sequence import require_one_line
+from rig.lights.sequence import require_short_command
 from rig.rig import Rig, clock_of, open_camera, open_lights, port_of
 from rig.simulation.rig import Simulation
 
@@ -98,7 +98,7 @@ def _diagnose_open(
         lights = closing.enter_context(open_lights(config, simulation, timeouts))
         yield from check_lights(lights, clock_of(simulation), config.lights)
         if config.sequence_plan is not None:
-            require_one_line(config.sequence_plan)
+            require_short_command(config.sequence_plan)
 
     def check_camera() -> Iterator[Check]:
         nonlocal camera

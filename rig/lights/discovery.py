@@ -185,20 +185,20 @@ def _not_found_text(
     )
 
 
-Whereabouts = Callable[[], Iterable[str]]
+PossiblePorts = Callable[[], Iterable[str]]
 """The ports on which a controller may be now, the most likely one first."""
 
 _PAUSE_S = 0.1  # between two rounds through the ports; short against the second that USB takes
 
 
 def find_again(
-    lost: ControllerIdentity, whereabouts: Whereabouts, baud: int, timeouts: LinkTimeouts
+    lost: ControllerIdentity, possible_ports: PossiblePorts, baud: int, timeouts: LinkTimeouts
 ) -> ControllerLink:
     """Open the line to the controller with the same serial number, on any of the ports."""
     deadline_s = time.monotonic() + timeouts.recover_s
     while True:
         failure: LightControllerError | None = None
-        for port in whereabouts():
+        for port in possible_ports():
             left_s = max(0.1, deadline_s - time.monotonic())
             try:
                 link = ControllerLink(port, baud, replace(timeouts, open_s=left_s))

@@ -11,7 +11,7 @@ from firmware_sim.firmware import WATCHDOG_MIN_MS
 from rig.errors import LightControllerError
 from rig.signals import signals_held_back
 
-from .discovery import Whereabouts, find_again
+from .discovery import PossiblePorts, find_again
 from .keep_alive import KeepAliveThread, LightUsage
 from .link import DEFAULT_TIMEOUTS, ControllerIdentity, ControllerLink, LinkTimeouts, Reply
 
@@ -65,7 +65,7 @@ class LightController:
         Bits per second; USB serial ports ignore it.
     watchdog_ms
         Silence after which the controller puts the LEDs out.
-    whereabouts
+    possible_ports
         Ports on which `recover` looks for the controller, in this order; `port` if left out.
     timeouts
         How long to wait for the controller.
@@ -83,13 +83,13 @@ class LightController:
         clock: Clock | None = None,
         baud: int = 115_200,
         watchdog_ms: int = 5000,
-        whereabouts: Whereabouts | None = None,
+        possible_ports: PossiblePorts | None = None,
         timeouts: LinkTimeouts = DEFAULT_TIMEOUTS,
     ) -> None:
         self._clock = clock if clock is not None else RealClock()
         self._baud = baud
         self._watchdog_ms = watchdog_ms
-        self._whereabouts = whereabouts if whereabouts is not None else lambda: (port,)
+        self._possible_ports = possible_ports if possible_ports is not None else lambda: (port,)
         self._lock = threading.RLock()
         self._keep_alive_thread: KeepAliveThread | None = None
         self._missed_keep_alive: LightControllerError | None = None
@@ -230,7 +230,7 @@ class LightController:
                 return
             self._usage.mark_used()
             self._link.close()
-            self._link = find_again(self.identity, self._whereabouts, self._baud, self._timeouts)
+            self._link = find_again(self.identity, self._possible_ports, self._baud, self._timeouts)
             self._missed_keep_alive = None
             self._prepare()
             for led, percent in self._levels_percent.items():

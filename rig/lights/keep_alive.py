@@ -13,12 +13,12 @@ _INSTANT_S = 1e-9
 
 
 class LightUsage:
-    """The time of the last use of the lights; a program that does not use them may hang."""
+    """Time of the last command to the lights; a program without one for `unused_s` may hang."""
 
     def __init__(self, clock: Clock, watchdog_ms: int, unused_s: float) -> None:
         self._clock = clock
         self._unused_s = unused_s
-        self.period_s = watchdog_ms / 2000.0
+        self.period_s = watchdog_ms / 2000.0  # half the watchdog's time-out
         self.mark_used()
 
     @property
@@ -29,11 +29,11 @@ class LightUsage:
     @property
     def is_recent(self) -> bool:
         """Whether the thread that used the lights last still runs, and used them recently."""
-        return self._user.is_alive() and self._clock.now_s() - self._used_s <= self._unused_s
+        return self._user_thread.is_alive() and self._clock.now_s() - self._used_s <= self._unused_s
 
     def mark_used(self) -> None:
         """Note a command of the program."""
-        self._user = threading.current_thread()
+        self._user_thread = threading.current_thread()
         self._used_s = self._sent_s = self._clock.now_s()
 
     def mark_sent(self) -> None:

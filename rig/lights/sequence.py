@@ -27,7 +27,7 @@ def start_command(plan: SequencePlan) -> str:
     return f"SEQ:{verb} {plan.settle_us},{plan.wait_us},{order}"
 
 
-def require_one_line(plan: SequencePlan) -> None:
+def require_short_command(plan: SequencePlan) -> None:
     """Check that the command of a sequence fits into a line of the controller."""
     line = encode_command(MAX_SEQUENCE, start_command(plan)).removesuffix(b"\n")
     if len(line) > MAX_LINE_BYTES:

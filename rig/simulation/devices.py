@@ -95,7 +95,7 @@ class DeviceSimulation:
         if not isinstance(self._output, V4l2Output):
             self._simulation.clock.sleep_s(self._period_s)
             return
-        frame = self._simulation.frames.read(2.0 * self._period_s)
+        frame = self._simulation.camera_with_faults.read(2.0 * self._period_s)
         end_s = self._simulation.camera.ready_s(frame.sequence)
         if self._simulation.clock.now_s() - end_s > self._period_s:
             self.late += 1
@@ -119,12 +119,12 @@ class DeviceSimulation:
             self._trigger()
 
     def _next_image(self, exposure_ms: float) -> tuple[bytes, int, float]:
-        frames = self._simulation.frames
-        if abs(1e3 * frames.info.exposure_s - exposure_ms) > _EXPOSURE_STEP_MS:
-            frames.set_exposure(exposure_ms)
+        camera = self._simulation.camera_with_faults
+        if abs(1e3 * camera.info.exposure_s - exposure_ms) > _EXPOSURE_STEP_MS:
+            camera.set_exposure(exposure_ms)
         # A camera that runs free sends what is read out: a frame that has waited is left out.
         while True:
-            frame = frames.read(2.0 * self._period_s)
+            frame = camera.read(2.0 * self._period_s)
             end_s = self._simulation.camera.ready_s(frame.sequence)
             waited_s = self._simulation.clock.now_s() - end_s
             if self._is_triggered or waited_s < _PROMPT * self._period_s:

@@ -50,7 +50,7 @@ class Simulation:
         The controller's board, with the true output of the LEDs.
     camera
         The camera above the part.
-    frames
+    camera_with_faults
         The camera with the configured faults, from which a program reads.
     placement
         The part below the camera, None if the camera replays a captured set.
@@ -98,9 +98,11 @@ class Simulation:
             seed=placement.seed,
             reported=reported_timing(camera, config.simulation),
         )
-        self.frames: Camera = self.camera
+        self.camera_with_faults: Camera = self.camera
         if faults.frames:
-            self.frames = FaultyCamera(self.camera, self.clock, faults.frames, faults.seed)
+            self.camera_with_faults = FaultyCamera(
+                self.camera, self.clock, faults.frames, faults.seed
+            )
         # Last, so that an error above leaves nothing running.
         self._server = self._serve(self.controller)
         self.port = self._server.address

@@ -168,14 +168,14 @@ def workers() -> set[int]:
 @pytest.fixture(scope="module")
 def two_workers() -> Iterator[Batch]:
     """A batch on two processes, shared by the tests that do not end it."""
-    with Batch(2, starting_s=0.0) as run:
+    with Batch(2, start_up_s=0.0) as run:
         yield run
 
 
 # places and order
 
 
-@pytest.mark.parametrize("options", [{}, {"workers": 1, "starting_s": 0.0}])
+@pytest.mark.parametrize("options", [{}, {"workers": 1, "start_up_s": 0.0}])
 def test_short_work_and_one_worker_run_in_this_process(options: dict[str, Any]) -> None:
     with Batch(**options) as run:
         assert list(run.map(os.readlink, [SELF] * 9)) == [str(os.getpid())] * 9
@@ -183,7 +183,7 @@ def test_short_work_and_one_worker_run_in_this_process(options: dict[str, Any]) 
 
 def test_longer_work_continues_in_other_processes_which_end_with_the_batch() -> None:
     before = workers()
-    with Batch(workers=2, starting_s=1e-9) as run:
+    with Batch(workers=2, start_up_s=1e-9) as run:
         first, *rest = run.map(os.readlink, [SELF] * 9)
         assert first == str(os.getpid())
         started = workers() - before
@@ -253,7 +253,7 @@ def test_a_worker_killed_while_it_is_started_is_replaced(monkeypatch: pytest.Mon
         return real(executor, *task)
 
     monkeypatch.setattr(ProcessPoolExecutor, "submit", submit)
-    with Batch(2, starting_s=0.0) as run:
+    with Batch(2, start_up_s=0.0) as run:
         assert list(run.map(abs, [-1, 2, -3])) == [1, 2, 3]
 
 
@@ -267,7 +267,7 @@ from capture.batch.runner import Batch
 for number in (signal.SIGTERM, signal.SIGQUIT):
     signal.signal(number, signal.default_int_handler)
 try:
-    with Batch(2, starting_s=0.0) as run:
+    with Batch(2, start_up_s=0.0) as run:
         list(run.map(Path.read_text, map(Path, sys.argv[1:])))
 except KeyboardInterrupt:
     sys.exit(130)
@@ -336,7 +336,7 @@ def everywhere(cluster: Cluster) -> dict[str, dict[str, Any]]:
     """Options of `Batch` for this process, for worker processes and for a cluster."""
     return {
         "here": {"workers": 1},
-        "local": {"workers": 2, "starting_s": 0.0},
+        "local": {"workers": 2, "start_up_s": 0.0},
         "dask": {"scheduler": cluster.with_two_workers()},
     }
 

@@ -31,7 +31,7 @@ def rig_of_opencv(camera: dict[str, Any], pipe: Path) -> Iterator[Rig]:
     simulated = RigConfig().with_changes(camera=camera | {"bits": 8}, simulation={"clock": "real"})
     simulation = Simulation(simulated)
     os.mkfifo(pipe)
-    film = threading.Thread(target=_film, args=(simulation.frames, simulated, pipe))
+    film = threading.Thread(target=_film, args=(simulation.camera_with_faults, simulated, pipe))
     film.start()
     real = {"kind": "opencv", "device": str(pipe), "bits": 8, "fixed_exposure": True}
     try:

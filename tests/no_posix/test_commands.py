@@ -224,7 +224,7 @@ from capture.batch.runner import Batch
 
 if __name__ == "__main__":
     try:
-        with Batch(workers=2, starting_s=0.0) as batch:
+        with Batch(workers=2, start_up_s=0.0) as batch:
             assert list(batch.map(abs, range(-9, 0))) == list(range(9, 0, -1))
             next(batch.map(abs, iter(int, 1)))  # of an endless number of zeros
             raise KeyboardInterrupt

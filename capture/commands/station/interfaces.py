@@ -27,38 +27,38 @@ def running_interfaces(
     trigger: str,
     subscribers: Sequence[Subscriber],
     *,
-    is_asked: bool | None,
+    panel: bool | None,
     host: str | None,
     port: int | None,
 ) -> Iterator[None]:
     """Serve panel, PLC and MQTT, and tell them and `subscribers` of events, while the block runs.
 
-    `is_asked`, `host` and `port` are the options for the panel.
+    `panel`, `host` and `port` are the options of the panel; None if not given.
     """
     from capture.station.run.live_socket import serving_live
 
     config = folder.config
     with ExitStack() as stack:
         settings = panel_settings(config.panel, host, port)
-        needed = bool(is_asked or host or port or trigger == "http")
-        # A panel of its own unit follows the run, too.
-        with warned_of(is_needed=needed and is_asked is not False):
+        is_used = host is not None or port is not None or trigger == "http"
+        with warning_if_cannot_listen(is_needed=is_used if panel is None else panel):
+            # Also without a panel here: one that is a systemd unit of its own shows the run.
             stack.enter_context(serving_live(folder.path, live))
-            if is_asked is not False:
-                stack.enter_context(panel_of(folder, settings))
+            if panel is not False:
+                stack.enter_context(running_panel(folder, settings))
         line = plc_line(config, live, trigger)
-        listeners = [*subscribers] + ([] if line is None else [line.tell])
+        all_subscribers = [*subscribers] + ([] if line is None else [line.tell])
         if config.mqtt is not None:
-            listeners.append(stack.enter_context(mqtt_of(config.mqtt, folder)).tell)
-        stack.enter_context(live.telling(*listeners))
+            all_subscribers.append(stack.enter_context(mqtt_publisher(config.mqtt, folder)).tell)
+        stack.enter_context(live.telling(*all_subscribers))
         if line is not None:
-            stack.enter_context(modbus_of(line, config.modbus))
+            stack.enter_context(serving_plc_line(line, config.modbus))
         yield
 
 
 @contextmanager
-def warned_of(*, is_needed: bool) -> Iterator[None]:
-    """Warn of a taken port and go on, unless the panel `is_needed`."""
+def warning_if_cannot_listen(*, is_needed: bool) -> Iterator[None]:
+    """Turn `CannotListen`, as for a port in use, into a warning unless the panel `is_needed`."""
     from capture.station.domain.errors import CannotListen
 
     try:
@@ -70,14 +70,14 @@ def warned_of(*, is_needed: bool) -> Iterator[None]:
 
 
 @contextmanager
-def panel_of(folder: StationFolder, settings: PanelConfig) -> Iterator[None]:
+def running_panel(folder: StationFolder, settings: PanelConfig) -> Iterator[None]:
     """Run the panel's process while the block runs, and print its address."""
     from capture.station.panel.listening import panel_address, panel_listener
     from capture.station.panel.process import panel_process
 
     def warn(text: str) -> None:
         complain(f"warning: {text}")
-        log_line(folder, f"warning: {text}")
+        log_text(folder, f"warning: {text}")
 
     listener = panel_listener(folder.path, settings)
     with panel_process(folder.path, settings, listener, warn):
@@ -85,19 +85,19 @@ def panel_of(folder: StationFolder, settings: PanelConfig) -> Iterator[None]:
         yield
 
 
-def log_line(folder: StationFolder, line: str) -> None:
-    """Append a line to the log of a station, unless the disk is full."""
+def log_text(folder: StationFolder, text: str) -> None:
+    """Append a text to the log of a station, unless the disk is full."""
     with suppress(InputError):
-        folder.log(line)
+        folder.log(text)
 
 
 def panel_settings(configured: PanelConfig, host: str | None, port: int | None) -> PanelConfig:
-    """Return the settings with what the command line changed."""
+    """Return the settings with the host and port of the command line, where given."""
     from capture.station.domain.interface_config import PanelConfig
     from classify.base.models import validated
 
-    given = {key: value for key, value in (("host", host), ("port", port)) if value is not None}
-    return validated(configured.model_dump() | given, PanelConfig, "--host, --port")
+    options = {key: value for key, value in (("host", host), ("port", port)) if value is not None}
+    return validated(configured.model_dump() | options, PanelConfig, "--host, --port")
 
 
 def plc_line(config: StationConfig, live: LiveStation, trigger: str) -> PlcLine | None:
@@ -117,7 +117,7 @@ def plc_line(config: StationConfig, live: LiveStation, trigger: str) -> PlcLine 
 
 
 @contextmanager
-def modbus_of(line: PlcLine, configured: ModbusConfig | None) -> Iterator[None]:
+def serving_plc_line(line: PlcLine, configured: ModbusConfig | None) -> Iterator[None]:
     """Serve the registers of a line while the block runs, and print their address."""
     from capture.station.domain.interface_config import ModbusConfig
 
@@ -126,16 +126,16 @@ def modbus_of(line: PlcLine, configured: ModbusConfig | None) -> Iterator[None]:
     except ImportError as error:
         raise InputError(f"[modbus] needs {error.name}: pip install 'ps4rig[modbus]'") from error
 
-    with serving_modbus(line, configured or ModbusConfig()) as where:
-        complain(f"modbus: {where}")
+    with serving_modbus(line, configured or ModbusConfig()) as address:
+        complain(f"modbus: {address}")
         yield
 
 
-def mqtt_of(settings: MqttConfig, folder: StationFolder) -> MqttPublisher:
-    """Return the publisher of results by MQTT; its lines go to the log of the station."""
+def mqtt_publisher(settings: MqttConfig, folder: StationFolder) -> MqttPublisher:
+    """Return the publisher of results by MQTT; its messages go to the log of the station."""
     try:
         from capture.station.line.mqtt import MqttPublisher
     except ImportError as error:
         raise InputError(f"[mqtt] needs {error.name}: pip install 'ps4rig[mqtt]'") from error
 
-    return MqttPublisher(settings, partial(log_line, folder))
+    return MqttPublisher(settings, partial(log_text, folder))

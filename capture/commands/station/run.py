@@ -105,7 +105,7 @@ def run(
         chart = ControlChart(led_names(rig_config.lights.tilts_deg), live.publish)
         subscribers = (shown, log, chart, notifier.tell)
         with running_interfaces(
-            opened, live, trigger, subscribers, is_asked=panel, host=host, port=port
+            opened, live, trigger, subscribers, panel=panel, host=host, port=port
         ):
             settle_station()
             source = _source(trigger, config.timer_s)

@@ -12,7 +12,7 @@ from capture.station.judge.inspector import Inspector
 from classify.base.errors import InputError
 from classify.base.models import read_toml_as, validated
 
-Record = Callable[[Recipe, Recipe], None]
+RecordChange = Callable[[Recipe, Recipe], None]
 """Called with the old and the new recipe before a change is written; an exception prevents it."""
 
 
@@ -20,7 +20,7 @@ def approve(
     files: RecipeFolder,
     by: str,
     seen_sha256: str | None = None,
-    record: Record = lambda *_: None,
+    record: RecordChange = lambda *_: None,
 ) -> Recipe:
     """Approve a recipe as it is, and keep a copy of it beside what was taught.
 
@@ -74,7 +74,7 @@ def _approved_at(recipe: Recipe) -> tuple[str, int, str]:
     return utc.removesuffix("Z"), recipe.version, recipe.sha256
 
 
-def roll_back(files: RecipeFolder, sha256: str, record: Record = lambda *_: None) -> Recipe:
+def roll_back(files: RecipeFolder, sha256: str, record: RecordChange = lambda *_: None) -> Recipe:
     """Replace the recipe by an earlier approved state, with its approval.
 
     The challenge set must be met again before the recipe runs.

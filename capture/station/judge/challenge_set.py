@@ -21,7 +21,7 @@ _LOCK = "challenge.lock"
 # ``reject`` is anything but PASS.
 Expected = Literal["reject", "PASS", "FAIL", "UNKNOWN"]
 EXPECTED: tuple[Expected, ...] = get_args(Expected)
-Record = Callable[[str, Expected | None, Expected | None], None]
+RecordChange = Callable[[str, Expected | None, Expected | None], None]
 """Called with a file and its old and new verdict, before anything is written."""
 MOST_SETS = 10_000
 
@@ -41,12 +41,12 @@ class ChallengeSet(Section):
 
 
 def read_challenge(folder: Path) -> ChallengeSet:
-    """Read a challenge set."""
-    missing = (
+    """Read a challenge set; raise `RecipeError` unless it has parts of both kinds."""
+    if_missing = (
         "there is no challenge set; add parts with ps4rig station challenge DIR --add SET "
         "--expect PASS or reject"
     )
-    challenge = read_toml_as(folder / FILE, ChallengeSet, missing)
+    challenge = read_toml_as(folder / FILE, ChallengeSet, if_missing)
     passing = sum(expected == Decision.PASS for expected in challenge.sets.values())
     if not 0 < passing < len(challenge.sets):
         raise RecipeError(
@@ -68,30 +68,32 @@ def add_to_challenge(
     folder: Path,
     paths: Sequence[Path],
     expected: Expected,
-    record: Record = lambda *_: None,
+    record: RecordChange = lambda *_: None,
 ) -> None:
     """Copy sets into a challenge; a set that is in it already gets the new verdict.
 
-    `record` records each change, and prevents all by an exception.
+    `record` is called for each change; an exception of it prevents all changes.
     """
     make_folder(folder)
     with folder_lock(folder, _LOCK):
         before = challenge_sets(folder)
         sets = before | {path.name: expected for path in paths}
         checked = validated({"sets": sets}, ChallengeSet, str(folder / FILE))
-        missing = [path for path in paths if not _is_there(folder / path.name, path)]
+        sources: dict[str, Path] = {}
+        for path in paths:
+            if not _is_copied(path, sources.get(path.name, folder / path.name)):
+                sources[path.name] = path
         for name in sets:
             if before.get(name) != sets[name]:
                 record(name, before.get(name), sets[name])
-        for path in missing:
-            if not _is_there(folder / path.name, path):  # two of them may have one name
-                with durable_file(folder / path.name) as temporary:
-                    shutil.copyfile(path, temporary)
+        for name, path in sources.items():
+            with durable_file(folder / name) as temporary:
+                shutil.copyfile(path, temporary)
         _write(folder, checked)
 
 
-def _is_there(copy: Path, path: Path) -> bool:
-    """Whether a set is in the challenge already; another set of the same name is refused."""
+def _is_copied(path: Path, copy: Path) -> bool:
+    """Whether `copy` exists and holds the same set; raise `RecipeError` if it holds another."""
     pixels_sha256 = LoadedSet.of(path).captured.metadata.pixels_sha256
     if not copy.exists():
         return False
@@ -100,16 +102,16 @@ def _is_there(copy: Path, path: Path) -> bool:
     return True
 
 
-def remove_from_challenge(folder: Path, file: str, record: Record = lambda *_: None) -> None:
+def remove_from_challenge(folder: Path, file: str, record: RecordChange = lambda *_: None) -> None:
     """Take a set out of a challenge; its file stays. `record` is that of `add_to_challenge`."""
-    missing = NotThere(f"{file[:100]!r} is not in the challenge set")
-    if not folder.is_dir():  # the lock needs it
-        raise missing
+    not_listed = NotThere(f"{file[:100]!r} is not in the challenge set")
+    if not folder.is_dir():  # without it there is no lock file
+        raise not_listed
     with folder_lock(folder, _LOCK):
         sets = challenge_sets(folder)
         before = sets.pop(file, None)
         if before is None:
-            raise missing
+            raise not_listed
         record(file, before, None)
         _write(folder, ChallengeSet(sets=sets))
 

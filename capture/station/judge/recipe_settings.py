@@ -12,7 +12,7 @@ from capture.station.domain.recipe_file import read_recipe, write_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
 from classify.base.models import messages_by_place
 
-from .approval import Record, require_seen
+from .approval import RecordChange, require_seen
 
 SETTINGS = (
     "note", "pass", "fail", "orientation", "limits", "limits_of", "region", "light", "calibration",
@@ -23,8 +23,8 @@ SETTINGS = (
 Place = tuple[str | int, ...]
 
 
-class SettingsRefused(RecipeError):  # noqa: N818 - what somebody gave, no error of the program
-    """Invalid settings of a recipe; `messages` are by place, such as ``("limits", "margin")``."""
+class SettingsRefused(RecipeError):  # noqa: N818 - caused by the input, not by the program
+    """Invalid settings of a recipe; `messages` are by field, such as ``("limits", "margin")``."""
 
     def __init__(self, messages: Mapping[Place, str]) -> None:
         self.messages = dict(messages)
@@ -45,7 +45,7 @@ class SettingChange:
 
 
 def dotted(place: Place) -> str:
-    """Return the name of a place, as in ``limits.margin``."""
+    """Return the dotted name of a field, such as ``limits.margin``."""
     return ".".join(map(str, place))
 
 
@@ -64,7 +64,7 @@ def with_settings(recipe: Recipe, values: Mapping[str, Any]) -> Recipe:
 
 def setting_changes(before: Recipe, after: Recipe) -> list[SettingChange]:
     """Return the settings that differ between two states of a recipe."""
-    old, new = (dict(_settings(recipe)) for recipe in (before, after))
+    old, new = (dict(_flat_settings(recipe)) for recipe in (before, after))
     keys = dict.fromkeys([*old, *new])
     return [
         SettingChange(key, old.get(key), new.get(key))
@@ -77,9 +77,9 @@ def save_settings(
     files: RecipeFolder,
     recipe: Recipe,
     seen_sha256: str,
-    record: Record = lambda *_: None,
+    record: RecordChange = lambda *_: None,
 ) -> None:
-    """Replace the recipe by a changed one, if it still has the hash that somebody has seen."""
+    """Replace the recipe by a changed one, unless its hash is no longer `seen_sha256`."""
     with files.changing():
         before = read_recipe(files.file)
         require_seen(before, seen_sha256)
@@ -87,7 +87,8 @@ def save_settings(
         write_recipe(files.file, recipe)
 
 
-def _settings(recipe: Recipe) -> Iterator[tuple[str, str]]:
+def _flat_settings(recipe: Recipe) -> Iterator[tuple[str, str]]:
+    """Yield dotted names and values as text of all settings."""
     values = recipe.model_dump(mode="json", by_alias=True, exclude_none=True)
     for key in SETTINGS:
         yield from _flat(key, values.get(key))

@@ -25,12 +25,12 @@ from typing import Any, TypeVar
 
 from rig.errors import CameraError
 
-FRAME_IDS = 65_535
-"""Number of frame ids of GigE Vision 1: they have 16 bits, and 0 is none of them."""
+FRAME_ID_COUNT = 65_535
+"""Number of frame ids of GigE Vision 1: 16 bits, of which 0 is not used."""
 
 LIBRARY = "libaravis-0.8.so.0"
 _SUCCESS = 0  # of ArvBufferStatus
-# Of ArvGvStreamOption. A packet socket is for root alone, and is deaf to cameras of this machine.
+# Of ArvGvStreamOption. A packet socket needs root, and receives nothing from a camera on this host.
 _NO_PACKET_SOCKET = 1
 # Names of ArvBufferStatus.
 _STATUSES = {
@@ -43,7 +43,7 @@ class _GError(ctypes.Structure):
     _fields_ = (("domain", ctypes.c_uint32), ("code", c_int), ("message", c_char_p))
 
 
-# Result and parameters of each function; those with True report an error in a last parameter.
+# Result type, parameter types, and whether a last parameter, GError**, receives an error.
 _FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...], bool]] = {
     "arv_update_device_list": (None, (), False),
     "arv_get_n_devices": (c_uint, (), False),
@@ -103,7 +103,7 @@ _FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...], bool]] = {
     "arv_fake_camera_set_fill_pattern": (None, (c_void_p, c_void_p, c_void_p), False),
     "arv_fake_camera_set_trigger_frequency": (None, (c_void_p, c_double), False),
     "arv_fake_camera_write_register": (c_int, (c_void_p, c_uint32, c_uint32), False),
-    # Variadic: one property that is a double, and the end of the list.
+    # Variadic: one property of type double, then NULL, which ends the list.
     "g_object_set": (None, (c_void_p, c_char_p, c_double, c_void_p), False),
     "g_object_unref": (None, (c_void_p,), False),
     "g_error_free": (None, (c_void_p,), False),
@@ -121,10 +121,10 @@ def functions() -> dict[str, Callable[..., Any]]:
             "sudo apt install libaravis-0.8-0"
         ) from error
     table: dict[str, Callable[..., Any]] = {}
-    for name, (result, parameters, reports) in _FUNCTIONS.items():
+    for name, (result, parameters, reports_error) in _FUNCTIONS.items():
         function = getattr(library, name)
         function.restype = result
-        function.argtypes = [*parameters, *((POINTER(POINTER(_GError)),) if reports else ())]
+        function.argtypes = [*parameters, *((POINTER(POINTER(_GError)),) if reports_error else ())]
         table[name] = function
     return table
 
@@ -139,7 +139,7 @@ def is_installed() -> bool:
 
 
 def call(name: str, *arguments: Any) -> Any:
-    """Call a function; raise `CameraError` with what it reports."""
+    """Call a function of Aravis; raise `CameraError` with its error message."""
     function = functions()[name]
     if not _FUNCTIONS[name][2]:
         return function(*arguments)
@@ -153,32 +153,32 @@ def call(name: str, *arguments: Any) -> Any:
 
 
 @dataclass(frozen=True)
-class _FoundDevice:
+class _DetectedCamera:
     """A camera that answered the search."""
 
-    device: str
+    device_id: str
     name: str
     protocol: str
 
 
-def find_devices() -> list[_FoundDevice]:
+def find_devices() -> list[_DetectedCamera]:
     """Search networks and USB for half a second."""
     call("arv_update_device_list")
 
-    def text(what: str, number: int) -> str:
-        return (call(f"arv_get_device_{what}", number) or b"").decode(errors="replace")
+    def text(attribute: str, index: int) -> str:
+        return (call(f"arv_get_device_{attribute}", index) or b"").decode(errors="replace")
 
     return [
-        _FoundDevice(
-            text("id", number),
-            f"{text('vendor', number)} {text('model', number)}".strip(),
-            text("protocol", number),
+        _DetectedCamera(
+            text("id", index),
+            f"{text('vendor', index)} {text('model', index)}".strip(),
+            text("protocol", index),
         )
-        for number in range(call("arv_get_n_devices"))
+        for index in range(call("arv_get_n_devices"))
     ]
 
 
-_KINDS: dict[type, str] = {str: "string", int: "integer", float: "float"}
+_FEATURE_TYPES: dict[type, str] = {str: "string", int: "integer", float: "float"}
 _Value = TypeVar("_Value", int, float, str)
 
 
@@ -195,7 +195,7 @@ class Buffer:
 
 
 class AravisCamera:
-    """An open camera; every method raises `CameraError` with Aravis' own words."""
+    """An open camera; every method raises `CameraError` with the message of Aravis."""
 
     def __init__(self, device: str) -> None:
         self._stream: int | None = None
@@ -205,7 +205,7 @@ class AravisCamera:
     @property
     def name(self) -> str:
         """Maker and model."""
-        names = (call(f"arv_camera_get_{each}_name", self._camera) for each in ("vendor", "model"))
+        names = (call(f"arv_camera_get_{part}_name", self._camera) for part in ("vendor", "model"))
         return " ".join((name or b"").decode(errors="replace") for name in names)
 
     def has(self, feature: str) -> bool:
@@ -214,13 +214,13 @@ class AravisCamera:
 
     def value(self, feature: str, kind: type[_Value]) -> _Value:
         """Value of a feature: a string or an enumeration, an integer or a float."""
-        name = f"arv_device_get_{_KINDS[kind]}_feature_value"
+        name = f"arv_device_get_{_FEATURE_TYPES[kind]}_feature_value"
         value = call(name, self._device, feature.encode())
         return kind((value or b"").decode(errors="replace") if kind is str else value)
 
     def set_value(self, feature: str, value: int | float | str) -> None:
         """Set a feature of the kind of `value`."""
-        name = f"arv_device_set_{_KINDS[type(value)]}_feature_value"
+        name = f"arv_device_set_{_FEATURE_TYPES[type(value)]}_feature_value"
         argument = value.encode() if isinstance(value, str) else value
         call(name, self._device, feature.encode(), argument)
 
@@ -243,16 +243,16 @@ class AravisCamera:
         return float(call("arv_camera_get_frame_rate", self._camera))
 
     def set_frame_rate(self, rate_hz: float) -> None:
-        """Set the frame rate, by whatever feature the maker has for it."""
+        """Set the frame rate by the feature of this camera model."""
         call("arv_camera_set_frame_rate", self._camera, rate_hz)
 
     @property
     def exposure_ms(self) -> float:
-        """Exposure."""
+        """Exposure time in use."""
         return float(call("arv_camera_get_exposure_time", self._camera)) / 1e3
 
     def set_exposure(self, exposure_ms: float) -> None:
-        """Set the exposure, by whatever feature the maker has for it."""
+        """Set the exposure time by the feature of this camera model."""
         call("arv_camera_set_exposure_time", self._camera, 1e3 * exposure_ms)
 
     @property
@@ -273,11 +273,11 @@ class AravisCamera:
         return float(call("arv_camera_get_gain", self._camera))
 
     def set_gain(self, gain: float) -> None:
-        """Set the gain, by whatever feature the maker has for it."""
+        """Set the gain by the feature of this camera model."""
         call("arv_camera_set_gain", self._camera, gain)
 
     def start(self, buffers: int) -> None:
-        """Stream into so many buffers; frames are lost while all of them wait to be read."""
+        """Start to stream into `buffers` buffers; frames are lost while all of them are full."""
         if call("arv_camera_is_gv_device", self._camera):
             call("arv_camera_gv_auto_packet_size", self._camera)
             call("arv_camera_gv_set_stream_options", self._camera, _NO_PACKET_SOCKET)
@@ -288,7 +288,7 @@ class AravisCamera:
         call("arv_camera_start_acquisition", self._camera)
 
     def next_buffer(self, timeout_s: float) -> Buffer | None:
-        """The oldest buffer, or the next one; None after the time-out."""
+        """Return the oldest filled buffer, or wait for one; None after the time-out."""
         if self._camera is None:
             raise CameraError("the camera is closed")
         buffer = call("arv_stream_timeout_pop_buffer", self._stream, round(1e6 * timeout_s))
@@ -297,19 +297,19 @@ class AravisCamera:
         try:
             status, size = call("arv_buffer_get_status", buffer), c_size_t()
             data = call("arv_buffer_get_data", buffer, byref(size))
-            is_whole = status == _SUCCESS
+            is_complete = status == _SUCCESS
             return Buffer(
-                ctypes.string_at(data, size.value) if is_whole else b"",
+                ctypes.string_at(data, size.value) if is_complete else b"",
                 (
                     call("arv_buffer_get_image_width", buffer),
                     call("arv_buffer_get_image_height", buffer),
                 )
-                if is_whole
+                if is_complete
                 else (0, 0),
                 call("arv_buffer_get_frame_id", buffer),
                 call("arv_buffer_get_timestamp", buffer),
                 call("arv_buffer_get_system_timestamp", buffer),
-                "" if is_whole else _STATUSES.get(status, f"status {status}"),
+                "" if is_complete else _STATUSES.get(status, f"status {status}"),
             )
         finally:
             call("arv_stream_push_buffer", self._stream, buffer)

@@ -11,7 +11,7 @@ import numpy as np
 from rig.cameras.camera import CameraInfo, Frame, FrameFlag, ListedCamera, require_exposure
 from rig.errors import CameraError, ControlFault
 
-from .aravis import FRAME_IDS, AravisCamera, Buffer, find_devices, is_installed
+from .aravis import FRAME_ID_COUNT, AravisCamera, Buffer, find_devices, is_installed
 from .measurement_mode import OFF, GenicamCameraConfig, set_exposure, set_measurement_mode
 from .pixel_formats import PIXEL_FORMATS, decode
 
@@ -115,7 +115,7 @@ class GenicamCamera:
     def _number_of(self, frame_id: int) -> int:
         """A number that goes on where the camera's 16 bits begin again."""
         if self._last_id is not None:
-            self._sequence += (frame_id - self._last_id) % FRAME_IDS
+            self._sequence += (frame_id - self._last_id) % FRAME_ID_COUNT
         self._last_id = frame_id
         return self._sequence
 
@@ -189,7 +189,7 @@ class DeviceClock:
 def list_genicam_cameras() -> list[ListedCamera]:
     """List the cameras that answer on networks and USB; none without Aravis."""
     devices = find_devices() if is_installed() else []
-    return [_listed(device.device, device.name, device.protocol) for device in devices]
+    return [_listed(device.device_id, device.name, device.protocol) for device in devices]
 
 
 def _listed(device: str, name: str, protocol: str) -> ListedCamera:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from rig.errors import CameraError
 
-from .aravis import FRAME_IDS, call
+from .aravis import FRAME_ID_COUNT, call
 
 # Of an exposure in ms: the image as bytes, its number, and its end on the monotonic clock.
 _NextImage = Callable[[float], tuple[bytes, int, float]]
@@ -65,7 +65,7 @@ class FakeGigeCamera:
             ctypes.memmove(target, image, min(len(image), room))
             utc_ns = time.time_ns() - round(1e9 * (time.monotonic() - end_s))
             call("arv_buffer_set_timestamp", buffer, utc_ns)
-            call("arv_buffer_set_frame_id", buffer, 1 + number % FRAME_IDS)
+            call("arv_buffer_set_frame_id", buffer, 1 + number % FRAME_ID_COUNT)
 
         self._fill = _FILL(fill)  # kept as long as Aravis may call it
         self._fake = call("arv_gv_fake_camera_get_fake_camera", self._camera)

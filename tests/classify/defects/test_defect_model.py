@@ -7,7 +7,7 @@ import pytest
 
 from classify import DefectModel, InputError, SurfaceEstimate, learn_defects, regions_of
 from classify.defects.cell_statistics import window_statistics
-from classify.defects.departures import power_sums, unlike_halves
+from classify.defects.departures import moment_sums, unlike_halves
 from classify.defects.fields import part_fields
 
 SIDE = 256
@@ -132,7 +132,7 @@ def test_parts_of_two_batches_are_scored_by_the_other_batch(stationary) -> None:
     # Every part is captured three times: left out one by one, each would know itself.
     parts = [part(seed // 2, scale) for seed, scale in enumerate(scales)] * 3
     sums = [
-        power_sums(window_statistics(fields.moments, 0.0)[fields.valid])
+        moment_sums(window_statistics(fields.moments, 0.0)[fields.valid])
         for fields in map(part_fields, parts)
     ]
     halves = unlike_halves(sums)

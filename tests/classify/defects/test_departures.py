@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from classify.defects.departures import CENTRES, Evidence, GoodCells
+from classify.defects.departures import CENTRES, EvidenceModel, GoodCells
 from classify.defects.filters import DIRECTIONS, LENGTHS, line_response
 
 
@@ -57,5 +57,5 @@ def test_a_cell_between_two_kinds_of_good_cells_is_far_from_both() -> None:
 def test_evidence_is_the_negative_logarithm_of_the_share_beyond() -> None:
     values = np.random.default_rng(0).exponential(2.0, (1, 200_000)).astype(np.float32)
     places = np.array([[[0.0, 1.0, 5.0, 40.0]]], np.float32)
-    found = Evidence.learn(values).of(places)[0, 0]
+    found = EvidenceModel.learn(values).of(places)[0, 0]
     np.testing.assert_allclose(found, places[0, 0] / 2.0, rtol=0.05, atol=0.01)

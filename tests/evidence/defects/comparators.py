@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.defects.defect_map import CELL_PX
-from classify.defects.departures import PowerSums, power_sums, unlike_halves
+from classify.defects.departures import MomentSums, moment_sums, unlike_halves
 from classify.defects.learning import common_limit, tile_maxima
 from classify.surface.estimate import FloatMap
 
@@ -64,7 +64,7 @@ class GaussianDetector:
     ) -> GaussianDetector:
         """Learn from good parts; the limit follows from the scores by unlike halves of them."""
         seen = [features(part, angle) for part, angle in zip(parts, orientations_deg, strict=True)]
-        sums = [power_sums(each.reshape(-1, each.shape[-1])) for each in seen]
+        sums = [moment_sums(each.reshape(-1, each.shape[-1])) for each in seen]
         halves = unlike_halves(sums)
         maxima = []
         for half, others in zip(halves, halves[::-1], strict=True):
@@ -146,7 +146,7 @@ def _derivatives(image: FloatMap, scale: float) -> tuple[FloatMap, FloatMap]:
 
 
 def _gaussian(
-    sums: Sequence[PowerSums],
+    sums: Sequence[MomentSums],
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Mean and whitening of the places of all parts."""
     moments = np.sum(sums, axis=0)

@@ -111,7 +111,7 @@ class SerialController:
         return LightController(
             self.port,
             clock=self.clock,
-            whereabouts=lambda: ports_to_try(known, list_serial_ports()),
+            possible_ports=lambda: ports_to_try(known, list_serial_ports()),
             **options,
         )
 

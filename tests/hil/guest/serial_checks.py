@@ -163,7 +163,7 @@ def test_recovery_finds_a_replugged_controller_under_another_name(
     with LightController(
         gadget_controller.port,
         clock=gadget_controller.clock,
-        whereabouts=lambda: ports_to_try(known, list_serial_ports()),
+        possible_ports=lambda: ports_to_try(known, list_serial_ports()),
     ) as lights:
         lights.set_level(3, 40)
         lights.select(3)

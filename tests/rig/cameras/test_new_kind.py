@@ -32,7 +32,7 @@ class FactoryCamera:
 
     def __init__(self, config: FactoryCameraConfig, simulation: Simulation) -> None:
         self._config = config
-        self._camera = simulation.frames
+        self._camera = simulation.camera_with_faults
 
     @property
     def info(self) -> CameraInfo:

@@ -8,7 +8,7 @@ from firmware_sim.firmware import MAX_LINE_BYTES
 from rig import ConfigError, RigConfig, open_rig
 from rig.config.sequence_plan import REACTION_S, plan_sequence
 from rig.lights.link import encode_command
-from rig.lights.sequence import require_one_line, start_command
+from rig.lights.sequence import require_short_command, start_command
 
 SMALL = {"width_px": 16, "height_px": 16}
 
@@ -53,7 +53,7 @@ def test_the_command_of_a_plan_fits_into_a_line(lights, settle_ms, triggers):
         lights, triggers=triggers, settle_s=settle_ms / 1e3, period_s=0.1, exposed_s=0.02
     )
     try:
-        require_one_line(plan)
+        require_short_command(plan)
     except ConfigError as error:
         assert f"for {lights} lights" in str(error)  # noqa: PT017
         assert lights > 10

@@ -134,7 +134,7 @@ def fail(lights: LightController) -> None:
 
 def test_the_same_controller_is_found_among_several(devices: Callable[[str], str]) -> None:
     first, other, again = devices("A-1"), devices("B-2"), devices("A-1")
-    with LightController(first, whereabouts=lambda: ("/dev/ttyNONE", other, again)) as lights:
+    with LightController(first, possible_ports=lambda: ("/dev/ttyNONE", other, again)) as lights:
         fail(lights)
         lights.recover()
         assert lights.port == again
@@ -143,7 +143,7 @@ def test_the_same_controller_is_found_among_several(devices: Callable[[str], str
 
 def test_another_controller_in_its_place_is_refused(devices: Callable[[str], str]) -> None:
     first, other = devices("A-1"), devices("B-2")
-    with LightController(first, whereabouts=lambda: (other,), timeouts=SHORT) as lights:
+    with LightController(first, possible_ports=lambda: (other,), timeouts=SHORT) as lights:
         fail(lights)
         with pytest.raises(LightControllerError, match=r"B-2 .*in place of A-1"):
             lights.recover()

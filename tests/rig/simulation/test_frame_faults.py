@@ -34,6 +34,19 @@ def test_frames_are_dropped_or_repeated_by_number(kind: str, sequences: list[int
     assert [frame.sequence for frame in faulty] == sequences
 
 
+@pytest.mark.parametrize("kind", ["dropped", "gone"])
+def test_a_frame_that_is_not_delivered_is_not_repeated_either(kind: str) -> None:
+    faults = [{"kind": each, "when": {"nth": 2}} for each in ("repeated_frame", kind)]
+    with rig_with(*faults) as rig:
+        assert rig.camera.read(1.0).sequence == 0
+        if kind == "dropped":
+            assert [rig.camera.read(1.0).sequence for _ in range(2)] == [2, 3]
+        else:
+            for _ in range(2):
+                with pytest.raises(CameraError):
+                    rig.camera.read(1.0)
+
+
 def test_repeated_pixels_have_a_new_sequence_number() -> None:
     faulty = frames(4, {"kind": "repeated_pixels", "when": {"nth": 3}})
     assert [frame.sequence for frame in faulty] == [0, 1, 2, 3]

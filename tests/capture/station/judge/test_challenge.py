@@ -230,6 +230,18 @@ def test_another_set_of_the_same_name_is_refused(files: RecipeFolder, tmp_path: 
         add_to_challenge(files.challenge, [other], "FAIL")
 
 
+def test_two_sets_of_one_name_are_refused_before_a_change_is_recorded(
+    files: RecipeFolder, tmp_path: Path
+) -> None:
+    one, other = (saved(tmp_path / name, name, range(1))[0] for name in ("malv", "sand"))
+    both = [path.rename(path.with_name("part.ome.tif")) for path in (one, other)]
+    records: list[str] = []
+    with pytest.raises(RecipeError, match="is another set; rename"):
+        add_to_challenge(files.challenge, both, "FAIL", lambda name, *_: records.append(name))
+    assert records == []
+    assert not (files.challenge / "part.ome.tif").exists()
+
+
 def test_a_set_whose_name_cannot_be_kept_is_refused_before_it_is_copied(
     files: RecipeFolder, tmp_path: Path
 ) -> None:

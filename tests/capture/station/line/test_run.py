@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from capture.commands.station.interfaces import modbus_of, mqtt_of, plc_line
+from capture.commands.station.interfaces import mqtt_publisher, plc_line, serving_plc_line
 from capture.station.domain.config import StationConfig
 from capture.station.domain.folder import StationFolder, make_station
 from capture.station.domain.interface_config import ModbusConfig, MqttConfig
@@ -50,9 +50,9 @@ def test_a_missing_package_is_named_with_the_way_to_install_it(
     make_station(tmp_path / "line-1")
     with pytest.raises(InputError, match=said), ExitStack() as stack:
         stack.enter_context(
-            modbus_of(line, None)
+            serving_plc_line(line, None)
             if extra == "modbus"
-            else mqtt_of(settings, StationFolder(tmp_path / "line-1"))
+            else mqtt_publisher(settings, StationFolder(tmp_path / "line-1"))
         )
 
 

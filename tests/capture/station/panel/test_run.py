@@ -30,14 +30,25 @@ def test_a_taken_port_stops_only_a_run_that_asked_for_the_panel(
         port = other.getsockname()[1]
         settings = folder.config.panel.model_copy(update={"port": port})
         object.__setattr__(folder.config, "panel", settings)
-        with running_interfaces(folder, live, "timer", (), is_asked=None, host=None, port=None):
+        with running_interfaces(folder, live, "timer", (), panel=None, host=None, port=None):
             said = capsys.readouterr().err
         assert f"warning: no panel: [panel] 127.0.0.1:{port}" in said
         with (
             pytest.raises(CannotListen, match="give another port with --port, or --no-panel"),
-            running_interfaces(folder, live, "timer", (), is_asked=True, host=None, port=None),
+            running_interfaces(folder, live, "timer", (), panel=True, host=None, port=None),
         ):
             pass
+
+
+def test_a_run_whose_panel_may_take_any_port_asked_for_the_panel(tmp_path: Path) -> None:
+    make_station(tmp_path / "line-1")
+    folder, live = StationFolder(tmp_path / "line-1"), LiveStation("line-1", simulated=True)
+    (folder.path / NAME).mkdir()  # in the place of the socket
+    with (
+        pytest.raises(CannotListen),
+        running_interfaces(folder, live, "timer", (), panel=None, host=None, port=0),
+    ):
+        pass
 
 
 def test_the_command_line_changes_host_and_port_alone() -> None:
@@ -91,6 +102,6 @@ def test_an_unsafe_panel_ends_the_run_at_its_start(ps4rig: Any, tmp_path: Path) 
 def test_a_run_without_a_panel_can_be_followed_by_one(tmp_path: Path) -> None:
     make_station(tmp_path / "line-1")
     folder, live = StationFolder(tmp_path / "line-1"), LiveStation("line-1", simulated=True)
-    with running_interfaces(folder, live, "http", (), is_asked=False, host=None, port=None):
+    with running_interfaces(folder, live, "http", (), panel=False, host=None, port=None):
         assert (folder.path / NAME).is_socket()
     assert not (folder.path / NAME).exists()
