@@ -35,7 +35,7 @@ class RigConfig(Section):
     Attributes
     ----------
     calibration
-        Calibration file for captures; in ``rig.toml`` relative to that file.
+        Calibration file for captures; in `rig.toml` relative to that file.
     """
 
     name: str = Field(default="rig", min_length=1, max_length=200, description="of the rig")

@@ -89,7 +89,7 @@ class Defect(Section):
     contrast
         Share by which a stain darkens the albedo; negative for a bright stain.
     surface
-        Texture of a foreign patch; the same names as `Placement.surface`.
+        Texture of a foreign patch; the same names as `surface` of `[simulation.placement]`.
     """
 
     kind: DefectKind

@@ -71,7 +71,7 @@ def _merged(kinds: Sequence[type]) -> list[Key]:
         having = [own["kind"].values for own in keys if {"kind", key.name} <= own.keys()]
         only = "" if len(having) in (0, len(kinds)) else f"{', '.join(having)}: "
         named = [own[key.name].values for own in keys if key.name in own]
-        values = ", ".join(dict.fromkeys(", ".join(named).split(", ")))
+        values = ", ".join(dict.fromkeys(", ".join(filter(None, named)).split(", ")))
         merged[key.name] = key._replace(values=values, meaning=only + key.meaning)
     return list(merged.values())
 
@@ -94,7 +94,11 @@ def _model_keys(model: type[BaseModel]) -> Iterator[Key]:
         ]
         meaning = next(filter(None, described), None) or _attributes(model).get(name, "")
         meaning = meaning[:1].lower() + meaning[1:] if meaning[1:2].islower() else meaning
-        default = REQUIRED if field.is_required() else _shown(field.get_default())
+        default = (
+            REQUIRED
+            if field.is_required()
+            else _shown(field.get_default(call_default_factory=True))
+        )
         alias = field.alias or name
         yield _key(alias, field.annotation, default, _range(field.metadata), meaning)
 

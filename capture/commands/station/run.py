@@ -72,13 +72,14 @@ def run(
     With --trigger enter each line is a trigger, its text the id of the part; q ends it. The exit
     status is 1 if a part did not pass. The panel, whose address is printed, triggers parts, too.
 
-    With --collect each part is UNKNOWN, and neither recipe nor challenge set is needed. Teach its
-    parts in the panel, or by station teach.
+    With --collect each part is UNKNOWN, and neither recipe nor challenge set is needed; the exit
+    status is 1 if a part is ERROR. Teach its parts in the panel, or by station teach.
     """
     import os
 
     from capture.base.process_settings import settle_station
     from capture.station.domain.folder import station_folder
+    from capture.station.domain.verdict import Decision
     from capture.station.run.control_chart import ControlChart
     from capture.station.run.events import text_lines
     from capture.station.run.live_station import LiveStation
@@ -111,7 +112,7 @@ def run(
             source = _source(trigger, config.timer_s)
             run_options = RunOptions(operator, parts, notifier.report_alive, collect)
             stopped = run_station(opened, rig_config, source, live, run_options)
-    if stopped.rejected:
+    if stopped.parts.get(Decision.ERROR) if collect else stopped.rejected:
         raise typer.Exit(1)
 
 

@@ -114,7 +114,8 @@ class Recipe(Section):
     )
     limits: GeneralLimits = Field(default=GeneralLimits(), description="limits of all textures")
     limits_of: Mapping[Label, Limits] = Field(
-        default_factory=dict, description="limits of one texture, in place of those above"
+        default_factory=dict,
+        description="limits of one texture, in `[limits_of.TEXTURE]`, in place of those above",
     )
     region: Region | None = Field(
         default=None, description="part of the image that is judged; teach again after a change"

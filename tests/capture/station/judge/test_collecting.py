@@ -1,6 +1,8 @@
 """A run that collects parts to teach: no recipe, and no PASS."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -60,6 +62,19 @@ def test_collecting_takes_exposure_and_gain_of_a_recipe_that_is_there(tmp_path: 
     camera = CapturedSet.load(path).metadata.camera
     assert camera is not None
     assert camera.exposure_ms == 12.0
+
+
+def test_a_run_that_collects_ends_with_status_0(ps4rig: Callable[..., Any], tmp_path: Path) -> None:
+    make_station(tmp_path / "line")
+    rig = tmp_path / "rig.toml"
+    rig.write_text(
+        "[lights]\nport = 'simulated'\n[camera]\nkind = 'simulated'\nwidth_px = 64\n"
+        "height_px = 64\n"
+        "[simulation]\nclock = 'virtual'\n"
+    )
+    options = ("--rig", rig, "--collect", "--no-panel", "--trigger", "timer", "--parts", 1)
+    ran = ps4rig("station", "run", tmp_path / "line", *options)
+    assert ran.exit_code == 0
 
 
 def _run_without_collecting(folder: Path) -> None:
