@@ -10,10 +10,11 @@ import tifffile
 
 from capture.sets.captured_set import CapturedSet
 from capture.sets.light_list import write_light_list
+from capture.sets.photographs import EXPORTED_METADATA
 from classify.base.durable_file import durable_file, durable_folder
 from classify.base.errors import InputError
 
-_LIGHTS, _AMBIENT, _MASK, _METADATA = "lights.lp", "ambient.tif", "mask.tif", "metadata.json"
+_LIGHTS, _AMBIENT, _MASK = "lights.lp", "ambient.tif", "mask.tif"
 
 
 def write_light_folder(captured: CapturedSet, folder: Path) -> str:
@@ -33,11 +34,11 @@ def write_light_folder(captured: CapturedSet, folder: Path) -> str:
     if captured.mask is not None:
         pages[_MASK] = captured.mask.astype("u2") * 65535
         options += ["--mask", str(folder / _MASK)]
-    with durable_folder(folder, [*pages, _LIGHTS, _METADATA], _LIGHTS) as temporary:
+    with durable_folder(folder, [*pages, _LIGHTS, EXPORTED_METADATA], _LIGHTS) as temporary:
         for name, page in pages.items():
             tifffile.imwrite(temporary / name, page, photometric="minisblack")
         write_light_list(temporary / _LIGHTS, captured.lighting, names)
-        (temporary / _METADATA).write_text(
+        (temporary / EXPORTED_METADATA).write_text(
             captured.metadata.model_dump_json(indent=1), encoding="utf-8"
         )
     return shlex.join([*options, "--bits", str(captured.metadata.full_scale.bit_length())])

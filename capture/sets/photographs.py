@@ -1,5 +1,6 @@
 """Photographs of one set: read to linear values, and imported as a captured set."""
 
+import json
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -14,6 +15,7 @@ from capture.base.utc_time import utc_text
 from classify import Lighting
 from classify.base.arrays import BoolArray
 from classify.base.errors import InputError
+from classify.base.regular_file import read_regular_file
 from classify.calibration.calibration import Calibration
 from classify.lights.algebra import require_solvable
 from classify.methods import checked_label
@@ -28,6 +30,10 @@ from .metadata import ImageRecord, LightingRecord, SetMetadata
 Gamma = Literal["linear", "srgb"]
 _GammaSource = Literal["stated", "given", "assumed"]
 Crop = tuple[int, int, int, int]
+
+EXPORTED_METADATA = "metadata.json"
+"""Metadata of a set beside its images in a folder of `ps4rig export`."""
+_MAX_METADATA_BYTES = 1 << 24
 
 DNG = ".dng"
 # Depths of sensors, of which one is guessed for files of 16 bits.
@@ -309,7 +315,7 @@ def import_images(
     metadata = SetMetadata(
         label=label,
         created_utc=utc_text(),
-        simulated=False,
+        simulated=any(_is_simulated(path) for path in paths),
         bit_depth=photographs.bit_depth,
         full_scale=photographs.full_scale,
         lighting=LightingRecord.of(lighting),
@@ -338,3 +344,13 @@ def _about_depth(photographs: Photographs) -> list[str]:
         return []
     text = f"the data are taken for {photographs.bit_depth} bits, because the largest value is"
     return [f"{text} {photographs.largest}; --bits N sets another depth"]
+
+
+def _is_simulated(photograph: Path) -> bool:
+    """Whether `ps4rig export` wrote an image from a simulated set."""
+    try:
+        text = read_regular_file(photograph.with_name(EXPORTED_METADATA), _MAX_METADATA_BYTES)
+        exported = json.loads(text)
+    except (InputError, ValueError, RecursionError):
+        return False
+    return isinstance(exported, dict) and exported.get("simulated") is True

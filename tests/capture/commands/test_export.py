@@ -33,6 +33,7 @@ def test_a_folder_of_images_comes_back_with_the_same_pixels(
     np.testing.assert_array_equal(after.ambient, before.ambient)
     np.testing.assert_allclose(after.lighting.directions, before.lighting.directions, atol=1e-8)
     assert after.metadata.full_scale == before.metadata.full_scale
+    assert after.metadata.simulated
     about = json.loads((in_folder / "my images" / "metadata.json").read_text())
     assert about["pixels_sha256"] == before.metadata.pixels_sha256
 
