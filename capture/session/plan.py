@@ -46,7 +46,7 @@ def _words(command: str) -> list[str]:
     """Split a command as a shell does, but with the backslashes of Windows paths."""
     split = shlex.shlex(command, posix=True, punctuation_chars=False)
     split.whitespace_split, split.commenters = True, ""
-    # A plan may be written on Windows and checked elsewhere: "C:\\, with or without the quote.
+    # A path with a drive, such as C:\, is a Windows path also where the plan is checked elsewhere.
     if os.name == "nt" or re.match(r"\W?[A-Za-z]:\\", command):
         split.escape = ""
     return list(split)
