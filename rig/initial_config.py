@@ -52,8 +52,10 @@ def initial_config(controllers: Sequence[_Controller], cameras: Sequence[ListedC
 
 def _port_lines(controllers: Sequence[_Controller]) -> list[str]:
     lines = [
-        f"# Found: light controller {identity.serial_number} ({identity.model}, firmware "
-        f"{identity.firmware_version}) at {port.by_id or port.device}"
+        _comment(
+            f"Found: light controller {identity.serial_number} ({identity.model}, firmware "
+            f"{identity.firmware_version}) at {port.by_id or port.device}"
+        )
         for port, identity in controllers
     ]
     if not controllers:
@@ -75,10 +77,10 @@ def _camera_lines(cameras: Sequence[ListedCamera]) -> list[str]:
     lines = []
     for camera in cameras:
         if camera.problem is not None:
-            lines.append(f"# Found, but it cannot be used: {camera.problem}")
+            lines.append(_comment(f"Found, but it cannot be used: {camera.problem}"))
             continue
-        lines.append(f"# Found: {camera.name} ({camera.driver}) at {camera.device}, with")
-        lines += [f"#   {text}" for text in camera.formats]
+        lines.append(_comment(f"Found: {camera.name} ({camera.driver}) at {camera.device}, with"))
+        lines += [_comment(f"  {text}") for text in camera.formats]
     usable = next((camera for camera in cameras if camera.config_lines), None)
     if usable is not None:
         kind, device = _toml_string(usable.kind), _toml_string(usable.device)
@@ -93,6 +95,11 @@ def _camera_lines(cameras: Sequence[ListedCamera]) -> list[str]:
         "width_px = 512",
         "height_px = 512",
     ]
+
+
+def _comment(text: str) -> str:
+    """One line of comment; a name that a device reports may contain control characters."""
+    return "# " + "".join(letter if letter.isprintable() else " " for letter in text)
 
 
 def _toml_string(value: str) -> str:
