@@ -1,6 +1,5 @@
 """Triggers, which tell the station that a part lies below the camera."""
 
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -156,7 +155,6 @@ class TimerTrigger:
     def __init__(self, period_s: float, now_s: Callable[[], float] = time.monotonic) -> None:
         self._period_s = period_s
         self._now_s = now_s
-        self._pause = threading.Event()  # never set: waiting on it can be interrupted
 
     def run(self, station: TriggerTarget) -> None:
         """Submit triggers until the station stops."""
@@ -171,7 +169,7 @@ class TimerTrigger:
                     continue
             late_s = self._now_s() - next_s
             if late_s < 0.0:
-                self._pause.wait(min(-late_s, _POLL_S))
+                time.sleep(min(-late_s, _POLL_S))
                 continue
             if 0.0 < self._period_s <= late_s:
                 periods = int(late_s / self._period_s) + 1
@@ -192,9 +190,8 @@ class NoTriggers:
 
     def run(self, station: TriggerTarget) -> None:
         """Wait until the station stops."""
-        pause = threading.Event()
         while not station.is_stopping:
-            pause.wait(_POLL_S)
+            time.sleep(_POLL_S)
 
 
 class SensorTrigger(NoTriggers):
