@@ -11,7 +11,7 @@ from .firmware import Firmware
 class SimulatedController:
     """An LED controller as a host sees it at the other end of a cable; thread-safe.
 
-    While a sequence runs, the main loop is simulated pass by pass, each of `turn_us` (about 50 to
+    While a sequence runs, the main loop is simulated pass by pass, each of `pass_us` (about 50 to
     200 us with MicroPython), so that edges are handled up to one pass late.
     """
 
@@ -23,16 +23,16 @@ class SimulatedController:
         resets_on_open: bool = False,
         boot_ms: float = 300.0,
         link_delay_ms: float = 1.0,
-        turn_us: tuple[float, float] = (50.0, 200.0),
+        pass_us: tuple[float, float] = (50.0, 200.0),
     ) -> None:
         self.clock = clock
         self._board = board
         self._resets_on_open = resets_on_open
         self._boot_us = round(boot_ms * 1000.0)
         self._link_delay_s = link_delay_ms / 1000.0
-        self._turn_us = turn_us
-        self._pass_times = random.Random(0)
-        self._in_loop = False  # whether the clock will call the next pass
+        self._pass_us = pass_us
+        self._pass_rng = random.Random(0)
+        self._pass_is_scheduled = False
         self._lock = threading.Lock()
         self._firmware: Firmware | None = Firmware(board)  # None while it boots
 
@@ -54,13 +54,13 @@ class SimulatedController:
         *lines, rest = data.split(b"\n")
         for line in lines:
             self.clock.sleep_s(self._link_delay_s)  # without the lock, so that others can poll
-            self._arrive(line + b"\n")
-        self._arrive(rest)
+            self._receive(line + b"\n")
+        self._receive(rest)
 
     def poll(self) -> None:
         """Run one pass of the main loop without waiting, unless the clock times the passes."""
         with self._lock:
-            if not self._in_loop:
+            if not self._pass_is_scheduled:
                 self._run_pass()
 
     def strobe(self, exposing: bool, at_s: float) -> None:
@@ -83,7 +83,7 @@ class SimulatedController:
                 return 0.0
             return max(0, self._boot_us - self._board.micros()) / 1e6
 
-    def _arrive(self, data: bytes) -> None:
+    def _receive(self, data: bytes) -> None:
         with self._lock:
             if self._run_pass():
                 self._board.receive(data)
@@ -98,13 +98,13 @@ class SimulatedController:
         if self._firmware.stopped:
             return False  # a real board would be at MicroPython's prompt
         self._firmware.poll()
-        if self._firmware.sequence.running and not self._in_loop:
-            self._in_loop = True
-            turn_s = self._pass_times.uniform(*self._turn_us) / 1e6
-            self.clock.call_at(self.clock.now_s() + turn_s, self._run_timed_pass)
+        if self._firmware.sequence.running and not self._pass_is_scheduled:
+            self._pass_is_scheduled = True
+            pass_s = self._pass_rng.uniform(*self._pass_us) / 1e6
+            self.clock.call_at(self.clock.now_s() + pass_s, self._run_timed_pass)
         return True
 
     def _run_timed_pass(self) -> None:
         with self._lock:
-            self._in_loop = False
+            self._pass_is_scheduled = False
             self._run_pass()

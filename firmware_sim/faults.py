@@ -209,9 +209,9 @@ class FaultyLine(SimulatedController):
         clock: Clock,
         faults: Sequence[LineFault],
         seed: int,
-        turn_us: tuple[float, float] = (50.0, 200.0),
+        pass_us: tuple[float, float] = (50.0, 200.0),
     ) -> None:
-        super().__init__(board, clock, turn_us=turn_us)
+        super().__init__(board, clock, pass_us=pass_us)
         self._faults = faults
         self._rng = random.Random(seed)
         self._started_s = clock.now_s()

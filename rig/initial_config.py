@@ -9,12 +9,10 @@ from .errors import LightControllerError
 from .lights.discovery import SerialPort, identify
 from .lights.link import ControllerIdentity
 
-_Controllers = Sequence[tuple[SerialPort, ControllerIdentity]]
+_Controller = tuple[SerialPort, ControllerIdentity]
 
 
-def answering_controllers(
-    ports: Sequence[SerialPort],
-) -> list[tuple[SerialPort, ControllerIdentity]]:
+def answering_controllers(ports: Sequence[SerialPort]) -> list[_Controller]:
     """The light controllers that answer at `ports`, in their order."""
     controllers = []
     for port in ports:
@@ -25,7 +23,7 @@ def answering_controllers(
     return controllers
 
 
-def initial_config(controllers: _Controllers, cameras: Sequence[ListedCamera]) -> str:
+def initial_config(controllers: Sequence[_Controller], cameras: Sequence[ListedCamera]) -> str:
     """A ``rig.toml`` for the first controller and camera that work, with the others in comments."""
     return "\n".join(
         [
@@ -52,10 +50,12 @@ def initial_config(controllers: _Controllers, cameras: Sequence[ListedCamera]) -
     )
 
 
-def _port_lines(controllers: _Controllers) -> list[str]:
+def _port_lines(controllers: Sequence[_Controller]) -> list[str]:
     lines = [
-        f"# Found: light controller {identity.serial_number} ({identity.model}, firmware "
-        f"{identity.firmware_version}) at {port.by_id or port.device}"
+        _comment(
+            f"Found: light controller {identity.serial_number} ({identity.model}, firmware "
+            f"{identity.firmware_version}) at {port.by_id or port.device}"
+        )
         for port, identity in controllers
     ]
     if not controllers:
@@ -65,11 +65,11 @@ def _port_lines(controllers: _Controllers) -> list[str]:
             '# port = "/dev/ttyACM0"',
         ]
     port, identity = controllers[0]
-    if not port.may_be_a_microcontroller:  # "auto" would not ask there
-        return [*lines, f"port = {_text(port.by_id or port.device)}"]
+    if not port.may_be_a_microcontroller:  # "auto" does not try such ports
+        return [*lines, f"port = {_toml_string(port.by_id or port.device)}"]
     lines.append(f'port = "{AUTO}"                  # found wherever it is plugged in')
     if len(controllers) > 1:
-        lines.append(f"serial_number = {_text(identity.serial_number)}")
+        lines.append(f"serial_number = {_toml_string(identity.serial_number)}")
     return lines
 
 
@@ -77,13 +77,13 @@ def _camera_lines(cameras: Sequence[ListedCamera]) -> list[str]:
     lines = []
     for camera in cameras:
         if camera.problem is not None:
-            lines.append(f"# Found, but it cannot be used: {camera.problem}")
+            lines.append(_comment(f"Found, but it cannot be used: {camera.problem}"))
             continue
-        lines.append(f"# Found: {camera.name} ({camera.driver}) at {camera.device}, with")
-        lines += [f"#   {text}" for text in camera.formats]
+        lines.append(_comment(f"Found: {camera.name} ({camera.driver}) at {camera.device}, with"))
+        lines += [_comment(f"  {text}") for text in camera.formats]
     usable = next((camera for camera in cameras if camera.config_lines), None)
     if usable is not None:
-        kind, device = _text(usable.kind), _text(usable.device)
+        kind, device = _toml_string(usable.kind), _toml_string(usable.device)
         return [*lines, f"kind = {kind}", f"device = {device}", *usable.config_lines]
     return [
         *lines,
@@ -97,5 +97,11 @@ def _camera_lines(cameras: Sequence[ListedCamera]) -> list[str]:
     ]
 
 
-def _text(value: str) -> str:
+def _comment(text: str) -> str:
+    """One line of comment; a name that a device reports may contain control characters."""
+    return "# " + "".join(letter if letter.isprintable() else " " for letter in text)
+
+
+def _toml_string(value: str) -> str:
+    # The escapes of JSON are valid in TOML.
     return json.dumps(value, ensure_ascii=False)

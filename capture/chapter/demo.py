@@ -83,7 +83,7 @@ def _write_report(
 
 
 def _cells_of(trial: Trial) -> tuple[str, ...]:
-    """Texts of a row of the table: one for each of `COLUMNS`."""
+    """Texts of a row of the table, one for each of `_COLUMNS`."""
     match = trial.match
     return (
         trial.label,
@@ -98,7 +98,7 @@ def _cells_of(trial: Trial) -> tuple[str, ...]:
 
 def _tiles(entry: _ReportEntry) -> dict[str, str]:
     maps = {
-        **pictures.light_images(entry.captured, 4),
+        **pictures.light_images(entry.captured, len(entry.captured.images)),
         "lights in shadow": pictures.coloured(
             entry.surface.shadow_count, pictures.shadow_colours(len(entry.captured.images))
         ),
@@ -120,8 +120,8 @@ def _polar_plots(entry: _ReportEntry) -> dict[str, Markup]:
 
 
 def _polar_plot(test: FloatMap, reference: FloatMap, orientation_deg: float) -> Markup:
-    """SVG: the test as a line, the nearest training set at the orientation found as an area."""
-    top = max(float(test.max()), float(reference.max()), 1e-12)
+    """SVG: the test as a line, the training set at the orientation of the match as an area."""
+    top = max(float(test.max()), float(reference.max()), 1e-12)  # not 0 for flat spectra
     return Markup(
         f'<svg viewBox="-1.1 -1.1 2.2 2.2" width="{TILE_PX}" height="{TILE_PX}">'
         '<circle r="1" class="frame"/><circle r="0.5" class="frame"/>'
@@ -142,10 +142,10 @@ def _points(radii: FloatMap, orientation_deg: float) -> str:
 
 
 _FRAME_PX = 256
-# Two test patches of each surface: seed, rotation and shift. They share at most a corner with the
-# training patch, which is the middle of a tile of 512 px.
-_TEST_SEED = 1000
-_TESTS = ((37.0, (256.0, 120.0)), (112.0, (-100.0, 256.0)))
+_TEST_SEED = 1000  # the noise of test sets differs from that of the training sets
+# `rotate_deg` and `shift_px` of two test patches of each surface. They share at most a corner with
+# the training patch, which is the middle of a tile of 512 px.
+_TEST_PATCHES = ((37.0, (256.0, 120.0)), (112.0, (-100.0, 256.0)))
 
 
 def run_demo(output: Path, *, force: bool = False) -> None:
@@ -153,19 +153,19 @@ def run_demo(output: Path, *, force: bool = False) -> None:
     sets_folder, library_file = output / "sets", output / "textures.ps4lib"
     for folder in (output, sets_folder):
         make_folder(folder)
-    surfaces = list(enumerate(surface_names()))
-    training = _placed(
-        sets_folder, "train", [Placement(surface=name, seed=seed) for seed, name in surfaces]
+    seeded_surfaces = list(enumerate(surface_names()))
+    training = _by_file(
+        sets_folder, "train", [Placement(surface=name, seed=seed) for seed, name in seeded_surfaces]
     )
-    testing = _placed(
+    testing = _by_file(
         sets_folder,
         "test",
         [
             Placement(
                 surface=name, rotate_deg=rotate_deg, shift_px=shift_px, seed=_TEST_SEED + seed
             )
-            for seed, name in surfaces
-            for rotate_deg, shift_px in _TESTS
+            for seed, name in seeded_surfaces
+            for rotate_deg, shift_px in _TEST_PATCHES
         ],
     )
     check_output(library_file, suffix=".ps4lib", force=force)
@@ -186,10 +186,10 @@ def run_demo(output: Path, *, force: bool = False) -> None:
     samples = ((label, surface, 0.0) for label, surface in solved.items())
     library = replace(TextureLibrary.train(samples), simulated=True)
     library.save(library_file)
-    spectra = {
+    training_spectra = {
         label: surface_spectra(surface, library.segment_px) for label, surface in solved.items()
     }
-    classified = (_classified(captured, library, spectra) for captured in tests)
+    classified = (_classified(captured, library, training_spectra) for captured in tests)
     entries = list(progress(classified, len(tests), "classify"))
     trials = [entry.trial for entry in entries]
     result = evaluate(trials, library.classes)
@@ -207,16 +207,16 @@ def run_demo(output: Path, *, force: bool = False) -> None:
 
 
 def _classified(
-    captured: CapturedSet, library: TextureLibrary, spectra: Mapping[str, Spectra]
+    captured: CapturedSet, library: TextureLibrary, training_spectra: Mapping[str, Spectra]
 ) -> _ReportEntry:
     surface = captured.solve(planar=True)
     match = library.classify(surface)
     trial = Trial(captured.label or "", captured.metadata.orientation_deg or 0.0, match)
-    own = surface_spectra(surface, library.segment_px)
-    return _ReportEntry(captured, surface, trial, own, spectra[match.nearest])
+    test_spectra = surface_spectra(surface, library.segment_px)
+    return _ReportEntry(captured, surface, trial, test_spectra, training_spectra[match.nearest])
 
 
-def _placed(folder: Path, stem: str, placements: list[Placement]) -> dict[Path, Placement]:
+def _by_file(folder: Path, stem: str, placements: list[Placement]) -> dict[Path, Placement]:
     """Name a file for the set of each placement."""
     return {
         folder / f"{stem}-{number:02d}-{placement.surface}{SET_SUFFIX}": placement

@@ -25,7 +25,7 @@ from classify.base.models import Degrees, Section, read_toml_as
 
 # A year of captures at one a minute.
 _MAX_SETS = 500_000
-_PLACE = "{angle}"
+_ANGLE = "{angle}"
 SEARCH: Literal["search"] = "search"
 
 
@@ -36,16 +36,17 @@ def _usable_properties(values: object) -> object:
         raise ValueError(str(error)) from error
 
 
-def _exposure(value: object) -> object:
+def _checked_exposure(value: object) -> object:
     if isinstance(value, str) and value != SEARCH:
         raise ValueError(f"{value!r}: give milliseconds, or {SEARCH!r}")
     return value
 
 
 def _words(command: str) -> list[str]:
-    """Split a command as a shell does. The backslashes of Windows separate folders."""
+    """Split a command as a shell does, but with the backslashes of Windows paths."""
     split = shlex.shlex(command, posix=True, punctuation_chars=False)
     split.whitespace_split, split.commenters = True, ""
+    # A path with a drive, such as C:\, is a Windows path also where the plan is checked elsewhere.
     if os.name == "nt" or re.match(r"\W?[A-Za-z]:\\", command):
         split.escape = ""
     return list(split)
@@ -102,7 +103,7 @@ class SessionPlan(Section):
     average: int = Field(
         default=1, ge=1, le=MAX_AVERAGE, description="frames that each image averages"
     )
-    exposure_ms: Annotated[Exposure, BeforeValidator(_exposure)] = Field(
+    exposure_ms: Annotated[Exposure, BeforeValidator(_checked_exposure)] = Field(
         default=None,
         description='that of the rig by default; "search" finds one for each specimen',
     )
@@ -125,13 +126,13 @@ class SessionPlan(Section):
 
     @field_validator("file_name")
     @classmethod
-    def _file_names_differ(cls, pattern: str) -> str:
-        rest = pattern
-        for place in ("{specimen}", _PLACE, "{repeat}"):
-            if place not in pattern:
-                raise ValueError(f"file_name = {pattern!r}: {place} is missing")
-            rest = rest.replace(place, "0")
-        file_name(rest)
+    def _file_name_has_all_placeholders(cls, pattern: str) -> str:
+        example = pattern
+        for placeholder in ("{specimen}", _ANGLE, "{repeat}"):
+            if placeholder not in pattern:
+                raise ValueError(f"file_name = {pattern!r}: {placeholder} is missing")
+            example = example.replace(placeholder, "0")
+        file_name(example)  # raises if it is no usable name
         return pattern
 
     @field_validator("turntable")
@@ -143,23 +144,23 @@ class SessionPlan(Section):
             words = _words(command)
         except ValueError as error:
             raise ValueError(f"turntable = {command!r}: {error}") from error
-        if not any(_PLACE in word for word in words[1:]):
+        if not any(_ANGLE in word for word in words[1:]):
             raise ValueError(
-                f"turntable = {command!r}: give a program and {_PLACE} where the degrees go"
+                f"turntable = {command!r}: give a program and {_ANGLE} where the degrees go"
             )
         return command
 
     @model_validator(mode="after")
     def _each_set_is_planned_once(self) -> Self:
         ids = [specimen.id.casefold() for specimen in self.specimen]
-        named: tuple[tuple[str, Sequence[object]], ...] = (
+        unique: tuple[tuple[str, Sequence[object]], ...] = (
             ("specimen.id", ids),
             ("orientations_deg", [angle_deg % 360.0 for angle_deg in self.orientations_deg]),
         )
-        for key, names in named:
-            twice = [name for name, count in Counter(names).items() if count > 1]
-            if twice:
-                raise ValueError(f"{key}: {twice[0]} is named twice; name each once")
+        for key, values in unique:
+            repeated = [value for value, count in Counter(values).items() if count > 1]
+            if repeated:
+                raise ValueError(f"{key}: {repeated[0]} is named twice; name each once")
         if len(self) > _MAX_SETS:
             raise ValueError(f"the plan has {len(self)} sets; up to {_MAX_SETS} are handled")
         files: dict[str, PlannedSet] = {}
@@ -187,7 +188,7 @@ class SessionPlan(Section):
         """Return one set with the name of its file."""
         # No str.format: it would evaluate attributes.
         name = self.file_name.replace("{specimen}", specimen)
-        name = name.replace(_PLACE, f"{orientation_deg:g}").replace("{repeat}", str(repeat))
+        name = name.replace(_ANGLE, f"{orientation_deg:g}").replace("{repeat}", str(repeat))
         return PlannedSet(specimen, orientation_deg, repeat, name + SET_SUFFIX)
 
     def specimen_named(self, name: str) -> Specimen:
@@ -195,9 +196,9 @@ class SessionPlan(Section):
         return next(specimen for specimen in self.specimen if specimen.id == name)
 
     def turntable_command(self, orientation_deg: float) -> list[str]:
-        """Words of the command that turns the specimen."""
+        """Words of the command that rotates the turntable to an orientation."""
         words = _words(self.turntable or "")
-        return [word.replace(_PLACE, f"{orientation_deg:g}") for word in words]
+        return [word.replace(_ANGLE, f"{orientation_deg:g}") for word in words]
 
 
 def read_plan(path: Path) -> SessionPlan:

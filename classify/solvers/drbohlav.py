@@ -22,7 +22,7 @@ def solve_drbohlav(problem: Problem) -> Maps:
     shadow or highlight.
     """
     weights = least_squares_weights(problem.lighting, "drbohlav")
-    least_bz, limits = slope_noise(weights), gates(len(problem.lighting))
+    least_bz, limits = slope_noise(weights), residual_limits(len(problem.lighting))
     fours = by_fours(problem)
     dropped, highlights = np.empty(problem.shape, np.uint8), np.empty(problem.shape, np.bool_)
     maps = problem.new_maps(left_out=dropped, highlights=highlights)
@@ -40,8 +40,12 @@ def solve_drbohlav(problem: Problem) -> Maps:
     return maps
 
 
-def gates(lights: int) -> FloatMap:
-    """(N + 1,) 99.7 % quantiles of chi-squared of n - 3 degrees of freedom; infinite to n = 3."""
+def residual_limits(lights: int) -> FloatMap:
+    """(N + 1,) limits of the squared residuals over the noise variance, for n = 0 to N lights.
+
+    99.7 % quantiles of chi-squared with n - 3 degrees of freedom; infinite up to n = 3, where every
+    pixel is fitted exactly.
+    """
     limits = [np.inf if n < 4 else chi_squared(n - 3, BEYOND_NOISE) for n in range(lights + 1)]
     return np.array(limits, np.float32)
 
@@ -50,16 +54,20 @@ def gates(lights: int) -> FloatMap:
 def _drop_inconsistent(
     images: Array, ambient: Array, lights: Array, gains: Array, directions: Array,
     saturation: np.float32, noise: Array, frames: np.float32, least_bz: np.float32,
-    gates: Array, weights: Array, dark_albedo: np.float32,
+    limits: Array, weights: Array, dark_albedo: np.float32,
     p: Array, q: Array, albedo: Array, valid: Array, dark_counts: Array,
     dropped: Array, highlights: Array,
 ) -> None:  # fmt: skip
-    """Solve rows from all lights, or without those that are inconsistent; see `robust._gate`."""
+    """Solve rows from all lights, or without those that are inconsistent.
+
+    `noise` (3,) is a, b and black of the variance a + b (value - black). `ambient` has one row or
+    as many as the images.
+    """
     count = len(images)
     rows, columns = p.shape
-    a, slope, black = noise
+    a, b, black = noise
     zero = np.float32(0.0)
-    limit = gates[count]
+    limit = limits[count]
     for r in range(rows):
         dark = ambient[min(r, len(ambient) - 1)]
         bx = np.zeros(columns, np.float32)
@@ -70,12 +78,13 @@ def _drop_inconsistent(
         brightest = np.zeros(columns, np.float32)
         largest = np.zeros(columns, np.float32)
         for k in range(count):
+            # `variance` is the mean over the lights of the variances of the values.
             gain, share = gains[k], gains[k] * gains[k] / np.float32(count)
             x, y, z = weights[:, k]
             for c in range(columns):
                 raw = images[k, r, c]
                 brightest[c] = max(brightest[c], raw)
-                variance[c] += share * (a + slope * max(raw - black, zero))
+                variance[c] += share * (a + b * max(raw - black, zero))
                 v = (raw - dark[c]) * gain
                 largest[c] = max(largest[c], v)
                 bx[c] += x * v
@@ -91,9 +100,9 @@ def _drop_inconsistent(
         highlights[r] = False
         gate = limit * variance + (TOLERANCE * largest) ** 2
         for column in np.flatnonzero((squares > gate) | (brightest >= saturation)):
-            dark_variance = frames * (a + slope * max(dark[column] - black, zero))
+            dark_variance = frames * (a + b * max(dark[column] - black, zero))
             first, highlight, x, y, z = _solve_consistent(
-                images, dark[column], dark_variance, lights, gains, directions, saturation, gates,
+                images, dark[column], dark_variance, lights, gains, directions, saturation, limits,
                 variance[column], r, column,
             )  # fmt: skip
             dropped[r, column], highlights[r, column] = first, highlight
@@ -108,7 +117,7 @@ def _drop_inconsistent(
 @kernel
 def _solve_consistent(
     images: Array, dark: np.float32, dark_variance: np.float32, lights: Array, gains: Array,
-    directions: Array, saturation: np.float32, gates: Array, variance: np.float32, r: int, c: int,
+    directions: Array, saturation: np.float32, limits: Array, variance: np.float32, r: int, c: int,
 ) -> tuple[int, bool, np.float32, np.float32, np.float32]:  # fmt: skip
     """Leave out lights until the others agree; return the first, whether a highlight, and b.
 
@@ -128,20 +137,22 @@ def _solve_consistent(
             used[k] = False
             remaining -= 1
             first = min(first, k)
-    brightest, second = np.float32(0.0), np.float32(0.0)
+    brightest, second_brightest = np.float32(0.0), np.float32(0.0)
     for k in range(count):
-        second = max(second, min(brightest, values[k]))
+        second_brightest = max(second_brightest, min(brightest, values[k]))
         brightest = max(brightest, values[k])
     dark_level = DARK * np.sqrt(dark_variance)
     tolerance = TOLERANCE * brightest
-    is_dark, bright = np.empty(count, np.bool_), 0
+    is_dark, bright_count = np.empty(count, np.bool_), 0
     # The sums of the normal equations; those of a light are subtracted when it is left out.
     xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     x, y, z = 0.0, 0.0, 0.0
     for k in range(count):
-        level = max(min(dark_level * gains[k], SHADOW_FRACTION * brightest), LEAK * second)
+        level = max(
+            min(dark_level * gains[k], SHADOW_FRACTION * brightest), LEAK * second_brightest
+        )
         is_dark[k] = values[k] <= level
-        bright += used[k] & (values[k] > level)
+        bright_count += used[k] & (values[k] > level)
         if used[k]:
             lx, ly, lz = float(directions[0, k]), float(directions[1, k]), float(directions[2, k])
             value = float(values[k])
@@ -160,11 +171,11 @@ def _solve_consistent(
             errors[k] = values[k] - s if used[k] else np.float32(0.0)
             squares += errors[k] * errors[k]
             any_dark |= used[k] & is_dark[k]
-        if squares <= gates[remaining] * variance + tolerance * tolerance:
+        if squares <= limits[remaining] * variance + tolerance * tolerance:
             break
-        if 2 * (remaining - 1) <= bright:
-            # No majority agrees: directions or levels are wrong, and all lights that are not dark
-            # are used.
+        if 2 * (remaining - 1) <= bright_count:
+            # No majority of the bright lights agrees: directions or levels are wrong. All lights
+            # are used that are neither dark nor saturated.
             first = NO_DROPPED_LIGHT
             for k in range(count):
                 used[k] = (images[k, r, c] < saturation) & (not is_dark[k])
@@ -178,9 +189,9 @@ def _solve_consistent(
                 r, c,
             )  # fmt: skip
         else:
-            least = least_determinant(remaining - 1.0) / determinant
+            smallest = least_determinant(remaining - 1.0) / determinant
             inverse = (a00, 2.0 * a01, 2.0 * a02, a11, 2.0 * a12, a22)
-            chosen = _least_consistent(directions, errors, eligible, inverse, least)
+            chosen = _least_consistent(directions, errors, eligible, inverse, smallest)
         if chosen < 0:
             break
         value = float(values[chosen])
@@ -198,24 +209,25 @@ def _solve_consistent(
         used[chosen] = False
         remaining -= 1
         first = chosen if first == NO_DROPPED_LIGHT else first
-        highlight |= values[chosen] > max(values[chosen] - errors[chosen], LEAK * second)
+        # A highlight exceeds the fit and the light that may reach a shadow.
+        highlight |= values[chosen] > max(values[chosen] - errors[chosen], LEAK * second_brightest)
     return first, highlight, bx, by, bz
 
 
 @kernel
 def _least_consistent(
     directions: Array, errors: Array, eligible: Array,
-    inverse: tuple[float, float, float, float, float, float], least: float,
+    inverse: tuple[float, float, float, float, float, float], smallest_rest: float,
 ) -> int:  # fmt: skip
     """The light whose absence gives the smallest residuals; -1 for none.
 
-    `inverse` is the upper half of (L^T L)^-1 with the values off the diagonal doubled, `least` the
-    smallest 1 - h with which the other lights determine the normal.
+    `inverse` is the upper half of (L^T L)^-1 with the values off the diagonal doubled,
+    `smallest_rest` the smallest 1 - h with which the other lights determine the normal.
     """
     xx, xy, xz = np.float32(inverse[0]), np.float32(inverse[1]), np.float32(inverse[2])
     yy, yz, zz = np.float32(inverse[3]), np.float32(inverse[4]), np.float32(inverse[5])
     one, none = np.float32(1.0), np.float32(-1.0)
-    smallest = np.float32(least)
+    smallest = np.float32(smallest_rest)
     reductions = np.empty(len(errors), np.float32)  # of the sum of squared residuals
     for k in range(len(errors)):
         x, y, z = directions[0, k], directions[1, k], directions[2, k]

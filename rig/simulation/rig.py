@@ -83,11 +83,11 @@ class Simulation:
             if faults.leds
             else leds,
         )
-        turn_us = config.simulation.controller_turn_us
+        pass_us = config.simulation.controller_turn_us
         self.controller = (
-            FaultyLine(self.board, device_clock, faults.lines, faults.seed, turn_us)
+            FaultyLine(self.board, device_clock, faults.lines, faults.seed, pass_us)
             if faults.lines
-            else SimulatedController(self.board, device_clock, turn_us=turn_us)
+            else SimulatedController(self.board, device_clock, pass_us=pass_us)
         )
         self.camera = SimulatedCamera(
             self.board,

@@ -16,7 +16,7 @@ def test_the_readme_has_its_transcripts():
 
 @pytest.mark.parametrize("transcript", TRANSCRIPTS)
 def test_the_device_replies_as_in_the_readme(new_device, transcript):
-    device = new_device(turn_us=(100.0, 100.0))
+    device = new_device(pass_us=(100.0, 100.0))
     received = device.controller.take_output().decode()
     for line in transcript.splitlines():
         if line.startswith("> "):

@@ -97,7 +97,7 @@ def test_edges_from_before_the_start_are_ignored(device):
 
 
 def test_a_busy_loop_is_late_but_counts_correctly(new_device):
-    device = new_device(turn_us=(20_000.0, 20_000.0))
+    device = new_device(pass_us=(20_000.0, 20_000.0))
     device.controller.take_output()
     run = arm(device, 0, 1, timeout_us=1_000_000)
     for _ in range(8):
@@ -181,7 +181,7 @@ def test_a_timed_sequence_triggers_each_exposure(device):
 
 
 def test_triggers_are_never_closer_than_the_interval(new_device):
-    device = new_device(turn_us=(50.0, 5000.0))
+    device = new_device(pass_us=(50.0, 5000.0))
     device.controller.take_output()
     run = begin(device, f"SEQ:TRIG {SETTLE_US},20000,0,1,2,3,0,1,2,3")
     device.clock.sleep_s(0.3)

@@ -1,5 +1,7 @@
 """The rig.toml that `ps4rig rig init` writes: it can be loaded, or says what to fill in."""
 
+import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +47,16 @@ def test_one_of_several_controllers_is_chosen_by_its_serial_number(bench: Any) -
     port = SerialPort(bench.port, "2e8a:0005")
     text = initial_config(answering_controllers([port]) * 2, [CAMERA])
     assert 'serial_number = "SIM-0001"' in text
+
+
+def test_control_characters_of_devices_stay_in_comments() -> None:
+    forged = "x\nframe_rate_hz = 1\r\x01"
+    cameras = [
+        replace(CAMERA, name=forged),
+        ListedCamera("genicam", "y", problem=forged),
+    ]
+    values = tomllib.loads(initial_config([], cameras))
+    assert values["camera"]["frame_rate_hz"] == 30
 
 
 def test_without_devices_the_file_says_how_to_fill_it_in(tmp_path: Path) -> None:

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
     from capture.calibration.setting import Setting
 
-# Between placements of a simulated board, which cannot tilt.
-_ROTATION_DEG = 30.0
+# A simulated board cannot tilt; it is rotated by this angle from one placement to the next.
+_ROTATION_STEP_DEG = 30.0
 
 
 @reported
@@ -70,9 +70,9 @@ def scale(
     if rig is None and placements > 1:
         raise InputError("--placements is for a rig; give each picture of the board to --from")
     if rig is None:
-        pictures, setting, source = _of_files(sources or ())
+        pictures, setting, source = _boards_in_files(sources or ())
     else:
-        pictures, setting, source = _of_rig(rig, square_mm, placements, yes)
+        pictures, setting, source = _boards_at_rig(rig, square_mm, placements, yes)
     part = scale_part(pictures, corners, square_mm, setting, source)
     flow.keep_parts(calibration, file, [part], replace=replace, json=json)
 
@@ -84,7 +84,7 @@ def _corners(text: str) -> tuple[int, int]:
     return int(numbers[1]), int(numbers[2])
 
 
-def _of_rig(
+def _boards_at_rig(
     rig: str, square_mm: float, placements: int, yes: bool
 ) -> tuple[list[npt.NDArray[Any]], Setting, list[str]]:
     from capture.calibration.setting import Setting
@@ -98,13 +98,13 @@ def _of_rig(
         next_placement="tilt the board by 15 to 30 degrees, about another axis each time",
     )
     with open_rig(rig) as opened:
-        rotations_deg = [_ROTATION_DEG * k for k in range(placements)]
+        rotations_deg = [_ROTATION_STEP_DEG * k for k in range(placements)]
         sets = flow.captured_targets(opened, target, rotations_deg, yes=yes)
         pictures = [board_of_set(captured) for captured in sets]
         return pictures, Setting.of_rig(opened), ["captured"]
 
 
-def _of_files(sources: Sequence[Path]) -> tuple[list[npt.NDArray[Any]], Setting, list[str]]:
+def _boards_in_files(sources: Sequence[Path]) -> tuple[list[npt.NDArray[Any]], Setting, list[str]]:
     from capture.calibration.setting import Setting
     from capture.procedures.target_parts import board_of_set
     from capture.sets.captured_set import CapturedSet
@@ -114,12 +114,13 @@ def _of_files(sources: Sequence[Path]) -> tuple[list[npt.NDArray[Any]], Setting,
     source = [path.name for path in (*photographs, *sets)]
     if photographs:
         # The position of a corner does not depend on gamma.
-        read = read_photographs(photographs, gamma="linear", bits=None, crop=None)
-        shape = read.planes[0].shape
-        setting = Setting.of_photographs(shape, read.bit_depth, read.gamma)
-        return [*read.planes], setting, source
-    captured = [CapturedSet.load(path) for path in sets]
-    sizes = {one_set.images.shape[1:] for one_set in captured}
+        stack = read_photographs(photographs, gamma="linear", bits=None, crop=None)
+        shape = stack.planes[0].shape
+        setting = Setting.of_photographs(shape, stack.bit_depth, stack.gamma)
+        return [*stack.planes], setting, source
+    captured_sets = [CapturedSet.load(path) for path in sets]
+    sizes = {captured.images.shape[1:] for captured in captured_sets}
     if len(sizes) > 1:
         raise InputError("the sets of --from differ in size; give sets of one camera")
-    return [board_of_set(one_set) for one_set in captured], captured[0].setting, source
+    boards = [board_of_set(captured) for captured in captured_sets]
+    return boards, captured_sets[0].setting, source

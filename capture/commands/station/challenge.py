@@ -72,7 +72,8 @@ def challenge(
                 changes.remove_from_challenge(file)
             out.print(f"{challenge_folder}: {len(remove)} parts taken out")
             return
-    # Nothing is recorded: a new version of ps4rig replays the set beside the old one that runs.
+    # A replay gets no row in the log of changes, so a new version of ps4rig can replay the set
+    # while the old version runs the station.
     inspector = Inspector.load(changes.files, changes.calibration)
     replay = run_challenge(changes.files, inspector)
     faults = great_faults(changes.files, inspector)

@@ -25,35 +25,38 @@ from .security import Denied, Slots
 # A session ends with the shift, and after a break without a request.
 LONGEST_S = 12 * 3600.0
 IDLE_S = 3600.0
-# A hundred browsers with ten sessions each; the oldest ends.
+# A hundred browsers with ten sessions each; beyond it, the least recently used session ends.
 MOST_SESSIONS = 1000
-# They take half of the largest private file.
+# Ended sessions that are stored; so many take half of the size limit of a private file.
 _MOST_ENDED = 10_000
 # OWASP's advice for logins: few failures in a row, then a pause. A name and an address are counted
 # apart, so that neither one password for many names nor many passwords for one name can be tried.
 FAILURES_OF_A_NAME, FAILURES_OF_AN_ADDRESS = 5, 20
 PAUSE_S = 60.0
-# Passwords are tried one after the other. Each waits in one of the 40 threads that serve requests.
+# Logins at a time. Their passwords are hashed one after the other, and each login occupies one of
+# the 40 threads that serve requests.
 MOST_TRYING = 4
-_MOST_COUNTED = 10_000
-# Names of users have up to 100 letters. Without the cut, names of requests could take 1 GB.
+_MOST_KEYS = 10_000  # with a count or a lock; bounds the memory
+# Names are counted by their first letters, because long names of requests could take 1 GB. The
+# names of users have up to 100 letters, so a longer name is never counted as one of them.
 _COUNTED_LETTERS = 101
-# Failed logins that get a row in the log of changes: so many in so long a time.
+# Failed logins that get a row in the log of changes: at most so many in this time.
 _MOST_RECORDED, _RECORDED_S = 100, 3600.0
-_Counted = tuple[str, str, str]  # ``name``, ``address`` or ``both``; the name, the address
+_Key = tuple[str, str, str]  # ``name``, ``address`` or ``both``; the name, the address
 T = TypeVar("T")
 
 
 class _File(Section):
     key: str = Field(default="", max_length=100)  # of the signatures; empty before the first login
-    # When the sessions began that somebody has ended.
+    # Start time, in s since 1970, of each session whose user has logged out.
     ended: dict[str, float] = Field(default_factory=dict)
 
 
 class Sessions:
     """Sessions by their signed cookies, thread-safe; each has the present role of its user.
 
-    They outlive the panel. The key is in a private file, with the sessions that somebody ended.
+    Sessions survive a restart of the panel: the signing key and the ended sessions are in a private
+    file.
     """
 
     def __init__(self, folder: Path, users: Users, now_s: Callable[[], float] = time.time) -> None:
@@ -61,7 +64,7 @@ class Sessions:
         self._file = PrivateFile(folder / FILE, _File, "remove it, and everybody logs in again")
         self._lock = threading.Lock()
         self._started_s = now_s()
-        self._used_s: dict[str, float] = {}  # the one used last is the last
+        self._used_s: dict[str, float] = {}  # by session, least recently used first
 
     def begin(self, user: User) -> str:
         """Begin a session and return its cookie."""
@@ -72,7 +75,7 @@ class Sessions:
                 file = _File(key=secrets.token_hex())
                 self._file.write(file)
         with self._lock:
-            self._use(session, now_s)
+            self._mark_used(session, now_s)
         password = _signature(file.key, "password", user.password)
         return str(_signed(file.key).dumps([session, user.name, password, now_s]))
 
@@ -91,11 +94,11 @@ class Sessions:
         ):
             return None
         with self._lock:
-            # The start of the panel counts as a request in the sessions before it.
-            unknown_s = self._started_s if begun_s <= self._started_s else -math.inf
-            if now_s - self._used_s.get(session, unknown_s) > IDLE_S:
+            # Last requests before a restart are unknown: the start of the panel counts as one.
+            default_s = self._started_s if begun_s <= self._started_s else -math.inf
+            if now_s - self._used_s.get(session, default_s) > IDLE_S:
                 return None
-            self._use(session, now_s)
+            self._mark_used(session, now_s)
         csrf = _signature(file.key, "csrf", session)
         return Identity(user.name, user.role, "kiosk" if user.name == KIOSK else "page", csrf)
 
@@ -108,22 +111,22 @@ class Sessions:
         with self._file.changing():
             file, now_s = self._file.read(), self._now_s()
             ended = {
-                other: other_s
-                for other, other_s in (*file.ended.items(), (session, begun_s))
-                if now_s - other_s <= LONGEST_S
+                ended_session: start_s
+                for ended_session, start_s in (*file.ended.items(), (session, begun_s))
+                if now_s - start_s <= LONGEST_S
             }
-            kept = dict(list(ended.items())[-_MOST_ENDED:])
-            self._file.write(_File(key=file.key, ended=kept))
+            newest = dict(list(ended.items())[-_MOST_ENDED:])
+            self._file.write(_File(key=file.key, ended=newest))
 
     def _content(self, cookie: str) -> tuple[str, str, str, float] | None:
-        """Session, user, signature of the password and begin, or None if nobody signed them."""
+        """Session, user, signature of the password and start; None if the signature is wrong."""
         key = self._file.read().key
         try:
             return tuple(_signed(key).loads(cookie)) if key else None
         except BadData:
             return None
 
-    def _use(self, session: str, now_s: float) -> None:
+    def _mark_used(self, session: str, now_s: float) -> None:
         self._used_s.pop(session, None)
         self._used_s[session] = now_s
         while len(self._used_s) > MOST_SESSIONS:
@@ -149,10 +152,10 @@ class LoginLimit:
     def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
         self._now_s = now_s
         self._lock = threading.Lock()
-        self._failures: dict[_Counted, tuple[int, float]] = {}
-        # Apart from the counts: failures of others do not push a lock out of memory.
-        self._locked_until_s: dict[_Counted, float] = {}
-        self._was_right: dict[_Counted, None] = {}
+        self._failures: dict[_Key, tuple[int, float]] = {}
+        # Not in `_failures`: counts of other names must not push a lock out of memory.
+        self._locked_until_s: dict[_Key, float] = {}
+        self._logged_in: dict[_Key, None] = {}
         self._recorded_s: deque[float] = deque(maxlen=_MOST_RECORDED)
         self._unrecorded = 0
         self._trying = Slots(MOST_TRYING, "logins wait for their passwords")
@@ -197,14 +200,15 @@ class LoginLimit:
         with self._lock:
             for key, allowed in self._limits(name, address).items():
                 was_locked = self._locked_until_s.pop(key, None) is not None
+                # An attempt that locked the key has removed its count, which was `allowed`.
                 count, last_s = self._failures.pop(key, (allowed if was_locked else 1, 0.0))
                 if key[0] == "address" and count > 1:
                     _keep(self._failures, key, (count - 1, self._now_s() if was_locked else last_s))
-            self._was_right.pop(("both", name, address), None)
-            _keep(self._was_right, ("both", name, address), None)
+            self._logged_in.pop(("both", name, address), None)
+            _keep(self._logged_in, ("both", name, address), None)
 
     def unrecorded(self) -> int | None:
-        """Take the number of failures without a row before this one; None if it gets none too."""
+        """Return and reset the number of failures without a row; None: this one gets no row too."""
         now_s = self._now_s()
         with self._lock:
             is_full = len(self._recorded_s) == _MOST_RECORDED
@@ -215,11 +219,11 @@ class LoginLimit:
             count, self._unrecorded = self._unrecorded, 0
             return count
 
-    def _limits(self, name: str, address: str) -> dict[_Counted, int]:
-        """What an attempt counts for, and how many failures of each are allowed."""
+    def _limits(self, name: str, address: str) -> dict[_Key, int]:
+        """Keys under which an attempt is counted, with the number of failures that locks each."""
         name = name[:_COUNTED_LETTERS]
         both = ("both", name, address)
-        if both in self._was_right:
+        if both in self._logged_in:
             return {both: FAILURES_OF_A_NAME}
         return {
             ("name", name, ""): FAILURES_OF_A_NAME,
@@ -227,8 +231,8 @@ class LoginLimit:
         }
 
 
-def _keep(counted: dict[_Counted, T], key: _Counted, value: T) -> None:
-    """Add a value as the newest one, and forget the oldest beyond `_MOST_COUNTED`."""
-    counted[key] = value
-    while len(counted) > _MOST_COUNTED:
-        del counted[next(iter(counted))]
+def _keep(values: dict[_Key, T], key: _Key, value: T) -> None:
+    """Add a value as the newest one, and forget the oldest beyond `_MOST_KEYS`."""
+    values[key] = value
+    while len(values) > _MOST_KEYS:
+        del values[next(iter(values))]

@@ -31,7 +31,7 @@ def diagnose_station(folder: Path) -> Iterator[Check]:
 
     The LEDs of the rig are lit; a rig held by a running station is reported as a fault.
     """
-    opened: list[StationFolder] = []
+    opened: list[StationFolder] = []  # one, or none if station.toml is invalid
 
     def check_config() -> Iterator[Check]:
         opened.append(StationFolder(folder))
@@ -52,22 +52,22 @@ def diagnose_station(folder: Path) -> Iterator[Check]:
 
 
 def _check_disk(station: StationFolder) -> Iterator[Check]:
-    size = 0
-    with suppress(InputError):  # another check names the fault of the rig
-        size = set_bytes(station.rig_config())
-    yield from check_disk(station.path, station.config.disk_floor_mb, size)
+    bytes_per_set = 0
+    with suppress(InputError):  # the checks of the rig report an invalid rig.toml
+        bytes_per_set = set_bytes(station.rig_config())
+    yield from check_disk(station.path, station.config.disk_floor_mb, bytes_per_set)
 
 
 def _check_permissions(folder: Path) -> Iterator[Check]:
-    found = too_open(folder)
-    if not found:
+    open_paths = too_open(folder)
+    if not open_paths:
         yield Check("permissions", "ok", "only the user of the station and its group can read it")
         return
-    named = ", ".join(str(path) for path in found[:3])
+    examples = ", ".join(str(path) for path in open_paths[:3])
     yield Check(
         "permissions",
         "warning",
-        f"{len(found)} files or folders are open to other users, such as {named}",
+        f"{len(open_paths)} files or folders are open to other users, such as {examples}",
         f"run chmod -R u=rwX,g=rX,o= {folder}, and chmod 600 for {', '.join(SECRETS)}",
     )
 
@@ -83,7 +83,8 @@ def _check_recipe(station: StationFolder) -> Iterator[Check]:
         yield Check("approval", "ok", f"by {recipe.approval.by}, {local_time(recipe.approval.utc)}")
     else:
         state = "is not approved" if recipe.approval is None else "was changed after its approval"
-        status: Status = "warning" if approved_states(files) else "fault"  # which judges meanwhile
+        # Until then an approved state of the recipe judges; without one the station does not run.
+        status: Status = "warning" if approved_states(files) else "fault"
         yield Check("approval", status, f"the recipe {state}", "run ps4rig station approve")
     yield from collected("challenge", lambda: _check_challenge(files, inspector))
     file = None if path is None else read_calibration(Path(path))
@@ -116,12 +117,11 @@ def _check_results(station: StationFolder) -> Iterator[Check]:
 
 def _check_extras(config: StationConfig) -> Iterator[Check]:
     """Check that the packages for the configured PLC and broker are installed."""
-    is_triggered = config.trigger == "modbus"
-    for extra, package, is_asked in (
-        ("modbus", "pymodbus", config.modbus is not None or is_triggered),
+    for extra, package, is_needed in (
+        ("modbus", "pymodbus", config.modbus is not None or config.trigger == "modbus"),
         ("mqtt", "paho", config.mqtt is not None),
     ):
-        if is_asked and find_spec(package) is None:
+        if is_needed and find_spec(package) is None:
             yield Check(extra, "fault", f"{package} is missing", f"pip install 'ps4rig[{extra}]'")
-        elif is_asked:
+        elif is_needed:
             yield Check(extra, "ok", f"{package} is installed")

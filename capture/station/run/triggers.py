@@ -1,6 +1,5 @@
 """Triggers, which tell the station that a part lies below the camera."""
 
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -21,7 +20,8 @@ from .station_rig import StationRig
 _POLL_S = 0.2
 _SENSOR = "sensor"
 _MISSED = "passed the sensor while the station was busy or not ready"
-# More parts at once are a sensor out of order.
+# Missed parts that get a row each; a sensor that counts more between two waits is faulty, and one
+# row counts the others.
 MOST_RECORDED = 20
 
 
@@ -43,7 +43,7 @@ class RecipeRefusal(Enum):
     NOT_APPROVED = auto()
     CHALLENGE = auto()
     UNUSABLE = auto()  # not taught, damaged, not the one seen, without challenge set or calibration
-    RIG = auto()  # the self-test with its light found a fault
+    RIG = auto()  # the self-test with the exposure and LEDs of the recipe found a fault
     DATABASE = auto()  # the change cannot be recorded
     UNFORESEEN = auto()
 
@@ -64,7 +64,7 @@ class Trigger:
     part_id: str | None = None  # unique in the station, which chooses one for None
     recipe: str | None = None  # that must judge the part; None for any
     at_s: float = field(default_factory=time.monotonic, compare=False)
-    # Whether nobody waits for the answer any more; not part of a request over a socket.
+    # Whether the client has gone before the answer; not part of a request over a socket.
     is_withdrawn: Annotated[Callable[[], bool], Field(exclude=True)] = field(
         default=lambda: False, compare=False
     )
@@ -97,7 +97,7 @@ class Refusal(Enum):
 
 
 def refusal_by(error: BaseException) -> Refusal:
-    """Return the code of a refusal because of an error while the part was begun."""
+    """Return the code for an error that was raised before the part was accepted."""
     if isinstance(error, InputError):
         return Refusal.PART_ID
     if isinstance(error, TriggerTooLate):
@@ -155,11 +155,10 @@ class TimerTrigger:
     def __init__(self, period_s: float, now_s: Callable[[], float] = time.monotonic) -> None:
         self._period_s = period_s
         self._now_s = now_s
-        self._pause = threading.Event()  # never set: waiting on it can be interrupted
 
     def run(self, station: TriggerTarget) -> None:
         """Submit triggers until the station stops."""
-        station_was_ready, passed = False, 0
+        station_was_ready, missed = False, 0
         next_s = self._now_s()
         while not station.is_stopping:
             # The first trigger waits for the self-test; with a period of 0 each one waits.
@@ -170,18 +169,20 @@ class TimerTrigger:
                     continue
             late_s = self._now_s() - next_s
             if late_s < 0.0:
-                self._pause.wait(min(-late_s, _POLL_S))
+                time.sleep(min(-late_s, _POLL_S))
                 continue
             if 0.0 < self._period_s <= late_s:
                 periods = int(late_s / self._period_s) + 1
-                passed += periods
+                missed += periods
                 next_s += periods * self._period_s
                 continue
             station.submit(Trigger("timer"))
             next_s += self._period_s
-            if passed > 0:  # after a trigger: a slow row must not make every trigger late
-                station.refuse(Trigger("timer"), f"late: {passed} periods of the timer have passed")
-                passed = 0
+            # After the submission: a refusal that takes longer than a period would make every
+            # trigger late.
+            if missed > 0:
+                station.refuse(Trigger("timer"), f"late: {missed} periods of the timer have passed")
+                missed = 0
 
 
 class NoTriggers:
@@ -189,9 +190,8 @@ class NoTriggers:
 
     def run(self, station: TriggerTarget) -> None:
         """Wait until the station stops."""
-        pause = threading.Event()
         while not station.is_stopping:
-            pause.wait(_POLL_S)
+            time.sleep(_POLL_S)
 
 
 class SensorTrigger(NoTriggers):
@@ -199,7 +199,7 @@ class SensorTrigger(NoTriggers):
 
 
 class LineTrigger:
-    """A trigger for each line of text, the part's id; ``q`` or the end of the text ends it."""
+    """A trigger for each line of input, the part's id; ``q`` or the end of the input ends it."""
 
     def __init__(self, read_line: Callable[[], str]) -> None:
         self._read_line = read_line
@@ -233,6 +233,6 @@ class PartSensor:
             missed -= 1
         if missed > 0:
             station.refuse(Trigger(_SENSOR), f"parts that {_MISSED}: {missed}")
-        has_come = self._rig.wait_for_part(self._store.last_number() + 1, is_over)
-        if has_come and isinstance(station.submit(Trigger(_SENSOR)), Refused):
+        part_came = self._rig.wait_for_part(self._store.last_number() + 1, is_over)
+        if part_came and isinstance(station.submit(Trigger(_SENSOR)), Refused):
             self._rig.forget_part()

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from classify import InputError, Lighting, Method, SensorNoise, photometric_stereo
-from classify.solvers.drbohlav import gates
+from classify.solvers.drbohlav import residual_limits
 from classify.solvers.robust import TOLERANCE
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -224,7 +224,7 @@ def test_the_light_goes_whose_absence_leaves_the_smallest_residuals(count: int, 
         tolerance = (TOLERANCE * pixel.max()) ** 2
         while (
             count - len(gone) > 4
-            and squares(gone) > gates(count)[count - len(gone)] * 64 + tolerance
+            and squares(gone) > residual_limits(count)[count - len(gone)] * 64 + tolerance
         ):
             gone.add(min(set(range(count)) - gone, key=lambda k: squares(gone | {k})))
         if 2 * (count - len(gone)) <= count:
@@ -327,7 +327,7 @@ def test_with_four_lights_the_flatter_explanation_decides(
 
 def test_gates_are_quantiles_of_chi_squared() -> None:
     rng = np.random.default_rng(4)
-    limits = gates(8)
+    limits = residual_limits(8)
     assert np.isinf(limits[:4]).all()
     assert limits[4] == pytest.approx(9.0, rel=0.02)
     for lights in (5, 6, 8):
