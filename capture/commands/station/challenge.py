@@ -20,8 +20,11 @@ _Added = Annotated[
     ),
 ]
 _Expected = Annotated[
-    Literal["reject", "PASS", "FAIL", "UNKNOWN"],
-    typer.Option(help="The verdict that the added sets must get; reject: any but PASS."),
+    Literal["reject", "PASS", "FAIL", "UNKNOWN"] | None,
+    typer.Option(
+        help="The verdict that the added sets must get; reject: any but PASS.",
+        show_default="reject",
+    ),
 ]
 _Removed = Annotated[
     list[str] | None,
@@ -39,7 +42,7 @@ _RecipeName = Annotated[
 def challenge(
     folder: Station,
     add: _Added = None,
-    expect: _Expected = "reject",
+    expect: _Expected = None,
     remove: _Removed = None,
     recipe: _RecipeName = None,
     by: By = None,
@@ -60,12 +63,16 @@ def challenge(
 
     if add is not None and remove is not None:
         raise InputError("--add and --remove: give one of them")
+    if expect is not None and add is None:
+        raise InputError("--expect: the verdict of added sets; give --add SET with it")
     name = recipe or first_recipe(StationFolder(folder))
     with recipe_on_the_terminal(folder, name, by) as changes:
         challenge_folder = changes.files.challenge
         if add is not None:
-            changes.add_to_challenge(add, expect)
-            out.print(f"{challenge_folder}: {len(add)} parts added that must be {expect}")
+            changes.add_to_challenge(add, expect or "reject")
+            out.print(
+                f"{challenge_folder}: {len(add)} parts added that must be {expect or 'reject'}"
+            )
             return
         if remove is not None:
             for file in remove:

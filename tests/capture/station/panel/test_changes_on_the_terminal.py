@@ -96,6 +96,7 @@ def test_changes_of_the_challenge_set_have_rows(
     missing = ps4rig(*challenge, "--add", tmp_path / "nothing.ome.tif", "--expect", "PASS")
     assert missing.exit_code == 2
     assert ps4rig(*challenge, "--remove", "a", "--add", part, "--expect", "PASS").exit_code == 2
+    assert ps4rig(*challenge, "--expect", "PASS").exit_code == 2
     what, user = "recipe example: challenge part seen.ome.tif", system_user()
     assert whats(station) == [
         (f"{user}, on the terminal", what, None, "PASS"),
