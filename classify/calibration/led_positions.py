@@ -26,6 +26,8 @@ Aim = Literal["centre", "down"]
 _START_DISTANCES, _START_SLANT_DEG = (3.0, 10.0), 45.0
 # Largest lobe exponent: the beam of cos^20 is too narrow to light a frame.
 _MAX_LOBE_EXPONENT = 20.0
+# Lower limit of 1 - v . X before the logarithm; it is negative behind an LED.
+_MIN_FACING = 1e-6
 _BLOCKS = 16  # fitted blocks along the frame
 _CLUSTERS = 8  # clusters along the frame, whose residuals count as independent
 # With more lights, half as many blocks along the frame: the Jacobian would need gigabytes.
@@ -170,10 +172,10 @@ class _Model:
         by_along = 2.0 * half / distance_squared
         if self.aim == "centre":
             # Beyond a right angle to its axis an LED gives no light; the fit may pass there.
-            facing = np.maximum(1.0 - along, 1e-6)
+            facing = np.maximum(1.0 - along, _MIN_FACING)
             values += exponent * np.log(facing)
             by_exponent += np.log(facing)
-            by_along -= exponent / facing
+            by_along -= np.where(facing > _MIN_FACING, exponent / facing, 0.0)
         derivatives = np.zeros((lights, self.x.size, parameters.size))
         by_square = -half * radius_squared / distance_squared
         for light in range(lights):
