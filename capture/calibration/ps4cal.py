@@ -1,8 +1,8 @@
-"""The ``.ps4cal`` file: a calibration as an `array_archive`, each part with its record."""
+"""The ``.ps4cal`` file: an `array_archive` of the parts of a calibration and their records."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from datetime import UTC, datetime
 from functools import cached_property
@@ -39,7 +39,7 @@ _KIND = ArchiveKind(
     if_missing="make one with ps4rig calibrate",
     remedy="calibrate again",
     error=CalibrationError,
-    # A million hot pixels take 8 MB, and every other part less than 20 kB.
+    # A million hot pixels take 8 MB; every other part takes less than 20 kB.
     max_bytes=64 * 2**20,
     max_header_bytes=2**20,
 )
@@ -65,7 +65,7 @@ class PartRecord(Record):
     )
 
     def age_days(self, at: datetime) -> int | None:
-        """Return the days from the measurement to a time; None if the date cannot be read."""
+        """Return the whole days from the measurement to a time; None if its date is malformed."""
         try:
             return (at - utc_of(self.date)).days
         except ValueError:
@@ -73,7 +73,7 @@ class PartRecord(Record):
 
 
 def utc_of(date: str) -> datetime:
-    """Return an ISO 8601 date, in UTC if it names no zone; ValueError for another text."""
+    """Parse an ISO 8601 date, in UTC if it has no time zone; ValueError if it is malformed."""
     moment = datetime.fromisoformat(date)
     return moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
 
@@ -98,13 +98,13 @@ class MeasuredPart:
         source: Sequence[str],
         warnings: Sequence[str] = (),
     ) -> Self:
-        """Return a part that was measured now; the other arguments are those of `PartRecord`."""
+        """Return a part with the present date; for the arguments see `PartRecord`."""
         record = PartRecord(setting=setting, quality=quality, figures=figures, source=tuple(source))
         return cls(name, part, record, tuple(warnings))
 
 
 class _PartHeader(Record):
-    """A part with the names of its arrays."""
+    """Record, plain values and names of the arrays of a part."""
 
     record: PartRecord
     values: dict[str, JsonValue]
@@ -118,12 +118,12 @@ class _Header(Record):
     sha256: str = ""
 
     def hash_with(self, arrays: Mapping[str, Array]) -> str:
-        """The hash over all other fields and the arrays."""
+        """SHA-256 of all other fields and the arrays."""
         return arrays_sha256(self.model_dump_json(exclude={"sha256"}), arrays)
 
 
 class _Encoded(NamedTuple):
-    """A calibration as it is in the file: the header, and the arrays by their names there."""
+    """Content of a calibration file: the header, and the arrays by member name."""
 
     header: _Header
     arrays: dict[str, Array]
@@ -136,9 +136,9 @@ class CalibrationFile:
     Attributes
     ----------
     records
-        By the name of the part; every part has one.
+        Record of every part, by its name.
     path
-        File that it was read from; None for one that was not.
+        File that it was read from; None if it was made in memory.
     """
 
     calibration: Calibration = field(default_factory=Calibration)
@@ -148,12 +148,12 @@ class CalibrationFile:
 
     @property
     def hash(self) -> str:
-        """SHA-256 by which a set names this calibration. It covers parts and records."""
+        """SHA-256 of parts and records, by which a set refers to this calibration."""
         return self._encoding.header.sha256
 
     @cached_property
     def _encoding(self) -> _Encoded:
-        # Encoding a part again may change last bits, because directions are normalised.
+        # Not encoded again: normalising directions again may change last bits, and so the hash.
         return self._encoded or _encode(self.calibration, self.records)
 
     def with_part(self, name: PartName, part: Any, record: PartRecord) -> CalibrationFile:
@@ -163,20 +163,20 @@ class CalibrationFile:
         )
 
     def without_part(self, name: PartName) -> CalibrationFile:
-        """Return this calibration without a part that no longer holds."""
+        """Return this calibration without one part."""
         records = {part: record for part, record in self.records.items() if part != name}
         return CalibrationFile(replace(self.calibration, **{name: None}), records)
 
     def differences(self, name: PartName, setting: Setting) -> list[str]:
-        """Differences of a setting that invalidate a part, in words."""
+        """Describe the differences of `setting` that make a part invalid for it."""
         measured, dark = self.records[name].setting, self.calibration.dark
         if name != "dark" or dark is None or dark.longer is None:
             return measured.differences(setting, name)
-        others = measured.model_copy(update={"exposure_ms": None}).differences(setting, name)
+        differences = measured.model_copy(update={"exposure_ms": None}).differences(setting, name)
         if dark.holds_at(setting.exposure_ms):
-            return others
+            return differences
         time = "unknown" if setting.exposure_ms is None else f"{setting.exposure_ms:g} ms"
-        return [*others, f"exposure {time}, dark frames {measured_at(dark)}"]
+        return [*differences, f"exposure {time}, dark frames {measured_at(dark)}"]
 
     @property
     def outdated(self) -> list[PartName]:
@@ -184,11 +184,11 @@ class CalibrationFile:
         response, records = self.calibration.response, self.records
         if response is None or response.linear:
             return []
-        curved = [name for name in _DEPEND_ON_RESPONSE if name in records]
-        return [name for name in curved if records[name].date < records["response"].date]
+        dependent = [name for name in _DEPEND_ON_RESPONSE if name in records]
+        return [name for name in dependent if records[name].date < records["response"].date]
 
     def warnings(self) -> list[str]:
-        """Say which parts are outdated."""
+        """Warn of outdated parts."""
         old = [name.replace("_", " ") for name in self.outdated]
         if not old:
             return []
@@ -198,7 +198,7 @@ class CalibrationFile:
         return [f"{cause}; run ps4rig calibrate plate again"]
 
     def write(self, path: str | Path) -> None:
-        """Write the file, whole or not at all; an existing one is replaced.
+        """Write the file atomically; an existing file is replaced.
 
         Raises
         ------
@@ -218,8 +218,8 @@ class CalibrationFile:
         Raises
         ------
         CalibrationError
-            If the file is missing, cut, changed since it was written, not a calibration, or of
-            another version; the message names it.
+            If the file is missing, truncated, changed since it was written, not a calibration, or
+            of another version.
         """
         path = Path(path)
         with open_archive(path, _KIND) as archive:
@@ -265,46 +265,46 @@ def _part(
 
 
 def stated_error(share: float, decimals: int) -> str:
-    """Return an error in percent; one that rounds to 0 is given as the smallest that does not."""
+    """Format an error in percent, as at least one unit of the last decimal."""
     return f"{max(share, 0.01 * 10.0**-decimals):.{decimals}%}"
 
 
 _Values = dict[str, Any]
 
-# A dark part of 16 exposures has 15.
-_MOST_LEVELS = 20
+# Dark frames of 16 exposures are nested 15 levels deep.
+_MAX_LEVELS = 20
 
 
 def flattened(part: Any) -> tuple[_Values, dict[str, Array]]:
-    """The plain values and the arrays of a part, each by the path of its field."""
+    """Plain values and arrays of a part, by the dotted path of the field."""
     values: _Values = {}
     arrays: dict[str, Array] = {}
 
-    def take(owner: Any, path: str) -> None:
+    def flatten(owner: Any, path: str) -> None:
         for entry in fields(owner):
             value, name = getattr(owner, entry.name), path + entry.name
-            # Intensities that were not given are all 1, and are not stored.
-            absent = isinstance(owner, Lighting) and entry.name == "intensities"
-            if not entry.init or (absent and not owner.intensities_given):
+            # Default intensities are all 1, and are not stored.
+            is_intensities = isinstance(owner, Lighting) and entry.name == "intensities"
+            if not entry.init or (is_intensities and not owner.intensities_given):
                 continue
             if isinstance(value, np.ndarray):
                 arrays[name] = value
             elif is_dataclass(value):
-                take(value, name + ".")
+                flatten(value, name + ".")
             else:
                 values[name] = list(value) if isinstance(value, tuple) else value
 
-    take(part, "")
+    flatten(part, "")
     return values, arrays
 
 
 def rebuilt(name: PartName, values: _Values, arrays: dict[str, Array]) -> Any:
-    """Return the part of `flattened`."""
-    left = {*values, *arrays}
-    if max((field_path.count(".") for field_path in left), default=0) > _MOST_LEVELS:
-        raise InputError(f"fields are nested more than {_MOST_LEVELS} times")
+    """Rebuild a part from its values and arrays: the inverse of `flattened`."""
+    unread = {*values, *arrays}
+    if max((field_path.count(".") for field_path in unread), default=0) > _MAX_LEVELS:
+        raise InputError(f"fields are nested more than {_MAX_LEVELS} times")
 
-    def put(kind: Any, path: str) -> Any:
+    def build(kind: Any, path: str) -> Any:
         arguments: dict[str, Any] = {}
         hints = get_type_hints(kind)
         for entry in fields(kind):
@@ -315,26 +315,26 @@ def rebuilt(name: PartName, values: _Values, arrays: dict[str, Array]) -> Any:
                 arguments[entry.name] = _checked_array(arrays[field_path], hint, field_path)
             elif field_path in values:
                 arguments[entry.name] = _checked_value(values[field_path], hint, field_path)
-            elif any(remaining.startswith(field_path + ".") for remaining in left):
-                arguments[entry.name] = put(
-                    _part_of(hint, is_dataclass, field_path), field_path + "."
+            elif any(remaining.startswith(field_path + ".") for remaining in unread):
+                arguments[entry.name] = build(
+                    _alternative(hint, is_dataclass, field_path), field_path + "."
                 )
-            left.discard(field_path)
+            unread.discard(field_path)
         try:
             return kind(**arguments)
         except TypeError as error:  # a field without default is missing
             raise InputError(f"{path or name}: {error}") from error
 
-    part = put(_part_of(get_type_hints(Calibration)[name], is_dataclass, name), "")
-    if left:
-        raise InputError(f"field {min(left)!r} is unknown")
+    part = build(_alternative(get_type_hints(Calibration)[name], is_dataclass, name), "")
+    if unread:
+        raise InputError(f"field {min(unread)!r} is unknown")
     return part
 
 
-def _part_of(hint: Any, is_wanted: Any, path: str) -> Any:
-    """The first of the alternatives of `hint` for which `wanted` is true."""
+def _alternative(hint: Any, accepts: Callable[[Any], bool], path: str) -> Any:
+    """The first member of the union `hint` that `accepts` is true for."""
     for alternative in (hint, *get_args(hint)):
-        if is_wanted(alternative):
+        if accepts(alternative):
             return alternative
     raise InputError(f"field {path} is of another kind")
 
@@ -345,21 +345,23 @@ def _is_array(hint: Any) -> bool:
 
 
 def _checked_array(array: Array, hint: Any, path: str) -> Array:
-    kind = _part_of(hint, _is_array, path)
+    kind = _alternative(hint, _is_array, path)
     dtype = get_args(get_args(kind)[1])[0]
     if array.dtype != np.dtype(dtype) or (array.dtype.kind == "f" and not np.isfinite(array).all()):
-        raise InputError(f"field {path} is {array.dtype}, or contains NaN; wanted is {dtype}")
+        raise InputError(
+            f"field {path} is {array.dtype}, or is not finite; give finite {np.dtype(dtype)}"
+        )
     return array
 
 
 def _checked_value(value: Any, hint: Any, path: str) -> Any:
-    arrays_or_parts = any(
+    is_array_or_part = any(
         is_dataclass(alternative) or _is_array(alternative)
         for alternative in (hint, *get_args(hint))
     )
     if value is None and type(None) in get_args(hint):
         return None
-    if arrays_or_parts:
+    if is_array_or_part:
         raise InputError(f"field {path} is of another kind")
     adapter: TypeAdapter[Any] = TypeAdapter(hint, config={"allow_inf_nan": False})
     try:

@@ -1,4 +1,4 @@
-"""Measurements of a reproduction, and numbers computed from them."""
+"""Measurements that the exhibits of a reproduced chapter show."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -42,8 +42,8 @@ def shortest_ms(
     """Duration of the shortest of `rounds` calls of each function, in milliseconds.
 
     Each round calls every function once, so that a busy machine slows all of them. The shortest
-    call counts, because other processes only add time. A first call of each, which compiles and
-    fills caches, is not timed.
+    call counts, because other processes only add time. The first call of every function, which
+    compiles and fills caches, is not timed.
     """
     for function in functions.values():
         function()
@@ -61,23 +61,23 @@ def time_ms(function: Work, clock_s: _Clock = time.perf_counter) -> float:
     return 1e3 * (clock_s() - started_s)
 
 
-# Even on a busy machine, one of this many calls is undisturbed.
+# Enough calls that even on a busy machine one of them is undisturbed.
 _ROUNDS = 9
 
 
 @dataclass(frozen=True)
 class Cost:
-    """Cost of one classifier; a classifier of one image needs no solver."""
+    """Time of one classification, and images it needs; one-image classifiers need no solver."""
 
     classifier: str
     training_images: int
-    images: int  # of a test set
+    images: int  # in a test set
     solve_ms: float
     match_ms: float
 
 
 def measured_costs(plan: Plan, folder: Path) -> list[Cost]:
-    """Time our classifier, the thesis's and Varma and Zisserman's on the thirty textures."""
+    """Time the classifiers of ours, the thesis, and Varma and Zisserman on thirty textures."""
     experiment = plan.thirty
     position = experiment.test_position(experiment.textures[0], 0, "disjoint")
     costs = []
@@ -90,14 +90,14 @@ def measured_costs(plan: Plan, folder: Path) -> list[Cost]:
         images = CachedPatch(position, experiment.frame_px).images(test.conditions)
         solved = partial(solve, images, BEST_SOLVER, planar=solves_as_planar(BEST_SOLVER))
         surface = solved()
-        work: dict[str, Work] = {"solve": solved}
+        functions: dict[str, Work] = {"solve": solved}
         for classifier in (OURS, THESIS, TEXTONS):
             if classifier in run.classifiers:
                 path = library_path(folder, experiment.name, run, BEST_SOLVER, classifier)
-                work[classifier] = partial(TextureLibrary.load(path).classify, surface)
-        times = shortest_ms(work, _ROUNDS)
-        solve_ms = times.pop("solve")
-        for classifier, match_ms in times.items():
+                functions[classifier] = partial(TextureLibrary.load(path).classify, surface)
+        durations_ms = shortest_ms(functions, _ROUNDS)
+        solve_ms = durations_ms.pop("solve")
+        for classifier, match_ms in durations_ms.items():
             one_image = classifier == TEXTONS
             costs.append(
                 Cost(
@@ -116,10 +116,11 @@ SAND_SLANT_DEG = 60.0
 
 SHADOW_TILTS_DEG = (0.0, 30.0, 60.0, 90.0)
 _SHADOW_PX = 512
-_POLAR_SOLVERS: tuple[Method, ...] = ("ps3a", "ps3b", "ps3c", "ps3d", *SOLVERS[1:])
+_POLAR_SOLVERS: tuple[Method, ...] = ("ps3a", "ps3b", "ps3c", "ps3d", "ps4", "ps4_robust")
 TRUTH = "truth"
 
 Polar = dict[str, list[float]]
+"""1D polar spectra of the gradient field M at 90 angles, by solver or `TRUTH`."""
 
 
 def shadow_shares(texture_and_slant: tuple[str, float]) -> tuple[float, ...]:
@@ -135,8 +136,8 @@ def shadow_shares(texture_and_slant: tuple[str, float]) -> tuple[float, ...]:
 class SandMaps:
     """(H, W) maps of one patch of sand by solver, and the true ones under `TRUTH`.
 
-    Albedo is scaled to the mean of the truth over valid pixels that all lights reach. The errors
-    are rms errors of p, q and albedo over the valid pixels: all pixels, except for robust PS4.
+    Albedo is scaled to the true mean over valid pixels in no shadow. The errors are rms errors of
+    (p, q, albedo) over valid pixels; all pixels are valid, except for robust PS4.
     """
 
     relief: dict[str, FloatMap]  # height in px, of mean 0
@@ -146,8 +147,8 @@ class SandMaps:
 
 
 def polar_spectra(rotate_deg: float, size_px: int) -> Polar:
-    """1D polar spectrum of M at 90 angles over 180 degrees, by solver and of the truth."""
-    scene, surfaces = _solved(rotate_deg, size_px, _POLAR_SOLVERS)
+    """1D polar spectra of M of a patch of sand, at 90 angles over 180 degrees."""
+    scene, surfaces = _solved_sand(rotate_deg, size_px, _POLAR_SOLVERS)
     fields = {solver: texture_fields(surface) for solver, surface in surfaces.items()}
     fields[TRUTH] = TextureFields(scene.p, scene.q, scene.albedo)
     segment_px = segment_for(scene.p.shape)
@@ -158,30 +159,31 @@ def polar_spectra(rotate_deg: float, size_px: int) -> Polar:
 
 
 def sand_maps(size_px: int) -> SandMaps:
-    """Relief, albedo and shadow of the patch."""
-    scene, surfaces = _solved(0.0, size_px, SOLVERS)
+    """Maps of a patch of sand by all solvers, and their errors."""
+    scene, surfaces = _solved_sand(0.0, size_px, SOLVERS)
     shadows = scene.shadowed.sum(axis=0).astype(np.uint8)
     relief = {TRUTH: integrate_gradients(scene.p, scene.q)}
     albedo = {TRUTH: scene.albedo}
     errors = {}
     for solver, surface in surfaces.items():
-        lit = (shadows == 0) & surface.valid
-        scale = scene.albedo[lit].mean() / surface.albedo[lit].mean()
+        unshadowed = (shadows == 0) & surface.valid
+        scale = scene.albedo[unshadowed].mean() / surface.albedo[unshadowed].mean()
         albedo[solver] = surface.albedo * scale
         relief[solver] = integrate_gradients(surface.p, surface.q)
         estimates = (surface.p, surface.q, albedo[solver])
-        p, q, a = (
+        p_error, q_error, albedo_error = (
             float(np.sqrt(np.square(estimate - truth)[surface.valid].mean()))
             for estimate, truth in zip(estimates, (scene.p, scene.q, scene.albedo), strict=True)
         )
-        errors[solver] = (p, q, a)
+        errors[solver] = (p_error, q_error, albedo_error)
     counts = {solver: surface.shadow_count for solver, surface in surfaces.items()}
     return SandMaps(relief, albedo, errors, {TRUTH: shadows} | counts)
 
 
-def _solved(
+def _solved_sand(
     rotate_deg: float, size_px: int, solvers: tuple[Method, ...]
 ) -> tuple[SceneImages, dict[str, SurfaceEstimate]]:
+    """Render a patch of sand, and solve its images by several solvers."""
     position = PatchPosition(Texture("sand"), 0, (0.0, 0.0), rotate_deg)
     scene = render_patch(position, SAND_SLANT_DEG, size_px)
     images = expose(scene, Conditions(SAND_SLANT_DEG, size_px), round(rotate_deg))
@@ -228,7 +230,7 @@ class Trials(dict[System, list[Trial]]):
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """Measurements that the exhibits show.
+    """Measurements of all exhibits.
 
     `shadow_shares` holds the share of pixels in shadow of a light at each tilt, by texture and
     slant in degrees.
@@ -237,6 +239,6 @@ class Results:
     plan: Plan
     trials: Trials
     shadow_shares: dict[tuple[str, float], tuple[float, ...]]
-    polar: dict[float, Polar]  # spectra of sand by orientation in degrees
+    polar: dict[float, Polar]  # of sand, by orientation in degrees
     maps: SandMaps
     costs: list[Cost]

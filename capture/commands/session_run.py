@@ -34,7 +34,7 @@ def new(
     check_output(plan, suffix=".toml", force=force)
     with durable_file(plan) as temporary:
         temporary.write_text(example_plan(plan.stem), encoding="utf-8")
-        read_plan(temporary)  # a stem that cannot name a session is refused
+        read_plan(temporary)  # rejects a stem that cannot name a session
     out.print(f"{plan}: edit it, then run ps4rig session run {plan} --dry-run")
 
 
@@ -48,10 +48,10 @@ _NewPlan = Annotated[
     bool,
     typer.Option("--new-plan", help="Take the plan as it was edited since, without a question."),
 ]
-# Bytes of a set beyond its pixels: metadata and the headers of pages.
+# Bytes of a set other than pixels: metadata and TIFF page headers.
 _OVERHEAD_BYTES = 20_000
-# A disk that is filled to the last byte is slow, and other programs write too.
-_FREE_SHARE = 1.1
+# Margin on the disk space: a disk filled to the last byte is slow, and other programs write too.
+_DISK_MARGIN = 1.1
 
 
 @reported
@@ -86,6 +86,7 @@ def run(
         if (path / JOURNAL).is_file():
             missing = len(read_session(path).missing(session_plan))
         _show_plan(plan, session_plan, missing, config, json=json)
+        _check_disk(path.parent, _needed_bytes(missing, config))
         return
     if not (path / JOURNAL).is_file():
         _check_disk(path.parent, _needed_bytes(len(session_plan), config))
@@ -120,7 +121,8 @@ def resume(
         try:
             plan = plan_beside(folder)
             if plan is None and new_plan:
-                raise InputError(f"{folder}: no plan with name = {folder.name!r} beside it")
+                name = folder.absolute().name
+                raise InputError(f"{folder}: no plan with name = {name!r} beside it")
             if plan is not None and not _use_changed_plan(
                 plan, opened, config, new_plan=new_plan, yes=yes
             ):
@@ -138,7 +140,7 @@ def resume(
 def _use_changed_plan(
     source: Path, folder: SessionFolder, config: RigConfig, *, new_plan: bool, yes: bool
 ) -> bool:
-    """Show how a plan differs from the plan of a session, and adopt it if the user agrees."""
+    """Show the changes of a plan, and use it if the user agrees; False if not."""
     from capture.session.plan import read_plan
     from capture.session.plan_change import plan_changes, use_plan
     from capture.session.rig_checks import check_plan
@@ -152,8 +154,8 @@ def _use_changed_plan(
     complain(f"{source} differs from the plan of {folder.path}:")
     for change in changes:
         complain(f"  {change}")
-    asks = not yes and sys.stdin.isatty()
-    if not new_plan and not (asks and confirmed("Use the changed plan from now on?")):
+    can_ask = not yes and sys.stdin.isatty()
+    if not new_plan and not (can_ask and confirmed("Use the changed plan from now on?")):
         return False
     check_plan(plan, source, config)
     use_plan(source, folder)
@@ -197,7 +199,7 @@ def _capture_missing(
 
 
 def _serve(preview: Preview, stack: ExitStack) -> None:
-    """Serve the page of the placements on the port of ``rig preview``, or on a free one."""
+    """Serve the page that shows placements on the port of ``rig preview``, or on a free one."""
     from capture.session.preview_server import serving
 
     try:
@@ -211,11 +213,11 @@ def _show_plan(
     path: Path, plan: SessionPlan, missing: int, config: RigConfig, *, json: bool
 ) -> None:
     """Show a plan, with the time and the disk space of the sets that are missing."""
-    needed, time_s = _needed_bytes(missing, config), _time_s(missing, plan.average, config)
+    needed, capture_s = _needed_bytes(missing, config), _capture_s(missing, plan.average, config)
     free = shutil.disk_usage(path.absolute().parent).free
     if json:
         counts = {"sets": len(plan), "missing": missing}
-        costs = {"bytes": needed, "capture_s": round(time_s, 1), "free_bytes": free}
+        costs = {"bytes": needed, "capture_s": round(capture_s, 1), "free_bytes": free}
         print_json({"plan": plan.model_dump(mode="json"), **counts, **costs})
     else:
         for specimen in plan.specimen:
@@ -228,10 +230,9 @@ def _show_plan(
         if missing < len(plan):
             sets += f" planned, {missing} missing"
         out.print(
-            f"{sets}, {time_s:.0f} s of capture and the time to place the part, "
+            f"{sets}, {capture_s:.0f} s of capture and the time to place the part, "
             f"{needed / 1e6:.0f} MB of {free / 1e6:.0f} MB free",
         )
-    _check_disk(path.absolute().parent, needed)
 
 
 def _needed_bytes(sets: int, config: RigConfig) -> int:
@@ -239,14 +240,14 @@ def _needed_bytes(sets: int, config: RigConfig) -> int:
     return sets * (2 * images * camera.width_px * camera.height_px + _OVERHEAD_BYTES)
 
 
-def _time_s(sets: int, average: int, config: RigConfig) -> float:
-    """Time of the frames: two ambient images, and two frame periods an image."""
+def _capture_s(sets: int, average: int, config: RigConfig) -> float:
+    """Capture time: two ambient images; the LED switch costs a frame period an image."""
     images = len(config.lights.tilts_deg) + 2
     return sets * images * (1 + average) / config.camera.frame_rate_hz
 
 
 def _check_disk(folder: Path, needed: int) -> None:
-    free, needed = shutil.disk_usage(folder).free, int(needed * _FREE_SHARE)
+    free, needed = shutil.disk_usage(folder).free, int(needed * _DISK_MARGIN)
     if needed > free:
         raise InputError(
             f"{folder}: {free / 1e6:.1f} MB are free, the sets need {needed / 1e6:.1f} MB; make "

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from capture.sets.photographs import Crop
     from rig import Placement, Rig
 
-_RING = "0,90,180,270"
+_DEFAULT_TILTS = "0,90,180,270"
 
 
 @reported
@@ -84,12 +84,12 @@ def capture(
     recording = config.camera.recording
     recordings = [] if recording is None else [recording]
     orientations_deg: list[float] | list[None] = rotate or [None]
-    paths = _numbered(output, len(orientations_deg) * count, replace=force)
+    paths = _output_paths(output, len(orientations_deg) * count, replace=force)
     for path in paths:
         check_output(path, suffix=SET_SUFFIX, inputs=recordings, force=force)
-    simulated_only = (surface, rotate, slant, shift_px, defect, seed, bits, size)
+    simulation_options = (surface, rotate, slant, shift_px, defect, seed, bits, size)
     has_surface = config.is_simulated and recording is None
-    if not has_surface and any(value is not None for value in simulated_only):
+    if not has_surface and any(value is not None for value in simulation_options):
         raise ConfigError(
             f"{rig}: not a simulated rig; leave out the options under "
             f"'{options.SIMULATION}' of --help"
@@ -101,17 +101,17 @@ def capture(
         "seed": seed,
     }
     options.check_orientations("--orientation", orientation)
-    # All configurations are checked before the first set is captured.
+    # Check all configurations before the first capture.
     configs = [
         options.with_simulation(config, placement | {"rotate_deg": rotate_deg}, slant, bits, size)
         for rotate_deg in orientations_deg
     ]
     options.check_orientations("--rotate", *orientations_deg)
     for config in configs if has_surface else ():
-        rotated_deg = config.simulation.placement.rotate_deg
-        if orientation is not None and (orientation - rotated_deg) % 360.0:
+        rotate_deg = config.simulation.placement.rotate_deg
+        if orientation is not None and (orientation - rotate_deg) % 360.0:
             raise InputError(
-                f"--orientation {orientation:g}: the simulated part is at {rotated_deg:g} degrees; "
+                f"--orientation {orientation:g}: the simulated part is at {rotate_deg:g} degrees; "
                 f"give --rotate {orientation:g} instead"
             )
     describe = partial(
@@ -120,20 +120,20 @@ def capture(
     with open_rig(configs[0]) as opened:
         placements = [config.simulation.placement for config in configs]
         sets = _captured(opened, placements, count, label, average, calibration_file, target)
-        answer = []
+        saved = []
         for path, captured in zip(paths, progress(sets, len(paths), "capture"), strict=True):
             describe(captured).save(path)
-            answer.append({"set": str(path), "simulated": captured.metadata.simulated})
+            saved.append({"set": str(path), "simulated": captured.metadata.simulated})
             if not json:
-                note = " (simulated)" if captured.metadata.simulated else ""
+                origin = " (simulated)" if captured.metadata.simulated else ""
                 lights = f"{len(captured.images)} lights in {_duration(captured)}"
-                out.print(f"{path}: {lights}{note}")
+                out.print(f"{path}: {lights}{origin}")
     if json:
-        print_json(answer)
+        print_json(saved)
 
 
 def _duration(captured: CapturedSet) -> str:
-    """Describe the number of frames and the time from the first to the last."""
+    """Number of frames of a set and its capture time, as text."""
     frames = [frame for image in captured.metadata.images for frame in image.frames]
     first = min(frames, key=lambda frame: frame.sequence)
     last = max(frames, key=lambda frame: frame.sequence)
@@ -164,19 +164,19 @@ def _captured(
             )
 
 
-def _numbered(output: Path, count: int, replace: bool) -> list[Path]:
-    """Return `output`, or for several sets as many names with numbers.
+def _output_paths(output: Path, count: int, replace: bool) -> list[Path]:
+    """Return `output` for one set, or `count` numbered file names.
 
-    The numbers go on after the highest that exists; with `replace` they begin at 1.
+    Numbers continue after the highest existing one, or with `replace` begin at 1.
     """
     if count == 1:
         return [output]
     stem = output.name.removesuffix(SET_SUFFIX)
     last = 0
     if output.parent.is_dir() and not replace:
-        numbered = re.compile(f"{re.escape(stem)}-([0-9]+){re.escape(SET_SUFFIX)}")
-        names = (numbered.fullmatch(path.name) for path in output.parent.iterdir())
-        last = max((int(match[1]) for match in names if match), default=0)
+        pattern = re.compile(f"{re.escape(stem)}-([0-9]+){re.escape(SET_SUFFIX)}")
+        matches = (pattern.fullmatch(path.name) for path in output.parent.iterdir())
+        last = max((int(match[1]) for match in matches if match), default=0)
     numbers = range(last + 1, last + count + 1)
     digits = max(3, len(str(numbers[-1])))
     return [output.with_name(f"{stem}-{number:0{digits}d}{SET_SUFFIX}") for number in numbers]
@@ -195,7 +195,7 @@ def import_(
     tilts: Annotated[
         str | None,
         typer.Option(
-            help="Tilts of the lights in degrees, separated by commas.", show_default=_RING
+            help="Tilts of the lights in degrees, separated by commas.", show_default=_DEFAULT_TILTS
         ),
     ] = None,
     slant: Annotated[
@@ -272,7 +272,8 @@ def import_(
     else:
         if slant is None:
             raise InputError("give --slant DEG of the lights, or --lights FILE")
-        tilts_deg = options.degrees("--tilts", _RING if tilts is None else tilts, _RING)
+        text = _DEFAULT_TILTS if tilts is None else tilts
+        tilts_deg = options.degrees("--tilts", text, _DEFAULT_TILTS)
         lighting = Lighting.from_angles(tilts_deg, slant)
     check_output(output, suffix=SET_SUFFIX, inputs=[*images, *inputs], force=force)
     calibration_file = None if calibration is None else read_calibration(calibration)

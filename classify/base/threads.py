@@ -1,4 +1,4 @@
-"""Share out work among threads that are kept from call to call."""
+"""Thread pool for kernels; its threads are kept between calls."""
 
 import atexit
 import os
@@ -13,9 +13,9 @@ from .errors import InputError
 
 
 def usable_processors() -> list[int]:
-    """Numbers of the processors that this process may use; all where that is unknown."""
+    """Numbers of the processors this process may use; all if the system does not tell."""
     if hasattr(os, "sched_getaffinity"):
-        # Of the main thread: others may be bound to one processor.
+        # The affinity of the main thread (pid): other threads may be bound to one processor.
         return sorted(os.sched_getaffinity(os.getpid()))
     return list(range(os.cpu_count() or 1))
 
@@ -40,19 +40,19 @@ _Result = TypeVar("_Result")
 
 
 class Task(Generic[_Result]):
-    """Work that one thread does, whichever takes it first."""
+    """A function that runs once, in the first thread that takes the task."""
 
     def __init__(self, work: Callable[[], _Result]) -> None:
         self._work = work
-        self._free = threading.Lock()
+        self._ownership = threading.Lock()
         self.future: Future[_Result] = Future()
 
     def take(self) -> bool:
-        """Take the task away from all other threads; False if it is taken already."""
-        return self._free.acquire(blocking=False)
+        """Reserve the task for this thread; False if another thread has taken it."""
+        return self._ownership.acquire(blocking=False)
 
     def run(self) -> None:
-        """Do the work, if it is not taken; the future has its result, or its exception."""
+        """Call the function unless the task is taken; its result or exception goes to `future`."""
         if not self.take():
             return
         try:
@@ -60,13 +60,14 @@ class Task(Generic[_Result]):
         except BaseException as error:
             self.future.set_exception(error)
             if not isinstance(error, Exception):
-                raise  # Ctrl-C is for the thread that it interrupts, too
+                raise  # KeyboardInterrupt must also end the thread in which it was raised
 
 
 class Workers:
-    """Threads that do tasks in the order of a queue, long ones first, bound to `processors`.
+    """Threads that run queued tasks in order, long ones first; thread n on `processors[n]`.
 
-    Give one fewer than may compute: a thread that waits for a result does other tasks meanwhile.
+    `count` is one fewer than the threads that may compute: the caller that waits for a result runs
+    other tasks meanwhile.
     """
 
     def __init__(self, count: int, processors: Sequence[int] = ()) -> None:
@@ -85,11 +86,12 @@ class Workers:
             thread.start()
 
     def submit(self, work: Callable[[], _Result], *, is_long: bool = False) -> Task[_Result]:
-        """Queue work; a thread that waits for a result takes it only if it is not long."""
+        """Queue a function; threads that wait in `result_of` do not run it if it is long."""
         task = Task(work)
         with self._changed:
             if is_long:
                 self._long.append(task)
+                # Not notify(): it could wake a thread in `result_of`, which runs no long tasks.
                 self._changed.notify_all()
             else:
                 self._short.append(task)
@@ -97,7 +99,7 @@ class Workers:
         return task
 
     def result_of(self, task: Task[_Result]) -> _Result:
-        """Return the result of a task, or raise its exception; do other tasks meanwhile."""
+        """Return the result of a task, or raise its exception; run short tasks meanwhile."""
         task.run()
         future = task.future
         if not future.done():
@@ -107,7 +109,7 @@ class Workers:
         return future.result()
 
     def end(self) -> None:
-        """Let the threads end after the tasks that they do; return at once."""
+        """Tell the threads to end after their present tasks; do not wait for them."""
         self._is_ending = True
         self._wake()
 
@@ -129,7 +131,7 @@ class Workers:
                     if queue:
                         return queue.popleft()
                 self._changed.wait()
-            # It may have been woken for a task that it does not take.
+            # Pass on a notification for a task: this thread runs no more of them.
             self._changed.notify()
         return None
 
@@ -140,11 +142,11 @@ class Workers:
 
 _Item = TypeVar("_Item")
 
-# Pixels of one strip of rows: 200 us of work, which is long for the 10 us of a call and short
+# Pixels of one strip of rows, about 200 us of work: much longer than the 10 us of a call, and short
 # enough that threads end at about the same time.
 STRIP_PX = 1 << 17
 
-_MOST_THREADS = 1024  # more than any machine has processors, and fewer than the system refuses
+_MAX_THREADS = 1024  # more than processors of any machine, fewer than the system refuses
 
 _count: int | None = None
 _is_bound = False
@@ -153,7 +155,10 @@ _lock = threading.Lock()
 
 
 def thread_count() -> int:
-    """Threads for kernels: `set_thread_count`, `NUMBA_NUM_THREADS`, or one per processor."""
+    """Number of threads for kernels, the calling one included.
+
+    It is that of `set_thread_count`, else NUMBA_NUM_THREADS, else one per usable processor.
+    """
     if _count is not None:
         return _count
     text = os.environ.get("NUMBA_NUM_THREADS", "").strip()
@@ -162,8 +167,8 @@ def thread_count() -> int:
     if not text.isdecimal() or not text.strip("0"):
         raise InputError(f"NUMBA_NUM_THREADS is {text!r}; give a whole number from 1, or unset it")
     digits = text.lstrip("0")
-    if len(digits) > 9 or int(digits) > _MOST_THREADS:
-        raise InputError(f"NUMBA_NUM_THREADS is over {_MOST_THREADS}; give that or fewer")
+    if len(digits) > 9 or int(digits) > _MAX_THREADS:
+        raise InputError(f"NUMBA_NUM_THREADS is over {_MAX_THREADS}; give that or fewer")
     return int(digits)
 
 
@@ -176,7 +181,7 @@ def set_thread_count(count: int | None) -> None:
 
 
 def bind_workers(*, is_bound: bool = True) -> None:
-    """Bind each kept thread of this process to a processor of its own from now on."""
+    """Bind each worker thread to a processor of its own, or with False to none."""
     global _is_bound
     if is_bound != _is_bound:
         _is_bound = is_bound
@@ -185,7 +190,7 @@ def bind_workers(*, is_bound: bool = True) -> None:
 
 @contextmanager
 def beside_workers() -> Iterator[None]:
-    """Bind the calling thread, and those it starts, to the processor `bind_workers` leaves."""
+    """Bind this thread, and threads it starts, to the processor that no bound worker uses."""
     if not _is_bound or thread_count() == 1:
         yield
         return
@@ -208,7 +213,7 @@ def map_in_threads(function: Callable[[_Item], _Result], items: Sequence[_Item])
     try:
         work()
     finally:
-        # Threads that have not started by now have nothing left to do.
+        # All indices are given out: tasks that no thread has started are cancelled by `take`.
         errors = [task.future.exception() for task in tasks if not task.take()]
     for error in errors:
         if error is not None:
@@ -217,10 +222,11 @@ def map_in_threads(function: Callable[[_Item], _Result], items: Sequence[_Item])
 
 
 def beside(work: Callable[[], _Result], *, is_long: bool = False) -> Callable[[], _Result]:
-    """Start work in another thread; return a function that waits for its result.
+    """Start `work` in another thread; return a function that waits for its result.
 
-    A waiting caller does the work itself or helps others, with tasks that are not `is_long`; short
-    work must not wait for other work started by `beside`, which may lie below it on the same stack.
+    If no thread has started `work`, the waiting caller runs it; otherwise it runs other tasks that
+    are not long. Such a task must not itself wait for the result of another `beside`: that work may
+    be suspended further down the same stack, which is a deadlock.
     """
     if thread_count() == 1:
         return work
@@ -243,7 +249,7 @@ def run_on_rows(
 
 
 def _kept_workers() -> Workers:
-    """Threads kept between calls: starting new ones takes as long as a small frame."""
+    """The thread pool of this process; starting threads takes as long as a small frame."""
     global _workers
     count = thread_count() - 1
     with _lock:
@@ -265,7 +271,7 @@ def _end_workers() -> Workers | None:
 
 @atexit.register
 def _join_workers() -> None:
-    """Wait for all threads: one that leaves compiled code after the end aborts Python."""
+    """Join all threads: one that returns from compiled code after finalisation aborts Python."""
     workers = _end_workers()
     if workers is not None:
         workers.join()

@@ -1,8 +1,9 @@
 """Positions of LEDs near a white sheet, from the ratios of their light images.
 
-The ratio of two light images of a matt sheet contains neither the sheet nor the lens, but for each
-light its level and cos(incidence) cos^m(emission) / r^2. For an LED at P, relative to the middle of
-the frame, and v = P / |P|^2, this factor is at a place X of the sheet
+Each light image of a matt sheet is a product of the reflectance, the vignetting, the LED level and
+cos(incidence) cos^m(emission) / r^2. Reflectance and vignetting cancel in the ratio of two images.
+For an LED at P, relative to the middle of the frame, and v = P / |P|^2, the last factor is at a
+point X of the sheet proportional to
 
     (1 - v . X)^m (1 - 2 v . X + |v|^2 |X|^2)^(-(3 + m) / 2)        LED that points to the middle
     (1 - 2 v . X + |v|^2 |X|^2)^(-(3 + m) / 2)                      LED that points straight down
@@ -20,18 +21,21 @@ from classify.base.arrays import Floats
 
 Aim = Literal["centre", "down"]
 
-# Distances in half of the longer side from which the fit starts, and the slant; it converges from
-# each for LEDs at 3 to 30 (tests/classify/calibration/test_led_positions.py).
-_STARTS, _START_SLANT_DEG = (3.0, 10.0), 45.0
+# Initial distances (in half of the longer side) and slant of the fit. It converges from both for
+# LEDs at 3 to 30 (tests/classify/calibration/test_led_positions.py).
+_START_DISTANCES, _START_SLANT_DEG = (3.0, 10.0), 45.0
 # Largest lobe exponent: the beam of cos^20 is too narrow to light a frame.
-_NARROWEST = 20.0
+_MAX_LOBE_EXPONENT = 20.0
+# Lower limit of 1 - v . X before the logarithm; it is negative behind an LED.
+_MIN_FACING = 1e-6
 _BLOCKS = 16  # fitted blocks along the frame
 _CLUSTERS = 8  # clusters along the frame, whose residuals count as independent
-_MANY_LIGHTS = 16  # above it half as many blocks are fitted: the Jacobian would need gigabytes
+# With more lights, half as many blocks along the frame: the Jacobian would need gigabytes.
+_MANY_LIGHTS = 16
 # Factor on the standard errors: without it 12 % of the errors on 40 rendered sheets exceeded two
 # standard errors, instead of 5 % (random lights, lobes, dust and tilts as in
 # tests/classify/calibration/test_led_positions.py).
-_MARGIN = 1.4
+_ERROR_FACTOR = 1.4
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +48,9 @@ class LedPositions:
     lobe_exponent: float  # m of the strength cos^m at an angle to the axis of an LED
     aim: Aim  # where the axes point
     residual: float  # rms deviation of the logarithms of the ratios from the model
-    residuals: Floats  # (N, 16, 16) excess over the model, also of blocks without weight
+    # (N, n, n) log ratio less the model, also of blocks without weight; n is 16, or 8 for more than
+    # 16 lights.
+    residuals: Floats
 
 
 def fit_led_positions(ratios: Floats, weights: Floats, x: Floats, y: Floats) -> LedPositions:
@@ -86,9 +92,10 @@ def fit_led_positions(ratios: Floats, weights: Floats, x: Floats, y: Floats) -> 
 
 @dataclass(frozen=True, eq=False)
 class _Model:
-    """Logarithms of the ratios at n places, and how they differ from (N, n) `data`.
+    """Model of log ratios at n points of the sheet, and its difference from (N, n) `data`.
 
-    Parameters: v of each light, log levels of all but the first light relative to it, and m.
+    The vector of parameters is v of each light, the log level of all but the first light relative
+    to the first, and m.
     """
 
     x: Floats
@@ -98,7 +105,7 @@ class _Model:
     aim: Aim
 
     def starts(self) -> list[Floats]:
-        """Start parameters: each LED is where its gradient points, at two distances."""
+        """Initial parameters: LEDs in the directions of their gradients, at two distances."""
         plane = np.stack([np.ones_like(self.x), self.x, self.y], axis=1)
         level, *gradient = np.linalg.lstsq(plane, self.data.T, rcond=None)[0]
         towards = np.stack(gradient, axis=1)
@@ -106,13 +113,16 @@ class _Model:
         slant = np.radians(_START_SLANT_DEG)
         unit = np.column_stack([np.sin(slant) * towards, np.full(len(level), np.cos(slant))])
         levels = level[1:] - level[0]
-        return [np.concatenate([(unit / distance).ravel(), levels, [1.0]]) for distance in _STARTS]
+        return [
+            np.concatenate([(unit / distance).ravel(), levels, [1.0]])
+            for distance in _START_DISTANCES
+        ]
 
     def fitted(self, start: Floats) -> Any:
         """Result of scipy's least squares."""
         low, high = np.full(start.size, -np.inf), np.full(start.size, np.inf)
         low[2 : 3 * len(self.data) : 3] = 0.0
-        low[-1], high[-1] = 0.0, _NARROWEST
+        low[-1], high[-1] = 0.0, _MAX_LOBE_EXPONENT
         return least_squares(
             lambda parameters: self.evaluated(parameters)[0], start,
             jac=lambda parameters: self.evaluated(parameters)[1],
@@ -120,49 +130,54 @@ class _Model:
         )  # fmt: skip
 
     def errors(self, solution: Any) -> tuple[Floats, Floats]:
-        """(N,) clustered standard errors (Cameron and Miller 2015) of v along itself and across."""
+        """(N,) standard errors of v along itself and across.
+
+        The covariance is the sum of the clustered one (Cameron and Miller 2015) and that of
+        independent residuals. The errors are infinite if the Jacobian is rank-deficient.
+        """
         lights = len(self.data)
+        # The rank is too low, for example, if all lights are in one place.
+        if np.linalg.matrix_rank(solution.jac) < solution.x.size:
+            return np.full(lights, np.inf), np.full(lights, np.inf)
         columns, rows = (np.floor((axis + 1.0) * 0.5 * _CLUSTERS) for axis in (self.x, self.y))
         cluster = columns * 2 * _CLUSTERS + rows
         scores = (solution.jac * solution.fun[:, None]).reshape(lights, cluster.size, -1)
         scores = scores.sum(axis=0)
         clustered = np.stack([scores[cluster == k].sum(axis=0) for k in np.unique(cluster)])
-        # The rank is too low, for example, if all lights are in one place.
-        if np.linalg.matrix_rank(solution.jac) < solution.x.size:
-            return np.full(lights, np.inf), np.full(lights, np.inf)
         inverse = np.linalg.pinv(solution.jac.T @ solution.jac)
-        freedom = max((lights - 1) * cluster.size - solution.x.size, 1)
+        degrees_of_freedom = max((lights - 1) * cluster.size - solution.x.size, 1)
         covariance = inverse @ (clustered.T @ clustered) @ inverse
-        covariance += inverse * np.square(solution.fun).sum() / freedom
+        covariance += inverse * np.square(solution.fun).sum() / degrees_of_freedom
         along, across = np.empty(lights), np.empty(lights)
         for light in range(lights):
             own = slice(3 * light, 3 * light + 3)
             unit = solution.x[own] / np.linalg.norm(solution.x[own])
             along[light] = unit @ covariance[own, own] @ unit
             across[light] = max(np.trace(covariance[own, own]) - along[light], 0.0)
-        return _MARGIN * np.sqrt(along), _MARGIN * np.sqrt(across)
+        return _ERROR_FACTOR * np.sqrt(along), _ERROR_FACTOR * np.sqrt(across)
 
     def evaluated(self, parameters: Floats) -> tuple[Floats, Floats]:
         """Weighted differences (N n,) and their derivatives (N n, parameters)."""
         lights = len(self.data)
         v, exponent = parameters[: 3 * lights].reshape(lights, 3), parameters[-1]
         levels = np.concatenate([[0.0], parameters[3 * lights : -1]])
-        squared = self.x * self.x + self.y * self.y
+        radius_squared = self.x * self.x + self.y * self.y
         along = v[:, :1] * self.x + v[:, 1:2] * self.y
-        distance = 1.0 - 2.0 * along + np.square(v).sum(axis=1)[:, None] * squared
-        log_distance = np.log(distance)
+        # |P - X|^2 / |P|^2
+        distance_squared = 1.0 - 2.0 * along + np.square(v).sum(axis=1)[:, None] * radius_squared
+        log_distance_squared = np.log(distance_squared)
         half = 0.5 * (3.0 + exponent)
-        values = levels[:, None] - half * log_distance
-        by_exponent = -0.5 * log_distance
-        by_along = 2.0 * half / distance
+        values = levels[:, None] - half * log_distance_squared
+        by_exponent = -0.5 * log_distance_squared
+        by_along = 2.0 * half / distance_squared
         if self.aim == "centre":
             # Beyond a right angle to its axis an LED gives no light; the fit may pass there.
-            facing = np.maximum(1.0 - along, 1e-6)
+            facing = np.maximum(1.0 - along, _MIN_FACING)
             values += exponent * np.log(facing)
             by_exponent += np.log(facing)
-            by_along -= exponent / facing
+            by_along -= np.where(facing > _MIN_FACING, exponent / facing, 0.0)
         derivatives = np.zeros((lights, self.x.size, parameters.size))
-        by_square = -half * squared / distance
+        by_square = -half * radius_squared / distance_squared
         for light in range(lights):
             for axis in range(3):
                 derivatives[light, :, 3 * light + axis] = 2.0 * v[light, axis] * by_square[light]

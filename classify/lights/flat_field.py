@@ -1,4 +1,4 @@
-"""Strength of each light over a plane as a polynomial: division by it, and its robust fit."""
+"""Strength of each light over a plane: log-polynomial model, division, and parts of its fit."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,24 +13,24 @@ from classify.base.threads import run_on_rows
 from classify.images import ImageStack
 from classify.lighting import Lighting
 
-# Powers of a coordinate that the kernel takes: degree 6, which LEDs at two fields of view need
+# Coefficients per coordinate in the kernel: degree 6, which LEDs at two fields of view need
 # (tests/classify/calibration/test_flat_field.py).
 TERMS = 7
-_LARGEST_LOGARITHM = 80.0
-# Strengths are computed in a row for each such part of the frame, and interpolated between: that
-# differs by up to 1.1e-5 where light falls off by half, less than a step of 16 bits.
-_ROWS = 384
+_LARGEST_LOGARITHM = 80.0  # exp(88.7) overflows float32
+# Strengths are computed in every (height // 384)-th row and interpolated linearly between. The
+# error is up to 1.1e-5 where light falls off by half, less than a step of 16 bits.
+_NODES = 384
 
 
 @dataclass(frozen=True, eq=False)
 class FlatField:
-    """Strength of each light over a plane, relative to a value that all lights share.
+    """Strength of each light over a plane, relative to one value for all lights.
 
-    y points up, and the unit is half of the longer side, from the middle of the frame.
+    Coordinates are relative to the middle of the frame, in half of its longer side; y points up.
     """
 
-    coefficients: Floats  # (N, T, T) factors of y^i x^j in the logarithm, T at most 7
-    bounds: Floats  # (N, 2) lowest and highest logarithm; no extrapolation beyond
+    coefficients: Floats  # (N, T, T) of y^i x^j in the logarithm of the strength, T at most 7
+    bounds: Floats  # (N, 2) lowest and highest logarithm; values beyond are clipped
 
     def __post_init__(self) -> None:
         lights, *terms = self.coefficients.shape or (0,)
@@ -54,15 +54,15 @@ class FlatField:
 
     @property
     def share(self) -> float:
-        """Largest share that a light loses from its brightest to its darkest place."""
+        """Largest relative fall-off of a light, from its brightest to its darkest point."""
         return float(1.0 - np.exp(self.bounds[:, 0] - self.bounds[:, 1]).min())
 
     def saturation(self, full_scale: float) -> np.float32:
-        """Value of saturated pixels after `divide`; no others reach it."""
+        """Value of saturated pixels after `divide`; unsaturated ones stay below."""
         return np.float32(full_scale * np.exp(max(0.0, -self.bounds.min())))
 
     def strengths(self, rows: Indices, columns: Indices, shape: tuple[int, int]) -> Floats:
-        """(N, rows, columns) strengths at these rows and columns of a frame."""
+        """(N, m, n) strengths at the (m,) rows and (n,) columns of a frame of `shape`."""
         strengths: Floats = np.exp(self.logarithms(*coordinates(rows, columns, shape)))
         return strengths
 
@@ -74,7 +74,7 @@ class FlatField:
         return np.asarray(np.clip(logarithms, low, high), np.float64)
 
     def times(self, factors: npt.ArrayLike) -> "FlatField":
-        """The flat field of lights that are stronger by (N,) factors."""
+        """The flat field of lights multiplied by (N,) factors."""
         logarithms = np.log(np.asarray(factors, np.float64))
         coefficients = self.coefficients.copy()
         coefficients[:, 0, 0] += logarithms
@@ -82,7 +82,7 @@ class FlatField:
 
     @property
     def shared(self) -> "FlatField":
-        """The geometric mean of all lights, once for each light: vignetting and common fall-off."""
+        """Vignetting and common fall-off: the geometric mean of all lights, for every light."""
         lights = len(self.coefficients)
         coefficients, bounds = (
             np.repeat(values.mean(axis=0, keepdims=True), lights, axis=0)
@@ -91,26 +91,26 @@ class FlatField:
         return FlatField(coefficients, bounds)
 
     def facing(self, lighting: Lighting) -> "FlatField":
-        """The flat field of a sheet that faces each light, not the camera; the mean stays."""
+        """Divide each light by its cosine of incidence; the geometric mean of all stays."""
         if len(self.coefficients) != len(lighting):
             raise InputError(
-                f"the flat field is of {len(self.coefficients)} lights, the images are of "
-                f"{len(lighting)}; give that of these lights"
+                f"the flat field has {len(self.coefficients)} lights, the images have "
+                f"{len(lighting)}; give the flat field of these lights"
             )
         cosines = lighting.directions[:, 2]
         return self.times(np.exp(np.log(cosines).mean()) / cosines)
 
     def divide(self, stack: ImageStack, full_scale: float | None) -> ImageStack:
-        """Divide each image, less the ambient image, by the strength of its light, as float32.
+        """Subtract the ambient image, divide by the strength of the light, and add it again.
 
-        Pixels that reach `full_scale` get the value `saturation`.
+        Pixels that reach `full_scale` get the value `saturation`; the images become float32.
         """
         return DividedStack(stack.images, stack.ambient, self, full_scale).materialised()
 
 
 @dataclass(frozen=True, eq=False)
 class DividedStack(ImageStack):
-    """Images, kept as taken, that `FlatField.divide` divides when they are read."""
+    """Raw images that are divided as by `FlatField.divide` when they are read."""
 
     flat_field: FlatField
     full_scale: float | None  # value of saturated pixels before division
@@ -139,10 +139,10 @@ class DividedStack(ImageStack):
 
     @cached_property
     def _division(self) -> tuple[int, Array, Array, Array, np.float32, np.float32]:
-        """Arguments of the kernels."""
+        """Arguments of the kernels: reciprocal strengths at the nodes, and saturation."""
         field, (rows, columns) = self.flat_field, self.shape
-        apart = max(1, rows // _ROWS)
-        nodes = apart * np.arange((rows - 1) // apart + 2)
+        step = max(1, rows // _NODES)
+        nodes = step * np.arange((rows - 1) // step + 2)
         x, y = coordinates(nodes, np.arange(columns), self.shape)
         terms = field.coefficients.shape[1]
         factors = np.zeros((len(field.coefficients), len(y), TERMS), np.float32)
@@ -150,12 +150,15 @@ class DividedStack(ImageStack):
         bounds = -field.bounds[:, ::-1].astype(np.float32)
         saturation = np.inf if self.full_scale is None else self.full_scale
         top = field.saturation(saturation)
-        return apart, factors, bounds, x.astype(np.float32), np.float32(saturation), top
+        return step, factors, bounds, x.astype(np.float32), np.float32(saturation), top
 
 
 @kernel
 def exponential(e: np.float32) -> np.float32:
-    """Exponential to 2e-6 for |e| < 1, 1e-4 for |e| < 2; compilers do not vectorise exp."""
+    """Exponential with error 2e-6 for |e| < 1, 1e-4 for |e| < 2: compilers do not vectorise exp.
+
+    It is a Taylor polynomial of exp(e / 8), squared three times.
+    """
     one, half, third = np.float32(1.0), np.float32(1.0 / 2.0), np.float32(1.0 / 3.0)
     u = np.float32(1.0 / 8.0) * e
     root = one + u * (one + half * u * (one + third * u * (one + np.float32(1.0 / 4.0) * u)))
@@ -166,36 +169,37 @@ def exponential(e: np.float32) -> np.float32:
 
 @kernel
 def _multiply(
-    first: int, images: Array, dark: Array, apart: int, factors: Array, bounds: Array, x: Array,
+    first: int, images: Array, dark: Array, step: int, factors: Array, bounds: Array, x: Array,
     saturation: np.float32, top: np.float32, product: Array,
 ) -> None:  # fmt: skip
-    """Multiply (N, n, W) rows of images, less `dark`, by exp of a polynomial in `bounds`.
+    """Write `dark` + (images - `dark`) * factor to (N, n, W) `product`, from row `first` on.
 
-    `factors` (N, m, 7) are of every `apart`-th row, exp is interpolated between; `saturation` gets
-    `top`.
+    The factor is exp of the polynomial of x with coefficients `factors` (N, m, 7), clipped to
+    `bounds`. It is computed at every `step`-th row, a node, and interpolated between. Pixels
+    that reach `saturation` get the value `top`.
     """
     lights, rows, columns = product.shape
     begin, end = np.zeros(columns, np.float32), np.zeros(columns, np.float32)
-    ambient = dark.any()
+    has_ambient = dark.any()
     for k in range(lights):
         low, high = bounds[k]
         current_node = -1
         for r in range(rows):
-            node, beyond = divmod(first + r, apart)
+            node, past_node = divmod(first + r, step)
             if node != current_node:
-                if r > 0 and apart > 1:
-                    # As a loop: numba copies a slice more slowly.
+                if r > 0 and step > 1:
+                    # A loop, because numba copies a slice more slowly.
                     for c in range(columns):
                         begin[c] = end[c]
                 else:
                     _exponentials(factors[k, node], low, high, x, begin)
-                if apart > 1:
+                if step > 1:
                     _exponentials(factors[k, node + 1], low, high, x, end)
                 current_node = node
-            share = np.float32(beyond / apart)
+            share = np.float32(past_node / step)
             dark_row = dark[min(r, len(dark) - 1)]
-            if not ambient:
-                # The same for zeros, in three quarters of the time.
+            if not has_ambient:
+                # Without an ambient image, in three quarters of the time of the general case.
                 for c in range(columns):
                     raw = np.float32(images[k, first + r, c])
                     value = raw * (begin[c] + share * (end[c] - begin[c]))
@@ -210,22 +214,22 @@ def _multiply(
 
 @kernel
 def _multiply_at(
-    pixels: Array, values: Array, dark: Array, apart: int, factors: Array, bounds: Array, x: Array,
+    pixels: Array, values: Array, dark: Array, step: int, factors: Array, bounds: Array, x: Array,
     saturation: np.float32, top: np.float32,
 ) -> None:  # fmt: skip
-    """As `_multiply`, of (N, n) values of pixels with these flat indices, in place."""
+    """Multiply (N, n) values of the pixels with these flat indices in place, as `_multiply`."""
     columns = len(x)
     for n in range(len(pixels)):
         r, c = divmod(pixels[n], columns)
-        node, beyond = divmod(r, apart)
-        share, zero_light = np.float32(beyond / apart), dark[min(n, len(dark) - 1)]
+        node, past_node = divmod(r, step)
+        share, dark_value = np.float32(past_node / step), dark[min(n, len(dark) - 1)]
         for k in range(values.shape[0]):
             low, high = bounds[k]
             factor = _factor(factors[k, node], low, high, x[c])
-            if beyond:
+            if past_node:
                 factor += share * (_factor(factors[k, node + 1], low, high, x[c]) - factor)
             raw = values[k, n]
-            value = zero_light + (raw - zero_light) * factor
+            value = dark_value + (raw - dark_value) * factor
             values[k, n] = value if raw < saturation else top
 
 
@@ -233,7 +237,7 @@ def _multiply_at(
 def _exponentials(
     factors: Array, low: np.float32, high: np.float32, x: Array, exponentials: Array
 ) -> None:
-    """Exp of a polynomial of x, within two bounds."""
+    """Write exp of a polynomial at all `x`, clipped to two bounds, to `exponentials`."""
     for c in range(len(x)):
         exponentials[c] = _factor(factors, low, high, x[c])
 
@@ -248,13 +252,13 @@ def _factor(factors: Array, low: np.float32, high: np.float32, x: np.float32) ->
 
 
 def coordinates(rows: Array, columns: Array, shape: tuple[int, int]) -> tuple[Floats, Floats]:
-    """X of the columns and y of the rows, from the middle in half of the longer side."""
+    """X of columns and y of rows, relative to the middle, in half of the longer side."""
     x, y = columns - 0.5 * (shape[1] - 1), 0.5 * (shape[0] - 1) - rows
     return (2.0 / max(shape) * x).astype(float), (2.0 / max(shape) * y).astype(float)
 
 
 def powers(values: Floats, terms: int) -> Floats:
-    """(n, terms) powers 0, 1, 2, ..."""
+    """(n, terms) powers 0, 1, 2, ... of n values."""
     return np.vander(values, terms, increasing=True)
 
 
@@ -264,29 +268,29 @@ def exponents(degree: int) -> tuple[Indices, Indices]:
     return i, j
 
 
-# Folds of the cross-validation along each side of the frame; one is left out at a time.
+# Cross-validation has 4 x 4 folds, each a part of the frame; one is left out at a time.
 _FOLDS = 4
-# Share of the trace that is added to the diagonal of the normal equations: a narrow frame does not
-# determine the powers of one coordinate.
+# Ridge as a share of the trace of the normal equations: a narrow frame does not determine the
+# powers of its short coordinate.
 _RIDGE = 1e-6
-_TINY = 1e-30
+_TINY = 1e-30  # makes all-zero normal equations solvable
 
 TUKEY = 4.685
-"""With this constant Tukey's biweight has 95 % of the efficiency of least squares."""
+"""Tuning constant of Tukey's biweight, for 95 % efficiency at normal errors."""
 
 MEDIAN_SQUARE = 0.4549
 """Median of the square of a standard normal deviate."""
 
 
 def by_fold(blocks: Floats) -> Floats:
-    """(..., n, n) blocks as (..., folds, blocks of a fold); n is a multiple of 4."""
+    """Regroup (..., n, n) blocks to (..., folds, blocks of a fold); n is a multiple of 4."""
     size = blocks.shape[-1] // _FOLDS
     folds = blocks.reshape(*blocks.shape[:-2], _FOLDS, size, _FOLDS, size).swapaxes(-3, -2)
     return folds.reshape(*blocks.shape[:-2], _FOLDS**2, size**2)
 
 
 def normal_equations(basis: Floats, means: Floats, weights: Floats) -> tuple[Floats, Floats]:
-    """Gram matrices (folds, terms, terms) and right sides (folds, terms, N)."""
+    """Gram matrices (folds, terms, terms) and right-hand sides (folds, terms, N)."""
     weighted = (basis * weights[..., None]).swapaxes(1, 2)
     return weighted @ basis, weighted @ np.moveaxis(means, 0, -1)
 

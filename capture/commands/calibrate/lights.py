@@ -25,9 +25,10 @@ if TYPE_CHECKING:
 _SHEET = flow.Target(
     "a white matt sheet", "plate", next_placement="rotate the sheet by 180 degrees"
 )
-# Two placements half a turn apart cancel a tilt of the sheet and a gradient of its reflectance.
+# Two placements 180 degrees apart cancel a tilt of the sheet and a gradient of its reflectance.
 _ROTATIONS_DEG = (0.0, 180.0)
-# Frames averaged in each image: with a quarter of the noise, small frames show LED positions too.
+# Frames averaged in each image: at a quarter of the noise, LED positions can be fitted to small
+# frames too.
 _FRAMES = 16
 
 
@@ -67,14 +68,16 @@ def plate(
     parts = plate_parts(sets, file.calibration, area, source)
     dropped: tuple[PartName, ...] = ()
     if replace and near_lights_are_refuted(file.calibration, parts):
-        complain(f"warning: {calibration}: the positions of lights measured before are dropped")
+        complain(
+            f"warning: {calibration}: the sheet shows no LED positions; earlier ones are dropped"
+        )
         dropped = ("lights",)
     flow.keep_parts(calibration, file, parts, replace=replace, json=json, dropped=dropped)
 
 
-# Places of the sphere on a simulated rig, in shares of the shorter side of the frame: the sphere,
-# which fills 0.6 of it, stays inside, and rays from the places cross.
-_PLACES = ((0.0, 0.0), (0.18, 0.0), (-0.18, 0.0), (0.0, 0.18), (0.0, -0.18))
+# Places of the sphere on a simulated rig, relative to the middle, as fractions of the shorter side
+# of the frame. The sphere, which fills 0.6 of that side, stays inside; rays to an LED intersect.
+_SPHERE_PLACES = ((0.0, 0.0), (0.18, 0.0), (-0.18, 0.0), (0.0, 0.18), (0.0, -0.18))
 
 
 @reported
@@ -126,7 +129,7 @@ def lights(
         int,
         typer.Option(
             min=1,
-            max=len(_PLACES),
+            max=len(_SPHERE_PLACES),
             help="Places of the sphere that a rig captures. Three give positions of near lights.",
         ),
     ] = 1,
@@ -175,26 +178,26 @@ def lights(
         with open_rig(rig) as opened:
             sets = list(_captured(opened, target, placements, yes))
             setting = Setting.of_rig(opened)
-        spheres, names = images_of_sets(sets, file), ["captured"]
+        spheres, source = images_of_sets(sets, file), ["captured"]
         image_names = [f"light{k}.tif" for k in range(len(sets[0].images))]
     else:
-        spheres, setting, image_names = _of_files(
+        spheres, setting, image_names = _images_of_files(
             photographs, mask or (), count, gamma, sphere, file
         )
-        names = [path.name for path in photographs]
-    parts = sphere_parts(spheres, sphere, file, setting, names, diameter_mm)
+        source = [path.name for path in photographs]
+    parts = sphere_parts(spheres, sphere, file, setting, source, diameter_mm)
     merged = flow.keep_parts(calibration, file, parts, replace=replace, json=json)
     estimate = merged.calibration.lights
     assert estimate is not None
     if list_file is not None:
         write_light_list(list_file, estimate.lighting, image_names)
     if not json:
-        angles = zip(
-            estimate.lighting.tilts_deg.round(1) % 360.0, estimate.lighting.slants_deg, strict=True
-        )
-        errors_deg = estimate.direction_errors_deg
-        for name, (tilt_deg, slant_deg), error_deg in zip(
-            image_names, angles, errors_deg, strict=True
+        for name, tilt_deg, slant_deg, error_deg in zip(
+            image_names,
+            estimate.lighting.tilts_deg.round(1) % 360.0,
+            estimate.lighting.slants_deg,
+            estimate.direction_errors_deg,
+            strict=True,
         ):
             out.print(
                 f"  {name}: tilt {tilt_deg:.1f}, slant {slant_deg:.1f} degrees, known to "
@@ -205,25 +208,25 @@ def lights(
 def _calibration_and_photographs(
     paths: Sequence[Path], sources: Sequence[Path] | None, masks: Sequence[Path] | None
 ) -> tuple[Path, list[Path]]:
-    """Separate the calibration from the photographs of ``--from photo*.png``, without the mask.
+    """Separate the calibration file from the photographs, and leave out the masks.
 
-    A shell puts all but the first of them among the arguments.
+    The shell expands ``--from photo*.png``: all photographs but the first become arguments.
     """
     from capture.calibration.ps4cal import SUFFIX
 
     files = [path for path in paths if path.suffix == SUFFIX]
     if len(files) != 1:
         raise InputError(f"{len(files)} files NAME{SUFFIX}; give the one to write the lights to")
-    names = {path.resolve() for path in masks or ()}
+    mask_paths = {path.resolve() for path in masks or ()}
     photographs = [
         path
         for path in (*(sources or ()), *(path for path in paths if path.suffix != SUFFIX))
-        if path.resolve() not in names
+        if path.resolve() not in mask_paths
     ]
     return files[0], photographs
 
 
-def _of_files(
+def _images_of_files(
     sources: list[Path],
     masks: Sequence[Path],
     count: int | None,
@@ -231,18 +234,19 @@ def _of_files(
     sphere: Literal["mirror", "matte"],
     file: CalibrationFile,
 ) -> tuple[list[SphereImages], Setting, list[str]]:
+    """Read images of the sphere, their setting, and a name per light for a light list."""
     from capture.procedures.target_parts import images_of_photographs, images_of_sets
     from capture.sets.captured_set import CapturedSet
 
     photographs, sets = flow.photographs_or_sets(sources)
     if photographs:
-        # The position of a highlight does not depend on gamma.
+        # A mirror sphere needs no gamma: the position of its highlight does not depend on it.
         coding = gamma or ("linear" if sphere == "mirror" else None)
-        read = flow.photographs_of(photographs, coding)
-        spheres, setting = images_of_photographs(read, masks, count, file)
-        placement = [path.absolute() for path in photographs[: len(spheres[0].images)]]
-        folder = os.path.commonpath([path.parent for path in placement])
-        return spheres, setting, [path.relative_to(folder).as_posix() for path in placement]
+        images = flow.photographs_of(photographs, coding)
+        spheres, setting = images_of_photographs(images, masks, count, file)
+        first_placement = [path.absolute() for path in photographs[: len(spheres[0].images)]]
+        folder = os.path.commonpath([path.parent for path in first_placement])
+        return spheres, setting, [path.relative_to(folder).as_posix() for path in first_placement]
     if masks or count is not None or gamma is not None:
         raise InputError("--mask, --lights and --gamma are for photographs; sets state them")
     captured = [CapturedSet.load(path) for path in sets]
@@ -254,7 +258,7 @@ def _captured(rig: Rig, target: flow.Target, placements: int, yes: bool) -> Iter
     from capture.acquisition.attempts import capture_set
 
     side_px = min(rig.camera.info.width_px, rig.camera.info.height_px)
-    for number, (right, up) in enumerate(_PLACES[:placements]):
+    for number, (right, up) in enumerate(_SPHERE_PLACES[:placements]):
         shift_px = (right * side_px, up * side_px)
         flow.place_target(rig, target, shift_px=shift_px, again=number > 0, yes=yes)
         yield capture_set(rig, is_target=True)

@@ -13,7 +13,7 @@ from classify.base.errors import InputError
 from classify.base.models import read_toml_as, validated
 
 RecordChange = Callable[[Recipe, Recipe], None]
-"""Called with the old and the new recipe before a change is written; an exception prevents it."""
+"""Called with the old and the new recipe before the new one is written; may raise to prevent it."""
 
 
 def approve(
@@ -22,15 +22,14 @@ def approve(
     seen_sha256: str | None = None,
     record: RecordChange = lambda *_: None,
 ) -> Recipe:
-    """Approve a recipe as it is, and keep a copy of it beside what was taught.
+    """Approve the present recipe, and keep a copy in the folder of its version.
 
-    It must still have the hash `seen_sha256`, unless that is None; an exception of `record`
-    prevents it.
+    Raises RecipeError if the recipe no longer has the hash `seen_sha256`; None skips the check.
     """
     with files.changing():
         inspector = Inspector.load(files)
         recipe = inspector.recipe
-        require_seen(recipe, seen_sha256)
+        require_unchanged(recipe, seen_sha256)
         require_great_faults_found(files, inspector)
         # In milliseconds, so that two approvals within a second keep their order.
         utc = utc_text(timespec="milliseconds")
@@ -43,8 +42,8 @@ def approve(
         return approved
 
 
-def require_seen(recipe: Recipe, seen_sha256: str | None) -> None:
-    """Check that a recipe has the hash that somebody has seen; None skips the check."""
+def require_unchanged(recipe: Recipe, seen_sha256: str | None) -> None:
+    """Check that a recipe still has the hash that its editor saw; None skips the check."""
     if seen_sha256 is not None and recipe.sha256 != seen_sha256:
         raise RecipeError(
             f"recipe {recipe.name}: was changed by somebody else since you saw it; look at it again"
@@ -52,9 +51,9 @@ def require_seen(recipe: Recipe, seen_sha256: str | None) -> None:
 
 
 def approved_states(files: RecipeFolder) -> list[Recipe]:
-    """Return every approved state of a recipe, the last approval first.
+    """Return all approved states of a recipe, the latest approval first.
 
-    A copy that is damaged or was changed since is left out: it cannot be rolled back to.
+    Copies that are damaged or were changed since are left out: no rollback to them is possible.
     """
     states = []
     for version in files.taught_versions():
@@ -69,7 +68,7 @@ def approved_states(files: RecipeFolder) -> list[Recipe]:
 
 
 def _approved_at(recipe: Recipe) -> tuple[str, int, str]:
-    """Key of the order of approvals; those of earlier programs have times in seconds."""
+    """Sort key of an approval; earlier versions of ps4rig wrote times in whole seconds."""
     utc = "" if recipe.approval is None else recipe.approval.utc
     return utc.removesuffix("Z"), recipe.version, recipe.sha256
 
@@ -77,7 +76,7 @@ def _approved_at(recipe: Recipe) -> tuple[str, int, str]:
 def roll_back(files: RecipeFolder, sha256: str, record: RecordChange = lambda *_: None) -> Recipe:
     """Replace the recipe by an earlier approved state, with its approval.
 
-    The challenge set must be met again before the recipe runs.
+    The recipe must pass its challenge set again before it runs.
     """
     with files.changing():
         state = next(
@@ -85,7 +84,7 @@ def roll_back(files: RecipeFolder, sha256: str, record: RecordChange = lambda *_
         )
         if state is None:
             raise RecipeError(f"recipe {files.name}: no approved state has hash {sha256[:64]!r}")
-        Inspector.of(state, files)  # raises if it could not run
+        Inspector.of(state, files)  # raises if the recipe cannot run
         record(read_recipe(files.file), state)
         write_recipe(files.file, state)
         return state

@@ -12,7 +12,7 @@ from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_file import read_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.domain.roles import Identity
-from capture.station.judge.approval import approve, approved_states, require_seen, roll_back
+from capture.station.judge.approval import approve, approved_states, require_unchanged, roll_back
 from capture.station.judge.challenge_set import (
     Expected,
     add_to_challenge,
@@ -80,7 +80,7 @@ class RecipeChanges:
     def save_settings(self, seen_sha256: str, values: Mapping[str, Any]) -> Recipe:
         """Give the recipe other settings."""
         before = read_recipe(self.files.file)
-        require_seen(before, seen_sha256)
+        require_unchanged(before, seen_sha256)
         after = with_settings(before, values)
         if not setting_changes(before, after):
             return before
@@ -94,7 +94,7 @@ class RecipeChanges:
         """
         present = read_recipe(self.files.file)
         if present.is_approved and present.approval is not None and present.approval.by == by:
-            require_seen(present, seen_sha256)
+            require_unchanged(present, seen_sha256)
             return present
         last = next(iter(approved_states(self.files)), None)
 

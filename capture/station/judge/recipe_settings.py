@@ -12,7 +12,7 @@ from capture.station.domain.recipe_file import read_recipe, write_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
 from classify.base.models import messages_by_place
 
-from .approval import RecordChange, require_seen
+from .approval import RecordChange, require_unchanged
 
 SETTINGS = (
     "note", "pass", "fail", "orientation", "limits", "limits_of", "region", "light", "calibration",
@@ -82,7 +82,7 @@ def save_settings(
     """Replace the recipe by a changed one, unless its hash is no longer `seen_sha256`."""
     with files.changing():
         before = read_recipe(files.file)
-        require_seen(before, seen_sha256)
+        require_unchanged(before, seen_sha256)
         record(before, recipe)
         write_recipe(files.file, recipe)
 

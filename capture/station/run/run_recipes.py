@@ -13,7 +13,7 @@ from capture.station.domain.folder import FILE, StationFolder, first_recipe, kee
 from capture.station.domain.recipe import Recipe, require_approved
 from capture.station.domain.recipe_file import read_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
-from capture.station.judge.approval import approved_states, require_seen
+from capture.station.judge.approval import approved_states, require_unchanged
 from capture.station.judge.challenge import require_challenge
 from capture.station.judge.inspector import Collector, Inspector
 from capture.station.results.audit import record_change
@@ -169,7 +169,7 @@ class RunRecipes:
             if not files.file.is_file():
                 raise RecipeRefused(f"recipe {name}: no such recipe", RecipeRefusal.UNKNOWN)
             usable = self._loader.load(files, by.name, go_on)
-            require_seen(usable.recipe, by.seen_sha256)
+            require_unchanged(usable.recipe, by.seen_sha256)
             require_no_fault(self._checks_of(usable))
         except RecipeRefused:
             raise

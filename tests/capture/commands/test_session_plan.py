@@ -117,6 +117,16 @@ def test_a_new_plan_that_is_not_there_is_an_error(refused: Refused, plan: Path) 
     assert "no plan with name" in said
 
 
+def test_a_missing_new_plan_is_named_from_within_the_session(
+    refused: Refused, plan: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan.unlink()
+    rig = str(plan.with_name("rig.toml").absolute())
+    monkeypatch.chdir(plan.absolute().parent / "stones")
+    message = refused("session", "resume", ".", "--rig", rig, "--yes", "--new-plan")
+    assert "name = 'stones'" in message
+
+
 def test_a_file_name_that_was_changed_loses_no_set(ps4rig: Command, plan: Path) -> None:
     plan.write_text(PLAN.replace("name =", 'file_name = "{specimen}_{angle}_{repeat}"\nname =', 1))
     before = files()

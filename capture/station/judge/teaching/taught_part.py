@@ -1,4 +1,4 @@
-"""`TaughtPart`: the measures of one captured set that teaching keeps in memory."""
+"""`TaughtPart`: the measurements of one captured set that teaching keeps in memory."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,28 +24,28 @@ from .taught_sets import KeptSet
 
 @dataclass(frozen=True, eq=False)
 class TaughtPart:
-    """A set with its measures; its surface is solved again when it is needed."""
+    """A taught set and its measurements; for its maps, the set is solved again."""
 
     kept: KeptSet
     setting: Setting
     has_calibration: bool
     row: TrainingRow  # observations for training
     test: Observation  # observations for matching
-    # Observations with a texture that is smaller and larger by `SCALE_STEP`.
+    # Observations of the texture scaled by 1 - SCALE_STEP and 1 + SCALE_STEP.
     scaled: tuple[Observation, ...]
-    moments: FloatMap  # its `band_moments`
+    moments: FloatMap  # result of `band_moments`
     segment_px: int
-    lighting: Lighting | None  # from its calibration if it has one
+    lighting: Lighting | None  # from the calibration, if any
     sdq: float
     shadow_fraction: float
     unmeasured_fraction: float
     albedo: float
-    light_signals: tuple[float, ...]
-    mm_per_px: float | None  # by its calibration
+    light_signals: tuple[float, ...]  # see `MeasuredSurface.light_signals`
+    mm_per_px: float | None  # from the calibration
 
 
 def solved(kept: KeptSet, region: Region | None) -> tuple[LoadedSet, MeasuredSurface]:
-    """Load and solve a kept set by the default solver for its lights."""
+    """Load a set and solve it with the default solver for its lights."""
     loaded = LoadedSet.of(kept.path)
     if not fits(region, loaded.captured):
         rows, columns = loaded.captured.images.shape[1:]
@@ -54,7 +54,7 @@ def solved(kept: KeptSet, region: Region | None) -> tuple[LoadedSet, MeasuredSur
 
 
 def taught_part(kept: KeptSet, region: Region | None) -> TaughtPart:
-    """Measure a kept set, whose region must show a texture."""
+    """Measure a set; InputError if its region shows no texture."""
     loaded, measured = solved(kept, region)
     surface, metadata = measured.surface, loaded.captured.metadata
     try:
@@ -70,26 +70,26 @@ def taught_part(kept: KeptSet, region: Region | None) -> TaughtPart:
     except InputError as error:
         raise InputError(f"{kept.path}: {error}") from error
     return TaughtPart(
-        kept,
-        loaded.captured.setting,
-        loaded.found_calibration is not None,
-        TrainingRow(kept.texture, observation, metadata.orientation_deg),
-        test,
-        scaled,
-        moments,
-        segment_px,
-        surface.lighting,
-        measured.sdq,
-        measured.share(measured.shadowed),
-        measured.unmeasured_fraction,
-        measured.albedo,
-        measured.light_signals,
-        None if loaded.calibration is None else loaded.calibration.mm_per_px,
+        kept=kept,
+        setting=loaded.captured.setting,
+        has_calibration=loaded.found_calibration is not None,
+        row=TrainingRow(kept.texture, observation, metadata.orientation_deg),
+        test=test,
+        scaled=scaled,
+        moments=moments,
+        segment_px=segment_px,
+        lighting=surface.lighting,
+        sdq=measured.sdq,
+        shadow_fraction=measured.share(measured.shadowed),
+        unmeasured_fraction=measured.unmeasured_fraction,
+        albedo=measured.albedo,
+        light_signals=measured.light_signals,
+        mm_per_px=None if loaded.calibration is None else loaded.calibration.mm_per_px,
     )
 
 
 def check_alike(parts: Sequence[TaughtPart]) -> None:
-    """Check that all sets were captured at one setting, and all or none with a calibration."""
+    """Check that all sets have the same setting, and all or none a calibration."""
     first = parts[0]
     for part in parts[1:]:
         differences = setting_differences(first.setting, part.setting)
