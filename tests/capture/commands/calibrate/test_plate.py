@@ -74,7 +74,7 @@ def test_positions_of_an_older_sheet_do_not_outlast_distant_lights(
     assert "flat field: light 0" in refused(*plate, status=1)
     done = ps4rig(*plate, "--replace")
     assert done.exit_code == 0, done.stderr
-    assert "positions of lights" in done.stderr
+    assert "LED positions" in done.stderr
     assert "too far away" in done.stderr
     kept = CalibrationFile.read(path).calibration
     assert kept.lights is None
