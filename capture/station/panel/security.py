@@ -128,12 +128,18 @@ class SecureHeaders:
 
 
 class BodyLimit:
-    """Refuses bodies of more than `MAX_BODY_BYTES`, or that take longer than `BODY_S`."""
+    """Refuses bodies of more than `MAX_BODY_BYTES`, or that take longer than `BODY_S`.
+
+    Nobody reads the body of a GET, and a stream must see that its client is gone.
+    """
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http" or scope["method"] in ("GET", "HEAD"):
+            await self._app(scope, receive, send)
+            return
         closing = {"Connection": "close"}
         too_large = Denied(413, f"the body has more than {MAX_BODY_BYTES} bytes", closing)
         length = dict(scope["headers"]).get(b"content-length", b"0")

@@ -1,5 +1,6 @@
 """Attacks over real sockets: other hosts and sites, sizes, slowness, paths, cookies, logins."""
 
+import asyncio
 import http.client
 import shutil
 import socket
@@ -13,6 +14,7 @@ from typing import BinaryIO
 from urllib.parse import urlsplit
 
 import pytest
+from starlette.types import Message, Receive, Scope, Send
 
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.folder import make_station
@@ -20,7 +22,7 @@ from capture.station.domain.interface_config import PanelConfig
 from capture.station.domain.roles import Role
 from capture.station.domain.users import Users
 from capture.station.panel import event_stream, listening, security, server
-from capture.station.panel.security import MAX_BODY_BYTES, HostRule
+from capture.station.panel.security import MAX_BODY_BYTES, BodyLimit, HostRule
 from capture.station.panel.server import MAX_CONNECTIONS, MOST_OF_AN_ADDRESS
 from capture.station.panel.sessions import (
     FAILURES_OF_A_NAME,
@@ -723,3 +725,19 @@ def test_behind_a_proxy_nobody_is_local(tmp_path: Path, captured: CapturedSet) -
         panel.panel.users.remove("ada")
         assert client.get("/api/v1/state").status == 401
         assert panel.local.get("/api/v1/state").status == 401
+
+
+def test_a_stream_sees_that_its_client_is_gone() -> None:
+    seen: list[object] = []
+
+    async def stream(_: Scope, receive: Receive, __: Send) -> None:
+        seen.append(await receive())
+
+    async def gone() -> Message:
+        return {"type": "http.disconnect"}
+
+    async def send(_: Message) -> None:
+        raise AssertionError("nobody is there")
+
+    asyncio.run(BodyLimit(stream)({"type": "http", "method": "GET", "headers": []}, gone, send))
+    assert seen == [{"type": "http.disconnect"}]
