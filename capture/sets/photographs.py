@@ -315,7 +315,7 @@ def import_images(
     metadata = SetMetadata(
         label=label,
         created_utc=utc_text(),
-        simulated=any(_is_simulated(path) for path in paths),
+        simulated=any(map(_is_simulated, {path.parent for path in paths})),
         bit_depth=photographs.bit_depth,
         full_scale=photographs.full_scale,
         lighting=LightingRecord.of(lighting),
@@ -346,10 +346,10 @@ def _about_depth(photographs: Photographs) -> list[str]:
     return [f"{text} {photographs.largest}; --bits N sets another depth"]
 
 
-def _is_simulated(photograph: Path) -> bool:
-    """Whether `ps4rig export` wrote an image from a simulated set."""
+def _is_simulated(folder: Path) -> bool:
+    """Whether `ps4rig export` wrote the images of a folder from a simulated set."""
     try:
-        text = read_regular_file(photograph.with_name(EXPORTED_METADATA), _MAX_METADATA_BYTES)
+        text = read_regular_file(folder / EXPORTED_METADATA, _MAX_METADATA_BYTES)
         exported = json.loads(text)
     except (InputError, ValueError, RecursionError):
         return False
