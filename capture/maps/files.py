@@ -147,12 +147,12 @@ def _facts(captured: CapturedSet, maps: SurfaceMaps) -> Iterator[tuple[str, str]
     if maps.mm_per_px is not None:
         yield "scale", f"{maps.mm_per_px:.4g} mm/px"
     if surface.angle_sd is not None:
-        yield "noise", "of the sensor" if surface.noise_given else "estimated from the images"
+        yield "noise", _noise_source(surface)
     yield "lights", f"{len(lighting)}, slant {_span(lighting.slants_deg)}°"
     if lighting.positions_px is not None:
         distances_px = np.linalg.norm(lighting.positions_px, axis=1)
         yield "distance of the lights", f"{_span(distances_px)} px"
-    if surface.divided_by is not surface.fall_off:
+    if surface.divided_by is not None and not surface.planar:
         yield "LED levels", "in the flat field of the calibration"
     elif captured.lighting.intensities_given:
         yield "LED levels", f"{_levels(captured.lighting.intensities)}, as given"
@@ -169,6 +169,10 @@ def _facts(captured: CapturedSet, maps: SurfaceMaps) -> Iterator[tuple[str, str]
     yield "saturated", f"{surface.saturated.mean():.1%}"
     yield "in shadow of a light", f"{surface.shadow_mask.mean():.1%}"
     yield "SHA-256 of pixels", f"{metadata.pixels_sha256[:12]}…"
+
+
+def _noise_source(surface: SurfaceEstimate) -> str:
+    return "of the sensor" if surface.noise_given else "estimated from the images"
 
 
 def _calibration(
@@ -224,7 +228,7 @@ def write_maps(
     origin = {
         "method": surface.method,
         "planar": surface.planar,
-        "noise": "of the sensor" if surface.noise_given else "estimated from the images",
+        "noise": _noise_source(surface),
         "mm_per_px": mm_per_px,
         "calibration": None if calibration is None else calibration.path.name,
         "calibration_sha256": None if calibration is None else calibration.file.hash,

@@ -88,8 +88,8 @@ _ROWS = (
     ),
     MapKind(
         "angle_sd", "Quality", "standard deviation of the normal",
-        "Angle of which 1.96 times hold 95 % of the errors of the normal: noise, departures from "
-        "a matt surface, completed shadows. Without errors of the calibration.",
+        "95 % of the errors of the normal are below 1.96 times this angle. They come from noise, "
+        "gloss and completed shadows; errors of the calibration are left out.",
         _deviation("angle"), views.grey, "deg", is_deviation=True,
     ),
     *(
