@@ -42,7 +42,7 @@ class Fault:
 
 
 def fault_of(error: BaseException, cause: Cause | None = None) -> Fault:
-    """Return the fault that an error is; a `cause` of None is derived from its kind."""
+    """Return the fault behind an error; without a `cause`, the kind of error determines it."""
     cause = cause or getattr(error, "cause", None)
     if cause is None:
         cause = next((row for kind, row in _CAUSES if isinstance(error, kind)), Cause.UNFORESEEN)

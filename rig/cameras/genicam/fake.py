@@ -76,7 +76,7 @@ class FakeGigeCamera:
     def trigger(self) -> None:
         """A pulse at `TRIGGER_LINE`: an image is sent as soon as `next_image` gives one.
 
-        Pulses before Aravis asks for an image are one.
+        Pulses that follow each other before Aravis looks count as one.
         """
         if self._camera is not None:
             call("arv_fake_camera_write_register", self._fake, _TRIGGER_REGISTER, 1)
