@@ -81,6 +81,7 @@ def _name(process: Path) -> str:
 
 
 _READ_SLICE_S = 0.05  # longest blocking read, and so the error of a time-out
+_PROBED_S = 0.2  # for programs that look at a port for a moment: a device manager, the simulation
 _CONNECT_S = 5.0  # two lost packets cost 3 s (RFC 6298); a local connection takes less than 1 ms
 _TCP_SCHEME = "socket"
 _TCP_READ_BYTES = 4096
@@ -128,10 +129,8 @@ class _SerialPort:
     """A port that pyserial opens, for this program alone."""
 
     def __init__(self, port: str, baud: int, write_timeout_s: float) -> None:
-        # A program that has not locked the port would otherwise share it.
-        for holder in [] if "://" in port else port_holders(port):
-            if holder.pid != os.getpid():
-                raise LightControllerError(f"{port}: {_IN_USE.format(holder)}")
+        if "://" not in port:
+            _refuse_a_shared_port(port)
         self._serial: Any = pyserial().serial_for_url(
             port,
             baudrate=baud,
@@ -162,6 +161,16 @@ class _SerialPort:
             return
         with suppress(OSError, AttributeError, NotImplementedError):
             fcntl.ioctl(self._serial.fileno(), getattr(termios, request))
+
+
+def _refuse_a_shared_port(port: str) -> None:
+    """Refuse a port that another program has open: one that has not locked it would share it."""
+    for pause_s in (_PROBED_S, 0.0):
+        holders = [holder for holder in port_holders(port) if holder.pid != os.getpid()]
+        if not holders:
+            return
+        time.sleep(pause_s)
+    raise LightControllerError(f"{port}: {_IN_USE.format(holders[0])}")
 
 
 class _TcpPort:

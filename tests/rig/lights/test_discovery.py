@@ -24,7 +24,7 @@ from rig.lights.discovery import (
 )
 from rig.lights.driver import LightController
 from rig.lights.link import ControllerIdentity, LinkTimeouts
-from rig.lights.serial_line import port_holders
+from rig.lights.serial_line import _PortHolder, port_holders
 
 PICO, UNKNOWN = "2e8a:0005", "1234:5678"
 
@@ -208,6 +208,15 @@ def test_a_port_opened_without_a_lock_is_refused(
     pid = held(port)
     with pytest.raises(LightControllerError, match=rf"in use by .* .process {pid}.; close that"):
         LightController(port)
+
+
+def test_a_port_that_another_program_looks_at_for_a_moment_is_opened(
+    bench: object, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    holders = iter([[_PortHolder(1, "probe")], []])
+    monkeypatch.setattr("rig.lights.serial_line.port_holders", lambda _: next(holders))
+    with LightController(bench.port) as lights:  # type: ignore[attr-defined]
+        assert lights.select(1).led == 1
 
 
 def test_ports_that_cannot_be_listed_are_an_error_and_not_missing(
