@@ -4,7 +4,7 @@ import fcntl
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,11 @@ class GigeRig:
 
     simulated: RigConfig
     lost_packets: float
-    simulation: DeviceSimulation
+    port: Path
+    simulation: DeviceSimulation = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._start()
 
     @property
     def config(self) -> RigConfig:
@@ -33,7 +37,7 @@ class GigeRig:
         trigger = {"trigger_line": TRIGGER_LINE} if synchronisation == "trigger" else {}
         return RigConfig.model_validate(
             {
-                "lights": {"port": self.simulation.port, "synchronisation": synchronisation},
+                "lights": {"port": str(self.port), "synchronisation": synchronisation},
                 "camera": {key: getattr(camera, key) for key in keys}
                 | {
                     "kind": "genicam",
@@ -49,12 +53,19 @@ class GigeRig:
 
     def restart(self) -> None:
         """Lights and camera are gone for a moment."""
+        self.close()
+        self._start()
+
+    def close(self) -> None:
+        """Remove the name of the terminal first: a rig would open another test's of that number."""
+        self.port.unlink(missing_ok=True)
         self.simulation.close()
-        self.simulation = _simulation(self.simulated, self.lost_packets)
 
-
-def _simulation(config: RigConfig, lost_packets: float) -> DeviceSimulation:
-    return DeviceSimulation(config, serial=None, gige=ADDRESS, lost_packets=lost_packets)
+    def _start(self) -> None:
+        self.simulation = DeviceSimulation(
+            self.simulated, serial=None, gige=ADDRESS, lost_packets=self.lost_packets
+        )
+        self.port.symlink_to(self.simulation.port)
 
 
 @contextmanager
@@ -63,13 +74,13 @@ def gige_rig(
 ) -> Iterator[GigeRig]:
     """Serve a simulated rig; `lost_packets` of 1,000 do not arrive."""
     config = RigConfig().with_changes(camera=camera, lights={"synchronisation": synchronisation})
-    with _LOCK.open("w") as lock:
+    with _LOCK.open("w") as lock, tempfile.TemporaryDirectory() as folder:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        served = GigeRig(config, lost_packets, _simulation(config, lost_packets))
+        served = GigeRig(config, lost_packets, Path(folder) / "port")
         try:
             yield served
         finally:
-            served.simulation.close()
+            served.close()
 
 
 @contextmanager

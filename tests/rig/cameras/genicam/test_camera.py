@@ -125,7 +125,7 @@ def test_the_doctor_checks_it(served: GigeRig, tmp_path: Path) -> None:
     camera = served.config.camera.model_dump(exclude_none=True)
     keys = "\n".join(f"{key} = {json.dumps(value)}" for key, value in camera.items())
     path = tmp_path / "rig.toml"
-    path.write_text(f'[lights]\nport = "{served.simulation.port}"\n[camera]\n{keys}\n')
+    path.write_text(f'[lights]\nport = "{served.port}"\n[camera]\n{keys}\n')
     checks = {check.name: check for check in diagnose(path)}
     assert checks["measurement mode"].status == "ok"
     assert checks["frame rate"].status == "ok"
