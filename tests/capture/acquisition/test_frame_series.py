@@ -109,10 +109,6 @@ def test_a_camera_that_waits_for_triggers_is_refused(sheet: Rig) -> None:
         require_free_running(triggered)
 
 
-def scaled(frame: Frame, factor: float) -> Frame:
-    black = SensorModel(12).black_level_dn
-    pixels = np.clip(np.rint(black + factor * (frame.pixels - black)), 0, FULL).astype(np.uint16)
-    return Frame(pixels, 12, frame.exposure_start_s, frame.exposure_end_s, frame.sequence)
 
 
 def test_a_camera_that_obeys_is_linear(sheet: Rig) -> None:

@@ -48,7 +48,10 @@ def browser(tmp_path: Path) -> Iterator[Chromium]:
 def test_the_page_is_whole_before_any_script_runs(panel: RunningPanel) -> None:
     panel.bench.inspector.inspect = lambda _: Said(VERDICTS[Decision.FAIL])
     (part_id,) = panel.parts(1)
-    text = " ".join(re.sub("<[^>]*>", " ", panel.local.get("/").text).split())
+    served = panel.local.get("/").text
+    # The connection may be lost before the page has its script.
+    assert 'class="verdict old"' in served
+    text = " ".join(re.sub("<[^>]*>", " ", served).split())
     assert "SIMULATED." in text
     assert f"FAIL a scratch of 12 px, score 3.1 of 1.00 {part_id}" in text
     assert "disk : unknown not tested yet" in text
@@ -210,26 +213,6 @@ def test_a_state_that_events_have_overtaken_is_not_drawn(
     assert (page.text("part"), page.text("count-PASS")) == (last, "3")
 
 
-@pytest.mark.browser
-@pytest.mark.parametrize(("width", "height"), [(1280, 800), (1024, 1366), (800, 1280)])
-@pytest.mark.parametrize("dark", [False, True])
-def test_the_page_fits_screens_and_tablets_in_a_light_and_a_dark_room(
-    without_users: RunningPanel,
-    browser: Chromium,
-    width: int,
-    height: int,
-    dark: bool,
-    tmp_path: Path,
-) -> None:
-    page = browser.page(without_users.url, width, height, dark=dark)
-    page.until("now.textContent.length > 0")
-    assert page.value("document.documentElement.scrollWidth <= innerWidth")
-    back = page.value("getComputedStyle(document.body).backgroundColor")
-    assert (sum(map(int, back[4:-1].split(","))) < 380) is dark
-    page.picture(tmp_path / "page.png")
-    assert page.errors() == []
-
-
 # The bottom of each box that an operator watches.
 BOTTOMS = """
 ['verdict', 'refused', 'rate', 'devices', 'rejected'].map(
@@ -343,14 +326,6 @@ def test_a_refused_stream_is_asked_for_again_without_leaving_the_page(
         time.sleep(0.02)
     page.until("lost.hidden && !trigger.disabled")
     assert page.value("window.isTheSame")
-
-
-def test_a_verdict_is_old_until_the_page_follows_the_station(panel: RunningPanel) -> None:
-    """The connection may be lost before the page has its script."""
-    panel.parts(1)
-    served = panel.local.get("/").text
-    assert 'data-decision="PASS"' in served
-    assert 'class="verdict old"' in served
 
 
 @pytest.mark.browser

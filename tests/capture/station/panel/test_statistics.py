@@ -71,7 +71,8 @@ def test_few_statistics_are_made_at_a_time(filled: RunningPanel) -> None:
     with ExitStack() as others:
         for _ in range(MOST_RECKONING):
             others.enter_context(filled.panel.reckoning.taken())
-        for path in ("/statistics", "/api/v1/statistics", "/api/v1/statistics/yield.png"):
+        calls = ("parts.csv", "statistics", "statistics/yield.png")
+        for path in ("/statistics", *(f"/api/v1/{call}" for call in calls)):
             answer = filled.local.get(f"{path}?simulated=only")
             assert (answer.status, answer.headers["retry-after"]) == (503, "2")
         assert filled.local.get("/api/v1/state").status == 200
@@ -181,23 +182,6 @@ def test_each_figure_has_its_numbers_as_csv_and_its_picture(filled: RunningPanel
     assert "not among those of the selected parts: yield, causes" in missing.json["error"]
 
 
-@pytest.mark.parametrize(
-    ("address", "said"),
-    [
-        ("/history?verdict=MAYBE", "verdict"),
-        ("/history?since=yesterday", "since yesterday: give a date or a time"),
-        ("/history?below=no", "below: "),
-        ("/statistics?simulated=true", 'simulated = "true"'),
-        ("/statistics?verdict=FAIL", 'verdict = "FAIL": unknown key'),
-        ("/statistics?until=now", "give a date or a time"),
-    ],
-)
-def test_a_wrong_filter_is_named_on_the_page(filled: RunningPanel, address: str, said: str) -> None:
-    answer = filled.local.get(address)
-    assert answer.status == 400
-    assert said in unescape(answer.text)
-
-
 def test_the_form_of_a_page_is_on_the_clock_of_the_station(
     filled: RunningPanel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -250,7 +234,3 @@ def test_the_last_gauge_study_is_shown_with_parts_of_its_rig(filled: RunningPane
             gauge_of(filled.bench.folder, Selection(simulated=True))
     finally:
         files.gauge.unlink()
-
-
-def test_a_recipe_that_cannot_be_has_no_gauge_study(filled: RunningPanel) -> None:
-    assert statistics_of(filled, "recipe=../station")["parts"] == 0

@@ -449,25 +449,6 @@ def test_a_store_that_fails_strangely_ends_the_run_without_an_announcement(
     assert station.rows() == [(*ids(1), Decision.ERROR), (*ids(2), Decision.PASS)]
 
 
-@pytest.mark.slow
-def test_a_database_that_does_not_answer_holds_results_back(station: Bench) -> None:
-    add, calls = station.store.add, 0
-
-    def added(result: Any) -> Any:
-        nonlocal calls
-        calls += 1
-        if calls < 3:
-            raise ResultsUnavailable("server: connection refused")
-        return add(result)
-
-    station.store.add = added  # type: ignore[method-assign]
-    station.run(one_after_the_other(6), count=4)
-    assert station.rows() == station.announced()
-    assert station.announced() == [(each, Decision.PASS) for each in ids(1, 2, 3, 4)]
-    states = [event.state for event in station.of(StateChanged)]
-    assert State.READY in states[states.index(State.ERROR) :]
-
-
 def test_a_trigger_that_cannot_be_begun_is_refused(station: Bench) -> None:
     begin, calls = station.store.begin, 0
 

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from capture.station.domain.config import Retention
-from capture.station.domain.folder import StationFolder, make_station
+from capture.station.domain.folder import StationFolder
 from capture.station.domain.roles import Role
 from capture.station.domain.tokens import Tokens
 from capture.station.results.store import open_store
@@ -29,11 +29,7 @@ from capture.station.service.restore import opened_backup
 from classify.base.errors import InputError
 from tests.capture.station.days_with_parts import make_days
 from tests.capture.station.production import ForkedRun, contradictions, taught_station
-from tests.capture.station.results.parts import inspect
 from tests.capture.station.stations import Manual, bench, one_after_the_other, small_set
-
-# Sets of 4 x 1024 x 1024 px; for another figure: SETS=200.
-SET_BYTES, SETS = 8 << 20, int(os.environ.get("SETS", "20"))
 
 
 def back_up(folder: Path, path: Path) -> Path:
@@ -376,29 +372,6 @@ def test_a_station_restored_from_a_backup_of_its_production_runs_on(tmp_path: Pa
             if event["event"] in ("part", "recovered")
         ]
         assert sorted(numbers) == [*range(1, len(numbers) + 1)]
-
-
-@pytest.mark.slow
-def test_processor_time_of_a_gigabyte(tmp_path: Path) -> None:
-    folder, path = tmp_path / "line-1", tmp_path / "b.ps4backup"
-    make_station(folder)
-    sets = [f"parts/day/{number}.ome.tif" for number in range(SETS)]
-    (folder / "parts/day").mkdir()
-    with open_store(str(folder / "results.sqlite"), "line-1", create=True) as store:
-        for name in sets:
-            inspect(store, set_file=name)
-            (folder / name).write_bytes(os.urandom(SET_BYTES))
-    started_s = time.process_time()
-    back_up(folder, path)
-    stored_s = time.process_time()
-    restore(path, tmp_path / "again")
-    restored_s = time.process_time() - stored_s
-    gigabytes = path.stat().st_size / 1e9
-    print(
-        f"{gigabytes:.2f} GB: a backup takes {(stored_s - started_s) / gigabytes:.1f} s of CPU "
-        f"for a GB, a restore {restored_s / gigabytes:.1f} s"
-    )
-    assert files_of(tmp_path / "again") == files_of(folder)
 
 
 def test_a_backup_follows_no_link(line: Path, tmp_path: Path) -> None:
