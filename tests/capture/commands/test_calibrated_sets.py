@@ -120,23 +120,6 @@ def test_a_set_solves_with_the_calibration_it_was_captured_with(
     np.testing.assert_array_equal(replace(captured, metadata=about).solve().p, raw.p)
 
 
-@pytest.mark.slow
-def test_textures_are_trained_and_classified_with_it(
-    lab: Path, tmp_path: Path, ps4rig: Callable[..., Any]
-) -> None:
-    library = tmp_path / "textures.ps4lib"
-    first = [lab / "sets" / f"{name}-001.ome.tif" for name in ("rock", "malv")]
-    assert ps4rig("train", *first, "--library", library).exit_code == 0
-    second = [lab / "sets" / f"{name}-002.ome.tif" for name in ("rock", "malv")]
-    done = ps4rig("classify", *second, "--library", library, "--json")
-    answers = json.loads(done.stdout)
-    assert [answer["nearest"] for answer in answers] == ["rock", "malv"]
-    assert [answer["planar"] for answer in answers] == [False, False]
-    assert "warning" not in done.stderr
-    evaluated = ps4rig("evaluate", lab / "sets", "--library", library, "--json")
-    assert json.loads(evaluated.stdout)["sets"] == 4
-
-
 def test_a_set_without_its_calibration_is_refused_by_every_command(
     lab: Path, tmp_path: Path, ps4rig: Callable[..., Any], refused: Callable[..., str]
 ) -> None:

@@ -63,24 +63,6 @@ def test_a_session_captures_each_planned_set(run: Run, folder: Folder) -> None:
     assert (about.note, about.orientation_deg, about.simulated) == ("chipped", 40.0, True)
 
 
-def test_the_orientation_is_estimated_and_the_table_follows_the_journal(
-    run: Run, folder: Folder
-) -> None:
-    run()
-    done = folder()
-    rows = list(csv.DictReader((done.path / "sets.csv").open(encoding="utf-8", newline="")))
-    assert [row["file"] for row in rows] == [f"sets/{name}.ome.tif" for name in FILES]
-    assert [row["label"] for row in rows] == ["rock", "rock", "sand-1", "sand-1"]
-    assert [row["estimated_deg"] == "" for row in rows] == [True, False, True, False]
-    for row, entry in zip(rows, done.journal.entries, strict=True):
-        assert row["pixels_sha256"] == entry.pixels_sha256
-        assert (
-            row["pixels_sha256"] == CapturedSet.load(done.path / row["file"]).metadata.pixels_sha256
-        )
-        if row["estimated_deg"]:
-            assert float(row["estimated_deg"]) == pytest.approx(40.0, abs=2.0)
-
-
 def test_a_stopped_session_goes_on_with_what_is_missing(run: Run, folder: Folder) -> None:
     run(Answer.GO, Answer.STOP)
     assert names(folder()) == FILES[:1]

@@ -265,18 +265,6 @@ def test_a_lens_that_is_not_covered_is_refused_by_the_light_of_an_led(
     assert not path.exists()
 
 
-def test_parts_of_two_rigs_are_not_put_into_one_file(
-    ps4rig: Run, refused: Callable[..., str], tmp_path: Path
-) -> None:
-    calibrated(ps4rig, tmp_path, "dark")
-    path, toml = tmp_path / "rig.ps4cal", tmp_path / "rig.toml"
-    before = path.read_bytes()
-    toml.write_text(toml.read_text().replace(f"width_px = {SIDE}", "width_px = 96"))
-    message = refused("calibrate", "response", "--rig", toml, path)
-    assert "another rig: 96 x 128 px" in message
-    assert path.read_bytes() == before
-
-
 def test_levels_that_the_ladder_does_not_reach_are_named(ps4rig: Run, tmp_path: Path) -> None:
     toml = rig_toml(tmp_path, bits=8, response_gamma=2.2)
     fast = "[camera]\nframe_rate_hz = 80\nexposure_ms = 10\n"

@@ -120,14 +120,13 @@ def test_flat_areas_of_a_part_serve_with_a_mask(ps4rig: Run, tmp_path: Path) -> 
     assert "--mask is for" in done.stderr
 
 
-@pytest.mark.parametrize(("surface", "cause"), [("rock", "it has relief")])
 def test_a_part_that_is_not_a_sheet_is_refused_and_nothing_is_written(
-    ps4rig: Run, refused: Callable[..., str], tmp_path: Path, surface: str, cause: str
+    ps4rig: Run, refused: Callable[..., str], tmp_path: Path
 ) -> None:
     rig_toml(tmp_path)
-    (part,) = captured(ps4rig, tmp_path, surface, 0)
+    (part,) = captured(ps4rig, tmp_path, "rock", 0)
     path = tmp_path / "rig.ps4cal"
-    assert cause in refused("calibrate", "plate", "--from", part, path, status=1)
+    assert "relief" in refused("calibrate", "plate", "--from", part, path, status=1)
     assert not path.exists()
 
 

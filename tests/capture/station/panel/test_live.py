@@ -167,23 +167,31 @@ def test_events_do_not_wait_for_the_check_of_a_user(panel: RunningPanel, monkeyp
         is_over.set()
 
 
+def test_a_stream_ends_with_the_last_event(panel: RunningPanel) -> None:
+    panel.until_ready()
+    with stream(panel.local) as messages:
+        next(messages)
+        panel.live.announce({"event": "stopped"})
+        panel.live.close()
+        assert [each["event"] for each in messages][-1] == "stopped"
+
+
 def test_the_end_of_the_run_ends_streams_and_the_server(
     tmp_path: Path, captured: CapturedSet
 ) -> None:
-    ended, kinds = threading.Event(), []
+    ended = threading.Event()
     with running_panel(tmp_path / "line-1", captured) as panel:
 
         def listen() -> None:
             with stream(panel.local) as followed:
                 opened.set()
-                kinds.extend(each["event"] for each in followed)
+                assert list(followed)
             ended.set()
 
         opened = threading.Event()
         threading.Thread(target=listen, daemon=True).start()
         assert opened.wait(30)
     assert ended.wait(30)
-    assert kinds[-1] == "stopped"
 
 
 def test_a_subscriber_that_takes_nothing_loses_events_and_learns_how_many() -> None:

@@ -175,22 +175,6 @@ def test_three_presses_lead_from_the_verdict_to_the_defect(
 
 
 @pytest.mark.browser
-def test_many_defects_leave_the_views_beside_the_picture(
-    scratched: RunningPanel, browser: Chromium
-) -> None:
-    scratched.bench.inspector.inspect = lambda _: Scratched(defects=22 * (SCRATCH,))
-    (part_id,) = scratched.parts(1)
-    page = browser.page(f"{scratched.url}parts/{part_id}", 1280, 800)
-    page.until(SHOWN)
-    assert page.value("document.querySelectorAll('#defects button').length") == 22
-    assert page.value("views.getBoundingClientRect().top < stage.getBoundingClientRect().bottom")
-    page.show(390, 844)
-    assert page.value("document.scrollingElement.scrollWidth") <= 390
-    narrowest = "Math.min(...[...document.querySelectorAll('dd')].map((each) => each.clientWidth))"
-    assert page.value(narrowest) > 150
-
-
-@pytest.mark.browser
 def test_a_part_whose_set_was_removed_keeps_its_numbers_and_says_so(
     scratched: RunningPanel, browser: Chromium
 ) -> None:
