@@ -363,5 +363,5 @@ def test_a_wrong_set_is_one_line(
         else:
             Path("a.ome.tif").write_bytes(content)
         line = refused(name, "a.ome.tif", *(output or ("--library", library)))
-        assert line.startswith("a.ome.tif: ")
+        assert "a.ome.tif: " in line
     assert list(in_folder.iterdir()) == []
