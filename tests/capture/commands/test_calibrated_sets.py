@@ -86,16 +86,6 @@ def test_solve_uses_it_says_both_residuals_and_leaves_it_out_with_raw(
     assert f"median residual {calibrated['residual']:.2%}, {raw['residual']:.2%} without" in said
 
 
-@pytest.mark.parametrize("raw", [False, True])
-def test_python_and_the_command_solve_a_set_alike(
-    lab: Path, tmp_path: Path, ps4rig: Callable[..., Any], raw: bool
-) -> None:
-    path = lab / "sets" / "rock-001.ome.tif"
-    solved(ps4rig, tmp_path, path, *(["--raw"] if raw else []))
-    surface = CapturedSet.load(path).solve(raw=raw)
-    np.testing.assert_array_equal(surface.p, read_map(tmp_path / "p.tif")[0])
-
-
 def test_python_says_how_to_solve_a_set_without_its_calibration(lab: Path, tmp_path: Path) -> None:
     path = tmp_path / "alone.ome.tif"
     shutil.copy(lab / "sets" / "rock-001.ome.tif", path)

@@ -270,3 +270,15 @@ def test_an_operator_answers_on_a_terminal(
     assert out.splitlines()[-1].startswith("stopped: 3 sets captured")
     assert len(list((plan.parent / "fabrics" / "replaced").iterdir())) == 1
     assert "2 missing" in ps4rig("session", "status", "fabrics").stdout
+
+
+def test_a_plan_that_does_not_suit_the_rig_is_refused_before_a_folder_is_made(
+    refused: Refused, plan: Path
+) -> None:
+    text = plan.read_text()
+    plan.write_text(text.replace('surface = "rock"', 'surface = "rok"'))
+    for option in ("--dry-run", "--yes"):
+        assert "surface 'rok' is neither" in refused("session", "run", plan, option)
+    plan.write_text("calibration_required = true\n" + text)
+    assert "calibration_required, but" in refused("session", "run", plan, "--dry-run")
+    assert not (plan.parent / "fabrics").exists()

@@ -111,3 +111,10 @@ def test_ctrl_c_ends_a_run_after_the_part_in_progress(tmp_path: Path, spawn: Spa
     [part] = [event for event in events if event["event"] == "part"]
     assert part["part_id"] == "A-7"
     assert third.returncode == (0 if part["decision"] == "PASS" else 1)
+
+
+def test_a_station_without_a_recipe_does_not_run(ps4rig: Any, tmp_path: Path) -> None:
+    ps4rig("station", "init", tmp_path / "line-3")
+    done = ps4rig("station", "run", tmp_path / "line-3")
+    assert done.exit_code == 2
+    assert "ps4rig station teach" in done.stderr

@@ -82,21 +82,6 @@ def test_sets_are_solved_as_those_of_their_library_were(
     assert answers[library]["distance"] != answers[old]["distance"]
 
 
-@pytest.mark.parametrize("columns", [20, 80])
-def test_no_word_of_a_table_is_broken(
-    ps4rig: Command, sets: Path, library: Path, monkeypatch: pytest.MonkeyPatch, columns: int
-) -> None:
-    monkeypatch.setenv("COLUMNS", str(columns))
-    monkeypatch.chdir(sets.parent)
-    path = Path(sets.name) / "sand-002.ome.tif"
-    result = ps4rig("classify", path, "--library", library)
-    (match,) = json.loads(ps4rig("classify", path, "--library", library, "--json").stdout)
-    words = [str(path), "(simulated)", f"{match['limit']:.4f}", *match["reason"].split()]
-    assert set(words) <= set(result.stdout.split())
-    if columns == 80:
-        assert all(len(line) <= columns for line in result.stdout.splitlines())
-
-
 def test_evaluate_prints_the_documented_fields(ps4rig: Command, sets: Path, library: Path) -> None:
     answer = json.loads(ps4rig("evaluate", sets, "--library", library, "--json").stdout)
     assert list(answer) == [
@@ -365,3 +350,30 @@ def test_a_wrong_set_is_one_line(
         line = refused(name, "a.ome.tif", *(output or ("--library", library)))
         assert "a.ome.tif: " in line
     assert list(in_folder.iterdir()) == []
+
+
+def test_a_training_set_whose_name_is_not_utf_8_is_refused(
+    refused: Refused, sets: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "sets"
+    folder.mkdir()
+    os.link(sets / "rock-001.ome.tif", folder / "\udcff.ome.tif")
+    line = refused("train", folder, "--library", tmp_path / "t.ps4lib")
+    assert "not valid UTF-8" in line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["classify", "{rock}", "--library", "{here}/no.ps4lib"], "no.ps4lib: "),
+        (["evaluate", "{here}/none", "--library", "{lib}"], "none: "),
+        (["train", "{rock}", "--library", "{here}/none/t.ps4lib"], "none"),
+    ],
+)
+def test_a_wrong_argument_is_one_line(
+    refused: Refused, sets: Path, library: Path, tmp_path: Path, arguments: list[str], message: str
+) -> None:
+    (tmp_path / "file").touch()
+    places = {"rock": sets / "rock-001.ome.tif", "here": tmp_path, "lib": library}
+    assert message in refused(*(argument.format(**places) for argument in arguments))
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]

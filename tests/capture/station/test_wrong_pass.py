@@ -25,7 +25,7 @@ from classify.library.texture_library import TextureLibrary
 from rig import CameraError, Placement, Rig, Switch, open_rig
 from rig.fresh_frame import switch_to
 from tests.capture.station.production import SMALL_RIG, run_parts
-from tests.capture.station.teaching_sets import SIDE_PX, patch
+from tests.capture.station.teaching_sets import patch
 
 
 def results_of(folder: Path, parts: int, meanwhile: Any = lambda _: None) -> list[Any]:
@@ -148,16 +148,6 @@ def test_a_fault_that_nobody_configured_does_not_pass(
     wide = limits.model_copy(update={"defect": 1e6, "unjudged_px": 10**6})
     recipe = read_recipe(files.file).model_copy(update={"limits_of": {"rock": wide}})
     assert cause in verdict_of(recipe, of_texture).causes
-
-
-def test_a_hole_is_recorded_where_it_is(files: RecipeFolder) -> None:
-    changed = with_fault(patch("rock", 20), FAULTS[0], 0.25, Place(40.0, 40.0, 0.0))
-    assert changed is not None
-    found = Inspector.load(files).inspect(changed).defects
-    box = next(each for each in found if each.kind == "window")
-    assert box.column <= SIDE_PX // 2 + 40 <= box.column + box.width
-    assert box.row <= SIDE_PX // 2 - 40 <= box.row + box.height
-    assert box.score > 1.0
 
 
 @pytest.mark.parametrize(("moved_px", "lights"), [(3.0, {3}), (3.0, {1, 2}), (40.0, {2})])

@@ -53,17 +53,6 @@ def test_teaching_makes_a_new_version_that_nobody_approved(files: RecipeFolder) 
     assert again.recipe.approval is None
 
 
-def test_what_few_parts_promise_is_said_in_words_of_a_gauge_study(
-    taught: tuple[Path, Teaching],
-) -> None:
-    promises = list(taught[1].promises())
-    assert promises[0].startswith("rock: 0 of 4 good parts were rejected")
-    # 1 - 0.05 ** (1 / 4) and 1 - 0.05 ** (1 / 2)
-    assert "at most 52.7% are; 59 parts without one rejected would show 5%" in promises[0]
-    assert "loose sand: 0 of 2 bad parts were passed" in promises[1]
-    assert "at most 77.6% are; 149 parts without one passed would show 2%" in promises[1]
-
-
 def test_the_page_shows_limits_sets_and_promises(taught: tuple[Path, Teaching]) -> None:
     page = Page(teaching_page(taught[1])).text
     assert "rock, distance" in page

@@ -2,9 +2,7 @@
 
 import csv
 import hashlib
-import http.client
 import io
-import re
 import socket
 import threading
 import time
@@ -24,7 +22,6 @@ from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_file import write_recipe
 from capture.station.domain.roles import Role
 from capture.station.domain.verdict import Cause, Decision, Verdict
-from capture.station.panel.app import routes
 from capture.station.panel.filters import selection_of
 from capture.station.panel.triggering import MOST_WAITING, KeyedTriggers
 from capture.station.results.history import HistoryEntry
@@ -35,7 +32,6 @@ from capture.station.run.recovery import finish_interrupted
 from capture.station.run.triggers import Accepted, Refused, Trigger, TriggerTooLate
 from tests.capture.station.line.lines import until_so
 from tests.capture.station.panel.panels import RunningPanel, running_panel
-from tests.capture.station.results.many import fill, many
 from tests.capture.station.stations import PASSED, Said
 from tests.memory_growth import growth_bytes
 
@@ -295,19 +291,6 @@ def test_an_engineer_overrides_and_the_log_says_who_from_and_to(panel: RunningPa
     assert len((panel.bench.folder.path / "station.log").read_text().splitlines()) == 1
 
 
-def test_many_parts_are_sent_in_few_pieces(panel: RunningPanel) -> None:
-    # Each piece goes through a thread and a system call.
-    fill(panel.bench.store, many(panel.bench.store.station, 1200))
-    connection = http.client.HTTPConnection(panel.local.host, timeout=60)
-    connection.request("GET", "/api/v1/parts.csv", headers={"Connection": "close"})
-    answer = connection.getresponse()
-    assert answer.fp is not None
-    body = answer.fp.read()  # with the sizes of its pieces
-    connection.close()
-    assert body.count(b"part-") == 1200
-    assert len(re.findall(rb"(?m)^[0-9a-f]+\r$", body)) <= 5
-
-
 def test_who_waits_for_a_part_asks_the_database_for_no_other_one(
     panel: RunningPanel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -418,16 +401,6 @@ def test_the_head_of_an_answer_can_be_asked_for(without_users: RunningPanel) -> 
         answer = without_users.local.ask("HEAD", path)
         assert (answer.status, answer.body) == (200, b"")
         assert int(answer.headers["content-length"]) > 0
-
-
-def test_the_state_and_parts_are_as_they_are_described(panel: RunningPanel) -> None:
-    panel.bench.inspector.inspect = lambda _: Said(BAD)
-    (part_id,) = panel.parts(1)
-    models = {route.path: route.response_model for route in routes() if "GET" in route.methods}
-    for path in ("state", "parts", "parts/{part_id}", "counts", "recipes"):
-        answer = panel.local.get(f"/api/v1/{path.format(part_id=part_id)}")
-        assert answer.status == 200
-        models[f"/api/v1/{path}"].model_validate_json(answer.body)
 
 
 def test_recipes_are_listed_and_read(panel: RunningPanel) -> None:

@@ -259,3 +259,9 @@ def test_a_file_that_is_no_recipe_does_not_hide_the_others(line: RunningPanel) -
     assert '<a href="/recipes/example">example</a>' in page
     assert "This run judges no part." in page  # the fake station has loaded no recipe
     assert line.client(Role.OPERATOR).get("/recipes/damaged").status == 400
+
+
+def test_an_operator_sees_all_without_a_form(line: RunningPanel) -> None:
+    operator = line.client(Role.OPERATOR)
+    page = operator.get(PAGE).text
+    assert "<form" not in page.partition("<main")[2]

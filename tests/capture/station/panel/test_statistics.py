@@ -213,7 +213,8 @@ def test_a_selection_without_parts_says_so(filled: RunningPanel) -> None:
     assert "No parts are selected" in filled.local.get("/history?class=none").text
     page = filled.local.get("/statistics?class=none")
     assert (page.status, "No parts are selected" in page.text) == (200, True)
-    assert statistics_of(filled, "class=none")["figures"] == {}
+    for query in ("class=none", "recipe=../station"):
+        assert statistics_of(filled, query)["figures"] == {}
 
 
 def test_the_last_gauge_study_is_shown_with_parts_of_its_rig(filled: RunningPanel) -> None:
@@ -234,3 +235,10 @@ def test_the_last_gauge_study_is_shown_with_parts_of_its_rig(filled: RunningPane
             gauge_of(filled.bench.folder, Selection(simulated=True))
     finally:
         files.gauge.unlink()
+
+
+@pytest.mark.parametrize("page", ["history", "statistics"])
+def test_a_wrong_filter_is_named_on_the_page(filled: RunningPanel, page: str) -> None:
+    for name in ("since", "below" if page == "history" else "verdict"):
+        answer = filled.local.get(f"/{page}?{name}=yesterday")
+        assert (answer.status, name in answer.text) == (400, True)
