@@ -43,7 +43,6 @@ def under(rig: Rig, led: int | None, action: Callable[[], object]) -> Rig:
 
     def change(frame: Frame) -> Frame:
         nonlocal done
-        assert rig.simulation is not None
         exposed_s, board = frame.exposure_end_s - 1e-3, rig.simulation.board
         lit = [other for other in range(4) if board.output(other, exposed_s) > 0.5]
         if not done and lit == ([] if led is None else [led]):
@@ -67,13 +66,10 @@ def test_a_set_records_its_rig(rig: Rig) -> None:
     assert metadata.placement == rig.config.simulation.placement
     assert metadata.orientation_deg == 0.0
     assert metadata.rig_name == "rig"
-    assert metadata.controller is not None
     assert metadata.controller.serial_number == "SIM-0001"
-    assert metadata.camera is not None
     assert metadata.camera.exposure_ms == pytest.approx(20.0)
     assert metadata.camera.frame_rate_hz == pytest.approx(30.0)
     assert captured.images.shape == (4, 64, 64)
-    assert captured.ambient is not None
     assert captured.ambient.shape == (64, 64)
 
 
@@ -112,7 +108,6 @@ def test_every_exposure_starts_after_acknowledge_and_settle_time(
 
 
 def test_each_image_is_the_scene_under_its_light(rig: Rig) -> None:
-    assert rig.simulation is not None
     rig.simulation.place(Placement(surface="sand", rotate_deg=20.0, seed=3))
     captured = capture_set(rig)
     scene, sensor = rig.simulation.camera.scene, rig.simulation.camera.sensor
@@ -280,7 +275,6 @@ def test_each_attempt_shows_its_images_before_they_are_checked(rig: Rig) -> None
     exposed: list[CapturedSet] = []
 
     def exchange() -> None:
-        assert rig.simulation is not None
         rig.simulation.place(Placement(surface="malv"))
 
     captured = capture_set(under(rig, 1, exchange), exposed=exposed.append)
@@ -299,7 +293,6 @@ def test_each_attempt_shows_its_images_before_they_are_checked(rig: Rig) -> None
 
 def test_a_second_attempt_follows_a_tripped_watchdog(rig: Rig) -> None:
     def hang() -> None:
-        assert rig.simulation is not None
         rig.simulation.clock.keep_alive_with(None)  # stops the keep-alive
         rig.clock.sleep_s(5.5)
 
@@ -309,7 +302,6 @@ def test_a_second_attempt_follows_a_tripped_watchdog(rig: Rig) -> None:
 
 def test_an_unplugged_controller_is_an_error(small_config: RigConfig, led_outputs: Outputs) -> None:
     with open_rig(small_config, timeouts=LinkTimeouts(recover_s=0.3)) as rig:
-        assert rig.simulation is not None
         select, unplug = rig.lights.select, rig.simulation.unplug_lights
 
         def select_until_unplugged(led: int) -> object:
@@ -347,7 +339,6 @@ def test_a_light_slot_is_repeated_if_its_frame_is_late(small_config: RigConfig) 
             return capture_set(rig)
 
     def signals(captured: CapturedSet) -> np.ndarray:
-        assert captured.ambient is not None
         return captured.images.mean(axis=(1, 2)) - captured.ambient.mean()
 
     clean, later = captured_with([]), []

@@ -46,7 +46,6 @@ def rig(request: pytest.FixtureRequest) -> Iterator[Rig]:
 
 def wrong_light(rig: Rig, captured: CapturedSet) -> float:
     """Largest share of an exposure with a wrong LED on, or the right one off."""
-    assert rig.simulation is not None
     worst = 0.0
     for image in captured.metadata.images:
         for frame in image.frames:
@@ -126,7 +125,6 @@ def test_the_record_of_a_sequence_is_restored_from_the_file(rig: Rig, tmp_path) 
 
 def test_without_a_strobe_triggered_frames_are_found_by_their_times(monkeypatch):
     with open_rig(config("trigger")) as rig:
-        assert rig.simulation is not None
         monkeypatch.setattr(rig.simulation.board, "strobe", lambda *_: None)
         captured = capture_set(rig)
         assert wrong_light(rig, captured) < WRONG_LIGHT
@@ -244,7 +242,6 @@ def test_stamps_a_whole_period_early_are_rejected(rig: Rig) -> None:
 
 def test_a_strobe_ahead_of_the_exposure_is_rejected(monkeypatch) -> None:
     with open_rig(config()) as rig:
-        assert rig.simulation is not None
         wire = rig.simulation.board.strobe
         monkeypatch.setattr(
             rig.simulation.board, "strobe", lambda exposing, at_s: wire(exposing, at_s - 0.003)
@@ -268,7 +265,6 @@ def test_stamps_may_be_off_by_their_configured_uncertainty(uncertainty_ms, is_ac
 
 def test_an_unconnected_strobe_is_named(monkeypatch) -> None:
     with open_rig(config()) as rig:
-        assert rig.simulation is not None
         monkeypatch.setattr(rig.simulation.board, "strobe", lambda *_: None)
         with pytest.raises(SetRejected, match="Strobe missing"):
             capture_set(rig)
@@ -300,7 +296,6 @@ def test_a_noisy_strobe_never_makes_a_wrong_set(synchronisation, spikes, missing
     """Spikes of any width at any time, missing edges, lost frames."""
     assume(spikes or missing or lost)
     with open_rig(config(synchronisation)) as rig:
-        assert rig.simulation is not None
         board, clock = rig.simulation.board, rig.clock
         wire, edges = board.strobe, iter(range(1000))
 

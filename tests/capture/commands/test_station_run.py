@@ -83,7 +83,6 @@ def test_ctrl_c_ends_a_run_after_the_part_in_progress(tmp_path: Path, spawn: Spa
     rig.write_text(f'[lights]\nport = "simulated"\n[camera]\n{size}')
     command = ("station", "run", folder, "--rig", rig, "--json", "--no-panel")
     process = spawn(*command, "--trigger", "timer")
-    assert process.stdout is not None
     events: list[dict[str, Any]] = []
     while not events or events[-1]["event"] != "part":
         events.append(json.loads(process.stdout.readline()))
@@ -101,8 +100,6 @@ def test_ctrl_c_ends_a_run_after_the_part_in_progress(tmp_path: Path, spawn: Spa
     assert list(contradictions(folder, events)) == []
     # Lines are triggers, and their text is the id of the part; q ends the run.
     third = spawn(*command, stdin=subprocess.PIPE)
-    assert third.stdin is not None
-    assert third.stdout is not None
     while json.loads(third.stdout.readline()).get("state") != "ready":
         pass
     third.stdin.write("A-7\nq\n")

@@ -34,7 +34,6 @@ def test_a_second_program_is_refused_by_the_name_of_the_first(session: Path) -> 
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as holder:
-        assert holder.stdout is not None
         assert holder.stdout.readline() == "open\n"
         owner = (session / "session.lock").read_text()
         (session / "session.lock").unlink()  # it only names the owner

@@ -520,7 +520,6 @@ def test_an_exposure_is_searched_for_each_specimen(plan_file: Path, config: RigC
             captured = CapturedSet.load(folder.path / "sets" / f"{name}.ome.tif")
             bright = captured.images.max() / captured.metadata.full_scale
             assert 0.4 < bright <= 1.0
-            assert captured.metadata.camera is not None
             assert captured.metadata.camera.exposure_ms > 3.0
 
 
@@ -543,7 +542,6 @@ def test_a_required_calibration_travels_with_the_sets(
         assert CalibrationFile.read(copy).hash == near_calibration.hash
         for entry in folder.journal.entries:
             assert entry.file is not None
-            assert entry.measures is not None
             captured = CapturedSet.load(folder.path / entry.file)
             assert captured.metadata.calibration_ids == (near_calibration.hash,)
             if entry.orientation_deg > 0.0:

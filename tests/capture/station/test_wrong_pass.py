@@ -159,12 +159,10 @@ def test_a_part_that_moves_between_two_exposures_does_not_pass(
     there = Placement(surface="rock", rotate_deg=30.0, seed=1, shift_px=(100.0, 50.0))
     moved = there.model_copy(update={"shift_px": (100.0 + moved_px, 50.0)})
     with open_rig(SMALL_RIG) as rig:
-        assert rig.simulation is not None
         rig.simulation.place(there)
         assert inspector.inspect(capture_set(rig)).verdict.decision is Decision.PASS
 
         def switch_and_move(_: Rig, light: int | None) -> Switch:
-            assert rig.simulation is not None
             rig.simulation.place(moved if light in lights else there)
             return switch_to(rig, light)
 

@@ -50,7 +50,6 @@ def test_a_rig_gets_its_flat_field_and_positions(ps4rig: Run, tmp_path: Path) ->
     assert field["figures"]["error_percent"] < 0.3
     assert lights["figures"]["distance_error_percent"] < 3.0
     kept = CalibrationFile.read(path).calibration.lights
-    assert kept is not None
     positions_px = kept.lighting.positions_px
     assert positions_px is not None
     true = 3.0 * SIDE * Lighting.ring(45.0).directions

@@ -58,7 +58,6 @@ def test_a_sphere_on_the_simulated_rig_gives_its_lights(
     assert off_deg(found.lighting.directions, true).max() < limit_deg
     assert found.source == f"{kind} sphere"
     scale = CalibrationFile.read(cal).calibration.scale
-    assert scale is not None
     assert scale.mm_per_px == pytest.approx(0.2, rel=0.01)
     assert abs(scale.mm_per_px / 0.2 - 1.0) < 3.0 * scale.error
     lights, _ = json.loads(done.stdout)
@@ -173,7 +172,6 @@ def test_a_checkerboard_on_the_simulated_rig_gives_the_scale(ps4rig: Run, tmp_pa
     done = ps4rig("calibrate", "scale", "--rig", toml, cal, *board, "--json")
     assert done.exit_code == 0, done.stderr
     scale = CalibrationFile.read(cal).calibration.scale
-    assert scale is not None
     assert scale.mm_per_px == pytest.approx(0.3, rel=2e-3)
     assert scale.distortion is None
     captured = tmp_path / "board.ome.tif"

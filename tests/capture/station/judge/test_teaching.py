@@ -134,7 +134,6 @@ def test_what_was_changed_since_teaching_is_refused(files: RecipeFolder) -> None
 def test_a_set_of_another_setting_is_an_error(files: RecipeFolder) -> None:
     captured = patch("rock", 3)
     about = captured.metadata
-    assert about.camera is not None
     camera = about.camera.model_copy(update={"exposure_ms": 10.0})
     for changes, reason in (
         ({"camera": camera}, "exposure 10 ms instead of 20 ms"),
@@ -186,7 +185,6 @@ def test_black_and_saturated_sets_are_errors(files: RecipeFolder) -> None:
 
 def test_a_dark_hole_that_no_map_can_judge_does_not_pass(files: RecipeFolder) -> None:
     captured = patch("rock", 3)
-    assert captured.ambient is not None
     images, hole = captured.images.copy(), np.s_[100:132, 60:92]
     images[:, *hole] = captured.ambient[hole]
     part = CapturedSet(images, captured.ambient, captured.metadata)
@@ -211,7 +209,6 @@ def of_texture(sdqs: list[float], *, has_handedness: bool = True) -> Limits:
 
 def test_limits_of_equal_parts_leave_room() -> None:
     limits = of_texture([0.2] * 3)
-    assert limits.sdq is not None
     assert limits.sdq[0] < 0.199 < 0.201 < limits.sdq[1]
     assert limits.shadow_fraction == pytest.approx(0.005)
     assert limits.albedo == (pytest.approx(0.255), pytest.approx(0.345))
@@ -326,8 +323,6 @@ def test_teaching_limits_what_windows_and_the_whole_part_may_be(
 ) -> None:
     limits = taught[1].recipe.limits_for("rock")
     assert (limits.window, limits.seam, limits.octaves) == (1.0, 1.0, 1.0)
-    assert limits.albedo is not None
-    assert limits.scale is not None
     for part, inspection in zip(taught[1].parts, taught[1].inspections, strict=True):
         if part.kept.texture == "rock":
             assert limits.albedo[0] < part.albedo < limits.albedo[1]

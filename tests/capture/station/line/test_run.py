@@ -77,10 +77,7 @@ def test_a_run_prints_its_modbus_address_and_takes_the_triggers_of_the_example_c
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as run:
-        assert run.stdout is not None
-        assert run.stderr is not None
         found = re.search(r"modbus: (\S+):(\d+)", run.stderr.readline())
-        assert found is not None
         run_ladder(found[1], int(found[2]), next_part, judged.append)
         run.send_signal(signal.SIGINT)
         said = run.stdout.read()

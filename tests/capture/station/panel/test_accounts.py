@@ -164,7 +164,6 @@ def test_a_token_is_kept_as_a_hash(folder: Path) -> None:
     assert token not in (folder / "tokens.json").read_text()
     assert stat.S_IMODE((folder / "tokens.json").stat().st_mode) == 0o600
     found = Tokens(folder).find(token)
-    assert found is not None
     assert (found.name, found.role) == ("mes", Role.OPERATOR)
     assert tokens.find(token + "x") is None
     assert tokens.find("\udcff") is None
@@ -209,13 +208,11 @@ def test_a_session_outlives_the_panel_and_has_the_present_role(folder: Path) -> 
     sessions = Sessions(folder, users, lambda: now_s[0])
     ada, kim = (sessions.begin(user) for user in users.all())
     before = sessions.find(kim)
-    assert before is not None
     assert restarted(folder).find(kim) == before
     assert restarted(folder, LONGEST_S).find(kim) == before
     assert restarted(folder, LONGEST_S + 1.0).find(kim) is None
     after = restarted(folder)
     other = after.find(ada)
-    assert other is not None
     assert other.csrf != before.csrf
     mode = (folder / "sessions.json").stat().st_mode
     assert stat.S_IMODE(mode) == 0o600
@@ -335,7 +332,6 @@ def test_commands_add_list_and_remove_users_and_tokens(
     assert "ada" in ps4rig("station", "user", "list", folder).stdout
     token = ps4rig("station", "token", "add", folder, "mes", "--role", "operator").stdout.strip()
     found = Tokens(folder).find(token)
-    assert found is not None
     assert found.name == "mes"
     assert "mes" in ps4rig("station", "token", "list", folder).stdout
     assert ps4rig("station", "token", "remove", folder, "mes").exit_code == 0

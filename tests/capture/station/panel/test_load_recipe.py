@@ -71,7 +71,6 @@ def test_a_recipe_that_is_refused_has_its_reason_and_the_old_one_runs(line: Runn
     def refuse(_: str) -> None:
         raise RecipeRefused("part 3 is UNKNOWN", RecipeRefusal.CHALLENGE)
 
-    assert line.bench.recipes is not None
     line.bench.recipes.on_load = refuse
     client = line.client(Role.ENGINEER)
     answer = client.post(f"{API}/load")
@@ -109,7 +108,6 @@ def test_the_button_names_the_hash_of_the_recipe_on_the_page(
     for path in ("/recipes", "/recipes/example"):
         assert f'name="sha256" value="{sha256}"><button aria-label="Load' in kim.get(path).text
     line.parts(1, line.client(Role.ENGINEER))
-    assert line.bench.recipes is not None
     assert kim.form("/recipes/example/load", sha256=sha256).status == 303
     assert line.bench.recipes.asker == Asker("kim", Role.ENGINEER, sha256, "page")
     assert line.client(Role.ENGINEER).post(f"{API}/load", {"sha256": sha256}).status == 200

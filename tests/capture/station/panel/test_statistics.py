@@ -174,7 +174,6 @@ def test_each_figure_has_its_numbers_as_csv_and_its_picture(filled: RunningPanel
         png = filled.local.get(f"/api/v1/statistics/{name}.png")
         assert png.headers["content-type"] == "image/png"
         image = cv2.imdecode(np.frombuffer(png.body, np.uint8), cv2.IMREAD_COLOR)
-        assert image is not None
         assert image.shape[1] == 960
         assert len(np.unique(image)) > 10
     missing = filled.local.get("/api/v1/statistics/gauge.csv")
@@ -193,7 +192,6 @@ def test_the_form_of_a_page_is_on_the_clock_of_the_station(
     assert 'name="since" value="2026-11-22T00:00"' in page
     assert 'name="until" value="2026-07-01T08:30"' in page
     link = re.search(r'/api/v1/parts.csv\?([^"]*)', page)
-    assert link is not None
     query = dict(parse_qsl(unescape(link[1])))
     assert query["since"] == "2026-11-22T05:00:00.000Z"
     assert query["until"] == "2026-07-01T12:30:59.999Z"
