@@ -110,16 +110,6 @@ def test_drawn_positions_are_the_measured_ones(whole: CalibrationFile) -> None:
     assert ellipses[1].get_height() == pytest.approx(4.0 * np.radians(0.4) * 6.4, rel=0.1)
 
 
-def test_each_part_reduces_the_error_of_near_unequal_lights(whole: CalibrationFile) -> None:
-    names, degrees = zip(*benefit_of(whole), strict=True)
-    assert names == (
-        "without calibration", "and the response", "and the flat field", "and the lights",
-    )  # fmt: skip
-    assert degrees[0] > 8.0
-    assert degrees[2] < 0.15 * degrees[0]
-    assert degrees[3] < 0.6 * degrees[2]
-
-
 def test_a_calibration_without_sheet_or_with_a_strange_date_is_summarised(
     near_calibration: CalibrationFile,
 ) -> None:

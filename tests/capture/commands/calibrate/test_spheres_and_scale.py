@@ -98,22 +98,6 @@ def test_photographs_as_a_shell_gives_them_and_their_mask(
     np.testing.assert_allclose(listed.directions, found.lighting.directions, atol=1e-8)
 
 
-def test_a_list_tells_photographs_of_one_name_by_their_folders(
-    ps4rig: Run, photographs: Path, tmp_path: Path
-) -> None:
-    images = [tmp_path / "ball" / f"led{k}" / "1.png" for k in range(5)]
-    for number, image in enumerate(images):
-        image.parent.mkdir(parents=True)
-        image.symlink_to(photographs / f"chrome.{number}.png")
-    mask, cal, lp = photographs / "chrome.mask.png", tmp_path / "out.ps4cal", tmp_path / "l.lp"
-    done = ps4rig("calibrate", "lights", "--from", *images, "--mask", mask, cal, "--sphere",
-                  "mirror", "--list", lp)  # fmt: skip
-    assert done.exit_code == 0, done.stderr
-    others = [Path("owl") / f"led{k}" / "1.png" for k in (3, 1)]
-    listed = load_light_list(lp).lighting_for(others)
-    assert off_deg(listed.directions, LIGHTS[[3, 1]]).max() < 0.5
-
-
 @pytest.mark.slow
 def test_a_jpeg_of_a_mirror_needs_no_gamma(ps4rig: Run, photographs: Path, tmp_path: Path) -> None:
     images = sorted(photographs.glob("*.jpg"))

@@ -23,6 +23,7 @@ from capture.station.domain.recipe_file import write_recipe
 from capture.station.domain.roles import Role
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.panel.filters import selection_of
+from capture.station.panel.security import Denied
 from capture.station.panel.triggering import MOST_WAITING, KeyedTriggers
 from capture.station.results.history import HistoryEntry
 from capture.station.results.schema import overrides
@@ -187,38 +188,22 @@ def test_the_number_of_known_keys_is_bounded() -> None:
     assert growth_bytes(submit, 0, 1_100, 4_400) < 50_000
 
 
-def test_triggers_that_wait_leave_threads_for_other_requests(panel: RunningPanel) -> None:
-    """A database that does not answer keeps each trigger; the others are sent away."""
-    panel.until_ready()
+def test_few_triggers_wait_for_a_station_that_does_not_answer() -> None:
     answering, asked = threading.Event(), threading.Semaphore(0)
 
-    class SlowStation:
-        is_stopping = False
+    def submit(_: Trigger) -> Refused:
+        asked.release()
+        assert answering.wait(60)
+        return Refused("busy")
 
-        def submit(self, trigger: Trigger) -> Refused:
-            asked.release()
-            assert answering.wait(60)
-            return Refused(f"not ready: {trigger.source}")
-
-        def wait_until_ready(self, timeout_s: float) -> bool:
-            return timeout_s > 60.0
-
-    panel.live.attach(SlowStation())
-    threads = [
-        threading.Thread(target=panel.local.post, args=("/api/v1/trigger",))
-        for _ in range(MOST_WAITING)
-    ]
-    for thread in threads:
-        thread.start()
-    for _ in threads:
-        assert asked.acquire(timeout=60)
-    further = [panel.local.post("/api/v1/trigger") for _ in range(40)]
-    assert {answer.status for answer in further} == {503}
-    assert panel.local.get("/api/v1/state").status == 200
-    answering.set()
-    for thread in threads:
-        thread.join()
-    assert panel.local.post("/api/v1/trigger").status == 409
+    triggers = KeyedTriggers(SimpleNamespace(submit=submit), SimpleNamespace())
+    with ThreadPoolExecutor(MOST_WAITING) as clients:
+        for _ in range(MOST_WAITING):
+            clients.submit(triggers.submit, None, Trigger("http"))
+            assert asked.acquire(timeout=60)
+        with pytest.raises(Denied):
+            triggers.submit(None, Trigger("http"))
+        answering.set()
 
 
 def test_parts_come_in_pages_and_as_csv_with_the_same_filters(panel: RunningPanel) -> None:

@@ -12,6 +12,7 @@ from capture.station.domain.roles import Role
 from capture.station.judge.approval import approve
 from capture.station.run.events import RecipeLoaded
 from capture.station.run.triggers import Asker, RecipeRefusal, RecipeRefused
+from tests.capture.station.panel.pages import logged_in
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel, running_panel
 from tests.capture.station.stations import FIRST, FakeRecipes
 from tests.chromium import chromium
@@ -119,12 +120,7 @@ def test_a_recipe_is_loaded_by_the_keyboard_and_the_operator_sees_it(
     line: RunningPanel, tmp_path: Path
 ) -> None:
     with chromium(tmp_path / "profile") as browser:
-        engineer = browser.page(f"{line.url}login")
-        engineer.type("kim")
-        engineer.press("Tab")
-        engineer.type(PASSWORD)
-        engineer.press("Enter")
-        engineer.until_at("/")
+        engineer = logged_in(browser, line, "kim")
         operator = browser.page(line.url)
         assert operator.text("recipe").startswith(FIRST)
         engineer.go(f"{line.url}recipes")

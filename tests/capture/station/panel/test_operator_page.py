@@ -19,6 +19,7 @@ from capture.station.panel.part_pictures import picture_maker
 from capture.station.panel.part_pictures.picture_maker import PartPictures
 from capture.station.panel.security import Denied
 from capture.station.results.part_result import PartResult
+from tests.capture.station.panel.pages import logged_in
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel, running_panel
 from tests.capture.station.stations import PASSED, Said
 from tests.chromium import WAIT_S, Chromium, Page, chromium
@@ -88,11 +89,7 @@ def test_rejected_parts_are_acknowledged_from_the_keyboard(
     panel.panel.users.put("ada", Role.OPERATOR, PASSWORD)
     panel.bench.inspector.inspect = lambda _: Said(VERDICTS[Decision.FAIL])
     panel.until_ready()
-    page = browser.page(panel.url)  # leads to the login, whose first field has the focus
-    page.type("ada")
-    page.press("Tab")
-    page.type(PASSWORD)
-    page.press("Enter")
+    page = logged_in(browser, panel, "ada")
     page.until("document.getElementById('trigger') && !trigger.disabled")
     page.press("F8")
     page.until("rejected.children.length == 1 && !acknowledge.disabled")

@@ -8,6 +8,7 @@ import pytest
 from capture.station.domain.recipe_file import read_recipe, write_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.domain.roles import Role
+from tests.capture.station.panel.pages import logged_in
 from tests.capture.station.panel.panels import JOB_S, PASSWORD, RunningPanel, running_panel
 from tests.capture.station.teaching_sets import acknowledge_faults, patch
 from tests.chromium import Chromium, Page, chromium
@@ -52,11 +53,8 @@ def until_the_job_ends(page: Page) -> str:
 def test_two_textures_are_taught_challenged_and_approved_by_the_keyboard_alone(
     line: RunningPanel, browser: Chromium
 ) -> None:
-    page = browser.page(f"{line.url}recipes")  # leads to the login
-    page.type("kim")
-    page.press("Tab")
-    page.type(PASSWORD)
-    page.press("Enter")
+    page = logged_in(browser, line, "kim")
+    page.go(f"{line.url}recipes")
 
     def use(parts: list[str], button: str, texture: str = "", downs: int = 0) -> None:
         """Choose parts, name their texture, choose a verdict by the arrow, press a button."""
@@ -74,7 +72,6 @@ def test_two_textures_are_taught_challenged_and_approved_by_the_keyboard_alone(
         page.tab_to(f"button[value={button}]")
         page.press("Enter")
 
-    page.until_at("/recipes")
     page.tab_to("main button")
     page.press("Enter")  # the name of the configured recipe is there
     use(ids("rock")[:3], "good", "rock")

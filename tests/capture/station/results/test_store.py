@@ -1,5 +1,4 @@
 import dataclasses
-import resource
 import sqlite3
 import threading
 from concurrent.futures import ThreadPoolExecutor
@@ -263,24 +262,6 @@ def test_a_database_locked_for_longer_is_unavailable_and_loses_nothing(tmp_path:
         other.close()
         store.add(result)
         assert (begin(store).number, store.counters().production.parts) == (2, 1)
-
-
-def test_a_full_disk_loses_nothing(tmp_path: Path) -> None:
-    path = tmp_path / "results.sqlite"
-    with open_store(str(path), "line-1", create=True) as store:
-        begun = begin(store)
-        # As on a full disk, no file may grow: neither the database nor its log.
-        size = max(each.stat().st_size for each in tmp_path.iterdir())
-        before = resource.getrlimit(resource.RLIMIT_FSIZE)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-        try:
-            with pytest.raises(ResultsUnavailable, match=r"results\.sqlite: disk|full"):
-                store.add(result_of(begun))
-        finally:
-            resource.setrlimit(resource.RLIMIT_FSIZE, before)
-        assert store.unfinished() == [begun]
-        store.add(result_of(begun))
-        assert store.unfinished() == []
 
 
 def test_a_new_database_that_another_program_prepares_is_waited_for(tmp_path: Path) -> None:
