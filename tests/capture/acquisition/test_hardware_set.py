@@ -4,7 +4,6 @@ The simulated board tells how long each LED was on during each frame.
 """
 
 import re
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import count
@@ -348,22 +347,3 @@ def test_faulty_frames_never_make_a_wrong_set(synchronisation, kind):
         difference = np.abs(captured.images.astype(float) - truth.images)
         assert (difference / noise_dn).mean() < 1.2, (nth, captured.metadata.failed_attempts)
     assert outcomes
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("frame_rate_hz", [30, 60])
-def test_a_busy_computer_accepts_no_wrong_light(rig: Rig, frame_rate_hz) -> None:
-    """A busy computer may reject sets, but never accepts wrong light."""
-    real = rig.config.with_changes(
-        simulation={"clock": "real"}, camera={"frame_rate_hz": frame_rate_hz, "exposure_ms": 8}
-    )
-    accepted, deadline_s = 0, time.monotonic() + 600.0
-    with open_rig(real) as opened:
-        while accepted < 3:
-            assert time.monotonic() < deadline_s
-            try:
-                captured = capture_set(opened)
-            except (SetRejected, CameraError):
-                continue
-            assert wrong_light(opened, captured) < WRONG_LIGHT
-            accepted += 1

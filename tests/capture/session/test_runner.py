@@ -339,7 +339,7 @@ def test_a_run_that_stops_at_once_leaves_a_damaged_set_missing(
     assert "rock-1,rock,40,1,true,missing,," in (session / "sets.csv").read_text()
 
 
-def test_a_rig_with_another_number_of_lights_is_refused(
+def test_a_rig_with_another_number_of_lights_or_size_of_frames_is_refused(
     run: Run, folder: Folder, config: RigConfig
 ) -> None:
     run(Answer.GO, Answer.STOP)
@@ -347,10 +347,6 @@ def test_a_rig_with_another_number_of_lights_is_refused(
     with pytest.raises(InputError, match=r"stones: .* 4 lights, .* 8"):
         run(rig=config.with_changes(lights=eight).model_copy(update={"name": "big"}))
     assert len(folder().journal.runs) == 1
-
-
-def test_a_rig_with_frames_of_another_size_is_refused(run: Run, config: RigConfig) -> None:
-    run(Answer.GO, Answer.STOP)
     larger = config.with_changes(camera={"width_px": 192, "height_px": 128})
     with pytest.raises(InputError, match=r"128 x 128 px, .* 192 x 128"):
         run(rig=larger)

@@ -1,7 +1,6 @@
 """A real pymodbus client and a station with a fake rig: the documented end of each fault."""
 
 import itertools
-import json
 import socket
 import struct
 import subprocess
@@ -41,23 +40,6 @@ from tests.capture.station.line.lines import (
     until,
     until_so,
 )
-
-
-@pytest.mark.slow
-def test_the_example_client_in_another_process_sorts_parts_by_their_verdicts(
-    tmp_path: Path, captured: CapturedSet
-) -> None:
-    with running_line(tmp_path / "line-1", captured) as line:
-        client = (sys.executable, "-m", "capture.station.line.example_client")
-        command = (*client, "127.0.0.1", str(line.port), "--parts", "5", "--name", "A")
-        said = subprocess.check_output(command, text=True, timeout=WAIT_S)
-        parts = [json.loads(each) for each in said.splitlines()]
-        assert [each["part_id"] for each in parts] == [f"A-{n}" for n in range(1, 6)]
-        assert [each["number"] for each in parts] == [1, 2, 3, 4, 5]
-        assert {each["verdict"] for each in parts} == {VERDICTS[Decision.PASS]}
-        rows = {entry.result.part_id: entry.result for entry in line.bench.store.parts()}
-        assert rows.keys() == {each["part_id"] for each in parts}
-        assert {row.trigger for row in rows.values()} == {"modbus"}
 
 
 def test_a_client_that_disconnects_in_mid_part_finds_its_result_later(
