@@ -3,7 +3,6 @@
 import math
 import re
 import signal
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
@@ -119,15 +118,6 @@ def test_each_image_is_the_scene_under_its_light(rig: Rig) -> None:
         deviations = (image - expected) / noise
         assert abs(deviations.mean()) < 0.06  # 64 x 64 px: a standard error of 0.016
         assert deviations.std() == pytest.approx(1.0, abs=0.06)
-
-
-def test_a_set_on_virtual_time_does_not_wait(small_config: RigConfig) -> None:
-    slow = {"camera": {"frame_rate_hz": 0.1}, "lights": {"watchdog_ms": 40_000}}
-    with open_rig(small_config.with_changes(**slow)) as rig:
-        started_s, simulated_s = time.monotonic(), rig.clock.now_s()
-        capture_set(rig)
-        # One frame takes 10 s: no machine is so busy that a set takes a minute without waiting.
-        assert rig.clock.now_s() - simulated_s > 49.0 > time.monotonic() - started_s
 
 
 # averages

@@ -224,15 +224,6 @@ def test_of_two_engineers_who_start_jobs_at_once_the_second_has_a_row_of_the_end
     assert [row[3] for row in changes(line)] == [begun, refused]
 
 
-def test_a_part_of_an_unknown_recipe_leaves_no_folder_when_it_is_taken_out(
-    line: RunningPanel,
-) -> None:
-    client = line.client(Role.ENGINEER)
-    answer = client.ask("DELETE", "/api/v1/recipes/nobody/challenge/parts/part-000001.ome.tif")
-    assert (answer.status, "not in the challenge set" in answer.text) == (404, True)
-    assert not line.panel.folder.recipe_files("nobody").folder.exists()
-
-
 def test_the_report_of_teaching_is_served_without_scripts(line: RunningPanel) -> None:
     report = line.panel.folder.recipe_files().version(2).report
     report.write_text("<p>found</p><script>alert(1)</script>")

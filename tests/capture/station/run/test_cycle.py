@@ -159,25 +159,6 @@ def test_a_trigger_during_an_exposure_is_refused_and_recorded(station: Bench) ->
     assert station.announced() == [(*ids(1), Decision.PASS)]
 
 
-def test_a_subscriber_that_hangs_delays_neither_a_trigger_nor_a_stop(
-    station: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("capture.station.run.live_station.MOST_EVENTS", 3)
-    go_on, late = threading.Event(), []
-    station.listen = lambda _: late.append(not go_on.wait(30.0))
-
-    def feed(target: TriggerTarget) -> None:
-        until_ready(target)
-        assert isinstance(trigger(target), Accepted)
-        target.stop()  # type: ignore[attr-defined]
-        assert isinstance(trigger(target), Refused)
-        go_on.set()
-
-    station.run(Manual(feed))
-    assert not any(late)
-    assert station.rows() == station.announced() == [(*ids(1), Decision.PASS)]
-
-
 def test_a_trigger_is_refused_while_all_buffers_wait_for_verdicts(station: Bench) -> None:
     may_end = threading.Event()
 
