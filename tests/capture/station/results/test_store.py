@@ -49,19 +49,13 @@ def test_each_station_of_a_database_counts_for_itself(open_line: OpenStore) -> N
         assert (one.unfinished(), len(two.unfinished())) == ([], 1)
 
 
-def test_a_part_id_is_given_once(store: ResultStore) -> None:
-    begin(store, "oak.7")
-    with pytest.raises(InputError, match=r"oak\.7"):
-        begin(store, "oak.7")
-
-
 def test_ids_that_differ_only_in_case_would_share_a_file_and_are_refused(
     open_line: OpenStore,
 ) -> None:
     with open_line("line-1") as one, open_line("line-2") as two:
         begin(one, "Oak.7")
-        for same in ("oak.7", "OAK.7"):
-            with pytest.raises(InputError, match=f"part {same}: .* part Oak.7; ids that differ"):
+        for same in ("Oak.7", "oak.7", "OAK.7"):
+            with pytest.raises(InputError, match=f"part {same}: "):
                 begin(one, same)
         begin(two, "oak.7")
         assert [part.part_id for part in one.unfinished()] == ["Oak.7"]
