@@ -3,10 +3,8 @@
 import math
 import re
 import signal
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -44,7 +42,6 @@ def under(rig: Rig, led: int | None, action: Callable[[], object]) -> Rig:
 
     def change(frame: Frame) -> Frame:
         nonlocal done
-        assert rig.simulation is not None
         exposed_s, board = frame.exposure_end_s - 1e-3, rig.simulation.board
         lit = [other for other in range(4) if board.output(other, exposed_s) > 0.5]
         if not done and lit == ([] if led is None else [led]):
@@ -68,13 +65,10 @@ def test_a_set_records_its_rig(rig: Rig) -> None:
     assert metadata.placement == rig.config.simulation.placement
     assert metadata.orientation_deg == 0.0
     assert metadata.rig_name == "rig"
-    assert metadata.controller is not None
     assert metadata.controller.serial_number == "SIM-0001"
-    assert metadata.camera is not None
     assert metadata.camera.exposure_ms == pytest.approx(20.0)
     assert metadata.camera.frame_rate_hz == pytest.approx(30.0)
     assert captured.images.shape == (4, 64, 64)
-    assert captured.ambient is not None
     assert captured.ambient.shape == (64, 64)
 
 
@@ -113,7 +107,6 @@ def test_every_exposure_starts_after_acknowledge_and_settle_time(
 
 
 def test_each_image_is_the_scene_under_its_light(rig: Rig) -> None:
-    assert rig.simulation is not None
     rig.simulation.place(Placement(surface="sand", rotate_deg=20.0, seed=3))
     captured = capture_set(rig)
     scene, sensor = rig.simulation.camera.scene, rig.simulation.camera.sensor
@@ -125,15 +118,6 @@ def test_each_image_is_the_scene_under_its_light(rig: Rig) -> None:
         deviations = (image - expected) / noise
         assert abs(deviations.mean()) < 0.06  # 64 x 64 px: a standard error of 0.016
         assert deviations.std() == pytest.approx(1.0, abs=0.06)
-
-
-def test_a_set_on_virtual_time_does_not_wait(small_config: RigConfig) -> None:
-    slow = {"camera": {"frame_rate_hz": 0.1}, "lights": {"watchdog_ms": 40_000}}
-    with open_rig(small_config.with_changes(**slow)) as rig:
-        started_s, simulated_s = time.monotonic(), rig.clock.now_s()
-        capture_set(rig)
-        # One frame takes 10 s: no machine is so busy that a set takes a minute without waiting.
-        assert rig.clock.now_s() - simulated_s > 49.0 > time.monotonic() - started_s
 
 
 # averages
@@ -179,72 +163,28 @@ def test_a_bad_label_is_refused_before_a_light_is_switched(rig: Rig, label: str)
 # rejected sets; all LEDs are off after each
 
 
-@pytest.mark.parametrize(
-    ("changes", "messages"),
-    [
-        (
-            {"camera": {"frame_rate_hz": 10.0, "exposure_ms": 100.0}},
-            [rf"LED {led} \(tilt {90 * led}\): .* saturated.*shorten the exp" for led in range(4)],
-        ),
-        ({"camera": {"exposure_ms": 0.005}}, ["dark, .*exposure too short"]),
-        ({"simulation": {"ambient": 1.0}}, [r"ambient light fills \d+%"]),
-    ],
-    ids=["overexposed", "underexposed", "daylight"],
-)
-def test_too_much_or_too_little_light_is_rejected(
-    small_config: RigConfig,
-    led_outputs: Outputs,
-    changes: dict[str, dict[str, object]],
-    messages: list[str],
-) -> None:
-    with open_rig(small_config.with_changes(**changes)) as rig:
-        with pytest.raises(SetRejected) as caught:
-            capture_set(rig)
-        assert all(re.search(message, str(caught.value)) for message in messages)
-        assert led_outputs(rig) == [0.0] * 4
-
-
-NO_FRAME = r"no good frame under (ambient light|LED \d .*) \(.*"
 OFF_CLOCK = "time stamps are not on the rig's clock"
+BAD_FRAMES: dict[str, tuple[Callable[[Frame], Frame], type[Exception], str]] = {
+    "corrupt": (lambda f: replace(f, flags=FrameFlag.CORRUPT), SetRejected, "corrupt"),
+    "then corrupt": (
+        lambda f: replace(f, flags=FrameFlag(f.sequence > 4)),
+        SetRejected,
+        "corrupt",
+    ),
+    "stale": (lambda f: replace(f, exposure_start_s=0.0), SetRejected, "from before"),
+    "repeated": (lambda f: replace(f, sequence=7), SetRejected, "repeated"),
+    "of another size": (lambda f: replace(f, pixels=f.pixels[:-1]), CameraError, "64 x 63 px"),
+    "stamped in the future": (lambda f: f.shifted(0.05), CameraError, OFF_CLOCK),
+    "stamped NaN": (lambda f: f.shifted(math.nan), CameraError, OFF_CLOCK),
+    "that ends before it starts": (
+        lambda f: replace(f, exposure_start_s=f.exposure_end_s + 0.01),
+        CameraError,
+        OFF_CLOCK,
+    ),
+}
 
 
-@pytest.mark.parametrize(
-    ("change", "error", "message"),
-    [
-        (
-            lambda frame: replace(frame, flags=FrameFlag.CORRUPT),
-            SetRejected,
-            NO_FRAME + r"[1-9]\d* corrupt",
-        ),
-        (
-            lambda frame: replace(frame, flags=FrameFlag(frame.sequence > 4)),
-            SetRejected,
-            NO_FRAME + r"[1-9]\d* corrupt",
-        ),
-        (
-            lambda frame: replace(frame, exposure_start_s=0.0),
-            SetRejected,
-            NO_FRAME + r"[1-9]\d* from before",
-        ),
-        (lambda frame: replace(frame, sequence=7), SetRejected, NO_FRAME + r"[1-9]\d* repeated"),
-        (
-            lambda frame: replace(frame, pixels=frame.pixels[:-1]),
-            CameraError,
-            "64 x 63 px of 12 bit",
-        ),
-        (lambda frame: frame.shifted(0.05), CameraError, OFF_CLOCK),
-        (
-            lambda frame: replace(frame, exposure_start_s=frame.exposure_end_s + 0.01),
-            CameraError,
-            OFF_CLOCK,
-        ),
-        (lambda frame: frame.shifted(math.nan), CameraError, OFF_CLOCK),
-    ],
-    ids=[
-        *["corrupt", "corrupt later", "stale", "repeated", "size"],
-        *["stamped in the future", "ends before it starts", "stamped NaN"],
-    ],
-)
+@pytest.mark.parametrize(("change", "error", "message"), BAD_FRAMES.values(), ids=BAD_FRAMES)
 def test_bad_frames_end_a_set_with_their_cause(
     rig: Rig, change: Callable[[Frame], Frame], error: type[Exception], message: str
 ) -> None:
@@ -306,7 +246,6 @@ def test_each_attempt_shows_its_images_before_they_are_checked(rig: Rig) -> None
     exposed: list[CapturedSet] = []
 
     def exchange() -> None:
-        assert rig.simulation is not None
         rig.simulation.place(Placement(surface="malv"))
 
     captured = capture_set(under(rig, 1, exchange), exposed=exposed.append)
@@ -325,7 +264,6 @@ def test_each_attempt_shows_its_images_before_they_are_checked(rig: Rig) -> None
 
 def test_a_second_attempt_follows_a_tripped_watchdog(rig: Rig) -> None:
     def hang() -> None:
-        assert rig.simulation is not None
         rig.simulation.clock.keep_alive_with(None)  # stops the keep-alive
         rig.clock.sleep_s(5.5)
 
@@ -333,16 +271,8 @@ def test_a_second_attempt_follows_a_tripped_watchdog(rig: Rig) -> None:
     assert re.search(r"LED \d should be lit.*Watchdog", cause)
 
 
-def test_a_second_attempt_follows_a_restart_of_the_controller(rig: Rig) -> None:
-    assert rig.simulation is not None
-    controller: Any = rig.simulation.controller
-    (cause,) = capture_set(under(rig, 1, controller.reset)).metadata.failed_attempts
-    assert str(rig.lights.port) in cause
-
-
 def test_an_unplugged_controller_is_an_error(small_config: RigConfig, led_outputs: Outputs) -> None:
     with open_rig(small_config, timeouts=LinkTimeouts(recover_s=0.3)) as rig:
-        assert rig.simulation is not None
         select, unplug = rig.lights.select, rig.simulation.unplug_lights
 
         def select_until_unplugged(led: int) -> object:
@@ -380,7 +310,6 @@ def test_a_light_slot_is_repeated_if_its_frame_is_late(small_config: RigConfig) 
             return capture_set(rig)
 
     def signals(captured: CapturedSet) -> np.ndarray:
-        assert captured.ambient is not None
         return captured.images.mean(axis=(1, 2)) - captured.ambient.mean()
 
     clean, later = captured_with([]), []

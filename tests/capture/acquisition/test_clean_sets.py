@@ -28,7 +28,6 @@ def rejections(
     )
     rejected, sets, retakes = [], 0, 0
     with open_rig(config) as rig:
-        assert rig.simulation is not None
         for surface in surfaces:
             for rotate_deg in ROTATIONS_DEG:
                 rig.simulation.place(Placement(surface=surface, rotate_deg=rotate_deg))
@@ -42,7 +41,6 @@ def rejections(
                 rejected += [
                     f"{surface}, {slant_deg}, {bits} bit: {c}" for c in metadata.failed_attempts
                 ]
-                assert metadata.checks is not None
                 retakes += metadata.checks.retaken
     return rejected, sets, retakes
 

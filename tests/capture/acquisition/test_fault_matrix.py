@@ -34,8 +34,6 @@ def rig_with(plan: dict[str, Any], **camera: object) -> RigConfig:
 
 def error_of(captured: CapturedSet, rig: Rig) -> float:
     """Largest relative rms error of an image."""
-    assert rig.simulation is not None
-    assert captured.ambient is not None
     camera = rig.simulation.camera
     sensor, scene = camera.sensor, camera.scene
     dn_per_light = 1e3 * camera.info.exposure_s * sensor.white_e_per_ms / sensor.gain_e_per_dn
@@ -57,7 +55,6 @@ def outcome(config: RigConfig) -> tuple[str, str, float]:
     except (SetRejected, HardwareError) as rejection:
         return "rejected", str(rejection), 0.0
     causes = "; ".join(captured.metadata.failed_attempts)
-    assert captured.metadata.checks is not None
     if error > max(TOLERANCE, 5.0 * (captured.metadata.checks.light_levels_error or 0.0)):
         return "wrong", causes, error
     return "retried" if causes else "good", causes, error

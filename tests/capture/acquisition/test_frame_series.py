@@ -18,7 +18,7 @@ from capture.acquisition.frame_series import (
 from capture.calibration.setting import Setting
 from capture.procedures.camera_parts import Rung, levels_of, response_parts
 from classify.calibration.calibration import Calibration
-from rig import CameraError, ConfigError, Frame, Rig, RigConfig, open_rig
+from rig import CameraError, ConfigError, Rig, RigConfig, open_rig
 from rig.simulation.sensor import SensorModel
 
 FULL = 4095
@@ -107,12 +107,6 @@ def test_a_camera_that_waits_for_triggers_is_refused(sheet: Rig) -> None:
     triggered = Rig(config, sheet.clock, sheet.lights, sheet.camera, sheet.simulation)
     with pytest.raises(ConfigError, match="trigger"):
         require_free_running(triggered)
-
-
-def scaled(frame: Frame, factor: float) -> Frame:
-    black = SensorModel(12).black_level_dn
-    pixels = np.clip(np.rint(black + factor * (frame.pixels - black)), 0, FULL).astype(np.uint16)
-    return Frame(pixels, 12, frame.exposure_start_s, frame.exposure_end_s, frame.sequence)
 
 
 def test_a_camera_that_obeys_is_linear(sheet: Rig) -> None:

@@ -4,7 +4,6 @@ The simulated board tells how long each LED was on during each frame.
 """
 
 import re
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import count
@@ -46,7 +45,6 @@ def rig(request: pytest.FixtureRequest) -> Iterator[Rig]:
 
 def wrong_light(rig: Rig, captured: CapturedSet) -> float:
     """Largest share of an exposure with a wrong LED on, or the right one off."""
-    assert rig.simulation is not None
     worst = 0.0
     for image in captured.metadata.images:
         for frame in image.frames:
@@ -126,7 +124,6 @@ def test_the_record_of_a_sequence_is_restored_from_the_file(rig: Rig, tmp_path) 
 
 def test_without_a_strobe_triggered_frames_are_found_by_their_times(monkeypatch):
     with open_rig(config("trigger")) as rig:
-        assert rig.simulation is not None
         monkeypatch.setattr(rig.simulation.board, "strobe", lambda *_: None)
         captured = capture_set(rig)
         assert wrong_light(rig, captured) < WRONG_LIGHT
@@ -244,7 +241,6 @@ def test_stamps_a_whole_period_early_are_rejected(rig: Rig) -> None:
 
 def test_a_strobe_ahead_of_the_exposure_is_rejected(monkeypatch) -> None:
     with open_rig(config()) as rig:
-        assert rig.simulation is not None
         wire = rig.simulation.board.strobe
         monkeypatch.setattr(
             rig.simulation.board, "strobe", lambda exposing, at_s: wire(exposing, at_s - 0.003)
@@ -268,7 +264,6 @@ def test_stamps_may_be_off_by_their_configured_uncertainty(uncertainty_ms, is_ac
 
 def test_an_unconnected_strobe_is_named(monkeypatch) -> None:
     with open_rig(config()) as rig:
-        assert rig.simulation is not None
         monkeypatch.setattr(rig.simulation.board, "strobe", lambda *_: None)
         with pytest.raises(SetRejected, match="Strobe missing"):
             capture_set(rig)
@@ -300,7 +295,6 @@ def test_a_noisy_strobe_never_makes_a_wrong_set(synchronisation, spikes, missing
     """Spikes of any width at any time, missing edges, lost frames."""
     assume(spikes or missing or lost)
     with open_rig(config(synchronisation)) as rig:
-        assert rig.simulation is not None
         board, clock = rig.simulation.board, rig.clock
         wire, edges = board.strobe, iter(range(1000))
 
@@ -353,22 +347,3 @@ def test_faulty_frames_never_make_a_wrong_set(synchronisation, kind):
         difference = np.abs(captured.images.astype(float) - truth.images)
         assert (difference / noise_dn).mean() < 1.2, (nth, captured.metadata.failed_attempts)
     assert outcomes
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("frame_rate_hz", [30, 60])
-def test_a_busy_computer_accepts_no_wrong_light(rig: Rig, frame_rate_hz) -> None:
-    """A busy computer may reject sets, but never accepts wrong light."""
-    real = rig.config.with_changes(
-        simulation={"clock": "real"}, camera={"frame_rate_hz": frame_rate_hz, "exposure_ms": 8}
-    )
-    accepted, deadline_s = 0, time.monotonic() + 600.0
-    with open_rig(real) as opened:
-        while accepted < 3:
-            assert time.monotonic() < deadline_s
-            try:
-                captured = capture_set(opened)
-            except (SetRejected, CameraError):
-                continue
-            assert wrong_light(opened, captured) < WRONG_LIGHT
-            accepted += 1

@@ -86,16 +86,6 @@ def test_solve_uses_it_says_both_residuals_and_leaves_it_out_with_raw(
     assert f"median residual {calibrated['residual']:.2%}, {raw['residual']:.2%} without" in said
 
 
-@pytest.mark.parametrize("raw", [False, True])
-def test_python_and_the_command_solve_a_set_alike(
-    lab: Path, tmp_path: Path, ps4rig: Callable[..., Any], raw: bool
-) -> None:
-    path = lab / "sets" / "rock-001.ome.tif"
-    solved(ps4rig, tmp_path, path, *(["--raw"] if raw else []))
-    surface = CapturedSet.load(path).solve(raw=raw)
-    np.testing.assert_array_equal(surface.p, read_map(tmp_path / "p.tif")[0])
-
-
 def test_python_says_how_to_solve_a_set_without_its_calibration(lab: Path, tmp_path: Path) -> None:
     path = tmp_path / "alone.ome.tif"
     shutil.copy(lab / "sets" / "rock-001.ome.tif", path)
@@ -118,23 +108,6 @@ def test_a_set_solves_with_the_calibration_it_was_captured_with(
     assert not np.array_equal(captured.solve().p, raw.p)
     about = captured.metadata.model_copy(update={"calibration_ids": ()})
     np.testing.assert_array_equal(replace(captured, metadata=about).solve().p, raw.p)
-
-
-@pytest.mark.slow
-def test_textures_are_trained_and_classified_with_it(
-    lab: Path, tmp_path: Path, ps4rig: Callable[..., Any]
-) -> None:
-    library = tmp_path / "textures.ps4lib"
-    first = [lab / "sets" / f"{name}-001.ome.tif" for name in ("rock", "malv")]
-    assert ps4rig("train", *first, "--library", library).exit_code == 0
-    second = [lab / "sets" / f"{name}-002.ome.tif" for name in ("rock", "malv")]
-    done = ps4rig("classify", *second, "--library", library, "--json")
-    answers = json.loads(done.stdout)
-    assert [answer["nearest"] for answer in answers] == ["rock", "malv"]
-    assert [answer["planar"] for answer in answers] == [False, False]
-    assert "warning" not in done.stderr
-    evaluated = ps4rig("evaluate", lab / "sets", "--library", library, "--json")
-    assert json.loads(evaluated.stdout)["sets"] == 4
 
 
 def test_a_set_without_its_calibration_is_refused_by_every_command(

@@ -111,25 +111,6 @@ def test_a_mesh_has_no_triangle_at_an_unknown_height(tmp_path: Path) -> None:
     np.testing.assert_array_equal(triangles["vectors"][:, 1:], vertices["place"][faces["corners"]])
 
 
-@pytest.mark.parametrize("name", ["a.ply", "a.stl"])
-def test_a_mesh_is_that_of_the_valid_pixels(
-    ps4rig: Command, refused: Refused, made_set: Callable[..., CapturedSet], in_folder: Path,
-    name: str,
-) -> None:  # fmt: skip
-    mask = np.zeros((8, 9), np.bool_)
-    mask[2:5, 3:7] = True
-    made_set(np.full((4, 8, 9), 1000, np.uint16), mask=mask).save("a.ome.tif")
-    assert ps4rig("export", "a.ome.tif", name).exit_code == 0
-    data = (in_folder / name).read_bytes()
-    if name == "a.ply":
-        assert b"element vertex 12\n" in data
-        assert b"element face 12\n" in data
-    else:
-        assert np.frombuffer(data, "<u4", 1, offset=80)[0] == 12
-    made_set(np.zeros((4, 8, 9), np.uint16)).save("black.ome.tif")
-    assert "black.ome.tif: no pixel" in refused("export", "black.ome.tif", f"b{name}", status=1)
-
-
 @pytest.mark.parametrize(("name", "element"), [("a.ply", 64 * 64 * 15), ("a.stl", 63 * 63 * 100)])
 def test_a_set_becomes_a_mesh(ps4rig: Command, in_folder: Path, name: str, element: int) -> None:
     assert ps4rig("capture", "--rig", "sim", "--size", 64, "a.ome.tif").exit_code == 0
@@ -154,3 +135,22 @@ def test_a_wrong_output_is_refused(
     (in_folder / "full").mkdir()
     (in_folder / "full" / "a.npz").touch()
     assert refused("export", "a.ome.tif", output).startswith(message)
+
+
+@pytest.mark.parametrize("name", ["a.ply", "a.stl"])
+def test_a_mesh_is_that_of_the_valid_pixels(
+    ps4rig: Command, refused: Refused, made_set: Callable[..., CapturedSet], in_folder: Path,
+    name: str,
+) -> None:  # fmt: skip
+    mask = np.zeros((8, 9), np.bool_)
+    mask[2:5, 3:7] = True
+    made_set(np.full((4, 8, 9), 1000, np.uint16), mask=mask).save("a.ome.tif")
+    assert ps4rig("export", "a.ome.tif", name).exit_code == 0
+    data = (in_folder / name).read_bytes()
+    if name == "a.ply":
+        assert b"element vertex 12\n" in data
+        assert b"element face 12\n" in data
+    else:
+        assert np.frombuffer(data, "<u4", 1, offset=80)[0] == 12
+    made_set(np.zeros((4, 8, 9), np.uint16)).save("black.ome.tif")
+    assert "black.ome.tif: no pixel" in refused("export", "black.ome.tif", f"b{name}", status=1)

@@ -10,7 +10,6 @@ import pytest
 
 from capture import CapturedSet
 from capture.sets.metadata import ImageRecord
-from classify import TextureLibrary
 from rig.set_file import SCHEMA_VERSION
 
 Command = Callable[..., Any]
@@ -69,15 +68,6 @@ def test_a_correction_is_a_dated_entry_and_changes_no_pixel(
     assert ps4rig("info", captured, "--set", "label=elm").exit_code == 0
     assert CapturedSet.load(captured).label == "elm"
     assert len(CapturedSet.load(captured).metadata.corrections) == 4
-
-
-def test_a_corrected_label_is_what_a_library_learns(
-    ps4rig: Command, captured: Path, tmp_path: Path
-) -> None:
-    library = tmp_path / "a.ps4lib"
-    assert ps4rig("info", captured, "--set", "label=elm").exit_code == 0
-    assert ps4rig("train", captured, "--library", library).exit_code == 0
-    assert TextureLibrary.load(library).classes == ("elm",)
 
 
 @pytest.mark.parametrize(("degrees", "is_warned"), [(1200, True), (-361, True), (360, False)])

@@ -64,18 +64,6 @@ def test_a_dry_run_shows_the_plan_and_captures_nothing(ps4rig: Command, plan: Pa
     assert "orientations_deg 1200: " in ps4rig("session", "run", plan, "--dry-run").stderr
 
 
-def test_a_plan_that_does_not_suit_the_rig_is_refused_before_a_folder_is_made(
-    refused: Refused, plan: Path
-) -> None:
-    text = plan.read_text()
-    plan.write_text(text.replace('surface = "rock"', 'surface = "rok"'))
-    for option in ("--dry-run", "--yes"):
-        assert "surface 'rok' is neither" in refused("session", "run", plan, option)
-    plan.write_text("calibration_required = true\n" + text)
-    assert "calibration_required, but" in refused("session", "run", plan, "--dry-run")
-    assert not (plan.parent / "fabrics").exists()
-
-
 @pytest.mark.parametrize("option", ["--dry-run", "--yes"])
 def test_an_exposure_without_dark_frames_is_refused_at_the_start(
     ps4rig: Command, refused: Refused, plan: Path, rig: Path, option: str
@@ -138,22 +126,6 @@ def test_a_session_runs_to_its_end_and_says_so(ps4rig: Command, plan: Path) -> N
     }  # fmt: skip
 
 
-@pytest.mark.slow
-def test_a_rig_of_three_lights_takes_a_session(ps4rig: Command, plan: Path) -> None:
-    """Its sets are solved and compared by least squares without being asked."""
-    rig = plan.with_name("three.toml")
-    rig.write_text(RIG.replace("[camera]", "tilts_deg = [0, 120, 240]\n[camera]"))
-    done = ps4rig("session", "run", plan, "--rig", rig, "--yes")
-    assert done.exit_code == 0, done.stderr
-    assert "at 30" in done.stdout
-    assert ps4rig("session", "report", "fabrics").exit_code == 0
-    first, other = sorted(plan.parent.glob("fabrics/sets/rock*"))
-    for command in (("compare", first, other), ("export", first, "rock.ply"),
-                    ("export", first, "maps", "--maps")):  # fmt: skip
-        done = ps4rig(*command)
-        assert done.exit_code == 0, done.stderr
-
-
 def test_a_set_that_cannot_be_read_for_a_moment_is_not_missing(
     ps4rig: Command, plan: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -179,13 +151,9 @@ def test_a_damaged_set_is_named_and_captured_by_resume(ps4rig: Command, plan: Pa
     (damaged,) = answer["damaged"]
     assert damaged.pop("reason")
     assert damaged == which
-    said = ps4rig("session", "status", "fabrics").stdout
-    assert "sand-1 at 0 degrees" in said
-    assert "3 captured, 0 left out, 1 missing" in said
+    assert "sand-1 at 0 degrees" in ps4rig("session", "status", "fabrics").stdout
     result = ps4rig("session", "resume", "fabrics", "--yes")
-    assert result.exit_code == 0
-    assert "sand-1 at 0 degrees" in result.stdout
-    assert json.loads(ps4rig("session", "status", "fabrics", "--json").stdout)["missing"] == []
+    assert (result.exit_code, "sand-1 at 0 degrees" in result.stdout) == (0, True)
 
 
 def test_a_correction_of_a_set_is_in_the_table_of_its_session(
@@ -302,3 +270,15 @@ def test_an_operator_answers_on_a_terminal(
     assert out.splitlines()[-1].startswith("stopped: 3 sets captured")
     assert len(list((plan.parent / "fabrics" / "replaced").iterdir())) == 1
     assert "2 missing" in ps4rig("session", "status", "fabrics").stdout
+
+
+def test_a_plan_that_does_not_suit_the_rig_is_refused_before_a_folder_is_made(
+    refused: Refused, plan: Path
+) -> None:
+    text = plan.read_text()
+    plan.write_text(text.replace('surface = "rock"', 'surface = "rok"'))
+    for option in ("--dry-run", "--yes"):
+        assert "surface 'rok' is neither" in refused("session", "run", plan, option)
+    plan.write_text("calibration_required = true\n" + text)
+    assert "calibration_required, but" in refused("session", "run", plan, "--dry-run")
+    assert not (plan.parent / "fabrics").exists()

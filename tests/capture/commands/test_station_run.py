@@ -60,8 +60,6 @@ def test_a_folder_whose_name_cannot_name_a_station_is_refused(ps4rig: Any, tmp_p
     [
         ("timer_s = -1", "timer_s = -1"),
         ("triger = 'timer'", "did you mean trigger?"),
-        ("results = 'mysql://a/b'", "results"),
-        ("buffers = 0", "buffers = 0"),
     ],
 )
 def test_a_wrong_key_is_one_line_with_its_value(
@@ -78,13 +76,6 @@ def test_a_wrong_key_is_one_line_with_its_value(
     assert done.stderr.count("\n") == 1
 
 
-def test_a_station_without_a_recipe_does_not_run(ps4rig: Any, tmp_path: Path) -> None:
-    ps4rig("station", "init", tmp_path / "line-3")
-    done = ps4rig("station", "run", tmp_path / "line-3")
-    assert done.exit_code == 2
-    assert "ps4rig station teach" in done.stderr
-
-
 @pytest.mark.slow
 def test_ctrl_c_ends_a_run_after_the_part_in_progress(tmp_path: Path, spawn: Spawn) -> None:
     folder, rig = taught_station(tmp_path / "line-1"), tmp_path / "rig.toml"
@@ -92,7 +83,6 @@ def test_ctrl_c_ends_a_run_after_the_part_in_progress(tmp_path: Path, spawn: Spa
     rig.write_text(f'[lights]\nport = "simulated"\n[camera]\n{size}')
     command = ("station", "run", folder, "--rig", rig, "--json", "--no-panel")
     process = spawn(*command, "--trigger", "timer")
-    assert process.stdout is not None
     events: list[dict[str, Any]] = []
     while not events or events[-1]["event"] != "part":
         events.append(json.loads(process.stdout.readline()))
@@ -110,8 +100,6 @@ def test_ctrl_c_ends_a_run_after_the_part_in_progress(tmp_path: Path, spawn: Spa
     assert list(contradictions(folder, events)) == []
     # Lines are triggers, and their text is the id of the part; q ends the run.
     third = spawn(*command, stdin=subprocess.PIPE)
-    assert third.stdin is not None
-    assert third.stdout is not None
     while json.loads(third.stdout.readline()).get("state") != "ready":
         pass
     third.stdin.write("A-7\nq\n")
@@ -120,3 +108,10 @@ def test_ctrl_c_ends_a_run_after_the_part_in_progress(tmp_path: Path, spawn: Spa
     [part] = [event for event in events if event["event"] == "part"]
     assert part["part_id"] == "A-7"
     assert third.returncode == (0 if part["decision"] == "PASS" else 1)
+
+
+def test_a_station_without_a_recipe_does_not_run(ps4rig: Any, tmp_path: Path) -> None:
+    ps4rig("station", "init", tmp_path / "line-3")
+    done = ps4rig("station", "run", tmp_path / "line-3")
+    assert done.exit_code == 2
+    assert "ps4rig station teach" in done.stderr

@@ -41,7 +41,6 @@ def test_textures_separate_and_nothing_stands_out(mixed: Path) -> None:
         "sets/rock-1-0-1.ome.tif", "sets/rock-1-40-1.ome.tif",
     ]  # fmt: skip
     separation = found.separation
-    assert separation is not None
     assert separation.specimens == ["rock-1", "sand-1", "bark-1"]
     # Each second set is nearest to the first of its specimen.
     for row, entry in zip(separation.distances, separation.entries, strict=True):
@@ -163,7 +162,6 @@ def test_a_session_without_sets_or_of_two_rigs_is_reported(mixed: Path) -> None:
         with warnings.catch_warnings(action="error"):
             report_page(session, analyse(session))
         last = entries[-1]
-        assert last.measures is not None
         eight = last.measures.model_copy(update={"led_levels": (0.4,) * 8})
         changed = (*entries[:-1], last.model_copy(update={"measures": eight}))
         session.update(session.journal.model_copy(update={"entries": changed}))

@@ -63,24 +63,6 @@ def test_a_session_captures_each_planned_set(run: Run, folder: Folder) -> None:
     assert (about.note, about.orientation_deg, about.simulated) == ("chipped", 40.0, True)
 
 
-def test_the_orientation_is_estimated_and_the_table_follows_the_journal(
-    run: Run, folder: Folder
-) -> None:
-    run()
-    done = folder()
-    rows = list(csv.DictReader((done.path / "sets.csv").open(encoding="utf-8", newline="")))
-    assert [row["file"] for row in rows] == [f"sets/{name}.ome.tif" for name in FILES]
-    assert [row["label"] for row in rows] == ["rock", "rock", "sand-1", "sand-1"]
-    assert [row["estimated_deg"] == "" for row in rows] == [True, False, True, False]
-    for row, entry in zip(rows, done.journal.entries, strict=True):
-        assert row["pixels_sha256"] == entry.pixels_sha256
-        assert (
-            row["pixels_sha256"] == CapturedSet.load(done.path / row["file"]).metadata.pixels_sha256
-        )
-        if row["estimated_deg"]:
-            assert float(row["estimated_deg"]) == pytest.approx(40.0, abs=2.0)
-
-
 def test_a_stopped_session_goes_on_with_what_is_missing(run: Run, folder: Folder) -> None:
     run(Answer.GO, Answer.STOP)
     assert names(folder()) == FILES[:1]
@@ -357,7 +339,7 @@ def test_a_run_that_stops_at_once_leaves_a_damaged_set_missing(
     assert "rock-1,rock,40,1,true,missing,," in (session / "sets.csv").read_text()
 
 
-def test_a_rig_with_another_number_of_lights_is_refused(
+def test_a_rig_with_another_number_of_lights_or_size_of_frames_is_refused(
     run: Run, folder: Folder, config: RigConfig
 ) -> None:
     run(Answer.GO, Answer.STOP)
@@ -365,10 +347,6 @@ def test_a_rig_with_another_number_of_lights_is_refused(
     with pytest.raises(InputError, match=r"stones: .* 4 lights, .* 8"):
         run(rig=config.with_changes(lights=eight).model_copy(update={"name": "big"}))
     assert len(folder().journal.runs) == 1
-
-
-def test_a_rig_with_frames_of_another_size_is_refused(run: Run, config: RigConfig) -> None:
-    run(Answer.GO, Answer.STOP)
     larger = config.with_changes(camera={"width_px": 192, "height_px": 128})
     with pytest.raises(InputError, match=r"128 x 128 px, .* 192 x 128"):
         run(rig=larger)
@@ -538,7 +516,6 @@ def test_an_exposure_is_searched_for_each_specimen(plan_file: Path, config: RigC
             captured = CapturedSet.load(folder.path / "sets" / f"{name}.ome.tif")
             bright = captured.images.max() / captured.metadata.full_scale
             assert 0.4 < bright <= 1.0
-            assert captured.metadata.camera is not None
             assert captured.metadata.camera.exposure_ms > 3.0
 
 
@@ -561,7 +538,6 @@ def test_a_required_calibration_travels_with_the_sets(
         assert CalibrationFile.read(copy).hash == near_calibration.hash
         for entry in folder.journal.entries:
             assert entry.file is not None
-            assert entry.measures is not None
             captured = CapturedSet.load(folder.path / entry.file)
             assert captured.metadata.calibration_ids == (near_calibration.hash,)
             if entry.orientation_deg > 0.0:

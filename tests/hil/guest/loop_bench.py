@@ -75,8 +75,6 @@ def simulated_rig(
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
-        assert process.stdout is not None
-        assert process.stderr is not None
         try:
             said = [process.stdout.readline() for _ in range(2)]
             assert said[0] == f"lights: {serial}\n", process.stderr.read()

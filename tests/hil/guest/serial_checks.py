@@ -186,7 +186,6 @@ def test_the_program_that_holds_a_port_is_named(gadget_controller: SerialControl
     with subprocess.Popen(
         [sys.executable, "-c", _HOLDS, port], stdin=subprocess.PIPE, stdout=subprocess.PIPE
     ) as holder:
-        assert holder.stdout is not None
         assert holder.stdout.readline() == b"1\n"
         assert [each.pid for each in port_holders(port)] == [holder.pid]
         with pytest.raises(LightControllerError, match=rf"process {holder.pid}.; close that first"):

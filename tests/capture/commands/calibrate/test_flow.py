@@ -42,16 +42,6 @@ def test_a_simulated_rig_places_the_target_of_each_set_by_itself(rig_toml: Path)
     assert [each.metadata.placement.rotate_deg for each in sets] == [0.0, 90.0]
 
 
-def test_sets_are_taken_from_files_and_folders(rig_toml: Path, tmp_path: Path) -> None:
-    sets, _ = target_sets(str(rig_toml), None, SHEET)
-    (tmp_path / "sets").mkdir()
-    for name in ("a.ome.tif", "b.ome.tif"):
-        sets[0].save(tmp_path / "sets" / name)
-    read, source = target_sets(None, [tmp_path / "sets"], SHEET)
-    assert source == ("a.ome.tif", "b.ome.tif")
-    np.testing.assert_array_equal(read[1].images, sets[0].images)
-
-
 def test_a_rig_or_sets_are_needed_and_not_both(tmp_path: Path) -> None:
     for rig, given in ((None, None), ("sim", [tmp_path])):
         with pytest.raises(InputError, match=r"--rig RIG .*--from SET"):

@@ -1,7 +1,6 @@
 """The page and the summary of a calibration: complete, self-contained, escaped."""
 
 import json
-import subprocess
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -27,7 +26,6 @@ from tests.html_page import Page
 
 FRAME_PX = np.array([128.0, 128.0])
 NOW = datetime(2026, 11, 22, tzinfo=UTC)
-TILTS_DEG = [359.97, 90.0, 180.0, 270.0]
 EVIL = "<script>alert(\"$title & 'x'\")</script>"
 
 
@@ -78,16 +76,6 @@ def test_the_page_states_age_scale_and_benefit(whole: CalibrationFile) -> None:
         assert words in text
 
 
-def test_a_tilt_just_below_360_degrees_reads_as_0(whole: CalibrationFile) -> None:
-    lights = whole.calibration.lights
-    assert lights is not None
-    turned = Lighting.near(320.0 * Lighting.from_angles(TILTS_DEG, 45.0).directions)
-    changed = replace(lights, lighting=turned)
-    text = page_of(whole.with_part("lights", changed, whole.records["lights"])).text
-    assert "360.0" not in text
-    assert "90.0" in text
-
-
 def test_the_page_refers_to_no_other_file_and_escapes_text(whole: CalibrationFile) -> None:
     page = page_of(whole)
     assert not [*page.all("script"), *page.all("link"), *page.all("a")]
@@ -109,16 +97,6 @@ def test_drawn_positions_are_the_measured_ones(whole: CalibrationFile) -> None:
     # Two standard errors on either side: 2 % of the distance, and 0.4 degrees across.
     assert ellipses[0].width == pytest.approx(4.0 * 0.02 * reach_mm, rel=0.2)
     assert ellipses[1].get_height() == pytest.approx(4.0 * np.radians(0.4) * 6.4, rel=0.1)
-
-
-def test_each_part_reduces_the_error_of_near_unequal_lights(whole: CalibrationFile) -> None:
-    names, degrees = zip(*benefit_of(whole), strict=True)
-    assert names == (
-        "without calibration", "and the response", "and the flat field", "and the lights",
-    )  # fmt: skip
-    assert degrees[0] > 8.0
-    assert degrees[2] < 0.15 * degrees[0]
-    assert degrees[3] < 0.6 * degrees[2]
 
 
 def test_a_calibration_without_sheet_or_with_a_strange_date_is_summarised(
@@ -200,22 +178,3 @@ def test_show_refuses_another_file_and_another_suffix(
     assert "must end in .html" in refused("calibrate", "show", saved, "--out", page)
     missing = saved.with_name("none.ps4cal")
     assert "with ps4rig calibrate" in refused("calibrate", "show", missing)
-
-
-@pytest.mark.browser
-def test_chromium_shows_the_page_without_an_error(saved: Path, ps4rig: Callable[..., Any]) -> None:
-    assert ps4rig("calibrate", "show", saved).exit_code == 0
-    page = saved.with_suffix(".html")
-    done = subprocess.run(
-        ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage",
-         f"--user-data-dir={saved.parent / 'profile'}", "--enable-logging=stderr", "--dump-dom",
-         page.as_uri()],
-        capture_output=True, text=True, timeout=120, check=True,
-    )  # fmt: skip
-    assert done.stdout.count("image/svg") == 4
-    assert "CONSOLE" not in done.stderr
-
-
-@pytest.mark.parametrize("path", ["/", ""])
-def test_a_calibration_without_a_name_is_bad_input(ps4rig: Callable[..., Any], path: str) -> None:
-    assert ps4rig("calibrate", "show", path).exit_code == 2

@@ -50,7 +50,6 @@ def test_a_rig_gets_its_flat_field_and_positions(ps4rig: Run, tmp_path: Path) ->
     assert field["figures"]["error_percent"] < 0.3
     assert lights["figures"]["distance_error_percent"] < 3.0
     kept = CalibrationFile.read(path).calibration.lights
-    assert kept is not None
     positions_px = kept.lighting.positions_px
     assert positions_px is not None
     true = 3.0 * SIDE * Lighting.ring(45.0).directions
@@ -120,14 +119,13 @@ def test_flat_areas_of_a_part_serve_with_a_mask(ps4rig: Run, tmp_path: Path) -> 
     assert "--mask is for" in done.stderr
 
 
-@pytest.mark.parametrize(("surface", "cause"), [("rock", "it has relief")])
 def test_a_part_that_is_not_a_sheet_is_refused_and_nothing_is_written(
-    ps4rig: Run, refused: Callable[..., str], tmp_path: Path, surface: str, cause: str
+    ps4rig: Run, refused: Callable[..., str], tmp_path: Path
 ) -> None:
     rig_toml(tmp_path)
-    (part,) = captured(ps4rig, tmp_path, surface, 0)
+    (part,) = captured(ps4rig, tmp_path, "rock", 0)
     path = tmp_path / "rig.ps4cal"
-    assert cause in refused("calibrate", "plate", "--from", part, path, status=1)
+    assert "relief" in refused("calibrate", "plate", "--from", part, path, status=1)
     assert not path.exists()
 
 

@@ -58,7 +58,6 @@ def test_a_sphere_on_the_simulated_rig_gives_its_lights(
     assert off_deg(found.lighting.directions, true).max() < limit_deg
     assert found.source == f"{kind} sphere"
     scale = CalibrationFile.read(cal).calibration.scale
-    assert scale is not None
     assert scale.mm_per_px == pytest.approx(0.2, rel=0.01)
     assert abs(scale.mm_per_px / 0.2 - 1.0) < 3.0 * scale.error
     lights, _ = json.loads(done.stdout)
@@ -99,22 +98,6 @@ def test_photographs_as_a_shell_gives_them_and_their_mask(
     np.testing.assert_allclose(listed.directions, found.lighting.directions, atol=1e-8)
 
 
-def test_a_list_tells_photographs_of_one_name_by_their_folders(
-    ps4rig: Run, photographs: Path, tmp_path: Path
-) -> None:
-    images = [tmp_path / "ball" / f"led{k}" / "1.png" for k in range(5)]
-    for number, image in enumerate(images):
-        image.parent.mkdir(parents=True)
-        image.symlink_to(photographs / f"chrome.{number}.png")
-    mask, cal, lp = photographs / "chrome.mask.png", tmp_path / "out.ps4cal", tmp_path / "l.lp"
-    done = ps4rig("calibrate", "lights", "--from", *images, "--mask", mask, cal, "--sphere",
-                  "mirror", "--list", lp)  # fmt: skip
-    assert done.exit_code == 0, done.stderr
-    others = [Path("owl") / f"led{k}" / "1.png" for k in (3, 1)]
-    listed = load_light_list(lp).lighting_for(others)
-    assert off_deg(listed.directions, LIGHTS[[3, 1]]).max() < 0.5
-
-
 @pytest.mark.slow
 def test_a_jpeg_of_a_mirror_needs_no_gamma(ps4rig: Run, photographs: Path, tmp_path: Path) -> None:
     images = sorted(photographs.glob("*.jpg"))
@@ -133,12 +116,7 @@ def test_a_jpeg_of_a_mirror_needs_no_gamma(ps4rig: Run, photographs: Path, tmp_p
     ("given", "cause"),
     [
         (["--from", "chrome.0.png", "chrome.1.png", "--lights", "5"], "2 photographs"),
-        (["--from", "chrome.0.png", "--rig", "sim"], "--rig RIG"),
-        ([], "--rig RIG"),
-        (
-            ["--from", "chrome.0.png", "--mask", "chrome.mask.png", "--mask", "chrome.1.png"],
-            "masks",
-        ),
+        (["--from", "chrome.0.png", "--mask", "chrome.1.png", "--mask", "chrome.2.png"], "masks"),
         (["--from", "chrome.0.png", "other.ps4cal"], "2 files NAME.ps4cal"),
         (["--rig", "sim", "--lights", "4"], "for photographs"),
         (["--rig", "missing.toml", "--list", "lights.txt"], ".lp or .json"),
@@ -178,7 +156,6 @@ def test_a_checkerboard_on_the_simulated_rig_gives_the_scale(ps4rig: Run, tmp_pa
     done = ps4rig("calibrate", "scale", "--rig", toml, cal, *board, "--json")
     assert done.exit_code == 0, done.stderr
     scale = CalibrationFile.read(cal).calibration.scale
-    assert scale is not None
     assert scale.mm_per_px == pytest.approx(0.3, rel=2e-3)
     assert scale.distortion is None
     captured = tmp_path / "board.ome.tif"

@@ -51,7 +51,6 @@ def test_a_calibrated_recipe_judges_its_region(tmp_path: Path) -> None:
         flat, setting = fit_flat_field(blocks).flat_field, Setting.of_rig(rig)
         file = calibrated_with(flat, setting, plate.metadata.created_utc)
         file.write(calibration)
-        assert rig.simulation is not None
         for number in range(4):
             place = Placement(surface="rock", shift_px=(500.0 * number, 0.0))
             rig.simulation.place(place)

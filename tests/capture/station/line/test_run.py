@@ -1,5 +1,6 @@
 """`ps4rig station run` with a PLC and a broker in its `station.toml`."""
 
+import json
 import re
 import signal
 import subprocess
@@ -15,8 +16,6 @@ from capture.station.domain.folder import StationFolder, make_station
 from capture.station.domain.interface_config import ModbusConfig, MqttConfig
 from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.judge.approval import approve
-from capture.station.line.example_client import run_ladder
-from capture.station.line.ladder import Judged
 from capture.station.run.live_station import LiveStation
 from classify.base.errors import InputError
 
@@ -67,27 +66,21 @@ def test_a_run_prints_its_modbus_address_and_takes_the_triggers_of_the_example_c
         config.write('[mqtt]\nurl = "mqtt://127.0.0.1:9"\ntopic = "plant"\n')  # nobody listens
     options = ("--no-panel", "--trigger", "modbus")
     command = (sys.executable, "-m", "capture", "station", "run", str(station), *options)
-    judged: list[Judged] = []
-    numbers = iter(range(1, PARTS + 1))
-
-    def next_part() -> str | None:
-        number = next(numbers, None)
-        return None if number is None else f"A-{number}"
-
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as run:
-        assert run.stdout is not None
-        assert run.stderr is not None
         found = re.search(r"modbus: (\S+):(\d+)", run.stderr.readline())
-        assert found is not None
-        run_ladder(found[1], int(found[2]), next_part, judged.append)
+        client = (sys.executable, "-m", "capture.station.line.example_client", found[1], found[2])
+        sorted_parts = subprocess.check_output(
+            (*client, "--parts", str(PARTS), "--name", "A"), text=True, timeout=300
+        )
         run.send_signal(signal.SIGINT)
         said = run.stdout.read()
     verdicts = dict(zip((1, 2, 3, 4), ("PASS", "FAIL", "UNKNOWN", "ERROR"), strict=True))
-    parts = [f"{part.part_id} {verdicts[part.verdict]}, simulated" for part in judged]
+    judged = [json.loads(line) for line in sorted_parts.splitlines()]
+    parts = [f"{each['part_id']} {verdicts[each['verdict']]}, simulated" for each in judged]
     assert [line.partition(":")[0] for line in said.splitlines() if "simulated:" in line] == parts
-    assert [part.number for part in judged] == [1, 2, 3]
+    assert [each["number"] for each in judged] == [1, 2, 3]
     assert run.returncode == 130
     assert "mqtt 127.0.0.1: cannot be reached" in (station / "station.log").read_text(
         encoding="utf-8"

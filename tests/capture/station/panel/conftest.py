@@ -15,7 +15,7 @@ QUICK = PasswordHasher(time_cost=1, memory_cost=8, parallelism=1)
 
 @pytest.fixture(scope="session", autouse=True)
 def quick_hashes() -> Iterator[None]:
-    """Hash passwords in a millisecond; `test_accounts.py` tests the hashes of the program."""
+    """Hash passwords in a millisecond."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("capture.station.domain.users.HASHER", QUICK)
         yield

@@ -25,10 +25,10 @@ def address_of(route: PanelRoute, station: ServedPanel) -> str:
     return station.url.rstrip("/") + route.path.format(**places)
 
 
-def logged_in(browser: Chromium, station: ServedPanel) -> Page:
-    """A page of an administrator, who logged in with the keyboard."""
+def logged_in(browser: Chromium, station: ServedPanel, name: str = Role.ADMINISTRATOR) -> Page:
+    """A page of a user, who logged in with the keyboard."""
     page = browser.page(f"{station.url}login")
-    page.type(Role.ADMINISTRATOR)
+    page.type(name)
     page.press("Tab")
     page.type(PASSWORD)
     page.press("Enter")

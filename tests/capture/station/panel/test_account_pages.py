@@ -41,22 +41,18 @@ def test_an_administrator_adds_and_removes_users(panel: RunningPanel, browser: C
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    "change",
     [
-        ({"action": "put user", "role": "engineer", "password": "short"}, "has 8 to 256"),
-        ({"action": "put user", "role": "king", "password": PASSWORD}, "give operator"),
-        ({"action": "remove user"}, "no such user"),
-        ({"action": "remove client"}, "no such client"),
-        ({"action": "reboot"}, "no such action"),
+        {"action": "put user", "role": "engineer", "password": "short"},
+        {"action": "put user", "role": "king", "password": PASSWORD},
+        {"action": "remove user"},
+        {"action": "remove client"},
+        {"action": "reboot"},
     ],
 )
-def test_a_change_that_fails_says_why_on_the_page(
-    browser: Client, change: dict[str, str], said: str
-) -> None:
+def test_a_change_that_fails_changes_nothing(browser: Client, change: dict[str, str]) -> None:
     answer = browser.form("/accounts", name="kim", **change)
-    assert answer.status == 400
-    assert said in answer.text
-    assert "<td>kim</td>" not in answer.text
+    assert (answer.status, "<td>kim</td>" in answer.text) == (400, False)
 
 
 def test_a_token_is_shown_once_and_works(panel: RunningPanel, browser: Client) -> None:
@@ -71,14 +67,12 @@ def test_a_token_is_shown_once_and_works(panel: RunningPanel, browser: Client) -
 
 def test_users_change_their_own_password(panel: RunningPanel, browser: Client) -> None:
     new = PASSWORD + "!"
-    for given, said in (
-        ({"password": "wrong wrong", "new": new, "again": new}, "present password is wrong"),
-        ({"password": PASSWORD, "new": new, "again": PASSWORD}, "passwords differ"),
-        ({"password": PASSWORD, "new": "short", "again": "short"}, "8 to 256 characters"),
+    for given in (
+        {"password": "wrong wrong", "new": new, "again": new},
+        {"password": PASSWORD, "new": new, "again": PASSWORD},
+        {"password": PASSWORD, "new": "short", "again": "short"},
     ):
-        answer = browser.form("/password", **given)
-        assert answer.status == 400
-        assert said in answer.text
+        assert browser.form("/password", **given).status == 400
     assert browser.form("/password", password=PASSWORD, new=new, again=new).status == 303
     assert browser.get("/api/v1/state").status == 401
     assert panel.local.log_in("ada", PASSWORD).status == 401

@@ -2,8 +2,6 @@
 
 import json
 import stat
-import subprocess
-import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +11,6 @@ import pytest
 
 from capture.base.folder_lock import file_lock
 from capture.sets.captured_set import CapturedSet
-from capture.station.domain import users as users_module
 from capture.station.domain.folder import make_station
 from capture.station.domain.interface_config import PanelConfig
 from capture.station.domain.roles import Role
@@ -33,9 +30,6 @@ from capture.station.results.store import open_store
 from classify.base.errors import InputError
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel, running_panel
 
-SHIPPED = users_module.HASHER  # before the fixture that replaces it
-UTC = "2026-01-02T03:04:05.678Z"
-
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
@@ -54,10 +48,6 @@ def test_a_password_is_kept_as_a_hash_that_only_the_owner_may_read(folder: Path)
     assert users.verified("ada", PASSWORD + "x") is None
     assert users.verified("kim", PASSWORD) is None
     assert users.verified("ada", 300 * "x") is None
-
-
-def test_a_hash_takes_the_memory_that_rfc_9106_recommends() -> None:
-    assert SHIPPED.hash(PASSWORD).startswith("$argon2id$v=19$m=65536,t=3,p=4$")
 
 
 def test_a_password_is_the_same_however_it_is_typed(folder: Path) -> None:
@@ -132,52 +122,6 @@ def test_users_that_are_added_at_the_same_moment_are_all_kept(folder: Path) -> N
     assert len(users.all()) == 4
 
 
-ADD_TOKENS = """
-import sys
-from pathlib import Path
-from capture.station.domain import private_file
-from capture.station.domain.roles import Role
-from capture.station.domain.tokens import Tokens
-
-private_file.PATIENCE_S = 600.0
-tokens = Tokens(Path(sys.argv[1]))
-print("ready", flush=True)
-sys.stdin.readline()
-for number in range(10):
-    tokens.add(f"{sys.argv[2]}-{number}", Role.OPERATOR)
-"""
-
-
-@pytest.mark.slow
-def test_accounts_that_several_programs_add_at_once_are_all_kept(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("capture.station.domain.private_file.PATIENCE_S", 600.0)
-    programs = [
-        subprocess.Popen(
-            [sys.executable, "-c", ADD_TOKENS, str(folder), name],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        for name in ("a", "b")
-    ]
-    for program in programs:
-        assert program.stdout is not None
-        assert program.stdout.readline() == "ready\n"
-    for program in programs:
-        assert program.stdin is not None
-        program.stdin.write("\n")
-        program.stdin.flush()
-    tokens = Tokens(folder)
-    for number in range(10):
-        tokens.add(f"c-{number}", Role.OPERATOR)
-    for program in programs:
-        program.communicate(timeout=60)
-        assert program.returncode == 0
-    assert len(tokens.all()) == 30
-
-
 def test_a_file_that_another_program_holds_is_left_as_it_is(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -190,38 +134,9 @@ def test_a_file_that_another_program_holds_is_left_as_it_is(
     assert Users(folder).all() == ()
 
 
-@pytest.mark.slow
-def test_a_running_panel_refuses_a_removed_user_at_once(panel: RunningPanel) -> None:
-    folder = panel.bench.folder.path
-
-    def command(*words: str) -> None:
-        given = [sys.executable, "-m", "capture", "station", *words]
-        subprocess.run(given, check=True, timeout=120, input=f"{PASSWORD}\n", text=True)
-
-    panel.panel.users.put("root", Role.ADMINISTRATOR, PASSWORD)
-    panel.panel.users.put("kim", Role.OPERATOR, PASSWORD)
-    browser, program = panel.local, panel.client(Role.OPERATOR)
-    assert browser.log_in("kim").status == 303
-    assert browser.get("/api/v1/state").status == program.get("/api/v1/state").status == 200
-    command("user", "remove", str(folder), "kim")
-    command("token", "remove", str(folder), "client-operator")
-    assert browser.get("/api/v1/state").status == 401
-    assert browser.log_in("kim").status == 401
-    assert program.get("/api/v1/state").status == 401
-    audit = panel.client(Role.ENGINEER).get("/api/v1/audit").json["changes"]
-    assert [row["what"] for row in audit] == ["login as kim", "client client-operator", "user kim"]
-
-
 @pytest.mark.parametrize(
     "text",
-    [
-        "{",
-        "[]",
-        '{"users": [{"name": "ada"}]}',
-        '{"users": [], "more": 1}',
-        '{"users": [{"name": "a", "role": "king", "password": "x"}]}',
-        10_000 * "[",
-    ],
+    ["{", '{"users": [{"name": "a", "role": "king", "password": "x"}]}', 10_000 * "["],
 )
 def test_a_damaged_file_lets_nobody_in_and_is_named(folder: Path, text: str) -> None:
     (folder / "users.json").write_text(text)
@@ -242,7 +157,6 @@ def test_a_token_is_kept_as_a_hash(folder: Path) -> None:
     assert token not in (folder / "tokens.json").read_text()
     assert stat.S_IMODE((folder / "tokens.json").stat().st_mode) == 0o600
     found = Tokens(folder).find(token)
-    assert found is not None
     assert (found.name, found.role) == ("mes", Role.OPERATOR)
     assert tokens.find(token + "x") is None
     assert tokens.find("\udcff") is None
@@ -287,13 +201,11 @@ def test_a_session_outlives_the_panel_and_has_the_present_role(folder: Path) -> 
     sessions = Sessions(folder, users, lambda: now_s[0])
     ada, kim = (sessions.begin(user) for user in users.all())
     before = sessions.find(kim)
-    assert before is not None
     assert restarted(folder).find(kim) == before
     assert restarted(folder, LONGEST_S).find(kim) == before
     assert restarted(folder, LONGEST_S + 1.0).find(kim) is None
     after = restarted(folder)
     other = after.find(ada)
-    assert other is not None
     assert other.csrf != before.csrf
     mode = (folder / "sessions.json").stat().st_mode
     assert stat.S_IMODE(mode) == 0o600
@@ -413,7 +325,6 @@ def test_commands_add_list_and_remove_users_and_tokens(
     assert "ada" in ps4rig("station", "user", "list", folder).stdout
     token = ps4rig("station", "token", "add", folder, "mes", "--role", "operator").stdout.strip()
     found = Tokens(folder).find(token)
-    assert found is not None
     assert found.name == "mes"
     assert "mes" in ps4rig("station", "token", "list", folder).stdout
     assert ps4rig("station", "token", "remove", folder, "mes").exit_code == 0

@@ -1,13 +1,9 @@
-"""Every page of the panel in Chromium: axe-core, console, keyboard, screens, first paint.
-
-The pages are those of the table of routes. ``-s`` prints how long each takes to its first paint.
-"""
+"""Every page of the panel in Chromium, by the table of routes: axe-core, keyboard, screens."""
 
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import urlsplit
 
-import numpy as np
 import pytest
 
 from capture.station.domain.roles import Role
@@ -34,7 +30,6 @@ LETTERS_PX = """
 [...document.querySelectorAll('.drawing text')].map(
   (each) => parseFloat(getComputedStyle(each).fontSize) * each.getScreenCTM().a)
 """
-FIRST_PAINT = "performance.getEntriesByName('first-contentful-paint')"
 pytestmark = [pytest.mark.browser]
 
 
@@ -102,23 +97,6 @@ def test_a_report_is_for_everybody(
     assert grave_findings(administrator) == []
     assert missed_by_tab(administrator) == []
     assert administrator.errors() == []
-
-
-def test_the_fastest_quarter_of_pages_is_painted_within_a_second(
-    station: ServedPanel, administrator: Page
-) -> None:
-    """Without a cache. The lower quartile counts: a busy machine paints the others late."""
-    administrator.call("Page.bringToFront")  # a page that nobody sees is not painted
-    administrator.call("Network.enable")
-    administrator.call("Network.setCacheDisabled", cacheDisabled=True)
-    took_ms = {}
-    for route in PAGES:
-        administrator.go(address_of(route, station))
-        administrator.until(f"{FIRST_PAINT}.length")
-        took_ms[route.path] = administrator.value(f"{FIRST_PAINT}[0].startTime")
-    for path, paint_ms in took_ms.items():
-        print(f"first paint of {path}: {paint_ms:.0f} ms")
-    assert np.percentile(list(took_ms.values()), 25) < 1000.0
 
 
 def test_an_engineer_finds_a_part_and_opens_it_by_the_keyboard_alone(

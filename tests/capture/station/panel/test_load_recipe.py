@@ -12,6 +12,7 @@ from capture.station.domain.roles import Role
 from capture.station.judge.approval import approve
 from capture.station.run.events import RecipeLoaded
 from capture.station.run.triggers import Asker, RecipeRefusal, RecipeRefused
+from tests.capture.station.panel.pages import logged_in
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel, running_panel
 from tests.capture.station.stations import FIRST, FakeRecipes
 from tests.chromium import chromium
@@ -71,7 +72,6 @@ def test_a_recipe_that_is_refused_has_its_reason_and_the_old_one_runs(line: Runn
     def refuse(_: str) -> None:
         raise RecipeRefused("part 3 is UNKNOWN", RecipeRefusal.CHALLENGE)
 
-    assert line.bench.recipes is not None
     line.bench.recipes.on_load = refuse
     client = line.client(Role.ENGINEER)
     answer = client.post(f"{API}/load")
@@ -109,7 +109,6 @@ def test_the_button_names_the_hash_of_the_recipe_on_the_page(
     for path in ("/recipes", "/recipes/example"):
         assert f'name="sha256" value="{sha256}"><button aria-label="Load' in kim.get(path).text
     line.parts(1, line.client(Role.ENGINEER))
-    assert line.bench.recipes is not None
     assert kim.form("/recipes/example/load", sha256=sha256).status == 303
     assert line.bench.recipes.asker == Asker("kim", Role.ENGINEER, sha256, "page")
     assert line.client(Role.ENGINEER).post(f"{API}/load", {"sha256": sha256}).status == 200
@@ -121,12 +120,7 @@ def test_a_recipe_is_loaded_by_the_keyboard_and_the_operator_sees_it(
     line: RunningPanel, tmp_path: Path
 ) -> None:
     with chromium(tmp_path / "profile") as browser:
-        engineer = browser.page(f"{line.url}login")
-        engineer.type("kim")
-        engineer.press("Tab")
-        engineer.type(PASSWORD)
-        engineer.press("Enter")
-        engineer.until_at("/")
+        engineer = logged_in(browser, line, "kim")
         operator = browser.page(line.url)
         assert operator.text("recipe").startswith(FIRST)
         engineer.go(f"{line.url}recipes")

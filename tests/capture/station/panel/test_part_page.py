@@ -122,29 +122,10 @@ def moved(page: Page, across: float, down: float) -> None:
     page.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
 
 
-# The shortest of several drawings of a megapixel, in ms.
-DRAWN_MS = """(async () => {
-  const { Relit } = await import("/static/relit.js");
-  const flat = new OffscreenCanvas(1024, 1024);
-  flat.getContext("2d").fillRect(0, 0, 1024, 1024);
-  const picture = await createImageBitmap(flat);
-  Object.assign(picture, { naturalWidth: 1024, naturalHeight: 1024 });
-  const relit = new Relit(document.createElement("canvas"), picture, picture);
-  const ms = Array.from({ length: 10 }, () => {
-    const began = performance.now();
-    relit.turn(5, 1);
-    relit.draw();
-    return performance.now() - began;
-  });
-  return Math.min(...ms);
-})()"""
-
-
 @pytest.mark.browser
 def test_the_light_of_the_relit_view_follows_mouse_and_keys(
     scratched: RunningPanel, browser: Chromium
 ) -> None:
-    """``-s`` prints how long a megapixel takes to draw."""
     (part_id,) = scratched.parts(1)
     page = browser.page(f"{scratched.url}parts/{part_id}")
     page.until(f"{SHOWN} && light.textContent.includes('tilt 135')")
@@ -168,7 +149,6 @@ def test_the_light_of_the_relit_view_follows_mouse_and_keys(
     page.value("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
     seen.add(lit(page))
     assert len(seen) == 6
-    print(f"a megapixel is relit in {page.value(DRAWN_MS):.1f} ms")
     assert page.errors() == []
 
 
@@ -192,22 +172,6 @@ def test_three_presses_lead_from_the_verdict_to_the_defect(
     page.until("!shown.hidden && shown.complete && shown.naturalWidth == 32 && relit.hidden")
     assert grave_findings(page) == []
     assert page.errors() == []
-
-
-@pytest.mark.browser
-def test_many_defects_leave_the_views_beside_the_picture(
-    scratched: RunningPanel, browser: Chromium
-) -> None:
-    scratched.bench.inspector.inspect = lambda _: Scratched(defects=22 * (SCRATCH,))
-    (part_id,) = scratched.parts(1)
-    page = browser.page(f"{scratched.url}parts/{part_id}", 1280, 800)
-    page.until(SHOWN)
-    assert page.value("document.querySelectorAll('#defects button').length") == 22
-    assert page.value("views.getBoundingClientRect().top < stage.getBoundingClientRect().bottom")
-    page.show(390, 844)
-    assert page.value("document.scrollingElement.scrollWidth") <= 390
-    narrowest = "Math.min(...[...document.querySelectorAll('dd')].map((each) => each.clientWidth))"
-    assert page.value(narrowest) > 150
 
 
 @pytest.mark.browser

@@ -144,7 +144,6 @@ def test_pictures_are_made_once_for_all_who_ask_and_a_full_queue_says_so(
     result = next(panel.bench.store.parts(Selection(part_id=part_id))).result
     path, maker = set_file(panel, part_id), panel.panel.pictures
     future = maker.ask(result, path, "small")
-    assert future is not None
     assert maker.ask(result, path, "small") is future
     others = [replace(result, part_id=f"other-{number}") for number in range(MOST_WAITING)]
     asked = [maker.ask(other, path, "small") for other in others]
@@ -175,7 +174,6 @@ def test_the_memory_of_kept_pictures_is_bounded(
 
     def ask(number: int) -> None:
         future = maker.ask(replace(result, part_id=f"part-{number}"), path, "small")
-        assert future is not None
         assert future.result(60).pictures["albedo"].content == content
 
     for number in (1, 2, 1, 3, 1, 2):  # 2 is dropped for 3: 1 was asked for later

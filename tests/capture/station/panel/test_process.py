@@ -103,10 +103,8 @@ def started(station: Path, *options: str) -> Iterator[Run]:
         [*command, "--trigger", "timer", *options],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
     ) as process:  # fmt: skip
-        assert process.stderr is not None
         assert process.stdout is not None
         found = re.search(r"panel: (http://\S+)", process.stderr.readline())
-        assert found is not None
         running, output = Run(process, Client(found[1])), process.stdout
 
         def read() -> None:
@@ -183,9 +181,7 @@ def test_a_panel_of_its_own_outlives_runs(
     configure(station, timer_s=0.3)
     command = [sys.executable, "-m", "capture", "station", "panel", str(station), "--port", "0"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stderr is not None
         found = re.search(r"panel: (http://\S+)", process.stderr.readline())
-        assert found is not None
         client = Client(found[1])
         assert client.get("/api/v1/state").json["reason"] == NO_RUN
         command[4:] = ["run", str(station), "--no-panel", "--trigger", "http", "--parts", "1"]

@@ -99,8 +99,3 @@ def test_the_order_of_roles_is_total() -> None:
         [True, True, False],
         [True, True, True],
     ]
-
-
-def test_other_methods_are_refused(clients: dict[Role, Client]) -> None:
-    for method in ("PUT", "PATCH", "OPTIONS", "TRACE"):
-        assert clients[Role.ADMINISTRATOR].ask(method, "/api/v1/state").status == 405

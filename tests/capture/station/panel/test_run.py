@@ -1,9 +1,6 @@
 """`ps4rig station run` with its panel."""
 
-import re
 import socket
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +10,9 @@ from capture.commands.station.interfaces import panel_settings, running_interfac
 from capture.station.domain.errors import CannotListen
 from capture.station.domain.folder import StationFolder, make_station
 from capture.station.domain.interface_config import PanelConfig
-from capture.station.domain.recipe_folder import RecipeFolder
-from capture.station.judge.approval import approve
 from capture.station.run.live_socket import NAME
 from capture.station.run.live_station import LiveStation
 from classify.base.errors import ConfigError
-from tests.capture.station.panel.panels import Client
 
 
 def test_a_taken_port_stops_only_a_run_that_asked_for_the_panel(
@@ -58,37 +52,6 @@ def test_the_command_line_changes_host_and_port_alone() -> None:
     assert panel_settings(configured, None, 0).port == 0
     with pytest.raises(ConfigError, match=r"--host, --port: host.*give an IP address"):
         panel_settings(configured, "evil.example", None)
-
-
-@pytest.mark.slow
-def test_a_run_prints_the_address_of_its_panel_and_takes_its_triggers(
-    station: Path, files: RecipeFolder, small_rig: Path
-) -> None:
-    assert small_rig
-    approve(files, "Ada")
-    options = ("--port", "0", "--trigger", "http", "--parts", "3")
-    command = (sys.executable, "-m", "capture", "station", "run", str(station), *options)
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as run:
-        assert run.stdout is not None
-        assert run.stderr is not None
-        found = re.search(r"panel: (http://\S+)", run.stderr.readline())
-        assert found is not None
-        client = Client(found[1])
-        seen = []
-        while len(seen) < 2:
-            answer = client.post("/api/v1/trigger")
-            if answer.status == 202:
-                part = client.get(f"{answer.headers['location']}?wait_s=30").json
-                seen.append(f"{part['part_id']} {part['verdict']}, simulated")
-        # The panel ends with the last part: nothing is asked of that one.
-        while client.post("/api/v1/trigger").status != 202:
-            pass
-        said = run.stdout.read()
-    judged = [line.partition(":")[0] for line in said.splitlines() if "simulated:" in line]
-    assert (judged[:2], len(judged)) == (seen, 3)
-    assert run.returncode in (0, 1)
 
 
 def test_an_unsafe_panel_ends_the_run_at_its_start(ps4rig: Any, tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ import shutil
 import socket
 import ssl
 import time
-import tracemalloc
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -60,45 +59,38 @@ def answer_to(panel: RunningPanel, text: bytes) -> bytes:
 # Hosts and sites.
 
 
-@pytest.mark.parametrize("host", ["evil.example", "127.0.0.1.evil.example", "127.0.0.2", "a@b", ""])
-def test_another_name_of_this_machine_is_refused(without_users: RunningPanel, host: str) -> None:
+def test_another_name_of_this_machine_is_refused(without_users: RunningPanel) -> None:
     """DNS rebinding: the page of another site asks for its own name."""
-    for path in ("/", "/static/without_users.css", "/api/v1/state", "/nowhere"):
-        answer = without_users.local.get(path, Host=host)
-        assert answer.status == 421
-        assert f"Host {host!r}" in answer.text
-
-
-def test_this_machine_may_be_called_localhost(without_users: RunningPanel) -> None:
-    port = urlsplit(without_users.url).port
-    for host in (f"localhost:{port}", f"127.0.0.1:{port}", f"[::1]:{port}", "LOCALHOST"):
-        assert without_users.local.get("/api/v1/state", Host=host).status == 200
-
-
-def test_a_second_host_header_is_refused(without_users: RunningPanel) -> None:
+    for path in ("/", "/static/panel.css", "/api/v1/state", "/nowhere"):
+        answer = without_users.local.get(path, Host="evil.example")
+        assert (answer.status, "Host 'evil.example'" in answer.text) == (421, True)
     both = b"GET / HTTP/1.1\r\nHost: HOST\r\nHost: evil.example\r\nConnection: close\r\n\r\n"
-    assert answer_to(without_users, both).split()[1] in (b"400", b"421")
-    none = b"GET / HTTP/1.0\r\n\r\n"
-    assert answer_to(without_users, none).split()[1] in (b"400", b"421")
+    for several_or_none in (both, b"GET / HTTP/1.0\r\n\r\n"):
+        assert answer_to(without_users, several_or_none).split()[1] in (b"400", b"421")
 
 
 @pytest.mark.parametrize(
-    ("host", "accepted"),
+    ("host", "address", "accepted"),
     [
-        ("line-3.example", True),
-        ("LINE-3.example:8443", True),
-        ("192.0.2.7:8443", True),
-        ("192.0.2.8", False),
-        ("localhost", False),
-        ("evil.example", False),
-        ("line-3.example@evil.example", False),
-        ("[::1", False),
+        ("localhost:8100", "127.0.0.1", True),
+        ("LOCALHOST", "::1", True),
+        ("[::1]:8100", "127.0.0.1", True),
+        ("127.0.0.1.evil.example", "127.0.0.1", False),
+        ("127.0.0.2", "127.0.0.1", False),
+        ("line-3.example", "192.0.2.7", True),
+        ("LINE-3.example:8443", "::ffff:192.0.2.7", True),
+        ("192.0.2.7:8443", "::ffff:192.0.2.7", True),
+        ("192.0.2.8", "192.0.2.7", False),
+        ("localhost", "192.0.2.7", False),
+        ("line-3.example@evil.example", "192.0.2.7", False),
+        ("[::1", "192.0.2.7", False),
+        ("", "192.0.2.7", False),
     ],
 )
-def test_beyond_this_machine_its_names_and_its_address_are_known(host: str, accepted: bool) -> None:
-    rule = HostRule(frozenset({"line-3.example"}))
-    for address in ("192.0.2.7", "::ffff:192.0.2.7"):
-        assert rule.accepts(host, address) is accepted
+def test_only_names_and_addresses_of_the_station_are_accepted(
+    host: str, address: str, accepted: bool
+) -> None:
+    assert HostRule(frozenset({"line-3.example"})).accepts(host, address) is accepted
 
 
 @pytest.mark.parametrize(
@@ -115,18 +107,13 @@ def test_a_change_that_another_site_sends_is_refused(
 ) -> None:
     panel.until_ready()
     for path in ("/api/v1/trigger", "/login", "/logout"):
-        assert panel.local.post(path, **headers).status == 403
+        answer = panel.local.post(path, **headers)
+        assert answer.status == 403
+        for named in (panel.local.host, *headers.values(), "proxy_set_header Host"):
+            assert named in answer.text
     assert panel.bench.rows() == []
     own = {"Origin": panel.url.rstrip("/"), "Sec_Fetch_Site": "same-origin"}
     assert panel.local.post("/api/v1/trigger", **own).status == 202
-
-
-def test_a_refused_change_names_what_differs(without_users: RunningPanel) -> None:
-    """Behind a proxy that sends its own Host, every change is refused."""
-    answer = without_users.local.post("/api/v1/trigger", Origin="https://line-3.example")
-    assert answer.status == 403
-    for named in (without_users.local.host, "https://line-3.example", "proxy_set_header Host"):
-        assert named in answer.json["error"]
 
 
 def test_a_change_of_a_session_needs_its_token(with_users: RunningPanel) -> None:
@@ -245,25 +232,17 @@ def test_a_large_head_is_refused(without_users: RunningPanel) -> None:
 @pytest.mark.parametrize(
     ("kind", "body", "status"),
     [
-        ("application/json", b"{", 400),
-        ("application/json", b"[1]", 400),
-        ("application/json", b'{"part_id": 7}', 400),
-        ("application/json", b'{"part_id": NaN}', 400),
         ("application/json", 60_000 * b"[", 400),
         ("application/json", b"\xff\xfe", 400),
         ("application/x-www-form-urlencoded", b"part_id=A-1", 415),
-        ("multipart/form-data", b"x", 415),
-        ("text/plain", b"x", 415),
     ],
 )
-def test_a_body_that_is_none_is_refused(
+def test_a_body_that_is_no_json_is_refused(
     without_users: RunningPanel, kind: str, body: bytes, status: int
 ) -> None:
     head = b"POST /api/v1/trigger HTTP/1.1\r\nHost: HOST\r\nConnection: close\r\n"
     about = f"Content-Type: {kind}\r\nContent-Length: {len(body)}\r\n\r\n".encode()
-    answer = answer_to(without_users, head + about + body)
-    assert int(answer.split()[1]) == status
-    assert b"Traceback" not in answer
+    assert int(answer_to(without_users, head + about + body).split()[1]) == status
 
 
 @pytest.mark.parametrize("body", [2 * security.MAX_FIELDS * b"a=b&", b"a=%ff"])
@@ -301,11 +280,6 @@ def test_a_malformed_request_is_no_error_of_the_panel(
                 pass
     assert without_users.local.get("/").status == 200
     assert not [each for each in caplog.records if each.levelname == "ERROR"]
-
-
-def test_a_malformed_body_is_refused(without_users: RunningPanel) -> None:
-    head = b"POST /api/v1/trigger HTTP/1.1\r\nHost: HOST\r\nTransfer-Encoding: chunked\r\n\r\n"
-    assert answer_to(without_users, head + b"zz\r\n").split()[1] == b"400"
 
 
 # Slowness.
@@ -451,32 +425,6 @@ def test_the_cookie_is_out_of_reach_of_scripts_and_other_sites(with_users: Runni
     assert "SameSite=strict" in cookie
 
 
-def test_a_session_ends_with_logout_password_and_user(panel: RunningPanel) -> None:
-    users = panel.panel.users
-    users.put("ada", Role.ADMINISTRATOR, PASSWORD)
-    for end in (
-        lambda browser: browser.form("/logout"),
-        lambda _: users.put("ada", Role.ADMINISTRATOR, PASSWORD + "!"),
-    ):
-        users.put("ada", Role.ADMINISTRATOR, PASSWORD)
-        browser = panel.local
-        assert browser.log_in("ada").status == 303
-        assert browser.get("/").status == 200
-        end(browser)
-        assert browser.get("/").status == 303
-        assert browser.get("/api/v1/state").status == 401
-
-
-def test_a_role_that_is_taken_away_is_gone_at_once(panel: RunningPanel) -> None:
-    users = panel.panel.users
-    users.put("root", Role.ADMINISTRATOR, PASSWORD)
-    users.put("ada", Role.ENGINEER, PASSWORD)
-    token = panel.client(Role.ENGINEER)
-    assert token.get("/api/v1/audit").status != 403
-    panel.panel.tokens.remove("client-engineer")
-    assert token.get("/api/v1/audit").status == 401
-
-
 def test_a_wrong_password_and_an_unknown_name_get_the_same_answer(
     with_users: RunningPanel,
 ) -> None:
@@ -529,23 +477,12 @@ def test_few_passwords_wait_and_further_logins_are_answered_at_once(
     assert with_users.local.log_in("operator").status == 303
 
 
-def test_failed_logins_with_long_names_take_little_memory() -> None:
-    limit = LoginLimit(lambda: 0.0)
-    tracemalloc.start()
-    try:
-        for number in range(300):
-            limit.begin(f"{number}{'x' * MAX_BODY_BYTES}", f"192.0.2.{number}")
-        assert tracemalloc.get_traced_memory()[0] < 1_000_000
-    finally:
-        tracemalloc.stop()
-
-
 def test_the_number_of_failed_logins_that_are_counted_is_bounded() -> None:
     limit = LoginLimit(lambda: 0.0)
 
     def fail(first: int, last: int) -> None:
         for number in range(first, last):
-            limit.begin(f"name-{number:06d}", f"address-{number:06d}")
+            limit.begin(f"name-{number:06d}{'x' * MAX_BODY_BYTES}", f"address-{number:06d}")
 
     assert growth_bytes(fail, 0, 6_000, 18_000) < 100_000
 
@@ -678,19 +615,6 @@ def test_tls_files_that_cannot_be_used_are_named(
 def test_a_proxy_cannot_be_passed_by() -> None:
     with pytest.raises(ValueError, match="requests could bypass the proxy"):
         PanelConfig(host="0.0.0.0", behind_proxy=True)
-
-
-def test_texts_that_no_encoding_holds_are_refused(with_users: RunningPanel) -> None:
-    browser = with_users.local
-    browser.log_in("operator")
-    surrogate = {"part_id": "\ud800"}
-    assert browser.post("/api/v1/trigger", surrogate).status == 403
-    form = {"csrf": "\ufffd"}
-    assert browser.ask("POST", "/logout", form=form).status == 403
-    with_users.until_ready()
-    refused = browser.post("/api/v1/trigger", surrogate, X_CSRF_Token=browser.csrf)
-    assert refused.status == 409
-    assert "give 1 to 100 letters" in refused.json["error"]
 
 
 @pytest.mark.slow

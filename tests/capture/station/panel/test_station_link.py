@@ -112,7 +112,6 @@ def test_a_panel_shows_what_the_run_shows(folder: StationFolder) -> None:
         live.publish(PartAnnounced(result(1, error(Cause.CAPTURE)), 12.0))
         until(lambda: same(link, live))
         subscription = link.subscribe()
-        assert subscription is not None
         for event in (
             LOADED,
             StateChanged(State.ERROR, Change.FAILED, why="disk: 3 MB free"),

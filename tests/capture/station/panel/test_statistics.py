@@ -71,7 +71,8 @@ def test_few_statistics_are_made_at_a_time(filled: RunningPanel) -> None:
     with ExitStack() as others:
         for _ in range(MOST_RECKONING):
             others.enter_context(filled.panel.reckoning.taken())
-        for path in ("/statistics", "/api/v1/statistics", "/api/v1/statistics/yield.png"):
+        calls = ("parts.csv", "statistics", "statistics/yield.png")
+        for path in ("/statistics", *(f"/api/v1/{call}" for call in calls)):
             answer = filled.local.get(f"{path}?simulated=only")
             assert (answer.status, answer.headers["retry-after"]) == (503, "2")
         assert filled.local.get("/api/v1/state").status == 200
@@ -173,29 +174,11 @@ def test_each_figure_has_its_numbers_as_csv_and_its_picture(filled: RunningPanel
         png = filled.local.get(f"/api/v1/statistics/{name}.png")
         assert png.headers["content-type"] == "image/png"
         image = cv2.imdecode(np.frombuffer(png.body, np.uint8), cv2.IMREAD_COLOR)
-        assert image is not None
         assert image.shape[1] == 960
         assert len(np.unique(image)) > 10
     missing = filled.local.get("/api/v1/statistics/gauge.csv")
     assert missing.status == 404
     assert "not among those of the selected parts: yield, causes" in missing.json["error"]
-
-
-@pytest.mark.parametrize(
-    ("address", "said"),
-    [
-        ("/history?verdict=MAYBE", "verdict"),
-        ("/history?since=yesterday", "since yesterday: give a date or a time"),
-        ("/history?below=no", "below: "),
-        ("/statistics?simulated=true", 'simulated = "true"'),
-        ("/statistics?verdict=FAIL", 'verdict = "FAIL": unknown key'),
-        ("/statistics?until=now", "give a date or a time"),
-    ],
-)
-def test_a_wrong_filter_is_named_on_the_page(filled: RunningPanel, address: str, said: str) -> None:
-    answer = filled.local.get(address)
-    assert answer.status == 400
-    assert said in unescape(answer.text)
 
 
 def test_the_form_of_a_page_is_on_the_clock_of_the_station(
@@ -209,7 +192,6 @@ def test_the_form_of_a_page_is_on_the_clock_of_the_station(
     assert 'name="since" value="2026-11-22T00:00"' in page
     assert 'name="until" value="2026-07-01T08:30"' in page
     link = re.search(r'/api/v1/parts.csv\?([^"]*)', page)
-    assert link is not None
     query = dict(parse_qsl(unescape(link[1])))
     assert query["since"] == "2026-11-22T05:00:00.000Z"
     assert query["until"] == "2026-07-01T12:30:59.999Z"
@@ -229,7 +211,8 @@ def test_a_selection_without_parts_says_so(filled: RunningPanel) -> None:
     assert "No parts are selected" in filled.local.get("/history?class=none").text
     page = filled.local.get("/statistics?class=none")
     assert (page.status, "No parts are selected" in page.text) == (200, True)
-    assert statistics_of(filled, "class=none")["figures"] == {}
+    for query in ("class=none", "recipe=../station"):
+        assert statistics_of(filled, query)["figures"] == {}
 
 
 def test_the_last_gauge_study_is_shown_with_parts_of_its_rig(filled: RunningPanel) -> None:
@@ -252,5 +235,8 @@ def test_the_last_gauge_study_is_shown_with_parts_of_its_rig(filled: RunningPane
         files.gauge.unlink()
 
 
-def test_a_recipe_that_cannot_be_has_no_gauge_study(filled: RunningPanel) -> None:
-    assert statistics_of(filled, "recipe=../station")["parts"] == 0
+@pytest.mark.parametrize("page", ["history", "statistics"])
+def test_a_wrong_filter_is_named_on_the_page(filled: RunningPanel, page: str) -> None:
+    for name in ("since", "below" if page == "history" else "verdict"):
+        answer = filled.local.get(f"/{page}?{name}=yesterday")
+        assert (answer.status, name in answer.text) == (400, True)

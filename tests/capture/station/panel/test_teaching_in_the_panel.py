@@ -1,23 +1,15 @@
-"""Teaching and challenge from the panel, in Chromium by the keyboard and by HTTP.
+"""Teaching and challenge from the panel, in Chromium by the keyboard and by HTTP."""
 
-``pytest -s -m slow -k teaching_in`` prints what a job costs the parts of a running station;
-``PARTS`` is their number, 60 by default.
-"""
-
-import os
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from capture.station.domain.recipe_file import read_recipe, write_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.domain.roles import Role
-from capture.station.domain.verdict import Decision
-from capture.station.judge.inspector import Inspector
-from tests.capture.station.panel.panels import JOB_S, PASSWORD, Client, RunningPanel, running_panel
+from tests.capture.station.panel.pages import logged_in
+from tests.capture.station.panel.panels import JOB_S, PASSWORD, RunningPanel, running_panel
 from tests.capture.station.teaching_sets import acknowledge_faults, patch
 from tests.chromium import Chromium, Page, chromium
 
@@ -61,11 +53,8 @@ def until_the_job_ends(page: Page) -> str:
 def test_two_textures_are_taught_challenged_and_approved_by_the_keyboard_alone(
     line: RunningPanel, browser: Chromium
 ) -> None:
-    page = browser.page(f"{line.url}recipes")  # leads to the login
-    page.type("kim")
-    page.press("Tab")
-    page.type(PASSWORD)
-    page.press("Enter")
+    page = logged_in(browser, line, "kim")
+    page.go(f"{line.url}recipes")
 
     def use(parts: list[str], button: str, texture: str = "", downs: int = 0) -> None:
         """Choose parts, name their texture, choose a verdict by the arrow, press a button."""
@@ -83,7 +72,6 @@ def test_two_textures_are_taught_challenged_and_approved_by_the_keyboard_alone(
         page.tab_to(f"button[value={button}]")
         page.press("Enter")
 
-    page.until_at("/recipes")
     page.tab_to("main button")
     page.press("Enter")  # the name of the configured recipe is there
     use(ids("rock")[:3], "good", "rock")
@@ -131,45 +119,3 @@ def test_the_log_of_changes_names_each_setting_that_teaching_changed(
     assert row["what"] == "recipe example: limits_of.rock.sdq"
     assert (row["before"], row["after"]) == ("0.3, 0.4", ", ".join(map(str, measured.sdq)))
     assert any("sdq = 0.3, 0.4 is replaced" in remark for remark in job["result"]["remarks"])
-
-
-@pytest.mark.slow
-def test_a_job_of_teaching_leaves_the_parts_of_the_station_as_fast_as_they_were(
-    station: Path,
-) -> None:
-    """Other programs share the processors of a test, and slow down most parts, but not all."""
-    count = int(os.environ.get("PARTS", "60"))
-    with running_panel(station, patch("rock", 3)) as line:
-        inspector = Inspector.load(line.panel.folder.recipe_files())
-        line.bench.inspector.inspect = inspector.inspect
-        client = line.client(Role.ENGINEER)
-        line.parts(5, client)  # kernels are loaded
-        alone_ms = np.array([times_ms(line, client) for _ in range(count)])
-        answer = client.post("/api/v1/recipes/example/teach", {})
-        assert answer.status == 202, answer.text
-        beside = []
-        ends_s = time.monotonic() + JOB_S
-        while (job := client.get("/api/v1/job").json)["status"] == "running":
-            assert time.monotonic() < ends_s
-            beside.append(times_ms(line, client))
-        assert job["result"]["version"] == 3, job
-        after_ms = np.array([times_ms(line, client) for _ in range(count)])
-        assert all(each is Decision.PASS for _, each in line.bench.announced())
-    assert beside
-    beside_ms = np.array(beside)
-    for name, each in (("alone", alone_ms), ("beside a job", beside_ms)):
-        p50_ms, p99_ms = np.percentile(each[:, 0], [50, 99])
-        print(f"{name}: {len(each)} parts, p50 {p50_ms:.1f} ms, p99 {p99_ms:.1f} ms")
-    # Other tests may begin or end meanwhile.
-    latency_ms, processor_ms = np.maximum(*(np.median(e, axis=0) for e in (alone_ms, after_ms)))
-    assert np.percentile(beside_ms[:, 0], 10) < 3.0 * latency_ms
-    assert np.median(beside_ms[:, 1]) < 3.0 * processor_ms
-
-
-def times_ms(line: RunningPanel, client: Client) -> tuple[float, float]:
-    """Another part's latency from its last exposure, and the processor time of this process."""
-    begun_s = time.process_time()
-    line.parts(1, client)
-    latency = line.live.snapshot().latency_ms
-    assert latency is not None
-    return latency, 1e3 * (time.process_time() - begun_s)

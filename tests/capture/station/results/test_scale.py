@@ -1,17 +1,12 @@
-"""Months of results: memory of a run, time of a row, reading of the history.
-
-``PARTS`` is the number of parts of the run.
-"""
+"""Months of results: the history is read in pages that take no memory."""
 
 import _sqlite3
 import ctypes
 import io
-import os
 import time
 from collections import deque
 from pathlib import Path
 
-import numpy as np
 import pytest
 from sqlalchemy import insert
 
@@ -23,9 +18,7 @@ from capture.station.results.schema import begun_parts, results, stations
 from capture.station.results.store import BegunPart, ResultStore, open_store
 from tests.memory_growth import resident_mb
 
-from .parts import UTC, begin, result_of
-
-PARTS = int(os.environ.get("PARTS", "2000"))
+from .parts import UTC, result_of
 
 
 def sqlite_bytes() -> int:
@@ -33,31 +26,6 @@ def sqlite_bytes() -> int:
     used = ctypes.CDLL(_sqlite3.__file__).sqlite3_memory_used
     used.restype = ctypes.c_int64
     return used()
-
-
-@pytest.mark.slow
-def test_memory_of_a_run_does_not_grow_with_its_parts(tmp_path: Path) -> None:
-    with open_store(str(tmp_path / "results.sqlite"), "line-1", create=True) as store:
-        took_s = []
-        for number in range(1, PARTS + 1):
-            begun = begin(store)
-            result = result_of(begun, timings_ms={"inspect": 40.0}, led_levels=(1.0,) * 4)
-            began_s = time.perf_counter()
-            store.add(result)
-            took_s.append(time.perf_counter() - began_s)
-            if number == PARTS // 10:
-                early_mb = resident_mb()
-        grown_mb = resident_mb() - early_mb
-        files = len(list(Path("/proc/self/fd").iterdir()))
-        p50, p99 = np.percentile(np.array(took_s) * 1e3, (50, 99))
-        size = (tmp_path / "results.sqlite").stat().st_size
-        print(
-            f"\n{PARTS} parts: add() {p50:.2f} ms at p50, {p99:.2f} ms at p99; memory "
-            f"+{grown_mb:.1f} MB after the first tenth; {files} open files; {size / PARTS:.0f} "
-            "bytes a part"
-        )
-        assert grown_mb < 10.0
-        assert store.counters().production.parts == PARTS
 
 
 @pytest.fixture

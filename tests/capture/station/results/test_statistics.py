@@ -1,15 +1,7 @@
-"""Figures over many parts, against the same counted one by one.
+"""Figures over many parts, against the same counted one by one."""
 
-``PARTS`` is the number of parts of which the time is taken.
-"""
-
-import os
-import time
 from collections import Counter
 from datetime import timedelta, timezone
-from pathlib import Path
-
-import pytest
 
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.results.history import Selection
@@ -23,13 +15,11 @@ from capture.station.results.statistics import (
     counted_periods,
     newest_measured,
 )
-from capture.station.results.store import ResultStore, open_store
-from capture.station.run.control_chart import chart_histories
+from capture.station.results.store import ResultStore
 
 from .many import fill, many
 from .parts import inspect
 
-PARTS = int(os.environ.get("PARTS", "2000"))
 PRODUCTION = Selection(simulated=False)
 
 
@@ -133,27 +123,3 @@ def test_names_for_a_form_are_those_of_the_parts(store: ResultStore) -> None:
     verdict = Verdict(Decision.ERROR, "LED 2 at 31 %", (Cause.CAPTURE,))
     inspect(store, Decision.ERROR, verdict=verdict)
     assert choices(store) == Choices(("rock", "sand"), ("b",))
-
-
-@pytest.mark.slow
-def test_the_statistics_of_many_parts_are_counted_in_a_moment(tmp_path: Path) -> None:
-    with open_store(str(tmp_path / "results.sqlite"), "line-1", create=True) as store:
-        fill(store, many("line-1", PARTS))
-        took_ms = {}
-        for name, work in (
-            ("counters", lambda: store.counters(PRODUCTION)),
-            ("periods", lambda: counted_periods(store, PRODUCTION)),
-            ("causes", lambda: counted_causes(store, PRODUCTION)),
-            ("charts", lambda: chart_histories(newest_measured(store, PRODUCTION))),
-            ("names", lambda: choices(store)),
-            ("a page of the history", lambda: list(store.parts(PRODUCTION, newest=51))),
-        ):
-            took_s = []
-            for _ in range(3):
-                began_s = time.process_time()
-                work()
-                took_s.append(time.process_time() - began_s)
-            took_ms[name] = 1e3 * min(took_s)
-    figures = ", ".join(f"{name} {ms:.0f} ms" for name, ms in took_ms.items())
-    print(f"\n{PARTS} parts, CPU time: {figures}; together {sum(took_ms.values()):.0f} ms")
-    assert sum(took_ms.values()) < 1000.0

@@ -80,14 +80,3 @@ def test_the_error_of_a_begun_part_is_raised_where_it_is_judged(
     inspector.begin(unchecked(part))
     with pytest.raises(InputError, match="cannot be solved"):
         inspector.inspect(part)
-
-
-def test_an_inspection_leaves_the_warning_filters_of_the_process_alone(
-    inspector: Inspector, part: CapturedSet, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fail(**_: object) -> None:
-        raise AssertionError("it would change them for all threads")
-
-    monkeypatch.setattr("warnings.catch_warnings", fail)
-    inspector.begin(part)
-    assert inspector.inspect(part).measures.match is not None

@@ -159,25 +159,6 @@ def test_a_trigger_during_an_exposure_is_refused_and_recorded(station: Bench) ->
     assert station.announced() == [(*ids(1), Decision.PASS)]
 
 
-def test_a_subscriber_that_hangs_delays_neither_a_trigger_nor_a_stop(
-    station: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("capture.station.run.live_station.MOST_EVENTS", 3)
-    go_on, late = threading.Event(), []
-    station.listen = lambda _: late.append(not go_on.wait(30.0))
-
-    def feed(target: TriggerTarget) -> None:
-        until_ready(target)
-        assert isinstance(trigger(target), Accepted)
-        target.stop()  # type: ignore[attr-defined]
-        assert isinstance(trigger(target), Refused)
-        go_on.set()
-
-    station.run(Manual(feed))
-    assert not any(late)
-    assert station.rows() == station.announced() == [(*ids(1), Decision.PASS)]
-
-
 def test_a_trigger_is_refused_while_all_buffers_wait_for_verdicts(station: Bench) -> None:
     may_end = threading.Event()
 
@@ -447,25 +428,6 @@ def test_a_store_that_fails_strangely_ends_the_run_without_an_announcement(
     assert recovered.result.verdict.causes == (Cause.INTERRUPTED,)
     assert recovered.result.set_file is not None
     assert station.rows() == [(*ids(1), Decision.ERROR), (*ids(2), Decision.PASS)]
-
-
-@pytest.mark.slow
-def test_a_database_that_does_not_answer_holds_results_back(station: Bench) -> None:
-    add, calls = station.store.add, 0
-
-    def added(result: Any) -> Any:
-        nonlocal calls
-        calls += 1
-        if calls < 3:
-            raise ResultsUnavailable("server: connection refused")
-        return add(result)
-
-    station.store.add = added  # type: ignore[method-assign]
-    station.run(one_after_the_other(6), count=4)
-    assert station.rows() == station.announced()
-    assert station.announced() == [(each, Decision.PASS) for each in ids(1, 2, 3, 4)]
-    states = [event.state for event in station.of(StateChanged)]
-    assert State.READY in states[states.index(State.ERROR) :]
 
 
 def test_a_trigger_that_cannot_be_begun_is_refused(station: Bench) -> None:

@@ -17,7 +17,6 @@ def test_triggers_are_refused_exactly_where_a_set_would_reach_the_floor(
 
 def test_the_fault_has_device_value_and_limit() -> None:
     fault = floor_fault(510_000_000, 20_000_000, 500)
-    assert fault is not None
     assert (fault.cause, fault.device) == (Cause.STORAGE, "disk")
     assert (fault.measured, fault.limit) == (510.0, 500.0)
     assert "20 MB" in str(fault)

@@ -3,7 +3,6 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
-from sqlalchemy import Engine, event
 
 from capture.base.utc_time import utc_text
 from capture.station.domain.config import Retention
@@ -13,7 +12,6 @@ from capture.station.results.store import ResultStore, open_store
 from capture.station.run.retention import is_sample, remove_old_sets
 from classify.base.errors import InputError
 from tests.capture.station.days_with_parts import make_days
-from tests.capture.station.results.parts import UTC as UTC_TEXT
 from tests.capture.station.results.parts import inspect
 
 NOW = datetime(2026, 11, 22, 12, tzinfo=UTC)
@@ -108,24 +106,3 @@ def test_the_sample_is_the_same_each_time_and_as_large_as_asked() -> None:
     assert sample == [part_id for part_id in ids if is_sample("line-1", part_id, 20)]
     assert 900 < len(sample) < 1100  # 1000 within 3 standard deviations of 31
     assert all(is_sample("line-1", part_id, 1) for part_id in ids[:50])
-
-
-def test_removals_of_any_number_of_parts_need_the_same_statements(store: ResultStore) -> None:
-    # The driver keeps each text: a station that removes old sets every hour would grow for weeks.
-    texts: set[str] = set()
-
-    @event.listens_for(Engine, "before_cursor_execute")
-    def _note(_connection: object, _cursor: object, text: str, *_: object) -> None:
-        texts.add(text)
-
-    try:
-        known = set[str]()
-        for parts in (2, 3, 5):
-            removed = {inspect(store).part_id: "parts/x" for _ in range(parts)}
-            record_removals(store, removed, UTC_TEXT)
-            record_removals(store, removed, UTC_TEXT)  # after a lost connection
-            known = known or set(texts)
-    finally:
-        event.remove(Engine, "before_cursor_execute", _note)
-    assert texts == known
-    assert all(entry.set_removed_utc for entry in store.parts())

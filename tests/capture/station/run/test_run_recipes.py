@@ -123,7 +123,6 @@ def test_the_light_of_the_recipe_is_that_of_the_rig(
     assert opened_times == 2
     camera = rig.capture(1)[0].metadata.camera
     rig.close()
-    assert camera is not None
     assert camera.exposure_ms == 12.0
 
 

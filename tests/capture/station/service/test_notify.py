@@ -80,26 +80,9 @@ def triggered(target: TriggerTarget) -> None:
     target.submit(Trigger("timer"))
 
 
-@pytest.mark.slow
-def test_a_capture_that_hangs_ends_the_pings(station: Bench, systemd: SystemdSocket) -> None:
-    hangs, may_go_on = threading.Event(), threading.Event()
-
-    def hang(_: int) -> None:
-        hangs.set()
-        assert may_go_on.wait(60.0)
-
-    station.camera.on_capture = hang
-    thread = running(station, triggered)
-    assert hangs.wait(60.0)
-    try:
-        assert_silent(systemd)
-    finally:
-        may_go_on.set()
-        thread.join()
-
-
-def test_a_verdict_that_hangs_ends_the_pings_although_captures_go_on(
-    station: Bench, systemd: SystemdSocket
+@pytest.mark.parametrize("stage", [pytest.param("capture", marks=pytest.mark.slow), "verdict"])
+def test_a_thread_that_hangs_ends_the_pings_although_the_other_goes_on(
+    station: Bench, systemd: SystemdSocket, stage: str
 ) -> None:
     hangs, may_go_on = threading.Event(), threading.Event()
 
@@ -108,7 +91,10 @@ def test_a_verdict_that_hangs_ends_the_pings_although_captures_go_on(
         assert may_go_on.wait(60.0)
         return Said(PASSED)
 
-    station.inspector.inspect = hang
+    if stage == "capture":
+        station.camera.on_capture = hang
+    else:
+        station.inspector.inspect = hang
     thread = running(station, lambda target: (triggered(target), triggered(target)), 2)
     assert hangs.wait(60.0)
     try:
