@@ -32,7 +32,7 @@ _SMALLEST = 0.012
 # steeper, and a camera from above would not see such a surface.
 _MIN_NZ = np.float32(0.26)
 # Squared slope by which a step may overshoot, as accelerated steps do at first. With more they
-# diverge, with less they stop early (test_known_truth.py, thirty textures at slant 70).
+# diverge, with less they stop early (evidence.true_normals, thirty textures at slant 70).
 _OVERSHOOT = np.float32(0.01)
 # Additional weight of the curl, which is zero for every surface, while steps of slope are not.
 _CURL = 2.0

@@ -34,7 +34,7 @@ _NONE_LIT = np.uint8(15)
 _GATE = np.float32(3.0)
 # LED levels are known, and surfaces are Lambertian, to a few percent only: a smaller residual, as
 # a share of the brightness, is taken off no light. All four lights average such errors better
-# than three. tests/rig/test_known_truth.py holds the slope errors that these limits give.
+# than three. tests/evidence/true_normals.py holds the slope errors that these limits give.
 TOLERANCE = np.float32(0.05)
 # Squared slope below which one explanation is not better for being flatter: 0.6 degrees, less than
 # images show at a noise of 1 %.

@@ -76,16 +76,6 @@ class Cluster:
             self._workers[name] = self._start("worker", self.address, f"--name={name}", *options)
         return {about["name"] for about in known.values()} == self._workers.keys()
 
-    def kill_a_worker_at_work(self) -> None:
-        from distributed import Client
-
-        name, worker = next(iter(self._workers.items()))
-        with Client(self.address, set_as_default=False) as client:
-            known = client.scheduler_info()["workers"]
-            (address,) = [key for key, about in known.items() if about["name"] == name]
-            eventually(lambda: client.processing()[address])
-            worker.kill()
-
     def stop(self) -> None:
         for process in (*self._workers.values(), self._scheduler):
             process.kill()
@@ -229,18 +219,11 @@ def test_the_item_of_a_killed_worker_is_run_again(batch: Batch, files: list[Path
     killer.join()
 
 
-def test_only_the_item_that_kills_its_workers_is_named(two_workers: Batch) -> None:
-    results = two_workers.map(signal.raise_signal, [0] * 5 + [KILL] + [0] * 5)
+def test_only_the_item_that_kills_its_workers_is_named(batch: Batch) -> None:
+    results = batch.map(signal.raise_signal, [0] * 5 + [KILL] + [0] * 5)
     assert list(islice(results, 5)) == [None] * 5
     with pytest.raises(InputError, match=f"^{KILL}: .*killed"):
         next(results)
-
-
-def test_an_item_that_kills_the_workers_of_a_cluster_is_named(cluster: Cluster) -> None:
-    with Batch(scheduler=cluster.with_two_workers()) as run:
-        results = run.map(signal.raise_signal, [KILL])
-        with pytest.raises(InputError, match=f"^{KILL}: .*killed"):
-            next(results)
 
 
 def test_a_worker_killed_while_it_is_started_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -375,24 +358,6 @@ def test_results_and_errors_are_the_same_everywhere(
         results.append((answers, solved, learned, written))
     assert results[1] == results[0]
     assert results[2] == results[0]
-
-
-def test_commands_print_the_same_with_a_cluster(
-    ps4rig: Command, sets: Path, tmp_path: Path, cluster: Cluster, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(sets.parent)
-    texts = []
-    for where in (("--workers", 1), ("--scheduler", cluster.with_two_workers())):
-        library, maps = tmp_path / "t.ps4lib", tmp_path / "maps"
-        outputs = [
-            ps4rig("train", sets.name, "--library", library, "--force", "--json", *where),
-            ps4rig("classify", sets.name, "--library", library, "--json", *where),
-            ps4rig("evaluate", sets.name, "--library", library, "--json", *where),
-            ps4rig("solve", sets.name, "--out", maps, "--json", *where),
-        ]
-        assert [output.exit_code for output in outputs] == [0] * 4
-        texts.append([output.stdout for output in outputs])
-    assert texts[0] == texts[1]
 
 
 # clusters that do not answer

@@ -29,9 +29,3 @@ def test_a_fault_has_status_1_and_json_names_it(ps4rig: Command, tmp_path: Path)
     (led,) = (check for check in found["checks"] if check["name"] == "LED 3")
     assert led["status"] == "fault"
     assert "wiring" in led["advice"]
-
-
-def test_a_missing_configuration_is_the_first_check(ps4rig: Command, tmp_path: Path) -> None:
-    done = ps4rig("rig", "doctor", "--rig", tmp_path / "rig.toml", "--json")
-    assert done.exit_code == 1
-    assert "no such rig configuration" in json.loads(done.output)["checks"][0]["seen"]

@@ -60,18 +60,6 @@ def test_a_dry_run_stores_nothing(ps4rig: Command, bench: Path) -> None:
     assert bench.read_text() == BENCH
 
 
-def test_another_mode_of_the_camera_needs_another_measurement(
-    ps4rig: Command, refused: Refused, bench: Path
-) -> None:
-    mode = 'timing_measured_at = "simulated 12 bit 32x32, 30 Hz, 20 ms"\n'
-    bench.write_text(
-        BENCH.replace("exposure_ms = 20", "exposure_ms = 12").replace("\n[sim", mode + "\n[sim")
-    )
-    assert "ps4rig rig latency" in refused("capture", "a.ome.tif")
-    assert ps4rig("rig", "latency", "--steps", "12").exit_code == 0
-    assert ps4rig("capture", "a.ome.tif").exit_code == 0
-
-
 def test_an_unknown_led_is_refused(refused: Refused, bench: Path) -> None:
     assert bench.exists()
     assert "--led 4: lights.tilts_deg" in refused("rig", "latency", "--led", "4")

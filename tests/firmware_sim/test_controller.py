@@ -16,12 +16,6 @@ def test_each_line_costs_its_delay_before_it_is_executed(new_device):
     assert device.exchange(b"OFF\n") == b"OK -1,7500\n"
 
 
-def test_a_line_without_delay_takes_no_time(new_device):
-    device = new_device(link_delay_ms=0.0)
-    device.exchange(b"LED:SEL 0\n")
-    assert device.clock.now_s() == 0.0
-
-
 def test_opening_a_device_that_does_not_reset(device):
     device.exchange(b"LED:SEL 1\nLED:LEV 1,50\n")
     device.controller.feed(b"*IDN?\n")

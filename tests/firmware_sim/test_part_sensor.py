@@ -1,6 +1,5 @@
 """The part sensor: a sequence that starts when a part arrives, and the count of parts."""
 
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -116,8 +115,3 @@ def test_parts_are_counted_with_the_time_of_the_latest(device):
         see_part(device)
     latest_us = round(device.clock.now_s() * 1e6)
     assert ask(device, "PART:STAT?")[:2] == [2, latest_us]
-
-
-@pytest.mark.parametrize("command", ["PART:WAIT -1", "PART:WAIT 60000001"])
-def test_a_delay_out_of_range_is_refused(device, command):
-    assert device.exchange(command.encode() + b"\n") == b'ERR -222,"Data out of range"\n'

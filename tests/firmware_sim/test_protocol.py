@@ -101,6 +101,8 @@ def test_an_accepted_command_has_its_reply(device, sent, reply):
         (b"SEQ:ARM 1000,1000,0\n", b'-222,"Data out of range"'),
         (b"SEQ:TRIG 0,60000001,0\n", b'-222,"Data out of range"'),
         (b"SEQ:STEP? 0\n", b'-222,"Data out of range"'),
+        (b"PART:WAIT -1\n", b'-222,"Data out of range"'),
+        (b"PART:WAIT 60000001\n", b'-222,"Data out of range"'),
         (b"LED:LEV? 4\n", b'-222,"Data out of range"'),
         (b"SYST:WDOG 99\n", b'-222,"Data out of range"'),
         (b"SYST:WDOG 60001\n", b'-222,"Data out of range"'),

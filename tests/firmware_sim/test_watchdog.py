@@ -64,10 +64,3 @@ def test_the_watchdog_trips_once_and_only_with_an_led_on(instant):
     instant.exchange(b"LED:SEL 1\nLED:OFF\n")
     instant.clock.sleep_s(20.0)
     assert instant.exchange(b"SYST:ERR?\n") == NO_ERROR
-
-
-def test_time_before_a_selection_does_not_count(instant):
-    instant.clock.sleep_s(20.0)
-    instant.exchange(b"LED:SEL 1\n")
-    instant.clock.sleep_s(1.0)
-    assert instant.exchange(b"LED:STAT?\n").startswith(b"OK 1,")

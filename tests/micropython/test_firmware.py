@@ -93,12 +93,6 @@ def test_random_lines(bench, reference):
     assert len(set(re.findall(rb"ERR (-?\d+)", whole))) >= 8
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_many_random_lines(bench, reference, seed):
-    requests = random_requests(headers(reference), 2000, seed=100 + seed)
-    assert bench.answers(*requests) == [reference.answer(request) for request in requests]
-
-
 @settings(max_examples=20)
 @given(batch=st.lists(st.lists(st.binary(min_size=1, max_size=90), max_size=6), max_size=30))
 def test_any_bytes(bench, reference, batch):

@@ -149,36 +149,6 @@ def test_a_damaged_tiff_is_refused(tmp_path: Path, capfd: Any, compression: int)
         assert "not a complete TIFF" in refused(tmp_path / "a.tif", content, capfd)
 
 
-@pytest.mark.parametrize("value", [0.5, np.nan, np.inf])
-def test_floating_point_pixels_are_refused(tmp_path: Path, capfd: Any, value: float) -> None:
-    tifffile.imwrite(tmp_path / "a.tif", np.full((3, 4), value, np.float32))
-    content = (tmp_path / "a.tif").read_bytes()
-    message = refused(tmp_path / "a.tif", content, capfd)
-    assert message.startswith("IEEEFP samples of 32 bits;")
-
-
-@pytest.mark.parametrize("kind", ["palette", "miniswhite", "separated"])
-def test_tiff_pixels_that_are_not_brightness_are_refused(
-    tmp_path: Path, capfd: Any, kind: Any
-) -> None:
-    """Palette indices, white stored as 0, or printing inks would give another surface."""
-    image = np.zeros((5, 6, 4) if kind == "separated" else (5, 6), np.uint8)
-    colours = np.zeros((3, 256), np.uint16) if kind == "palette" else None
-    path = tmp_path / "a.tif"
-    tifffile.imwrite(path, image, photometric=kind, colormap=colours)
-    message = refused(path, path.read_bytes(), capfd)
-    assert message.startswith(f"TIFF pixels are {kind.upper()};")
-
-
-def test_a_tiff_of_several_pages_is_refused(tmp_path: Path, capfd: Any) -> None:
-    path = tmp_path / "a.tif"
-    tifffile.imwrite(path, np.zeros((5, 12, 17), np.uint8), photometric="minisblack")
-    message = refused(path, path.read_bytes(), capfd)
-    assert message.startswith("holds 5 images ")
-    assert cv2.imwritemulti(str(path), list(np.zeros((5, 12, 17), np.uint8)))  # by LZW
-    assert refused(path, path.read_bytes(), capfd) == message
-
-
 def test_other_files_are_named(tmp_path: Path, capfd: Any) -> None:
     for name, content, message in (
         ("a.gif", b"GIF89a", "images come as PNG, JPEG, TIFF, TGA or DNG"),

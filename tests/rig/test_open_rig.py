@@ -11,7 +11,6 @@ from classify.base.errors import InputError
 from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serve_pty, serve_tcp
 from rig import (
     ConfigError,
-    LightControllerError,
     Placement,
     Rig,
     RigConfig,
@@ -51,14 +50,6 @@ def test_a_path_to_a_file_called_sim_is_read(tmp_path: Path) -> None:
         open_rig(tmp_path / "sim")
 
 
-def test_lights_and_frames_share_one_clock(rig: Rig) -> None:
-    switch = rig.lights.select(1)
-    frame = rig.camera.read(1.0)
-    assert switch.acknowledged_s <= rig.clock.now_s()
-    assert frame.exposure_end_s <= rig.clock.now_s()
-    assert (frame.pixels.shape, rig.camera.info.height_px) == ((48, 64), 48)
-
-
 def test_leaving_the_block_puts_the_leds_out() -> None:
     threads = threading.active_count()
     with open_rig(SMALL) as rig:
@@ -84,15 +75,6 @@ def test_an_interrupt_while_the_lights_are_closed_still_closes_the_rest(
             rig.close()
     assert outputs(rig) == [0.0] * 4
     assert threading.active_count() == threads
-
-
-def test_unplugged_lights_are_off_and_raise_an_error(rig: Rig) -> None:
-    assert rig.simulation is not None
-    rig.lights.select(1)
-    rig.simulation.unplug_lights()
-    assert outputs(rig) == [0.0] * 4
-    with pytest.raises(LightControllerError, match="is gone"):
-        rig.lights.select(2)
 
 
 def test_a_new_placement_is_in_the_next_frames(rig: Rig) -> None:
@@ -146,11 +128,6 @@ def test_a_controller_with_too_few_leds_is_refused() -> None:
         config = SMALL.with_changes(lights={"port": server.address})
         with pytest.raises(ConfigError, match=r"4 LEDs, .* has 2"):
             open_rig(config)
-
-
-def test_missing_lights_do_not_become_simulated() -> None:
-    with pytest.raises(LightControllerError, match="no such port"):
-        open_rig(SMALL.with_changes(lights={"port": "/dev/ttyNONE"}))
 
 
 def test_a_refused_rig_leaves_no_thread_running() -> None:

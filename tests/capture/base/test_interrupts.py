@@ -139,24 +139,6 @@ def test_a_signal_after_a_command_ends_the_process() -> None:
     assert (done.returncode, done.stdout, done.stderr) == INTERRUPTED
 
 
-@pytest.mark.slow
-def test_a_signal_at_any_moment_of_a_command_that_fails_is_one_line(
-    spawn: Spawn, tmp_path: Path
-) -> None:
-    missing = tmp_path / "rig.toml"
-    failed = (2, "", f"ps4rig: {missing}: no such rig configuration")
-    moments = random.Random(3)
-    for _ in range(40):
-        process = spawn("rig", "lights", "off", "--rig", missing)
-        wait_until(handles_sigterm, process)
-        time.sleep(moments.uniform(0.0, 0.6))
-        process.send_signal(moments.choice([signal.SIGINT, signal.SIGTERM, signal.SIGHUP]))
-        stdout, stderr = process.communicate(timeout=DEADLINE_S)
-        assert stderr.count("\n") == 1
-        found = (process.returncode, stdout, stderr)
-        assert found == INTERRUPTED or (*found[:2], stderr.split(";")[0]) == failed
-
-
 def test_signals_that_the_parent_ignores_stay_ignored(run_python: Run) -> None:
     block = "signal.raise_signal(signal.SIGHUP); print('goes on')"
     assert run_python(PROGRAM.format(block=block), before=("nohup",)) == "goes on\n"

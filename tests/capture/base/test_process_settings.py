@@ -92,15 +92,3 @@ def test_too_many_threads_are_one_line(run_python: Callable[..., str], count: st
     said = run_python(program, NUMBA_NUM_THREADS=count)
     (line,) = said.splitlines()
     assert line.startswith("NUMBA_NUM_THREADS is over 1024;")
-
-
-@pytest.mark.parametrize("count", ["0", "-1", "many"])
-def test_a_wrong_number_of_threads_is_one_line(
-    spawn: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, count: str
-) -> None:
-    monkeypatch.setenv("NUMBA_NUM_THREADS", count)
-    process = spawn("solve", "none.ome.tif", "--out", "maps")
-    stdout, stderr = process.communicate(timeout=60)
-    assert (process.returncode, stdout) == (2, "")
-    line = f"ps4rig: NUMBA_NUM_THREADS is {count!r}; give a whole number from 1, or unset it\n"
-    assert stderr == line

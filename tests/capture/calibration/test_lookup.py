@@ -72,18 +72,6 @@ def test_a_named_calibration_is_found_beside_the_set(
     assert found.warnings == ()
 
 
-def test_a_set_keeps_its_calibration_although_the_file_was_measured_anew(
-    tmp_path: Path, placed: CapturedSet
-) -> None:
-    source, path = tmp_path / "rig.ps4cal", tmp_path / "sets" / "a.ome.tif"
-    path.parent.mkdir()
-    known, other = file_of(placed.setting), file_of(SETTING)
-    other.write(source)
-    placed.with_calibration(known).save(path)
-    assert CapturedSet.load(path).solve().p.shape == placed.images.shape[1:]
-    assert find(path, placed.with_calibration(known)).file.hash == known.hash != other.hash
-
-
 def test_a_calibration_that_was_read_keeps_its_hash_in_the_copy(
     tmp_path: Path, placed: CapturedSet
 ) -> None:

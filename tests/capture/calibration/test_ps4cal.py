@@ -140,8 +140,6 @@ def test_any_part_is_the_same_after_it_was_taken_apart(intensities, offset, ambi
     [
         (lambda h: h.update(version=1), "version 1; .* 3; calibrate again"),
         (lambda h: h["parts"].pop("dark"), "match its SHA-256"),
-        (lambda h: h["parts"]["dark"]["values"].update(offset=2.0), "match its SHA-256"),
-        (lambda h: h["parts"]["dark"]["record"]["setting"].update(exposure_ms=9.0), "SHA-256"),
         (lambda h: h["parts"].update(colour=h["parts"]["dark"]), "header field parts.colour"),
         (lambda h: h.pop("sha256"), "match its SHA-256"),
     ],

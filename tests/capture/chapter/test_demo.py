@@ -52,10 +52,3 @@ def test_the_demo_replaces_no_set_and_no_library(
     existing.write_text("mine")
     assert f"{existing}: exists already" in refused("demo", "--out", tmp_path)
     assert existing.read_text() == "mine"
-
-
-def test_a_file_instead_of_the_output_folder_is_named(
-    refused: Callable[..., str], tmp_path: Path
-) -> None:
-    (tmp_path / "file").touch()
-    assert "file: cannot be made" in refused("demo", "--out", tmp_path / "file")

@@ -117,20 +117,6 @@ def test_invalid_pixels_are_grey_and_do_not_set_the_colours(masked: CapturedSet)
     assert ends["height (relative)"] <= np.abs(maps.height[valid]).max()
 
 
-def test_the_height_rises_along_p_and_up_along_q(
-    made_set: Callable[..., CapturedSet], tmp_path: Path
-) -> None:
-    """A plane that rises to the right and upwards: height grows with x and falls with the row."""
-    set_ = made_set(np.full((4, 24, 24), 1000, np.uint16))
-    normal = np.array([-0.2, -0.1, 1.0]) / np.sqrt(1.05)
-    levels = np.rint(40_000 * set_.lighting.directions @ normal).astype(np.uint16)
-    tilted = made_set(np.tile(levels[:, None, None], (1, 24, 24)))
-    write_maps(tilted, tilted.solve(), tmp_path)
-    height = tifffile.imread(tmp_path / "height.tif")
-    np.testing.assert_allclose(np.diff(height, axis=1), 0.2, atol=2e-3)
-    np.testing.assert_allclose(np.diff(height, axis=0), -0.1, atol=2e-3)
-
-
 def test_png_files_show_masks_and_shadows(surface: SurfaceEstimate, maps: Path) -> None:
     valid = cv2.imread(str(maps / "valid.png"), cv2.IMREAD_GRAYSCALE)
     np.testing.assert_array_equal(valid, surface.valid * np.uint8(255))

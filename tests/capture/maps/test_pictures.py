@@ -107,9 +107,3 @@ def test_maps_of_few_values_show_each_value_in_its_colour(
     np.testing.assert_array_equal(
         pictures.coloured(surface.shadow_count, colours), colours[surface.shadow_count]
     )
-
-
-def test_a_picture_survives_its_png() -> None:
-    picture = np.random.default_rng(0).integers(0, 256, (7, 5, 3), np.uint8)
-    data = np.frombuffer(pictures.png_bytes(picture), np.uint8)
-    np.testing.assert_array_equal(cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1], picture)

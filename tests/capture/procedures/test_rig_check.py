@@ -15,8 +15,6 @@ from capture.procedures.plate_parts import SHEET_BRIGHTNESS
 from capture.procedures.rig_check import check_calibration, drift_of_rig
 from rig import Rig, RigConfig, open_rig
 
-LEVELS = (1.0, 0.9, 1.05, 0.85)  # of the fixture `near_config`
-
 
 @pytest.fixture(scope="module")
 def calibration(near_calibration: CalibrationFile, near_config: RigConfig) -> CalibrationFile:
@@ -47,27 +45,6 @@ def test_an_unchanged_rig_with_another_sheet_shows_no_drift(
         assert rig.simulation.placement.surface == "rock"  # put back
     assert (drift.status, drift.causes) == ("ok", ())
     assert drift.brightness == pytest.approx(1.0, abs=0.05)
-
-
-@pytest.mark.parametrize(("factor", "status"), [(0.93, "ok"), (0.87, "warning"), (0.8, "fault")])
-def test_a_weaker_led_is_found(
-    near_config: RigConfig, calibration: CalibrationFile, factor: float, status: str
-) -> None:
-    levels = (LEVELS[0], LEVELS[1], LEVELS[2] * factor, LEVELS[3])
-    with near_rig(near_config, led_levels=levels) as rig:
-        drift = drift_of_rig(rig, calibration)
-    assert drift.status == status
-    assert drift.level_changes[2] == pytest.approx(factor - 1.0, abs=0.02)
-    assert all((cause.kind, cause.light) == ("led level", 2) for cause in drift.causes)
-
-
-def test_another_aperture_and_another_lens_are_named(
-    near_config: RigConfig, calibration: CalibrationFile
-) -> None:
-    with near_rig(near_config, led_levels=tuple(0.6 * level for level in LEVELS)) as rig:
-        assert [cause.kind for cause in drift_of_rig(rig, calibration).causes] == ["exposure"]
-    with near_rig(near_config, vignetting_percent=20.0) as rig:
-        assert [cause.kind for cause in drift_of_rig(rig, calibration).causes] == ["lens"]
 
 
 def test_another_exposure_time_is_named_and_is_no_drift(

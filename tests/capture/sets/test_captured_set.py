@@ -83,12 +83,3 @@ def test_a_mask_has_the_shape_of_the_images_and_a_name(
             CapturedSet(images, None, good.metadata, wrong)
     with pytest.raises(InputError, match="mask_file"):
         CapturedSet(images, None, good.metadata)
-
-
-def test_three_or_more_than_four_lights_are_solved_by_least_squares(
-    made_set: Callable[..., CapturedSet],
-) -> None:
-    five = made_set(np.full((5, 4, 4), 900, np.uint16))
-    assert five.solve().method == "least_squares"
-    assert made_set(np.full((4, 4, 4), 900, np.uint16)).solve().method == "ps4_robust"
-    assert made_set(np.full((3, 4, 4), 900, np.uint16)).solve().method == "least_squares"

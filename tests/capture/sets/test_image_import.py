@@ -476,19 +476,6 @@ def test_an_output_never_replaces_an_input(
     assert [path.read_bytes() for path in paths] == before
 
 
-def test_an_existing_set_is_replaced_by_force_only(
-    four: Photographs, tmp_path: Path, ps4rig: Command, refused: Refused
-) -> None:
-    output = tmp_path / "a.ome.tif"
-    arguments = ("import", *four(np.full(SHAPE, 90, np.uint8)), output, "--slant", 45)
-    assert ps4rig(*arguments).exit_code == 0
-    before = output.read_bytes()
-    assert "exists already" in refused(*arguments, "--label", "oak")
-    assert output.read_bytes() == before
-    assert ps4rig(*arguments, "--label", "oak", "--force").exit_code == 0
-    assert CapturedSet.load(output).label == "oak"
-
-
 def test_lights_without_image_names_need_images(tmp_path: Path, refused: Refused) -> None:
     (tmp_path / "l.json").write_text(json.dumps(RING.directions.tolist()))
     line = refused("import", tmp_path / "a.ome.tif", "--lights", tmp_path / "l.json")

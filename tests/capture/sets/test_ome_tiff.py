@@ -23,11 +23,6 @@ from rig.set_file import fields_sha256
 
 MadeSet = Callable[..., CapturedSet]
 DATA = Path(__file__).parents[2] / "data" / "sets"
-CAMERA = {
-    "kind": "v4l2", "name": "a", "exposure_ms": 1.0, "frame_rate_hz": 30.0, "gain_e_per_dn": 1.0,
-    "read_noise_dn": 1.0, "black_level_dn": 0.0, "gain": None, "gamma": None,
-    "pixel_value_controls": {},
-}  # fmt: skip
 PIXELS = np.arange(5 * 6 * 7, dtype=np.uint16).reshape(5, 6, 7)
 OME = "{http://www.openmicroscopy.org/Schemas/OME/2016-06}"
 
@@ -88,6 +83,8 @@ def test_pixels_and_metadata_come_back_as_they_were(
     lights = images[:-1] if with_ambient else images
     written = made_set(lights, ambient, label=label, mm_per_px=mm_per_px)
     written.save(folder / "x.ome.tif")
+    with tifffile.TiffFile(folder / "x.ome.tif") as tiff:
+        assert tiff.pages.first.description.isascii()
     read = CapturedSet.load(folder / "x.ome.tif")
     assert read.metadata == written.metadata
     assert read.lighting == written.lighting
@@ -96,16 +93,6 @@ def test_pixels_and_metadata_come_back_as_they_were(
         assert read.ambient is None
     else:
         np.testing.assert_array_equal(read.ambient, ambient)
-
-
-@pytest.mark.parametrize("label", ["chêne 3 µm", "橡木", "<&>\"'", "a~b", "]]>", "", "x" * 5000])
-def test_labels_of_any_script_come_back_from_ascii(
-    path: Path, made_set: MadeSet, label: str
-) -> None:
-    made_set(np.ones((4, 2, 2), np.uint16), label=label).save(path)
-    assert CapturedSet.load(path).label == label
-    with tifffile.TiffFile(path) as tiff:
-        assert tiff.pages.first.description.isascii()
 
 
 def test_file_names_that_xml_cannot_hold_come_back(path: Path, made_set: MadeSet) -> None:
@@ -222,23 +209,12 @@ def test_a_flipped_bit_is_refused_or_changes_neither_pixels_nor_metadata(
         assert read.metadata == whole.metadata
 
 
-def test_an_edited_pixel_is_noticed(path: Path) -> None:
-    with tifffile.TiffFile(path) as tiff:
-        (start,) = tiff.pages[2].dataoffsets
-    content = bytearray(path.read_bytes())
-    content[start + 5] ^= 1
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=r"SHA-256.*use the original"):
-        CapturedSet.load(path)
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (lambda f: f.update(schema_version=5), "version 5, .* 6; use"),
         (lambda f: f.update(schema_version=7), "version 7, .* 6; use"),
         (lambda f: f.pop("schema_version"), "version None, "),
-        (lambda f: f.update(colour=1), "field colour: "),
         (lambda f: f.update(full_scale=0), "metadata field full_scale: "),
         (lambda f: f["images"].pop(), "holds 5 images, .* 4"),
         (lambda f: f.update(mask_file="m.png"), "holds 5 images, .* 6"),
@@ -246,9 +222,7 @@ def test_an_edited_pixel_is_noticed(path: Path) -> None:
         (lambda f: f["lighting"]["directions"][1].__setitem__(2, -1), "light 1 stands"),
         (lambda f: f["lighting"]["intensities"].__setitem__(0, 0), "light 0 has the intensity 0"),
         (lambda f: f.update(pixels_sha256="00"), "the pixels .* SHA-256"),
-        (lambda f: f.update(label="\ud800"), "not valid JSON"),
         (lambda f: f.update(label="a\x1b"), "metadata field label: .*printable"),
-        (lambda f: f.update(camera=CAMERA | {"read_noise_dn": 1e200}), "camera.read_noise_dn: "),
     ],
 )
 def test_an_error_in_the_metadata_names_file_and_field(
@@ -356,24 +330,6 @@ def test_another_suffix_or_pixel_hash_is_refused(tmp_path: Path, made_set: MadeS
     with pytest.raises(InputError, match="pixels_sha256 in the metadata"):
         other.save(tmp_path / "other.ome.tif")
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("error", [OSError(28, "full"), KeyboardInterrupt()])
-def test_a_failed_write_leaves_the_old_file_and_nothing_else(
-    path: Path, made_set: MadeSet, monkeypatch: pytest.MonkeyPatch, error: BaseException
-) -> None:
-    before = path.read_bytes()
-
-    def half(target: Path, *_: object, **__: object) -> None:
-        target.write_bytes(b"II*\0 half")
-        raise error
-
-    monkeypatch.setattr(tifffile, "imwrite", half)
-    expected = KeyboardInterrupt if isinstance(error, KeyboardInterrupt) else InputError
-    with pytest.raises(expected):
-        made_set(np.ones((4, 2, 2), np.uint16)).save(path)
-    assert path.read_bytes() == before
-    assert list(path.parent.iterdir()) == [path]
 
 
 def test_many_lights_fit_into_one_file(tmp_path: Path, made_set: MadeSet) -> None:

@@ -87,19 +87,8 @@ def test_one_photograph_twice_is_refused() -> None:
     assert "equal-images" in metadata.accepted
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda image: image[::-1, ::-1],
-        lambda image: np.roll(image, (11, 13), (0, 1)),
-        lambda image: np.rot90(image),
-    ],
-    ids=["upside down", "moved", "turned"],
-)
-def test_a_photograph_that_the_others_do_not_explain_is_refused(
-    tmp_path: Path, change: Callable[[np.ndarray], np.ndarray]
-) -> None:
-    message = rejected(changed(tmp_path, 1, change))
+def test_a_photograph_that_the_others_do_not_explain_is_refused(tmp_path: Path) -> None:
+    message = rejected(changed(tmp_path, 1, np.rot90))
     assert "image0.png: the other" in message
     assert "(--accept residual)" in message
 

@@ -5,13 +5,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
 
 from classify.base.errors import CalibrationRejected, InputError
 from classify.calibration.calibration import CalibratedLights, Calibration
 from classify.calibration.drift import Drift, plate_drift
-from classify.calibration.drift_model import moved_light
 from classify.calibration.flat_field import fit_flat_field
 from classify.calibration.plate_blocks import PlateBlocks
 from classify.images import ImageStack
@@ -154,25 +151,6 @@ def test_camera_lens_exposure_and_sheet_are_told_apart(
     assert drift.causes[0].advice
 
 
-@settings(max_examples=40)
-@given(
-    direction=st.tuples(st.floats(0.0, 360.0), st.floats(15.0, 80.0)),
-    angles=st.tuples(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2)),
-    farther=st.floats(-0.3, 0.3),
-)
-def test_a_moved_light_is_where_its_angles_say(
-    direction: tuple[float, float], angles: tuple[float, float], farther: float
-) -> None:
-    before = 5.0 * Lighting.from_angles([direction[0]], direction[1]).directions[0]
-    after = moved_light(before, np.array([*angles, farther]))
-    assert np.linalg.norm(after) == pytest.approx(5.0 * np.exp(farther))
-    assume(after[2] > 0.11 * np.linalg.norm(after))  # no light sinks below the plane
-    cosine = before @ after / np.linalg.norm(before) / np.linalg.norm(after)
-    assert np.arccos(min(cosine, 1.0)) == pytest.approx(np.arctan(np.hypot(*angles)), abs=1e-6)
-    if angles[0] == 0.0 and angles[1] > 1e-3:
-        assert after[2] / np.linalg.norm(after) > before[2] / 5.0
-
-
 def test_two_changes_at_once_are_both_named(calibration: tuple[Calibration, float]) -> None:
     rig = with_light_moved(with_level(replace(RIG, seed=24), 0, -0.2), 3, 0.0, 6.0)
     assert kinds(drift_of(rig, calibration)) == {("led level", 0), ("light moved", 3)}
@@ -247,9 +225,5 @@ def test_images_of_anything_but_a_white_sheet_are_refused(
 
     stack = replace(RIG, seed=28).stack
     refused(ImageStack(np.full_like(stack.images, 4095), stack.ambient), "saturates 100")
-    refused(ImageStack(stack.images // 20, stack.ambient), "too dark")
-    rng = np.random.default_rng(1)
-    relief = 1.0 + 0.2 * rng.standard_normal(stack.images.shape)
-    refused(ImageStack((0.5 * stack.images * relief).astype(np.uint16), stack.ambient), "relief")
     stripes = np.where(np.arange(192) // 48 % 2, 1.0, 0.6)
     refused(ImageStack((stack.images * stripes).astype(np.uint16), stack.ambient), "not a white")

@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from classify import Lighting
 from classify.base.errors import CalibrationRejected, InputError
 from classify.calibration.exposure_ladder import response_of
 
@@ -88,31 +87,6 @@ def test_a_linear_camera_is_said_to_be_linear(seed: int, black: float, fall_off:
 def test_the_offset_of_a_gamma_camera_is_found(black: float) -> None:
     found = response_of(ladder(gamma(2.2), black=black), EXPOSURES_MS, FULL)
     assert found.offset == pytest.approx(FULL * black ** (1 / 2.2), abs=3.0)
-
-
-def test_more_ambient_light_changes_nothing() -> None:
-    # It grows with the exposure like the light of the LED.
-    curves = [
-        response_of(ladder(gamma(2.2), fall_off), EXPOSURES_MS, FULL).response.curve
-        for fall_off in (0.2, 0.5)
-    ]
-    np.testing.assert_allclose(curves[0], curves[1], atol=2e-3)
-
-
-def test_the_departure_that_counts_as_linear_costs_little() -> None:
-    # A parabola of 0.2 % of full scale, left in the images of a rough matt surface.
-    rng = np.random.default_rng(1)
-    normals = rng.normal(size=(3, 40, 40)) * 0.3
-    normals[2] = 1.0
-    normals /= np.linalg.norm(normals, axis=0)
-    ring = Lighting.ring(slant_deg=45.0)
-    images = np.maximum(0.8 * np.tensordot(ring.directions, normals, 1), 0.02)
-    bent = images + 4.0 * 0.002 * images * (1.0 - images)
-    true, found = (
-        np.tensordot(np.linalg.pinv(ring.directions), each, 1) for each in (images, bent)
-    )
-    cosine = (true * found).sum(0) / np.linalg.norm(true, axis=0) / np.linalg.norm(found, axis=0)
-    assert np.degrees(np.arccos(np.minimum(cosine, 1.0))).mean() < 0.1
 
 
 @pytest.mark.parametrize("curve", [lambda light: light, gamma(2.2)])

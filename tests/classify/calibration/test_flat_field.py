@@ -68,13 +68,6 @@ def test_half_a_turn_cancels_tilt_and_uneven_reflectance() -> None:
     assert ratios[1].std() < 0.4 * ratios[0].std()
 
 
-def test_dust_moves_the_fit_by_less_than_grain_does() -> None:
-    clean = Plate(ring_positions(10.0), grain=0.0)
-    dusty = Plate(ring_positions(10.0), grain=0.0, specks=80)
-    change = errors(fitted(dusty), dusty) - errors(fitted(clean), clean)
-    assert change.std() < 5e-4
-
-
 def test_offsets_are_those_of_the_tilt() -> None:
     plate = Plate(ring_positions(10.0), tilt=(0.03, 0.0))
     offsets = fitted(plate).offsets

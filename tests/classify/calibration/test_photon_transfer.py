@@ -74,30 +74,19 @@ def test_a_camera_that_is_not_linear_is_refused(bits: int, gamma: float) -> None
         photon_transfer(levels_of(bits, 5.0, 0.0, gamma), 0.0, 2.0**bits - 1.0)
 
 
-def test_noise_that_rounding_hides_is_refused() -> None:
-    levels = [
-        BlockLevels(np.linspace(5.0, 200.0, 99), np.full(99, 0.05), 0.0, 3000.0) for _ in range(2)
-    ]
-    with pytest.raises(CalibrationRejected, match="more bits"):
+@pytest.mark.parametrize(
+    ("means", "variance_per_dn", "cause"),
+    [
+        ([np.linspace(5.0, 200.0, 99)] * 2, 0.0, "more bits"),
+        ([np.full(9, level) for level in (20.0, 60.0, 120.0)], 0.4, "3 of 12 ranges"),
+        ([np.full(99, 4.0)], 0.4, "too few levels"),
+        ([np.full(9, np.nan)], 0.4, "too few levels"),
+    ],
+    ids=["hidden by rounding", "three levels", "without light", "clipped"],
+)
+def test_levels_without_a_line_are_refused(
+    means: list[np.ndarray], variance_per_dn: float, cause: str
+) -> None:
+    levels = [BlockLevels(each, 0.05 + variance_per_dn * each, 0.0, 3000.0) for each in means]
+    with pytest.raises(CalibrationRejected, match=cause):
         photon_transfer(levels, 4.0, 255.0)
-
-
-def test_three_levels_show_no_line() -> None:
-    levels = [
-        BlockLevels(np.full(9, level), np.full(9, 0.4 * level), 0.0, 3000.0)
-        for level in (100.0, 500.0, 1500.0)
-    ]
-    with pytest.raises(CalibrationRejected, match="3 of 12 ranges"):
-        photon_transfer(levels, 0.0, 4095.0)
-
-
-def test_noise_without_light_alone_is_refused() -> None:
-    levels = [BlockLevels(np.full(99, 64.0), np.full(99, 4.0), 0.0, 3000.0)]
-    with pytest.raises(CalibrationRejected, match="too few levels"):
-        photon_transfer(levels, 64.0, 4095.0)
-
-
-def test_nothing_but_clipped_blocks_is_refused() -> None:
-    levels = [BlockLevels(np.full(9, np.nan), np.full(9, np.nan), 1.0, 3000.0)]
-    with pytest.raises(CalibrationRejected, match="too few levels"):
-        photon_transfer(levels, 64.0, 4095.0)

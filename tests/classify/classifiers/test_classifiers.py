@@ -1,7 +1,6 @@
 """Every classifier through the one interface: training, matching, saving."""
 
-import json
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -53,21 +52,6 @@ def test_an_unknown_name_lists_the_names(surface) -> None:
 
 
 @every
-def test_a_training_set_is_recognised(libraries, surface, name: str) -> None:
-    library = libraries[name]
-    assert library.classifier == name
-    assert library.classes == KINDS
-    for kind in KINDS:
-        match = library.classify(surface(kind))
-        assert match.label == match.nearest == kind
-        assert match.runner_up in KINDS
-        assert match.distance == pytest.approx(0.0, abs=1e-3)
-        assert 0.9 < match.margin <= 1.0
-        if match.orientation_deg is not None and kind == "sand":
-            assert match.orientation_deg == pytest.approx(0.0, abs=1e-3)
-
-
-@every
 def test_another_patch_in_another_orientation_is_recognised(libraries, surface, name: str) -> None:
     for kind in KINDS:
         # The images of a directed texture depend on its orientation.
@@ -87,61 +71,26 @@ def test_a_library_gives_the_same_match_after_saving_and_loading(
         assert loaded.classify(patch) == libraries[name].classify(patch)
 
 
-@every
-def test_a_match_can_be_written_as_json(libraries, surface, name: str) -> None:
-    match = libraries[name].classify(surface("sand", 12.0))
-    written = json.loads(json.dumps(asdict(match), allow_nan=False))
-    assert written["nearest"] == "sand"
-    assert (match.orientation_deg is None) == (name == "varma_zisserman")
-
-
-@every
-def test_training_again_makes_the_same_library(libraries, surface, name: str) -> None:
-    again = TextureLibrary.train([(kind, surface(kind)) for kind in KINDS], name)
-    np.testing.assert_array_equal(again.signatures, libraries[name].signatures)
-    assert again.limits == libraries[name].limits
-
-
-@every
-def test_of_two_equal_classes_neither_is_named(surface, name: str) -> None:
-    patch = surface("sand")
-    library = TextureLibrary.train([("a", patch), ("b", patch)], name)
-    match = library.classify(surface("sand", 15.0, seed=3))
-    assert match.label is None
-    assert {match.nearest, match.runner_up} == {"a", "b"}
-    assert match.margin == 0.0
-
-
-@every
-def test_a_library_of_one_class_gives_a_match(surface, name: str) -> None:
-    library = TextureLibrary.train([("sand", surface("sand"))], name)
-    match = library.classify(surface("sand", 0.0, seed=2))
-    assert match.label == "sand"
-    assert match.runner_up is match.margin is None
-
-
 @pytest.mark.parametrize("name", sorted(OF_IMAGES))
-@pytest.mark.parametrize("slant_deg", [40.0, 50.0])
-def test_images_under_other_lights_are_refused_with_the_reason(
-    libraries, surface, name: str, slant_deg: float
+@pytest.mark.parametrize(
+    ("slant_deg", "tilts_deg"),
+    [
+        (40.0, (0, 90, 180, 270)),
+        (50.0, (0, 90, 180, 270)),
+        (45.0, (45, 135, 225, 315)),
+        (45.0, (90, 180, 270, 0)),
+        (45.0, (0, 90, 180)),
+    ],
+)
+def test_images_under_other_lights_are_refused(
+    libraries, surface, name: str, slant_deg: float, tilts_deg: tuple[int, ...]
 ) -> None:
-    with pytest.raises(InputError) as caught:
-        libraries[name].classify(surface("sand", slant_deg=slant_deg))
-    message = str(caught.value)
-    assert message.startswith(f"the lights of this set, at slant {slant_deg:.0f}")
-    assert f"the library's, at slant 45: {name} compares images" in message
-    assert "\n" not in message
-
-
-@pytest.mark.parametrize("name", sorted(OF_IMAGES))
-def test_images_under_rotated_or_fewer_lights_are_refused(libraries, surface, name: str) -> None:
-    patch = surface("sand")
-    for tilts_deg in ((45, 135, 225, 315), (90, 180, 270, 0)):
-        with pytest.raises(InputError, match="slant or tilt"):
-            libraries[name].classify(replace(patch, lighting=Lighting.ring(45.0, tilts_deg)))
-    three = replace(patch, images=patch.images[:3], lighting=Lighting.ring(45.0, (0, 90, 180)))
-    with pytest.raises(InputError, match="slant or tilt"):
-        libraries[name].classify(three)
+    patch = surface("sand", slant_deg=slant_deg)
+    lighting = Lighting.ring(slant_deg, tilts_deg)
+    other = replace(patch, images=patch.images[: len(tilts_deg)], lighting=lighting)
+    with pytest.raises(InputError, match="at slant 45") as caught:
+        libraries[name].classify(other)
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("name", OF_SURFACES)
@@ -155,16 +104,6 @@ def test_lights_within_a_degree_or_unknown_are_accepted(libraries, surface, name
     for lighting in (Lighting.ring(45.5), None):
         patch = replace(surface("sand"), lighting=lighting)
         assert libraries[name].classify(patch).nearest == "sand"
-
-
-@pytest.mark.parametrize("name", OF_SURFACES)
-def test_smooth_surfaces_are_told_from_textures(surface, surface_of, name: str) -> None:
-    plate = surface_of(*(level * np.ones((SIDE, SIDE)) for level in (0.1, 0.0, 0.5)))
-    library = TextureLibrary.train([("plate", plate), ("malv", surface("malv"))], name)
-    assert library.classify(plate).label == "plate"
-    assert library.classify(surface("malv", 30.0, seed=2)).label == "malv"
-    for match in (library.classify(plate), library.classify(surface("malv"))):
-        assert match.distance == pytest.approx(0.0, abs=1e-2)
 
 
 @every
@@ -194,17 +133,3 @@ def test_bad_surfaces_get_one_line(libraries, surface, name: str) -> None:
             library.classify(small)
     else:
         assert library.classify(small).nearest in KINDS
-
-
-@every
-def test_a_library_of_a_frame_of_64_by_200_pixels(stationary, photographed, name: str) -> None:
-    rows = [
-        (kind, photographed(stationary(kind, seed=1, side=200, rows=64)))
-        for kind in ("fine sand", "rough")
-    ]
-    library = TextureLibrary.train(rows, name)
-    assert library.segment_px == 32
-    for kind, patch in rows:
-        assert library.classify(patch).label == kind
-    across = photographed(stationary("fine sand", 0.0, seed=2, side=64, rows=200))
-    assert library.classify(across).nearest == "fine sand"

@@ -145,15 +145,6 @@ def test_frames_of_other_sizes_are_recognised(library, stationary, side: int, ro
         assert kind not in DIRECTED or off_deg(match.orientation_deg, 61.0) < 3.0
 
 
-def test_distances_of_a_smaller_frame_are_divided_by_its_scatter(library, stationary) -> None:
-    """A quarter of the area would double the distance and make some unknown."""
-    small = [library.classify(stationary("malv", 20.0 * s, s, side=64)) for s in range(5, 12)]
-    whole = [library.classify(stationary("malv", 20.0 * s, s)) for s in range(5, 12)]
-    assert [match.label for match in small] == ["malv"] * 7
-    median_small, median = (np.median([m.distance for m in each]) for each in (small, whole))
-    assert median_small < 4.0 * median
-
-
 def test_training_observes_the_frame_like_a_test_and_its_quarters(stationary) -> None:
     surface = stationary("malv", seed=1)
     tested, trained = JOINT.observe(surface, 64), observe(surface, 64)

@@ -6,14 +6,9 @@ import numpy as np
 import pytest
 
 from classify import TextureLibrary
-from classify.classifiers import CLASSIFIERS
-from classify.classifiers.joint_features import blur_curve, local_unit, statistics_rows
-from classify.texture.blur import KNOTS_PX2, blurred_fields, blurred_surface
-from classify.texture.fields import texture_fields
-from classify.texture.statistics import levels_for, local_statistics
+from classify.texture.blur import blurred_surface
 from tests.angles import off_deg
 
-JOINT = CLASSIFIERS["joint"]
 KINDS = ("sand", "fine sand", "brushed", "malv", "rough", "dyed", "domes", "pits")
 # Sand has waves of one length and little else: its blur is a factor like that of its slopes.
 FINE = ("brushed", "malv", "rough", "dyed")
@@ -75,31 +70,6 @@ def test_blur_is_not_added_to_decide_between_two_classes(stationary, tests) -> N
     assert match.blur_px < -0.5
     assert match == alike.match(alike.observe(tests["malv"]))
     assert match.label is None
-
-
-def test_statistics_between_the_knots_are_linear(library, tests) -> None:
-    """Half way between knots they err by less than 0.06 of their distance."""
-    levels = levels_for(64)
-    for kind in FINE:
-        fields = texture_fields(tests[kind])
-        observation = JOINT.observe(tests[kind], 64)
-
-        def measured(variance_px2: float, fields=fields):
-            return local_statistics(blurred_fields(fields, variance_px2), levels)
-
-        knots = [measured(variance_px2) for variance_px2 in KNOTS_PX2]
-        curve = blur_curve(observation, knots, library.parameters)
-        whitening = library.parameters["whitening"]
-        scatter = float(library.parameters["local_scatter"])
-        sharp = statistics_rows(observation.statistics, library.parameters)[0]
-        changes = np.concatenate([np.zeros((1, curve.shape[1])), curve])[:, -len(sharp) :]
-        for low, high, start, end in zip(
-            (0.0, *KNOTS_PX2), KNOTS_PX2, changes, changes[1:], strict=False
-        ):
-            middle = statistics_rows(measured(0.5 * (low + high)), library.parameters)[0]
-            change = local_unit(library.parameters) * (whitening @ (middle - sharp))
-            error = np.square(change - 0.5 * (start + end)).sum()
-            assert error < 0.06 * local_unit(library.parameters) ** 2 * scatter
 
 
 def test_the_nearest_of_many_is_found_out_of_focus(library, tests) -> None:

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from classify import LibraryError, TextureLibrary
-from classify.classifiers import CLASSIFIERS
 from classify.classifiers.varma_zisserman import TEXTONS_PER_CLASS
 
-TEXTONS = CLASSIFIERS["varma_zisserman"]
 KINDS = ("malv", "domes")
 
 

@@ -115,13 +115,6 @@ def test_a_levelled_patch_is_found_and_outlined(model, good, radius_px: float) -
     assert 0.5 < region.area_px / inside.sum() < 3.0
 
 
-@pytest.mark.parametrize("share", [0.1, 0.4])
-def test_a_stain_is_outlined(model, good, share: float) -> None:
-    (region,) = regions_of(model.map_of(with_stain(good, share, radius_px=20.0), 0.0))
-    x, y = region.outline.mean(axis=0)
-    assert np.hypot(y - MIDDLE[0], x - MIDDLE[1]) < 12.0
-
-
 @pytest.mark.slow
 def test_parts_of_two_batches_are_scored_by_the_other_batch(stationary) -> None:
     def part(seed: int, scale: float) -> SurfaceEstimate:

@@ -107,35 +107,12 @@ def test_thousands_of_members_of_one_class_do_not_hide_the_runner_up() -> None:
     assert library.compared < 500
 
 
-def test_few_are_compared_where_classes_lie_apart() -> None:
-    library = clustered(1, 5000, 200, 0.1, 0.0)
-    for test in library.points[:20]:
-        assert library.match(test) == library.exhaustive(test)
-    assert library.compared < 20 * 250
-
-
-def test_equal_classes_make_a_test_unknown() -> None:
-    library = clustered(2, 2000, 30, 0.2, 0.0)
-    library.points[1000:] = library.points[:1000]
-    library.labels[1000:] = [f"twin of {label}" for label in library.labels[:1000]]
-    for index in (0, 500, 1500):
-        found = library.match(library.points[index])
-        assert found.label is None
-        assert found == library.exhaustive(library.points[index])
-
-
 def test_useless_bounds_do_not_lead_to_more_comparisons_than_allowed() -> None:
     library = clustered(4, 9000, 3, 1.0, 0.0)
     library.points[:, :KEPT] = 0.0
     test = library.points[11]
     library.match(test)
     assert library.compared <= MOST + 2 * FIRST
-
-
-@pytest.mark.parametrize("count", [1, 2, 64, 65])
-def test_a_library_of_any_size_is_searched(count: int) -> None:
-    library = clustered(5, count, 2, 1.0, 0.0)
-    assert library.match(library.points[0]) == library.exhaustive(library.points[0])
 
 
 def test_a_classifier_without_orientations_is_searched_too() -> None:

@@ -51,13 +51,6 @@ def test_no_orientation_error_without_truth_or_with_the_wrong_class() -> None:
     assert Trial("a", 5.0, answer(None, 5.0)).orientation_error_deg is None
 
 
-def test_a_classifier_without_orientations_makes_no_orientation_error() -> None:
-    trials = [Trial("a", 5.0, answer("a", None)), Trial("a", 5.0, answer("a", 8.0))]
-    result = evaluate(trials, "a")
-    assert result.correct == 2
-    assert result.orientation_error_deg.median == pytest.approx(3.0)
-
-
 def test_results_are_counted_by_class() -> None:
     trials = [
         Trial("b", 10.0, answer("b", 12.0)),

@@ -3,8 +3,6 @@
 import io
 import json
 import os
-import subprocess
-import sys
 import tracemalloc
 import zipfile
 from collections.abc import Callable
@@ -151,36 +149,17 @@ def test_any_other_packing_is_refused(saved: Path, compression: int) -> None:
     assert_refused(saved, "packed in an unknown way")
 
 
-def test_saving_again_replaces_the_file(saved: Path, library) -> None:
-    less = replace(
-        library,
-        labels=library.labels[:1],
-        orientations_deg=library.orientations_deg[:1],
-        signatures=library.signatures[:1],
-    )
-    less.save(str(saved))
-    assert TextureLibrary.load(str(saved)).labels == ("grün",)
-    assert [p.name for p in saved.parent.iterdir()] == [saved.name]
-
-
 @pytest.mark.parametrize(
     ("edit", "cause"),
     [
         (lambda h: h.update(version=8), "version 8; .* 7; use a newer"),
         (lambda h: h.update(version=6), "version 6; .* 7; train it again"),
-        (lambda h: h.update(version="3"), "header field version"),
         (lambda h: h.pop("version"), "version"),
-        (lambda h: h.update(format="zip"), "header field format"),
         (lambda h: h.update(more=1), "header field 'more'"),
-        (lambda h: h.update(segment_px=10**9), "header field segment_px"),
-        (lambda h: h.update(classes=["", "b"]), r"header field classes\.0"),
         (lambda h: h.update(classes=["a\x1b[0m", "b"]), r"classes\.0.*do not print"),
-        (lambda h: h.update(classes=["a", "\ud800"]), r"header field classes\.1"),
         (lambda h: h.update(classifier="fortune"), "classifier 'fortune'"),
         (lambda h: h["limits"].update(fine=float("nan")), "header field limits: .*'fine'"),
-        (lambda h: h["limits"].update(fine="far"), "header field limits: .*'fine'"),
         (lambda h: h.update(light_directions=[[0, 0, -1]]), "light 0 .*horizon"),
-        (lambda h: h.update(sources=[["a"]]), r"header field sources\.0"),
     ],
 )
 def test_a_wrong_header_field_is_named(
@@ -189,11 +168,8 @@ def test_a_wrong_header_field_is_named(
     assert_refused(edited(saved, edit), cause)
 
 
-@pytest.mark.parametrize(
-    "header",
-    [b"", b"\xff\xfe", b"[]", b"[" * 200_000, b'{"version": [1]}'],
-)
-def test_a_header_that_is_not_json_of_the_right_kind_is_refused(saved: Path, header: bytes) -> None:
+@pytest.mark.parametrize("header", [b"[]", b"[" * 200_000])
+def test_a_header_that_is_not_a_json_object_is_refused(saved: Path, header: bytes) -> None:
     put(saved, header=header)
     assert_refused(saved, "header|not a readable library")
 
@@ -208,23 +184,18 @@ def claimed(shape: str, descr: str = "'<f4'", content: bytes = bytes(16)) -> byt
     ("array", "cause"),
     [
         (npy(np.ones((2, 5), np.float32)), r"3 references, and arrays of \(3,\), \(2, 5\)"),
-        (npy(np.ones((4, 5), np.float32)), "3 references"),
         (npy(np.ones((5, 3), np.float32).T), "signatures.npy is"),
         (npy(np.ones((3, 5))), "float64"),
         (npy(np.full((3, 5), np.nan, np.float32)), "NaN"),
-        (npy(np.full((3, 5), np.inf, np.float32)), "NaN"),
         (npy(np.ones((3, 5), np.float32))[:-1], "in 59 bytes"),
         (npy(np.ones((3, 5), np.float32)) + b"x" * 100_000, "in 100060 bytes"),
         (npy(np.full((3, 5), None), allow_pickle=True), "object"),
         (claimed("(10**9,)"), UNREADABLE),
         (claimed("(1000000000000,)"), "in 16 bytes"),
-        (claimed("(4611686018427387905, 4)"), "in 16 bytes"),
         (claimed("(-1, -4)"), UNREADABLE),
-        (claimed("(3, 5)"), "in 16 bytes"),
         (claimed("-" * 8000 + "1"), UNREADABLE),
         (claimed("()", "'O'"), "signatures.npy is"),
         (b"", UNREADABLE),
-        (b"cos\nsystem\n(S'true'\ntR.", UNREADABLE),
     ],
 )
 def test_a_damaged_array_is_refused(saved: Path, array: bytes, cause: str) -> None:
@@ -240,7 +211,6 @@ def test_a_damaged_array_is_refused(saved: Path, array: bytes, cause: str) -> No
         ("classes", np.array([0, 1, 2], "<i4"), "class has no name"),
         ("classes", np.array([0, -1, 0], "<i4"), "class has no name"),
         ("classes", np.array([0, 1], "<i4"), "2 references"),
-        ("classes", np.array([[0], [1], [0]], "<i4"), "3 references"),
         ("classes", np.empty(0, "<i4"), "0 references"),
         ("classes", np.array([0, 1, 0], "<i8"), "int64"),
         ("orientations_deg", np.array([0, np.nan, 0]), "NaN"),
@@ -295,24 +265,6 @@ def test_a_library_of_thousands_of_parameters_is_refused(saved: Path) -> None:
     assert_refused(saved, "parameters; the file is damaged")
 
 
-class Explosive:
-    """Unpickling this would make a file."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return os.mkdir, (str(self.path),)
-
-
-def test_a_library_is_not_unpickled(saved: Path) -> None:
-    trap = saved.parent / "trap"
-    array = np.array([Explosive(trap)], dtype=object)
-    put(saved, signatures=npy(array, allow_pickle=True))
-    assert_refused(saved, "object")
-    assert not trap.exists()
-
-
 @pytest.mark.parametrize("name", ["library.json", *ARRAYS])
 def test_a_zip_without_one_of_the_members_is_no_library(saved: Path, name: str) -> None:
     content = members(saved)
@@ -340,19 +292,8 @@ def test_members_that_would_fill_the_memory_are_refused(
     assert_refused(saved, rf": declares \d+ bytes in a file of {size}; ")
 
 
-@pytest.mark.parametrize(
-    "fields",
-    [
-        {"sources": [[]] * 100_000},
-        {"limits": {str(index): "" for index in range(100_000)}},
-        {str(index): 0 for index in range(100_000)},
-    ],
-    ids=lambda fields: min(fields),
-)
-def test_thousands_of_errors_in_a_header_take_little_memory(
-    saved: Path, fields: dict[str, Any]
-) -> None:
-    edited(saved, lambda header: header.update(fields))
+def test_thousands_of_errors_in_a_header_take_little_memory(saved: Path) -> None:
+    edited(saved, lambda header: header.update(sources=[[]] * 100_000))
     tracemalloc.start()
     try:
         assert_refused(saved, "header field")
@@ -374,35 +315,21 @@ def patched(path: Path, name: str, central: dict[int, bytes], local: dict[int, b
     path.write_bytes(content)
 
 
-@pytest.mark.parametrize("name", ["library.json", *ARRAYS, "parameters/whitening.npy"])
-def test_an_encrypted_member_is_refused(saved: Path, name: str) -> None:
-    patched(saved, name, {8: b"\x01\x00"}, {6: b"\x01\x00"})
+def test_an_encrypted_member_is_refused(saved: Path) -> None:
+    patched(saved, "signatures.npy", {8: b"\x01\x00"}, {6: b"\x01\x00"})
     assert_refused(saved, r"not a readable library .*encrypted")
-
-
-def test_a_member_larger_than_the_file_is_refused(saved: Path) -> None:
-    """Some versions of zipfile refuse overlapping members with another message."""
-    for size in (2**31, saved.stat().st_size):
-        claimed = size.to_bytes(4, "little")
-        patched(saved, "signatures.npy", {20: claimed, 24: claimed}, {})
-        assert_refused(saved, r": declares|signatures|readable")
 
 
 def test_a_missing_file_says_how_to_make_one(tmp_path: Path) -> None:
     assert_refused(tmp_path / "none.ps4lib", "no such library; make one with ps4rig train")
 
 
-@pytest.mark.parametrize("content", [b"", b"PK", b"no zip at all" * 100])
-def test_a_file_that_is_no_zip_is_refused(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "x.ps4lib"
-    path.write_bytes(content)
-    assert_refused(path, UNREADABLE)
-
-
-def test_folders_and_pipes_are_refused(tmp_path: Path) -> None:
+def test_folders_pipes_and_files_that_are_no_zip_are_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "x.ps4lib")
     for path in (tmp_path, tmp_path / "x.ps4lib"):
         assert_refused(path, "cannot be read")
+    (tmp_path / "text.ps4lib").write_bytes(b"no zip at all" * 100)
+    assert_refused(tmp_path / "text.ps4lib", UNREADABLE)
 
 
 FIXTURE = HealthCheck.function_scoped_fixture
@@ -515,15 +442,6 @@ def test_a_changed_local_header_is_refused(saved: Path, offset: int, value: byte
     assert_refused(saved, UNREADABLE, map_from_bytes=SMALL_BYTES)
 
 
-def test_a_mapped_array_that_reaches_beyond_the_file_is_refused(saved: Path) -> None:
-    """Reading beyond the end would end the program."""
-    array = claimed("(3, 10000000)")
-    put(saved, signatures=array)
-    size = (len(array) - 16 + 120_000_000).to_bytes(4, "little")
-    patched(saved, "signatures.npy", {20: size, 24: size}, {})
-    assert_refused(saved, r": declares 1200\d+ bytes", map_from_bytes=SMALL_BYTES)
-
-
 def test_a_large_library_keeps_its_invariants(library, saved: Path, stationary) -> None:
     library = replace(library, compare_all_up_to=2)
     library.save(saved)
@@ -535,34 +453,6 @@ def test_a_large_library_keeps_its_invariants(library, saved: Path, stationary) 
         loaded = TextureLibrary.load(saved, map_from_bytes=mapped_from)
         np.testing.assert_array_equal(loaded.invariants, library.invariants)
         assert loaded.classify(surface) == library.classify(surface)
-
-
-FILL_DISK = """
-import resource, signal, sys
-from classify import InputError, TextureLibrary
-library = TextureLibrary.load(sys.argv[1])
-resource.setrlimit(resource.RLIMIT_FSIZE, (8192, 8192))
-try:
-    library.save(sys.argv[1])
-except InputError as error:
-    print(error)
-else:
-    sys.exit("saved")
-"""
-
-
-def test_a_full_disk_is_one_line_and_leaves_the_old_library(saved: Path) -> None:
-    """A limit on the size of files stands for a full disk."""
-    before = saved.read_bytes()
-    assert len(before) > 8192
-    run = subprocess.run(
-        [sys.executable, "-c", FILL_DISK, str(saved)], capture_output=True, text=True, check=False
-    )
-    assert run.returncode == 0, run.stderr
-    assert run.stdout.strip() == f"{saved}: cannot be written: {os.strerror(27)}"
-    assert run.stderr == ""
-    assert saved.read_bytes() == before
-    assert [p.name for p in saved.parent.iterdir()] == [saved.name]
 
 
 def test_other_suffixes_and_missing_folders_are_refused(library, tmp_path: Path) -> None:
@@ -593,14 +483,6 @@ def test_a_library_without_its_hash_is_refused(
     del header["sha256"]
     write_members(saved, content | {"library.json": json.dumps(header | given).encode()})
     assert_refused(saved, "sha256", map_from_bytes=map_from_bytes)
-
-
-def test_a_library_with_an_altered_limit_is_refused(saved: Path) -> None:
-    content = members(saved)
-    header = json.loads(content["library.json"])
-    header["limits"] = dict.fromkeys(header["limits"], 1e9)
-    write_members(saved, content | {"library.json": json.dumps(header).encode()})
-    assert_refused(saved, "does not match its SHA-256")
 
 
 def test_a_mapped_library_that_is_cut_short_is_an_error(

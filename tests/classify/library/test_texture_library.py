@@ -12,7 +12,6 @@ from classify.library.training import TrainingRow, common_lighting, observe
 from tests.angles import off_deg
 
 KINDS = ("sand", "fine sand", "brushed", "malv")
-DIRECTED = KINDS[:3]
 
 
 @pytest.fixture(scope="module")
@@ -20,48 +19,11 @@ def library(stationary) -> TextureLibrary:
     return TextureLibrary.train((kind, stationary(kind, seed=1)) for kind in KINDS)
 
 
-WAVES = ("ripple", "fine", "grain", "even")
-
-
-@pytest.fixture(scope="module")
-def of_waves(texture) -> TextureLibrary:
-    return TextureLibrary.train((kind, texture(kind, seed=1)) for kind in WAVES)
-
-
-@pytest.mark.parametrize("orientation_deg", [0.0, 17.0, 61.0, 90.0, 133.0, 179.0])
-def test_the_same_patch_rotated_is_recognised(of_waves, texture, orientation_deg: float) -> None:
-    for kind in WAVES:
-        match = of_waves.classify(texture(kind, orientation_deg, seed=1))
-        assert match.label == match.nearest == kind
-        assert 0.0 <= match.distance < match.runner_up_distance
-        assert match.runner_up != kind
-        assert match.margin == pytest.approx(1 - match.distance / match.runner_up_distance)
-        assert 0.0 <= match.orientation_deg < 180.0
-        if kind != "even":
-            assert off_deg(match.orientation_deg, orientation_deg) < 2.0
-
-
-def test_a_training_set_has_orientation_0_and_not_just_below_180(library, stationary) -> None:
-    for kind in DIRECTED:
-        assert library.classify(stationary(kind, seed=1)).orientation_deg == 0.0
-
-
 def test_the_smallest_training_frame_sets_the_segments(stationary) -> None:
     library = TextureLibrary.train([
         ("a", stationary("sand", side=256)), ("b", stationary("malv", side=100))
     ])  # fmt: skip
     assert library.segment_px == 32
-
-
-def test_later_sets_of_a_class_are_aligned_to_the_first(texture) -> None:
-    library = TextureLibrary.train(
-        ("grain", texture("grain", angle, seed=1)) for angle in (0.0, 50.0, 140.0)
-    )
-    assert library.classes == ("grain",)
-    for found, angle in zip(library.orientations_deg, (0.0, 50.0, 140.0), strict=True):
-        assert off_deg(found, angle) < 1.0
-    match = library.classify(texture("grain", 77.0, seed=1))
-    assert off_deg(match.orientation_deg, 77.0) < 2.0
 
 
 def test_orientations_refer_to_given_training_orientations(stationary) -> None:
@@ -86,13 +48,6 @@ def test_the_given_orientations_of_a_class_hold_for_its_other_sets(stationary) -
     for found, angle in zip(library.orientations_deg, (60.0, 100.0, 100.0), strict=False):
         assert off_deg(found, angle) < 2.0
     assert library.oriented == ("brushed",)
-
-
-def test_a_set_without_orientation_is_aligned_to_a_given_one(stationary) -> None:
-    library = TextureLibrary.train([
-        ("sand", stationary("sand", 30.0, seed=1), 30.0), ("sand", stationary("sand", 65.0, seed=2))
-    ])  # fmt: skip
-    assert off_deg(library.orientations_deg[1], 65.0) < 2.0
 
 
 def test_the_nearest_of_several_sets_of_a_class_counts(stationary) -> None:
@@ -176,21 +131,6 @@ def test_a_smooth_plate_is_a_class_like_any_other(stationary, surface_of) -> Non
     assert alone.classify(plate).label == "plate"
     assert alone.classify(malv).label is None
     assert TextureLibrary.train([("malv", malv)]).classify(plate).label is None
-
-
-def test_from_images_to_a_match(photographed, stationary) -> None:
-    """The surfaces come from the solver and keep their lighting."""
-    ring = Lighting.ring(45.0)
-    solved = {
-        angle: photometric_stereo(photographed(stationary("sand", angle, seed=1)).images, ring)
-        for angle in (0.0, 60.0)
-    }
-    other = photometric_stereo(photographed(stationary("malv", seed=1)).images, ring)
-    library = TextureLibrary.train([("sand", solved[0.0]), ("malv", other)])
-    assert library.lighting == ring
-    match = library.classify(solved[60.0])
-    assert match.label == "sand"
-    assert off_deg(match.orientation_deg, 60.0) < 2.0
 
 
 @pytest.mark.filterwarnings("error")

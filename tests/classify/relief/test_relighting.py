@@ -49,11 +49,3 @@ def test_only_pixels_that_face_away_from_the_light_are_black(surface_of: Surface
     assert (image[:, 10:15] == 0).all()
     assert (image[:, 16:21] > 0.9).all()
     np.testing.assert_allclose(image[:, :10], np.cos(np.radians(70.0)), rtol=1e-6)
-
-
-def test_light_at_tilt_90_brightens_slopes_that_face_up(surface_of: SurfaceOf) -> None:
-    """Q < 0: the surface falls upwards in the image, so it faces the light at tilt 90."""
-    one = np.ones((2, 3))
-    lighting = Lighting.from_angles([90.0, 270.0], 45.0)
-    above, below = relight(surface_of(0 * one, -0.5 * one, one), lighting)
-    assert (above > below).all()

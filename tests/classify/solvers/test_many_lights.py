@@ -85,14 +85,6 @@ def test_rushmeier_ignores_one_shadow_and_one_highlight(count: int) -> None:
     assert np.abs(plain.p - p).mean() > 0.1
 
 
-def test_rushmeier_drops_no_light_of_equal_ones() -> None:
-    surface = photometric_stereo(np.full((5, 4, 4), 90, np.uint8), ring_of(5), "rushmeier")
-    np.testing.assert_allclose(surface.p, 0.0, atol=1e-5)
-    np.testing.assert_allclose(surface.albedo, 90 / np.cos(np.radians(40)), rtol=1e-5)
-    assert (surface.dropped == 255).all()
-    assert surface.valid.all()
-
-
 def test_rushmeier_marks_pixels_whose_other_lights_are_in_one_plane() -> None:
     """A ring of four and a light above: without lights 0 and 180, p is undetermined."""
     lighting = Lighting.from_angles([0, 90, 180, 270, 0], [45, 45, 45, 45, 0])
@@ -170,20 +162,6 @@ def test_a_pixel_saturated_under_most_lights_is_not_valid(method: str) -> None:
     surface = photometric_stereo(images, lighting, method, full_scale=4095)
     np.testing.assert_array_equal(surface.valid, (np.arange(4) > 0)[:, None] * [[True] * 4])
     np.testing.assert_array_equal(surface.saturated, ~surface.valid)
-
-
-def test_drbohlav_is_least_squares_where_the_lights_agree() -> None:
-    lighting = ring_of(5)
-    _, _, images = bumps(lighting)
-    images += np.random.default_rng(2).normal(0, 3.0, images.shape)
-    images = images.astype(np.float32)
-    noise = SensorNoise(gain_e_per_dn=1e6, read_noise_dn=3.0)
-    found = photometric_stereo(images, lighting, "drbohlav", noise=noise)
-    plain = photometric_stereo(images, lighting, "least_squares")
-    agree = found.dropped == 255
-    assert agree.mean() > 0.98
-    np.testing.assert_allclose(found.p[agree], plain.p[agree], atol=1e-4)
-    np.testing.assert_allclose(found.q[agree], plain.q[agree], atol=1e-4)
 
 
 @pytest.mark.parametrize("count", [5, 6, 8])
@@ -271,20 +249,6 @@ def test_a_light_left_out_is_named_where_no_majority_agrees(factor: float) -> No
         images.astype(np.float32), lighting, "drbohlav", full_scale=saturation, noise=QUIET
     )
     assert (surface.dropped == 7).all()
-
-
-def test_drbohlav_replaces_several_values_of_many() -> None:
-    lighting = ring_of(9)
-    p, q, images = bumps(lighting)
-    for light, factor in ((1, 0.0), (4, 0.3)):
-        images[light] *= factor
-    shining = np.random.default_rng(5).random(p.shape) < 0.4
-    images[6][shining] *= 1.8
-    surface = photometric_stereo(images.astype(np.float32), lighting, "drbohlav", noise=QUIET)
-    np.testing.assert_allclose(surface.p, p, atol=1e-4)
-    np.testing.assert_allclose(surface.q, q, atol=1e-4)
-    np.testing.assert_array_equal(surface.specular, shining)
-    assert (surface.shadow_count == 2).all()
 
 
 def test_a_value_is_replaced_by_its_linear_prediction() -> None:

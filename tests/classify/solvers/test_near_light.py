@@ -111,14 +111,6 @@ def test_four_lights_out_of_one_plane_give_the_exact_surface(method: Method, fie
     assert_is(surface, *truth, within=1e-4)
 
 
-@pytest.mark.parametrize("method", MORE_LIGHTS)
-def test_a_dome_gives_the_exact_surface_where_all_its_lights_reach(method: Method) -> None:
-    truth = slopes(1, 0.3)
-    lighting = near(SIX, 2.0)
-    surface = photometric_stereo(lit_by(lighting, *truth), lighting, method)
-    assert_is(surface, *truth, within=1e-4)
-
-
 @pytest.mark.parametrize("unequal", [1.02, 1.1])
 @pytest.mark.parametrize(
     ("method", "directions"),

@@ -1,7 +1,5 @@
 """Residual, shadows and highlights against plain numpy."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -87,34 +85,6 @@ def test_pixels_at_full_scale_are_saturated(surface: SurfaceEstimate) -> None:
     expected = (surface.images >= FULL_SCALE).any(axis=0)
     assert expected.any()
     np.testing.assert_array_equal(surface.saturated, expected)
-
-
-def test_maps_are_computed_once(surface: SurfaceEstimate) -> None:
-    for name in ("dropped", "residual", "shadow_count", "saturated", "specular"):
-        assert getattr(surface, name) is getattr(surface, name)
-
-
-def test_the_maps_of_a_crop_are_crops_of_the_maps(surface: SurfaceEstimate) -> None:
-    part = np.s_[..., 5:20, 7:30]
-    arrays = (
-        "p",
-        "q",
-        "albedo",
-        "valid",
-        "images",
-        "ambient",
-        "left_out",
-        "highlights",
-        "repaired",
-    )
-    cut = {
-        name: np.ascontiguousarray(values[part])
-        for name in arrays
-        if (values := getattr(surface, name)) is not None
-    }
-    small = replace(surface, **cut)
-    for name in ("dropped", "residual", "shadow_count", "saturated", "specular"):
-        np.testing.assert_array_equal(getattr(small, name), getattr(surface, name)[part])
 
 
 @pytest.mark.parametrize("name", ["dropped", "residual", "shadow_count", "saturated", "specular"])

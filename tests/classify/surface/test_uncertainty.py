@@ -69,30 +69,6 @@ def test_they_are_there_only_when_asked_for() -> None:
     assert 0.8 < np.median(ratio) < 1.3
 
 
-def averaged(scene: SceneImages, taken: SimulatedSet) -> SimulatedSet:
-    """The set with each image the mean of four frames."""
-    sets = [
-        SimulatedSet.expose(scene, taken.lighting, SensorModel(bit_depth=12), seed)
-        for seed in range(4)
-    ]
-    return replace(
-        taken,
-        images=np.mean([each.images for each in sets], axis=0, dtype=np.float32),
-        ambient=np.mean([each.ambient for each in sets], axis=0, dtype=np.float32),
-    )
-
-
-def test_four_times_the_frames_halve_the_noise() -> None:
-    scene, taken = scene_of(45.0)
-    noise = taken.noise
-    assert noise is not None
-    of_four = replace(
-        noise, gain_e_per_dn=4 * noise.gain_e_per_dn, read_noise_dn=noise.read_noise_dn / 2
-    )
-    ratios = solved(replace(averaged(scene, taken), noise=of_four)).p_sd / solved(taken).p_sd
-    assert 0.48 < np.median(ratios) < 0.56
-
-
 def test_noise_that_was_given_too_low_is_found_in_the_residuals() -> None:
     _, taken = scene_of(45.0)
     assert taken.noise is not None

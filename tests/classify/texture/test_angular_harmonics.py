@@ -32,17 +32,6 @@ def shifted(maps: np.ndarray, shift_deg: float) -> np.ndarray:
     return roll_angles(maps, np.array([-shift_deg * ANGLES / 180.0]))[0]
 
 
-@given(SEEDS, st.sampled_from([(), (3,), (2, 5)]))
-def test_a_series_has_the_energy_of_its_map(seed: int, before: tuple[int, ...]) -> None:
-    """Parseval."""
-    maps = smooth(seed, *before)
-    series = harmonics(maps)
-    assert series.shape == (*before, HARMONICS)
-    assert series.dtype == np.complex64
-    energy = np.square(np.abs(series)).sum(axis=-1)
-    np.testing.assert_allclose(energy, np.square(maps).sum(axis=-1), rtol=1e-5)
-
-
 @given(SEEDS)
 def test_a_series_loses_the_finer_harmonics_only(seed: int) -> None:
     noise = np.random.default_rng(seed).standard_normal(ANGLES)
@@ -108,28 +97,6 @@ def test_no_error_is_below_the_bound_of_the_norms(
     errors = least_error(test_series, series).errors
     energy = np.square(references).sum(axis=(1, 2)) + np.square(test).sum()
     assert (errors >= bounds - 1e-5 * energy).all()
-
-
-@given(SEEDS, SHIFTS_DEG)
-def test_no_shift_changes_the_norms(seed: int, shift_deg: float) -> None:
-    maps = smooth(seed, 4)
-    before, after = (
-        shift_invariant_norms(harmonics(each)) for each in (maps, shifted(maps, shift_deg))
-    )
-    np.testing.assert_allclose(after, before, rtol=1e-4, atol=1e-5)
-
-
-def test_all_maps_of_a_stack_share_one_shift() -> None:
-    """Where each of two maps alone has another best shift, the least sum decides."""
-    one = smooth(1, 2)
-    apart = np.stack([shifted(one[0], 20.0), shifted(one[1], 60.0)])
-    found = least_error(harmonics(apart), harmonics(one)[None])
-    alone = [
-        least_error(harmonics(apart[i : i + 1]), harmonics(one[i : i + 1])[None]) for i in range(2)
-    ]
-    assert off_deg(alone[0].shifts_deg[0], 20.0) < 0.1
-    assert off_deg(alone[1].shifts_deg[0], 60.0) < 0.1
-    assert found.errors[0] > sum(float(each.errors[0]) for each in alone) + 0.1
 
 
 def test_sharpness_is_zero_without_a_direction() -> None:

@@ -170,13 +170,6 @@ def test_half_of_white_noise_is_curl_and_its_density_is_the_variance(surface_of)
     assert spectra.albedo.mean() == pytest.approx(0.05**2, rel=0.1)
 
 
-def test_curl_density_is_what_noise_adds_to_a_texture(texture, surface_of) -> None:
-    surface = texture("fine", seed=1, side=256)
-    p, q = 0.05 * np.random.default_rng(1).standard_normal((2, 256, 256))
-    spectra = surface_spectra(surface_of(surface.p + p, surface.q + q, surface.albedo), 64)
-    assert spectra.curl_density == pytest.approx(0.05**2, rel=0.1)
-
-
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_relief_is_a_part_of_the_gradient(surface_of, seed: int) -> None:
@@ -207,27 +200,6 @@ def test_the_co_spectrum_is_positive_where_high_places_are_bright(
     np.testing.assert_allclose(coherence(sideways), 0.0, atol=0.05)
 
 
-def test_the_co_spectrum_of_independent_relief_and_paint_is_small(texture) -> None:
-    spectra = surface_spectra(texture("even", seed=1, side=256))
-    assert abs(coherence(spectra).mean()) < 0.1
-
-
-@pytest.mark.parametrize("orientation_deg", [30.0, 90.0, 146.0])
-def test_the_co_spectrum_rotates_with_the_surface(
-    texture, surface_of, orientation_deg: float
-) -> None:
-    def tinted(angle: float):
-        # High places, as differences of neighbours show them, are bright.
-        surface = texture("grain", angle, seed=1)
-        out = -(np.gradient(surface.p, axis=1) - np.gradient(surface.q, axis=0))
-        return surface_spectra(surface_of(surface.p, surface.q, 1 + 0.3 * out), segment_px=128)
-
-    still, rotated = tinted(0.0), tinted(orientation_deg)
-    back = roll_angles(rotated.co_spectrum, np.array([orientation_deg * ANGLES / 180.0]))[0]
-    assert np.corrcoef(back.ravel(), still.co_spectrum.ravel())[0, 1] > 0.95
-    assert still.co_spectrum.sum() > 0.0
-
-
 def test_the_spectrum_of_an_image_is_that_of_paint(texture) -> None:
     surface = texture("grain", seed=1)
     image = (surface.albedo * 40_000).astype(np.uint16)
@@ -235,18 +207,6 @@ def test_the_spectrum_of_an_image_is_that_of_paint(texture) -> None:
     np.testing.assert_allclose(image_spectrum(image, 64), expected, rtol=0.02, atol=1e-8)
     darker = image_spectrum(image.astype(np.float32) / 7, 64)
     np.testing.assert_allclose(darker, image_spectrum(image, 64), rtol=1e-3, atol=1e-8)
-
-
-def test_the_spectrum_of_an_image_contains_the_direction_of_its_light(
-    stationary, photographed
-) -> None:
-    """cos^2(theta - tilt), although the texture is the same in every direction."""
-    images = photographed(stationary("malv", seed=3, side=256)).images
-    for image, tilt_deg in zip(images[:2], (0.0, 90.0), strict=True):
-        polar = image_spectrum(image, 64).mean(axis=0)
-        second = np.fft.rfft(polar / polar.mean())[1] * 2 / ANGLES
-        assert np.abs(second) > 0.6
-        assert off_deg(-np.degrees(np.angle(second)) / 2, tilt_deg) < 5.0
 
 
 def test_images_without_a_spectrum_are_refused() -> None:

@@ -67,27 +67,6 @@ def test_another_sequence_is_not_mistaken_for_this_one(rig: Rig) -> None:
         sequence.is_running()
 
 
-def keep_lit(rig: Rig, led: int, for_s: float) -> None:
-    rig.lights.select(led)
-    until_s = rig.clock.now_s() + for_s
-    while rig.clock.now_s() < until_s:
-        rig.clock.sleep_s(2.0)
-        rig.lights.state()
-
-
-def test_an_led_that_must_rest_is_named(rig: Rig) -> None:
-    keep_lit(rig, 2, for_s=80.0)
-    rig.lights.off()
-    with pytest.raises(LightControllerError, match="LED must rest"):
-        RunningSequence(rig.lights, plan_of(rig))
-
-
-def test_a_light_at_its_time_limit_is_reported(rig: Rig) -> None:
-    keep_lit(rig, 2, for_s=121.0)
-    with pytest.raises(LightControllerError, match=r"LED 2 .*On-time limit"):
-        rig.lights.confirm(2)
-
-
 def test_every_exchange_bounds_the_difference_of_the_clocks():
     first = Answer((1_000_000,), sent_s=10.000, received_s=10.004)
     second = Answer((2_000_000,), sent_s=10.999, received_s=11.001)

@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 from classify import Lighting
-from classify.base.errors import InputError
-from rig import Placement, RigConfig, open_rig, surface_names
 from rig.scene.material_folder import bundled_materials
 from rig.scene.random_fields import ripples, rotated, summed
 from rig.scene.render import render_scene
@@ -157,26 +155,6 @@ def test_spectra_do_not_depend_on_the_size_of_the_tile(name: str) -> None:
 
 
 @pytest.mark.slow
-def test_the_30_differ_in_the_spectra_of_relief_or_albedo() -> None:
-    """Mean log spectra of two realisations are nearest to those of two others of the texture."""
-
-    def features(name: str, *seeds: int) -> np.ndarray:
-        surfaces = [surface_of(name, seed) for seed in seeds]
-        relief = np.mean([banded(slope_power(surface)) for surface in surfaces], axis=0)
-        albedo = np.mean([banded(power(surface.albedo)) for surface in surfaces], axis=0)
-        # The scatter of a band falls with its number of frequencies, which grows with its square.
-        weight = np.geomspace(1.0, 30.0, len(relief))[:, None].clip(max=8.0)
-        return np.concatenate([weight * np.log1p(relief / 0.1), weight * np.log1p(albedo / 0.01)])
-
-    known = np.array([features(name, 0, 1) for name in SYNTHETIC_30])
-    nearest = [
-        SYNTHETIC_30[int(np.square(known - features(name, 2, 3)).sum(axis=(1, 2)).argmin())]
-        for name in SYNTHETIC_30
-    ]
-    assert nearest == list(SYNTHETIC_30)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(("name", "partner"), [*EQUAL_SPECTRUM_TWINS.items(), *SAME_RELIEF.items()])
 def test_two_textures_have_equal_power_spectra_of_relief(name: str, partner: str) -> None:
     seeds = range(6)
@@ -233,19 +211,3 @@ def test_the_smallest_tile_has_relief_for_every_seed(name: str) -> None:
     for seed in range(5):
         surface = synthetic_surface(name, seed, 16)
         assert rms_slope(surface.p, surface.q) > 0.3
-
-
-def test_the_simulated_rig_renders_any_texture_and_seed() -> None:
-    small = RigConfig().with_changes(camera={"width_px": 64, "height_px": 64})
-    with open_rig(small) as rig:
-        assert rig.simulation is not None
-        shown = {}
-        for name, seed in (("domes", 1), ("pits", 1), ("domes", 2)):
-            rig.simulation.place(Placement(surface=name, seed=seed))
-            rig.lights.select(0)
-            shown[name, seed] = [rig.camera.read(1.0).pixels for _ in range(5)][-1].astype(float)
-        assert abs(shown["domes", 1] - shown["pits", 1]).mean() > 50.0
-        assert abs(shown["domes", 1] - shown["domes", 2]).mean() > 50.0
-        with pytest.raises(InputError, match=r"rock.* pits, cobbles_gaussian, .*Bark014"):
-            rig.simulation.place(Placement(surface="granite"))
-    assert not set(surface_names()) & (set(SYNTHETIC_TEXTURES) - set(SYNTHETIC_NAMES))

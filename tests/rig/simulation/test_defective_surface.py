@@ -1,6 +1,5 @@
 """Defects on a surface: relief and gradients agree, and a defect stays where it is on the part."""
 
-from pathlib import Path
 from typing import get_args
 
 import numpy as np
@@ -9,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from classify.lighting import Lighting
-from rig import ConfigError, Defect, Placement, RigConfig, load_config
+from rig import Defect, Placement, RigConfig
 from rig.config.simulation import RELIEF_KINDS, DefectKind
 from rig.scene.render import render_frame
 from rig.scene.surfaces import PeriodicSurface, View
@@ -153,19 +152,7 @@ def test_a_placed_part_shows_its_defects_and_its_set_names_them() -> None:
     assert placement.defects == defects
 
 
-def test_defects_are_read_from_rig_toml(tmp_path: Path) -> None:
-    path = tmp_path / "rig.toml"
-    lights = '[lights]\nport = "simulated"\n'
-    text = (
-        lights
-        + '[[simulation.placement.defects]]\nkind = "scratch"\nsize_px = 40.0\ndepth_px = {}\n'
-    )
-    path.write_text(text.format(0.5))
-    (scratch,) = load_config(path).simulation.placement.defects
-    assert (scratch.kind, scratch.size_px, scratch.depth_px) == ("scratch", 40.0, 0.5)
-    path.write_text(text.format(-1.0))
-    with pytest.raises(ConfigError, match=r"defects.*depth_px"):
-        load_config(path)
-    path.write_text(lights + '[simulation.placement]\ndefects = [{kind = "foreign"}]\n')
-    with pytest.raises(ConfigError, match=r"surface"):
-        load_config(path)
+@pytest.mark.parametrize("fields", [{"kind": "foreign"}, {"kind": "dent", "surface": "waves"}])
+def test_a_foreign_texture_and_no_other_defect_has_a_surface(fields: dict[str, str]) -> None:
+    with pytest.raises(ValueError, match="surface"):
+        Defect.model_validate(fields)

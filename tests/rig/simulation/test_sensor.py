@@ -58,14 +58,3 @@ def test_dark_noise_is_not_clipped_at_zero() -> None:
     assert dark.min() > 0.0
     assert dark.mean() == pytest.approx(sensor.black_level_dn, abs=0.1)
     assert dark.std() == pytest.approx(np.hypot(sensor.read_noise_dn, 12**-0.5), rel=0.02)
-
-
-def test_the_same_generator_gives_the_same_pixels() -> None:
-    np.testing.assert_array_equal(exposed(SensorModel(), 7.0, 3), exposed(SensorModel(), 7.0, 3))
-    assert (exposed(SensorModel(), 7.0, 3) != exposed(SensorModel(), 7.0, 4)).any()
-
-
-def test_expose_does_not_change_its_input() -> None:
-    light = np.full((4, 4), 3.0, np.float32)
-    SensorModel().expose(light, np.random.default_rng(0))
-    assert (light == 3.0).all()

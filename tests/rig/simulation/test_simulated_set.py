@@ -33,25 +33,6 @@ def test_the_images_without_shadow_are_the_same_where_there_is_none() -> None:
     np.testing.assert_array_equal(SAND.without_shadow(STEEP).lights[lit], SAND.lights[lit])
 
 
-def test_a_planar_part_under_near_leds_has_the_slopes_of_distant_light() -> None:
-    """LEDs at five fields of view, one of them weak: 8.8 degrees of error without `planar`."""
-    ring, surface = Lighting.ring(45.0), synthetic_surface("malv", 3, 512)
-    near = render_frame(surface, ring, 256, led_distance_px=5 * 256)
-    images = SimulatedSet.expose(
-        near, ring, SensorModel(bit_depth=12), 1, led_levels=(1, 0.9, 1, 1)
-    )
-
-    def error_deg(planar: bool) -> float:
-        found = images.solve(planar=planar)
-        true = np.stack([-near.p, -near.q, np.ones_like(near.p)], axis=-1)
-        true /= np.linalg.norm(true, axis=-1, keepdims=True)
-        cosines = np.clip((found.normals * true).sum(axis=-1), -1.0, 1.0)
-        return float(np.degrees(np.arccos(cosines)).mean())
-
-    assert error_deg(planar=False) > 5.0
-    assert error_deg(planar=True) < 1.4
-
-
 def test_exposure_and_led_levels_scale_the_images() -> None:
     sensor = SensorModel(bit_depth=16)
     usual, half, weak = (

@@ -195,12 +195,8 @@ def test_a_read_only_control_must_be_off() -> None:
         set_measurement_mode(FakeCamera(knobs), config())
 
 
-def test_the_controls_are_set_and_listed() -> None:
+def test_the_controls_are_listed() -> None:
     camera = FakeCamera(usual_knobs())
-    mode = set_measurement_mode(camera, config(exposure_ms=12.34, gain=7, gamma=100))
-    assert camera.written[:2] == [AUTO, TIME]
-    assert (camera.knobs[TIME].value, camera.knobs[abi.Cid.GAIN].value) == (123, 7)
-    assert mode.exposure_s == pytest.approx(0.0123)
     listed = list(list_controls(camera))
     assert [control.id for control in listed] == sorted(camera.knobs)
     auto = next(control for control in listed if control.id == AUTO)
