@@ -73,7 +73,7 @@ def test_the_page_states_age_scale_and_benefit(whole: CalibrationFile) -> None:
     text = page_of(whole).text
     for words in (
         "40 days", "0.02 mm/px",
-        "6.4 mm \N{PLUS-MINUS SIGN} 2%", "without calibration", "and the lights", "Simulated",
+        "6.4 mm \N{PLUS-MINUS SIGN} 2%", "without calibration", "flat field, lights", "Simulated",
     ):  # fmt: skip
         assert words in text
 
@@ -114,7 +114,8 @@ def test_drawn_positions_are_the_measured_ones(whole: CalibrationFile) -> None:
 def test_each_part_reduces_the_error_of_near_unequal_lights(whole: CalibrationFile) -> None:
     names, degrees = zip(*benefit_of(whole), strict=True)
     assert names == (
-        "without calibration", "and the response", "and the flat field", "and the lights",
+        "without calibration", "with response", "with response, flat field",
+        "with response, flat field, lights",
     )  # fmt: skip
     assert degrees[0] > 8.0
     assert degrees[2] < 0.15 * degrees[0]
