@@ -214,7 +214,7 @@ def solve_set(
         stack = ImageStack(captured.images, captured.ambient)
         flat_fall_off = fall_off(stack, captured.lighting, surface.full_scale, captured.mask)
     levels = surface.led_levels
-    mm_per_px = None if applied is None else applied.mm_per_px
+    mm_per_px = loaded.mm_per_px
     written = write_maps(
         captured,
         surface,
