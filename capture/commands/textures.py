@@ -47,7 +47,7 @@ _TrainingSolver = Annotated[
     Method | None,
     typer.Option(
         "--method",
-        help=f"Solver of all training sets, one of {', '.join(METHODS)}.",
+        help="Solver of all training sets, one of those of ps4rig solve.",
         show_default="ps4_robust for four lights, else least_squares",
         metavar="METHOD",
     ),
@@ -56,7 +56,7 @@ _LibrarySolver = Annotated[
     Method | None,
     typer.Option(
         "--method",
-        help=f"Solver of the sets, one of {', '.join(METHODS)}.",
+        help="Solver of the sets, one of those of ps4rig solve.",
         show_default="the solver of the library",
         metavar="METHOD",
     ),

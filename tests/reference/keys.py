@@ -12,8 +12,6 @@ from rig.cameras.config import CameraConfig
 from rig.cameras.kinds import CAMERA_KINDS
 
 REQUIRED = "required"
-# A larger bound only keeps numbers finite.
-_LARGEST_BOUND = 1e5
 
 
 class Key(NamedTuple):
@@ -100,14 +98,14 @@ def _model_keys(model: type[BaseModel]) -> Iterator[Key]:
             else _shown(field.get_default(call_default_factory=True))
         )
         alias = field.alias or name
-        yield _key(alias, field.annotation, default, _range(field.metadata), meaning)
+        yield _key(alias, field.annotation, default, meaning)
 
 
-def _key(name: str, hint: Any, default: str, values: str, meaning: str) -> Key:
+def _key(name: str, hint: Any, default: str, meaning: str) -> Key:
     models = tuple(dict.fromkeys(_models(hint)))
     choices = ", ".join(dict.fromkeys(_choices(hint)))
     is_many = any(get_origin(each) is tuple for each in (hint, *get_args(hint)))
-    return Key(name, "" if models else default, choices or values, meaning, models, is_many)
+    return Key(name, "" if models else default, choices, meaning, models, is_many)
 
 
 def _models(hint: Any) -> Iterator[type]:
@@ -139,18 +137,6 @@ def _shown(value: Any) -> str:
         case tuple() | list():
             return f"[{', '.join(map(_shown, value))}]"
     return f'"{value}"' if isinstance(value, str) else str(value)
-
-
-def _range(metadata: Sequence[Any]) -> str:
-    """The bounds of a number."""
-    names = ("ge", "gt", "le", "lt")
-    bounds = {
-        name: getattr(each, name) for each in metadata for name in names if hasattr(each, name)
-    }
-    least, most = bounds.get("ge", bounds.get("gt")), bounds.get("le", bounds.get("lt"))
-    if least is None or most is None or most > _LARGEST_BOUND:
-        return ""
-    return f"{'> ' * ('gt' in bounds)}{least:g} to {'< ' * ('lt' in bounds)}{most:g}"
 
 
 def _attributes(model: type) -> dict[str, str]:
