@@ -20,11 +20,7 @@ _LONGER_SIDE_PX, _SLOPE, _PERIOD_PX = 128, 0.3, 7.3
 # Brightest value of the part as a share of full scale: the exposure that the doctor proposes.
 _BRIGHTEST = 0.8
 _DRAWS = 4  # random draws of the errors that the calibration states
-_STEPS = (
-    ("response", "and the response"),
-    ("flat_field", "and the flat field"),
-    ("lights", "and the lights"),
-)
+_STEPS = ("response", "flat_field", "lights")
 
 
 def errors_left(
@@ -40,13 +36,15 @@ def errors_left(
     rigs = list(_draws(part, flat_field_error))
     applied, lighting = Calibration(), configured
     steps = [("without calibration", _mean_error_deg(rigs, applied, lighting))]
-    for name, words in _STEPS:
+    names: list[str] = []
+    for name in _STEPS:
         measured = getattr(calibration, name)
         if measured is None or (isinstance(measured, Response) and measured.linear):
             continue
         applied = replace(applied, **{name: measured})
         lighting = part.lighting if name == "lights" else lighting
-        steps.append((words, _mean_error_deg(rigs, applied, lighting)))
+        names.append(name.replace("_", " "))
+        steps.append((f"with {', '.join(names)}", _mean_error_deg(rigs, applied, lighting)))
     return tuple(steps)
 
 

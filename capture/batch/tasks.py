@@ -14,18 +14,21 @@ import numpy as np
 
 from capture.base.console import complain
 from capture.base.errors import SetRejected
+from capture.calibration.lookup import FoundCalibration
 from capture.maps.files import write_maps
 from capture.maps.surface_maps import RELIT_LIGHT
 from capture.sets import ome_tiff
-from capture.sets.captured_set import PLANAR, LoadedSet, calibration_of, named
+from capture.sets.captured_set import PLANAR, CapturedSet, LoadedSet, calibration_of, named
 from capture.sets.metadata import SetMetadata
 from classify import Lighting, Match, Method, TextureLibrary
 from classify.base.errors import InputError
+from classify.calibration.calibration import Calibration
 from classify.classifiers import Observation
 from classify.images import ImageStack
 from classify.library.training import observe
 from classify.lights.fall_off import fall_off
 from classify.methods import DEFAULT_CLASSIFIER, checked_label, default_method, suits
+from classify.surface.estimate import inscribed_square
 from classify.texture.spectra import segment_for
 
 
@@ -52,7 +55,7 @@ def read_header(
     with named(path):
         label = _usable_label(metadata.label)
         method = _solver(metadata, method)
-        segment_px = segment_for(shape)
+        segment_px = segment_for(_texture_shape(path, metadata, shape, found_calibration))
         lighting = metadata.lighting.to_lighting()
         if found_calibration is not None:
             lighting = found_calibration.file.calibration.lighting_of(lighting)
@@ -89,7 +92,8 @@ def observe_set(
     """Solve a set as a planar part and compute its observation for training."""
     loaded = LoadedSet.of(path, calibration)
     with named(path):
-        return observe(loaded.solve_texture(method, planar=PLANAR), segment_px, classifier)
+        surface = loaded.solve_texture(method, planar=PLANAR)
+        return observe(surface.inscribed, segment_px, classifier)
 
 
 @dataclass(frozen=True)
@@ -210,7 +214,7 @@ def solve_set(
         stack = ImageStack(captured.images, captured.ambient)
         flat_fall_off = fall_off(stack, captured.lighting, surface.full_scale, captured.mask)
     levels = surface.led_levels
-    mm_per_px = None if applied is None else applied.mm_per_px
+    mm_per_px = loaded.mm_per_px
     written = write_maps(
         captured,
         surface,
@@ -237,6 +241,18 @@ def solve_set(
         raw_residual=raw_residual,
         warnings=loaded.warnings,
     )
+
+
+def _texture_shape(
+    path: Path, metadata: SetMetadata, shape: tuple[int, int], found: FoundCalibration | None
+) -> tuple[int, int]:
+    """Rows and columns in which the texture of a set is observed."""
+    mask = None if metadata.mask_file is None else CapturedSet.load(path).mask
+    if mask is None:
+        return shape
+    calibration = Calibration() if found is None else found.file.calibration
+    rows, columns = inscribed_square(calibration.corrected_mask(mask))
+    return rows.stop - rows.start, columns.stop - columns.start
 
 
 def _usable_label(label: str | None) -> str:

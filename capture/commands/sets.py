@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -233,6 +234,9 @@ def import_(
         ),
     ] = None,
     calibration: Annotated[Path | None, options.calibration_option("none")] = None,
+    mm_per_px: Annotated[
+        float | None, typer.Option(min=1e-6, max=1e3, help="Length of a pixel in mm, if known.")
+    ] = None,
     accept: Annotated[
         list[ImportCause] | None,
         typer.Option(help="Import although this was found. Repeat the option for more causes."),
@@ -277,6 +281,9 @@ def import_(
         lighting = Lighting.from_angles(tilts_deg, slant)
     check_output(output, suffix=SET_SUFFIX, inputs=[*images, *inputs], force=force)
     calibration_file = None if calibration is None else read_calibration(calibration)
+    has_scale = calibration_file is not None and calibration_file.calibration.scale is not None
+    if has_scale and mm_per_px is not None:
+        raise InputError(f"--mm-per-px: {calibration} has a scale; leave one of the two out")
     captured = import_images(
         images, lighting, gamma=gamma, ambient=ambient, label=label, bits=bits, mask=mask,
         crop=None if crop is None else _crop(crop), accept=accept or (), warnings=warnings,
@@ -285,6 +292,9 @@ def import_(
     captured = described(
         captured, specimen=specimen, operator=operator, note=note, orientation_deg=orientation
     )
+    if mm_per_px is not None:
+        metadata = captured.metadata.model_copy(update={"mm_per_px": mm_per_px})
+        captured = replace(captured, metadata=metadata)
     if calibration_file is not None:
         captured = captured.with_calibration(calibration_file)
     captured.save(output)

@@ -99,8 +99,8 @@ def solve(
                     note += f", the page shows {SHOWN_LIGHTS} of {surface.lights} light images"
                 out.print(f"{folder}: {len(surface.files)} files{note}")
                 out.print(
-                    f"valid {surface.valid:.1%}, saturated {surface.saturated:.1%}, "
-                    f"in shadow of a light {surface.shadowed:.1%} of the pixels"
+                    f"of the pixels {surface.valid:.1%} are valid, {surface.saturated:.1%} "
+                    f"saturated under some light, {surface.shadowed:.1%} in shadow of some light"
                 )
                 for describe in (_residual_note, _levels_note, _fall_off_note):
                     if text := describe(surface):
@@ -241,7 +241,7 @@ def _write_height(loaded: LoadedSet, output: Path) -> str:
         write_sur(output, HeightMap.of(loaded))
         return "um"
     surface, height = solved_height(loaded)
-    mm_per_px = None if loaded.calibration is None else loaded.calibration.mm_per_px
+    mm_per_px = loaded.mm_per_px
     per_px, unit = (1.0, "px, relative") if mm_per_px is None else (mm_per_px, "mm")
     height *= per_px
     if suffix == _PLY:

@@ -51,10 +51,9 @@ def side_of(path: Path, calibration: Path | None = None, *, raw: bool = False) -
 
 
 def _set(path: Path, loaded: LoadedSet) -> Side:
-    captured, applied = loaded.captured, loaded.calibration
+    captured = loaded.captured
     surface = loaded.solve(uncertainty=True)
-    mm_per_px = None if applied is None or applied.scale is None else applied.scale.mm_per_px
-    solved = SurfaceMaps(surface, mm_per_px=mm_per_px)
+    solved = SurfaceMaps(surface, mm_per_px=loaded.mm_per_px)
     maps: _Maps = {}
     for name, kind in _compared().items():
         described = kind.description(solved)

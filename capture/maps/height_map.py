@@ -33,7 +33,7 @@ class HeightMap:
 
     heights_mm: FloatMap  # (H, W) float32, NaN where no slope is known
     mm_per_px: float
-    scale_date: str  # of the measurement of the scale
+    scale_date: str  # of the measurement of the scale, or of the import that was given it
     captured_at: datetime
     metadata: SetMetadata
     method: str
@@ -42,12 +42,13 @@ class HeightMap:
     def of(cls, loaded: LoadedSet) -> HeightMap:
         """Solve a set with its calibration, and integrate its slopes."""
         metadata = loaded.captured.metadata
-        source, calibration = loaded.found_calibration, loaded.calibration
-        if source is None or calibration is None or calibration.mm_per_px is None:
+        source, mm_per_px = loaded.found_calibration, loaded.mm_per_px
+        if mm_per_px is None:
             raise InputError(
-                "has no calibrated scale, and the file holds lengths; measure it with "
-                "ps4rig calibrate scale, or export to .ply or .stl"
+                "has no scale, and the file holds lengths; measure it with ps4rig calibrate scale, "
+                "import photographs with --mm-per-px, or export to .ply or .stl"
             )
+        scale = None if source is None else source.file.records.get("scale")
         try:
             captured_at = datetime.fromisoformat(metadata.captured or metadata.created_utc)
         except ValueError:
@@ -56,11 +57,11 @@ class HeightMap:
                 "part again, or export to .ply or .stl"
             ) from None
         surface, heights_mm = solved_height(loaded)
-        heights_mm *= calibration.mm_per_px
+        heights_mm *= mm_per_px
         return cls(
             heights_mm=heights_mm,
-            mm_per_px=calibration.mm_per_px,
-            scale_date=source.file.records["scale"].date,
+            mm_per_px=mm_per_px,
+            scale_date=metadata.created_utc if scale is None else scale.date,
             captured_at=captured_at,
             metadata=metadata,
             method=surface.method,

@@ -111,7 +111,9 @@ class CapturedSet:
             If the calibration is of another rig or setting.
         """
         check_setting(file, self.setting, "these images")
-        fields = {"calibration_ids": (file.hash,), "mm_per_px": file.calibration.mm_per_px}
+        fields: dict[str, object] = {"calibration_ids": (file.hash,)}
+        if file.calibration.mm_per_px is not None:
+            fields["mm_per_px"] = file.calibration.mm_per_px
         return replace(self, metadata=self.metadata.model_copy(update=fields), calibration=file)
 
     def solve(
@@ -271,6 +273,15 @@ class LoadedSet:
     def calibration(self) -> Calibration | None:
         """The calibration of the rig; None without one."""
         return None if self.found_calibration is None else self.found_calibration.file.calibration
+
+    @property
+    def mm_per_px(self) -> float | None:
+        """Scale by the calibration, or as given for photographs; None if it is unknown."""
+        metadata = self.captured.metadata
+        measured = None if self.calibration is None else self.calibration.mm_per_px
+        if measured is None and (self.calibration is not None or not metadata.calibration_ids):
+            return metadata.mm_per_px
+        return measured
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -33,8 +33,8 @@ def images_of(surface: SurfaceEstimate) -> npt.NDArray[np.generic]:
     images = surface.even_images
     if images is None:
         raise InputError(
-            "this surface comes without its images, and this classifier compares images; "
-            "solve the set again"
+            "this surface comes without its images, or has a mask, and this classifier compares "
+            "images; solve the set again, without a mask"
         )
     return images
 

@@ -110,6 +110,7 @@ class TexturePair:
 
 def compare_textures(first: SurfaceEstimate, second: SurfaceEstimate) -> TexturePair:
     """Compare two surfaces as the joint classifier does, without any training."""
+    first, second = first.inscribed, second.inscribed
     segment_px = min(segment_for(first.shape), segment_for(second.shape))
     forward, backward = _match(first, second, segment_px), _match(second, first, segment_px)
     return TexturePair(

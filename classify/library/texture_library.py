@@ -130,7 +130,7 @@ class TextureLibrary:
     def train(
         cls, samples: Iterable[_TrainingSample], classifier: str = DEFAULT_CLASSIFIER
     ) -> Self:
-        """Learn from any number of surfaces per class.
+        """Learn from any number of surfaces per class, within their masks (`inscribed`).
 
         Parameters
         ----------
@@ -147,7 +147,8 @@ class TextureLibrary:
             an orientation that is not finite, or a surface too small for a texture.
         """
         rows = [
-            (sample[0], sample[1], sample[2] if len(sample) > 2 else None) for sample in samples
+            (sample[0], sample[1].inscribed, sample[2] if len(sample) > 2 else None)
+            for sample in samples
         ]
         if not rows:
             raise LibraryError("nothing to train on; give at least one set")
@@ -264,7 +265,7 @@ class TextureLibrary:
                 "between solvers",
                 stacklevel=2,
             )
-        return self.match_surface(surface)
+        return self.match_surface(surface.inscribed)
 
     def match_surface(self, surface: SurfaceEstimate, signature: FloatMap | None = None) -> Match:
         """Find the nearest class, or unknown, and the orientation; raises as `observe`.

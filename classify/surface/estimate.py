@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -212,6 +213,14 @@ class SurfaceEstimate:
             mask=mask,
         )
 
+    @property
+    def inscribed(self) -> Self:
+        """The largest square within the mask, without images; without a mask this surface.
+
+        A texture is compared there, because spectra would count the outline of a mask as texture.
+        """
+        return self if self.mask is None else self.cropped(*inscribed_square(self.mask))
+
     def cropped(self, rows: slice, columns: slice) -> Self:
         """Return a part of this surface, with shadows and highlights, without images.
 
@@ -232,8 +241,9 @@ class SurfaceEstimate:
             divided_by=None,
             **{name: cut(getattr(self, name)) for name in planes},
         )
-        # Where a cached property keeps its value.
-        vars(part)["_shadows_and_highlights"] = tuple(map(cut, self._shadows_and_highlights))
+        if self.images is not None:
+            # Where a cached property keeps its value.
+            vars(part)["_shadows_and_highlights"] = tuple(map(cut, self._shadows_and_highlights))
         return part
 
     @property
@@ -315,3 +325,18 @@ class SurfaceEstimate:
         """(N,) factors from pixel values to units of the albedo."""
         intensities = self._stack_and_lights[1].intensities
         return (1.0 / ((self.full_scale or 1.0) * intensities)).astype(np.float32)
+
+
+def inscribed_square(mask: BoolArray) -> tuple[slice, slice]:
+    """Rows and columns of the largest square in which an (H, W) mask is true."""
+    # Steps to the nearest false pixel, also diagonal ones; beyond the border all are false.
+    steps = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_C, 3)[1:-1, 1:-1]
+    reach = int(steps.max())
+    # A square of an even side has four middle pixels.
+    middles = np.minimum.reduce([steps[:-1, :-1], steps[1:, :-1], steps[:-1, 1:], steps[1:, 1:]])
+    is_even = middles.max() == reach
+    chosen = middles if is_even else steps
+    row, column = np.unravel_index(np.argmax(chosen), chosen.shape)
+    side = 2 * reach - (not is_even)
+    top, left = int(row) - reach + 1, int(column) - reach + 1
+    return slice(top, top + side), slice(left, left + side)

@@ -25,8 +25,8 @@ def require_segment(shape: tuple[int, ...], side: int) -> None:
     """Check that a frame of `shape` holds a segment of `side` pixels."""
     if min(shape) < side:
         raise InputError(
-            f"a frame of {shape[1]} x {shape[0]} px is smaller than the "
-            f"{side} px segments of the library; use larger frames"
+            f"{shape[1]} x {shape[0]} px are fewer than the {side} px segments of the library; "
+            "use a larger frame, or a larger mask"
         )
 
 

@@ -84,8 +84,8 @@ def segment_for(shape: tuple[int, int]) -> int:
     shorter = min(shape)
     if shorter < 2 * MIN_SEGMENT_PX:
         raise InputError(
-            f"a frame of {shape[1]} x {shape[0]} px is too small for a texture; "
-            f"the shorter side must have at least {2 * MIN_SEGMENT_PX} px"
+            f"{shape[1]} x {shape[0]} px are too small for a texture; the frame, or the largest "
+            f"square within its mask, must have at least {2 * MIN_SEGMENT_PX} px a side"
         )
     return min(MAX_SEGMENT_PX, 1 << ((shorter // 2).bit_length() - 1))
 

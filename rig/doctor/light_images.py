@@ -101,7 +101,9 @@ def _led(led: int, signal: float, brightest: float) -> Check:
 
 def _saturation(images: LightImages) -> Check:
     white = (images.lights >= images.full_scale).mean(axis=(1, 2))
-    finding = f"at most {white.max():.2%} of the pixels are saturated, under LED {white.argmax()}"
+    finding = "no pixel is saturated under any LED"
+    if white.any():
+        finding = f"LED {white.argmax()} saturates {white.max():.2%} of the pixels, others fewer"
     if white.max() > MAX_SATURATED_SHARE:
         return Check("saturation", "fault", finding, "shorten the exposure; see below")
     return Check("saturation", "ok", finding)

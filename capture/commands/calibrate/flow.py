@@ -206,6 +206,7 @@ def keep_parts(
     """
     from capture.calibration.replacement import kept_because, with_other_exposures
 
+    is_new = not path.exists()
     if calibration_at(path).hash != file.hash:
         raise InputError(
             f"{path}: another program has changed it since this command began; run it again"
@@ -242,6 +243,8 @@ def keep_parts(
         out.print(f"{path}: {title} {done}. {record.quality}")
         for figure, value in record.figures.items():
             out.print(f"  {figure.replace('_', ' ')}: {value:.4g}")
+    if is_new:
+        out.print(f'a rig uses it by this line at the top of its rig.toml: calibration = "{path}"')
     return merged
 
 

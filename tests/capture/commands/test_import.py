@@ -9,7 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
-from capture import CapturedSet
+from capture import CalibrationFile, CapturedSet
+from capture.calibration.ps4cal import PartRecord
+from capture.maps.map_tiff import read_description
+from classify.calibration.correction import Scale
 
 Command = Callable[..., Any]
 Refused = Callable[..., str]
@@ -36,6 +39,25 @@ def test_photographs_become_a_set(ps4rig: Command, photographs: list[Path], tmp_
     assert captured.lighting.slants_deg.tolist() == [40.0] * 4
     assert [int(image[0, 0]) for image in captured.images] == [100, 101, 102, 103]
     assert not captured.metadata.simulated
+
+
+def test_a_known_length_of_a_pixel_is_the_scale_of_the_maps(
+    ps4rig: Command, refused: Refused, photographs: list[Path], tmp_path: Path
+) -> None:
+    out, maps = tmp_path / "a.ome.tif", tmp_path / "maps"
+    arguments = ("import", *photographs, "--slant", 40, "--mm-per-px", 0.05)
+    assert ps4rig(*arguments, out).exit_code == 0
+    assert CapturedSet.load(out).metadata.mm_per_px == 0.05
+    assert ps4rig("solve", out, "--out", maps).exit_code == 0
+    assert read_description(maps / "height.tif")["mm_per_px"] == 0.05
+    assert ps4rig("export", out, tmp_path / "a.x3p").exit_code == 0
+    scaled = tmp_path / "scale.ps4cal"
+    setting = CapturedSet.load(out).setting
+    record = PartRecord(setting=setting, quality="Good.", source=("captured",), date="2026-05-01")
+    scale = Scale(0.04, 0.001, np.eye(3), None, 0.1)
+    CalibrationFile().with_part("scale", scale, record).write(scaled)
+    both = (*arguments, "--calibration", scaled, tmp_path / "b.ome.tif")
+    assert "--mm-per-px" in refused(*both)
 
 
 def test_tilts_belong_to_the_photographs_in_their_order(

@@ -14,6 +14,7 @@ import pytest
 from capture import CapturedSet
 from capture.maps.map_tiff import read_description
 from classify import Lighting, TextureLibrary
+from rig.set_file import pixels_sha256
 
 Command = Callable[..., Any]
 Refused = Callable[..., str]
@@ -130,6 +131,28 @@ def test_textures_that_were_not_taught_are_evaluated_for_themselves(
     assert "1 of 1 sets rightly unknown" in only.stdout
     answer = json.loads(ps4rig("evaluate", others[1], "--library", library, "--json").stdout)
     assert (answer["sets"], answer["accuracy"]) == (0, None)
+
+
+def test_a_masked_set_is_compared_within_the_largest_square(
+    ps4rig: Command, sets: Path, tmp_path: Path
+) -> None:
+    y, x = np.mgrid[:128, :128] - 63.5
+    disc = np.hypot(x, y) < 60.0
+    for name in ("rock-001", "sand-001", "sand-002"):
+        whole = CapturedSet.load(sets / f"{name}.ome.tif")
+        pixels = pixels_sha256(whole.images, whole.ambient, disc)
+        fields = {"mask_file": "disc.png", "pixels_sha256": pixels}
+        metadata = whole.metadata.model_copy(update=fields)
+        replace(whole, metadata=metadata, mask=disc).save(tmp_path / f"{name}.ome.tif")
+    library = tmp_path / "t.ps4lib"
+    trained = [tmp_path / f"{label}-001.ome.tif" for label in ("rock", "sand")]
+    ps4rig("train", *trained, "--library", library)
+    # A square of 84 px holds two segments of 32 px, the frame of 128 px two of 64 px.
+    assert TextureLibrary.load(library).segment_px == 32
+    tested = (*trained, tmp_path / "sand-002.ome.tif")
+    answers = json.loads(ps4rig("classify", *tested, "--library", library, "--json").stdout)
+    assert [answer["label"] for answer in answers] == ["rock", "sand", "sand"]
+    assert [answer["distance"] for answer in answers[:2]] == pytest.approx([0.0, 0.0], abs=1e-6)
 
 
 def test_no_orientation_error_against_an_unknown_orientation(

@@ -152,7 +152,7 @@ def test_a_set_becomes_a_measured_surface(
 
 @pytest.mark.parametrize("name", ["a.x3p", "a.sur"])
 def test_a_set_without_a_scale_is_refused(refused: Refused, tmp_path: Path, name: str) -> None:
-    assert refused("export", SET, tmp_path / name).startswith(f"{SET}: has no calibrated scale")
+    assert refused("export", SET, tmp_path / name).startswith(f"{SET}: has no scale")
     assert not list(tmp_path.iterdir())
 
 

@@ -187,3 +187,18 @@ def test_four_thousand_pixels_a_side(stationary, surface_of) -> None:
     match = library.classify(large)
     assert match.label == "sand"
     assert off_deg(match.orientation_deg, 30.0) < 2.0
+
+
+def test_textures_under_one_mask_are_not_taken_for_each_other(stationary) -> None:
+    """Spectra of the whole masked frame accept them: the outline of the mask is in both."""
+    y, x = np.mgrid[:300, :300] - 149.5
+    gear_wheel = np.hypot(x, y) < 90.0 + 30.0 * np.sign(np.cos(12.0 * np.arctan2(y, x)))
+    kinds = ("malv", "brushed")
+    trained, tested = (
+        {kind: stationary(kind, seed=seed, side=300).within(gear_wheel) for kind in kinds}
+        for seed in (1, 2)
+    )
+    libraries = {kind: TextureLibrary.train([(kind, trained[kind])]) for kind in kinds}
+    for kind in kinds:
+        answers = {other: libraries[kind].classify(tested[other]).label for other in kinds}
+        assert answers == {other: kind if other == kind else None for other in kinds}

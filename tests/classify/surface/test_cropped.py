@@ -1,8 +1,10 @@
 """A part of a solved surface."""
 
 import numpy as np
+import pytest
 
 from classify import Lighting, photometric_stereo
+from classify.surface.estimate import inscribed_square
 
 
 def test_a_part_has_the_slopes_and_shadows_of_the_whole() -> None:
@@ -18,3 +20,17 @@ def test_a_part_has_the_slopes_and_shadows_of_the_whole() -> None:
         assert found.flags.c_contiguous
     assert part.shadow_mask.any()
     assert part.images is None
+
+
+@pytest.mark.parametrize("side", [1, 2, 7, 8])
+def test_the_largest_square_within_a_mask_is_found(side: int) -> None:
+    mask = np.zeros((20, 30), np.bool_)
+    mask[3, :] = mask[:, 29] = True
+    mask[8 : 8 + side, 21 : 21 + side] = True
+    rows, columns = inscribed_square(mask)
+    assert mask[rows, columns].all()
+    assert mask[rows, columns].shape == (side, side)
+
+
+def test_a_mask_of_the_whole_frame_leaves_it_whole() -> None:
+    assert inscribed_square(np.ones((64, 64), np.bool_)) == (slice(0, 64), slice(0, 64))

@@ -19,6 +19,7 @@ from classify.base.durable_file import durable_file
 from classify.base.errors import InputError
 from classify.base.models import Record
 from classify.base.regular_file import read_regular_file
+from classify.confidence import CONFIDENCE, share_at_least
 
 from .made_faults import (
     FAULTS,
@@ -86,11 +87,17 @@ class FaultStudy(Record):
             least = next(
                 (n for n in range(len(rows)) if all(row.is_found for row in rows[n:])), None
             )
-            outcome = "is not found with 90 %"
-            if least is not None:
-                outcome = f"is found with 90 % from {rows[least].strength:g} {rows[least].unit} on"
             counts = ", ".join(f"{f.strength:g}: {f.found} of {f.parts}" for f in rows)
-            lines.append(f"{texture}: {fault} {outcome} ({counts})")
+            outcome = f"is not found ({counts})"
+            if least is not None:
+                fewest = min(rows[least:], key=lambda row: row.found / row.parts)
+                shown = share_at_least(fewest.found, fewest.parts)
+                outcome = (
+                    f"is found from {rows[least].strength:g} {rows[least].unit} on ({counts}); "
+                    f"{fewest.found} of {fewest.parts} show, with {CONFIDENCE:.0%} confidence, "
+                    f"that {shown:.0%} or more are found"
+                )
+            lines.append(f"{texture}: {fault} {outcome}")
         return lines
 
 

@@ -41,7 +41,7 @@ class TaughtPart:
     unmeasured_fraction: float
     albedo: float
     light_signals: tuple[float, ...]  # see `MeasuredSurface.light_signals`
-    mm_per_px: float | None  # from the calibration
+    mm_per_px: float | None
 
 
 def solved(kept: KeptSet, region: Region | None) -> tuple[LoadedSet, MeasuredSurface]:
@@ -84,7 +84,7 @@ def taught_part(kept: KeptSet, region: Region | None) -> TaughtPart:
         unmeasured_fraction=measured.unmeasured_fraction,
         albedo=measured.albedo,
         light_signals=measured.light_signals,
-        mm_per_px=None if loaded.calibration is None else loaded.calibration.mm_per_px,
+        mm_per_px=loaded.mm_per_px,
     )
 
 

@@ -26,6 +26,10 @@ class KeptSet:
     path: Path
     pixels_sha256: str
     has_label: bool = True  # given now or earlier; False if it has the name of the recipe
+    given: Path | None = None  # the file that was copied; None for a set that was taught before
+
+    def __str__(self) -> str:
+        return self.path.name if self.given is None else f"{self.given} (kept as {self.path.name})"
 
 
 def known_sets(files: RecipeFolder, recipe: Recipe) -> Iterator[KeptSet]:
@@ -62,5 +66,5 @@ def keep_sets(
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
         has_label = bool(texture or metadata.label)
-        kept.append(KeptSet(name, copy, metadata.pixels_sha256, has_label))
+        kept.append(KeptSet(name, copy, metadata.pixels_sha256, has_label, path))
     return kept

@@ -11,7 +11,7 @@ from capture.station.domain.verdict import Decision
 from capture.station.judge.gauge.gauge import ACCEPTABLE
 from capture.station.judge.inspector import Inspection
 from classify import Match
-from classify.confidence import CONFIDENCE, share_at_most, trials_to_show
+from classify.confidence import CONFIDENCE, share_at_most, tolerance_factor, trials_to_show
 from classify.library.match import LEAST_MARGIN
 
 from .manual_limits import LimitsOf
@@ -66,7 +66,7 @@ class Teaching:
     def remarks(self) -> tuple[str, ...]:
         """Remarks for a person to check before the approval of the recipe."""
         overlaps = map(str, self.overlaps)
-        return (*overlaps, *self._few_parts(), *self.limit_remarks, *self._odd_verdicts())
+        return (*overlaps, *self.limit_remarks, *self._odd_verdicts(), *self._few_parts())
 
     def fields(self) -> dict[str, Any]:
         """Return the outcome as fields of JSON."""
@@ -121,17 +121,21 @@ class Teaching:
             yield from (f"{texture}: {remark}" for remark in found)
 
     def _few_parts(self) -> Iterator[str]:
-        """Remarks on textures that overlap and have fewer than `ENOUGH_PARTS` parts."""
-        overlapping = dict.fromkeys(
+        """Remarks on textures with fewer than `ENOUGH_PARTS` parts that overlap or are good."""
+        overlapping = [
             name for overlap in self.overlaps for name in (overlap.texture, overlap.other)
-        )
-        for texture in overlapping:
+        ]
+        for texture in dict.fromkeys([*overlapping, *self.recipe.passes]):
             parts = len(self.taught.textures[texture].sets)
-            if parts < ENOUGH_PARTS:
-                yield (
-                    f"{texture} overlaps, and {parts} parts leave open how much it varies; teach "
-                    f"{ENOUGH_PARTS} parts or more"
+            if parts >= ENOUGH_PARTS:
+                continue
+            remark = f"{texture}: {parts} parts leave open how much it varies"
+            if texture in self.recipe.passes:
+                remark += (
+                    f", so its limits are {tolerance_factor(parts):.1f} standard deviations wide. "
+                    "A recipe that passes parts with large faults is not approved"
                 )
+            yield f"{remark}; teach {ENOUGH_PARTS} parts or more"
 
     def _odd_verdicts(self) -> Iterator[str]:
         for part, inspection in zip(self.parts, self.inspections, strict=True):
@@ -139,7 +143,7 @@ class Teaching:
             if good != (inspection.verdict.decision is Decision.PASS):
                 verdict = inspection.verdict
                 yield (
-                    f"{part.kept.path.name}, a {'good' if good else 'bad'} part of "
+                    f"{part.kept}, a {'good' if good else 'bad'} part of "
                     f"{part.kept.texture}, is {verdict.decision}: {verdict.reason}"
                 )
 

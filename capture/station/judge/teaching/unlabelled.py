@@ -18,7 +18,7 @@ def unlabelled_remarks(parts: Sequence[TaughtPart]) -> Iterator[str]:
     if parts:
         kept, count = parts[0].kept, len(parts)
         yield (
-            f"{count} set{'s' * (count != 1)} without a label, as {kept.path.name}: taught as "
+            f"{count} set{'s' * (count != 1)} without a label, as {kept}: taught as "
             f"{kept.texture}; --label TEXTURE names another one"
         )
 
@@ -32,7 +32,7 @@ def require_one_texture(parts: Sequence[TaughtPart]) -> None:
     firsts = [groups.index(group) for group in sorted(set(groups))]
     if len(firsts) > 1:
         named = ", ".join(
-            f"{groups.count(groups[first])} like {parts[first].kept.path.name}" for first in firsts
+            f"{groups.count(groups[first])} like {parts[first].kept}" for first in firsts
         )
         raise RecipeError(
             f"{len(parts)} sets have no label, and look like {len(firsts)} textures: {named}; "

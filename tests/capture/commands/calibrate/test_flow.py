@@ -67,9 +67,13 @@ def test_a_part_is_added_then_replaced_and_others_stay(
     setting = Setting.of_rig(rig)
     part = MeasuredPart.now("scale", SCALE, setting, "Good.", {"mm_per_px": 0.05}, ())
     keep_parts(path, CalibrationFile(), [part], json=False)
-    assert "mm per px: 0.05\n" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "mm per px: 0.05\n" in shown
+    assert f'calibration = "{path}"' in shown
     keep_parts(path, calibration_at(path), [part], json=False)
-    assert "scale replaced. Good." in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "scale replaced. Good." in shown
+    assert "calibration =" not in shown
     keep_parts(path, calibration_at(path), [replace(part, warnings=("worn",))], json=True)
     printed = capsys.readouterr()
     assert "warning" in printed.err

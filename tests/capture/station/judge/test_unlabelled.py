@@ -46,8 +46,11 @@ def test_sets_without_a_label_of_two_materials_are_refused(
     unlabelled: Path, new: RecipeFolder
 ) -> None:
     both = [*named(unlabelled, "rock"), *named(unlabelled, "malv")]
-    with pytest.raises(RecipeError, match="6 sets have no label, and look like 2 textures: 3 like"):
+    with pytest.raises(
+        RecipeError, match="6 sets have no label, and look like 2 textures: 3 like"
+    ) as refused:
         teach(new, both)
+    assert f"{both[0]} (kept as " in str(refused.value)
     assert not new.file.exists()
 
 
