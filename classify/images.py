@@ -62,6 +62,12 @@ class ImageStack:
         """(N, n) values less ambient light of pixels with these flat indices."""
         return self.raw_at(pixels) - self.dark_at(pixels)
 
+    def sample(self, most: int, gains: FloatMap) -> tuple[FloatMap, FloatMap]:
+        """(N, n) values of `sample_pixels`, and the same less ambient light and times the gains."""
+        pixels = sample_pixels(self.shape, most)
+        raw = self.raw_at(pixels)
+        return raw, (raw - self.dark_at(pixels)) * gains[:, None]
+
     def materialised(self) -> ImageStack:
         """The stack with values that `DividedStack` divides on access written into its images."""
         return self

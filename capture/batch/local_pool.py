@@ -124,6 +124,11 @@ def _end(*_: object) -> NoReturn:
     raise SystemExit(1)
 
 
+def load_tasks(_: None) -> None:
+    """Import what the first item of a worker needs."""
+    from . import tasks  # noqa: F401
+
+
 def _call(function: Callable[[_Item], _Result], item: _Item) -> _Result:
     at_work.set()
     try:

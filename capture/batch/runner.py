@@ -15,6 +15,9 @@ from typing import Generic, Protocol, Self, TypeVar
 from classify.base.errors import InputError
 from classify.base.threads import usable_processors
 
+# So many sets take longer than the start of workers, which goes on while this process loads modules.
+_MANY_SETS = 200
+
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
@@ -44,12 +47,17 @@ class Batch:
     """Call functions for many items. Use it as a context, which ends the workers.
 
     With a `scheduler`, all items go to its Dask cluster. Otherwise the work begins in this process,
-    and after `start_up_s` the remaining items go to worker processes. Functions and items are
-    pickled.
+    and after `start_up_s` the remaining items go to worker processes; for many `sets` these start
+    with the batch. Functions and items are pickled.
     """
 
     def __init__(
-        self, workers: int | None = None, scheduler: str | None = None, *, start_up_s: float = 2.0
+        self,
+        workers: int | None = None,
+        scheduler: str | None = None,
+        *,
+        sets: int = 0,
+        start_up_s: float = 2.0,
     ) -> None:
         self._workers = workers or len(usable_processors())
         # Start-up time of workers on a laptop: numba, scipy and OpenCV. Starting them after this
@@ -61,6 +69,12 @@ class Batch:
             from .dask_pool import DaskPool
 
             self._pool = DaskPool(scheduler)
+        elif self._workers > 1 and sets >= _MANY_SETS:
+            from .local_pool import LocalPool, load_tasks
+
+            self._pool = LocalPool(self._workers)
+            for _ in range(self._workers):
+                self._pool.submit(load_tasks, None)
 
     def map(
         self,

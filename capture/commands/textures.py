@@ -87,7 +87,7 @@ def train(
 
     paths = find_sets(sets)
     check_output(library, suffix=".ps4lib", inputs=paths, force=force)
-    with Batch(workers, scheduler) as batch:
+    with Batch(workers, scheduler, sets=len(paths)) as batch:
         trained, classes = train_library(
             paths, library.parent, batch, classifier, method, calibration
         )
@@ -122,7 +122,7 @@ def classify(
     paths = find_sets(sets)
     if csv is not None:
         check_output(csv, suffix=".csv", inputs=[*paths, library], force=force)
-    with Batch(workers, scheduler) as batch:
+    with Batch(workers, scheduler, sets=len(paths)) as batch:
         answers, trained = _classified(paths, library, batch, method, calibration=calibration)
     if csv is not None:
         _write_csv(csv, answers, trained)
@@ -175,7 +175,7 @@ def evaluate_(
     # The workers of a cluster see the folder of the library, but not the temporary folder here.
     folder = None if scheduler is None else library.absolute().parent
     with (
-        Batch(workers, scheduler) as batch,
+        Batch(workers, scheduler, sets=len(paths)) as batch,
         _library_for(library, classifier, method, calibration, batch, folder) as chosen,
     ):
         answers, trained = _classified(

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.base.arrays import FloatMap, Floats
-from classify.images import SIGMA_PER_MAD, ImageStack, sample_pixels
+from classify.images import SIGMA_PER_MAD
 from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
 
@@ -29,6 +29,9 @@ from .algebra import drop_one_constants
 # their reflectance for unequal LEDs, a larger one hides weak LEDs (test_led_levels.py).
 MATT = np.float32(0.005)
 
+LEVEL_SAMPLES = 16_384
+"""Pixels that `level_corrections` needs; `residual_spread` is content with a quarter of them."""
+
 _ROUNDS = 4
 # Residuals of more than this many standard deviations are shadow or gloss, not noise.
 _OUTLIER = 3.0
@@ -36,7 +39,6 @@ _OUTLIER = 3.0
 _SURFACE_VARIANCE = 0.05
 
 # Constants of `level_corrections`; test_led_levels.py shows which levels it corrects.
-_MAX_SAMPLES = 16_384
 _MIN_SAMPLES = 1_024
 # Standard deviation of the levels of LEDs of one type.
 _LEVEL_SPREAD = 0.05
@@ -96,11 +98,8 @@ class LitSamples:
     values: FloatMap  # (4, n) less the ambient image and times the gains
 
     @classmethod
-    def of(cls, stack: ImageStack, gains: FloatMap, saturation: float) -> Self:
-        """Take the samples, without pixels that reach the value `saturation`."""
-        pixels = sample_pixels(stack.shape, _MAX_SAMPLES)
-        raw = stack.raw_at(pixels)
-        values = (raw - stack.dark_at(pixels)) * gains[:, None]
+    def of(cls, raw: FloatMap, values: FloatMap, saturation: float) -> Self:
+        """Those of a sample that all lights reach, without pixels of the value `saturation`."""
         lit = np.flatnonzero(
             (values.min(axis=0) > MAYBE_SHADOW * values.max(axis=0))
             & (raw.max(axis=0) < saturation)
@@ -110,7 +109,7 @@ class LitSamples:
 
 def residual_spread(values: FloatMap, null: Floats) -> float:
     """Robust deviation of the redundancy residual from 0, as a share of brightness."""
-    if values.shape[1] < _MIN_SAMPLES:
+    if values.shape[1] < _MIN_SAMPLES // 4:
         return 0.0
     residual = np.abs(null.astype(np.float32) @ values) / values.mean(axis=0)
     return SIGMA_PER_MAD * _median(residual)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.base.arrays import Array, BoolArray, FloatMap
-from classify.images import ImageStack, SensorNoise, noise_of_images, noise_of_sensor, sample_pixels
+from classify.images import ImageStack, SensorNoise, noise_of_images, noise_of_sensor
 from classify.lighting import Lighting
 from classify.lights.near_light import Shear, middle_px
 
@@ -108,10 +108,14 @@ class Problem:
         return np.array([a, 0.0, 0.0], dtype=np.float32)
 
     @cached_property
+    def sample(self) -> tuple[FloatMap, FloatMap]:
+        """See `ImageStack.sample`."""
+        return self.stack.sample(_SAMPLES, self.gains)
+
+    @cached_property
     def dark_level(self) -> np.float32:
         """Mean of the values of a pixel, in units of the albedo, below which it is dark."""
-        values = self.stack.values_at(sample_pixels(self.shape, _SAMPLES)) * self.gains[:, None]
-        typical = np.maximum(_median(values), 0.0)
+        typical = np.maximum(_median(self.sample[1]), 0.0)
         total = float(typical.sum())
         return np.float32(_DARK * float(np.square(typical).sum()) / total if total > 0.0 else 0.0)
 

@@ -169,26 +169,23 @@ def relax(
     # Largest eigenvalue of the iteration: 2 for the steps between neighbours, 4 for the curl.
     largest = (2.0 + 16.0 * float(curl_weight)) / (1.0 + 4.0 * float(curl_weight))
     middle, radius = 0.5 * largest * (1.0 + _SMALLEST), 0.5 * largest * (1.0 - _SMALLEST)
-    moves, factors = np.zeros_like(unsolved.values), neighbour_factors(curl_weight)
-    step, momentum, ratio = 1.0 / middle, 0.0, radius / middle
+    step, momentum, ratio = np.float32(1.0 / middle), np.float32(0.0), radius / middle
+    factors, moves = neighbour_factors(curl_weight), np.zeros_like(unsolved.values)
+    values, moved = unsolved.values.copy(), unsolved.values
 
-    def find(step: np.float32, momentum: np.float32, first: int, last: int) -> None:
-        _find_moves(
+    def move(first: int, last: int) -> None:
+        _move(
             first, last, unsolved.lines, unsolved.pairs, unsolved.along, unsolved.near,
-            unsolved.solved, factors, albedo_weight, curl_weight, step, momentum,
-            unsolved.values, moves,
+            unsolved.solved, factors, albedo_weight, curl_weight, step, momentum, values, moves,
+            moved,
         )  # fmt: skip
 
-    def apply(first: int, last: int) -> None:
-        _apply_moves(
-            first, last, unsolved.lines, unsolved.pairs, unsolved.along, moves, unsolved.values
-        )
-
     for _ in range(_STEPS):
-        unsolved.run(partial(find, np.float32(step), np.float32(momentum)), strip_px)
-        unsolved.run(apply, strip_px)
+        unsolved.run(move, strip_px)
+        values, moved = moved, values
         previous, ratio = ratio, 1.0 / (2.0 * middle / radius - ratio)
-        step, momentum = 2.0 * ratio / radius, ratio * previous
+        step, momentum = np.float32(2.0 * ratio / radius), np.float32(ratio * previous)
+    unsolved.values[:] = values
 
 
 @kernel
@@ -237,12 +234,12 @@ def _skip_edges(near: Array, pairs: Array, depth: Array) -> None:
 
 
 @kernel
-def _find_moves(
+def _move(
     first: int, last: int, lines: Array, pairs: Array, along: Array, near: Array, solved: Array,
     factors: Array, albedo_weight: np.float32, curl_weight: np.float32,
-    step: np.float32, momentum: np.float32, values: Array, moves: Array,
+    step: np.float32, momentum: np.float32, values: Array, moves: Array, moved: Array,
 ) -> None:  # fmt: skip
-    """Find the next move of each pixel: in p, q and albedo, or in t along its line."""
+    """Move each pixel from `values` to `moved`: in p, q and albedo, or in t along its line."""
     slope_weight = np.float32(1.0) + np.float32(4.0) * curl_weight
     for n in range(first, last):
         if pairs[n] == SKIPPED:
@@ -259,32 +256,20 @@ def _find_moves(
             moves[n, 0] = step * (P - p) + momentum * moves[n, 0]
             moves[n, 1] = step * (Q - q) + momentum * moves[n, 1]
             moves[n, 2] = step * (A - rho) + momentum * moves[n, 2]
-        else:
-            towards = _step_along_line(
-                lines[n, 3], lines[n, 2], along[pairs[n]], p, q, rho, P, Q, A,
-                slope_weight, albedo_weight,
-            )  # fmt: skip
-            moves[n, 0] = _downhill(
-                lines, n, along[pairs[n]], step * towards + momentum * moves[n, 0], p, q, rho,
-                P, Q, A, slope_weight, albedo_weight,
-            )  # fmt: skip
-
-
-@kernel
-def _apply_moves(
-    first: int, last: int, lines: Array, pairs: Array, along: Array, moves: Array, values: Array
-) -> None:
-    for n in range(first, last):
-        if pairs[n] == SKIPPED:
-            continue
-        if pairs[n] == NO_LINE:
             for x in range(3):
-                values[n, x] += moves[n, x]
+                moved[n, x] = values[n, x] + moves[n, x]
             continue
         d = along[pairs[n]]
+        towards = _step_along_line(
+            lines[n, 3], lines[n, 2], d, p, q, rho, P, Q, A, slope_weight, albedo_weight
+        )
+        moves[n, 0] = _downhill(
+            lines, n, d, step * towards + momentum * moves[n, 0], p, q, rho, P, Q, A,
+            slope_weight, albedo_weight,
+        )  # fmt: skip
         lines[n, 3] += moves[n, 0]
         t = lines[n, 3]
         bx, by, bz = lines[n, 0] + t * d[0], lines[n, 1] + t * d[1], lines[n, 2] + t * d[2]
         inverse = np.float32(1.0) / bz
-        values[n, 0], values[n, 1] = -bx * inverse, -by * inverse
-        values[n, 2] = np.sqrt(bx * bx + by * by + bz * bz)
+        moved[n, 0], moved[n, 1] = -bx * inverse, -by * inverse
+        moved[n, 2] = np.sqrt(bx * bx + by * by + bz * bz)

@@ -13,7 +13,12 @@ from classify.base.compiling import kernel
 from classify.base.threads import STRIP_PX
 from classify.images import ImageStack
 from classify.lights.algebra import drop_one_constants
-from classify.lights.led_levels import LitSamples, level_corrections, residual_spread
+from classify.lights.led_levels import (
+    LEVEL_SAMPLES,
+    LitSamples,
+    level_corrections,
+    residual_spread,
+)
 from classify.shadow_rule import (
     DARK,
     LEAK,
@@ -49,9 +54,11 @@ def solve_ps4_robust(problem: Problem, strip_px: int = STRIP_PX) -> Maps:
     """
     pinv, null = drop_one_constants(problem.lighting, "ps4_robust")
     shape = problem.shape
-    lit = LitSamples.of(problem.stack, problem.gains, float(problem.saturation))
+    levels_known = problem.lighting.intensities_given
+    samples = problem.sample if levels_known else problem.stack.sample(LEVEL_SAMPLES, problem.gains)
+    lit = LitSamples.of(*samples, float(problem.saturation))
     balanced, lighting, corrections = problem, problem.lighting, np.ones(4, np.float32)
-    if not lighting.intensities_given:
+    if not levels_known:
         corrections = level_corrections(lit, problem.gains, problem.variance, lighting)
         lighting = replace(lighting, intensities=1 / corrections)
         # A new problem would estimate the noise again, which is the same for equal lights.

@@ -257,8 +257,8 @@ def _block_edges(rows: int) -> Indices:
 
 def _of_quarters(block_sums: Array) -> Floats:
     """(5, d) sums of the frame and of its quarters, from sums per block and side."""
-    half = len(block_sums) // 2
-    quarters = np.concatenate([block_sums[:half].sum(axis=0), block_sums[half:].sum(axis=0)])
+    sums = block_sums.shape[-1]
+    quarters = block_sums.reshape(2, -1, 2, sums).sum(axis=1).reshape(-1, sums)
     return np.concatenate([quarters.sum(axis=0, keepdims=True), quarters])
 
 

@@ -184,6 +184,13 @@ def test_longer_work_continues_in_other_processes_which_end_with_the_batch() -> 
     assert workers() == before
 
 
+def test_many_sets_start_the_workers_with_the_batch() -> None:
+    before = workers()
+    with Batch(workers=2, sets=1000) as run:
+        assert len(workers() - before) == 2
+        assert set(map(int, run.map(os.readlink, [SELF] * 9))) <= workers() - before
+
+
 def test_results_are_in_order_and_no_more_items_are_read_than_needed(two_workers: Batch) -> None:
     items = count()
     results = two_workers.map(str, items)

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from classify import Lighting, SensorNoise, SurfaceEstimate, photometric_stereo
 from classify.base.errors import InputError
+from classify.lights.flat_field import exponential
 
 SIDE = 96
 RING = Lighting.ring(45.0)
@@ -289,6 +290,13 @@ def test_more_lights_and_the_noise_of_a_sensor() -> None:
     assert surface.method == "least_squares"
     assert surface.valid.mean() > 0.99
     assert slope_error(surface, p, q) < 0.02
+
+
+@pytest.mark.parametrize(("largest", "error"), [(1.0, 2e-6), (2.0, 6e-6), (4.0, 2e-4)])
+def test_the_exponential_of_the_kernels(largest: float, error: float) -> None:
+    exponents = np.linspace(-largest, largest, 401, dtype=np.float32)
+    found = [exponential(e) for e in exponents]
+    np.testing.assert_allclose(found, np.exp(exponents), rtol=error)
 
 
 def test_a_mask_of_another_shape_is_refused() -> None:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from classify import Lighting, SensorNoise, photometric_stereo
 from classify.images import ImageStack
-from classify.lights.led_levels import LitSamples, level_corrections
+from classify.lights.led_levels import LEVEL_SAMPLES, LitSamples, level_corrections
 
 SIDE = 128
 RING = Lighting.ring(45.0)
@@ -35,7 +35,8 @@ def images_with(
 
 
 def found(images: np.ndarray, lighting: Lighting = RING, saturation: float = np.inf) -> np.ndarray:
-    lit = LitSamples.of(ImageStack(images, None), KNOWN, saturation)
+    samples = ImageStack(images, None).sample(LEVEL_SAMPLES, KNOWN)
+    lit = LitSamples.of(*samples, saturation)
     return level_corrections(lit, KNOWN, QUIET, lighting)
 
 
