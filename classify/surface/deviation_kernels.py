@@ -193,15 +193,18 @@ def _deviations(
     dark_variance = a + b * max(dark - black, zero)
     noise = DARK * gain * np.sqrt((has_ambient + one) * dark_variance)
     is_dark = low <= max(min(noise, half * high), LEAK * second)
-    lost = darkest if leaves_out & (dropped == none) & is_dark else dropped
+    is_found = (dropped == none) & is_dark & (leaves_out | (number == np.float32(4.0)))
+    lost = darkest if is_found else dropped
     mean, freedom = total / number, max(number - np.float32(3.0), one)
     model, own = share * mean * mean, energy / freedom
     is_own = (lost == none) & (own > OWN * (model + expected / freedom))
     model += own if is_own else zero
-    # Covariance of b. Without light k the solution is M - L+[:, k] nul^T / nul_k.
+    # Covariance of b. Without light k the solution is M - L+[:, k] nul^T / nul_k; if k is in shadow
+    # and used, its error is r / nul_k.
     tx, ty, tz = _column(lost, without)
-    d = half * (d + model)
-    ex, ey, ez = d * tx - dx, d * ty - dy, d * tz - dz
+    left_out = np.float32(leaves_out)
+    d = half * (left_out * (d + model) + (one - left_out) * energy)
+    ex, ey, ez = d * tx - left_out * dx, d * ty - left_out * dy, d * tz - left_out * dz
     alone, together = covariances
     dark_variance *= has_ambient
     xx += alone[0] * model + together[0] * dark_variance + (ex * tx + ex * tx)
@@ -227,6 +230,7 @@ def _deviations(
     angle = np.sqrt(max(trace + spread + SECOND_AXIS * (trace - spread), zero))
     sp, sq, sr = np.sqrt(vp), np.sqrt(vq), np.sqrt(max(vr, zero))
     if strengths is not None:
+        g *= left_out
         gx, gy, gz = gx - g * tx, gy - g * ty, gz - g * tz
         gp, gq = px * gx + py * gy + p * gz, qx * gx + qy * gy + q * gz
         bias = e * gp * gp - (f + f) * gp * gq + h * gq * gq
