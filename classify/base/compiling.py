@@ -116,6 +116,14 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     return compiled
 
 
+def kernel_part(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a function into each kernel that calls it, so that their loops are vectorised."""
+    inlined: Callable[..., Any] = njit(
+        nogil=True, fastmath=_FASTMATH, error_model="numpy", forceinline=True
+    )(function)
+    return inlined
+
+
 def kernel_cache_folder() -> Path | None:
     """Folder in which compiled kernels are cached, or None if they are not."""
     path = _probe.stats.cache_path  # type: ignore[attr-defined]

@@ -2,10 +2,14 @@
 
 import numpy as np
 
-from classify.base.compiling import Array, kernel
+from classify.base.compiling import Array, kernel, kernel_part
 from classify.shadow_rule import DARK, LEAK, NO_DROPPED_LIGHT
 
-Rows = tuple[Array, ...]
+Numbers = tuple[np.float32, ...]
+# Ambient value, saturation, noise a, b, black, and `_pixel`.
+Scene = tuple[np.float32, np.float32, Numbers, Numbers]
+# Of all lights: M V M^T and M V nul; gloss; residuals; the darkest light. See `_add_light`.
+Sums = tuple[Numbers, Numbers, Numbers, Numbers, Numbers]
 
 # A residual whose square exceeds this multiple of that of the pixels around is an error of its own:
 # one normal residual in 370 does.
@@ -24,242 +28,231 @@ DEGREES = np.float32(180.0 / np.pi)
 
 
 @kernel
-def _row(columns: int) -> Array:
-    """A row of zeros."""
-    return np.zeros(columns, np.float32)
-
-
-@kernel
 def propagate_errors(
-    images: Array, ambient: Array, raw: Array, gains: Array, noise: Array, directions: Array,
-    pinv: Array, spare: Array, null: Array, corrections: Array, strengths: Array,
-    saturation: np.float32, leaves_out: bool, plane: Array, inverse_distances: Array,
-    x: Array, y: Array,
+    images: Array, ambient: Array, raw: Array, lights: Array, corrections: Array, common: Array,
+    strengths: Array | None, noise: Array, number: int, saturation: np.float32, leaves_out: bool,
+    plane: Array, x: Array, y: Array,
     p: Array, q: Array, albedo: Array, dropped: Array, model: Array,
     p_sd: Array, q_sd: Array, albedo_sd: Array, angle_sd: Array,
 ) -> None:  # fmt: skip
-    """Write the deviations of some rows; the loops over a row have no branches, see `robust`."""
-    lights, rows, columns = images.shape
-    # The image that all lights have in common, the noise of the ambient image, has this solution.
-    even = pinv @ gains
-    freedom = np.float32(max(lights - 3, 1))
-    has_ambient = np.float32(len(ambient) > 1)
-    shiny = strengths.any()
-    # Arrays of their own: for rows of one array the compiler does not vectorise the loops.
-    n = columns
-    normals = (_row(n), _row(n), _row(n), _row(n), _row(n), _row(n))
-    sums = (_row(n), _row(n), _row(n), _row(n), _row(n), _row(n))
-    tangents = (_row(n), _row(n), _row(n), _row(n), _row(n), _row(n), _row(n))
-    corrected = (_row(n), _row(n), _row(n))
-    power, gloss, lost = _row(n), _row(n), _row(n)
-    variances = np.empty((lights, n), np.float32)
+    """Write the deviations of some rows.
+
+    `lights` (N, 10) are the constants of `_add_light`, 0 for a fourth light if there are `number`
+    = 3; `corrections` (4, 3) are the columns of pinv / nul, and `common` (2, 6) the covariances of
+    b from errors of variance 1 of each image, and of one error in all images.
+    """
+    shear, sensor = (plane[0], plane[1], plane[2]), (noise[0], noise[1], noise[2])
+    first, second, third, fourth = (
+        _light(lights[0]), _light(lights[1]), _light(lights[2]), _light(lights[3])
+    )  # fmt: skip
+    covariances, without = (_six(common[0]), _six(common[1])), (
+        _three(corrections[0]), _three(corrections[1]), _three(corrections[2]),
+        _three(corrections[3]),
+    )  # fmt: skip
+    frame = (np.float32(number), np.float32(len(ambient) > 1), lights[0, 0])
+    zero, one, two, three = np.float32(0.0), np.float32(1.0), np.float32(2.0), np.float32(3.0)
+    nothing = (
+        (zero, zero, zero, zero, zero, zero), (zero, zero, zero, zero), (zero, zero, zero, zero),
+        (zero, zero, zero), (zero, zero, np.float32(np.inf), np.float32(NO_DROPPED_LIGHT)),
+    )  # fmt: skip
+    last, (rows, columns) = min(3, len(images) - 1), p.shape
     for r in range(rows):
-        dark, slopes = ambient[min(r, len(ambient) - 1)], (p[r], q[r])
-        _begin(plane, x, y[r], slopes, albedo[r], normals, sums, tangents)
-        for k in range(lights):
-            _add_residuals(
-                k, images[k, r], raw[k, r], dark, gains[k], noise, directions[k], spare[k],
-                saturation, normals, variances[k], sums, lost,
+        dark_row = ambient[min(r, len(ambient) - 1)]
+        # Without branches, as in `robust`: else the compiler does not vectorise the loop.
+        for c in range(columns if len(lights) == 4 else 0):
+            pixel = _pixel(p[r, c], q[r, c], albedo[r, c], x[c], y[r], shear)
+            scene = (dark_row[c], saturation, sensor, pixel)
+            sums = _add_light(zero, images[0, r, c], raw[0, r, c], scene, first, strengths, nothing)
+            sums = _add_light(one, images[1, r, c], raw[1, r, c], scene, second, strengths, sums)
+            sums = _add_light(two, images[2, r, c], raw[2, r, c], scene, third, strengths, sums)
+            sums = _add_light(
+                three, images[last, r, c], raw[last, r, c], scene, fourth, strengths, sums
+            )
+            p_sd[r, c], q_sd[r, c], albedo_sd[r, c], angle_sd[r, c] = _deviations(
+                scene, sums, frame, leaves_out, covariances, without, strengths,
+                np.float32(dropped[r, c]), model[r, c],
             )  # fmt: skip
-        _judge(
-            dropped[r], dark, noise, has_ambient, gains[0], np.float32(lights), freedom, leaves_out,
-            model[r], sums, lost,
-        )  # fmt: skip
-        for k in range(lights):
-            _select(k, corrections[:, k], lost, corrected)
-        for k in range(lights):
-            if shiny:
-                _gloss(
-                    directions[k], inverse_distances[k], x, y[r], slopes, normals[0], strengths,
-                    power, gloss,
+        for c in range(columns if len(lights) > 4 else 0):
+            pixel = _pixel(p[r, c], q[r, c], albedo[r, c], x[c], y[r], shear)
+            scene = (dark_row[c], saturation, sensor, pixel)
+            sums = nothing
+            for k in range(len(lights)):
+                sums = _add_light(
+                    np.float32(k), images[k, r, c], raw[k, r, c], scene, _light(lights[k]),
+                    strengths, sums,
                 )  # fmt: skip
-            _add_light(
-                pinv[:, k], null[k], plane, x, y[r], slopes, normals, corrected, variances[k],
-                sums[4], gloss, tangents,
+            p_sd[r, c], q_sd[r, c], albedo_sd[r, c], angle_sd[r, c] = _deviations(
+                scene, sums, frame, leaves_out, covariances, without, strengths,
+                np.float32(dropped[r, c]), model[r, c],
             )  # fmt: skip
-        _finish(
-            dark, noise, has_ambient, even, slopes, normals, tangents,
-            p_sd[r], q_sd[r], albedo_sd[r], angle_sd[r],
-        )  # fmt: skip
 
 
-@kernel
-def _begin(
-    plane: Array, x: Array, y: np.float32, slopes: Rows, albedo: Array, normals: Rows,
-    sums: Rows, tangents: Rows,
-) -> None:  # fmt: skip
-    """n_z, rho n_z and b' of `near_light` of a row, and sums of 0."""
-    nz, scale, bx, by, bz, across = normals
-    p, q = slopes
-    plane_x, plane_y, plane_z = plane
+@kernel_part
+def _three(values: Array) -> Numbers:
+    return values[0], values[1], values[2]
+
+
+@kernel_part
+def _six(values: Array) -> Numbers:
+    return values[0], values[1], values[2], values[3], values[4], values[5]
+
+
+@kernel_part
+def _light(values: Array) -> Numbers:
+    return (
+        values[0], values[1], values[2], values[3], values[4], values[5], values[6], values[7],
+        values[8], values[9],
+    )  # fmt: skip
+
+
+@kernel_part
+def _pixel(
+    p: np.float32, q: np.float32, albedo: np.float32, x: np.float32, y: np.float32, shear: Numbers
+) -> Numbers:
+    """Slopes, n_z, b_z, position and b' of `near_light`, and c / (1 - c . X), of a pixel."""
+    cx, cy, cz = shear
     one = np.float32(1.0)
-    for c in range(len(p)):
-        nz[c] = one / np.sqrt(one + p[c] * p[c] + q[c] * q[c])
-        scale[c] = albedo[c] * nz[c]
-        inner = -(p[c] * x[c] + q[c] * y)
-        bx[c] = scale[c] * (-p[c] - inner * plane_x)
-        by[c] = scale[c] * (-q[c] - inner * plane_y)
-        bz[c] = scale[c] * (one - inner * plane_z)
-        across[c] = one / (one - plane_x * x[c] - plane_y * y)
-    for total in sums + tangents:
-        total[:] = np.float32(0.0)
-    sums[2][:] = np.float32(np.inf)
+    nz = one / np.sqrt(one + p * p + q * q)
+    scale, inner = albedo * nz, -(p * x + q * y)
+    across = one / (one - cx * x - cy * y)
+    return (
+        p, q, nz, scale, x, y,
+        scale * (-p - inner * cx), scale * (-q - inner * cy), scale * (one - inner * cz),
+        cx * across, cy * across, cz * across,
+    )  # fmt: skip
 
 
-@kernel
-def _add_residuals(
-    k: int, image: Array, raw: Array, dark: Array, gain: np.float32, noise: Array,
-    direction: Array, spare: np.float32, saturation: np.float32, normals: Rows,
-    variances: Array, sums: Rows, lost: Array,
-) -> None:  # fmt: skip
-    """Noise of a light, its residual, and the darkest light: one that is saturated is darker."""
-    _, _, bx, by, bz, _ = normals
-    high, second, low, energy, total, expected = sums
-    a, b, black = noise
-    lx, ly, lz = direction
-    zero, one, index = np.float32(0.0), np.float32(1.0), np.float32(k)
-    least = KNOWN * a
-    for c in range(len(image)):
-        value, whole = image[c] - dark[c], raw[c] - dark[c]
-        ratio = gain * (value / whole if whole * whole > least else one)
-        v = gain * value
-        variance = ratio * ratio * (a + b * max(raw[c] - black, zero))
-        variances[c] = variance
-        expected[c] += spare * variance
-        error = v - (lx * bx[c] + ly * by[c] + lz * bz[c])
-        energy[c] += error * error
-        total[c] += v
-        second[c] = max(second[c], min(high[c], v))
-        high[c] = max(high[c], v)
-        value = v if raw[c] < saturation else -one
-        lost[c] = index if value < low[c] else lost[c]
-        low[c] = min(low[c], value)
-
-
-@kernel
-def _judge(
-    dropped: Array, dark: Array, noise: Array, has_ambient: np.float32, gain: np.float32,
-    lights: np.float32, freedom: np.float32, leaves_out: bool, model: Array,
-    sums: Rows, lost: Array,
-) -> None:  # fmt: skip
-    """The light that is not used, and the variance of the model error, in place of the sum."""
-    high, second, low, energy, total, expected = sums
-    a, b, black = noise
-    zero, half, none = np.float32(0.0), np.float32(0.5), np.float32(NO_DROPPED_LIGHT)
-    frames = has_ambient + np.float32(1.0)
-    for c in range(len(dropped)):
-        deviation = np.sqrt(frames * (a + b * max(dark[c] - black, zero)))
-        level = max(min(DARK * gain * deviation, half * high[c]), LEAK * second[c])
-        chosen = np.float32(dropped[c])
-        chosen = lost[c] if leaves_out & (chosen == none) & (low[c] <= level) else chosen
-        lost[c] = chosen
-        mean = total[c] / lights
-        variance = model[c] * mean * mean
-        own = energy[c] / freedom
-        is_own = (chosen == none) & (own > OWN * (variance + expected[c] / freedom))
-        total[c] = variance + (own if is_own else zero)
-
-
-@kernel
-def _select(k: int, correction: Array, lost: Array, corrected: Rows) -> None:
-    """Write the correction where light k is not used, and 0 elsewhere for the first light."""
-    x, y, z = correction
-    corrected_x, corrected_y, corrected_z = corrected
-    index, kept = np.float32(k), np.float32(k > 0)
-    for c in range(len(lost)):
-        is_lost = lost[c] == index
-        corrected_x[c] = x if is_lost else kept * corrected_x[c]
-        corrected_y[c] = y if is_lost else kept * corrected_y[c]
-        corrected_z[c] = z if is_lost else kept * corrected_z[c]
-
-
-@kernel
+@kernel_part
 def _add_light(
-    weights: Array, nul: np.float32, plane: Array, x: Array, y: np.float32, slopes: Rows,
-    normals: Rows, corrected: Rows, variances: Array, model: Array, gloss: Array, tangents: Rows,
-) -> None:  # fmt: skip
-    """Add the share of a light in the errors of the slopes times b_z, and of the albedo."""
-    wx, wy, wz = weights
-    nz, across = normals[0], normals[5]
-    p, q = slopes
-    plane_x, plane_y, plane_z = plane
-    corrected_x, corrected_y, corrected_z = corrected
-    v_p, v_q, v_rho, v_pq, g_p, g_q, g_rho = tangents
-    for c in range(len(p)):
-        mx, my = wx - nul * corrected_x[c], wy - nul * corrected_y[c]
-        mz = wz - nul * corrected_z[c]
-        inner = (mx * x[c] + my * y) * across[c]
-        mx, my, mz = mx + plane_x * inner, my + plane_y * inner, mz + plane_z * inner
-        to_p, to_q = mx + p[c] * mz, my + q[c] * mz
-        to_rho = (mz - p[c] * mx - q[c] * my) * nz[c]
-        variance = variances[c] + model[c]
-        v_p[c] += to_p * to_p * variance
-        v_q[c] += to_q * to_q * variance
-        v_rho[c] += to_rho * to_rho * variance
-        v_pq[c] += to_p * to_q * variance
-        g_p[c] += to_p * gloss[c]
-        g_q[c] += to_q * gloss[c]
-        g_rho[c] += to_rho * gloss[c]
+    index: np.float32, image: np.float32, raw: np.float32, scene: Scene, light: Numbers,
+    strengths: Array | None, sums: Sums,
+) -> Sums:  # fmt: skip
+    """Add a light with the column M of the pseudo-inverse; a saturated light is the darkest."""
+    dark, saturation, (a, b, black), pixel = scene
+    gain, lx, ly, lz, mx, my, mz, nul, spare, _ = light
+    (xx, xy, xz, yy, yz, zz), (dx, dy, dz, d), (gx, gy, gz, g), residuals, darkness = sums
+    energy, expected, total = residuals
+    high, second, low, lost = darkness
+    zero, one = np.float32(0.0), np.float32(1.0)
+    value, whole = image - dark, raw - dark
+    ratio = gain * (value / whole if whole * whole > KNOWN * a else one)
+    v = gain * value
+    variance = ratio * ratio * (a + b * max(raw - black, zero))
+    vx, vy, vz, vn = mx * variance, my * variance, mz * variance, nul * variance
+    error = v - (lx * pixel[6] + ly * pixel[7] + lz * pixel[8])
+    level = v if raw < saturation else -one
+    if strengths is not None:
+        lobe = _lobe(light, pixel, strengths)
+        gx, gy, gz, g = gx + mx * lobe, gy + my * lobe, gz + mz * lobe, g + nul * lobe
+    return (
+        (xx + vx * mx, xy + vx * my, xz + vx * mz, yy + vy * my, yz + vy * mz, zz + vz * mz),
+        (dx + vn * mx, dy + vn * my, dz + vn * mz, d + vn * nul),
+        (gx, gy, gz, g),
+        (energy + error * error, expected + spare * variance, total + v),
+        (max(high, v), max(second, min(high, v)), min(low, level), index if level < low else lost),
+    )  # fmt: skip
 
 
-@kernel
-def _finish(
-    dark: Array, noise: Array, has_ambient: np.float32, even: Array, slopes: Rows,
-    normals: Rows, tangents: Rows, p_sd: Array, q_sd: Array, albedo_sd: Array, angle_sd: Array,
-) -> None:  # fmt: skip
-    """Deviations of a row from the sums of all lights and the noise of the ambient image."""
-    nz, scale = normals[0], normals[1]
-    p, q = slopes
-    v_p, v_q, v_rho, v_pq, g_p, g_q, g_rho = tangents
-    a, b, black = noise
-    even_x, even_y, even_z = even
-    zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
-    for c in range(len(p)):
-        variance = has_ambient * (a + b * max(dark[c] - black, zero))
-        to_p, to_q = even_x + p[c] * even_z, even_y + q[c] * even_z
-        to_rho = (even_z - p[c] * even_x - q[c] * even_y) * nz[c]
-        vp, vq = v_p[c] + to_p * to_p * variance, v_q[c] + to_q * to_q * variance
-        vr, vpq = v_rho[c] + to_rho * to_rho * variance, v_pq[c] + to_p * to_q * variance
-        inverse = one / scale[c]
-        p_sd[c] = _with_bias(g_p[c], np.sqrt(vp)) * inverse
-        q_sd[c] = _with_bias(g_q[c], np.sqrt(vq)) * inverse
-        albedo_sd[c] = _with_bias(g_rho[c], np.sqrt(vr))
-        # The angle between normals is (e dp^2 - 2 f dp dq + g dq^2)^0.5 / w^2.
-        e, f, g = one + q[c] * q[c], p[c] * q[c], one + p[c] * p[c]
-        trace = e * vp - (f + f) * vpq + g * vq
-        bias = e * g_p[c] * g_p[c] - (f + f) * g_p[c] * g_q[c] + g * g_q[c] * g_q[c]
-        determinant = (vp * vq - vpq * vpq) / (nz[c] * nz[c])
-        spread = np.sqrt(max(half * half * trace * trace - determinant, zero))
-        square = half * trace + spread + SECOND_AXIS * (half * trace - spread)
-        angle = _with_bias(np.sqrt(max(bias, zero)), np.sqrt(max(square, zero)))
-        angle_sd[c] = DEGREES * angle * inverse * nz[c] * nz[c]
+@kernel_part
+def _lobe(light: Numbers, pixel: Numbers, strengths: Array) -> np.float32:
+    """Light of the lobes of gloss: see `uncertainty._lobes`."""
+    _, lx, ly, lz, _, _, _, _, _, inverse_distance = light
+    p, q, nz, _, x, y, _, _, _, _, _, _ = pixel
+    tx, ty = lx - inverse_distance * x, ly - inverse_distance * y
+    tz = lz + np.sqrt(tx * tx + ty * ty + lz * lz)
+    cosine = max((tz - tx * p - ty * q) * nz, np.float32(0.0))
+    power = cosine * cosine / (tx * tx + ty * ty + tz * tz)
+    power *= power
+    power *= power
+    lobe = strengths[0] * power
+    power *= power
+    lobe += strengths[1] * power
+    power *= power
+    lobe += strengths[2] * power
+    power *= power
+    lobe += strengths[3] * power
+    return np.float32(lobe + strengths[4] * power * power)
 
 
-@kernel
-def _gloss(
-    direction: Array, inverse_distance: np.float32, x: Array, y: np.float32, slopes: Rows,
-    nz: Array, strengths: Array, power: Array, gloss: Array,
-) -> None:  # fmt: skip
-    """Light of the lobes in a row: see `uncertainty._lobes`."""
-    zero = np.float32(0.0)
-    lx, ly, lz = direction
-    p, q = slopes
-    ty = ly - inverse_distance * y
-    for c in range(len(gloss)):
-        tx = lx - inverse_distance * x[c]
-        length = np.sqrt(tx * tx + ty * ty + lz * lz)
-        tz = lz + length
-        cosine = (tz - tx * p[c] - ty * q[c]) * nz[c] / np.sqrt(tx * tx + ty * ty + tz * tz)
-        power[c] = max(cosine, zero)
-        gloss[c] = zero
-    for index in range(FIRST_POWER + POWERS):
-        strength = strengths[max(index - FIRST_POWER, 0)] if index >= FIRST_POWER else zero
-        for c in range(len(gloss)):
-            gloss[c] += strength * power[c]
-            power[c] *= power[c]
+@kernel_part
+def _deviations(
+    scene: Scene, sums: Sums, frame: Numbers, leaves_out: bool, covariances: tuple[Numbers, ...],
+    without: tuple[Numbers, ...], strengths: Array | None, dropped: np.float32, share: np.float32,
+) -> Numbers:  # fmt: skip
+    """Deviations of p, q, albedo and the normal."""
+    dark, _, (a, b, black), pixel = scene
+    p, q, nz, scale, x, y, _, _, _, cx, cy, cz = pixel
+    (xx, xy, xz, yy, yz, zz), (dx, dy, dz, d), (gx, gy, gz, g), residuals, darkness = sums
+    energy, expected, total = residuals
+    high, second, low, darkest = darkness
+    number, has_ambient, gain = frame
+    zero, half, one, none = (
+        np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(NO_DROPPED_LIGHT),
+    )  # fmt: skip
+    # The light that is not used, and the variance of the model error.
+    dark_variance = a + b * max(dark - black, zero)
+    noise = DARK * gain * np.sqrt((has_ambient + one) * dark_variance)
+    is_dark = low <= max(min(noise, half * high), LEAK * second)
+    is_found = (dropped == none) & is_dark & (leaves_out | (number == np.float32(4.0)))
+    lost = darkest if is_found else dropped
+    mean, freedom = total / number, max(number - np.float32(3.0), one)
+    model, own = share * mean * mean, energy / freedom
+    is_own = (lost == none) & (own > OWN * (model + expected / freedom))
+    model += own if is_own else zero
+    # Covariance of b. Without light k the solution is M - L+[:, k] nul^T / nul_k; if k is in shadow
+    # and used, its error is r / nul_k.
+    tx, ty, tz = _column(lost, without)
+    left_out = np.float32(leaves_out)
+    d = half * (left_out * (d + model) + (one - left_out) * energy)
+    ex, ey, ez = d * tx - left_out * dx, d * ty - left_out * dy, d * tz - left_out * dz
+    alone, together = covariances
+    dark_variance *= has_ambient
+    xx += alone[0] * model + together[0] * dark_variance + (ex * tx + ex * tx)
+    xy += alone[1] * model + together[1] * dark_variance + (ex * ty + ey * tx)
+    xz += alone[2] * model + together[2] * dark_variance + (ex * tz + ez * tx)
+    yy += alone[3] * model + together[3] * dark_variance + (ey * ty + ey * ty)
+    yz += alone[4] * model + together[4] * dark_variance + (ey * tz + ez * ty)
+    zz += alone[5] * model + together[5] * dark_variance + (ez * tz + ez * tz)
+    # Derivatives of -b_z p, -b_z q and |b| / n_z by b'; each in its z component is p, q, 1.
+    of_p, of_q, of_n = cx + p * cz, cy + q * cz, cz - cx * p - cy * q
+    px, py, qx, qy = one + of_p * x, of_p * y, of_q * x, one + of_q * y
+    nx, ny = of_n * x - p, of_n * y - q
+    wx, wy, wz = xx * px + xy * py + xz * p, xy * px + yy * py + yz * p, xz * px + yz * py + zz * p
+    ux, uy, uz = xx * qx + xy * qy + xz * q, xy * qx + yy * qy + yz * q, xz * qx + yz * qy + zz * q
+    vp, vq = max(px * wx + py * wy + p * wz, zero), max(qx * ux + qy * uy + q * uz, zero)
+    vpq = qx * wx + qy * wy + q * wz
+    vr = nx * (nx * xx + (xz + xz)) + ny * (ny * yy + (yz + yz)) + zz + (nx + nx) * ny * xy
+    # The angle between normals is (e dp^2 - 2 f dp dq + g dq^2)^0.5 / w^2.
+    e, f, h = one + q * q, p * q, one + p * p
+    trace = half * (e * vp + h * vq) - f * vpq
+    determinant = (vp * vq - vpq * vpq) / (nz * nz)
+    spread = np.sqrt(max(trace * trace - determinant, zero))
+    angle = np.sqrt(max(trace + spread + SECOND_AXIS * (trace - spread), zero))
+    sp, sq, sr = np.sqrt(vp), np.sqrt(vq), np.sqrt(max(vr, zero))
+    if strengths is not None:
+        g *= left_out
+        gx, gy, gz = gx - g * tx, gy - g * ty, gz - g * tz
+        gp, gq = px * gx + py * gy + p * gz, qx * gx + qy * gy + q * gz
+        bias = e * gp * gp - (f + f) * gp * gq + h * gq * gq
+        angle = _with_bias(np.sqrt(max(bias, zero)), angle)
+        sp, sq = _with_bias(gp, sp), _with_bias(gq, sq)
+        sr = _with_bias(nx * gx + ny * gy + gz, sr)
+    inverse = one / scale
+    return sp * inverse, sq * inverse, sr * nz, DEGREES * angle * inverse * nz * nz
 
 
-@kernel
+@kernel_part
+def _column(index: np.float32, columns: tuple[Numbers, ...]) -> Numbers:
+    """One of four columns, or 0."""
+    zero, one, two, three = np.float32(0.0), np.float32(1.0), np.float32(2.0), np.float32(3.0)
+    (x0, y0, z0), (x1, y1, z1), (x2, y2, z2), (x3, y3, z3) = columns
+    x, y, z = (x0, y0, z0) if index == zero else (zero, zero, zero)
+    x, y, z = (x1, y1, z1) if index == one else (x, y, z)
+    x, y, z = (x2, y2, z2) if index == two else (x, y, z)
+    return (x3, y3, z3) if index == three else (x, y, z)
+
+
+@kernel_part
 def _with_bias(bias: np.float32, deviation: np.float32) -> np.float32:
     """Half width over 1.96 of the interval that holds 95 % of normal errors with a bias."""
     rest = np.float32(0.315) * deviation
@@ -268,14 +261,18 @@ def _with_bias(bias: np.float32, deviation: np.float32) -> np.float32:
 
 
 @kernel
-def walk_variances(pixels: Array, p: Array, q: Array, solved: Array, variances: Array) -> None:
-    """Mean squared step around each pixel, times one more than the distance to a solved one.
+def write_completed(
+    pixels: Array, p: Array, q: Array, albedo: Array, solved: Array,
+    p_sd: Array, q_sd: Array, albedo_sd: Array, angle_sd: Array,
+) -> None:  # fmt: skip
+    """Write the deviations of completed slopes at these flat indices.
 
-    NaN where none is within `_FARTHEST_PX`.
+    Their variance is the mean squared step around, times one more than the distance to a solved
+    pixel; 1 where none is within `_FARTHEST_PX`.
     """
     rows, columns = p.shape
-    for n in range(len(pixels)):
-        y, x = divmod(pixels[n], columns)
+    for pixel in pixels:
+        y, x = divmod(pixel, columns)
         total, count, distance = np.float32(0.0), 0, 0
         for radius in range(_STEPS_PX, _FARTHEST_PX + 1):
             top, bottom = max(y - radius, 0), min(y + radius, rows - 1)
@@ -295,4 +292,10 @@ def walk_variances(pixels: Array, p: Array, q: Array, solved: Array, variances: 
             if count:
                 break
         # Half of it is the variance of p, half that of q.
-        variances[n] = total * (1 + distance) / (2 * count) if count else np.nan
+        variance = total * np.float32(1 + distance) / np.float32(2 * count) if count else 1.0
+        deviation = np.sqrt(np.float32(variance))
+        square = np.float32(1.0) + p[y, x] * p[y, x] + q[y, x] * q[y, x]
+        p_sd[y, x] = q_sd[y, x] = deviation
+        albedo_sd[y, x] = albedo[y, x] * deviation / np.sqrt(square)
+        # The eigenvalues of the variance of the normal are those along and across the slope.
+        angle_sd[y, x] = DEGREES * deviation / square * np.sqrt(square + SECOND_AXIS)

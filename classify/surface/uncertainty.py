@@ -12,27 +12,26 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from classify.base.arrays import Array, BoolArray, FloatMap, Floats, Indices
+from classify.base.arrays import Array, FloatMap, Floats, Indices
 from classify.base.threads import STRIP_PX, run_on_rows
 from classify.images import ImageStack, sample_pixels
+from classify.lighting import Lighting
 from classify.lights.near_light import Shear, middle_px
 from classify.shadow_rule import MAYBE_SHADOW, NO_DROPPED_LIGHT
 
 from .deviation_kernels import (
-    DEGREES,
     FIRST_POWER,
     KNOWN,
     OWN,
     POWERS,
-    SECOND_AXIS,
     propagate_errors,
-    walk_variances,
+    write_completed,
 )
 from .estimate import SurfaceEstimate
 
 # Pixels whose residuals give the model error, on a grid; it is blurred by this many grid steps, so
 # that about a hundred residuals count in each estimate.
-_SAMPLES = 16_384
+_SAMPLES = 8_192
 _BLUR = 3.0
 # Standard error of a variance from these, as a share of it: a smaller excess can be chance.
 _CHANCE = np.sqrt(2.0 / (4.0 * np.pi)) / _BLUR
@@ -54,20 +53,15 @@ def with_deviations(
     """
     lighting = surface.lighting
     assert lighting is not None
-    directions, shape = lighting.directions, surface.shape
+    shape = surface.shape
     gains = 1.0 / ((surface.full_scale or 1.0) * lighting.intensities)
-    pinv, (null, corrections) = np.linalg.pinv(directions), _without_one(directions)
-    spare = 1.0 - np.sum(directions * pinv.T, axis=1)  # share of an error that is in the residuals
     solution = _Solution(surface, stack, taken, gains.astype(np.float32), variance)
-    shares, strengths = _model_errors(solution, pinv.astype(np.float32))
+    shares, strengths = _model_errors(solution)
     model = cv2.resize(shares, shape[::-1], interpolation=cv2.INTER_LINEAR)
-    maps = [np.empty(shape, np.float32) for _ in range(4)]
-    shear = Shear.of(lighting)
+    maps = np.empty((4, *shape), np.float32)
+    shear, constants = Shear.of(lighting), _constants(lighting, gains)
     x, y = middle_px(shape[1]), -middle_px(shape[0])
-    arguments = [
-        values.astype(np.float32)
-        for values in (gains, variance, directions, pinv, spare, null, corrections, strengths)
-    ]
+    lobes = strengths.astype(np.float32) if strengths.any() else None
     saturation = np.float32(surface.full_scale or np.inf)
     leaves_out = surface.method != "least_squares"
 
@@ -76,15 +70,21 @@ def with_deviations(
         images, dark = stack.float_rows(first, last)
         raw = images if taken is stack else taken.images[:, rows].astype(np.float32)
         propagate_errors(
-            images, dark, raw, *arguments, saturation, leaves_out, shear.plane,
-            shear.inverse_distances, x, y[rows], surface.p[rows], surface.q[rows],
-            surface.albedo[rows],
-            surface.dropped[rows], model[rows], *(plane[rows] for plane in maps),
+            images, dark, raw, *constants, lobes, variance, len(lighting), saturation, leaves_out,
+            shear.plane, x, y[rows], surface.p[rows], surface.q[rows], surface.albedo[rows],
+            surface.dropped[rows], model[rows], *maps[:, rows],
         )  # fmt: skip
 
-    run_on_rows(propagate, shape)
-    if surface.repaired is not None and surface.repaired.any():
-        _replace_where_completed(surface, surface.repaired, maps)
+    run_on_rows(propagate, shape, STRIP_PX // 2)
+    if surface.repaired is not None:
+        solved, completed = surface.valid & ~surface.repaired, np.flatnonzero(surface.repaired)
+
+        def complete(first: int, last: int) -> None:
+            write_completed(
+                completed[first:last], surface.p, surface.q, surface.albedo, solved, *maps
+            )
+
+        run_on_rows(complete, (len(completed), 1), STRIP_PX // 16)
     p_sd, q_sd, albedo_sd, angle_sd = maps
     return replace(surface, p_sd=p_sd, q_sd=q_sd, albedo_sd=albedo_sd, angle_sd=angle_sd)
 
@@ -111,16 +111,26 @@ class _Solution:
         return values * gains, variances
 
 
-def _without_one(directions: Floats) -> tuple[Floats, Floats]:
-    """Null vector nul and pinv / nul, of four lights: see `deviation_kernels`."""
-    lights = len(directions)
-    if lights != 4:
-        return np.zeros(lights), np.zeros((3, lights))
-    null = np.linalg.svd(directions.T)[2][3]
-    return null, np.linalg.pinv(directions) / null
+def _constants(lighting: Lighting, gains: Floats) -> tuple[FloatMap, FloatMap, FloatMap]:
+    """`lights`, `corrections` and `common` of `propagate_errors`."""
+    directions, count = lighting.directions, len(lighting)
+    pinv, inverse_distances = np.linalg.pinv(directions), Shear.of(lighting).inverse_distances
+    null, corrections = np.zeros(count), np.zeros((4, 3))
+    if count == 4:
+        null = np.linalg.svd(directions.T)[2][3]
+        corrections = pinv.T / null[:, None]
+    spare = 1.0 - np.sum(directions * pinv.T, axis=1)  # share of an error that is in the residuals
+    lights = np.column_stack([gains, directions, pinv.T, null, spare, inverse_distances])
+    upper, even = np.triu_indices(3), pinv @ gains
+    common = np.stack([(pinv @ pinv.T)[upper], np.outer(even, even)[upper]])
+    return (
+        np.pad(lights, ((0, max(4 - count, 0)), (0, 0))).astype(np.float32),
+        corrections.astype(np.float32),
+        common.astype(np.float32),
+    )
 
 
-def _model_errors(solution: _Solution, pinv: FloatMap) -> tuple[FloatMap, Floats]:
+def _model_errors(solution: _Solution) -> tuple[FloatMap, Floats]:
     """Model errors of an image: variance as a share of the squared brightness, and gloss.
 
     The first on an (m, n) grid; the second as strengths of the lobes of `_lobes`.
@@ -128,7 +138,7 @@ def _model_errors(solution: _Solution, pinv: FloatMap) -> tuple[FloatMap, Floats
     surface, lighting = solution.surface, solution.surface.lighting
     assert lighting is not None
     shape, directions = surface.shape, lighting.directions.astype(np.float32)
-    lights = len(directions)
+    lights, pinv = len(directions), np.linalg.pinv(directions)
     pixels = sample_pixels(shape, _SAMPLES)
     columns = int(np.count_nonzero(pixels < pixels[0] // shape[1] * shape[1] + shape[1]))
     rows = len(pixels) // columns
@@ -165,33 +175,6 @@ def _model_errors(solution: _Solution, pinv: FloatMap) -> tuple[FloatMap, Floats
     energy = np.maximum(around(excess) - _CHANCE * around(expected), 0.0) / (lights - 3)
     shares = (energy / np.maximum(around(brightness**2), _TINY)).astype(np.float32)
     return shares, strengths
-
-
-def _replace_where_completed(
-    surface: SurfaceEstimate, repaired: BoolArray, maps: list[FloatMap]
-) -> None:
-    """Write the deviations of completed slopes: those of a random walk from the solved ones.
-
-    Its steps are the differences of neighbouring slopes around; one more step is that at the edge
-    of the shadow.
-    """
-    p, q, solved = surface.p, surface.q, surface.valid & ~repaired
-    pixels = np.flatnonzero(repaired)
-    variances = np.empty(len(pixels), np.float32)
-
-    def walk(first: int, last: int) -> None:
-        walk_variances(pixels[first:last], p, q, solved, variances[first:last])
-
-    run_on_rows(walk, (len(pixels), 1), STRIP_PX // 16)
-    known = np.isfinite(variances)
-    variances[~known] = variances[known].max(initial=1.0)
-    steepness = 1.0 + p.ravel()[pixels] ** 2 + q.ravel()[pixels] ** 2
-    deviations = np.sqrt(variances)
-    # The eigenvalues of the variance of the normal are those along and across the slope.
-    angles = DEGREES * deviations / steepness * np.sqrt(steepness + SECOND_AXIS)
-    albedos = surface.albedo.ravel()[pixels] * deviations / np.sqrt(steepness)
-    for plane, values in zip(maps, (deviations, deviations, albedos, angles), strict=True):
-        plane.ravel()[pixels] = values
 
 
 def _lobes(towards: Array, p: FloatMap, q: FloatMap) -> FloatMap:

@@ -12,7 +12,7 @@ takes smaller frames and no materials.
 import argparse
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +46,7 @@ class Case:
     bits: int
     gloss: Gloss | None
     slant_deg: float
+    steepness: float = 1.0  # factor on the relief, which raises the share in shadow
 
     def __str__(self) -> str:
         where = "distant" if self.fields == DISTANT else f"{self.fields:g} fields"
@@ -54,19 +55,21 @@ class Case:
 
 
 CASES = (
-    Case("rock", DISTANT, 12, None, 45.0), Case("rock", DISTANT, 8, None, 60.0),
-    Case("sand", DISTANT, 12, None, 60.0), Case("sand", DISTANT, 8, GLOSS, 50.0),
-    Case("malv", 3.0, 12, None, 45.0), Case("malv", 3.0, 8, GLOSS, 55.0),
-    Case("ogil", DISTANT, 12, GLOSS, 30.0), Case("ogil", 4.0, 8, None, 40.0),
-    Case("rock", 3.0, 12, GLOSS, 60.0), Case("malv", DISTANT, 8, GLOSS, 30.0),
+    Case("rock", DISTANT, 12, None, 45.0), Case("rock", DISTANT, 8, None, 60.0, 2.0),
+    Case("sand", DISTANT, 12, None, 60.0, 4.0), Case("sand", DISTANT, 8, GLOSS, 50.0, 2.0),
+    Case("malv", 3.0, 12, None, 45.0, 2.0), Case("malv", 3.0, 8, GLOSS, 55.0, 2.0),
+    Case("ogil", DISTANT, 12, GLOSS, 30.0), Case("ogil", 4.0, 8, None, 40.0, 2.0),
+    Case("rock", 3.0, 12, GLOSS, 60.0, 1.5), Case("malv", DISTANT, 8, GLOSS, 30.0),
 )  # fmt: skip
 
 
 def solved(case: Case, side: int, seed: int) -> tuple[SceneImages, SurfaceEstimate]:
     """The scene of a rig, and its surface with standard deviations."""
     lighting = Lighting.ring(case.slant_deg)
+    surface, by = synthetic_surface(case.surface, seed, 2 * side), case.steepness
     scene = render_frame(
-        synthetic_surface(case.surface, seed, 2 * side), lighting, side, gloss=case.gloss,
+        replace(surface, height=by * surface.height, p=by * surface.p, q=by * surface.q),
+        lighting, side, gloss=case.gloss,
         led_distance_px=case.fields * side, lobe_exponent=0.0 if case.fields == DISTANT else LOBE,
     )  # fmt: skip
     taken = SimulatedSet.expose(scene, lighting, SensorModel(bit_depth=case.bits), seed)

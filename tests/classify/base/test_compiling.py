@@ -75,7 +75,7 @@ def test_constants_of_kernels_come_from_files_whose_change_compiles_anew() -> No
 
 
 def is_kernel(function: ast.FunctionDef) -> bool:
-    return any(getattr(each, "id", None) == "kernel" for each in function.decorator_list)
+    return any(getattr(each, "id", "").startswith("kernel") for each in function.decorator_list)
 
 
 def source(path: Path, node: ast.ImportFrom) -> Path:

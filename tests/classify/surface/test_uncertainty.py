@@ -42,6 +42,14 @@ def test_95_percent_of_the_errors_are_within_their_intervals(
         assert held(scene, surface, surface.repaired, completed=True) > 0.9
 
 
+def test_a_shadow_that_least_squares_uses_is_in_the_deviation() -> None:
+    scene, taken = scene_of(60.0)
+    surface = solved(taken, "least_squares")
+    lit = (~scene.shadowed).sum(axis=0)
+    assert 0.92 < held(scene, surface, lit == 4) < 0.97
+    assert 0.93 < held(scene, surface, lit == 3) < 0.985
+
+
 def test_deviations_rotate_with_images_and_lights() -> None:
     _, taken = scene_of(60.0)
     surface = solved(taken)
