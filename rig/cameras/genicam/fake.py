@@ -4,10 +4,12 @@ import ctypes
 import tempfile
 import time
 from collections.abc import Callable
+from functools import cache
+from typing import Any
 
 from rig.errors import CameraError
 
-from .aravis import FRAME_ID_COUNT, call
+from .aravis import FRAME_ID_COUNT, aravis
 
 # Of an exposure in ms: the image as bytes, its number, and its end on the monotonic clock.
 _NextImage = Callable[[float], tuple[bytes, int, float]]
@@ -24,9 +26,28 @@ _TRIGGER_REGISTER = 0x30C
 # How often Aravis looks whether it was triggered.
 _TRIGGER_POLLS_HZ = 1000.0
 
-_FILL = ctypes.CFUNCTYPE(
-    None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32
-)
+_POINTER = ctypes.c_void_p
+_FILL = ctypes.CFUNCTYPE(None, _POINTER, _POINTER, *(ctypes.c_uint32,) * 3)
+
+
+@cache
+def _c_library() -> ctypes.CDLL:
+    """Aravis without PyGObject, which copies a buffer and forgets a function once it is set."""
+    library = ctypes.CDLL("libaravis-0.8.so.0")
+    library.arv_fake_camera_set_fill_pattern.argtypes = (_POINTER, _FILL, _POINTER)
+    library.arv_buffer_get_data.argtypes = (_POINTER, _POINTER)
+    library.arv_buffer_get_data.restype = _POINTER
+    library.arv_buffer_set_timestamp.argtypes = (_POINTER, ctypes.c_uint64)
+    library.arv_buffer_set_frame_id.argtypes = (_POINTER, ctypes.c_uint64)
+    return library
+
+
+def _pointer(instance: Any) -> int:
+    """Address of a GObject."""
+    get_pointer = ctypes.pythonapi.PyCapsule_GetPointer
+    get_pointer.argtypes, get_pointer.restype = (ctypes.py_object, ctypes.c_char_p), _POINTER
+    address: int = get_pointer(instance.__gpointer__, None)
+    return address
 
 
 class FakeGigeCamera:
@@ -39,61 +60,48 @@ class FakeGigeCamera:
     def __init__(
         self, address: str, serial: str, next_image: _NextImage, lost_packets: float = 0.0
     ) -> None:
-        with tempfile.NamedTemporaryFile(suffix=".xml") as features:
+        library = aravis()
+        with tempfile.NamedTemporaryFile("w", suffix=".xml", encoding="utf-8") as features:
             features.write(_features())
             features.flush()
-            self._camera = call(
-                "arv_gv_fake_camera_new_full",
-                address.encode(),
-                serial.encode(),
-                features.name.encode(),
-            )
-        if not call("arv_gv_fake_camera_is_running", self._camera):
-            call("g_object_unref", self._camera)
+            self._camera: Any = library.GvFakeCamera.new_full(address, serial, features.name)
+        if not self._camera.is_running():
             raise CameraError(
                 f"{address}: no GigE Vision camera can be simulated there; give an address of this "
                 "machine, whose port 3956 is free"
             )
+        fake = self._camera.get_fake_camera()
 
-        def fill(buffer: int, _: int, exposure_us: int, _gain: int, pixel_format: int) -> None:
-            image, number, end_s = next_image(exposure_us / 1e3)
-            pixels = 1
-            for side in ("width", "height"):
-                pixels *= call(f"arv_buffer_get_image_{side}", buffer)
-            room = pixels * (pixel_format >> 16 & 0xFF) // 8  # PFNC: bits of a pixel
-            target = call("arv_buffer_get_data", buffer, None)
+        def fill(buffer: int, *values: int) -> None:
+            image, number, end_s = next_image(values[1] / 1e3)  # exposure in us
+            room = fake.get_payload()
+            target = _c_library().arv_buffer_get_data(buffer, None)
             ctypes.memmove(target, image, min(len(image), room))
             utc_ns = time.time_ns() - round(1e9 * (time.monotonic() - end_s))
-            call("arv_buffer_set_timestamp", buffer, utc_ns)
-            call("arv_buffer_set_frame_id", buffer, 1 + number % FRAME_ID_COUNT)
+            _c_library().arv_buffer_set_timestamp(buffer, utc_ns)
+            _c_library().arv_buffer_set_frame_id(buffer, 1 + number % FRAME_ID_COUNT)
 
         self._fill = _FILL(fill)  # kept as long as Aravis may call it
-        self._fake = call("arv_gv_fake_camera_get_fake_camera", self._camera)
-        call("arv_fake_camera_set_fill_pattern", self._fake, self._fill, None)
-        call("arv_fake_camera_set_trigger_frequency", self._fake, _TRIGGER_POLLS_HZ)
-        call("g_object_set", self._camera, b"gvsp-lost-ratio", lost_packets / 1e3, None)
+        self._fake: Any = fake
+        _c_library().arv_fake_camera_set_fill_pattern(_pointer(fake), self._fill, None)
+        fake.set_trigger_frequency(_TRIGGER_POLLS_HZ)
+        self._camera.props.gvsp_lost_ratio = lost_packets / 1e3
 
     def trigger(self) -> None:
         """A pulse at `TRIGGER_LINE`: an image is sent as soon as `next_image` gives one.
 
         Pulses that follow each other before Aravis looks count as one.
         """
-        if self._camera is not None:
-            call("arv_fake_camera_write_register", self._fake, _TRIGGER_REGISTER, 1)
+        self._fake.write_register(_TRIGGER_REGISTER, 1)
 
     def close(self) -> None:
         """End the camera; a second call does nothing."""
-        camera, self._camera = self._camera, None
-        if camera is not None:
-            call("g_object_unref", camera)
+        self._camera = None
 
 
-def _features() -> bytes:
+def _features() -> str:
     """Aravis' description of its fake camera, with `_CHANGES`."""
-    camera, size = call("arv_fake_camera_new", b"any"), ctypes.c_size_t()
-    text = call("arv_fake_camera_get_genicam_xml", camera, ctypes.byref(size))
-    features = ctypes.string_at(text, size.value)
-    call("g_object_unref", camera)
+    features: str = aravis().FakeCamera.new("any").get_genicam_xml()[0]
     for old, new in _CHANGES:
-        features = features.replace(old.encode(), new.encode())
+        features = features.replace(old, new)
     return features
