@@ -64,6 +64,10 @@ class Exposures(ABC):
         del number, deadline_s
         return True
 
+    def trigger(self) -> bool:
+        """A pulse on the trigger line, at this moment; whether it starts an exposure."""
+        return False
+
     def close(self) -> None:
         """Start no further exposure."""
         self._open = False

@@ -173,8 +173,7 @@ class Simulation:
             config.camera.exposure_ms / 1e3,
             config.simulation.readout_ms / 1e3,
         )
-        if config.lights.synchronisation != "trigger":
-            return FreeRunning(self.clock, shutter, strobe)
-        triggered = Triggered(self.clock, shutter, strobe)
-        self.board.on_trigger(triggered.trigger)
-        return triggered
+        triggered = config.lights.synchronisation == "trigger"
+        exposures = (Triggered if triggered else FreeRunning)(self.clock, shutter, strobe)
+        self.board.on_trigger(exposures.trigger)
+        return exposures

@@ -1,4 +1,4 @@
-"""`FakeGigeCamera`: a GigE Vision camera of this machine, whose images a function makes."""
+"""`FakeGigeCamera`: a GigE Vision camera of this machine with the frames of a simulated rig."""
 
 import ctypes
 import tempfile
@@ -7,12 +7,17 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
+import numpy as np
+
+from classify.base.errors import ConfigError
+from rig.cameras.camera import Pixels
+from rig.cameras.config import CameraConfig
+from rig.cameras.served import FrameSource, ServedCamera
 from rig.errors import CameraError
 
 from .aravis import FRAME_ID_COUNT, aravis
-
-# Of an exposure in ms: the image as bytes, its number, and its end on the monotonic clock.
-_NextImage = Callable[[float], tuple[bytes, int, float]]
+from .measurement_mode import GenicamCameraConfig
+from .pixel_formats import packed_12p
 
 TRIGGER_LINE = "Line1"
 # Aravis knows triggers by software alone, and no packed pixels: here that source is called as an
@@ -50,45 +55,80 @@ def _pointer(instance: Any) -> int:
     return address
 
 
-class FakeGigeCamera:
+# A camera that runs free sends what is read out: a frame that waited longer is left out.
+_MOST_LATE = 0.25
+# By depth: a format, and the function that encodes an image.
+_FORMATS: dict[int, tuple[str, Callable[[Pixels], bytes]]] = {
+    8: ("Mono8", lambda pixels: pixels.astype(np.uint8, copy=False).tobytes()),
+    12: ("Mono12p", packed_12p),
+    16: ("Mono16", lambda pixels: pixels.astype("<u2", copy=False).tobytes()),
+}
+
+
+class FakeGigeCamera(ServedCamera):
     """Aravis' fake camera at an address of this machine, with the id ``Aravis-Fake-SERIAL``.
 
-    Its client sets size, rate, exposure and trigger. `next_image` is called in a thread of Aravis
-    once a frame, or once a `trigger`. Of 1,000 packets `lost_packets` do not arrive.
+    Its client sets size, rate, exposure and trigger. A thread of Aravis asks for a frame in each
+    period, or once a `trigger`.
     """
 
-    def __init__(
-        self, address: str, serial: str, next_image: _NextImage, lost_packets: float = 0.0
-    ) -> None:
+    option = "gige"
+    has_trigger = True
+
+    def __init__(self, place: str, config: CameraConfig) -> None:
+        self._address = place
+        self._period_s = 1.0 / config.frame_rate_hz
+        self.bit_depth = config.bits if config.bits in _FORMATS else 16
+        self.pixel_format, self._encoded = _FORMATS[self.bit_depth]
+        if isinstance(config, GenicamCameraConfig) and config.pixel_format != self.pixel_format:
+            raise ConfigError(
+                f"camera.pixel_format = {config.pixel_format!r} cannot be simulated; it can be "
+                + " or ".join(name for name, _ in _FORMATS.values())
+            )
+
+    def start(self, source: FrameSource) -> None:
+        """Let the camera answer at its address."""
         library = aravis()
         with tempfile.NamedTemporaryFile("w", suffix=".xml", encoding="utf-8") as features:
             features.write(_features())
             features.flush()
-            self._camera: Any = library.GvFakeCamera.new_full(address, serial, features.name)
+            self._camera: Any = library.GvFakeCamera.new_full(
+                self._address, source.serial_number, features.name
+            )
         if not self._camera.is_running():
             raise CameraError(
-                f"{address}: no GigE Vision camera can be simulated there; give an address of this "
-                "machine, whose port 3956 is free"
+                f"{self._address}: no GigE Vision camera can be simulated there; give an address "
+                "of this machine, whose port 3956 is free"
             )
         fake = self._camera.get_fake_camera()
 
         def fill(buffer: int, *values: int) -> None:
-            image, number, end_s = next_image(values[1] / 1e3)  # exposure in us
+            exposure_us = values[1]
+            while (frame := source.next_frame(_MOST_LATE, exposure_us / 1e3)) is None:
+                pass
+            image = self._encoded(frame.pixels)
             room = fake.get_payload()
             target = _c_library().arv_buffer_get_data(buffer, None)
             ctypes.memmove(target, image, min(len(image), room))
-            utc_ns = time.time_ns() - round(1e9 * (time.monotonic() - end_s))
+            utc_ns = time.time_ns() - round(1e9 * (time.monotonic() - frame.end_s))
             _c_library().arv_buffer_set_timestamp(buffer, utc_ns)
-            _c_library().arv_buffer_set_frame_id(buffer, 1 + number % FRAME_ID_COUNT)
+            _c_library().arv_buffer_set_frame_id(buffer, 1 + frame.number % FRAME_ID_COUNT)
 
         self._fill = _FILL(fill)  # kept as long as Aravis may call it
         self._fake: Any = fake
         _c_library().arv_fake_camera_set_fill_pattern(_pointer(fake), self._fill, None)
         fake.set_trigger_frequency(_TRIGGER_POLLS_HZ)
-        self._camera.props.gvsp_lost_ratio = lost_packets / 1e3
+
+    def lose_packets(self, share: float) -> None:
+        """Let a share of the packets not arrive."""
+        self._camera.props.gvsp_lost_ratio = share
+
+    def step(self) -> None:
+        """Wait for a frame period."""
+        time.sleep(self._period_s)
 
     def trigger(self) -> None:
-        """A pulse at `TRIGGER_LINE`: an image is sent as soon as `next_image` gives one.
+        """A pulse at `TRIGGER_LINE`: an image is sent as soon as there is one.
 
         Pulses that follow each other before Aravis looks count as one.
         """
