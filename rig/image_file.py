@@ -59,7 +59,7 @@ _PNG_METADATA = ("eXIf", "XML:com.adobe.xmp", "exif:Orientation", "iCCP", "sRGB"
 def read_image(path: Path) -> Image:
     """Read an image as (H, W) grey or (H, W, 3) RGB, uint8 or uint16; alpha is left out.
 
-    Pixel values are those of the file; those of a DNG are linear, see `_linear_raw`. The image is
+    Pixel values are those of the file; those of a DNG are linear camera RGB. The image is
     turned upright as its EXIF or XMP data say. Bytes after the end of a JPEG or PNG are ignored.
     """
     return read_image_file(path)[0]
