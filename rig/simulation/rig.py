@@ -20,8 +20,15 @@ from rig.config.rig import RigConfig
 from rig.config.simulation import FaultPlan, Placement
 from rig.lights.keep_alive import KeepAliveClock
 
-from .camera import LitScene, SimulatedCamera, reported_timing
-from .exposures import Exposures, FreeRunning, Shutter, Triggered
+from .camera import (
+    Exposures,
+    FreeRunning,
+    LitScene,
+    Shutter,
+    SimulatedCamera,
+    Triggered,
+    reported_timing,
+)
 from .frame_faults import FaultyCamera
 from .scenes import SceneRenderer
 from .sensor import Sensor, SensorModel

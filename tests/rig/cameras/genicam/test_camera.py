@@ -18,7 +18,7 @@ from rig.cameras.kinds import list_cameras
 from rig.doctor.diagnosis import diagnose
 from rig.errors import ControlError
 from rig.latency import measure_latency, without_timing
-from rig.simulation.exposures import TRANSFER_S
+from rig.simulation.camera import TRANSFER_S
 from tests.gige_rig import DEVICE, GigeRig, gige_rig
 
 pytestmark = pytest.mark.genicam
