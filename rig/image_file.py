@@ -20,11 +20,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from classify.base.arrays import Array
+from classify.base.arrays import Array, FloatMap
 from classify.base.errors import InputError
 from classify.base.regular_file import read_regular_file
 
-from .dng import linear_raw
 from .image_metadata import ImageMetadata, metadata_of_info, metadata_of_pages, power_response
 
 if TYPE_CHECKING:
@@ -60,7 +59,7 @@ _PNG_METADATA = ("eXIf", "XML:com.adobe.xmp", "exif:Orientation", "iCCP", "sRGB"
 def read_image(path: Path) -> Image:
     """Read an image as (H, W) grey or (H, W, 3) RGB, uint8 or uint16; alpha is left out.
 
-    Pixel values are those of the file; those of a DNG are linear, see `rig.dng`. The image is
+    Pixel values are those of the file; those of a DNG are linear camera RGB. The image is
     turned upright as its EXIF or XMP data say. Bytes after the end of a JPEG or PNG are ignored.
     """
     return read_image_file(path)[0]
@@ -247,7 +246,7 @@ def _tiff(content: bytes, is_raw: bool = False) -> _Decoded:
             raise InputError("holds a stack of images; save one in a file")
         metadata = metadata_of_pages(*dict.fromkeys((parent, page)))
         if is_raw:
-            return linear_raw(content, page), replace(metadata, response="linear")
+            return _linear_raw(content, page), replace(metadata, response="linear")
         return _tiff_pixels(page), metadata
 
 
@@ -282,3 +281,80 @@ def _tiff_pixels(page: "tifffile.TiffPage") -> Array:
         if extra == tifffile.EXTRASAMPLE.ASSOCALPHA and alpha.min() < np.iinfo(alpha.dtype).max:
             raise InputError(_PREMULTIPLIED)
     return pixels[:, :, 0] if colours == 1 else pixels[:, :, :3]
+
+
+_CFA, _LINEAR_RAW, _UNSIGNED = 32803, 34892, 1
+_CFA_LAYOUT, _RECTANGULAR = 50711, 1
+# Tags of the Digital Negative Specification 1.7.
+_BLACK_REPEAT, _BLACK, _BLACK_DELTA_H, _BLACK_DELTA_V, _WHITE = range(50713, 50718)
+# Lists of corrections before demosaicing, and those that change the response of pixels or rows.
+_OPCODE_LISTS, _RESPONSE_OPCODES = (51008, 51009), (7, 8, 10, 11, 12, 13)
+
+
+def _linear_raw(content: bytes, page: Any) -> npt.NDArray[np.uint16]:
+    """Raw image (H, W) or (H, W, 3) of a `tifffile` page as linear camera RGB, 0 to 65535."""
+    try:
+        import rawpy
+    except ImportError:
+        raise InputError(
+            "a DNG is read by rawpy, which is not installed: pip install 'ps4rig[dng]'"
+        ) from None
+    samples, kind = page.samplesperpixel, page.photometric
+    refusal = InputError("a raw image of a kind that is not handled; convert it to a TIFF")
+    is_known = (kind, samples) in ((_CFA, 1), (_LINEAR_RAW, 1), (_LINEAR_RAW, 3))
+    is_known &= page.tags.valueof(_CFA_LAYOUT, _RECTANGULAR) == _RECTANGULAR
+    deltas = (_numbers(page, tag, 0) for tag in (_BLACK_DELTA_H, _BLACK_DELTA_V))
+    if not is_known or page.sampleformat != _UNSIGNED or any(delta.any() for delta in deltas):
+        raise refusal
+    for opcode in (
+        opcode for tag in _OPCODE_LISTS for opcode in _opcodes(page.tags.valueof(tag, b""))
+    ):
+        if opcode in _RESPONSE_OPCODES:
+            raise InputError(f"corrected by opcode {opcode}, which is not handled; convert to TIFF")
+    with rawpy.imread(io.BytesIO(content)) as raw:
+        shape, values = raw.raw_image.shape[:2], np.atleast_3d(raw.raw_image_visible)
+        if shape != page.shape[:2] or (kind == _CFA and raw.num_colors != 3):
+            raise refusal
+        levels = _from_black_to_white(values[:, :, :samples], page)
+        if kind == _LINEAR_RAW:
+            return levels if samples == 3 else levels[:, :, 0]
+        # LibRaw fills in the missing colours of these levels, and does nothing else.
+        raw.raw_image_visible[:] = levels[:, :, 0]
+        rgb: Array = raw.postprocess(
+            gamma=(1, 1), no_auto_bright=True, no_auto_scale=True, adjust_maximum_thr=0.0,
+            output_bps=16, output_color=rawpy.ColorSpace.raw, user_flip=0, user_black=0,
+            user_cblack=[0] * 4, user_sat=65535, user_wb=[1.0] * 4,
+            demosaic_algorithm=rawpy.DemosaicAlgorithm.LINEAR,
+        )  # fmt: skip
+    return np.asarray(rgb, np.uint16)
+
+
+def _from_black_to_white(values: Array, page: Any) -> npt.NDArray[np.uint16]:
+    rows, columns = values.shape[:2]
+    down, across = _numbers(page, _BLACK_REPEAT, 1, 1).astype(int)
+    pattern = _numbers(page, _BLACK, 0).reshape(down, across, -1)
+    black = pattern[np.ix_(np.arange(rows) % down, np.arange(columns) % across)]
+    white = _numbers(page, _WHITE, (1 << page.bitspersample) - 1)
+    for levels in (black, white):
+        if levels.shape[-1] not in (1, values.shape[2]):
+            raise InputError(f"states {levels.shape[-1]} levels for {values.shape[2]} samples")
+    if (white <= black).any():
+        raise InputError(
+            f"its white level, {white.min():g}, is not above its black level, {black.max():g}"
+        )
+    share = np.clip((values - black) / (white - black), 0.0, 1.0)
+    return np.asarray(np.rint(65535.0 * share), np.uint16)
+
+
+def _numbers(page: Any, tag: int, *default: float) -> FloatMap:
+    entry = page.tags.get(tag)
+    numbers = np.ravel(default if entry is None else entry.value).astype(np.float32)
+    return numbers[::2] / numbers[1::2] if entry is not None and entry.dtype in (5, 10) else numbers
+
+
+def _opcodes(content: bytes) -> Iterator[int]:
+    place = 4
+    while len(content) >= place + 16:
+        opcode, _, _, length = struct.unpack_from(">4I", content, place)
+        yield opcode
+        place += 16 + length

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rig import Rig, RigConfig, open_rig
-from rig.cameras.genicam.fake import TRIGGER_LINE
+from rig.cameras.genicam.fake import TRIGGER_LINE, FakeGigeCamera
 from rig.simulation.devices import DeviceSimulation
 
 ADDRESS, DEVICE = "127.0.0.1", "Aravis-Fake-SIM-0001"
@@ -62,9 +62,9 @@ class GigeRig:
         self.simulation.close()
 
     def _start(self) -> None:
-        self.simulation = DeviceSimulation(
-            self.simulated, serial=None, gige=ADDRESS, lost_packets=self.lost_packets
-        )
+        self.simulation = DeviceSimulation(self.simulated, serial=None, served=("gige", ADDRESS))
+        assert isinstance(self.simulation.camera, FakeGigeCamera)
+        self.simulation.camera.lose_packets(self.lost_packets / 1e3)
         self.port.symlink_to(self.simulation.port)
 
 

@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import sysconfig
 from pathlib import Path
 
 _CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ps4rig"
@@ -9,6 +10,8 @@ KERNEL = Path(os.environ.get("PS4RIG_HIL_KERNEL") or _CACHE / "hil-kernel")
 # Debian keeps them out of the search path of users.
 MOSQUITTO = Path("/usr/sbin/mosquitto")
 NGINX = Path("/usr/sbin/nginx")
+# The extra genicam, in this environment.
+GENICAM = Path(sysconfig.get_path("platlib")) / "gi"
 _POSTGRESQL = Path("/usr/lib/postgresql")
 MICROPYTHON = Path(os.environ.get("PS4RIG_MICROPYTHON") or _CACHE / "micropython")
 # The jar of Debian's package, and that of Bio-Formats, which is in Fiji.
@@ -25,7 +28,7 @@ def postgresql_program(name: str) -> Path:
 # Programs and folders, by the marker of the suite.
 NEEDS: dict[str, tuple[str | Path, ...]] = {
     "browser": ("chromium", "curl", NGINX),
-    "genicam": ("arv-tool-0.8",),
+    "genicam": ("arv-tool-0.8", GENICAM),
     "imagej": ("java", IMAGEJ, BIOFORMATS),
     "kernel": ("qemu-system-x86_64", "busybox", KERNEL),
     "micropython": ("node", MICROPYTHON),

@@ -146,7 +146,9 @@ def simulate(
             "give --serial DEV, where the firmware answers; --video DEV, a v4l2loopback device "
             "for the frames (modprobe v4l2loopback makes one); or --gige ADDRESS"
         )
-    if video is not None and gige is not None:
+    places = {"video": video, "gige": gige}
+    served = [(option, place) for option, place in places.items() if place is not None]
+    if len(served) > 1:
         raise InputError("give --video DEV or --gige ADDRESS: a rig has one camera")
     from rig.config.rig import config_of
     from rig.simulation.devices import DeviceSimulation
@@ -154,13 +156,13 @@ def simulate(
     placement = {"surface": surface, "rotate_deg": rotate, "shift_px": shift_px, "seed": seed}
     config = options.with_simulation(config_of(rig), placement, slant, bits, size)
 
-    simulation = DeviceSimulation(config, serial=serial, video=video, gige=gige)
+    simulation = DeviceSimulation(config, serial=serial, served=served[0] if served else None)
     try:
         out.print(f"lights: {simulation.port}")
-        if simulation.writes_frames:
+        if simulation.camera is not None:
             camera = config.camera
             out.print(
-                f"camera: {video or gige}, {simulation.pixel_format} "
+                f"camera: {video or gige}, {simulation.camera.pixel_format} "
                 f"{camera.width_px}x{camera.height_px}, {camera.frame_rate_hz:g} Hz, "
                 f"exposure {camera.exposure_ms:g} ms",
             )
@@ -183,6 +185,6 @@ def _run(simulation: DeviceSimulation) -> None:
 
 def _status(simulation: DeviceSimulation) -> str:
     lit = ", ".join(f"LED {led}" for led in simulation.lit) or "no LED"
-    if not simulation.writes_frames:
+    if simulation.camera is None:
         return f"{lit} lit"
     return f"{lit} lit, {simulation.written} frames written, {simulation.late} too late"

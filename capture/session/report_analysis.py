@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from statistics import NormalDist
 
@@ -19,6 +20,7 @@ from classify import (
 )
 from classify.base.arrays import Floats
 from classify.base.errors import InputError
+from classify.images import SIGMA_PER_MAD
 from classify.library.dissimilarity import (
     Dendrogram,
     class_dissimilarities,
@@ -29,7 +31,6 @@ from classify.library.dissimilarity import (
 
 from .folder import SessionFolder
 from .journal import SetEntry
-from .repeatability import Repeatability, first_repeats, repeatability_of
 
 # Distances of patches of one texture are log-normal with this deviation (joint_learning.py). In
 # one of a hundred sessions the largest distance is beyond the limit by chance.
@@ -97,10 +98,10 @@ def analyse(
 def _repeatability(
     folder: Path, entries: list[SetEntry], damaged: dict[str, str]
 ) -> Iterator[Repeatability]:
-    for pair in first_repeats(entries):
+    for pair in _first_repeats(entries):
         loaded = [_loaded(folder, entry, damaged) for entry in pair]
         surfaces = [each.solve(uncertainty=True) for each in loaded if each is not None]
-        if len(surfaces) == len(pair) and (found := repeatability_of(pair[0], *surfaces)):
+        if len(surfaces) == len(pair) and (found := _repeatability_of(pair[0], *surfaces)):
             yield found
 
 
@@ -241,3 +242,41 @@ def outliers(separation: Separation) -> Iterator[tuple[str, str]]:
         else:
             continue
         yield str(entry.file), remark
+
+
+@dataclass(frozen=True)
+class Repeatability:
+    """Deviation of a slope between two repeats of a placement."""
+
+    specimen: str
+    orientation_deg: float
+    measured: float  # robust deviation of the difference of p, q over the square root of two
+    stated: float  # median standard deviation of p, q
+
+
+def _first_repeats(entries: Iterable[SetEntry]) -> list[tuple[SetEntry, SetEntry]]:
+    """The first two sets of each placement that has two."""
+
+    def place(entry: SetEntry) -> tuple[str, float]:
+        return entry.specimen, entry.orientation_deg
+
+    groups = [list(sets) for _, sets in groupby(sorted(entries, key=place), key=place)]
+    return [(sets[0], sets[1]) for sets in groups if len(sets) > 1]
+
+
+def _repeatability_of(
+    entry: SetEntry, first: SurfaceEstimate, second: SurfaceEstimate
+) -> Repeatability | None:
+    """Compare two surfaces with deviations; None without a pixel that is valid in both."""
+    valid = first.valid & second.valid
+    if first.shape != second.shape or not valid.any():
+        return None
+    planes = ((first.p, second.p, first.p_sd), (first.q, second.q, first.q_sd))
+    differences, deviations = [], []
+    for one, other, deviation in planes:
+        assert deviation is not None
+        differences.append(np.abs(one - other)[valid])
+        deviations.append(deviation[valid])
+    spread = SIGMA_PER_MAD * float(np.median(np.concatenate(differences))) / np.sqrt(2.0)
+    stated = float(np.median(np.concatenate(deviations)))
+    return Repeatability(entry.specimen, entry.orientation_deg, float(spread), stated)

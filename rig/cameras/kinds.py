@@ -12,10 +12,13 @@ from rig.errors import ControlFault
 from .camera import Camera, CameraInfo, ListedCamera
 from .config import CameraConfig, ReplayCameraConfig, SimulatedCameraConfig
 from .genicam.camera import GenicamCamera, list_genicam_cameras, network_faults
+from .genicam.fake import FakeGigeCamera
 from .genicam.measurement_mode import GenicamCameraConfig
 from .opencv import OpencvCamera, OpencvCameraConfig
+from .served import ServedCamera
 from .v4l2.camera import V4l2Camera, list_v4l2_cameras
 from .v4l2.measurement_mode import V4l2CameraConfig
+from .v4l2.output import LoopbackCamera
 
 _Config = TypeVar("_Config", bound=CameraConfig)
 
@@ -37,12 +40,19 @@ class CameraKind(Generic[_Config]):
     groups: tuple[str, ...] = ()
     # What `doctor` warns of when the camera is open.
     faults: Callable[[CameraInfo], Iterator[ControlFault]] | None = None
+    # The device that `rig simulate` serves.
+    served: type[ServedCamera] | None = None
 
 
 CAMERA_KINDS: dict[str, CameraKind[Any]] = {
     "simulated": CameraKind(SimulatedCameraConfig),
     "v4l2": CameraKind(
-        V4l2CameraConfig, V4l2Camera, list_v4l2_cameras, ("char-video4linux",), ("video",)
+        V4l2CameraConfig,
+        V4l2Camera,
+        list_v4l2_cameras,
+        ("char-video4linux",),
+        ("video",),
+        served=LoopbackCamera,
     ),
     "opencv": CameraKind(OpencvCameraConfig, OpencvCamera, None, ("char-video4linux",), ("video",)),
     "genicam": CameraKind(
@@ -51,6 +61,7 @@ CAMERA_KINDS: dict[str, CameraKind[Any]] = {
         list_genicam_cameras,
         ("char-usb_device",),
         faults=network_faults,
+        served=FakeGigeCamera,
     ),
     "replay": CameraKind(ReplayCameraConfig),
 }

@@ -20,8 +20,15 @@ from rig.config.rig import RigConfig
 from rig.config.simulation import FaultPlan, Placement
 from rig.lights.keep_alive import KeepAliveClock
 
-from .camera import LitScene, SimulatedCamera, reported_timing
-from .exposures import Exposures, FreeRunning, Shutter, Triggered
+from .camera import (
+    Exposures,
+    FreeRunning,
+    LitScene,
+    Shutter,
+    SimulatedCamera,
+    Triggered,
+    reported_timing,
+)
 from .frame_faults import FaultyCamera
 from .scenes import SceneRenderer
 from .sensor import Sensor, SensorModel
@@ -173,8 +180,7 @@ class Simulation:
             config.camera.exposure_ms / 1e3,
             config.simulation.readout_ms / 1e3,
         )
-        if config.lights.synchronisation != "trigger":
-            return FreeRunning(self.clock, shutter, strobe)
-        triggered = Triggered(self.clock, shutter, strobe)
-        self.board.on_trigger(triggered.trigger)
-        return triggered
+        triggered = config.lights.synchronisation == "trigger"
+        exposures = (Triggered if triggered else FreeRunning)(self.clock, shutter, strobe)
+        self.board.on_trigger(exposures.trigger)
+        return exposures

@@ -1,4 +1,4 @@
-"""GigE Vision and USB3 Vision cameras, through the C library Aravis.
+"""GigE Vision and USB3 Vision cameras, through the library Aravis.
 
-`aravis` has its functions, `camera` what ps4rig makes of them.
+`aravis` wraps the library, `camera` is what ps4rig makes of it.
 """

@@ -90,7 +90,7 @@ class GenicamCamera:
             exposure_s=exposure_s,
         )
         size_px = (config.width_px, config.height_px)
-        if buffer.fault:
+        if not buffer.data:
             pixels = np.zeros(size_px[::-1], np.uint8 if config.bits == 8 else np.uint16)
         else:
             if buffer.size_px != size_px:
@@ -105,7 +105,7 @@ class GenicamCamera:
             exposure_start_s=start_s,
             exposure_end_s=start_s + exposure_s,
             sequence=self._number_of(buffer.frame_id),
-            flags=FrameFlag.CORRUPT if buffer.fault else FrameFlag.GOOD,
+            flags=FrameFlag.GOOD if buffer.data else FrameFlag.CORRUPT,
         )
 
     def close(self) -> None:
@@ -188,8 +188,9 @@ class DeviceClock:
 
 def list_genicam_cameras() -> list[ListedCamera]:
     """List the cameras that answer on networks and USB; none without Aravis."""
-    devices = find_devices() if is_installed() else []
-    return [_listed(device.device_id, device.name, device.protocol) for device in devices]
+    if not is_installed():
+        return []
+    return [_listed(device.device_id, device.name, device.protocol) for device in find_devices()]
 
 
 def _listed(device: str, name: str, protocol: str) -> ListedCamera:

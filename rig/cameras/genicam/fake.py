@@ -1,16 +1,23 @@
-"""`FakeGigeCamera`: a GigE Vision camera of this machine, whose images a function makes."""
+"""`FakeGigeCamera`: a GigE Vision camera of this machine with the frames of a simulated rig."""
 
 import ctypes
 import tempfile
 import time
 from collections.abc import Callable
+from functools import cache
+from typing import Any
 
+import numpy as np
+
+from classify.base.errors import ConfigError
+from rig.cameras.camera import Pixels
+from rig.cameras.config import CameraConfig
+from rig.cameras.served import FrameSource, ServedCamera
 from rig.errors import CameraError
 
-from .aravis import FRAME_ID_COUNT, call
-
-# Of an exposure in ms: the image as bytes, its number, and its end on the monotonic clock.
-_NextImage = Callable[[float], tuple[bytes, int, float]]
+from .aravis import FRAME_ID_COUNT, aravis
+from .measurement_mode import GenicamCameraConfig
+from .pixel_formats import packed_12p
 
 TRIGGER_LINE = "Line1"
 # Aravis knows triggers by software alone, and no packed pixels: here that source is called as an
@@ -24,76 +31,117 @@ _TRIGGER_REGISTER = 0x30C
 # How often Aravis looks whether it was triggered.
 _TRIGGER_POLLS_HZ = 1000.0
 
-_FILL = ctypes.CFUNCTYPE(
-    None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32
-)
+_POINTER = ctypes.c_void_p
+_FILL = ctypes.CFUNCTYPE(None, _POINTER, _POINTER, *(ctypes.c_uint32,) * 3)
 
 
-class FakeGigeCamera:
+@cache
+def _c_library() -> ctypes.CDLL:
+    """Aravis without PyGObject, which copies a buffer and forgets a function once it is set."""
+    library = ctypes.CDLL("libaravis-0.8.so.0")
+    library.arv_fake_camera_set_fill_pattern.argtypes = (_POINTER, _FILL, _POINTER)
+    library.arv_buffer_get_data.argtypes = (_POINTER, _POINTER)
+    library.arv_buffer_get_data.restype = _POINTER
+    library.arv_buffer_set_timestamp.argtypes = (_POINTER, ctypes.c_uint64)
+    library.arv_buffer_set_frame_id.argtypes = (_POINTER, ctypes.c_uint64)
+    return library
+
+
+def _pointer(instance: Any) -> int:
+    """Address of a GObject."""
+    get_pointer = ctypes.pythonapi.PyCapsule_GetPointer
+    get_pointer.argtypes, get_pointer.restype = (ctypes.py_object, ctypes.c_char_p), _POINTER
+    address: int = get_pointer(instance.__gpointer__, None)
+    return address
+
+
+# A camera that runs free sends what is read out: a frame that waited longer is left out.
+_MOST_LATE = 0.25
+# By depth: a format, and the function that encodes an image.
+_FORMATS: dict[int, tuple[str, Callable[[Pixels], bytes]]] = {
+    8: ("Mono8", lambda pixels: pixels.astype(np.uint8, copy=False).tobytes()),
+    12: ("Mono12p", packed_12p),
+    16: ("Mono16", lambda pixels: pixels.astype("<u2", copy=False).tobytes()),
+}
+
+
+class FakeGigeCamera(ServedCamera):
     """Aravis' fake camera at an address of this machine, with the id ``Aravis-Fake-SERIAL``.
 
-    Its client sets size, rate, exposure and trigger. `next_image` is called in a thread of Aravis
-    once a frame, or once a `trigger`. Of 1,000 packets `lost_packets` do not arrive.
+    Its client sets size, rate, exposure and trigger. A thread of Aravis asks for a frame in each
+    period, or once a `trigger`.
     """
 
-    def __init__(
-        self, address: str, serial: str, next_image: _NextImage, lost_packets: float = 0.0
-    ) -> None:
-        with tempfile.NamedTemporaryFile(suffix=".xml") as features:
+    option = "gige"
+    has_trigger = True
+
+    def __init__(self, place: str, config: CameraConfig) -> None:
+        self._address = place
+        self._period_s = 1.0 / config.frame_rate_hz
+        self.bit_depth = config.bits if config.bits in _FORMATS else 16
+        self.pixel_format, self._encoded = _FORMATS[self.bit_depth]
+        if isinstance(config, GenicamCameraConfig) and config.pixel_format != self.pixel_format:
+            raise ConfigError(
+                f"camera.pixel_format = {config.pixel_format!r} cannot be simulated; it can be "
+                + " or ".join(name for name, _ in _FORMATS.values())
+            )
+
+    def start(self, source: FrameSource) -> None:
+        """Let the camera answer at its address."""
+        library = aravis()
+        with tempfile.NamedTemporaryFile("w", suffix=".xml", encoding="utf-8") as features:
             features.write(_features())
             features.flush()
-            self._camera = call(
-                "arv_gv_fake_camera_new_full",
-                address.encode(),
-                serial.encode(),
-                features.name.encode(),
+            self._camera: Any = library.GvFakeCamera.new_full(
+                self._address, source.serial_number, features.name
             )
-        if not call("arv_gv_fake_camera_is_running", self._camera):
-            call("g_object_unref", self._camera)
+        if not self._camera.is_running():
             raise CameraError(
-                f"{address}: no GigE Vision camera can be simulated there; give an address of this "
-                "machine, whose port 3956 is free"
+                f"{self._address}: no GigE Vision camera can be simulated there; give an address "
+                "of this machine, whose port 3956 is free"
             )
+        fake = self._camera.get_fake_camera()
 
-        def fill(buffer: int, _: int, exposure_us: int, _gain: int, pixel_format: int) -> None:
-            image, number, end_s = next_image(exposure_us / 1e3)
-            pixels = 1
-            for side in ("width", "height"):
-                pixels *= call(f"arv_buffer_get_image_{side}", buffer)
-            room = pixels * (pixel_format >> 16 & 0xFF) // 8  # PFNC: bits of a pixel
-            target = call("arv_buffer_get_data", buffer, None)
+        def fill(buffer: int, *values: int) -> None:
+            exposure_us = values[1]
+            while (frame := source.next_frame(_MOST_LATE, exposure_us / 1e3)) is None:
+                pass
+            image = self._encoded(frame.pixels)
+            room = fake.get_payload()
+            target = _c_library().arv_buffer_get_data(buffer, None)
             ctypes.memmove(target, image, min(len(image), room))
-            utc_ns = time.time_ns() - round(1e9 * (time.monotonic() - end_s))
-            call("arv_buffer_set_timestamp", buffer, utc_ns)
-            call("arv_buffer_set_frame_id", buffer, 1 + number % FRAME_ID_COUNT)
+            utc_ns = time.time_ns() - round(1e9 * (time.monotonic() - frame.end_s))
+            _c_library().arv_buffer_set_timestamp(buffer, utc_ns)
+            _c_library().arv_buffer_set_frame_id(buffer, 1 + frame.number % FRAME_ID_COUNT)
 
         self._fill = _FILL(fill)  # kept as long as Aravis may call it
-        self._fake = call("arv_gv_fake_camera_get_fake_camera", self._camera)
-        call("arv_fake_camera_set_fill_pattern", self._fake, self._fill, None)
-        call("arv_fake_camera_set_trigger_frequency", self._fake, _TRIGGER_POLLS_HZ)
-        call("g_object_set", self._camera, b"gvsp-lost-ratio", lost_packets / 1e3, None)
+        self._fake: Any = fake
+        _c_library().arv_fake_camera_set_fill_pattern(_pointer(fake), self._fill, None)
+        fake.set_trigger_frequency(_TRIGGER_POLLS_HZ)
+
+    def lose_packets(self, share: float) -> None:
+        """Let a share of the packets not arrive."""
+        self._camera.props.gvsp_lost_ratio = share
+
+    def step(self) -> None:
+        """Wait for a frame period."""
+        time.sleep(self._period_s)
 
     def trigger(self) -> None:
-        """A pulse at `TRIGGER_LINE`: an image is sent as soon as `next_image` gives one.
+        """A pulse at `TRIGGER_LINE`: an image is sent as soon as there is one.
 
         Pulses that follow each other before Aravis looks count as one.
         """
-        if self._camera is not None:
-            call("arv_fake_camera_write_register", self._fake, _TRIGGER_REGISTER, 1)
+        self._fake.write_register(_TRIGGER_REGISTER, 1)
 
     def close(self) -> None:
         """End the camera; a second call does nothing."""
-        camera, self._camera = self._camera, None
-        if camera is not None:
-            call("g_object_unref", camera)
+        self._camera = None
 
 
-def _features() -> bytes:
+def _features() -> str:
     """Aravis' description of its fake camera, with `_CHANGES`."""
-    camera, size = call("arv_fake_camera_new", b"any"), ctypes.c_size_t()
-    text = call("arv_fake_camera_get_genicam_xml", camera, ctypes.byref(size))
-    features = ctypes.string_at(text, size.value)
-    call("g_object_unref", camera)
+    features: str = aravis().FakeCamera.new("any").get_genicam_xml()[0]
     for old, new in _CHANGES:
-        features = features.replace(old.encode(), new.encode())
+        features = features.replace(old, new)
     return features

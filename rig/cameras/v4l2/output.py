@@ -1,12 +1,17 @@
-"""Write frames into a V4L2 loopback device, which other programs read as a camera."""
+"""A V4L2 loopback device, which other programs read as a camera."""
 
 import ctypes
 import mmap
 
+from classify.base.errors import ConfigError
+from rig.cameras.config import CameraConfig
+from rig.cameras.served import FrameSource, ServedCamera
 from rig.errors import CameraError
 
 from . import abi
 from .device import VideoNode
+from .measurement_mode import V4l2CameraConfig
+from .pixel_formats import PIXEL_FORMATS, PixelFormat
 
 # Enough to write one buffer while others are read; the driver may have fewer.
 _BUFFERS = 4
@@ -106,3 +111,56 @@ class V4l2Output(VideoNode):
         interval = parm.parm.capture.timeperframe
         interval.numerator, interval.denominator = round(1e6 * period_s), 1_000_000
         self.call(f"cannot keep {1.0 / period_s:g} Hz", abi.Vidioc.S_PARM, parm)
+
+
+# A frame that is later is left out, so that no burst follows a delay.
+_MOST_LATE = 1.0
+
+
+class LoopbackCamera(ServedCamera):
+    """Frames at their own rate in a loopback device, which has no exposure control."""
+
+    option = "video"
+
+    def __init__(self, place: str, config: CameraConfig) -> None:
+        self._place = place
+        self._config = config
+        self._format = _writable_format(config)
+        self.pixel_format, self.bit_depth = self._format.name, self._format.bit_depth
+
+    def start(self, source: FrameSource) -> None:
+        """Claim the device."""
+        config = self._config
+        self._source = source
+        self._output = V4l2Output(
+            self._place,
+            fourcc=self._format.fourcc,
+            width_px=config.width_px,
+            height_px=config.height_px,
+            bytes_per_line=config.width_px * self._format.bytes_per_px,
+            period_s=1.0 / config.frame_rate_hz,
+        )
+
+    def step(self) -> None:
+        """Write the next frame."""
+        frame = self._source.next_frame(_MOST_LATE)
+        if frame is not None:
+            assert self._format.to_bytes is not None
+            self._output.write(self._format.to_bytes(frame.pixels), frame.end_s)
+
+    def close(self) -> None:
+        """End the stream; a second call does nothing."""
+        self._output.close()
+
+
+def _writable_format(config: CameraConfig) -> PixelFormat:
+    if not isinstance(config, V4l2CameraConfig):
+        return PIXEL_FORMATS["GREY" if config.bits == 8 else "Y16"]
+    form = PIXEL_FORMATS[config.pixel_format]
+    if form.to_bytes is None:
+        writable = (name for name, each in PIXEL_FORMATS.items() if each.to_bytes is not None)
+        raise ConfigError(
+            f"camera.pixel_format = {config.pixel_format!r} cannot be written; it can be "
+            + ", ".join(writable)
+        )
+    return form

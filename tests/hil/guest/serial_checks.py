@@ -20,8 +20,7 @@ from rig.lights.discovery import find_controller, known_port, list_serial_ports,
 from rig.lights.driver import LightController
 from rig.lights.serial_line import port_holders
 from rig.scene.render import SceneImages
-from rig.simulation.camera import SimulatedCamera
-from rig.simulation.exposures import FreeRunning, Shutter
+from rig.simulation.camera import FreeRunning, Shutter, SimulatedCamera
 from rig.simulation.sensor import SensorModel
 from tests.contract.test_lights_contract import (  # noqa: F401
     test_an_impossible_request_is_refused_and_changes_nothing,

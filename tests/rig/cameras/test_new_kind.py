@@ -1,5 +1,6 @@
 """A new kind of camera is a file (here, this one) and a row: everything then knows it."""
 
+import ast
 import json
 from collections.abc import Iterator
 from dataclasses import replace
@@ -16,6 +17,7 @@ from rig import CameraInfo, Frame, ListedCamera, RigConfig, load_config, open_ri
 from rig.cameras.config import DeviceCameraConfig, StampedCameraConfig
 from rig.cameras.kinds import CAMERA_KINDS, CameraKind
 from rig.simulation.rig import Simulation
+from tests.test_architecture import FILES, ROOT, imports_of, parsed, text_of
 
 SIZE = {"width_px": 96, "height_px": 96}
 
@@ -84,6 +86,28 @@ def run(*arguments: object) -> str:
     result = CliRunner().invoke(app, [str(argument) for argument in arguments])
     assert result.exit_code == 0, result.output
     return result.stdout
+
+
+def test_the_table_alone_knows_the_kinds_of_devices() -> None:
+    devices = {name for name, kind in CAMERA_KINDS.items() if kind.opener is not None}
+    assert {"v4l2", "genicam"} <= devices
+    knowing = []
+    for path in FILES:
+        if path.parent == ROOT / "rig" / "cameras" or path.parent.name in devices:
+            continue
+        modules = {f"rig.cameras.{name}" for name in devices}
+        compared = {
+            value.value
+            for node in ast.walk(parsed(text_of(path)))
+            if isinstance(node, ast.Compare | ast.MatchValue)
+            for value in ast.walk(node)
+            if isinstance(value, ast.Constant)
+        }
+        if compared & devices or any(
+            name.startswith(module) for name in imports_of(path) for module in modules
+        ):
+            knowing.append(path)
+    assert knowing == []
 
 
 def test_rig_init_lists_it_and_writes_its_keys(rig: Path) -> None:

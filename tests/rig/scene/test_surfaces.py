@@ -6,8 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from classify.base.errors import InputError
-from rig.scene.resampling import sample_rotated, spline_coefficients
-from rig.scene.surfaces import PeriodicSurface, View, periodic_height, rms_slope, spectral_gradients
+from rig.scene.surfaces import (
+    PeriodicSurface,
+    View,
+    periodic_height,
+    rms_slope,
+    sample_rotated,
+    spectral_gradients,
+    spline_coefficients,
+)
 from rig.scene.synthetic import synthetic_surface, tile_side_px
 
 

@@ -8,8 +8,7 @@ import pytest
 from firmware_sim import Clock, SimulatedBoard, VirtualClock
 from rig import Frame
 from rig.scene.render import SceneImages
-from rig.simulation.camera import SimulatedCamera
-from rig.simulation.exposures import FreeRunning, Shutter
+from rig.simulation.camera import FreeRunning, Shutter, SimulatedCamera
 from rig.simulation.sensor import SensorModel
 
 SHAPE = (32, 48)

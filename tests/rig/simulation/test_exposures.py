@@ -3,14 +3,14 @@
 import pytest
 
 from firmware_sim import VirtualClock
-from rig.simulation.exposures import Shutter, Triggered
+from rig.simulation.camera import Shutter, Triggered
 from tests.memory_growth import growth_bytes
 
 
 def test_a_camera_that_is_triggered_for_months_takes_no_more_memory(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("rig.simulation.exposures.KEPT_STARTS", 256)
+    monkeypatch.setattr("rig.simulation.camera.KEPT_STARTS", 256)
     clock = VirtualClock()
     exposures = Triggered(clock, Shutter(period_s=0.001, exposure_s=0.0005))
 

@@ -1,7 +1,10 @@
 """A GigE Vision camera over the loopback: Aravis simulates the camera, the rig makes its images."""
 
 import json
+import signal
 import subprocess
+import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,7 +18,7 @@ from rig.cameras.kinds import list_cameras
 from rig.doctor.diagnosis import diagnose
 from rig.errors import ControlError
 from rig.latency import measure_latency, without_timing
-from rig.simulation.exposures import TRANSFER_S
+from rig.simulation.camera import TRANSFER_S
 from tests.gige_rig import DEVICE, GigeRig, gige_rig
 
 pytestmark = pytest.mark.genicam
@@ -24,6 +27,7 @@ CAMERA = {
     "width_px": 96, "height_px": 64, "bits": 16, "frame_rate_hz": 30.0, "exposure_ms": 15.0
 }  # fmt: skip
 PATIENCE_S = 10.0
+ROOT = Path(__file__).parents[4]
 
 
 @pytest.fixture
@@ -83,14 +87,60 @@ def test_what_the_camera_does_not_keep_is_named(served: GigeRig) -> None:
         open_rig(changed(served, device="Nobody"))
 
 
+def change_exposure() -> bool:
+    """Let another program set 1 ms; return whether the camera took it."""
+    tool = ["arv-tool-0.8", "-n", DEVICE, "control", "ExposureTimeAbs=1000", "ExposureTimeAbs"]
+    done = subprocess.run(tool, capture_output=True, timeout=60, check=False, text=True)
+    return "ExposureTimeAbs = 1000 " in done.stdout
+
+
 def test_another_program_cannot_change_the_exposure(served: GigeRig) -> None:
     with open_rig(served.config) as rig:
-        tool = ["arv-tool-0.8", "-n", DEVICE, "control", "ExposureTimeAbs=1000"]
-        subprocess.run(tool, capture_output=True, timeout=60, check=False)
+        assert not change_exposure()
         rig.lights.select(0)
         assert rig.camera.info.exposure_s == pytest.approx(0.015)
         levels = [float(rig.camera.read(PATIENCE_S).pixels.mean()) for _ in range(12)]
         assert levels[-1] > 5 * levels[0]
+
+
+# Prints the exposure start of each frame, and status 3 at the end of the stream.
+READ_FRAMES = """
+import sys
+from rig import CameraError, RigConfig, open_rig
+with open_rig(RigConfig.model_validate_json(sys.stdin.readline())) as rig:
+    try:
+        while True:
+            print(rig.camera.read(1.0).exposure_start_s, flush=True)
+    except CameraError:
+        sys.exit(3)
+"""
+
+
+def test_a_program_that_lost_control_gets_no_frames(served: GigeRig) -> None:
+    reader = subprocess.Popen(
+        [sys.executable, "-c", READ_FRAMES],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+    )
+    assert reader.stdin is not None
+    assert reader.stdout is not None
+    with reader:
+        reader.stdin.write(served.config.model_dump_json() + "\n")
+        reader.stdin.flush()
+        reader.stdout.readline()
+        # The camera hears nothing of the program that controls it, as when its machine sleeps.
+        reader.send_signal(signal.SIGSTOP)
+        deadline_s = time.monotonic() + 60.0
+        while not (is_changed := change_exposure()) and time.monotonic() < deadline_s:
+            pass
+        changed_s = time.monotonic()
+        reader.send_signal(signal.SIGCONT)
+        starts_s = [float(line) for line in reader.stdout]
+    assert is_changed
+    assert reader.returncode == 3
+    assert max(starts_s, default=0.0) < changed_s
 
 
 def test_a_frame_that_lost_packets_is_corrupt_and_in_no_set() -> None:

@@ -1,7 +1,9 @@
 """Keys of a GenICam camera, the clock of its stamps, and what its network lacks."""
 
+import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -9,9 +11,8 @@ from hypothesis import strategies as st
 
 from rig import CameraError, ConfigError, RigConfig
 from rig.cameras.camera import CameraInfo
-from rig.cameras.genicam import aravis
 from rig.cameras.genicam import camera as genicam_camera
-from rig.cameras.genicam.aravis import Buffer, find_devices
+from rig.cameras.genicam.aravis import Buffer, aravis, find_devices
 from rig.cameras.genicam.camera import DeviceClock, list_genicam_cameras
 
 CAMERA = {"kind": "genicam", "device": "Basler-1"}
@@ -30,15 +31,22 @@ def test_the_pixel_format_determines_the_depth() -> None:
             camera_of(**wrong)
 
 
-def test_without_aravis_the_way_out_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(aravis, "LIBRARY", "libabsent.so.0")
-    aravis.functions.cache_clear()
+def no_typelib(_name: str, _version: str) -> None:
+    raise ValueError("Namespace Aravis not available")
+
+
+@pytest.mark.parametrize("gi", [None, SimpleNamespace(require_version=no_typelib)])
+def test_without_pygobject_or_aravis_the_way_out_is_named(
+    monkeypatch: pytest.MonkeyPatch, gi: object
+) -> None:
+    monkeypatch.setitem(sys.modules, "gi", gi)
+    aravis.cache_clear()
     try:
         assert list_genicam_cameras() == []
-        with pytest.raises(CameraError, match="apt install libaravis"):
+        with pytest.raises(CameraError, match=r"ps4rig\[genicam\].*apt install gir1.2-aravis-0.8"):
             find_devices()
     finally:
-        aravis.functions.cache_clear()
+        aravis.cache_clear()
 
 
 @given(
@@ -53,7 +61,7 @@ def test_a_stamp_is_late_by_the_least_delay_and_never_by_more(
         exposed_s = began_s + number / 30.0
         utc_ns = time.time_ns() - round(1e9 * (time.monotonic() - exposed_s - delay_s))
         device_ns = round(1e9 * (exposed_s + ahead_s + 2e6))
-        stamp_s = clock.stamp_s(Buffer(b"", (1, 1), number, device_ns, utc_ns, ""))
+        stamp_s = clock.stamp_s(Buffer(b"", (1, 1), number, device_ns, utc_ns))
         least_s = min(delays_s[: number + 1])
         assert stamp_s - exposed_s == pytest.approx(least_s, abs=2e-3)
 

@@ -1,0 +1,55 @@
+"""`ServedCamera`: a simulated rig's camera as a device of one kind, which other programs open."""
+
+from abc import ABC, abstractmethod
+from typing import ClassVar, NamedTuple, Protocol
+
+from .camera import Pixels
+from .config import CameraConfig
+
+
+class ServedFrame(NamedTuple):
+    """One image, its number, and the end of its exposure and readout on the monotonic clock."""
+
+    pixels: Pixels
+    number: int
+    end_s: float
+
+
+class FrameSource(Protocol):
+    """The simulated rig whose frames are served."""
+
+    serial_number: str
+
+    def next_frame(self, most_late: float, exposure_ms: float | None = None) -> ServedFrame | None:
+        """Wait for a frame; None if it is late by more than `most_late` periods.
+
+        `exposure_ms` is what the device is set to, None if it has no such control.
+        """
+
+
+class ServedCamera(ABC):
+    """A camera at `place`; raises `ConfigError` for a configuration that it cannot have."""
+
+    option: ClassVar[str]  # of `rig simulate`, which states the place
+    has_trigger: ClassVar[bool] = False
+    pixel_format: str
+    bit_depth: int
+
+    @abstractmethod
+    def __init__(self, place: str, config: CameraConfig) -> None: ...
+
+    @abstractmethod
+    def start(self, source: FrameSource) -> None:
+        """Create the device."""
+
+    @abstractmethod
+    def step(self) -> None:
+        """Serve a frame, or wait for a frame period if another thread serves them."""
+
+    def trigger(self) -> None:
+        """A pulse on the trigger line."""
+        raise NotImplementedError
+
+    @abstractmethod
+    def close(self) -> None:
+        """Remove the device; a second call does nothing."""
