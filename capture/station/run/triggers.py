@@ -171,8 +171,7 @@ class TimerTrigger:
             if late_s < 0.0:
                 time.sleep(min(-late_s, _POLL_S))
                 continue
-            if 0.0 < self._period_s <= late_s:
-                periods = int(late_s / self._period_s) + 1
+            if periods := self._missed(late_s):
                 missed += periods
                 next_s += periods * self._period_s
                 continue
@@ -180,9 +179,18 @@ class TimerTrigger:
             next_s += self._period_s
             # After the submission: a refusal that takes longer than a period would make every
             # trigger late.
-            if missed > 0:
-                station.refuse(Trigger("timer"), f"late: {missed} periods of the timer have passed")
-                missed = 0
+            _refuse_missed(station, missed)
+            missed = 0
+        _refuse_missed(station, missed + self._missed(self._now_s() - next_s))
+
+    def _missed(self, late_s: float) -> int:
+        """Return the number of triggers due by now, if the first of them is late by a period."""
+        return int(late_s / self._period_s) + 1 if 0.0 < self._period_s <= late_s else 0
+
+
+def _refuse_missed(station: TriggerTarget, missed: int) -> None:
+    if missed > 0:
+        station.refuse(Trigger("timer"), f"late: {missed} periods of the timer have passed")
 
 
 class NoTriggers:
