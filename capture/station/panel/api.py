@@ -34,7 +34,7 @@ from .panel import Panel
 from .part_pictures.judged_by import stored_set
 from .render import JsonAnswer
 from .security import Denied
-from .triggering import LONGEST_KEY, OtherPart
+from .triggering import LONGEST_KEY
 
 _MOST_ROWS = 500
 PARTS = 50
@@ -181,10 +181,7 @@ def _triggered(
     call: Call, given: PartFields, key: str | None, is_gone: Callable[[], bool]
 ) -> Response:
     trigger = Trigger("http", given.part_id or None, given.recipe, is_withdrawn=is_gone)
-    try:
-        answer = call.panel.triggers.submit(key, trigger)
-    except OtherPart as error:
-        raise Denied(422, str(error)) from error
+    answer = call.panel.triggers.submit(key, trigger)
     if isinstance(answer, Refused):
         return JsonAnswer({"accepted": False, "error": answer.reason}, 409)
     is_new = isinstance(answer, Accepted)

@@ -11,7 +11,7 @@ from typing import Any, Literal, TypeVar
 
 from capture.base.console import ShowProgress
 from capture.base.utc_time import utc_text
-from capture.station.domain.errors import error_text
+from capture.station.domain.errors import Conflict, error_text
 from classify.base.errors import Ps4rigError
 
 _log = logging.getLogger(__name__)
@@ -22,10 +22,6 @@ _MOST_S = 3600.0
 T = TypeVar("T")
 Work = Callable[[ShowProgress], dict[str, Any]]
 """Does a job, and reports the items that it works through."""
-
-
-class JobRefused(Ps4rigError):  # noqa: N818 - the state of the station, no error of the program
-    """A job is running already, or the panel ends."""
 
 
 class _Ended(Ps4rigError):  # noqa: N818 - what somebody asked for
@@ -97,9 +93,9 @@ class BackgroundJobs:
 
     def _require_free(self) -> None:
         if self._is_closed:
-            raise JobRefused("the panel ends")
+            raise Conflict("the panel ends")
         if self._job is not None and self._job.status == "running":
-            raise JobRefused(f"{self._job.title}: is running; wait for its end, or end it")
+            raise Conflict(f"{self._job.title}: is running; wait for its end, or end it")
 
     def _run(self, job: Job, work: Work, ended: Callable[[Job], None]) -> None:
         ends_s = time.monotonic() + self._most_s

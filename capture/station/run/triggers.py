@@ -9,9 +9,10 @@ from typing import Annotated, NamedTuple, Protocol
 from pydantic import Field
 
 from capture.base.errors import SetRejected
+from capture.station.domain.errors import Conflict
 from capture.station.results.database import ResultsUnavailable
 from capture.station.results.store import ResultStore
-from classify.base.errors import InputError, Ps4rigError
+from classify.base.errors import InputError
 
 from .events import RecipeLoaded
 from .station_rig import StationRig
@@ -48,7 +49,7 @@ class RecipeRefusal(Enum):
     UNFORESEEN = auto()
 
 
-class RecipeRefused(Ps4rigError):  # noqa: N818 - an answer, no error of the program
+class RecipeRefused(Conflict):
     """A recipe is not loaded; the station goes on with the present one."""
 
     def __init__(self, reason: str, kind: RecipeRefusal) -> None:

@@ -43,7 +43,7 @@ def start_teaching(
 
 
 def start_replay(panel: Panel, changes: RecipeChanges) -> Job:
-    """Start a replay of the challenge set; raises JobRefused if a job is running."""
+    """Start a replay of the challenge set; Conflict if a job is running."""
     panel.jobs.require_free()
     change, calibration = changes.begin_replay(), changes.calibration
 

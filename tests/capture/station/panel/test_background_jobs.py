@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from capture.station.panel.background_jobs import BackgroundJobs, Job, JobRefused
+from capture.station.domain.errors import Conflict
+from capture.station.panel.background_jobs import BackgroundJobs, Job
 from tests.capture.station.panel import quick_jobs
 from tests.capture.station.panel.panels import WAIT_S
 
@@ -66,7 +67,7 @@ def test_a_job_runs_until_what_follows_its_end_is_done(run: Run) -> None:
 
 def test_a_second_job_is_refused_and_a_running_one_can_be_ended(run: Run) -> None:
     job = run.start(quick_jobs.wait)
-    with pytest.raises(JobRefused, match="Teach: is running; wait for its end"):
+    with pytest.raises(Conflict, match="Teach: is running; wait for its end"):
         run.start(quick_jobs.count, 1)
     assert run.jobs.last is not None
     assert run.jobs.last.id == job.id
@@ -75,7 +76,7 @@ def test_a_second_job_is_refused_and_a_running_one_can_be_ended(run: Run) -> Non
     run.jobs.require_free()
     run.jobs.cancel("ada")  # of nothing
     run.jobs.close()
-    with pytest.raises(JobRefused, match="the panel ends"):
+    with pytest.raises(Conflict, match="the panel ends"):
         run.jobs.require_free()
 
 
