@@ -66,7 +66,7 @@ def test_collected_parts_have_no_share_in_yield_and_causes(store: ResultStore) -
     inspect(store)
     inspect(store, Decision.UNKNOWN, verdict=collected)
     tally = store.counters().production
-    assert (tally.parts, tally.collected, tally.in_force) == (1, 1, {Decision.PASS: 1})
+    assert (tally.parts, tally.collected, tally.verdicts) == (1, 1, {Decision.PASS: 1})
     [period] = counted_periods(store, PRODUCTION, UTC)
     assert period.verdicts == {Decision.PASS: 1}
     assert counted_causes(store, PRODUCTION) == []

@@ -320,7 +320,7 @@ def test_a_second_program_of_a_station_is_refused(server: PostgresqlServer) -> N
         part_id = inspect(store).part_id
         with open_store(url, "line-1", alone=False) as beside:
             beside.override(part_id, decision=Decision.FAIL, by="Kim", reason="dull", utc=UTC)
-        assert store.counters().production.in_force == {Decision.FAIL: 1}
+        assert store.counters().production.verdicts == {Decision.FAIL: 1}
 
 
 @pytest.mark.postgresql
