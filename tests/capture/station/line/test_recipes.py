@@ -14,9 +14,10 @@ from capture.station.line.ladder import Judged
 from capture.station.line.line import PlcLine
 from capture.station.line.modbus import serving_modbus
 from capture.station.line.registers import VERDICTS
+from capture.station.run.cycle import Station
 from capture.station.run.live_station import LiveStation
 from capture.station.run.run import run_station
-from capture.station.run.triggers import Asker, RecipeRefused, TriggerTarget
+from capture.station.run.triggers import Asker, RecipeRefused
 from tests.capture.station.line.lines import ANY_PORT
 from tests.capture.station.production import SMALL_RIG
 from tests.capture.station.two_recipes import (
@@ -39,7 +40,7 @@ def test_each_part_is_judged_by_the_recipe_that_its_plc_needs_whoever_loads_othe
     stopping, is_over = threading.Event(), threading.Event()
 
     class UntilStopped:
-        def run(self, target: TriggerTarget) -> None:
+        def run(self, target: Station) -> None:
             stopping.wait()
             target.stop()  # type: ignore[attr-defined]
 
