@@ -133,12 +133,12 @@ def _words(tally: Tally) -> str:
     collected = f"; collected to be taught: {tally.collected}" if tally.collected else ""
     if not tally.parts:
         return f"no parts{collected}; triggers refused: {tally.refused_triggers}"
-    counts = ", ".join(f"{tally.in_force.get(decision, 0)} {decision}" for decision in Decision)
-    passed = tally.in_force.get(Decision.PASS, 0) / tally.parts
-    before = ""
-    if tally.in_force != tally.by_station:
-        own = ", ".join(f"{tally.by_station.get(decision, 0)} {decision}" for decision in Decision)
-        before = f"; before overrides {own}"
+    counts, own = (
+        ", ".join(f"{verdicts.get(decision, 0)} {decision}" for decision in Decision)
+        for verdicts in (tally.verdicts, tally.station_verdicts)
+    )
+    passed = tally.verdicts.get(Decision.PASS, 0) / tally.parts
+    before = f"; before overrides {own}" if own != counts else ""
     return (
         f"parts {tally.parts}: {counts}; {passed:.1%} passed{before}{collected}; "
         f"triggers refused: {tally.refused_triggers}"

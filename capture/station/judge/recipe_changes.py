@@ -1,11 +1,12 @@
 """`RecipeChanges`: changes of a recipe, each recorded."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from capture.base.console import ShowProgress, progress
 from capture.station.domain.errors import error_text
 from capture.station.domain.folder import StationFolder
 from capture.station.domain.recipe import Recipe
@@ -13,40 +14,20 @@ from capture.station.domain.recipe_file import read_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.domain.roles import Identity
 from capture.station.judge.approval import approve, approved_states, require_unchanged, roll_back
+from capture.station.judge.challenge import Replay, run_challenge
 from capture.station.judge.challenge_set import (
     Expected,
     add_to_challenge,
     challenge_sets,
     remove_from_challenge,
 )
+from capture.station.judge.inspector import Inspector
 from capture.station.judge.recipe_settings import save_settings, setting_changes, with_settings
 from capture.station.judge.recipe_state import RecipeState, state_of
 from capture.station.judge.teaching.teaching import teach
 from capture.station.judge.teaching.teaching_result import Teaching
 from capture.station.results.audit import ChangeLog, changing_on_the_terminal
 from capture.station.results.database import ResultsUnavailable
-
-
-@dataclass(frozen=True)
-class LongChange:
-    """A change that takes a while; its beginning is recorded already."""
-
-    title: str  # what it does, for people
-    # Records the end of the change and its outcome; for None, the recipe as it is then.
-    ended: Callable[[str | None], None]
-
-    def failed(self, cause: str) -> None:
-        """Record that it failed."""
-        self.ended(f"{self.title}: {cause}")
-
-    @contextmanager
-    def recording_failure(self) -> Iterator[None]:
-        """Record an exception of the block as the end of the change."""
-        try:
-            yield
-        except BaseException as error:
-            self.failed(error_text(error))
-            raise
 
 
 @dataclass(frozen=True)
@@ -114,28 +95,6 @@ class RecipeChanges:
 
         return roll_back(self.files, sha256, record)
 
-    def begin_teaching(
-        self,
-        names: Sequence[str],
-        texture: str | None,
-        removed: Sequence[str] = (),
-        *,
-        is_good: bool,
-    ) -> LongChange:
-        """Record that parts are about to be taught; without names the known parts again."""
-        kind = "good" if is_good else "bad"
-        what = f"{len(names)} {kind} part{'s' * (len(names) != 1)}" if names else "the known parts"
-        what += f" of {texture}" if names and texture else "" if names else " again"
-        listed = f": {', '.join(names)}" if names else ""
-        listed += f"; without {', '.join(removed)}" if removed else ""
-        return self._begin(f"Teach {what}", f"teach {what}{listed}")
-
-    def begin_replay(self) -> LongChange:
-        """Record that the challenge set is about to be replayed."""
-        parts = len(challenge_sets(self.files.challenge))
-        title = f"Replay the challenge set, {parts} part{'s' * (parts != 1)}"
-        return self._begin(title, title)
-
     def teach(
         self,
         paths: Sequence[Path],
@@ -144,39 +103,54 @@ class RecipeChanges:
         *,
         is_relabelling: bool = False,
         removed: Sequence[str] = (),
+        show: ShowProgress = progress,
     ) -> Teaching:
         """Teach sets; see `teach`."""
-        names, texture = [path.name for path in paths], bad_texture or good_texture
-        change = self.begin_teaching(names, texture, removed, is_good=bad_texture is None)
-        with change.recording_failure():
-            teaching = teach(
+        title = teaching_title(len(paths), bad_texture, good_texture)
+        listed = f": {', '.join(path.name for path in paths)}" if paths else ""
+        listed += f"; without {', '.join(removed)}" if removed else ""
+        with self._from_begin_to_end(title, f"{title[0].lower()}{title[1:]}{listed}"):
+            return teach(
                 self.files,
                 paths,
                 bad_texture,
                 good_texture=good_texture,
                 is_relabelling=is_relabelling,
                 removed=removed,
+                show=show,
             )
-        change.ended(None)
-        return teaching
 
-    def _begin(self, title: str, after: str) -> LongChange:
-        known = self._recipe()
+    def replay(self, show: ShowProgress = progress) -> Replay:
+        """Replay the challenge set."""
+        title = replay_title(self.files)
+        with self._from_begin_to_end(title, title) as outcome:
+            replay = run_challenge(self.files, Inspector.load(self.files, self.calibration), show)
+            parts, missed = len(replay.parts), len(replay.regressions)
+            outcome.append(f"challenge: {parts - missed} of {parts} parts got their verdict")
+        return replay
+
+    @contextmanager
+    def _from_begin_to_end(self, title: str, begun: str) -> Iterator[list[str]]:
+        """Record a change at its begin and at its end: its outcome, or the recipe as it is then."""
+        known, outcome = self._recipe(), list[str]()
         before = None if known is None else with_approval(known)
-        self._record("", before, after)
-
-        def ended(outcome: str | None) -> None:
+        self._record("", before, begun)
+        try:
+            yield outcome
+        except BaseException as error:
+            outcome[:] = [f"{title}: {error_text(error)}"]
+            raise
+        finally:
             now = self._recipe()
             try:
-                self._record("", before, outcome or (None if now is None else with_approval(now)))
+                after = outcome[0] if outcome else None if now is None else with_approval(now)
+                self._record("", before, after)
                 if known is not None and now is not None:
                     self._record_settings(known, now)
             except ResultsUnavailable as error:  # its message says that nothing was changed
                 raise ResultsUnavailable(
                     f"{title}: ended, but the log of changes lacks its end: {error.__cause__}"
                 ) from error
-
-        return LongChange(title, ended)
 
     def _recipe(self) -> Recipe | None:
         return read_recipe(self.files.file) if self.files.file.exists() else None
@@ -191,6 +165,20 @@ class RecipeChanges:
     def _record(self, key: str, before: str | None, after: str | None) -> None:
         what = f"recipe {self.files.name}" + (f": {key}" if key else "")
         self.log.record(self.who, what, before, after)
+
+
+def teaching_title(parts: int, bad_texture: str | None, good_texture: str | None) -> str:
+    """Return what a teaching does, for people."""
+    kind, texture = "bad" if bad_texture else "good", bad_texture or good_texture
+    if parts == 0:
+        return "Teach the known parts again"
+    return f"Teach {parts} {kind} part{'s' * (parts != 1)}{f' of {texture}' if texture else ''}"
+
+
+def replay_title(files: RecipeFolder) -> str:
+    """Return what a replay does, for people."""
+    parts = len(challenge_sets(files.challenge))
+    return f"Replay the challenge set, {parts} part{'s' * (parts != 1)}"
 
 
 @contextmanager

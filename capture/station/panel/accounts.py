@@ -10,7 +10,6 @@ from capture.station.domain.roles import Role
 from capture.station.domain.users import LONGEST_PASSWORD, SHORTEST_PASSWORD
 from capture.station.results.accounts import Accounts
 from capture.station.results.audit import newest_changes
-from capture.station.results.database import ResultsUnavailable
 from classify.base.errors import InputError
 from classify.base.models import Record
 
@@ -123,8 +122,6 @@ def _change_accounts(call: ByAdministrator) -> Response:
             accounts.remove_client(name)
         else:
             raise InputError(f"action = {action[:20]!r}: no such action")
-    except ResultsUnavailable:
-        raise
     except InputError as error:
         return _accounts_page(call, message=str(error))
     return RedirectResponse("/accounts", 303)
@@ -172,8 +169,6 @@ def _change_password(call: ByOperator) -> Response:
     try:
         # An administrator may have taken the role, or the account, since it was read.
         _accounts_of(call).put_user(user.name, user.role, call.text("new"), user)
-    except ResultsUnavailable:
-        raise
     except InputError as error:
         return _password_form(call, str(error))
     return RedirectResponse("/login", 303)

@@ -17,7 +17,13 @@ from capture.base.names import NAME_PATTERN
 from capture.station.domain.verdict import Cause, Decision
 from capture.station.results.audit import ChangeRecord, newest_changes, override_part
 from capture.station.results.database import ResultsUnavailable
-from capture.station.results.history import ROWS_AT_A_TIME, HistoryEntry, Override, Selection
+from capture.station.results.history import (
+    ROWS_AT_A_TIME,
+    HistoryEntry,
+    Override,
+    Selection,
+    Tally,
+)
 from capture.station.results.history_table import counts_of, csv_pieces, record_of
 from capture.station.results.part_result import PartResult
 from capture.station.run.events import Device
@@ -34,7 +40,7 @@ from .panel import Panel
 from .part_pictures.judged_by import stored_set
 from .render import JsonAnswer
 from .security import Denied
-from .triggering import LONGEST_KEY, OtherPart
+from .triggering import LONGEST_KEY
 
 _MOST_ROWS = 500
 PARTS = 50
@@ -67,14 +73,7 @@ _Part = answer(
     set_removed_utc=str | None,
 )
 _Parts = answer("Parts", station=str, parts=conlist(_Part), next_below=int | None)
-Numbers = answer(
-    "Numbers",
-    parts=int,
-    verdicts=dict[Decision, int],
-    station_verdicts=dict[Decision, int],
-    refused_triggers=int,
-    collected=int,
-)
+Numbers = answer("Numbers", Tally)
 _Counts = answer("Counts", station=str, production=Numbers, simulated=Numbers)
 _Triggered = answer("Triggered", accepted=bool, part_id=str, number=int | None, repeated=bool)
 _Acknowledged = answer("Acknowledged", part_id=str, acknowledged=bool)
@@ -181,10 +180,7 @@ def _triggered(
     call: Call, given: PartFields, key: str | None, is_gone: Callable[[], bool]
 ) -> Response:
     trigger = Trigger("http", given.part_id or None, given.recipe, is_withdrawn=is_gone)
-    try:
-        answer = call.panel.triggers.submit(key, trigger)
-    except OtherPart as error:
-        raise Denied(422, str(error)) from error
+    answer = call.panel.triggers.submit(key, trigger)
     if isinstance(answer, Refused):
         return JsonAnswer({"accepted": False, "error": answer.reason}, 409)
     is_new = isinstance(answer, Accepted)

@@ -2,7 +2,6 @@
 
 import logging
 from collections.abc import Iterator
-from contextlib import suppress
 from http import HTTPStatus
 from importlib.metadata import version
 from typing import Any
@@ -32,7 +31,7 @@ from classify.base.errors import InputError, Ps4rigError
 from classify.base.models import in_words
 
 from .answers import ERRORS
-from .guard import V1, ByOperator, Call, identity_of
+from .guard import V1, ByOperator, Call, identity_of, without_login
 from .panel import Panel
 from .recipes import recipe_pages, recipes_api
 from .render import STATIC, JsonAnswer, page
@@ -100,12 +99,18 @@ def panel_app(panel: Panel) -> FastAPI:
 
 async def _refused(request: Request, error: Exception) -> Response:
     """Answer an error: with JSON for programs, with a page for people."""
+    panel, who, denied = request.app.state.panel, None, without_login(request)
+    try:
+        who = await run_in_threadpool(identity_of, panel, request)
+    except Denied as other:
+        denied = other
+    except Ps4rigError:
+        pass
+    if who is None and isinstance(error, RequestValidationError):
+        error = denied  # FastAPI reads JSON before it asks who sends it
     status, message, headers = _status_of(request, error)
     if request.url.path.startswith(V1) or request.headers.get("accept") == "application/json":
         return JsonAnswer({"error": message}, status, headers)
-    panel, who = request.app.state.panel, None
-    with suppress(Denied, Ps4rigError):
-        who = await run_in_threadpool(identity_of, panel, request)
     answer = page(Call(panel, request, who), "error.html", status, message=message)
     answer.headers.update(headers)
     return answer

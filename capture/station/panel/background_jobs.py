@@ -11,7 +11,7 @@ from typing import Any, Literal, TypeVar
 
 from capture.base.console import ShowProgress
 from capture.base.utc_time import utc_text
-from capture.station.domain.errors import error_text
+from capture.station.domain.errors import Conflict, error_text
 from classify.base.errors import Ps4rigError
 
 _log = logging.getLogger(__name__)
@@ -22,10 +22,6 @@ _MOST_S = 3600.0
 T = TypeVar("T")
 Work = Callable[[ShowProgress], dict[str, Any]]
 """Does a job, and reports the items that it works through."""
-
-
-class JobRefused(Ps4rigError):  # noqa: N818 - the state of the station, no error of the program
-    """A job is running already, or the panel ends."""
 
 
 class _Ended(Ps4rigError):  # noqa: N818 - what somebody asked for
@@ -70,17 +66,15 @@ class BackgroundJobs:
         with self._lock:
             return self._job
 
-    def require_free(self) -> None:
-        """Check that a job could be started."""
+    def start(self, job: Job, work: Work) -> Job:
+        """Start a job; Conflict if one is running, or the panel ends."""
         with self._lock:
-            self._require_free()
-
-    def start(self, job: Job, work: Work, ended: Callable[[Job], None]) -> Job:
-        """Start a job; `ended` is called with it in its thread, before it counts as ended."""
-        with self._lock:
-            self._require_free()
+            if self._is_closed:
+                raise Conflict("the panel ends")
+            if self._job is not None and self._job.status == "running":
+                raise Conflict(f"{self._job.title}: is running; wait for its end, or end it")
             self._job, self._ending = job, ""
-            self._thread.submit(self._run, job, work, ended)
+            self._thread.submit(self._run, work)
         return job
 
     def cancel(self, by: str) -> None:
@@ -95,13 +89,7 @@ class BackgroundJobs:
             self._ending = self._ending or "the panel ended"
         self._thread.shutdown()
 
-    def _require_free(self) -> None:
-        if self._is_closed:
-            raise JobRefused("the panel ends")
-        if self._job is not None and self._job.status == "running":
-            raise JobRefused(f"{self._job.title}: is running; wait for its end, or end it")
-
-    def _run(self, job: Job, work: Work, ended: Callable[[Job], None]) -> None:
+    def _run(self, work: Work) -> None:
         ends_s = time.monotonic() + self._most_s
 
         def show(items: Iterable[T], total: int, description: str) -> Iterator[T]:
@@ -120,12 +108,6 @@ class BackgroundJobs:
             if not isinstance(error, Ps4rigError):
                 _log.exception("the job failed")
             end = {"status": "failed", "error": error_text(error)}
-        try:
-            assert self.last is not None
-            ended(replace(self.last, **end))
-        except Exception:
-            _log.exception("after the job %s", job.title)
-        # Last, because a reader that sees the job as ended looks for what `ended` wrote.
         self._change(**end)
 
     def _change(self, **changes: Any) -> None:

@@ -85,7 +85,7 @@ async def _call(
     who = await run_in_threadpool(identity_of, panel, request)
     for role in needed.scopes:
         if who is None:
-            raise _without_login(request, is_api=is_api, is_change=is_change)
+            raise without_login(request)
         if not who.role.includes(Role(role)):
             raise Denied(403, f"{who.name} is {who.role}; this needs the role {role}")
     fields = form_of(request, await request.body()) if is_change and not is_api else {}
@@ -98,10 +98,11 @@ async def _call(
     return Call(panel, request, who, fields)
 
 
-def _without_login(request: Request, *, is_api: bool, is_change: bool) -> Denied:
-    if is_api:
+def without_login(request: Request) -> Denied:
+    """Return the answer to a request of nobody: for people, the login."""
+    if request.url.path.startswith(V1):
         return Denied(401, "log in, or send a token", {"WWW-Authenticate": "Bearer"})
-    if is_change:
+    if request.method != "GET":
         return Denied(401, "nothing was changed: the session is over; log in again")
     place = quote(request.url.path, safe="")
     return Denied(303, "log in", {"Location": f"/login?next={place}"})

@@ -57,7 +57,7 @@ def _statistics(call: ByOperator, _: Turn) -> Response:
     except InputError as error:
         message = str(error)
     else:
-        statistics = statistics_of(call.panel, selection, zone=None)
+        statistics = statistics_of(call.panel, selection)
     return page(
         call,
         "statistics.html",

@@ -15,14 +15,8 @@ from capture.station.domain.folder import StationFolder
 from capture.station.results.database import ResultsUnavailable
 from capture.station.run.events import RecipeLoaded
 from capture.station.run.live_socket import (
-    Ask,
-    AskAcknowledge,
-    AskAnnounce,
-    AskRecipe,
-    AskTrigger,
-    AskWithdraw,
+    TRIGGER,
     Reply,
-    Request,
     live_address,
 )
 from capture.station.run.live_view import STATE, LiveEvent, LiveView
@@ -76,14 +70,15 @@ class StationLink(LiveView):
 
     def submit(self, trigger: Trigger) -> Answer:
         """Pass a trigger to the station, or raise RunUnavailable."""
-        value = self._asked(AskTrigger(trigger=trigger), trigger.is_withdrawn).value
+        given, is_withdrawn = TRIGGER.dump_python(trigger), trigger.is_withdrawn
+        value = self._asked("submit", given, is_withdrawn=is_withdrawn).value
         if not isinstance(value, Answer):
             raise RunUnavailable("the run has an unforeseen error; see its log")
         return value
 
     def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
         """Let the station load a recipe; return when it judges all parts triggered from then on."""
-        reply = self._asked(AskRecipe(name=name, by=by))
+        reply = self._asked("load_recipe", name, by)
         if reply.refused is not None:
             raise RecipeRefused(reply.reason, reply.refused)
         assert isinstance(reply.value, RecipeLoaded)
@@ -91,32 +86,35 @@ class StationLink(LiveView):
 
     def acknowledge(self, part_id: str, by: str) -> bool:
         """Record that somebody has seen a rejected part; False if it is not among the last."""
-        return self._asked(AskAcknowledge(part_id=part_id, by=by)).value is True
+        return self._asked("acknowledge", part_id, by).value is True
 
     def announce(self, about: Mapping[str, Any]) -> None:
         """Tell all subscribers of something that the panel did; without a run there are none."""
         with suppress(RunUnavailable):
-            self._asked(AskAnnounce(about=dict(about)))
+            self._asked("announce", about)
 
-    def _asked(self, what: Ask, is_withdrawn: Callable[[], bool] = lambda: False) -> Reply:
-        number, reply = self._sent(what)
+    def _asked(
+        self, call: str, *arguments: Any, is_withdrawn: Callable[[], bool] = lambda: False
+    ) -> Reply:
+        number, reply = self._sent(call, *arguments)
         while not is_withdrawn():
             with suppress(TimeoutError):
                 return reply.result(_WITHDRAWN_S)
-        self._sent(AskWithdraw(request=number))
+        self._sent("withdraw", number)
         return reply.result()
 
-    def _sent(self, what: Ask) -> tuple[int, Future[Reply]]:
+    def _sent(self, call: str, *arguments: Any) -> tuple[int, Future[Reply]]:
         reply: Future[Reply] = Future()
         with self._sending:
             if self._connection is None:
                 raise RunUnavailable(NO_RUN)
-            request = Request(id=next(self._numbers), what=what)
-            if not isinstance(what, AskWithdraw):  # which has no reply
-                self._replies[request.id] = reply
+            number = next(self._numbers)
+            if call != "withdraw":  # which has no reply
+                self._replies[number] = reply
+            line = json.dumps({"id": number, "call": call, "arguments": arguments})
             with suppress(OSError):  # whose end the thread finds
-                self._connection.sendall(request.model_dump_json().encode() + b"\n")
-        return request.id, reply
+                self._connection.sendall(line.encode() + b"\n")
+        return number, reply
 
     # The thread that reads.
 

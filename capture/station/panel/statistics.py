@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from datetime import UTC, tzinfo
 
+from capture.base.utc_time import local_zone
 from capture.station.domain.folder import StationFolder, first_recipe
 from capture.station.domain.verdict import Decision
 from capture.station.judge.gauge.gauge import ACCEPTABLE
@@ -56,10 +56,8 @@ class StationStatistics:
         return "simulated" if self.selection.simulated else "production"
 
 
-def statistics_of(
-    panel: Panel, selection: Selection, zone: tzinfo | None = UTC
-) -> StationStatistics:
-    """Return the statistics of the selected parts, by hours and days of a zone; None is local."""
+def statistics_of(panel: Panel, selection: Selection) -> StationStatistics:
+    """Return the statistics of the selected parts, by hours and days of the station's clock."""
     store = panel.results.store
     counters = store.counters(selection)
     tally = counters.simulated if selection.simulated else counters.production
@@ -69,7 +67,7 @@ def statistics_of(
         tally,
         dict(
             (
-                *_yield_figure(counted_periods(store, selection, zone)),
+                *_yield_figure(counted_periods(store, selection)),
                 *_pareto_figure(
                     "causes",
                     "Causes",
@@ -128,7 +126,7 @@ def _yield_figure(periods: Sequence[Period]) -> Iterator[tuple[str, Figure]]:
         "yield",
         Figure(
             "Yield",
-            "Verdicts that hold, after overrides."
+            f"Verdicts that hold, after overrides, on the station's clock ({local_zone()})."
             f"{' Above a bar: the share that passed.' if len(periods) <= MOST_SHARES else ''}",
             ("period", "parts", *Decision, "passed"),
             rows,

@@ -6,7 +6,6 @@ from fastapi import APIRouter, Query
 from starlette.responses import Response
 
 from capture.base.outputs import csv_line
-from capture.station.results.history_table import tally_record
 
 from .answers import answer, media
 from .api import Numbers
@@ -37,7 +36,7 @@ def _statistics(call: ByOperator, _: Turn, filters: _Selected) -> Response:
         {
             "station": call.panel.folder.config.name,
             "shown": statistics.shown,
-            **tally_record(statistics.tally),
+            **vars(statistics.tally),
             "figures": {
                 name: {
                     "title": figure.title,

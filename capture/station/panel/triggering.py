@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 from capture.station.results.audit import ResultsAccess
 from capture.station.run.live_station import LiveStation
 from capture.station.run.triggers import Accepted, Refused, Trigger
-from classify.base.errors import Ps4rigError
 
-from .security import Slots
+from .security import Denied, Slots
 from .station_link import StationLink
 
 LONGEST_KEY = 200
@@ -27,10 +26,6 @@ class Repeated:
 
     part_id: str
     number: int | None  # None while a part of an earlier run has no result
-
-
-class OtherPart(Ps4rigError):  # noqa: N818 - what a client asked, no error of the program
-    """A key that was accepted for one part comes with another part or recipe."""
 
 
 class KeyedTriggers:
@@ -58,19 +53,17 @@ class KeyedTriggers:
         # One at a time: of two requests with one key, the second waits for the first.
         with self._lock:
             if key in self._accepted:
-                known, given, required = self._accepted[key]
-                _require_same(given, part_id, known.part_id)
-                _require_recipe(required, recipe, known.part_id)
+                known, *given = self._accepted[key]
+                _require_same(known.part_id, given, [part_id, recipe])
                 return Repeated(known.part_id, known.number)
             made = f"key-{hashlib.sha256(key.encode()).hexdigest()[:_DIGITS]}"
             store = self._results.store
             if store.known([made]):
-                _require_same(None, part_id, made)
                 entry = store.part(made)
                 recorded = None if entry is None else entry.result.recipe
                 # The result of an interrupted part names no recipe.
-                if recipe is not None and recorded is not None:
-                    _require_recipe(recorded, recipe, made)
+                required = recorded if recipe and recorded else recipe
+                _require_same(made, [None, required], [part_id, recipe])
                 return Repeated(made, None if entry is None else entry.result.number)
             answer = self._live.submit(replace(trigger, part_id=part_id or made))
             # A refused trigger may be sent again with its key.
@@ -81,22 +74,15 @@ class KeyedTriggers:
             return answer
 
 
-def _require_same(given: str | None, part_id: str | None, known: str) -> None:
-    if part_id != given:
-        words = "without a part id" if part_id is None else f"for part {part_id[:100]!r}"
-        raise OtherPart(
-            f"Idempotency-Key: was accepted for part {known} and comes again {words}; give each "
-            "part its own key"
+def _require_same(known: str, given: list[str | None], again: list[str | None]) -> None:
+    """Refuse a key that comes with another part id or recipe than the first time."""
+    if again != given:
+        first, now = (
+            f"part id {(part_id or 'none')[:100]!r} and recipe {recipe or 'none'}"
+            for part_id, recipe in (given, again)
         )
-
-
-def _require_recipe(given: str | None, recipe: str | None, known: str) -> None:
-    if recipe != given:
-        raise OtherPart(
-            f"Idempotency-Key: was accepted for part {known} and {_named(given)}, and comes again "
-            f"with {_named(recipe)}; give each part its own key"
+        raise Denied(
+            422,
+            f"Idempotency-Key: was accepted for part {known} with {first}, and comes again with "
+            f"{now}; give each part its own key",
         )
-
-
-def _named(recipe: str | None) -> str:
-    return "no recipe" if recipe is None else f"recipe {recipe}"

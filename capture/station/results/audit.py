@@ -3,12 +3,11 @@
 import os
 import threading
 import unicodedata
-import uuid
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 
-from sqlalchemy import Connection, func, select
+from sqlalchemy import select
 
 from capture.base.utc_time import utc_text
 from capture.station.domain.folder import StationFolder
@@ -17,12 +16,10 @@ from capture.station.domain.roles import Identity, Role
 from capture.station.domain.verdict import Decision
 from classify.base.errors import InputError
 
-from .chain import append
 from .database import ResultsUnavailable
 from .history import HistoryEntry
-from .part_result import storable
 from .schema import changes
-from .store import ResultStore, has_request, open_store
+from .store import ResultStore, open_store
 
 # A page that waits longer for a locked database says so.
 _PATIENCE_S = 5.0
@@ -55,27 +52,8 @@ def record_change(
     via: str,
 ) -> None:
     """Append a change to the log, with the present time; see `ChangeRecord`."""
-    utc = utc_text(timespec="milliseconds")
-    row = {
-        "station": store.station,
-        "request": uuid.uuid4().hex,
-        "utc": utc,
-        "by": storable(by),
-        "role": role,
-        "via": via,
-        "what": storable(what),
-        "before": None if before is None else storable(before),
-        "after": None if after is None else storable(after),
-    }
-
-    def work(connection: Connection) -> None:
-        if not has_request(connection, changes, row["request"]):
-            store.lock_station(connection, utc)
-            last = select(func.max(changes.c.position)).where(changes.c.station == store.station)
-            position = (connection.scalar(last) or 0) + 1
-            append(connection, changes, row | {"position": position})
-
-    store.write(work)
+    record = ChangeRecord(utc_text(timespec="milliseconds"), by, role, via, what, before, after)
+    store.append(changes, vars(record))
 
 
 def newest_changes(store: ResultStore, count: int) -> list[ChangeRecord]:

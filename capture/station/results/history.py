@@ -65,17 +65,13 @@ EVERY_PART = Selection()
 
 @dataclass(frozen=True)
 class Tally:
-    """Numbers of parts by verdict."""
+    """Numbers of parts, also as JSON."""
 
-    by_station: Mapping[Decision, int]  # verdicts of the station
-    in_force: Mapping[Decision, int]  # with overrides in place of the station's verdicts
+    parts: int
+    verdicts: Mapping[Decision, int]  # with overrides in place of the station's verdicts
+    station_verdicts: Mapping[Decision, int]
     refused_triggers: int
-    collected: int = 0  # parts of runs that judge none; not in the other numbers
-
-    @property
-    def parts(self) -> int:
-        """Number of parts."""
-        return sum(self.by_station.values())
+    collected: int  # parts of runs that judge none; not in the other numbers
 
 
 @dataclass(frozen=True)
@@ -164,20 +160,21 @@ def counters(connection: Connection, station: str, selection: Selection) -> Coun
         .where(*conditions(station, selection))
         .group_by(*columns)
     )
-    by_station: dict[bool, Counter[Decision]] = {False: Counter(), True: Counter()}
-    in_force: dict[bool, Counter[Decision]] = {False: Counter(), True: Counter()}
+    station_verdicts: dict[bool, Counter[Decision]] = {False: Counter(), True: Counter()}
+    verdicts: dict[bool, Counter[Decision]] = {False: Counter(), True: Counter()}
     collected: Counter[bool] = Counter()
     for row in connection.execute(statement):
         if row.is_collected:
             collected[row.simulated] += row.parts
             continue
-        by_station[row.simulated][Decision(row.decision)] += row.parts
-        in_force[row.simulated][Decision(row.in_force)] += row.parts
+        station_verdicts[row.simulated][Decision(row.decision)] += row.parts
+        verdicts[row.simulated][Decision(row.in_force)] += row.parts
     refused = _refused(connection, station, selection)
     production, simulated = (
         Tally(
-            by_station[simulated],
-            in_force[simulated],
+            verdicts[simulated].total(),
+            verdicts[simulated],
+            station_verdicts[simulated],
             refused.get(simulated, 0),
             collected[simulated],
         )

@@ -8,7 +8,7 @@ from typing import Any, TextIO
 from capture.base.outputs import csv_line
 
 from .chain import Head
-from .history import Counters, HistoryEntry, Tally
+from .history import Counters, HistoryEntry
 from .part_result import COLUMNS as RESULT_COLUMNS
 
 _FIRST = (
@@ -63,22 +63,8 @@ def json_pieces(
 
 def counts_of(counters: Counters) -> dict[str, Any]:
     """Return numbers of parts for JSON; those of a simulated rig apart."""
-    return {
-        "production": tally_record(counters.production),
-        "simulated": tally_record(counters.simulated),
-    }
+    return {name: vars(tally) for name, tally in vars(counters).items()}
 
 
 def _cell(value: Any) -> Any:
     return json.dumps(value, ensure_ascii=False) if isinstance(value, list | dict) else value
-
-
-def tally_record(tally: Tally) -> dict[str, Any]:
-    """Return numbers of parts for JSON."""
-    return {
-        "parts": tally.parts,
-        "verdicts": {decision.value: count for decision, count in tally.in_force.items()},
-        "station_verdicts": {decision.value: count for decision, count in tally.by_station.items()},
-        "refused_triggers": tally.refused_triggers,
-        "collected": tally.collected,
-    }

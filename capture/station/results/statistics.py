@@ -7,9 +7,9 @@ import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime, tzinfo
+from datetime import datetime, tzinfo
 
-from sqlalchemy import ColumnElement, Text, cast, func, select
+from sqlalchemy import ColumnElement, Integer, Text, cast, func, select
 
 from capture.station.domain.verdict import Cause, Decision
 
@@ -71,11 +71,11 @@ class Choices:
 
 
 def counted_periods(
-    store: ResultStore, selection: Selection, zone: tzinfo | None = UTC
+    store: ResultStore, selection: Selection, zone: tzinfo | None = None
 ) -> list[Period]:
     """Count the selected parts that were judged by period of a zone, the earliest first.
 
-    None is the zone of this machine. A period is made of hours of UTC.
+    None is the zone of this machine.
     """
     selected = (*conditions(store.station, selection), ~IS_COLLECTED)
     utc = results.c.triggered_utc
@@ -85,16 +85,20 @@ def counted_periods(
         if first_utc is None:
             return []
         length = _period_length(first_utc, last_utc)
+        # Zones differ by quarters of an hour.
         hour = func.substr(utc, 1, len("2026-11-22T17"))
+        quarter = cast(func.substr(utc, len("2026-11-22T17:0"), 2), Integer) // 15
+        columns = hour.label("hour"), quarter.label("quarter"), IN_FORCE.label("decision")
         counts = (
-            select(hour.label("hour"), IN_FORCE.label("decision"), func.count().label("parts"))
+            select(*columns, func.count().label("parts"))
             .select_from(JOINED)
             .where(*selected)
-            .group_by(hour, IN_FORCE)
+            .group_by(*columns)
         )
         verdicts: dict[str, Counter[Decision]] = {}
         for row in connection.execute(counts):
-            begin = datetime.fromisoformat(f"{row.hour}:00Z").astimezone(zone).isoformat()[:length]
+            moment = datetime.fromisoformat(f"{row.hour}:{15 * row.quarter:02}Z").astimezone(zone)
+            begin = moment.isoformat()[:length]
             verdicts.setdefault(begin, Counter())[Decision(row.decision)] += row.parts
     return [Period(name, verdicts[name]) for name in sorted(verdicts)[-MOST_PERIODS:]]
 
@@ -109,7 +113,8 @@ def counted_causes(store: ResultStore, selection: Selection) -> list[CauseCount]
     """Count the station's causes of parts that it did not pass, most frequent first.
 
     They count also where a person changed the verdict. The first cause is the gravest; a part that
-    is like no texture counts under what is wrong with it, where that was found.
+    is like no texture counts under what is wrong with it, unless the power of its octaves differs
+    too: then it is of another texture.
     """
     # Combinations of causes are few: the database counts parts of each of them.
     causes = cast(results.c.causes, Text)
@@ -125,7 +130,7 @@ def counted_causes(store: ResultStore, selection: Selection) -> list[CauseCount]
     with store.reading() as connection:
         for row in connection.execute(statement):
             gravest, *others = map(Cause.named, json.loads(row.causes))
-            if gravest is Cause.NO_TEXTURE and others:
+            if gravest is Cause.NO_TEXTURE and others and Cause.OCTAVES not in others:
                 gravest, *others = *others, gravest
             first[gravest] += row.parts
             for cause in others:

@@ -1,7 +1,7 @@
 """`ResultStore`: begun parts, their results, overrides and refused triggers."""
 
 import uuid
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -150,54 +150,35 @@ class ResultStore:
 
     def refuse(self, *refused: RefusedTrigger) -> None:
         """Record triggers that could not be served."""
-        rows = [
-            {
-                "station": self.station,
-                "request": uuid.uuid4().hex,
-                "utc": require_utc(trigger.utc),
-                "trigger": storable(trigger.trigger),
-                "part_id": None if trigger.part_id is None else storable(trigger.part_id),
-                "reason": storable(trigger.reason),
-                "simulated": trigger.simulated,
-            }
-            for trigger in refused
-        ]
-
-        def work(connection: Connection) -> None:
-            if not has_request(connection, refused_triggers, rows[0]["request"]):
-                self.lock_station(connection, refused[0].utc)
-                last = self._last(connection, refused_triggers.c.position)
-                numbered = [row | {"position": last + n} for n, row in enumerate(rows, 1)]
-                append(connection, refused_triggers, *numbered)
-
-        if rows:
-            self.write(work)
+        if refused:
+            self.append(refused_triggers, *(trigger._asdict() for trigger in refused))
 
     def override(self, part_id: str, *, decision: Decision, by: str, reason: str, utc: str) -> None:
         """Record that a person gives a part another verdict; the result stays unchanged."""
-        require_utc(utc)
-        if decision not in (Decision.PASS, Decision.FAIL):
-            raise InputError(f"verdict {decision}: a person decides PASS or FAIL")
-        if not by.strip() or not reason.strip():
-            raise InputError(f"part {part_id}: an override needs a name and a reason")
-        row = {
-            "station": self.station,
-            "part_id": part_id,
-            "request": uuid.uuid4().hex,
-            "utc": utc,
-            "decision": decision.value,
-            "by": storable(by.strip()),
-            "reason": storable(reason.strip()),
-        }
+        row = {"part_id": part_id, "utc": utc, "decision": decision.value, "by": by}
+        self.append(overrides, row | {"reason": reason.strip()}, of_part=part_id)
+
+    def append(self, table: Table, *rows: Mapping[str, Any], of_part: str | None = None) -> None:
+        """Append rows, which `position` numbers within the station, or within a part of it."""
+        made = [
+            {"station": self.station, "request": uuid.uuid4().hex}
+            | {key: storable(cell) if isinstance(cell, str) else cell for key, cell in row.items()}
+            for row in rows
+        ]
+        utc = require_utc(made[0]["utc"])
 
         def work(connection: Connection) -> None:
-            if has_request(connection, overrides, row["request"]):
+            # An earlier attempt may have been committed before its answer was lost.
+            written = select(table.c.request).where(table.c.request == made[0]["request"])
+            if connection.execute(written).first() is not None:
                 return
             self.lock_station(connection, utc)
-            if self._find(connection, results, part_id) is None:
-                raise InputError(f"part {part_id}: station {self.station} has no result of it")
-            position = self._last(connection, overrides.c.position, part_id=part_id) + 1
-            append(connection, overrides, row | {"position": position})
+            if of_part is not None and self._find(connection, results, of_part) is None:
+                raise InputError(f"part {of_part}: station {self.station} has no result of it")
+            given = {} if of_part is None else {"part_id": of_part}
+            last = self._last(connection, table.c.position, **given)
+            numbered = [row | {"position": last + n} for n, row in enumerate(made, 1)]
+            append(connection, table, *numbered)
 
         self.write(work)
 
@@ -287,12 +268,6 @@ _BEGUN: Select[Any] = select(
 
 def _begun_part(row: Row[Any]) -> BegunPart:
     return BegunPart(**row._mapping)
-
-
-def has_request(connection: Connection, table: Table, request: Any) -> bool:
-    """Whether an earlier attempt of the same transaction was committed."""
-    statement = select(table.c.request).where(table.c.request == request)
-    return connection.execute(statement).first() is not None
 
 
 def open_store(

@@ -142,7 +142,6 @@ class Station:
             GuardedThread(work, self.stop, f"station {name}")
             for name, work in (("capture", self._capture_parts), ("verdict", self._judge_parts))
         ]
-        # A source that waits for a key cannot be ended.
         feeder = GuardedThread(lambda: source.run(self), self.stop, "triggers", daemon=True)
         self._live.attach(self)
         with self._live.refusals.recording(self._store, lambda: self._camera.is_simulated):
@@ -155,6 +154,8 @@ class Station:
                 self.stop(interrupt)
             for thread in threads:
                 thread.join_through_interrupts()
+            # For the periods that a timer missed; a source that waits for a key cannot be ended.
+            feeder.join_through_interrupts(2.0 * _POLL_S)
         self._beginning.close()
         reason = "all parts were triggered" if self._left == 0 else "no more triggers come"
         if self._error is not None:

@@ -44,11 +44,12 @@ class GuardedThread(threading.Thread):
             error = raised
         self._stop_run(error)
 
-    def join_through_interrupts(self) -> None:
+    def join_through_interrupts(self, timeout_s: float | None = None) -> None:
         """Wait for the end of the thread, if it was started."""
         while self.is_alive():
             try:
-                self.join()
+                self.join(timeout_s)
+                return
             except KeyboardInterrupt as interrupt:
                 self._stop_run(interrupt)
 

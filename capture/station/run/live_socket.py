@@ -16,9 +16,9 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from pydantic import Field
+from pydantic import TypeAdapter
 
 from capture.station.domain.errors import CannotListen, error_text
 from capture.station.run.events import RecipeLoaded
@@ -37,54 +37,19 @@ MOST_REQUESTS = 16
 # A panel that reads nothing for five seconds is cut off.
 SEND_TIME = struct.pack("ll", 5, 0)  # timeval: seconds, microseconds
 _CREDENTIALS = struct.Struct("3i")  # ucred of unix(7): process, user, group
+TRIGGER = TypeAdapter(Trigger)
 _log = logging.getLogger(__name__)
 
 
-class AskTrigger(Record):
-    """A part lies below the camera."""
-
-    ask: Literal["trigger"] = "trigger"
-    trigger: Trigger
-
-
-class AskWithdraw(Record):
-    """The client of a trigger is gone; there is no reply."""
-
-    ask: Literal["withdraw"] = "withdraw"
-    request: int
-
-
-class AskRecipe(Record):
-    """Load a recipe."""
-
-    ask: Literal["load_recipe"] = "load_recipe"
-    name: str
-    by: Asker
-
-
-class AskAcknowledge(Record):
-    """Somebody has seen a rejected part."""
-
-    ask: Literal["acknowledge"] = "acknowledge"
-    part_id: str
-    by: str
-
-
-class AskAnnounce(Record):
-    """Tell all who follow the events of something that a panel did."""
-
-    ask: Literal["announce"] = "announce"
-    about: dict[str, Any]
-
-
-Ask = AskTrigger | AskWithdraw | AskRecipe | AskAcknowledge | AskAnnounce
-
-
 class Request(Record):
-    """A request with its number."""
+    """A call of a method of `LiveStation`, with its number.
+
+    ``withdraw`` has no reply: the client of the trigger with that number is gone.
+    """
 
     id: int
-    what: Annotated[Ask, Field(discriminator="ask")]
+    call: Literal["submit", "load_recipe", "acknowledge", "announce", "withdraw"]
+    arguments: tuple[Any, ...]
 
 
 class Reply(Record):
@@ -215,8 +180,8 @@ class _Panel:
         ):
             while (line := lines.readline(MOST_REQUEST_BYTES)).endswith(b"\n"):
                 request = Request.model_validate_json(line)
-                if isinstance(request.what, AskWithdraw):
-                    self._withdrawn.add(request.what.request)
+                if request.call == "withdraw":
+                    self._withdrawn.add(request.arguments[0])
                     continue
                 free.acquire()
                 pool.submit(self._answer, request).add_done_callback(lambda _: free.release())
@@ -224,30 +189,28 @@ class _Panel:
         self._woken.set()
 
     def _answer(self, request: Request) -> None:
-        what = request.what
-        if isinstance(what, AskTrigger):
-            trigger = replace(what.trigger, is_withdrawn=lambda: request.id in self._withdrawn)
-            what = AskTrigger(trigger=trigger)
-        reply = Reply(id=request.id, **_outcome(what, self._live))
+        try:
+            outcome: dict[str, Any] = {"value": self._called(request)}
+        except RecipeRefused as error:
+            outcome = {"refused": error.kind, "reason": str(error)}
+        except Exception as error:
+            _log.exception("a request of a panel")
+            outcome = {"refused": RecipeRefusal.UNFORESEEN, "reason": error_text(error)}
         self._withdrawn.discard(request.id)
+        reply = Reply(id=request.id, **outcome)
         self._send(b'{"reply":%s}\n' % reply.model_dump_json().encode())
 
-
-def _outcome(what: Ask, live: LiveStation) -> dict[str, Any]:
-    """Return the fields of the reply to a request."""
-    try:
-        match what:
-            case AskTrigger():
-                return {"value": live.submit(what.trigger)}
-            case AskRecipe():
-                return {"value": live.load_recipe(what.name, what.by)}
-            case AskAcknowledge():
-                return {"value": live.acknowledge(what.part_id, what.by)}
-            case AskAnnounce():
-                live.announce(what.about)
-        return {}
-    except RecipeRefused as error:
-        return {"refused": error.kind, "reason": str(error)}
-    except Exception as error:
-        _log.exception("a request of a panel")
-        return {"refused": RecipeRefusal.UNFORESEEN, "reason": error_text(error)}
+    def _called(self, request: Request) -> Accepted | Refused | RecipeLoaded | bool | None:
+        live = self._live
+        match request.call, request.arguments:
+            case "submit", (given,):
+                trigger = TRIGGER.validate_python(given)
+                gone = self._withdrawn
+                return live.submit(replace(trigger, is_withdrawn=lambda: request.id in gone))
+            case "load_recipe", (name, by):
+                return live.load_recipe(name, Asker(*by))
+            case "acknowledge", (part_id, by):
+                return live.acknowledge(part_id, by)
+            case "announce", (about,):
+                live.announce(about)
+        return None

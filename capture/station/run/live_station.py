@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from capture.base.utc_time import utc_text
 from capture.station.domain.fault import Fault
@@ -33,8 +33,10 @@ from .triggers import (
     RecipeRefused,
     Refused,
     Trigger,
-    TriggerTarget,
 )
+
+if TYPE_CHECKING:
+    from .cycle import Station
 
 Subscriber = Callable[[LiveEvent], None]
 # Events of some hundred parts; a subscriber that is further behind hangs.
@@ -64,7 +66,7 @@ class LiveStation(LiveView):
         self._thread = threading.Thread(target=self._tell, name="station events")
         self._changed = threading.Condition(self._lock)
         self.refusals = Refusals(self.publish, self.wait_for_room)
-        self._target: TriggerTarget | None = None
+        self._target: Station | None = None
 
     # The run.
 
@@ -131,7 +133,7 @@ class LiveStation(LiveView):
                 except Exception:
                     _log.exception("a subscriber failed on %s", type(published.event).__name__)
 
-    def attach(self, target: TriggerTarget) -> None:
+    def attach(self, target: "Station") -> None:
         """Pass triggers and requests to `target` from now on."""
         self._target = target
 

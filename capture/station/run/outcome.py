@@ -4,12 +4,13 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from importlib.metadata import version
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.fault import Fault, fault_of
 from capture.station.domain.folder import set_file_of
 from capture.station.domain.verdict import Cause, Decision, Verdict
+from capture.station.judge.inspector import Collector, Inspector
 from capture.station.judge.judge import STOP_LED_LEVEL
 from capture.station.results.part_result import PartResult
 from capture.station.results.store import BegunPart
@@ -20,27 +21,6 @@ from .station_clock import StationClock
 T = TypeVar("T")
 
 SOFTWARE_VERSION = version("ps4rig")
-
-
-class Inspected(Protocol):
-    """The findings of an inspector on a part."""
-
-    @property
-    def verdict(self) -> Verdict:
-        """The verdict."""
-
-    def recorded(self, part: PartResult) -> PartResult:
-        """Return the result of a part that was not judged yet, with verdict and measures."""
-
-
-class PartInspector(Protocol):
-    """Judges a captured set; it raises where it cannot."""
-
-    def begin(self, unchecked: CapturedSet) -> None:
-        """Start work on images that are still checked; return at once."""
-
-    def inspect(self, captured: CapturedSet) -> Inspected:
-        """Judge one part."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +44,7 @@ class PartJudge:
         self,
         station: str,
         operator: str | None,
-        inspector: PartInspector,
+        inspector: Inspector | Collector,
         recipe_fields: dict[str, Any],
         save: Callable[[CapturedSet, str], None],
         clock: StationClock,

@@ -24,7 +24,7 @@ from classify.base.errors import InputError, Ps4rigError
 from rig.doctor.check import Check
 
 from .events import RecipeLoaded
-from .outcome import PartInspector, PartJudge
+from .outcome import PartJudge
 from .self_test import check_calibration_age, require_no_fault
 from .station_clock import StationClock
 from .station_rig import StationRig
@@ -129,7 +129,10 @@ class RecipeLoader:
         )
 
     def _judge(
-        self, inspector: PartInspector, fields: dict[str, Any], calibration: FoundCalibration | None
+        self,
+        inspector: Inspector | Collector,
+        fields: dict[str, Any],
+        calibration: FoundCalibration | None,
     ) -> PartJudge:
         def save(captured: CapturedSet, set_file: str) -> None:
             """Write the set of a part, with its calibration beside it."""

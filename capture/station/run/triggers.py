@@ -4,17 +4,20 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum, auto
-from typing import Annotated, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from pydantic import Field
 
 from capture.base.errors import SetRejected
+from capture.station.domain.errors import Conflict
 from capture.station.results.database import ResultsUnavailable
 from capture.station.results.store import ResultStore
-from classify.base.errors import InputError, Ps4rigError
+from classify.base.errors import InputError
 
-from .events import RecipeLoaded
 from .station_rig import StationRig
+
+if TYPE_CHECKING:
+    from .cycle import Station
 
 # Interval at which a waiting source checks whether the station stops.
 _POLL_S = 0.2
@@ -48,7 +51,7 @@ class RecipeRefusal(Enum):
     UNFORESEEN = auto()
 
 
-class RecipeRefused(Ps4rigError):  # noqa: N818 - an answer, no error of the program
+class RecipeRefused(Conflict):
     """A recipe is not loaded; the station goes on with the present one."""
 
     def __init__(self, reason: str, kind: RecipeRefusal) -> None:
@@ -116,36 +119,6 @@ class Refused:
 Answer = Accepted | Refused
 
 
-class TriggerTarget(Protocol):
-    """The side of a station that triggers see. Its methods may be called from any thread."""
-
-    def submit(self, trigger: Trigger) -> Answer:
-        """Accept or refuse a trigger; the answer comes before the exposure. Never raises."""
-
-    def refuse(self, trigger: Trigger, reason: str) -> Refused:
-        """Record a trigger that cannot be served. Never raises."""
-
-    def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
-        """Load another recipe; if it raises RecipeRefused, the present one stays."""
-
-    def resume(self) -> None:
-        """Try again after a row of errors that stopped the line."""
-
-    def wait_until_ready(self, timeout_s: float) -> bool:
-        """Wait until a trigger would be accepted; False after the time-out or a stop."""
-
-    @property
-    def is_stopping(self) -> bool:
-        """Whether no further trigger will be accepted."""
-
-
-class TriggerSource(Protocol):
-    """Submits triggers until the station stops."""
-
-    def run(self, station: TriggerTarget) -> None:
-        """Submit triggers; return when `station` is stopping or no more triggers come."""
-
-
 class TimerTrigger:
     """A trigger in each period; a period of 0 triggers whenever the station is ready.
 
@@ -156,7 +129,7 @@ class TimerTrigger:
         self._period_s = period_s
         self._now_s = now_s
 
-    def run(self, station: TriggerTarget) -> None:
+    def run(self, station: "Station") -> None:
         """Submit triggers until the station stops."""
         station_was_ready, missed = False, 0
         next_s = self._now_s()
@@ -171,8 +144,7 @@ class TimerTrigger:
             if late_s < 0.0:
                 time.sleep(min(-late_s, _POLL_S))
                 continue
-            if 0.0 < self._period_s <= late_s:
-                periods = int(late_s / self._period_s) + 1
+            if periods := self._missed(late_s):
                 missed += periods
                 next_s += periods * self._period_s
                 continue
@@ -180,15 +152,24 @@ class TimerTrigger:
             next_s += self._period_s
             # After the submission: a refusal that takes longer than a period would make every
             # trigger late.
-            if missed > 0:
-                station.refuse(Trigger("timer"), f"late: {missed} periods of the timer have passed")
-                missed = 0
+            _refuse_missed(station, missed)
+            missed = 0
+        _refuse_missed(station, missed + self._missed(self._now_s() - next_s))
+
+    def _missed(self, late_s: float) -> int:
+        """Return the number of triggers due by now, if the first of them is late by a period."""
+        return int(late_s / self._period_s) + 1 if 0.0 < self._period_s <= late_s else 0
+
+
+def _refuse_missed(station: "Station", missed: int) -> None:
+    if missed > 0:
+        station.refuse(Trigger("timer"), f"late: {missed} periods of the timer have passed")
 
 
 class NoTriggers:
     """Triggers come from interfaces only."""
 
-    def run(self, station: TriggerTarget) -> None:
+    def run(self, station: "Station") -> None:
         """Wait until the station stops."""
         while not station.is_stopping:
             time.sleep(_POLL_S)
@@ -204,7 +185,7 @@ class LineTrigger:
     def __init__(self, read_line: Callable[[], str]) -> None:
         self._read_line = read_line
 
-    def run(self, station: TriggerTarget) -> None:
+    def run(self, station: "Station") -> None:
         """Submit a trigger for each line."""
         while not station.is_stopping:
             line = self._read_line()
@@ -214,13 +195,17 @@ class LineTrigger:
             station.submit(Trigger("enter", text or None))
 
 
+TriggerSource = TimerTrigger | NoTriggers | LineTrigger
+"""Submits triggers until the station stops."""
+
+
 class PartSensor:
     """The sensor at the light controller of a rig; each part that it sees is a trigger."""
 
     def __init__(self, rig: StationRig, store: ResultStore) -> None:
         self._rig, self._store = rig, store
 
-    def await_part(self, station: TriggerTarget, is_over: Callable[[], bool]) -> None:
+    def await_part(self, station: "Station", is_over: Callable[[], bool]) -> None:
         """Wait for a part and submit its trigger, unless `is_over`.
 
         Parts that came since the last wait are refused, with a row each up to `MOST_RECORDED`.

@@ -25,7 +25,7 @@ from capture.station.run.recovery import finish_interrupted
 from capture.station.run.run_recipes import UsableRecipe
 from capture.station.run.station_clock import StationClock
 from capture.station.run.station_state import StationState
-from capture.station.run.triggers import Answer, Asker, Trigger, TriggerTarget
+from capture.station.run.triggers import Answer, Asker, Trigger
 from rig import RigConfig, open_rig
 from rig.doctor.check import Check
 
@@ -102,14 +102,14 @@ class FakeCamera:
 class Manual:
     """A source of triggers that runs a function of the test."""
 
-    def __init__(self, feed: Callable[[TriggerTarget], None]) -> None:
+    def __init__(self, feed: Callable[[Station], None]) -> None:
         self.run = feed
 
 
 def one_after_the_other(count: int, answers: list[Answer] | None = None) -> Manual:
     """Trigger whenever the station is ready, `count` times."""
 
-    def feed(station: TriggerTarget) -> None:
+    def feed(station: Station) -> None:
         for _ in range(count):
             while not station.wait_until_ready(0.1):
                 if station.is_stopping:

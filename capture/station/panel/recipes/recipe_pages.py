@@ -20,11 +20,10 @@ from capture.station.panel.api import Below
 from capture.station.panel.guard import ByEngineer, ByOperator, Call
 from capture.station.panel.render import page
 from capture.station.panel.security import Denied
-from capture.station.results.database import ResultsUnavailable
 from capture.station.results.history import HistoryEntry, Selection
 from capture.station.run.events import RecipeLoaded
 from capture.station.run.triggers import Asker
-from classify.base.errors import InputError, Ps4rigError
+from classify.base.errors import InputError
 from classify.base.regular_file import read_regular_file
 
 from .recipe_form import RecipeForm, settings_of
@@ -205,9 +204,7 @@ def _use_parts(call: ByEngineer, name: Name, below: Below = None) -> Response:
             return RedirectResponse(f"/recipes/{changes.files.name}", 303)
         else:
             raise InputError(f"use = {use[:20]!r}: give good, bad, again, challenge or look")
-    except ResultsUnavailable:
-        raise
-    except Ps4rigError as error:
+    except InputError as error:
         return _parts_page(call, name, below, str(error))
     return RedirectResponse("/job", 303)
 
@@ -247,8 +244,6 @@ def _save_settings_page(call: ByEngineer, name: Name) -> Response:
     except SettingsRefused as error:
         form = RecipeForm(recipe, call.fields, error.messages)
         return _settings_page(call, form, recipe.name, seen)
-    except ResultsUnavailable:
-        raise
     except InputError as error:
         return _settings_page(call, RecipeForm(recipe), recipe.name, recipe.sha256, str(error))
     return RedirectResponse(f"/recipes/{recipe.name}", 303)
@@ -273,9 +268,7 @@ def _change(
         else:
             start_replay(call.panel, changes)
             place = "/job"
-    except ResultsUnavailable:
-        raise
-    except Ps4rigError as error:  # shown on the page of the recipe
+    except InputError as error:  # shown on the page of the recipe
         return _recipe_page(call, name, str(error))
     return RedirectResponse(place, 303)
 

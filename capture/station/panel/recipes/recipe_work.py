@@ -7,11 +7,8 @@ from typing import Any
 from capture.base.console import ShowProgress
 from capture.station.domain.errors import Conflict, NotThere
 from capture.station.domain.verdict import Decision
-from capture.station.judge.challenge import run_challenge
 from capture.station.judge.challenge_set import Expected
-from capture.station.judge.inspector import Inspector
-from capture.station.judge.recipe_changes import LongChange, RecipeChanges
-from capture.station.judge.teaching.teaching import teach
+from capture.station.judge.recipe_changes import RecipeChanges, replay_title, teaching_title
 from capture.station.panel.background_jobs import Job, Work
 from capture.station.panel.panel import Panel
 from capture.station.panel.part_pictures.judged_by import stored_set
@@ -32,30 +29,26 @@ def start_teaching(
         texture = checked_label(texture)
     elif not changes.files.file.is_file():
         raise Conflict(f"recipe {changes.files.name}: no parts are known; give some")
-    panel.jobs.require_free()
-    change = changes.begin_teaching(part_ids, texture, is_good=is_good)
     bad, good = (None, texture or None) if is_good else (texture, None)
 
     def work(show: ShowProgress) -> dict[str, Any]:
-        return teach(changes.files, paths, bad, good_texture=good, show=show).fields()
+        return changes.teach(paths, bad, good, show=show).fields()
 
-    return _start(panel, changes, "teach", change, work)
+    return _start(panel, changes, "teach", teaching_title(len(paths), bad, good), work)
 
 
 def start_replay(panel: Panel, changes: RecipeChanges) -> Job:
-    """Start a replay of the challenge set; raises JobRefused if a job is running."""
-    panel.jobs.require_free()
-    change, calibration = changes.begin_replay(), changes.calibration
+    """Start a replay of the challenge set; Conflict if a job is running."""
 
     def work(show: ShowProgress) -> dict[str, Any]:
-        replay = run_challenge(changes.files, Inspector.load(changes.files, calibration), show)
+        replay = changes.replay(show)
         return {
             "parts": len(replay.parts),
             "regressions": [str(part) for part in replay.regressions],
             "recipe_sha256": replay.fingerprint.recipe_sha256,
         }
 
-    return _start(panel, changes, "challenge", change, work)
+    return _start(panel, changes, "challenge", replay_title(changes.files), work)
 
 
 def add_parts_to_challenge(
@@ -68,19 +61,8 @@ def add_parts_to_challenge(
     changes.add_to_challenge(paths, expected)
 
 
-def _start(panel: Panel, changes: RecipeChanges, kind: str, change: LongChange, work: Work) -> Job:
-    def ended(job: Job) -> None:
-        if job.error:
-            change.failed(job.error)
-        elif job.kind == "challenge":
-            parts, missed = job.result["parts"], len(job.result["regressions"])
-            change.ended(f"challenge: {parts - missed} of {parts} parts got their verdict")
-        else:
-            change.ended(None)
-
-    job = Job(kind=kind, recipe=changes.files.name, title=change.title, by=changes.who.name)
-    with change.recording_failure():  # another job may have started since `require_free`
-        return panel.jobs.start(job, work, ended)
+def _start(panel: Panel, changes: RecipeChanges, kind: str, title: str, work: Work) -> Job:
+    return panel.jobs.start(Job(kind, changes.files.name, title, changes.who.name), work)
 
 
 def _sets(panel: Panel, part_ids: Sequence[str]) -> tuple[Path, ...]:

@@ -10,6 +10,10 @@ let relit = null;
 let defects = [];
 let isDue = false;
 
+if (matchMedia("(max-width: 40rem)").matches) {
+  for (const each of document.querySelectorAll(".fold")) each.open = each.querySelector(".problem") !== null;
+}
+
 async function loaded(url) {
   const image = new Image();
   image.src = url;

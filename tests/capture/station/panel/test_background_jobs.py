@@ -1,14 +1,13 @@
 """Long jobs of the panel: one at a time, in a thread, with a reported end."""
 
-import queue
-import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 
-from capture.station.panel.background_jobs import BackgroundJobs, Job, JobRefused
+from capture.station.domain.errors import Conflict
+from capture.station.panel.background_jobs import BackgroundJobs, Job
 from tests.capture.station.panel import quick_jobs
 from tests.capture.station.panel.panels import WAIT_S
 
@@ -20,14 +19,13 @@ class Run:
 
     def __init__(self, jobs: BackgroundJobs) -> None:
         self.jobs = jobs
-        self._ended: queue.Queue[Job] = queue.Queue()
 
     def start(self, work: Callable[..., dict[str, Any]], *arguments: Any) -> Job:
-        return self.jobs.start(Job(**ABOUT), lambda show: work(show, *arguments), self._ended.put)
+        return self.jobs.start(Job(**ABOUT), lambda show: work(show, *arguments))
 
     def end(self) -> Job:
-        job, ends_s = self._ended.get(timeout=WAIT_S), time.monotonic() + WAIT_S
-        while self.jobs.last != job:
+        ends_s = time.monotonic() + WAIT_S
+        while (job := self.jobs.last) is None or job.status == "running":
             assert time.monotonic() < ends_s
             time.sleep(0.01)
         return job
@@ -48,33 +46,18 @@ def test_a_job_ends_with_its_result(run: Run) -> None:
     assert run.jobs.last == job
 
 
-def test_a_job_runs_until_what_follows_its_end_is_done(run: Run) -> None:
-    may_end, seen = threading.Event(), queue.Queue[Job]()
-
-    def record(job: Job) -> None:
-        seen.put(job)
-        assert may_end.wait(WAIT_S)
-
-    run.jobs.start(Job(**ABOUT), lambda show: quick_jobs.count(show, 1), record)
-    job = seen.get(timeout=WAIT_S)
-    assert (job.status, run.jobs.last.status) == ("done", "running")
-    may_end.set()
-    run.jobs.close()
-    assert run.jobs.last == job
-
-
 def test_a_second_job_is_refused_and_a_running_one_can_be_ended(run: Run) -> None:
     job = run.start(quick_jobs.wait)
-    with pytest.raises(JobRefused, match="Teach: is running; wait for its end"):
+    with pytest.raises(Conflict, match="Teach: is running; wait for its end"):
         run.start(quick_jobs.count, 1)
+    assert run.jobs.last is not None
     assert run.jobs.last.id == job.id
     run.jobs.cancel("ada")
     assert run.end().error == "ended by ada"
-    run.jobs.require_free()
     run.jobs.cancel("ada")  # of nothing
     run.jobs.close()
-    with pytest.raises(JobRefused, match="the panel ends"):
-        run.jobs.require_free()
+    with pytest.raises(Conflict, match="the panel ends"):
+        run.start(quick_jobs.count, 1)
 
 
 @pytest.mark.parametrize(

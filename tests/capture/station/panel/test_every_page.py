@@ -30,6 +30,13 @@ LETTERS_PX = """
 [...document.querySelectorAll('.drawing text')].map(
   (each) => parseFloat(getComputedStyle(each).fontSize) * each.getScreenCTM().a)
 """
+# The smallest text of a page.
+SMALLEST_PX = """
+Math.min(...[...document.querySelectorAll('main *')]
+  .filter((each) => each.checkVisibility() && [...each.childNodes].some(
+    (node) => node.nodeType == Node.TEXT_NODE && node.textContent.trim()))
+  .map((each) => parseFloat(getComputedStyle(each).fontSize)))
+"""
 pytestmark = [pytest.mark.browser]
 
 
@@ -82,6 +89,27 @@ def test_a_page_is_for_everybody_on_screens_and_tablets_in_a_light_and_a_dark_ro
         assert grave_findings(page) == []
     assert missed_by_tab(page) == []
     assert page.errors() == []
+
+
+def test_a_part_is_short_and_legible_on_a_telephone(
+    station: ServedPanel, administrator: Page
+) -> None:
+    page = administrator
+    page.show(390, 844)
+    page.go(f"{station.url}parts/{failed(station)[0]}")
+    page.until("document.querySelectorAll('#views button').length > 3")
+    assert page.value("document.documentElement.scrollHeight") < 3000
+    assert page.value(SMALLEST_PX) >= 12.0
+    # Four views side by side, and what is seldom read closed until somebody asks for it.
+    tops = "[...document.querySelectorAll('#views button')].map((each) => each.offsetTop)"
+    assert len(set(page.value(tops)[:4])) == 1
+    assert page.value("[...document.querySelectorAll('.fold')].map((each) => each.open)") == [
+        False,
+        False,
+    ]
+    page.show(1280, 800)
+    page.go(f"{station.url}parts/{failed(station)[0]}")
+    assert page.value("document.querySelectorAll('.fold[open]').length") == 2
 
 
 @pytest.mark.parametrize("route", REPORTS, ids=lambda route: route.path)

@@ -259,6 +259,9 @@ def test_a_collected_part_has_no_verdict(panel: RunningPanel) -> None:
     assert 'data-decision="NONE" aria-label="Last part"' in page
     assert 'role="status">COLLECTED<' in page
     assert panel.live.snapshot().rejected == ()
+    page = panel.local.get(f"/parts/{panel.live.snapshot().last.part_id}").text
+    assert 'data-decision="NONE" aria-label="Verdict"' in page
+    assert ">COLLECTED <span" in page
 
 
 @pytest.mark.browser

@@ -12,6 +12,7 @@ from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_file import read_recipe
 from capture.station.domain.roles import Role
 from capture.station.panel.background_jobs import Job
+from capture.station.results.database import ResultsUnavailable
 from capture.station.run.events import RecipeLoaded
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel, running_panel
 from tests.capture.station.panel.quick_jobs import wait
@@ -206,22 +207,23 @@ def test_a_part_of_the_history_comes_into_the_challenge_set_and_out_again(
     ]
 
 
-def test_of_two_engineers_who_start_jobs_at_once_the_second_has_a_row_of_the_end(
+def test_a_job_beside_another_is_refused_and_has_no_row(line: RunningPanel) -> None:
+    line.panel.jobs.start(Job("teach", "example", "Teach 3 parts", "Ada"), wait)
+    refused = line.client(Role.ENGINEER).post(f"{API}/challenge")
+    assert (refused.status, "Teach 3 parts: is running" in refused.text) == (409, True)
+    assert changes(line) == []
+
+
+def test_a_job_whose_begin_cannot_be_recorded_fails_and_changes_nothing(
     line: RunningPanel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    jobs, log = line.panel.jobs, line.panel.changes
-    record = log.record
+    def record(*_: Any) -> None:
+        raise ResultsUnavailable("locked")
 
-    def record_while_another_starts(*row: Any) -> None:
-        monkeypatch.setattr(log, "record", record)
-        jobs.start(Job("teach", "example", "Teach 3 parts", "Ada"), wait, lambda _: None)
-        record(*row)
-
-    monkeypatch.setattr(log, "record", record_while_another_starts)
-    assert line.client(Role.ENGINEER).post(f"{API}/challenge").status == 409
-    begun = "Replay the challenge set, 2 parts"
-    refused = f"{begun}: Teach 3 parts: is running; wait for its end, or end it"
-    assert [row[3] for row in changes(line)] == [begun, refused]
+    monkeypatch.setattr(line.panel.changes, "record", record)
+    job = line.client(Role.ENGINEER).job(f"{API}/challenge")
+    assert (job["status"], job["error"]) == ("failed", "locked")
+    assert not line.panel.folder.recipe_files().replay.exists()
 
 
 def test_the_report_of_teaching_is_served_without_scripts(line: RunningPanel) -> None:

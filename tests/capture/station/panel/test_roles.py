@@ -99,3 +99,15 @@ def test_the_order_of_roles_is_total() -> None:
         [True, True, False],
         [True, True, True],
     ]
+
+
+def test_malformed_json_of_nobody_is_refused_as_anything_of_nobody(
+    with_users: RunningPanel, clients: dict[Role, Client]
+) -> None:
+    sender = with_users.local, Client(with_users.url, {"Authorization": "Bearer none"})
+    found = [
+        client.ask("POST", "/api/v1/trigger", form={"a": "b"}, Content_Type="application/json")
+        for client in (*sender, clients[Role.OPERATOR])
+    ]
+    assert [answer.status for answer in found] == [401, 401, 400]
+    assert found[0].headers["www-authenticate"] == "Bearer"

@@ -279,7 +279,7 @@ def test_panels_and_lines_are_bounded(folder: StationFolder) -> None:
         until(lambda: live.snapshot().subscribers == 1)
         first.sendall(b"x" * (2 * MOST_REQUEST_BYTES))
         until(lambda: live.snapshot().subscribers == 0)
-        for line in (b"{}\n", b'{"id": 1, "what": {"ask": "stop"}}\n', b"\xff\n"):
+        for line in (b"{}\n", b'{"id": 1, "call": "stop", "arguments": []}\n', b"\xff\n"):
             with connected(folder) as connection:
                 until(lambda: live.snapshot().subscribers == 1)
                 connection.sendall(line)

@@ -77,7 +77,7 @@ def test_the_history_of_100_000_parts_is_read_in_seconds_and_never_held(
     figures = ", ".join(f"{name} {seconds:.2f} s" for name, seconds in took_s.items())
     print(f"\n100,000 parts, CPU time: {figures}; memory +{most_mb - before_mb:.1f} MB")
     assert most_mb - before_mb < 10.0
-    assert counters.production.by_station == dict.fromkeys(Decision, 25_000)
+    assert counters.production.station_verdicts == dict.fromkeys(Decision, 25_000)
 
 
 @pytest.mark.slow

@@ -1,7 +1,7 @@
 """Figures over many parts, against the same counted one by one."""
 
 from collections import Counter
-from datetime import timedelta, timezone
+from datetime import UTC, timedelta, timezone
 
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.results.history import Selection
@@ -36,7 +36,7 @@ def test_counts_are_those_of_the_parts_one_by_one(store: ResultStore) -> None:
     hours = Counter((each.result.triggered_utc[:13], each.decision) for each in entries)
     assert {
         (period.begin, decision): parts
-        for period in counted_periods(store, selected)
+        for period in counted_periods(store, selected, UTC)
         for decision, parts in period.verdicts.items()
     } == hours
     entries = list(store.parts(PRODUCTION))
@@ -56,8 +56,8 @@ def test_collected_parts_have_no_share_in_yield_and_causes(store: ResultStore) -
     inspect(store)
     inspect(store, Decision.UNKNOWN, verdict=collected)
     tally = store.counters().production
-    assert (tally.parts, tally.collected, tally.in_force) == (1, 1, {Decision.PASS: 1})
-    [period] = counted_periods(store, PRODUCTION)
+    assert (tally.parts, tally.collected, tally.verdicts) == (1, 1, {Decision.PASS: 1})
+    [period] = counted_periods(store, PRODUCTION, UTC)
     assert period.verdicts == {Decision.PASS: 1}
     assert counted_causes(store, PRODUCTION) == []
 
@@ -69,8 +69,11 @@ def test_kinds_of_defects_count_apart_from_causes(store: ResultStore) -> None:
         defects = (DefectRecord(kind, 1, 2, 3, 4, 5, 2.5), seam)
         inspect(store, Decision.UNKNOWN, verdict=verdict, defects=defects)
     inspect(store, Decision.UNKNOWN)
+    foreign = (Cause.NO_TEXTURE, Cause.BLUR, Cause.DEFECT, Cause.OCTAVES)
+    inspect(store, Decision.UNKNOWN, verdict=Verdict(Decision.UNKNOWN, "sand", foreign))
     found = [(each.cause, each.parts, each.also) for each in counted_causes(store, PRODUCTION)]
-    assert found == [(Cause.DEFECT, 3, 0), (Cause.NO_TEXTURE, 1, 3)]
+    assert found[:2] == [(Cause.DEFECT, 3, 1), (Cause.NO_TEXTURE, 2, 3)]
+    assert found[2:] == [(Cause.BLUR, 0, 1), (Cause.OCTAVES, 0, 1)]
     kinds = [(each.cause, each.parts) for each in counted_defects(store, PRODUCTION)]
     assert kinds == [("relief", 2), ("albedo", 1)]
 
@@ -87,9 +90,9 @@ def test_the_charts_are_of_the_last_parts_that_matched_a_texture(store: ResultSt
 def test_periods_are_hours_days_or_months_by_their_span(store: ResultStore) -> None:
     def at(utc: str) -> list[str]:
         inspect(store, triggered_utc=f"{utc}:00.000Z")
-        return [period.begin for period in counted_periods(store, PRODUCTION)]
+        return [period.begin for period in counted_periods(store, PRODUCTION, UTC)]
 
-    assert counted_periods(store, PRODUCTION) == []
+    assert counted_periods(store, PRODUCTION, UTC) == []
     assert at("2026-11-22T17:08") == ["2026-11-22T17"]
     assert at("2026-11-23T17:08") == ["2026-11-22T17", "2026-11-23T17"]
     assert at("2026-12-01T00:00") == ["2026-11-22", "2026-11-23", "2026-12-01"]
@@ -105,13 +108,24 @@ def test_periods_are_of_a_zone(store: ResultStore) -> None:
     assert [(each.begin, each.parts) for each in days] == [("2026-11-23", 1), ("2026-12-01", 1)]
 
 
+def test_periods_begin_where_those_of_a_zone_with_half_hours_do(store: ResultStore) -> None:
+    kathmandu = timezone(timedelta(hours=5, minutes=45))
+    for minute in ("14", "15", "59"):
+        inspect(store, triggered_utc=f"2026-11-22T18:{minute}:59.999Z")
+    hours = counted_periods(store, PRODUCTION, kathmandu)
+    assert [(each.begin, each.parts) for each in hours] == [
+        ("2026-11-22T23", 1),
+        ("2026-11-23T00", 2),
+    ]
+
+
 def test_a_clock_that_jumps_leaves_the_answer_bounded(store: ResultStore) -> None:
     parts = many("line-1", 500)
     for number, part in enumerate(parts):
         utc = f"{1500 + number:04d}-01-01T00:00:00.000Z"
         object.__setattr__(part, "triggered_utc", utc)
     fill(store, parts)
-    found = counted_periods(store, PRODUCTION)
+    found = counted_periods(store, PRODUCTION, UTC)
     assert len(found) == MOST_PERIODS
     assert found[-1].begin == "1999-01"
 

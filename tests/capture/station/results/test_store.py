@@ -9,6 +9,7 @@ from sqlalchemy import create_engine, text
 from sqlalchemy.exc import DBAPIError
 
 from capture.station.domain.verdict import Decision
+from capture.station.results.audit import override_part
 from capture.station.results.database import (
     ResultsUnavailable,
     database_url,
@@ -122,22 +123,21 @@ def test_an_override_is_a_row_of_its_own_and_the_last_one_holds(store: ResultSto
     assert (entry.decision, entry.override.by) == (Decision.FAIL, "Jo")
 
 
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        ({"decision": Decision.ERROR}, "PASS or FAIL"),
-        ({"by": " "}, "a name and a reason"),
-        ({"reason": ""}, "a name and a reason"),
-        ({"part_id": "part-000009"}, "no result"),
-    ],
-)
-def test_an_override_says_who_and_why_of_a_part_with_a_result(
-    store: ResultStore, wrong: dict[str, object], message: str
+def test_an_override_is_of_a_part_with_a_result(store: ResultStore) -> None:
+    inspect(store)
+    with pytest.raises(InputError, match="part-000009: station line-1 has no result of it"):
+        store.override("part-000009", decision=Decision.FAIL, by="Kim", reason="dull", utc=UTC)
+
+
+@pytest.mark.parametrize("wrong", [{"decision": "ERROR"}, {"reason": " "}, {"reason": "du\nll"}])
+def test_an_override_has_a_verdict_and_a_reason_before_anything_is_recorded(
+    store: ResultStore, wrong: dict[str, str]
 ) -> None:
-    part_id = inspect(store).part_id
-    given = {"part_id": part_id, "decision": Decision.FAIL, "by": "Kim", "reason": "dull"} | wrong
-    with pytest.raises(InputError, match=message):
-        store.override(**given, utc=UTC)
+    inspect(store)
+    [entry] = store.parts()
+    given = {"decision": "FAIL", "by": "Kim", "reason": "a hair"} | wrong
+    with pytest.raises(InputError, match=r"PASS or FAIL|reason"):
+        override_part(store, None, None, entry, **given)  # type: ignore[arg-type]
 
 
 def test_what_was_written_is_there_when_the_database_is_opened_again(open_line: OpenStore) -> None:
@@ -294,7 +294,7 @@ def test_a_second_program_of_a_station_is_refused(server: PostgresqlServer) -> N
         part_id = inspect(store).part_id
         with open_store(url, "line-1", alone=False) as beside:
             beside.override(part_id, decision=Decision.FAIL, by="Kim", reason="dull", utc=UTC)
-        assert store.counters().production.in_force == {Decision.FAIL: 1}
+        assert store.counters().production.verdicts == {Decision.FAIL: 1}
 
 
 @pytest.mark.postgresql

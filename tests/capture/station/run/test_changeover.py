@@ -10,6 +10,7 @@ import pytest
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.config import CONFIG
 from capture.station.domain.folder import FILE, StationFolder, first_recipe, keep_recipe
+from capture.station.run.cycle import Station
 from capture.station.run.events import (
     PartAnnounced,
     PartBegun,
@@ -27,7 +28,6 @@ from capture.station.run.triggers import (
     Refusal,
     Refused,
     Trigger,
-    TriggerTarget,
 )
 from classify.base.errors import InputError
 from rig import HardwareError
@@ -58,15 +58,15 @@ def recipes_of(station: Bench) -> FakeRecipes:
     return station.recipes
 
 
-def ready(target: TriggerTarget) -> None:
+def ready(target: Station) -> None:
     assert target.wait_until_ready(WAIT_S)
 
 
-def trigger(target: TriggerTarget, recipe: str | None = None) -> Any:
+def trigger(target: Station, recipe: str | None = None) -> Any:
     return target.submit(Trigger("timer", recipe=recipe))
 
 
-def refusal(target: TriggerTarget, name: str = "brass") -> RecipeRefused:
+def refusal(target: Station, name: str = "brass") -> RecipeRefused:
     with pytest.raises(RecipeRefused) as raised:
         target.load_recipe(name, KIM)
     return raised.value
@@ -75,7 +75,7 @@ def refusal(target: TriggerTarget, name: str = "brass") -> RecipeRefused:
 class Asking(threading.Thread):
     """Asks for a recipe in a thread of its own; `answer` is the recipe or the refusal."""
 
-    def __init__(self, target: TriggerTarget, name: str = "brass") -> None:
+    def __init__(self, target: Station, name: str = "brass") -> None:
         super().__init__()
         self._target, self._name = target, name
         self.start()
@@ -116,7 +116,7 @@ def test_parts_in_progress_keep_the_recipe_of_their_trigger(station: Bench) -> N
 
     station.camera.on_capture = capture
 
-    def feed(target: TriggerTarget) -> None:
+    def feed(target: Station) -> None:
         for _ in range(2):
             ready(target)
             trigger(target)
@@ -148,7 +148,7 @@ def test_no_part_is_judged_by_a_mixture_whenever_triggers_and_changes_come(
 ) -> None:
     names = ["brass", "tin", FIRST, "brass"] if seed else ["tin"] * 4
 
-    def feed(target: TriggerTarget) -> None:
+    def feed(target: Station) -> None:
         is_over = threading.Event()
         ready(target)
 
@@ -194,7 +194,7 @@ def test_a_recipe_waits_for_the_parts_in_progress_not_for_a_buffer(
 
     station.inspector.inspect = inspect
 
-    def feed(target: TriggerTarget) -> None:
+    def feed(target: Station) -> None:
         ready(target)
         trigger(target)
         assert judging.wait(WAIT_S)
@@ -220,7 +220,7 @@ def test_a_recipe_that_cannot_be_loaded_leaves_the_station_ready_with_the_old_on
 
     recipes_of(station).on_load = refuse
 
-    def feed(target: TriggerTarget) -> None:
+    def feed(target: Station) -> None:
         ready(target)
         refused = refusal(target)
         assert (str(refused), refused.kind) == ("it cannot", kind)
@@ -249,7 +249,7 @@ def test_a_rig_that_fails_with_the_new_recipe_is_opened_anew_with_the_old_one(
 
     setattr(recipes, "on_keep" if step == "keep" else "on_use", fail)
 
-    def feed(target: TriggerTarget) -> None:
+    def feed(target: Station) -> None:
         ready(target)
         if step == "test":
             recipes.on_use = used.append
@@ -275,7 +275,7 @@ def test_the_asker_has_an_answer_when_the_rig_refuses_the_old_settings_too(
 
     recipes_of(station).on_use = fail
 
-    def feed(target: TriggerTarget) -> None:
+    def feed(target: Station) -> None:
         ready(target)
         asking = Asking(target)
         asking.join(WAIT_S)
@@ -306,7 +306,7 @@ def test_one_recipe_is_loaded_at_a_time(station: Bench, monkeypatch: pytest.Monk
 
     recipes_of(station).on_load = load
 
-    def feed(target: TriggerTarget) -> None:
+    def feed(target: Station) -> None:
         ready(target)
         first = Asking(target)
         assert loading.wait(WAIT_S)
@@ -331,7 +331,7 @@ def test_a_station_that_fails_or_stops_refuses_the_recipe_that_waits(station: Be
 
     station.inspector.inspect = inspect
 
-    def feed(target: TriggerTarget) -> None:
+    def feed(target: Station) -> None:
         ready(target)
         trigger(target)
         assert inspecting.wait(WAIT_S)
@@ -364,7 +364,7 @@ def test_a_stop_ends_the_loading_of_a_recipe(station: Bench) -> None:
 
     recipes.on_load = replay
 
-    def feed(target: TriggerTarget) -> None:
+    def feed(target: Station) -> None:
         ready(target)
         answers.append(Asking(target))
         assert loading.wait(WAIT_S)
@@ -379,7 +379,7 @@ def test_a_stop_ends_the_loading_of_a_recipe(station: Bench) -> None:
 
 
 def test_a_station_in_error_or_without_recipes_loads_none(station: Bench) -> None:
-    def feed(target: TriggerTarget) -> None:
+    def feed(target: Station) -> None:
         ready(target)
         station.camera.on_capture = fail
         trigger(target)
@@ -395,7 +395,7 @@ def test_a_station_in_error_or_without_recipes_loads_none(station: Bench) -> Non
     station.recipes = None
     station.camera.on_capture = lambda _: None
 
-    def collect(target: TriggerTarget) -> None:
+    def collect(target: Station) -> None:
         ready(target)
         assert refusal(target).kind is RecipeRefusal.NOT_READY
 
@@ -403,7 +403,7 @@ def test_a_station_in_error_or_without_recipes_loads_none(station: Bench) -> Non
 
 
 def test_a_trigger_that_requires_another_recipe_is_refused(station: Bench) -> None:
-    def feed(target: TriggerTarget) -> None:
+    def feed(target: Station) -> None:
         ready(target)
         refused = trigger(target, "brass")
         assert refused == Refused("recipe brass is not the loaded one", Refusal.RECIPE)

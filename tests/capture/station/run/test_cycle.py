@@ -35,7 +35,6 @@ from capture.station.run.triggers import (
     Refusal,
     Refused,
     Trigger,
-    TriggerTarget,
 )
 from classify.base.durable_file import durable_file
 from classify.base.errors import InputError
@@ -57,12 +56,12 @@ def station(tmp_path: Path, captured: CapturedSet) -> Iterator[Bench]:
         yield made
 
 
-def until_ready(station: TriggerTarget) -> None:
+def until_ready(station: Station) -> None:
     while not station.wait_until_ready(0.1):
         assert not station.is_stopping
 
 
-def trigger(station: TriggerTarget, part_id: str | None = None) -> Answer:
+def trigger(station: Station, part_id: str | None = None) -> Answer:
     return station.submit(Trigger("timer", part_id))
 
 
@@ -141,7 +140,7 @@ def test_a_trigger_during_an_exposure_is_refused_and_recorded(station: Bench) ->
         is_exposing.set()
         assert may_end.wait(10.0)
 
-    def feed(target: TriggerTarget) -> None:
+    def feed(target: Station) -> None:
         until_ready(target)
         assert isinstance(trigger(target), Accepted)
         assert is_exposing.wait(10.0)
@@ -166,7 +165,7 @@ def test_a_trigger_is_refused_while_all_buffers_wait_for_verdicts(station: Bench
         assert may_end.wait(10.0)
         return Said(PASSED)
 
-    def feed(target: TriggerTarget) -> None:
+    def feed(target: Station) -> None:
         for _ in range(2):
             until_ready(target)
             assert isinstance(trigger(target), Accepted)
@@ -186,7 +185,7 @@ def test_a_part_that_is_accepted_just_before_the_stop_gets_its_verdict(
     station: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The thread that captures asks whether to end while other threads trigger and stop."""
-    ready, has_asked = list[TriggerTarget](), threading.Event()
+    ready, has_asked = list[Station](), threading.Event()
 
     def is_stopping(cycle: Station) -> bool:
         is_capture = threading.current_thread().name == "station capture"
@@ -197,7 +196,7 @@ def test_a_part_that_is_accepted_just_before_the_stop_gets_its_verdict(
             cycle.stop()
         return cycle._stopping.is_set()
 
-    def feed(target: TriggerTarget) -> None:
+    def feed(target: Station) -> None:
         until_ready(target)
         ready.append(target)
         assert has_asked.wait(60.0)
@@ -227,7 +226,7 @@ def test_a_folder_that_cannot_be_written_keeps_the_station_from_ready(station: B
     parts = station.folder.path / "parts"
     station.prepare = lambda: list(check_disk(station.folder.path, 1, 9))
 
-    def feed(target: TriggerTarget) -> None:
+    def feed(target: Station) -> None:
         until_ready(target)
         trigger(target)
         while not station.announced():
@@ -254,7 +253,7 @@ def test_a_folder_that_cannot_be_written_keeps_the_station_from_ready(station: B
 def test_a_part_id_is_taken_once(station: Bench) -> None:
     answers: list[Answer] = []
 
-    def feed(target: TriggerTarget) -> None:
+    def feed(target: Station) -> None:
         for part_id in ("A-7", "A-7", "../etc", "A-8"):
             until_ready(target)
             answers.append(trigger(target, part_id))
@@ -265,7 +264,7 @@ def test_a_part_id_is_taken_once(station: Bench) -> None:
 
 
 def test_below_the_disk_floor_triggers_are_refused(station: Bench) -> None:
-    def feed(target: TriggerTarget) -> None:
+    def feed(target: Station) -> None:
         until_ready(target)
         answer = trigger(target)
         assert isinstance(answer, Refused)

@@ -14,10 +14,11 @@ from capture.base.errors import SetRejected
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.verdict import Decision
 from capture.station.results.database import ResultsUnavailable
+from capture.station.run.cycle import Station
 from capture.station.run.events import PartAnnounced, StateChanged
 from capture.station.run.self_test import check_disk, check_results
 from capture.station.run.states import State
-from capture.station.run.triggers import Refused, Trigger, TriggerTarget
+from capture.station.run.triggers import Refused, Trigger
 from rig import CameraError
 from tests.capture.station.stations import Bench, Manual, bench
 
@@ -38,7 +39,7 @@ def unplugged(_: int) -> None:
     raise CameraError("the camera was unplugged")
 
 
-def trigger_until(target: TriggerTarget, text: str) -> Refused:
+def trigger_until(target: Station, text: str) -> Refused:
     """Trigger whenever the station is ready, until a refusal holds a text."""
     given_up_s = time.monotonic() + 30.0
     while time.monotonic() < given_up_s:
@@ -55,7 +56,7 @@ def test_an_endless_row_of_errors_stops_the_line_until_somebody_resumes(
 ) -> None:
     station.camera.on_capture = fault
 
-    def feed(target: TriggerTarget) -> None:
+    def feed(target: Station) -> None:
         trigger_until(target, "stop_after_errors")
         assert not target.wait_until_ready(0.2)
         station.camera.on_capture = lambda _: None
@@ -79,7 +80,7 @@ def test_a_part_that_is_judged_ends_the_row_of_errors(station: Bench) -> None:
 
     station.camera.on_capture = sometimes
 
-    def feed(target: TriggerTarget) -> None:
+    def feed(target: Station) -> None:
         for _ in range(3 * LIMIT):
             assert target.wait_until_ready(30.0)
             target.submit(Trigger("timer"))
@@ -96,7 +97,7 @@ def test_triggers_that_fail_again_and_again_stop_the_line(station: Bench) -> Non
 
     station.store.begin = fail  # type: ignore[method-assign, assignment]
 
-    def feed(target: TriggerTarget) -> None:
+    def feed(target: Station) -> None:
         assert "a strange fault" in trigger_until(target, "stop_after_errors").reason
 
     station.run(Manual(feed), stop_after_errors=LIMIT, buffers=1)

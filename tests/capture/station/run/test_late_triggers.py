@@ -12,10 +12,11 @@ import pytest
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.verdict import Cause, Decision
 from capture.station.results.store import BegunPart
+from capture.station.run.cycle import Station
 from capture.station.run.events import PartAnnounced, PartRecovered, TriggerRefused
 from capture.station.run.refusals import MOST_WAITING
 from capture.station.run.station_clock import StationClock
-from capture.station.run.triggers import Accepted, Answer, Refusal, Refused, Trigger, TriggerTarget
+from capture.station.run.triggers import Accepted, Answer, Refusal, Refused, Trigger
 from tests.capture.station.stations import Bench, Manual, bench, one_after_the_other
 
 LIMIT_S = 0.1
@@ -27,7 +28,7 @@ def station(tmp_path: Path, captured: CapturedSet) -> Iterator[Bench]:
         yield made
 
 
-def until_ready(station: TriggerTarget) -> None:
+def until_ready(station: Station) -> None:
     while not station.wait_until_ready(0.1):
         assert not station.is_stopping
 
@@ -49,7 +50,7 @@ def refused_triggers(station: Bench) -> int:
 def test_a_trigger_that_a_locked_database_holds_up_is_refused_in_time(station: Bench) -> None:
     answers: list[Answer] = []
 
-    def feed(target: TriggerTarget) -> None:
+    def feed(target: Station) -> None:
         until_ready(target)
         with locked(station):
             began_s = time.monotonic()
@@ -75,7 +76,7 @@ def test_a_trigger_that_a_locked_database_holds_up_is_refused_in_time(station: B
 def test_a_trigger_that_is_too_old_when_the_row_is_written_is_refused(station: Bench) -> None:
     answers: list[Answer] = []
 
-    def feed(target: TriggerTarget) -> None:
+    def feed(target: Station) -> None:
         until_ready(target)
         answers.append(target.submit(Trigger("modbus", at_s=time.monotonic() - 2 * LIMIT_S)))
         answers.append(target.submit(Trigger("modbus")))
@@ -90,7 +91,7 @@ def test_a_trigger_that_is_too_old_when_the_row_is_written_is_refused(station: B
 def test_a_trigger_whose_client_is_gone_is_refused(station: Bench) -> None:
     answers: list[Answer] = []
 
-    def feed(target: TriggerTarget) -> None:
+    def feed(target: Station) -> None:
         until_ready(target)
         answers.append(target.submit(Trigger("http", is_withdrawn=lambda: True)))
 
@@ -122,7 +123,7 @@ def test_a_begun_part_is_not_exposed_when_its_trigger_is_too_old(station: Bench)
 
 
 def test_a_flood_of_refused_triggers_is_counted_in_few_rows(station: Bench) -> None:
-    def feed(target: TriggerTarget) -> None:
+    def feed(target: Station) -> None:
         until_ready(target)
         with locked(station):
             for _ in range(MOST_WAITING + 57):

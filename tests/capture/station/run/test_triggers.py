@@ -57,6 +57,19 @@ def test_the_timer_keeps_its_period_after_a_late_answer(
     assert station.refused == [f"late: {n} periods of the timer have passed" for n in counted]
 
 
+def test_periods_that_passed_before_a_stop_are_refused() -> None:
+    clock = Clock()
+
+    class Stopped(SlowStation):
+        @property
+        def is_stopping(self) -> bool:
+            return len(self.submitted_s) == 1
+
+    station = Stopped(clock, 0.35)
+    TimerTrigger(0.1, clock.now_s).run(station)  # type: ignore[arg-type]
+    assert station.refused == ["late: 3 periods of the timer have passed"]
+
+
 def test_a_timer_whose_refusals_take_longer_than_its_period_still_triggers() -> None:
     clock = Clock()
 
@@ -66,6 +79,7 @@ def test_a_timer_whose_refusals_take_longer_than_its_period_still_triggers() -> 
             return len(self.submitted_s) == 3 or len(self.refused) == 50
 
         def refuse(self, trigger: Trigger, reason: str) -> Refused:
+            self.counted_until_s = clock.s
             clock.s += 0.25
             return super().refuse(trigger, reason)
 
@@ -73,6 +87,6 @@ def test_a_timer_whose_refusals_take_longer_than_its_period_still_triggers() -> 
     TimerTrigger(0.1, clock.now_s).run(station)  # type: ignore[arg-type]
     assert len(station.submitted_s) == 3
     # Each period has its trigger, or counts in a row.
-    periods = round((station.submitted_s[-1] - station.submitted_s[0]) / 0.1)
+    periods = int((station.counted_until_s - station.submitted_s[0]) / 0.1)
     counted = [int(reason.split()[1]) for reason in station.refused]
     assert sum(counted) + len(station.submitted_s) - 1 == periods

@@ -20,8 +20,8 @@ from capture.station.domain.roles import Role
 from capture.station.domain.tokens import Tokens
 from capture.station.results.store import open_store
 from capture.station.results.verification import verify_station
+from capture.station.run.cycle import Station
 from capture.station.run.retention import remove_old_sets, sets_stay
-from capture.station.run.triggers import TriggerTarget
 from capture.station.service.backup import prepared_backup
 from capture.station.service.manifest import MANIFEST
 from capture.station.service.restore import opened_backup
@@ -105,7 +105,7 @@ def test_a_backup_during_the_run_holds_what_was_announced_before_it(tmp_path: Pa
     path = tmp_path / "line-1.ps4backup"
     with bench(tmp_path / "line-1", small_set()) as made:
 
-        def feed(station: TriggerTarget) -> None:
+        def feed(station: Station) -> None:
             one_after_the_other(4).run(station)
             while not station.wait_until_ready(0.1) or len(made.announced()) < 4:
                 pass

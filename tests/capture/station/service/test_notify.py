@@ -9,9 +9,10 @@ from typing import Any
 
 import pytest
 
+from capture.station.run.cycle import Station
 from capture.station.run.events import PartAnnounced, StateChanged
 from capture.station.run.states import Change, State
-from capture.station.run.triggers import Trigger, TriggerTarget
+from capture.station.run.triggers import Trigger
 from capture.station.service.notify import Notifier
 from classify.base.errors import InputError
 from rig import HardwareError
@@ -48,11 +49,11 @@ def assert_silent(systemd: SystemdSocket) -> None:
 
 
 def running(
-    station: Bench, feed: Callable[[TriggerTarget], object], count: int = 1, **changes: Any
+    station: Bench, feed: Callable[[Station], object], count: int = 1, **changes: Any
 ) -> threading.Thread:
     """Run a station in a thread of its own."""
 
-    def fed(target: TriggerTarget) -> None:
+    def fed(target: Station) -> None:
         feed(target)
 
     thread = threading.Thread(target=lambda: station.run(Manual(fed), count, **changes))
@@ -74,7 +75,7 @@ def test_an_idle_station_is_ready_and_pings_the_watchdog(
     assert systemd.said[-1][0] == "STOPPING=1"
 
 
-def triggered(target: TriggerTarget) -> None:
+def triggered(target: Station) -> None:
     while not target.wait_until_ready(0.1):
         assert not target.is_stopping
     target.submit(Trigger("timer"))
@@ -112,7 +113,7 @@ def test_a_station_that_waits_for_its_rig_pings_on(station: Bench, systemd: Syst
         has_failed.set()
         raise HardwareError("the camera is gone")
 
-    def feed(target: TriggerTarget) -> None:
+    def feed(target: Station) -> None:
         triggered(target)
         assert has_failed.wait(60.0)
         systemd.until_said("STATUS=error: ")
