@@ -71,7 +71,7 @@ def test_the_page_states_age_scale_and_benefit(whole: CalibrationFile) -> None:
     text = page_of(whole).text
     for words in (
         "40 days", "0.02 mm/px",
-        "6.4 mm \N{PLUS-MINUS SIGN} 2%", "without calibration", "and the lights", "Simulated",
+        "6.4 mm \N{PLUS-MINUS SIGN} 2%", "without calibration", "flat field, lights", "Simulated",
     ):  # fmt: skip
         assert words in text
 
