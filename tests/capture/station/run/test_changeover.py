@@ -335,6 +335,7 @@ def test_a_station_that_fails_or_stops_refuses_the_recipe_that_waits(station: Be
             pass
         assert trigger(target).kind is Refusal.NOT_READY
         target.stop()  # type: ignore[attr-defined]
+        assert trigger(target).kind is Refusal.STOPPING
         answers.append(Asking(target))
         go_on.set()
 
