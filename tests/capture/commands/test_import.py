@@ -103,6 +103,7 @@ def test_the_known_orientation_of_photographs_is_kept(
         (["--slant", "45", "--lights", "x.lp"], "--slant"),
         (["--tilts", "0,90", "--lights", "x.lp"], "--slant and --tilts"),
         (["--slant", "45", "--crop", "1,2,3"], "--crop 1,2,3"),
+        (["--slant", "45", "--crop", "9,2,22,5"], "--crop 9,2,22,5"),
         (["--slant", "45", "--bits", "12"], "--bits 12"),
     ],
 )

@@ -76,6 +76,7 @@ def test_csv_without_parts_has_its_header(station: Station) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        (["override", "A-17", "--verdict", "ERROR", "--by", "Jo", "--reason", "x"], "ERROR"),
         (["override", "A-17", "--verdict", "PASS", "--by", "", "--reason", "x"], "--by ''"),
         (["history", "--since", "yesterday"], "--since yesterday"),
         (["history", "--until", "0001-01-01T00:00+14:00"], "--until 0001"),

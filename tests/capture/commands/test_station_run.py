@@ -60,6 +60,7 @@ def test_a_folder_whose_name_cannot_name_a_station_is_refused(ps4rig: Any, tmp_p
     [
         ("timer_s = -1", "timer_s = -1"),
         ("triger = 'timer'", "did you mean trigger?"),
+        ("results = 'mysql://a/b'", "results"),
     ],
 )
 def test_a_wrong_key_is_one_line_with_its_value(

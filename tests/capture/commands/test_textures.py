@@ -365,7 +365,8 @@ def test_a_wrong_set_is_one_line(
 ) -> None:
     whole = (sets / "rock-001.ome.tif").read_bytes()
     name, *output = command
-    for content in (whole[: len(whole) // 2], b"hello", None):
+    edited = whole[:60_000] + b"?" + whole[60_001:]
+    for content in (whole[: len(whole) // 2], edited, b"hello", None):
         if content is None:
             Path("a.ome.tif").unlink()
         else:
@@ -390,6 +391,7 @@ def test_a_training_set_whose_name_is_not_utf_8_is_refused(
     [
         (["classify", "{rock}", "--library", "{here}/no.ps4lib"], "no.ps4lib: "),
         (["evaluate", "{here}/none", "--library", "{lib}"], "none: "),
+        (["evaluate", "{here}", "--library", "{lib}"], "holds no captured sets"),
         (["train", "{rock}", "--library", "{here}/none/t.ps4lib"], "none"),
     ],
 )

@@ -88,24 +88,15 @@ def test_a_damaged_set_is_named_and_the_others_are_reported(
     assert {row["state"] for row in rows.values()} == {"captured", "damaged"}
 
 
-@pytest.mark.parametrize(
-    ("spoil", "message"),
-    [
-        (lambda path: path.write_bytes(b""), ""),
-        (lambda path: shutil.copy(path.with_name("sand-1-0-1.ome.tif"), path),
-         "its pixels"),
-    ],
-)  # fmt: skip
-def test_sets_that_cannot_be_reported_do_not_stop_the_report(
-    mixed: Path, spoil: Callable[[Path], object], message: str
-) -> None:
-    spoil(mixed / "sets" / "rock-1-40-1.ome.tif")
+def test_an_exchanged_set_is_not_reported_as_the_captured_one(mixed: Path) -> None:
+    path = mixed / "sets" / "rock-1-40-1.ome.tif"
+    shutil.copy(path.with_name("sand-1-0-1.ome.tif"), path)
     with session_folder(mixed) as session:
         found = analyse(session)
     assert len(found.entries) == 5
     ((file, error),) = found.damaged.items()
     assert file == "sets/rock-1-40-1.ome.tif"
-    assert message in error
+    assert "its pixels" in error
 
 
 def test_a_session_of_damaged_sets_is_reported(mixed: Path) -> None:

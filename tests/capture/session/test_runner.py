@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -294,12 +295,8 @@ def test_a_set_that_cannot_be_read_for_a_moment_stays(
 ) -> None:
     """The file may be whole: nobody must capture the set again."""
     run()
-
-    def fails(*_: object, **__: object) -> None:
-        raise error
-
     with monkeypatch.context() as patch:
-        patch.setattr("tifffile.TiffPage.asarray", fails)
+        patch.setattr("tifffile.TiffPage.asarray", Mock(side_effect=error))
         with pytest.raises(InputError, match=r"may be intact"):
             run()
         found = dict(folder().read_again())
@@ -316,12 +313,9 @@ def test_a_set_without_entry_that_cannot_be_read_for_a_moment_stays(
     run(Answer.GO, Answer.STOP)
     killed = folder()
     killed.journal.model_copy(update={"entries": ()}).write(session / "journal.json")
-
-    def fails(*_: object, **__: object) -> None:
-        raise OSError(errno.EIO, "Input/output error")
-
+    error = OSError(errno.EIO, "Input/output error")
     with monkeypatch.context() as patch:
-        patch.setattr("tifffile.TiffPage.asarray", fails)
+        patch.setattr("tifffile.TiffPage.asarray", Mock(side_effect=error))
         with pytest.raises(InputError, match=r"Input/output error.*intact"):
             run()
     (adopted,) = (event for event in run().events if isinstance(event, SetAdopted))

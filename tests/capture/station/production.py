@@ -28,6 +28,7 @@ from capture.station.judge.inspector import Inspector
 from capture.station.judge.teaching.teaching import teach
 from capture.station.results.store import open_store
 from capture.station.results.verification import verify_station
+from capture.station.run.events import Event
 from capture.station.run.live_station import LiveStation
 from capture.station.run.live_view import LiveEvent
 from capture.station.run.run import RunOptions, run_station
@@ -36,6 +37,7 @@ from rig import RigConfig
 from tests.capture.station.teaching_sets import SIDE_PX, acknowledge_faults, saved
 
 SMALL_RIG = RigConfig().with_changes(camera={"width_px": SIDE_PX, "height_px": SIDE_PX})
+VIRTUAL = SMALL_RIG.with_changes(simulation={"clock": "virtual"})
 # A kill comes after up to so many announced parts, and so much later: longer than a part takes.
 _MOST_PARTS, _LATEST_S = 3, 0.4
 # A run without an event for so long hangs. Machines stand still for minutes, too.
@@ -90,6 +92,16 @@ def run_parts(
     with station_folder(folder) as opened, live.telling(listen):
         source = TimerTrigger(opened.config.timer_s)
         run_station(opened, rig, source, live, RunOptions(parts=parts))
+
+
+def collected(folder: Path, parts: int) -> list[Event]:
+    """Let a station without a recipe collect parts, and return what it told."""
+    events: list[Event] = []
+    live = LiveStation("line", simulated=True)
+    with station_folder(folder) as opened, live.telling(lambda each: events.append(each.event)):
+        options = RunOptions(parts=parts, is_collecting=True)
+        run_station(opened, VIRTUAL, TimerTrigger(0.0), live, options)
+    return events
 
 
 @dataclass

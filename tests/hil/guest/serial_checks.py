@@ -31,7 +31,6 @@ from tests.contract.test_lights_contract import (  # noqa: F401
     test_each_led_keeps_its_level,
     test_it_identifies_itself,
     test_one_led_at_a_time_in_any_order,
-    test_opening_puts_all_leds_out,
     test_the_light_changes_before_the_acknowledge,
     test_the_watchdog_puts_the_leds_out_when_the_host_is_silent,
 )

@@ -116,6 +116,7 @@ def test_a_jpeg_of_a_mirror_needs_no_gamma(ps4rig: Run, photographs: Path, tmp_p
     ("given", "cause"),
     [
         (["--from", "chrome.0.png", "chrome.1.png", "--lights", "5"], "2 photographs"),
+        (["--from", "chrome.0.png", "--rig", "sim"], "--rig RIG"),
         (["--from", "chrome.0.png", "--mask", "chrome.1.png", "--mask", "chrome.2.png"], "masks"),
         (["--from", "chrome.0.png", "other.ps4cal"], "2 files NAME.ps4cal"),
         (["--rig", "sim", "--lights", "4"], "for photographs"),

@@ -13,27 +13,14 @@ from capture.station.domain.recipe_file import write_recipe
 from capture.station.domain.verdict import Decision
 from capture.station.judge.inspector import COLLECTS
 from capture.station.run.events import (
-    Event,
     PartAnnounced,
     RecipeLoaded,
 )
 from capture.station.run.live_station import LiveStation
-from capture.station.run.run import RunOptions, run_station
+from capture.station.run.run import run_station
 from capture.station.run.triggers import TimerTrigger
 from classify.base.errors import InputError
-from rig import RigConfig
-from tests.capture.station.production import SMALL_RIG
-
-VIRTUAL = SMALL_RIG.with_changes(simulation={"clock": "virtual"})
-
-
-def collected(folder: Path, rig: RigConfig, parts: int) -> list[Event]:
-    events: list[Event] = []
-    live = LiveStation("line", simulated=True)
-    with station_folder(folder) as opened, live.telling(lambda each: events.append(each.event)):
-        options = RunOptions(parts=parts, is_collecting=True)
-        run_station(opened, rig, TimerTrigger(0.0), live, options)
-    return events
+from tests.capture.station.production import VIRTUAL, collected
 
 
 def test_a_station_without_a_recipe_collects_parts_and_passes_none(tmp_path: Path) -> None:
@@ -41,7 +28,7 @@ def test_a_station_without_a_recipe_collects_parts_and_passes_none(tmp_path: Pat
     make_station(folder)
     with pytest.raises(InputError, match=r"no such recipe.*station run --collect"):
         _run_without_collecting(folder)
-    events = collected(folder, VIRTUAL, 2)
+    events = collected(folder, 2)
     results = [each.result for each in events if isinstance(each, PartAnnounced)]
     assert [(each.verdict.decision, each.verdict.reason) for each in results] == 2 * [
         (Decision.UNKNOWN, COLLECTS)
@@ -57,7 +44,7 @@ def test_collecting_takes_exposure_and_gain_of_a_recipe_that_is_there(tmp_path: 
     files = StationFolder(folder).recipe_files()
     recipe = Recipe.model_validate({"name": "example", "pass": [], "light": {"exposure_ms": 12.0}})
     write_recipe(files.file, recipe)
-    collected(folder, VIRTUAL, 1)
+    collected(folder, 1)
     [path] = (folder / "parts").glob("*/*.ome.tif")
     camera = CapturedSet.load(path).metadata.camera
     assert camera.exposure_ms == 12.0

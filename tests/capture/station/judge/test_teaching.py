@@ -13,6 +13,7 @@ from capture.station.domain.errors import RecipeError
 from capture.station.domain.recipe import Limits, Region, require_approved
 from capture.station.domain.recipe_file import read_recipe, write_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.taught import read_taught
 from capture.station.domain.verdict import Cause, Decision
 from capture.station.judge.approval import approve, approved_states, roll_back
 from capture.station.judge.inspector import Inspector
@@ -107,9 +108,8 @@ def test_too_many_good_parts_are_refused_before_any_is_solved(
 @pytest.mark.slow
 def test_a_removed_file_is_no_longer_taught(files: RecipeFolder) -> None:
     bad = read_recipe(files.file)
-    removed = {each.file for each in _taught_of(files)["loose sand"].sets}
-    for name in removed:
-        (files.sets / name).unlink()
+    for each in read_taught(files.version(2).taught).textures["loose sand"].sets:
+        (files.sets / each.file).unlink()
     teaching = teach(files, [])
     assert "loose sand" not in teaching.taught.textures
     assert teaching.recipe.version == bad.version + 1
@@ -223,12 +223,6 @@ def test_a_texture_that_looks_like_its_mirror_image_has_no_limit_of_handedness()
 def test_parts_that_are_exactly_flat_have_limits() -> None:
     limits = of_texture([0.0] * 3)
     assert limits.sdq == (0.0, pytest.approx(0.001))
-
-
-def _taught_of(files: RecipeFolder) -> dict[str, object]:
-    from capture.station.domain.taught import read_taught
-
-    return dict(read_taught(files.version(2).taught).textures)
 
 
 @pytest.mark.slow

@@ -227,7 +227,7 @@ def test_a_recipe_that_is_not_loaded_has_its_code_and_the_old_one_stays(
     assert Status(page["status"]) == Status.RECIPE_REFUSED
     assert [page[name] for name in ("recipe", "selected")] == [2, 1]
     assert page["select_error"] == SelectError[kind.name]
-    assert triggered(handshake, 1, recipe=1).refusal == "recipe 1 is not the loaded one"
+    assert triggered(handshake, 1, recipe=1).refusal
     write(handshake)
     assert status(handshake) == Status.READY
     assert shown(handshake)["select_error"] == 0
@@ -246,10 +246,10 @@ def test_a_trigger_that_comes_with_a_selection_or_before_its_answer_is_refused()
     tell(handshake, loaded("steel"))
     both = Command.SELECT_RECIPE | Command.TRIGGER
     request = write(handshake, commands=both, recipe=2, trigger_id=1)
-    assert request.refusal == "recipe steel is being loaded"
+    assert request.refusal
     assert shown(handshake)["error"] == ErrorCode.RECIPE_LOADING
     write(handshake, recipe=2)  # withdrawn, and still being loaded
-    assert triggered(handshake, 2, recipe=2).refusal == "recipe steel is being loaded"
+    assert triggered(handshake, 2, recipe=2).refusal
     write(handshake, commands=Command.SELECT_RECIPE, recipe=1)
     assert shown(handshake)["select_error"] == SelectError.BUSY
     tell(handshake, loaded("steel", "PLC"))
@@ -274,7 +274,7 @@ def test_a_trigger_that_was_withdrawn_gets_no_ack_and_the_next_one_waits_for_its
     first = triggered(handshake, 1)
     write(handshake)
     second = triggered(handshake, 2)
-    assert second.refusal == "busy: another trigger is not answered yet"
+    assert second.refusal
     assert shown(handshake)["error"] == ErrorCode.UNANSWERED
     handshake.answered(first, Accepted("part-000001", 1))
     assert Status.ACK not in status(handshake)
@@ -328,7 +328,7 @@ def test_a_plc_that_never_acknowledges_gets_no_further_part() -> None:
         accepted(handshake, number, trigger_id=number)
         tell(handshake, PartAnnounced(result(number), 1.0))
     assert Status.READY not in status(handshake)
-    assert triggered(handshake, 99).refusal == "16 results wait for an acknowledgement"
+    assert triggered(handshake, 99).refusal
     assert shown(handshake)["error"] == ErrorCode.RESULTS_WAITING
     assert shown(handshake)["result_number"] == 1
 

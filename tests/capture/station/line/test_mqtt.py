@@ -180,6 +180,7 @@ def test_the_oldest_results_are_dropped_while_the_broker_is_away(broker: Broker)
     ("url", "topic"),
     [
         ("http://broker", "a"),
+        ("mqtt://broker:99999", "a"),
         ("mqtt://broker/path", "a"),
         ("mqtt://broker", "a/+/b"),
     ],

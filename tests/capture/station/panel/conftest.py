@@ -9,6 +9,7 @@ from argon2 import PasswordHasher
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.roles import Role
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel, running_panel
+from tests.chromium import Chromium, chromium
 
 QUICK = PasswordHasher(time_cost=1, memory_cost=8, parallelism=1)
 
@@ -45,4 +46,10 @@ def without_users(
 ) -> Iterator[RunningPanel]:
     """A panel without users that tests share."""
     with running_panel(tmp_path_factory.mktemp("nobody") / "line-1", captured) as running:
+        yield running
+
+
+@pytest.fixture
+def browser(tmp_path: Path) -> Iterator[Chromium]:
+    with chromium(tmp_path / "profile") as running:
         yield running

@@ -31,7 +31,7 @@ from capture.station.run.live_station import LiveStation
 from capture.station.run.live_view import MOST_WAITING
 from capture.station.run.self_test import SelfTestFailed
 from capture.station.run.states import Change, State
-from capture.station.run.triggers import Refused, Trigger
+from capture.station.run.triggers import Refusal, Trigger
 from rig.doctor.check import Check
 from rig.errors import CameraError, HardwareError, LightControllerError
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel, running_panel
@@ -347,7 +347,7 @@ def test_a_weak_led_is_a_fault_of_the_lights_until_a_part_shows_that_it_is_over(
 
 def test_a_trigger_before_the_station_is_there_is_refused() -> None:
     live = live_station()
-    assert live.submit(Trigger("http")) == Refused("not ready: the station is starting")
+    assert live.submit(Trigger("http")).kind is Refusal.NOT_READY
     assert not live.wait_for(State.READY, 0.0)
     live.publish(TriggerRefused("http", None, "busy", recorded=True))
     assert live.snapshot().refused == 1

@@ -50,22 +50,19 @@ def test_an_engineer_loads_a_recipe_by_http(line: RunningPanel) -> None:
 def test_a_trigger_by_http_can_require_a_recipe(line: RunningPanel) -> None:
     client = line.client(Role.ENGINEER)
 
-    def trigger(recipe: str, key: str | None = None) -> tuple[int, str]:
+    def trigger(recipe: str, key: str | None = None) -> int:
         headers = {} if key is None else {"Idempotency-Key": key}
-        answer = client.post("/api/v1/trigger", {"recipe": recipe}, **headers)
-        return answer.status, answer.json.get("error", "")
+        return client.post("/api/v1/trigger", {"recipe": recipe}, **headers).status
 
-    assert trigger("example") == (409, "recipe example is not the loaded one")
-    assert trigger("../x")[0] == 400
-    assert trigger(FIRST, "1") == (202, "")
-    assert trigger(FIRST, "1") == (200, "")
-    status, error = trigger("example", "1")
-    assert status == 422
-    assert f"recipe {FIRST}, and comes again" in error
+    assert trigger("example") == 409
+    assert trigger("../x") == 400
+    assert trigger(FIRST, "1") == 202
+    assert trigger(FIRST, "1") == 200
+    assert trigger("example", "1") == 422
     line.until_ready()
     assert client.post(f"{API}/load").status == 200
-    assert trigger(FIRST) == (409, f"recipe {FIRST} is not the loaded one")
-    assert trigger("example", "2") == (202, "")
+    assert trigger(FIRST) == 409
+    assert trigger("example", "2") == 202
 
 
 def test_a_recipe_that_is_refused_has_its_reason_and_the_old_one_runs(line: RunningPanel) -> None:

@@ -3,7 +3,6 @@
 import re
 import threading
 import time
-from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,7 @@ from capture.station.results.part_result import PartResult
 from tests.capture.station.panel.pages import logged_in
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel, running_panel
 from tests.capture.station.stations import PASSED, Said
-from tests.chromium import WAIT_S, Chromium, Page, chromium
+from tests.chromium import WAIT_S, Chromium, Page
 
 VERDICTS = {
     Decision.PASS: PASSED,
@@ -38,12 +37,6 @@ NOTED = (
     "window.asked = []; window.really = fetch;"
     "window.fetch = (...about) => { asked.push(about[0]); return really(...about); }; 1"
 )
-
-
-@pytest.fixture
-def browser(tmp_path: Path) -> Iterator[Chromium]:
-    with chromium(tmp_path / "profile") as running:
-        yield running
 
 
 def test_the_page_is_whole_before_any_script_runs(panel: RunningPanel) -> None:

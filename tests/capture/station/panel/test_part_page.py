@@ -2,9 +2,7 @@
 
 import re
 import threading
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import pytest
 
@@ -17,7 +15,7 @@ from capture.station.results.part_result import DefectRecord, PartResult
 from capture.station.results.removals import record_removals
 from tests.accessibility import grave_findings
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel
-from tests.chromium import Chromium, Page, chromium
+from tests.chromium import Chromium, Page
 
 SCRATCH = DefectRecord("relief", 4, 6, 8, 16, 128, 3.1)
 STAIN = DefectRecord("albedo", 20, 2, 8, 8, 64, 1.4)
@@ -49,12 +47,6 @@ def scratched(panel: RunningPanel) -> RunningPanel:
     """A panel whose parts have two defects each."""
     panel.bench.inspector.inspect = lambda _: Scratched()
     return panel
-
-
-@pytest.fixture
-def browser(tmp_path: Path) -> Iterator[Chromium]:
-    with chromium(tmp_path / "profile") as running:
-        yield running
 
 
 def text_of(client: Client, path: str) -> str:

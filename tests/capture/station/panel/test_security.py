@@ -232,6 +232,7 @@ def test_a_large_head_is_refused(without_users: RunningPanel) -> None:
 @pytest.mark.parametrize(
     ("kind", "body", "status"),
     [
+        ("application/json", b'{"part_id": 7}', 400),
         ("application/json", 60_000 * b"[", 400),
         ("application/json", b"\xff\xfe", 400),
         ("application/x-www-form-urlencoded", b"part_id=A-1", 415),

@@ -237,6 +237,6 @@ def test_the_last_gauge_study_is_shown_with_parts_of_its_rig(filled: RunningPane
 
 @pytest.mark.parametrize("page", ["history", "statistics"])
 def test_a_wrong_filter_is_named_on_the_page(filled: RunningPanel, page: str) -> None:
-    for name in ("since", "below" if page == "history" else "verdict"):
+    for name in ("since", "until", "below" if page == "history" else "verdict"):
         answer = filled.local.get(f"/{page}?{name}=yesterday")
         assert (answer.status, name in answer.text) == (400, True)

@@ -11,7 +11,7 @@ from capture.station.domain.roles import Role
 from tests.capture.station.panel.pages import logged_in
 from tests.capture.station.panel.panels import JOB_S, PASSWORD, RunningPanel, running_panel
 from tests.capture.station.teaching_sets import acknowledge_faults, patch
-from tests.chromium import Chromium, Page, chromium
+from tests.chromium import Chromium, Page
 
 # The first parts of a line: enough of each texture to be taught and for the challenge set.
 SURFACES = ["rock", "sand"] * 4 + ["malv"]
@@ -27,12 +27,6 @@ def line(tmp_path: Path) -> Iterator[RunningPanel]:
             running.bench.camera.captured = captured
             running.parts(1)
         running.panel.users.put("kim", Role.ENGINEER, PASSWORD)
-        yield running
-
-
-@pytest.fixture
-def browser(tmp_path: Path) -> Iterator[Chromium]:
-    with chromium(tmp_path / "profile") as running:
         yield running
 
 

@@ -175,15 +175,9 @@ def test_no_part_is_judged_by_a_mixture_whenever_triggers_and_changes_come(
     assert judged_by(station)[-1] == names[-1]
 
 
-@pytest.mark.parametrize(
-    ("buffers", "reason"),
-    [
-        (1, "busy: 1 parts wait for their verdict"),
-        (2, "not ready: a recipe waits for the parts in progress"),
-    ],
-)
+@pytest.mark.parametrize(("buffers", "kind"), [(1, Refusal.BUSY), (2, Refusal.NOT_READY)])
 def test_a_recipe_waits_for_the_parts_in_progress_not_for_a_buffer(
-    station: Bench, buffers: int, reason: str
+    station: Bench, buffers: int, kind: Refusal
 ) -> None:
     judging, go_on = threading.Event(), threading.Event()
 
@@ -205,7 +199,7 @@ def test_a_recipe_waits_for_the_parts_in_progress_not_for_a_buffer(
         asking.join(WAIT_S)
         assert asking.answer.name == "brass"
         assert isinstance(refused, Refused)
-        assert refused.reason == reason
+        assert refused.kind is kind
 
     station.run(Manual(feed), buffers=buffers)
     check_order(station)
@@ -229,9 +223,9 @@ def test_a_recipe_that_cannot_be_loaded_leaves_the_station_ready_with_the_old_on
 
     station.run(Manual(feed))
     assert judged_by(station) == [FIRST]
-    assert [each.text for each in station.of(Warned)] == [
-        "recipe brass is not loaded for kim: it cannot"
-    ]
+    [warning] = station.of(Warned)
+    assert "brass" in warning.text
+    assert "it cannot" in warning.text
     assert [each.state for each in station.of(StateChanged)].count(State.INITIALIZED) == 1
 
 
@@ -341,6 +335,7 @@ def test_a_station_that_fails_or_stops_refuses_the_recipe_that_waits(station: Be
             pass
         assert trigger(target).kind is Refusal.NOT_READY
         target.stop()  # type: ignore[attr-defined]
+        assert trigger(target).kind is Refusal.STOPPING
         answers.append(Asking(target))
         go_on.set()
 
@@ -405,8 +400,7 @@ def test_a_station_in_error_or_without_recipes_loads_none(station: Bench) -> Non
 def test_a_trigger_that_requires_another_recipe_is_refused(station: Bench) -> None:
     def feed(target: Station) -> None:
         ready(target)
-        refused = trigger(target, "brass")
-        assert refused == Refused("recipe brass is not the loaded one", Refusal.RECIPE)
+        assert trigger(target, "brass").kind is Refusal.RECIPE
         assert isinstance(trigger(target, FIRST), Accepted)
         target.load_recipe("brass", KIM)
         assert trigger(target, FIRST).kind is Refusal.RECIPE

@@ -147,7 +147,6 @@ def test_a_trigger_during_an_exposure_is_refused_and_recorded(station: Bench) ->
         answer = trigger(target)
         may_end.set()
         assert isinstance(answer, Refused)
-        assert "another part is being exposed" in answer.reason
         assert answer.kind is Refusal.BUSY
         until_ready(target)
 
@@ -528,7 +527,7 @@ def test_a_clock_that_is_set_back_is_noted(station: Bench) -> None:
     results = [event.result for event in station.of(PartAnnounced)]
     assert [result.part_id for result in results] == ids(1, 2, 3)
     assert [len(result.notes) for result in results] == [0, 1, 0]
-    assert "the clock was set back by 3600 s" in results[1].notes[0]
+    assert "3600 s" in results[1].notes[0]
     assert results[1].triggered_utc < results[0].triggered_utc
     assert all(0.0 <= result.timings_ms["capture"] < 60e3 for result in results)
 

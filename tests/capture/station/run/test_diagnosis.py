@@ -54,12 +54,14 @@ def test_each_fault_is_one_line_and_the_checks_go_on(
     monkeypatch.setitem(sys.modules, "paho", None)  # is not installed
     files.version(2).library.unlink()
     small_rig.write_text("[lights]\nport = 1\n")
+    small_rig.chmod(0o644)
     result = ps4rig("station", "doctor", station, "--json")
     found = statuses(result)
     assert result.exit_code == 1
     assert (found["recipe"], found["configuration"]) == ("fault", "fault")
     assert (found["disk"], found["results"]) == ("ok", "ok")
     assert (found["modbus"], found["mqtt"]) == ("ok", "fault")
+    assert found["permissions"] == "warning"
     assert "pip install 'ps4rig[mqtt]'" in result.stdout
 
 

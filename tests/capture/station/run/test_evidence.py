@@ -6,17 +6,12 @@ from pathlib import Path
 import pytest
 
 from capture.station.domain.config import CONFIG
-from capture.station.domain.folder import make_station, station_folder
+from capture.station.domain.folder import make_station
 from capture.station.domain.verdict import Cause, Decision
 from capture.station.run.diagnosis import diagnose_station
-from capture.station.run.events import Event, PartAnnounced
-from capture.station.run.live_station import LiveStation
-from capture.station.run.run import RunOptions, run_station
-from capture.station.run.triggers import TimerTrigger
+from capture.station.run.events import PartAnnounced
 from classify.base.errors import InputError
-from tests.capture.station.production import SMALL_RIG, configure
-
-VIRTUAL = SMALL_RIG.with_changes(simulation={"clock": "virtual"})
+from tests.capture.station.production import collected, configure
 
 
 @pytest.fixture
@@ -27,15 +22,6 @@ def line(tmp_path: Path) -> Path:
     configure(folder)
     collected(folder, 1)
     return folder
-
-
-def collected(folder: Path, parts: int) -> list[PartAnnounced]:
-    events: list[Event] = []
-    live = LiveStation("line", simulated=True)
-    with station_folder(folder) as opened, live.telling(lambda each: events.append(each.event)):
-        options = RunOptions(parts=parts, is_collecting=True)
-        run_station(opened, VIRTUAL, TimerTrigger(0.0), live, options)
-    return [event for event in events if isinstance(event, PartAnnounced)]
 
 
 def contents(folder: Path) -> dict[Path, bytes]:
@@ -52,14 +38,14 @@ def test_a_station_with_sets_and_another_name_does_not_start(line: Path) -> None
     found = {check.name: check.status for check in diagnose_station(line)}
     assert found["results"] == "fault"
     shutil.move(line / "parts", line / "parts of line")
-    assert len(collected(line, 1)) == 1
+    assert [type(each) for each in collected(line, 1)].count(PartAnnounced) == 1
 
 
 def test_a_set_file_that_exists_is_an_error_and_stays(line: Path) -> None:
     [[first, pixels]] = contents(line).items()
     second = first.with_name("part-000002.ome.tif")
     second.write_bytes(pixels)
-    announced = [each.result for each in collected(line, 2)]
+    announced = [each.result for each in collected(line, 2) if isinstance(each, PartAnnounced)]
     assert [each.verdict.decision for each in announced] == [Decision.ERROR, Decision.UNKNOWN]
     assert announced[0].verdict.causes == (Cause.STORAGE,)
     assert announced[0].set_file is None
