@@ -62,11 +62,11 @@ def _uncertainty(maps: SurfaceMaps, calibration: FoundCalibration | None) -> dic
         return None
     surface, length = maps.surface, float(maps.length_per_px)
     angles = surface.angle_sd[surface.valid] if surface.angle_sd is not None else np.zeros(1)
-    lights = None if calibration is None else calibration.file.calibration.lights
+    measured = None if calibration is None else calibration.file.calibration
     common = None
-    if lights is not None and surface.lighting is not None:
-        levels = np.full(len(surface.lighting), lights.residual)
-        common = asdict(common_error(surface, lights.direction_errors_deg, levels))
+    if measured is not None and measured.lights is not None and surface.lighting is not None:
+        response = 0.0 if measured.response is None else measured.response.error
+        common = asdict(common_error(surface, measured.lights, response))
     return {
         "median_angle_sd_deg": float(np.median(angles)),
         "height_difference_sd": [

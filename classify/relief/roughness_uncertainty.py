@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from classify.base.arrays import BoolArray, FloatMap, Floats
-from classify.lighting import Lighting
+from classify.calibration.calibration import CalibratedLights
+from classify.lights.near_light import middle_px
 from classify.surface.estimate import SurfaceEstimate
 
 from .roughness import Roughness
@@ -127,37 +128,41 @@ class CommonError:
 
 
 def common_error(
-    surface: SurfaceEstimate, direction_errors_deg: Floats, level_errors: Floats
+    surface: SurfaceEstimate, lights: CalibratedLights, response_error: float = 0.0
 ) -> CommonError:
-    """Propagate standard errors of light directions and of LED levels (shares), both (N,).
+    """Propagate the standard errors of calibrated lights, and of the response.
 
-    With L' the true lights, the images of b are L' b, and the solution is L+ L' b.
+    `response_error` is a share of full scale. With L' the true lights, the images of b are L' b,
+    and the solution is L+ L' b. The misfit of the lights, which includes that of the flat field,
+    counts as an error of their levels.
     """
     lighting = surface.lighting
     assert lighting is not None
     step = max(1, int(math.sqrt(surface.p.size / 4096)))
     sample = np.s_[::step, ::step]
     valid = surface.valid[sample]
-    p, q = (plane[sample][valid].astype(np.float64) for plane in (surface.p, surface.q))
+    p, q, albedo = (
+        plane[sample][valid].astype(np.float64) for plane in (surface.p, surface.q, surface.albedo)
+    )
+    rows, columns = (middle_px(side).astype(np.float64)[::step] for side in surface.shape)
+    y, x = (plane[valid] for plane in np.meshgrid(-rows, columns, indexing="ij"))
     b, sdq = np.stack([-p, -q, np.ones_like(p)]), math.sqrt(float(np.mean(p * p + q * q)))
+    weights = np.linalg.pinv(lighting.directions)
     means, squares, sdqs = np.zeros(2), 0.0, 0.0
-    for k, change in _changes(lighting, direction_errors_deg, level_errors):
-        x, y, z = b + np.outer(np.linalg.pinv(lighting.directions)[:, k], change @ b)
-        off = np.stack([-x / z - p, -y / z - q])
-        means += np.square(off.mean(axis=1))
-        squares += float(np.square(off).sum(axis=0).mean())
-        changed = math.sqrt(float(np.mean(np.square(x / z) + np.square(y / z))))
-        sdqs += (changed - sdq) ** 2
-    return CommonError(math.sqrt(float(means.sum())), math.sqrt(squares), math.sqrt(sdqs))
-
-
-def _changes(
-    lighting: Lighting, direction_errors_deg: Floats, level_errors: Floats
-) -> list[tuple[int, Floats]]:
-    """Index of each light with a change of its vector by one standard error, of all causes."""
-    changes = []
     for k, direction in enumerate(lighting.directions):
-        across = np.linalg.svd(direction[None])[2][1:]
-        changes += [(k, np.radians(direction_errors_deg[k]) * axis) for axis in across]
-        changes.append((k, level_errors[k] * direction))
-    return changes
+        across = np.radians(lights.direction_errors_deg[k]) * np.linalg.svd(direction[None])[2][1:]
+        changes = [*across @ b, lights.residual * (direction @ b)]
+        if lights.distance_errors is not None and lighting.positions_px is not None:
+            # The image of a near light is b . (l - X / R).
+            distance = np.linalg.norm(lighting.positions_px[k])
+            changes.append(-(p * x + q * y) * lights.distance_errors[k] / distance)
+        value = response_error / lighting.intensities[k]
+        changes.append(value * np.sqrt(1.0 + p * p + q * q) / np.maximum(albedo, _LEAST))
+        for change in changes:
+            off_x, off_y, off_z = b + weights[:, k, None] * change
+            off = np.stack([-off_x / off_z - p, -off_y / off_z - q])
+            means += np.square(off.mean(axis=1))
+            squares += float(np.square(off).sum(axis=0).mean())
+            changed = math.sqrt(float(np.mean(np.square(off - b[:2]).sum(axis=0))))
+            sdqs += (changed - sdq) ** 2
+    return CommonError(math.sqrt(float(means.sum())), math.sqrt(squares), math.sqrt(sdqs))

@@ -6,8 +6,8 @@ from classify.base.compiling import Array, kernel, kernel_part
 from classify.shadow_rule import DARK, LEAK, NO_DROPPED_LIGHT
 
 Numbers = tuple[np.float32, ...]
-# Ambient value, saturation, noise a, b, black, and `_pixel`.
-Scene = tuple[np.float32, np.float32, Numbers, Numbers]
+# Ambient value, saturation, noise a, b, black, `_pixel`, and the factor on slopes of lobes.
+Scene = tuple[np.float32, np.float32, Numbers, Numbers, np.float32]
 # Of all lights: M V M^T and M V nul; gloss; residuals; the darkest light. See `_add_light`.
 Sums = tuple[Numbers, Numbers, Numbers, Numbers, Numbers]
 
@@ -31,7 +31,7 @@ DEGREES = np.float32(180.0 / np.pi)
 def propagate_errors(
     images: Array, ambient: Array, raw: Array, lights: Array, corrections: Array, common: Array,
     strengths: Array | None, noise: Array, number: int, saturation: np.float32, leaves_out: bool,
-    plane: Array, x: Array, y: Array,
+    flatter: np.float32, plane: Array, x: Array, y: Array,
     p: Array, q: Array, albedo: Array, dropped: Array, model: Array,
     p_sd: Array, q_sd: Array, albedo_sd: Array, angle_sd: Array,
 ) -> None:  # fmt: skip
@@ -39,7 +39,8 @@ def propagate_errors(
 
     `lights` (N, 10) are the constants of `_add_light`, 0 for a fourth light if there are `number`
     = 3; `corrections` (4, 3) are the columns of pinv / nul, and `common` (2, 6) the covariances of
-    b from errors of variance 1 of each image, and of one error in all images.
+    b from errors of variance 1 of each image, and of one error in all images. Lobes of pixels
+    without a light are those of slopes times `flatter`.
     """
     shear, sensor = (plane[0], plane[1], plane[2]), (noise[0], noise[1], noise[2])
     first, second, third, fourth = (
@@ -61,7 +62,8 @@ def propagate_errors(
         # Without branches, as in `robust`: else the compiler does not vectorise the loop.
         for c in range(columns if len(lights) == 4 else 0):
             pixel = _pixel(p[r, c], q[r, c], albedo[r, c], x[c], y[r], shear)
-            scene = (dark_row[c], saturation, sensor, pixel)
+            flat = one if dropped[r, c] == NO_DROPPED_LIGHT else flatter
+            scene = (dark_row[c], saturation, sensor, pixel, flat)
             sums = _add_light(zero, images[0, r, c], raw[0, r, c], scene, first, strengths, nothing)
             sums = _add_light(one, images[1, r, c], raw[1, r, c], scene, second, strengths, sums)
             sums = _add_light(two, images[2, r, c], raw[2, r, c], scene, third, strengths, sums)
@@ -74,7 +76,8 @@ def propagate_errors(
             )  # fmt: skip
         for c in range(columns if len(lights) > 4 else 0):
             pixel = _pixel(p[r, c], q[r, c], albedo[r, c], x[c], y[r], shear)
-            scene = (dark_row[c], saturation, sensor, pixel)
+            flat = one if dropped[r, c] == NO_DROPPED_LIGHT else flatter
+            scene = (dark_row[c], saturation, sensor, pixel, flat)
             sums = nothing
             for k in range(len(lights)):
                 sums = _add_light(
@@ -128,7 +131,7 @@ def _add_light(
     strengths: Array | None, sums: Sums,
 ) -> Sums:  # fmt: skip
     """Add a light with the column M of the pseudo-inverse; a saturated light is the darkest."""
-    dark, saturation, (a, b, black), pixel = scene
+    dark, saturation, (a, b, black), pixel, flat = scene
     gain, lx, ly, lz, mx, my, mz, nul, spare, _ = light
     (xx, xy, xz, yy, yz, zz), (dx, dy, dz, d), (gx, gy, gz, g), residuals, darkness = sums
     energy, expected, total = residuals
@@ -142,7 +145,7 @@ def _add_light(
     error = v - (lx * pixel[6] + ly * pixel[7] + lz * pixel[8])
     level = v if raw < saturation else -one
     if strengths is not None:
-        lobe = _lobe(light, pixel, strengths)
+        lobe = _lobe(light, pixel, flat, strengths)
         gx, gy, gz, g = gx + mx * lobe, gy + my * lobe, gz + mz * lobe, g + nul * lobe
     return (
         (xx + vx * mx, xy + vx * my, xz + vx * mz, yy + vy * my, yz + vy * mz, zz + vz * mz),
@@ -154,10 +157,12 @@ def _add_light(
 
 
 @kernel_part
-def _lobe(light: Numbers, pixel: Numbers, strengths: Array) -> np.float32:
+def _lobe(light: Numbers, pixel: Numbers, flat: np.float32, strengths: Array) -> np.float32:
     """Light of the lobes of gloss: see `uncertainty._lobes`."""
     _, lx, ly, lz, _, _, _, _, _, inverse_distance = light
-    p, q, nz, _, x, y, _, _, _, _, _, _ = pixel
+    p, q, _, _, x, y, _, _, _, _, _, _ = pixel
+    p, q = flat * p, flat * q
+    nz = np.float32(1.0) / np.sqrt(np.float32(1.0) + p * p + q * q)
     tx, ty = lx - inverse_distance * x, ly - inverse_distance * y
     tz = lz + np.sqrt(tx * tx + ty * ty + lz * lz)
     cosine = max((tz - tx * p - ty * q) * nz, np.float32(0.0))
@@ -180,7 +185,7 @@ def _deviations(
     without: tuple[Numbers, ...], strengths: Array | None, dropped: np.float32, share: np.float32,
 ) -> Numbers:  # fmt: skip
     """Deviations of p, q, albedo and the normal."""
-    dark, _, (a, b, black), pixel = scene
+    dark, _, (a, b, black), pixel, _ = scene
     p, q, nz, scale, x, y, _, _, _, cx, cy, cz = pixel
     (xx, xy, xz, yy, yz, zz), (dx, dy, dz, d), (gx, gy, gz, g), residuals, darkness = sums
     energy, expected, total = residuals

@@ -38,6 +38,9 @@ _CHANCE = np.sqrt(2.0 / (4.0 * np.pi)) / _BLUR
 # Weight of the residuals of the whole frame beside those around, for places without any.
 _OF_FRAME = np.float32(1e-3)
 _TINY = np.float32(1e-30)
+# Gloss makes slopes too steep. Where a light was left out no residual says by how much, and the
+# lobe is taken at this share of the slope (`tests.evidence.uncertainty`).
+_FLATTER = np.float32(0.5)
 # A lobe must explain residuals by as many standard deviations; one that explains this share of what
 # the best explains is as likely.
 _SIGNIFICANT, _AS_LIKELY = 5.0, 0.97
@@ -64,6 +67,7 @@ def with_deviations(
     lobes = strengths.astype(np.float32) if strengths.any() else None
     saturation = np.float32(surface.full_scale or np.inf)
     leaves_out = surface.method != "least_squares"
+    flatter = _FLATTER if surface.method == "ps4_robust" else np.float32(1.0)
 
     def propagate(first: int, last: int) -> None:
         rows = slice(first, last)
@@ -71,8 +75,8 @@ def with_deviations(
         raw = images if taken is stack else taken.images[:, rows].astype(np.float32)
         propagate_errors(
             images, dark, raw, *constants, lobes, variance, len(lighting), saturation, leaves_out,
-            shear.plane, x, y[rows], surface.p[rows], surface.q[rows], surface.albedo[rows],
-            surface.dropped[rows], model[rows], *maps[:, rows],
+            flatter, shear.plane, x, y[rows], surface.p[rows], surface.q[rows],
+            surface.albedo[rows], surface.dropped[rows], model[rows], *maps[:, rows],
         )  # fmt: skip
 
     run_on_rows(propagate, shape, STRIP_PX // 2)
@@ -138,7 +142,7 @@ def _model_errors(solution: _Solution) -> tuple[FloatMap, Floats]:
     surface, lighting = solution.surface, solution.surface.lighting
     assert lighting is not None
     shape, directions = surface.shape, lighting.directions.astype(np.float32)
-    lights, pinv = len(directions), np.linalg.pinv(directions)
+    lights, pinv = len(directions), np.linalg.pinv(directions).astype(np.float32)
     pixels = sample_pixels(shape, _SAMPLES)
     columns = int(np.count_nonzero(pixels < pixels[0] // shape[1] * shape[1] + shape[1]))
     rows = len(pixels) // columns
@@ -158,9 +162,17 @@ def _model_errors(solution: _Solution) -> tuple[FloatMap, Floats]:
     x, y = middle_px(shape[1])[pixels % shape[1]], -middle_px(shape[0])[pixels // shape[1]]
     across = np.stack([x, y, np.zeros_like(x)])
     towards = directions[:, :, None] - Shear.of(lighting).inverse_distances[:, None, None] * across
-    lobes = _lobes(towards, p, q)
-    strengths = _strengths(remainder @ lobes, residuals, bright / expected)
-    lobe = np.tensordot(strengths.astype(np.float32), lobes, 1)
+    scale = surface.albedo.ravel()[pixels] / np.sqrt(np.float32(1.0) + p * p + q * q)
+    # The measured slopes hold gloss, so that the first lobes are too weak: once more without it.
+    for _ in range(2):
+        lobes = _lobes(towards, p, q)
+        strengths = _strengths(remainder @ lobes, residuals, bright / expected)
+        lobe = np.tensordot(strengths.astype(np.float32), lobes, 1)
+        if not strengths.any():
+            break
+        x, y, z = pinv @ lobe
+        z = np.maximum(scale - z, np.float32(0.1) * scale + np.float32(1e-6))
+        p, q = (scale * p + x) / z, (scale * q + y) / z
     excess = np.square(residuals - remainder @ lobe).sum(axis=0) - expected
     # Larger ones, as those of an edge, are errors of their own pixel: see `_judge`.
     usual = max(float(np.median(excess[lit])), 0.0) if lit.any() else 0.0

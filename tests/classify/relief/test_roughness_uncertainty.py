@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from classify import Lighting, SurfaceEstimate, integrate_gradients, surface_roughness
+from classify.calibration.calibration import CalibratedLights
 from classify.relief.roughness_uncertainty import common_error, roughness_uncertainty
 from rig.scene.render import render_frame
 from rig.scene.synthetic import synthetic_surface
@@ -58,10 +59,33 @@ def test_heights_have_the_noise_that_is_stated(true: SurfaceEstimate) -> None:
     assert stated[127.0] == pytest.approx(np.std(squares), rel=0.1)
 
 
+def lights_with(
+    directions_deg: float = 0.0, residual: float = 0.0, distances: float | None = None
+) -> CalibratedLights:
+    lighting = Lighting.ring(45.0)
+    errors = None
+    if distances is not None:
+        lighting, errors = Lighting.near(256.0 * lighting.directions), np.full(4, distances)
+    return CalibratedLights(lighting, "plate", np.full(4, directions_deg), errors, residual, None)
+
+
 def test_errors_of_the_lights_are_those_of_a_wrong_solution(true: SurfaceEstimate) -> None:
-    none = np.zeros(4)
-    assert common_error(true, none, none).slope_rms == 0.0
-    # Opposite lights that differ by 1 % tilt a level part by 0.01 tan(slant) / 2.
-    one = common_error(replace(true, p=0 * true.p, q=0 * true.q), none, np.array([0.01, 0, 0, 0]))
-    assert one.mean_slope == pytest.approx(0.005, rel=0.05)
-    assert common_error(true, np.full(4, 0.3), none).sdq < 0.01
+    assert common_error(true, lights_with()).slope_rms == 0.0
+    level = replace(true, p=0 * true.p, q=0 * true.q)
+    # Opposite lights that differ by 1 % tilt a level part by 0.01 tan(slant) / 2; there are four.
+    assert common_error(level, lights_with(residual=0.01)).mean_slope == pytest.approx(0.01, 0.05)
+    assert common_error(true, lights_with(0.3)).sdq < 0.01
+
+
+def test_errors_of_distances_and_of_the_response_are_propagated(true: SurfaceEstimate) -> None:
+    lights = lights_with(distances=0.01)
+    near = replace(true, lighting=lights.lighting)
+    # With all distances 1 % off the image of a light is off by 0.01 b . X / R.
+    inner = true.p * (np.arange(128) - 63.5) - true.q * (np.arange(96) - 47.5)[:, None]
+    found = common_error(near, lights)
+    rms = np.sqrt(np.mean(np.square(0.01 * inner / 256.0)))
+    assert found.slope_rms == pytest.approx(np.sqrt(2.0) * rms, rel=0.3)
+    # Of four lights at 45 degrees an error u of each gives slopes of u / b_z in p and in q.
+    level = replace(true, p=0 * true.p, q=0 * true.q)
+    found = common_error(level, lights_with(), response_error=0.004)
+    assert found.slope_rms == pytest.approx(np.sqrt(2.0) * 0.004 / 0.16, rel=0.05)
