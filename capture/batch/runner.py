@@ -15,7 +15,7 @@ from typing import Generic, Protocol, Self, TypeVar
 from classify.base.errors import InputError
 from classify.base.threads import usable_processors
 
-# So many sets take longer than the start of workers, which goes on while this process loads modules.
+# So many sets take longer than the start of workers, during which this process loads modules.
 _MANY_SETS = 200
 
 _Item = TypeVar("_Item")
