@@ -37,8 +37,10 @@ class OtherVersionError(InputError):
 def read_set_file(path: Path) -> tuple[Planes, dict[str, Any]]:
     """Read the pages (light images, ambient image, mask) and the metadata fields; check hashes."""
     with opened_tiff(path) as tiff:
-        fields, _ = _header(tiff, path)
-        planes: Planes = np.stack([page.asarray() for page in tiff.pages])
+        fields, shape = _header(tiff, path)
+        planes = np.empty(shape, np.uint16)
+        for page, plane in zip(tiff.pages, planes, strict=True):
+            page.asarray(out=plane)
     if pixels_sha256(planes) != fields.get("pixels_sha256"):
         raise InputError(
             f"{path}: the pixels do not match their SHA-256; the file was changed or damaged "

@@ -15,8 +15,9 @@ from typing import Generic, Protocol, Self, TypeVar
 from classify.base.errors import InputError
 from classify.base.threads import usable_processors
 
-# So many sets take longer than the start of workers, which goes on while modules are loaded here.
+# So many sets take longer than the start of workers, during which this process solves the first.
 _MANY_SETS = 200
+_FIRST_SET_S = 1e-9  # any set takes longer
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
@@ -48,7 +49,7 @@ class Batch:
 
     With a `scheduler`, all items go to its Dask cluster. Otherwise the work begins in this process,
     and after `start_up_s` the remaining items go to worker processes; for many `sets` these start
-    with the batch. Functions and items are pickled.
+    with the batch, and get all but the first. Functions and items are pickled.
     """
 
     def __init__(
@@ -68,11 +69,11 @@ class Batch:
         if scheduler is not None:
             from .dask_pool import DaskPool
 
-            self._pool = DaskPool(scheduler)
+            self._pool, self._start_up_s = DaskPool(scheduler), 0.0
         elif self._workers > 1 and sets >= _MANY_SETS:
             from .local_pool import LocalPool, load_tasks
 
-            self._pool = LocalPool(self._workers)
+            self._pool, self._start_up_s = LocalPool(self._workers), _FIRST_SET_S
             for _ in range(self._workers):
                 self._pool.submit(load_tasks, None)
 
@@ -89,11 +90,12 @@ class Batch:
         """
         remaining = iter(items)
         for item in remaining:
-            if self._pool is None and self._workers > 1 and self._spent_s >= self._start_up_s:
+            is_long = self._spent_s >= self._start_up_s
+            if is_long and self._pool is None and self._workers > 1:
                 from .local_pool import LocalPool
 
                 self._pool = LocalPool(self._workers)
-            if self._pool is not None:
+            if is_long and self._pool is not None:
                 yield from _in_order(self._pool, function, chain([item], remaining))
                 return
             started_s = time.monotonic()

@@ -87,7 +87,7 @@ def train(
 
     paths = find_sets(sets)
     check_output(library, suffix=".ps4lib", inputs=paths, force=force)
-    with Batch(workers, scheduler, sets=len(paths)) as batch:
+    with Batch(workers, scheduler) as batch:
         trained, classes = train_library(
             paths, library.parent, batch, classifier, method, calibration
         )

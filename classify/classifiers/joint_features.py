@@ -154,6 +154,7 @@ def _weighted_channels(polar: FloatMap, density_floor: Floats) -> FloatMap:
     return channels
 
 
+@lru_cache(maxsize=1)
 def _contrast_directions() -> FloatMap:
     """(3, R) weights of rings in the contrast of each channel, of sum of squares 1."""
     roots = _root_weights(_CHANNEL_WEIGHTS, _CAP_BINS)

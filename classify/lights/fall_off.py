@@ -36,7 +36,8 @@ from .flat_field import (
 # Along each side of the frame. Means of blocks are fitted: relief finer than a block averages out.
 # classify/DECISIONS.md compares 64 samples.
 _SAMPLES, _BLOCKS = 128, 16
-# The third step leaves an error of 0.004 in a coefficient where light falls off by 70 %.
+# As near to the converged fit as four steps without extrapolation: distances of 144 matches differ
+# from it by 2 % rms under distant lights, and by 4 % under lights at three fields of view.
 _ROUNDS = 3
 # Largest factor of an extrapolated step.
 _FURTHEST = 4.0

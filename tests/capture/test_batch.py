@@ -187,8 +187,11 @@ def test_longer_work_continues_in_other_processes_which_end_with_the_batch() -> 
 def test_many_sets_start_the_workers_with_the_batch() -> None:
     before = workers()
     with Batch(workers=2, sets=1000) as run:
-        assert len(workers() - before) == 2
-        assert set(map(int, run.map(os.readlink, [SELF] * 9))) <= workers() - before
+        started = workers() - before
+        assert len(started) == 2
+        first, *rest = run.map(os.readlink, [SELF] * 9)
+        assert first == str(os.getpid())
+        assert set(map(int, rest)) <= started
 
 
 def test_results_are_in_order_and_no_more_items_are_read_than_needed(two_workers: Batch) -> None:

@@ -79,6 +79,14 @@ def test_a_table_marks_missed_targets(capsys: pytest.CaptureFixture[str]) -> Non
     assert "A note." in shown
 
 
+def test_earlier_values_stand_before_the_measured_ones(capsys: pytest.CaptureFixture[str]) -> None:
+    measurements = [Measurement("solve", 2.0, "ms"), Measurement("match", 1.0, "ms")]
+    print_section(Section("Title", measurements), {"solve": 3.5})
+    lines = capsys.readouterr().out.splitlines()
+    assert ["solve", "3.5", "2", "ms"] in [line.split() for line in lines]
+    assert ["match", "nan", "1", "ms"] in [line.split() for line in lines]
+
+
 def test_json_has_plain_values_and_targets() -> None:
     section = Section("Title", [Measurement("solve", 1 / 3, "x floor", 2 / 3, 2.0)], ("A note.",))
     assert json.loads(json.dumps(as_json(section))) == {

@@ -1,7 +1,9 @@
 """Measured numbers with their targets, as a table or as JSON."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from types import MappingProxyType
 from typing import Any, Literal
 
 from capture.base.console import new_table, out, print_table
@@ -53,9 +55,10 @@ def as_json(section: Section) -> dict[str, Any]:
     return {"title": section.title, "notes": list(section.notes), "figures": figures}
 
 
-def print_section(section: Section) -> None:
-    """Print a section as a table with its notes below."""
-    table = new_table("step", "measured", "target", "time", prose="step")
+def print_section(section: Section, before: Mapping[str, float] = MappingProxyType({})) -> None:
+    """Print a section as a table with its notes below; `before` are earlier values by step."""
+    earlier = ["before"] * bool(before)
+    table = new_table("step", *earlier, "measured", "target", "time", prose="step")
     table.title = section.title
     for each in section.measurements:
         target = ""
@@ -64,7 +67,8 @@ def print_section(section: Section) -> None:
         # Near 100 %, hundredths of a percent matter.
         value = f"{each.value:.2f}" if each.unit == "%" else _short(each.value)
         time = "" if each.ms is None else f"{_short(each.ms)} ms"
-        table.add_row(each.step, f"{value} {each.unit}", target, time)
+        cells = [_short(before.get(each.step, math.nan))] * bool(before)
+        table.add_row(each.step, *cells, f"{value} {each.unit}", target, time)
     print_table(table)
     for note in section.notes:
         out.print(note)
