@@ -84,6 +84,7 @@ def train(
     from capture.batch.runner import Batch
     from capture.batch.training import train_library
     from capture.sets.archive import find_sets
+    from classify.texture.uniformity import uniformity_remarks
 
     paths = find_sets(sets)
     check_output(library, suffix=".ps4lib", inputs=paths, force=force)
@@ -94,13 +95,12 @@ def train(
     trained.save(library)
     if json:
         solved = {"method": trained.method, "planar": trained.planar}
-        facts = {"classes": classes, **solved, "simulated": trained.simulated}
-        print_json({"library": str(library), **facts})
+        facts = {"classes": classes, "uniformity": trained.uniformity, **solved}
+        print_json({"library": str(library), **facts, "simulated": trained.simulated})
     else:
-        note = " (simulated)" if trained.simulated else ""
-        counts = f"classes {len(classes)}, sets {len(paths)}"
-        solver = f"solved by {trained.method} as planar parts"
-        out.print(f"{library}: {counts}, {solver}{note}")
+        solver = f"{trained.method} as planar parts{' (simulated)' if trained.simulated else ''}"
+        counts = f"classes {len(classes)}, sets {len(paths)}, solved by {solver}"
+        out.print(f"{library}: {counts}", *uniformity_remarks(trained.uniformity), sep="\n")
 
 
 @reported
@@ -192,7 +192,7 @@ def evaluate_(
     if json:
         used = sorted({answer.method for answer in answers.values()})
         solvers = {"methods": used, "library_method": trained.method}
-        print_json(_as_json(result) | {"training_sets": [*map(str, training)]} | solvers)
+        print_json(_as_json(result, trained) | {"training_sets": [*map(str, training)]} | solvers)
         return
     if result.accuracy is not None:
         _print_taught(result)
@@ -364,7 +364,7 @@ def _blur(blur_px: float | None) -> str:
     return "" if blur_px is None else f"; blur {blur_px:+.1f} px in the median"
 
 
-def _as_json(result: Evaluation) -> dict[str, Any]:
+def _as_json(result: Evaluation, trained: TextureLibrary) -> dict[str, Any]:
     return {
         "sets": result.sets,
         "accuracy": result.accuracy,
@@ -372,6 +372,7 @@ def _as_json(result: Evaluation) -> dict[str, Any]:
             label: {
                 "sets": row.sets,
                 "accuracy": row.accuracy,
+                "class_uniformity": trained.uniformity.get(label),
                 "orientation_error_deg": asdict(row.orientation_error_deg),
             }
             for label, row in result.per_class.items()

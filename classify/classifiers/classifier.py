@@ -8,6 +8,7 @@ import numpy as np
 
 from classify.base.arrays import FloatMap, Floats
 from classify.surface.estimate import SurfaceEstimate
+from classify.texture.uniformity import Uniformity
 
 
 class Observation:
@@ -55,11 +56,15 @@ class Classifier(Generic[_Test, _Training]):
     )
     # From `segment_px`: the shape of each parameter.
     parameter_shapes: Callable[[int], Mapping[str, Shape]] = lambda _segment_px: {}
-    # From label and set number of each reference, (n, ...) references: the distance beyond which
-    # each class rejects; empty where the classifier rejects nothing.
-    limits: Callable[[Sequence[str], Sequence[int], FloatMap, Parameters], dict[str, float]] = (
-        lambda _labels, _sets, _references, _parameters: {}
-    )
+    # From a training observation: the `unevenness` of the set; None where it is not measured.
+    unevenness: Callable[[_Training], float] | None = None
+    # From label and set number of each reference, (n, ...) references, and the uniformity of each
+    # class: the distance beyond which each class rejects; empty where the classifier rejects
+    # nothing.
+    limits: Callable[
+        [Sequence[str], Sequence[int], FloatMap, Parameters, Mapping[str, Uniformity]],
+        dict[str, float],
+    ] = lambda _labels, _sets, _references, _parameters, _uniformity: {}
     # Whether there are `bounds`; a large library then compares few references.
     has_invariants: bool = False
     # (n, k) numbers of (n, ...) signatures that do not change with the orientation.

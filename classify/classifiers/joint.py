@@ -5,7 +5,7 @@ their changes by blur, the numbers of the heading, and a last number with two me
 reference the last number is the factor of its class's limit; in a test it divides the distances.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from classify.texture.orientation import (
     shift_invariant_norms,
 )
 from classify.texture.statistics import LocalStatistics
+from classify.texture.uniformity import Uniformity
 
 from .classifier import Classifier, Comparison, Parameters
 from .joint_bounds import BLUR_BASIS, blur_coordinates, bounds
@@ -37,7 +38,7 @@ from .joint_features import (
     spectral_unit,
     statistics_rows,
 )
-from .joint_learning import class_limits, learn, parameter_shapes, scatter_factor
+from .joint_learning import class_limits, learn, limit_factors, parameter_shapes, scatter_factor
 
 # A less sharp orientation can be off by 90 degrees; it gets no heading.
 _LEAST_SHARPNESS = 0.5
@@ -118,7 +119,11 @@ def _agreement(test: FloatMap, references: FloatMap) -> Floats:
 
 
 def _limits(
-    labels: Sequence[str], sets: Sequence[int], references: FloatMap, parameters: Parameters
+    labels: Sequence[str],
+    sets: Sequence[int],
+    references: FloatMap,
+    parameters: Parameters,
+    uniformity: Mapping[str, Uniformity],
 ) -> dict[str, float]:
     tests = references.copy()
     tests[:, -1] = 1.0
@@ -130,7 +135,8 @@ def _limits(
     def nearest(index: int, others: Indices) -> float:
         return float(_compare(tests[index], references[others], parameters).distances.min())
 
-    single = float(parameters["limit"]) * references[:, -1]
+    factors = limit_factors(labels, sets, references[:, -1], uniformity)
+    single = float(parameters["limit"]) * factors
     return class_limits(labels, sets, single, lower_bounds, nearest)
 
 
@@ -177,6 +183,7 @@ JOINT = Classifier(
     compare=_compare,
     learn=learn,
     parameter_shapes=parameter_shapes,
+    unevenness=lambda training: training.unevenness,
     limits=_limits,
     has_invariants=True,
     invariants=_invariants,

@@ -26,6 +26,7 @@ from classify.texture.statistics import (
     local_statistics,
     statistics_vector,
 )
+from classify.texture.uniformity import unevenness
 
 from .classifier import Observation, Parameters
 
@@ -73,6 +74,7 @@ class JointTraining(Observation):
     quarters: FloatMap  # (4, 3, R, A) `polar` of its quarters
     rotated: tuple[JointObservation, ...]  # under rotated lights, where that changes it
     blurred: tuple[LocalStatistics, ...]  # by each of `KNOTS_PX2`
+    unevenness: float  # see `texture.uniformity`
 
 
 def observe(surface: SurfaceEstimate, segment_px: int) -> JointObservation:
@@ -100,6 +102,7 @@ def observe_training(surface: SurfaceEstimate, segment_px: int) -> JointTraining
             local_statistics(blurred_fields(fields, variance_px2), levels_for(segment_px))
             for variance_px2 in KNOTS_PX2
         ),
+        unevenness=unevenness(fields),
     )
 
 

@@ -8,6 +8,7 @@ and doubled.
 """
 
 import math
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -16,6 +17,7 @@ from classify.base.arrays import BoolArray, FloatMap, Floats, Indices
 from classify.texture.heading import MOMENTS, heading_variances
 from classify.texture.spectra import ANGLES
 from classify.texture.statistics import QUARTERS, levels_for, statistics_length
+from classify.texture.uniformity import Uniformity
 
 from .classifier import Parameters, Shape
 from .joint_bounds import BLUR_BASIS, LOCAL_DIRECTIONS, RING_DIRECTIONS, blur_basis
@@ -42,6 +44,9 @@ _LEAST_SCATTER = 0.5
 # The largest factor of the 22 materials. Quarters of a part with a figure in one of them differ
 # more than textures do (test_a_class_with_a_figure_in_a_corner...).
 _LARGEST_FACTOR = 1.5
+# The same for a class of one set, until a second one shows that it varies: the 95th percentile and
+# the mean of what uniform classes have. See "Uniformity" in classify/DECISIONS.md.
+_LARGEST_OF_ONE: Mapping[Uniformity, float] = {"varied": 1.3, "no texture": 1.0}
 # Median distance of another patch to a class of scatter 1, and standard deviations of its logarithm
 # between classes of equal scatter and between patches of one class, together 0.43. On 22 scanned
 # materials the median is 0.84 and the deviation 0.53; joint_constants.py prints what larger
@@ -66,6 +71,23 @@ def scatter_factor(distances: Floats) -> float:
     """Factor of the limit of a class, from distances between the quarters of a set."""
     scatter = max(float(distances.mean()), _LEAST_SCATTER)
     return float(min(scatter**_SCATTER_POWER, _LARGEST_FACTOR))
+
+
+def limit_factors(
+    labels: Sequence[str],
+    sets: Sequence[int],
+    factors: FloatMap,
+    uniformity: Mapping[str, Uniformity],
+) -> FloatMap:
+    """(n,) `scatter_factor` of each reference, bounded where one set shows a class badly."""
+    sets_of = Counter(label for label, _ in set(zip(labels, sets, strict=True)))
+    bounds = [
+        _LARGEST_OF_ONE.get(uniformity.get(label, "uniform"), math.inf)
+        if sets_of[label] == 1
+        else math.inf
+        for label in labels
+    ]
+    return np.minimum(factors, np.array(bounds, np.float32))
 
 
 def unit_limit(pixels: float) -> float:

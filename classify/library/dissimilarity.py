@@ -39,7 +39,7 @@ def limits_alone(library: TextureLibrary) -> dict[str, float]:
         is_member = labels == label
         names, sets = labels[is_member].tolist(), [0] * int(is_member.sum())
         signatures = library.signatures[is_member]
-        limit_of_class |= limits(names, sets, signatures, library.parameters)
+        limit_of_class |= limits(names, sets, signatures, library.parameters, library.uniformity)
     return limit_of_class
 
 

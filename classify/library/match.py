@@ -11,6 +11,7 @@ from classify.base.arrays import Floats, Indices
 from classify.classifiers import Comparison
 from classify.texture.blur import MAX_BLURRIER_PX, MAX_SHARPER_PX
 from classify.texture.heading import LEAST_SCORE
+from classify.texture.uniformity import Uniformity, uniformity_remarks
 
 # A smaller blur is not mentioned in the reason: sets in equal focus differ by 0.0 to 0.3 px.
 _LEAST_REPORTED_PX = 0.3
@@ -54,6 +55,8 @@ class Match:
     blur_px
         Sigma of the Gaussian by which the surface is blurrier than the nearest training set;
         negative where it is sharper. None where the classifier finds no blur.
+    class_uniformity
+        Whether the nearest class is uniform, varied or no texture; None where it is not known.
     """
 
     label: str | None
@@ -68,6 +71,7 @@ class Match:
     reason: str = ""
     heading_deg: float | None = None
     blur_px: float | None = None
+    class_uniformity: Uniformity | None = None
 
 
 def match_of(
@@ -75,6 +79,7 @@ def match_of(
     labels: Sequence[str],
     orientations_deg: Floats,
     limits: Mapping[str, float],
+    uniformity: Mapping[str, Uniformity],
     *,
     blurred_px: float = 0.0,
 ) -> Match:
@@ -115,6 +120,9 @@ def match_of(
             if label is not None and limit is not None and margin < LEAST_MARGIN:
                 label = None
                 reason += ", too close to decide"
+    class_uniformity = uniformity.get(nearest)
+    if label is not None and class_uniformity == "no texture":
+        reason += f"; {uniformity_remarks({label: class_uniformity})[0]}"
     orientation_deg = heading_deg = sharpness = None
     if comparison.orientations_deg is not None:
         sum_deg = float(orientations_deg[winner] + comparison.orientations_deg[winner])
@@ -138,6 +146,7 @@ def match_of(
         reason=reason,
         heading_deg=heading_deg,
         blur_px=None if comparison.blurs_px is None else blur_px,
+        class_uniformity=class_uniformity,
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Final, Literal, TypeVar, get_args
 
 import numpy as np
 from pydantic import (
@@ -31,12 +31,13 @@ from classify.base.errors import InputError, LibraryError
 from classify.lighting import Lighting
 from classify.methods import CLASSIFIER_NAMES, Method
 from classify.texture.spectra import MAX_SEGMENT_PX, MIN_SEGMENT_PX
+from classify.texture.uniformity import Uniformity
 
 if TYPE_CHECKING:
     from .texture_library import TextureLibrary
 
 SUFFIX = ".ps4lib"
-VERSION: Final = 7
+VERSION: Final = 8
 MAP_FROM_BYTES = 64 * 2**20
 """Arrays of this size or more stay in the file; smaller ones are read and their checksum tested."""
 
@@ -65,16 +66,24 @@ def _checked_limits(limits: object) -> dict[str, float]:
     return limits
 
 
+def _checked_uniformity(uniformity: object) -> dict[str, Uniformity]:
+    known = get_args(Uniformity)
+    if not isinstance(uniformity, dict) or any(each not in known for each in uniformity.values()):
+        raise ValueError(f"give one of {', '.join(known)} for each class")
+    return uniformity
+
+
 def _printable(label: str) -> str:
     if not label.isprintable():
         raise ValueError(f"{label!r} contains characters that do not print")
     return label
 
 
-# `FailFast` and the check of limits end at the first error. Pydantic keeps a kilobyte of each
-# error, which would turn a header of a few megabytes into gigabytes.
+# `FailFast` and the checks of dictionaries end at the first error. Pydantic keeps a kilobyte of
+# each error, which would turn a header of a few megabytes into gigabytes.
 _Label = Annotated[str, Field(min_length=1), AfterValidator(_printable)]
 Limits = Annotated[dict[str, float], PlainValidator(_checked_limits)]
+_Uniformities = Annotated[dict[str, Uniformity], PlainValidator(_checked_uniformity)]
 _Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 _Library = TypeVar("_Library", bound="TextureLibrary")
 
@@ -84,7 +93,7 @@ class _Header(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     format: Literal["ps4lib"] = "ps4lib"
-    version: Literal[7] = VERSION
+    version: Literal[8] = VERSION
     classifier: str
     segment_px: int = Field(ge=MIN_SEGMENT_PX, le=MAX_SEGMENT_PX)
     method: Method | None = None
@@ -92,6 +101,7 @@ class _Header(BaseModel):
     simulated: bool = False
     classes: Annotated[tuple[_Label, ...], FailFast()] = Field(min_length=1)
     oriented: Annotated[tuple[_Label, ...], FailFast()] = ()
+    uniformity: _Uniformities = Field(default_factory=dict)
     limits: Limits = Field(default_factory=dict)
     light_directions: Annotated[tuple[_Vector, ...] | None, FailFast()] = None
     sources: Annotated[tuple[tuple[str, str], ...], FailFast()] = ()
@@ -117,6 +127,7 @@ def write(path: Path, library: TextureLibrary) -> None:
         simulated=library.simulated,
         classes=library.classes,
         oriented=library.oriented,
+        uniformity=dict(library.uniformity),
         limits=dict(library.limits),
         light_directions=None if lighting is None else lighting.directions.tolist(),
         sources=library.sources,
@@ -186,6 +197,7 @@ def _read(archive: ArrayArchive, kind: type[_Library]) -> _Library:
         parameters=parameters,
         segment_px=header.segment_px,
         oriented=header.oriented,
+        uniformity=header.uniformity,
         limits=header.limits,
         lighting=lighting,
         method=header.method,

@@ -20,6 +20,7 @@ from classify.surface.estimate import SurfaceEstimate
 from classify.texture.blur import blurred_surface
 from classify.texture.orientation import OrientationProfile
 from classify.texture.spectra import segment_for
+from classify.texture.uniformity import Uniformity
 
 from . import ps4lib
 from .match import LEAST_MARGIN, Match, match_of, nearest_references
@@ -53,6 +54,9 @@ class TextureLibrary:
     oriented
         Classes with a training set whose orientation was given. In the others the first set defines
         0, so that orientations compare with each other only.
+    uniformity
+        Whether one set shows the class, or it is varied or no texture; empty where the classifier
+        does not measure it.
     limits
         Distance beyond which each class rejects; empty where the classifier rejects nothing.
     lighting
@@ -78,6 +82,7 @@ class TextureLibrary:
     parameters: Parameters
     segment_px: int
     oriented: tuple[str, ...] = ()
+    uniformity: Mapping[str, Uniformity] = field(default_factory=dict)
     limits: Mapping[str, float] = field(default_factory=dict)
     lighting: Lighting | None = None
     method: Method | None = None
@@ -249,7 +254,12 @@ class TextureLibrary:
             raise LibraryError("the library contains NaN or infinity; train it again")
         labels = [self.labels[index] for index in indices.tolist()]
         return match_of(
-            comparison, labels, self.orientations_deg[indices], self.limits, blurred_px=blurred_px
+            comparison,
+            labels,
+            self.orientations_deg[indices],
+            self.limits,
+            self.uniformity,
+            blurred_px=blurred_px,
         )
 
     def classify(self, surface: SurfaceEstimate) -> Match:

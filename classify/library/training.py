@@ -13,6 +13,7 @@ from classify.lighting import Lighting
 from classify.methods import DEFAULT_CLASSIFIER, checked_label
 from classify.surface.estimate import SurfaceEstimate
 from classify.texture.heading import LEAST_SCORE
+from classify.texture.uniformity import Uniformity, uniformity_of
 
 SAME_LIGHT_DEG = 1.0
 """Lights that differ by less count as the same (test_classifiers.py tries 0.5 and 5 degrees)."""
@@ -34,6 +35,7 @@ class Learned(NamedTuple):
     orientations_deg: Floats
     signatures: FloatMap
     parameters: Parameters
+    uniformity: dict[str, Uniformity]
     limits: dict[str, float]
 
 
@@ -78,14 +80,27 @@ def learn_references(rows: Sequence[TrainingRow], classifier: Classifier[Any, An
     labels = tuple(np.repeat([row.label for row in rows], counts).tolist())
     sets = np.repeat(np.arange(len(rows)), counts).tolist()
     signatures = np.concatenate([references for references, _ in ordered])
+    uniformity = _uniformity(rows, classifier)
     return Learned(
         labels=labels,
         oriented=tuple(dict.fromkeys(row.label for row in rows if row.orientation_deg is not None)),
         orientations_deg=np.repeat([degrees for _, degrees in ordered], counts),
         signatures=signatures,
         parameters=parameters,
-        limits=classifier.limits(labels, sets, signatures, parameters),
+        uniformity=uniformity,
+        limits=classifier.limits(labels, sets, signatures, parameters, uniformity),
     )
+
+
+def _uniformity(
+    rows: Sequence[TrainingRow], classifier: Classifier[Any, Any]
+) -> dict[str, Uniformity]:
+    if classifier.unevenness is None:
+        return {}
+    of_class: dict[str, list[float]] = {}
+    for row in rows:
+        of_class.setdefault(row.label, []).append(classifier.unevenness(row.observation))
+    return {label: uniformity_of(values) for label, values in of_class.items()}
 
 
 def common_lighting(lightings: Sequence[Lighting | None]) -> Lighting | None:

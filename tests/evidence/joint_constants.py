@@ -18,6 +18,7 @@ import numpy as np
 from capture.chapter.patches import CachedPatch
 from capture.chapter.plan import Conditions, PatchPosition, Texture, material_textures
 from classify.classifiers import CLASSIFIERS, joint, joint_features, joint_learning
+from classify.texture.uniformity import uniformity_of
 from rig import SYNTHETIC_30
 
 from .limits import at_least
@@ -63,11 +64,12 @@ def _rates(trained, tested) -> tuple[float, float, float]:
     rows = [JOINT.references(each, parameters) for each in trained.values()]
     numbers = np.repeat(np.arange(len(rows)), [len(row) for row in rows])
     references = np.concatenate(rows)
+    uniformity = {label: uniformity_of([each.unevenness]) for label, each in trained.items()}
 
     def limits(kept: Sequence[int]) -> dict[int, float]:
         found = JOINT.limits(
             [labels[number] for number in numbers[kept]], numbers[kept].tolist(),
-            references[kept], parameters,
+            references[kept], parameters, uniformity,
         )  # fmt: skip
         return {labels.index(label): limit for label, limit in found.items()}
 

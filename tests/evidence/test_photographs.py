@@ -145,8 +145,19 @@ def test_objects_are_recognised_and_refused_where_they_are_not_taught(
         for each in photograph_exhibits(textures, [], found)
         if each.key == "photographs_recognition"
     )
-    assert table.rows[0] == ("rotated by quarter turns", 9, 100.0, 0.0, 0.0, 18, 0.0, None)
-    assert table.rows[-1] == ("all", 21, 100.0, 0.0, 0.0, 42, 0.0, None)
+    assert table.rows[0] == (
+        "rotated by quarter turns",
+        9,
+        100.0,
+        0.0,
+        0.0,
+        18,
+        0.0,
+        0.0,
+        None,
+        None,
+    )
+    assert table.rows[-1] == ("all", 21, 100.0, 0.0, 0.0, 42, 0.0, 0.0, None, None)
     texts = read_texts(Path(run.__file__).with_name("notes.toml"))
     assert "patch of 256 x 256 px" in table.text_from(texts).notes[0]
     assert recognitions([textures[0], photographs]) == []

@@ -25,10 +25,29 @@ def test_train_counts_the_sets_of_each_class(ps4rig: Command, sets: Path, tmp_pa
     result = ps4rig("train", sets, "--library", library, "--json")
     assert json.loads(result.stdout) == {
         "library": str(library), "classes": {"rock": 2, "sand": 2},
+        "uniformity": {"rock": "uniform", "sand": "uniform"},
         "method": "ps4_robust", "planar": True, "simulated": True,
     }  # fmt: skip
     assert TextureLibrary.load(library).simulated
     assert TextureLibrary.load(library).planar
+
+
+def test_train_names_a_class_that_is_no_texture(
+    ps4rig: Command, sets: Path, tmp_path: Path
+) -> None:
+    captured, path = CapturedSet.load(sets / "rock-001.ome.tif"), tmp_path / "picture.ome.tif"
+    images = captured.images.copy()
+    images[:, : images.shape[1] // 2] = images.mean()
+    sha256 = pixels_sha256(images, captured.ambient, captured.mask)
+    metadata = captured.metadata.model_copy(update={"label": "picture", "pixels_sha256": sha256})
+    replace(captured, images=images, metadata=metadata).save(path)
+    library, other = tmp_path / "t.ps4lib", sets / "sand-001.ome.tif"
+    result = ps4rig("train", path, other, "--library", library)
+    assert "picture is no texture" in result.stdout
+    assert "sand is" not in result.stdout
+    (match,) = json.loads(ps4rig("classify", path, "--library", library, "--json").stdout)
+    assert match["class_uniformity"] == "no texture"
+    assert "picture is no texture" in match["reason"]
 
 
 def test_train_replaces_a_library_with_force_only_and_never_a_set(
@@ -54,7 +73,7 @@ def test_classify_prints_the_documented_fields(ps4rig: Command, sets: Path, libr
     assert list(rock) == [
         "set", "label", "nearest", "orientation_deg", "distance", "runner_up",
         "runner_up_distance", "margin", "limit", "sharpness", "reason", "heading_deg", "blur_px",
-        "method", "library_method", "planar", "simulated",
+        "class_uniformity", "method", "library_method", "planar", "simulated",
     ]  # fmt: skip
     assert 0.0 <= rock["distance"] <= rock["limit"]
     assert 0.0 <= rock["sharpness"] < sand["sharpness"] <= 1.0
@@ -95,6 +114,7 @@ def test_evaluate_prints_the_documented_fields(ps4rig: Command, sets: Path, libr
     assert answer["confusion"] == {"rock": {"rock": 2}, "sand": {"sand": 2}}
     assert answer["per_class"]["sand"]["sets"] == 2
     assert answer["per_class"]["sand"]["accuracy"] == 1.0
+    assert answer["per_class"]["sand"]["class_uniformity"] == "uniform"
     assert set(answer["orientation_error_deg"]) == {"median", "p95"}
     assert 0.0 <= answer["orientation_error_deg"]["median"] <= 90.0
     table = ps4rig("evaluate", sets, "--library", library)
@@ -205,8 +225,8 @@ def test_the_csv_has_a_row_for_each_set_and_a_value_in_each_cell(
     assert list(sand) == [
         "set", "true_label", "true_orientation_deg", "label", "nearest", "orientation_deg",
         "distance", "runner_up", "runner_up_distance", "margin", "limit", "sharpness", "reason",
-        "heading_deg", "blur_px", "method", "library_method", "planar", "simulated",
-        "orientation_error_deg", "training_set",
+        "heading_deg", "blur_px", "class_uniformity", "method", "library_method", "planar",
+        "simulated", "orientation_error_deg", "training_set",
     ]  # fmt: skip
     match = TextureLibrary.load(library).classify(CapturedSet.load(paths[0]).solve(planar=True))
     assert (sand["set"], sand["true_label"], sand["label"]) == (str(paths[0]), "sand", "sand")

@@ -53,12 +53,12 @@ class Points:
         np.testing.assert_array_equal(found.distances, everything[chosen])
         np.testing.assert_array_equal(found.orientations_deg, chosen % 180.0)
         np.testing.assert_array_equal(found.sharpness, chosen / 1e6)
-        return match_of(found, [self.labels[i] for i in chosen], np.zeros(len(chosen)), {})
+        return match_of(found, [self.labels[i] for i in chosen], np.zeros(len(chosen)), {}, {})
 
     def exhaustive(self, test: npt.NDArray[np.float32]) -> Match:
         index = np.arange(len(self.labels))
         found = Comparison(self.distances(test), index % 180.0, index / 1e6)
-        return match_of(found, self.labels, np.zeros(len(index)), {})
+        return match_of(found, self.labels, np.zeros(len(index)), {}, {})
 
 
 def clustered(seed: int, count: int, classes: int, spread: float, level: float) -> Points:

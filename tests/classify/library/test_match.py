@@ -1,5 +1,7 @@
 """From distances to a match: the class, or unknown and the reason."""
 
+from collections.abc import Mapping
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,6 +9,7 @@ from hypothesis import strategies as st
 
 from classify.classifiers import Comparison
 from classify.library.match import Match, match_of
+from classify.texture.uniformity import Uniformity
 
 LABELS = ("a", "b", "a", "c")
 
@@ -19,6 +22,7 @@ def matched(
     sharpness: list[float] | None = None,
     blurs_px: list[float] | None = None,
     blurred_px: float = 0.0,
+    uniformity: Mapping[str, Uniformity] | None = None,
     **limits: float,
 ) -> Match:
     found = Comparison(
@@ -28,7 +32,7 @@ def matched(
         blurs_px=None if blurs_px is None else np.array(blurs_px),
     )
     references = np.array(references_deg or [0.0] * len(labels))
-    return match_of(found, labels, references, limits, blurred_px=blurred_px)
+    return match_of(found, labels, references, limits, uniformity or {}, blurred_px=blurred_px)
 
 
 @given(
@@ -115,3 +119,18 @@ def test_a_blur_at_its_bound_makes_a_surface_unknown(blur_px: float, said: str) 
     match = matched([0.5, 0.4, 0.1, 0.9], blurs_px=[0.0, 0.0, blur_px, 0.0], a=1.0)
     assert match.label is None
     assert match.reason.startswith(f"out of focus: {said}")
+
+
+def test_a_match_says_what_the_nearest_class_is() -> None:
+    uniformity: dict[str, Uniformity] = {"a": "no texture", "b": "varied"}
+    accepted, refused = (
+        matched([0.5, 0.9], ("a", "b"), uniformity=uniformity, a=limit) for limit in (1.0, 0.1)
+    )
+    assert (accepted.label, accepted.class_uniformity) == ("a", "no texture")
+    assert "a is no texture" in accepted.reason
+    assert (refused.label, refused.class_uniformity) == (None, "no texture")
+    assert "no texture" not in refused.reason
+    varied = matched([0.9, 0.5], ("a", "b"), uniformity=uniformity)
+    assert varied.class_uniformity == "varied"
+    assert "texture" not in varied.reason
+    assert matched([0.9, 0.5], ("a", "b")).class_uniformity is None

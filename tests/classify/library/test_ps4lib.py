@@ -43,7 +43,16 @@ def load_mapped(path: Path) -> TextureLibrary:
 
 def assert_equal(ours: TextureLibrary, theirs: TextureLibrary) -> None:
     assert ours.labels == theirs.labels
-    fields = ("classifier", "segment_px", "limits", "simulated", "sources", "classes", "oriented")
+    fields = (
+        "classifier",
+        "segment_px",
+        "uniformity",
+        "limits",
+        "simulated",
+        "sources",
+        "classes",
+        "oriented",
+    )
     for field in fields:
         assert getattr(ours, field) == getattr(theirs, field)
     assert (ours.lighting is None) == (theirs.lighting is None)
@@ -128,7 +137,7 @@ def test_the_file_is_plain_json_and_numpy(saved: Path, library) -> None:
     assert set(content) == {"library.json", *ARRAYS, *parameters}
     header = json.loads(content["library.json"])
     assert header["format"] == "ps4lib"
-    assert header["version"] == VERSION == 7
+    assert header["version"] == VERSION == 8
     assert header["classes"] == ["grün", "fine"]
     array = np.load(io.BytesIO(content["signatures.npy"]), allow_pickle=False)
     np.testing.assert_array_equal(array, library.signatures)
@@ -152,13 +161,14 @@ def test_any_other_packing_is_refused(saved: Path, compression: int) -> None:
 @pytest.mark.parametrize(
     ("edit", "cause"),
     [
-        (lambda h: h.update(version=8), "version 8; .* 7; use a newer"),
-        (lambda h: h.update(version=6), "version 6; .* 7; train it again"),
+        (lambda h: h.update(version=9), "version 9; .* 8; use a newer"),
+        (lambda h: h.update(version=7), "version 7; .* 8; train it again"),
         (lambda h: h.pop("version"), "version"),
         (lambda h: h.update(more=1), "header field 'more'"),
         (lambda h: h.update(classes=["a\x1b[0m", "b"]), r"classes\.0.*do not print"),
         (lambda h: h.update(classifier="fortune"), "classifier 'fortune'"),
         (lambda h: h["limits"].update(fine=float("nan")), "header field limits: .*'fine'"),
+        (lambda h: h["uniformity"].update(fine="odd"), "header field uniformity"),
         (lambda h: h.update(light_directions=[[0, 0, -1]]), "light 0 .*horizon"),
     ],
 )
@@ -277,7 +287,7 @@ def test_a_zip_without_one_of_the_members_is_no_library(saved: Path, name: str) 
     ("name", "content"),
     [
         ("library.json", b" " * 2**23),
-        ("library.json", b'{"version": 7, "classes": [' + b'"a",' * 2**20 + b'"a"]}'),
+        ("library.json", b'{"version": 8, "classes": [' + b'"a",' * 2**20 + b'"a"]}'),
         ("signatures.npy", npy(np.zeros((3, 2**20), np.float32))),
         ("something else", bytes(2**23)),
     ],

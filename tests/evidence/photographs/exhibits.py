@@ -120,17 +120,22 @@ def _recognition(recognised: Sequence[Recognition]) -> Exhibit:
         refused = sum(each.match.label is None for each in trials)
         shares = (right, refused, len(trials) - right - refused)
         matches = [match for each in group for match in each.unknown]
-        taken_for = Counter(match.label for match in matches if match.label is not None)
+        accepted = [match for match in matches if match.label is not None]
+        taken_for = Counter(match.label for match in accepted)
+        unmarked = sum(match.class_uniformity != "no texture" for match in accepted)
+        class_is = {each.match.class_uniformity for each in trials if each.match.nearest == name}
         rows.append((
             name, len(trials), *(100.0 * each / len(trials) for each in shares),
-            len(matches), 100.0 * taken_for.total() / len(matches),
+            len(matches), 100.0 * len(accepted) / len(matches), 100.0 * unmarked / len(matches),
+            next(iter(class_is), None),
             ", ".join(label for label, _ in taken_for.most_common()) or None,
         ))  # fmt: skip
     return Exhibit(
         "photographs_recognition",
         (
             "tests", "patches", "right, %", "refused, %", "wrong, %",
-            "matches without the object", "accepted, %", "taken for",
+            "matches without the object", "accepted, %", "by classes not marked, %",
+            "as a class", "taken for",
         ),
         rows,
         values={"side_px": PATCH_PX},

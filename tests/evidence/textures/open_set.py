@@ -56,7 +56,7 @@ def without_class(library: TextureLibrary, label: str) -> TextureLibrary:
         for key in zip(labels, orientations_deg.tolist(), strict=True)
     ]
     limits = classifier_named(library.classifier).limits(
-        labels, sets, signatures, library.parameters
+        labels, sets, signatures, library.parameters, library.uniformity
     )
     return replace(
         library,

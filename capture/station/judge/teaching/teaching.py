@@ -236,6 +236,7 @@ def _taught(
         bounds,
         measured,
         tuple(remarks),
+        library.uniformity,
     )
 
 

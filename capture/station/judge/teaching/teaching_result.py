@@ -13,6 +13,7 @@ from capture.station.judge.inspector import Inspection
 from classify import Match
 from classify.confidence import CONFIDENCE, share_at_most, tolerance_factor, trials_to_show
 from classify.library.match import LEAST_MARGIN
+from classify.texture.uniformity import Uniformity, uniformity_remarks
 
 from .manual_limits import LimitsOf
 from .taught_part import TaughtPart
@@ -56,6 +57,7 @@ class Teaching:
     false_alarm_bounds: Mapping[str, float]
     measured: LimitsOf  # the limits that were measured; people may have set others in the recipe
     limit_remarks: tuple[str, ...]
+    uniformity: Mapping[str, Uniformity]  # by texture
 
     @property
     def overlaps(self) -> tuple[Overlap, ...]:
@@ -66,7 +68,9 @@ class Teaching:
     def remarks(self) -> tuple[str, ...]:
         """Remarks for a person to check before the approval of the recipe."""
         overlaps = map(str, self.overlaps)
-        return (*overlaps, *self.limit_remarks, *self._odd_verdicts(), *self._few_parts())
+        classes = uniformity_remarks(self.uniformity)
+        others = (*self.limit_remarks, *self._odd_verdicts(), *self._few_parts())
+        return (*overlaps, *classes, *others)
 
     def fields(self) -> dict[str, Any]:
         """Return the outcome as fields of JSON."""
@@ -79,6 +83,7 @@ class Teaching:
                 {"texture": overlap.texture, "other": overlap.other, "sets": len(overlap.sets)}
                 for overlap in self.overlaps
             ],
+            "uniformity": dict(self.uniformity),
             "remarks": list(self.remarks),
             "promises": list(self.promises()),
             "least_found": self.taught.least_found_fields,

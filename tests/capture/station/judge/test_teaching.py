@@ -54,6 +54,15 @@ def test_teaching_makes_a_new_version_that_nobody_approved(files: RecipeFolder) 
     assert again.recipe.approval is None
 
 
+def test_a_texture_that_is_not_uniform_is_remarked_on(taught: tuple[Path, Teaching]) -> None:
+    teaching = taught[1]
+    assert teaching.fields()["uniformity"] == {"rock": "uniform", "loose sand": "uniform"}
+    assert not any("rock is" in remark for remark in teaching.remarks)
+    picture = replace(teaching, uniformity={"rock": "no texture", "loose sand": "varied"})
+    assert any("rock is no texture" in remark for remark in picture.remarks)
+    assert any("loose sand differs" in remark for remark in picture.remarks)
+
+
 def test_the_page_shows_limits_sets_and_promises(taught: tuple[Path, Teaching]) -> None:
     page = Page(teaching_page(taught[1])).text
     assert "rock, distance" in page
