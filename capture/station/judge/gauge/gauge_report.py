@@ -5,14 +5,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Literal, Self
 
-from pydantic import Field, FiniteFloat, ValidationError
+from pydantic import Field, FiniteFloat
 
 from capture.base.utc_time import utc_text
 from capture.station.domain.recipe import Sha256
-from classify.base.durable_file import durable_file
-from classify.base.errors import InputError
-from classify.base.models import Record, first_fault
-from classify.base.regular_file import read_regular_file
+from classify.base.models import Record
 
 from .gauge import GaugeStudy, Rating, Share
 
@@ -79,17 +76,8 @@ class GaugeReport(Record):
         )
 
 
-def write_gauge_report(path: Path, report: GaugeReport) -> None:
-    """Write the file, whole or not at all."""
-    with durable_file(path) as temporary:
-        temporary.write_text(report.model_dump_json(indent=1), encoding="utf-8")
-
-
 def read_gauge_report(path: Path) -> GaugeReport | None:
     """Read the report of a recipe; None if no study was made."""
     if not path.exists():
         return None
-    try:
-        return GaugeReport.model_validate_json(read_regular_file(path, _MAX_BYTES))
-    except ValidationError as error:
-        raise InputError(f"{path}: {first_fault(error)}; run ps4rig station gauge") from error
+    return GaugeReport.read(path, _MAX_BYTES, "run ps4rig station gauge")
