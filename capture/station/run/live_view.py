@@ -165,13 +165,9 @@ class LiveView:
             subscribers = len(self._subscriptions)
             return replace(self._state, parts_per_minute=self._rate(), subscribers=subscribers)
 
-    def subscribe(
-        self, wake: Callable[[], None] = lambda: None, most: int | None = None
-    ) -> Subscription | None:
-        """Return a bounded queue of the events from now on; None if there are `most` already."""
+    def subscribe(self, wake: Callable[[], None] = lambda: None) -> Subscription:
+        """Return a bounded queue of the events from now on."""
         with self._lock:
-            if most is not None and len(self._subscriptions) >= most:
-                return None
             subscription = Subscription(wake)
             if self._is_closed:
                 subscription.close()
