@@ -68,9 +68,9 @@ def approved_states(files: RecipeFolder) -> list[Recipe]:
 
 
 def _approved_at(recipe: Recipe) -> tuple[str, int, str]:
-    """Sort key of an approval; earlier versions of ps4rig wrote times in whole seconds."""
+    """Sort key of an approval."""
     utc = "" if recipe.approval is None else recipe.approval.utc
-    return utc.removesuffix("Z"), recipe.version, recipe.sha256
+    return utc, recipe.version, recipe.sha256
 
 
 def roll_back(files: RecipeFolder, sha256: str, record: RecordChange = lambda *_: None) -> Recipe:

@@ -28,8 +28,7 @@ class PartOutcome(Record):
     """The verdict on a part of a challenge, and the one that it must get."""
 
     file: str
-    # None for a file that could not be read, and in a replay of an older program
-    file_sha256: str | None = None
+    file_sha256: str | None = None  # of a file that could be read, as the next one
     pixels_sha256: str | None
     expected: Expected
     found: Decision
