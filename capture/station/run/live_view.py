@@ -111,10 +111,7 @@ class Subscription:
 
 
 class LiveView:
-    """The present state, the latest events and who follows them; any thread may call it.
-
-    Its subscribers never delay anybody: each has a bounded queue.
-    """
+    """The present state, the latest events and who follows them; any thread may call it."""
 
     def __init__(self, state: StationState, now_s: Callable[[], float] = time.monotonic) -> None:
         self._lock = threading.RLock()

@@ -74,10 +74,7 @@ class Share(Record):
 
 @dataclass(frozen=True)
 class GaugeStudy:
-    """The outcome of a study.
-
-    Bounds count parts, not presentations: those of one part are not independent trials.
-    """
+    """The outcome of a study."""
 
     presentations: tuple[Presentation, ...]
 
