@@ -6,14 +6,11 @@ from functools import cached_property
 from pathlib import Path, PureWindowsPath
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Field, FiniteFloat, ValidationError
+from pydantic import AfterValidator, Field, FiniteFloat
 
 from capture.sets.description import FIELDS
 from capture.sets.metadata import Property, SetMetadata
-from classify.base.durable_file import durable_file
-from classify.base.errors import InputError
-from classify.base.models import Record, first_fault
-from classify.base.regular_file import read_regular_file
+from classify.base.models import Record
 
 from .plan import PlannedSet
 
@@ -189,17 +186,7 @@ class Journal(Record):
     def _by_key(self) -> Mapping[tuple[str, float, int], SetEntry]:
         return {entry.key: entry for entry in self.entries}
 
-    def write(self, path: Path) -> None:
-        """Replace the file `path`, whole or not at all; `InputError` if it cannot be written."""
-        with durable_file(path) as temporary:
-            temporary.write_text(self.model_dump_json(indent=1), encoding="utf-8")
-
 
 def read_journal(path: Path) -> Journal:
     """Read a journal."""
-    text = read_regular_file(path, _MAX_BYTES)
-    try:
-        return Journal.model_validate_json(text)
-    except ValidationError as error:
-        fault = first_fault(error)
-        raise InputError(f"{path}: not a journal that this program reads: {fault}") from error
+    return Journal.read(path, _MAX_BYTES, "restore it, or read it with the ps4rig that wrote it")

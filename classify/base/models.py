@@ -4,12 +4,13 @@ import difflib
 import json
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, field_validator
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
+from classify.base.durable_file import durable_file
 from classify.base.errors import ConfigError, InputError
 from classify.base.regular_file import read_regular_file
 
@@ -20,6 +21,21 @@ class Record(BaseModel):
     """A frozen object of a file that the program writes itself; it refuses unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+    @classmethod
+    def read(cls, path: Path, max_bytes: int, remedy: str) -> Self:
+        """Read a file of JSON; InputError, with the remedy, if it is no such object."""
+        try:
+            return cls.model_validate_json(read_regular_file(path, max_bytes))
+        except InputError as error:
+            raise InputError(f"{error}; {remedy}") from error
+        except ValidationError as error:
+            raise InputError(f"{path}: {first_fault(error)}; {remedy}") from error
+
+    def write(self, path: Path) -> None:
+        """Replace a file of JSON, whole or not at all; InputError if it cannot be written."""
+        with durable_file(path) as temporary:
+            temporary.write_text(self.model_dump_json(indent=1), encoding="utf-8")
 
 
 class Section(Record):

@@ -1,19 +1,19 @@
 """Registers of the PLC, their bits and codes, as Markdown."""
 
 from collections.abc import Iterable, Mapping
-from enum import IntFlag
 
 from capture.station.domain.verdict import Cause
 from capture.station.line.registers import (
-    COMMAND_MEANINGS,
     PLC,
     STATES,
     STATION,
-    STATUS_MEANINGS,
     VERDICTS,
+    Bit,
+    Command,
     ErrorCode,
     Register,
     SelectError,
+    Status,
 )
 
 
@@ -22,8 +22,8 @@ def register_lines() -> list[str]:
     return [
         *_registers("Written by the station", STATION),
         *_registers("Written by the PLC", PLC),
-        *_bits("status", STATUS_MEANINGS),
-        *_bits("commands", COMMAND_MEANINGS),
+        *_bits("status", Status),
+        *_bits("commands", Command),
         *_codes("error", {code: code.meaning for code in ErrorCode if code}),
         *_codes("select_error", {code: code.meaning for code in SelectError if code}),
         *_codes("verdict", {code: str(word) for word, code in VERDICTS.items()}),
@@ -46,10 +46,9 @@ def _range(register: Register) -> str:
     return f"{first}" if first == last else f"{first}-{last}"
 
 
-def _bits(name: str, meanings: Mapping[IntFlag, str]) -> list[str]:
+def _bits(name: str, bits: Iterable[Bit]) -> list[str]:
     numbered = {
-        bit.value.bit_length() - 1: f"{_camel_case(str(bit.name))}: {meaning}"
-        for bit, meaning in meanings.items()
+        bit.value.bit_length() - 1: f"{_camel_case(str(bit.name))}: {bit.meaning}" for bit in bits
     }
     return _codes(name, numbered, "Bits")
 

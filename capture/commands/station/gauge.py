@@ -60,7 +60,7 @@ def gauge(
     from capture.station.domain.folder import StationFolder, first_recipe
     from capture.station.judge.gauge.fault_study import keep_study, study_faults
     from capture.station.judge.gauge.gauge import GaugeStudy
-    from capture.station.judge.gauge.gauge_report import GaugeReport, write_gauge_report
+    from capture.station.judge.gauge.gauge_report import GaugeReport
     from capture.station.judge.inspector import Inspector
     from classify.base.durable_file import make_folder
 
@@ -84,7 +84,7 @@ def gauge(
         faults=faults,
     )
     make_folder(files.gauge.parent)
-    write_gauge_report(files.gauge, report)
+    report.write(files.gauge)
     if json:
         print_json(report.model_dump(mode="json"))
     else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -71,7 +72,7 @@ def history(
         label=label,
         recipe=recipe,
     )
-    shown = selection if include_simulated else selection.without_simulated()
+    shown = selection if include_simulated else replace(selection, simulated=False)
     with _results_of(folder) as store:
         if csv:
             write_csv(store.parts(shown), sys.stdout)

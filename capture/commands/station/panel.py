@@ -29,7 +29,7 @@ def panel(folder: Station, host: Host = None, port: Port = None) -> None:
     station, is_over = StationFolder(folder), threading.Event()
     settings = panel_settings(station.config.panel, host, port)
     with serving_panel(
-        Panel.of(station, StationLink(station), settings), ended=is_over.set
+        Panel(station, StationLink(station), settings), ended=is_over.set
     ) as address:
         complain(f"panel: {address}")
         is_over.wait()

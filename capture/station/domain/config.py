@@ -1,10 +1,12 @@
 """`StationConfig`: the file ``station.toml`` of a station."""
 
+import json
 import re
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
-from pydantic import AfterValidator, Field, FiniteFloat, model_validator
+from pydantic import AfterValidator, BaseModel, Field, FiniteFloat, model_validator
 
 from capture.base.names import Name, Text
 from classify.base.models import Degrees, Section, read_toml_as
@@ -93,9 +95,12 @@ class StationConfig(Section):
     results: Annotated[str, Field(min_length=1, max_length=4096), AfterValidator(_results)] = Field(
         default="results.sqlite", description="or postgresql://USER:PASSWORD@HOST/DATABASE"
     )
-    operator: Text | None = Field(default=None, description="person responsible for the results")
+    operator: Text | None = Field(
+        default=None, description="person responsible for the results", examples=["Your name"]
+    )
     trigger: Literal["timer", "enter", "sensor", "http", "modbus"] = Field(
-        default="enter", description="what says that a part lies below the camera"
+        default="enter",
+        description="what says that a part is there: timer, enter, sensor, http or modbus",
     )
     timer_s: float = Field(
         default=2.0,
@@ -137,7 +142,10 @@ class StationConfig(Section):
     simulated_parts: SimulatedParts = Field(
         default=SimulatedParts(), description="the parts below a simulated rig"
     )
-    panel: PanelConfig = Field(default=PanelConfig(), description="the panel and the HTTP API")
+    panel: PanelConfig = Field(
+        default=PanelConfig(),
+        description="the panel and the HTTP API; other machines need users and HTTPS",
+    )
     modbus: ModbusConfig | None = Field(default=None, description="the registers for a PLC")
     mqtt: MqttConfig | None = Field(default=None, description="results for a broker")
 
@@ -156,63 +164,24 @@ def read_config(path: Path) -> StationConfig:
     return read_toml_as(path, StationConfig, missing)
 
 
-EXAMPLE = """\
-# Configuration of an inspection station. A line that begins with # is a comment.
-
-name = "NAME"                # unique among the stations that share a database
-rig = "sim"                  # the simulated rig, or a rig.toml relative to this folder
-recipe = "example"           # recipes/example.toml, made by ps4rig station teach
-results = "results.sqlite"   # or postgresql://USER:PASSWORD@HOST/DATABASE
-# operator = "Your name"
-trigger = "enter"            # the Enter key, "timer", "sensor", "http" or "modbus"
-timer_s = 2.0                # period of the timer; 0 is as fast as possible
-sensor_delay_ms = 0          # from the sensor's edge to the first light
-buffers = 2                  # parts that may wait for their verdict
-max_trigger_age_s = 1.0      # an older one is refused: another part may lie below the camera
-disk_floor_mb = 500          # with less free space triggers are refused
-plate_check = false          # true: a white sheet is below the camera when the station starts
-reconnect_s = 5.0            # between attempts to open a rig that was lost
-stop_after_errors = 5        # so many in a row stop the line, until somebody acknowledges one
-
-# The set files of FAIL, UNKNOWN and ERROR are kept for ever.
-[retention]
-pass_every = 20              # one in this many passed parts keeps its file, too
-pass_days = 7                # the files of the others are removed after this many days
-
-# The panel, and the HTTP API. For access from other machines they need users (ps4rig station user
-# add), and tls_cert and tls_key, or behind_proxy = true.
-[panel]
-host = "127.0.0.1"
-port = 8100
-# tls_cert = "panel.crt"     # PEM, relative to this folder
-# tls_key = "panel.key"
-# names = ["line-3.example"] # host names by which browsers reach it
-# kiosk_addresses = ["192.168.0.21"] # screens of the line: ps4rig station user kiosk
-
-# The registers for a PLC. Without this section there are none.
-# [modbus]
-# host = "127.0.0.1"         # or the address of this machine in the network of the PLC
-# port = 1502
-# plc_addresses = ["192.168.0.10"]   # that may connect; any if empty
-# recipes = ["example"]      # the PLC knows them as 1, 2, ...
-
-# Results for an MQTT broker.
-# [mqtt]
-# url = "mqtt://broker.example:1883"
-# topic = "plant/line-3"
-
-# Parts below the camera of a simulated rig; a real rig ignores them.
-[simulated_parts]
-seed = 100                   # should differ from the seed of the taught sets
-surfaces = ["rock"]
-others = ["sand"]            # unexpected surfaces
-share_other = 0.02           # their share of the parts
-orientations_deg = []        # one of these; any orientation if empty
-share_defective = 0.05
-defects = ["scratch", "dent", "bump", "stain"]
-"""
-
-
 def example_config(name: str) -> str:
     """Return a commented configuration of a station called `name`."""
-    return EXAMPLE.replace("NAME", name, 1)
+    head = "# Configuration of an inspection station. A line that begins with # is a comment.", ""
+    return "\n".join([*head, *_entries(StationConfig, {"name": name, "recipe": "example"})]) + "\n"
+
+
+def _entries(model: type[BaseModel], given: Mapping[str, Any], off: str = "") -> Iterator[str]:
+    """Yield all keys with their defaults, then the sections; `off` begins each line of one."""
+    sections = []
+    for key, field in model.model_fields.items():
+        kinds = (field.annotation, *get_args(field.annotation))
+        kind = next((k for k in kinds if isinstance(k, type) and issubclass(k, Section)), None)
+        if kind is not None:
+            off_section = "# " if field.default is None else ""
+            sections += ["", f"# {field.description}", f"{off_section}[{key}]"]
+            sections += _entries(kind, {}, off_section)
+            continue
+        value = given.get(key, None if field.is_required() else field.default)
+        shown = (field.examples or [None])[0] if value is None else value
+        yield f"{off or '# ' * (value is None)}{key} = {json.dumps(shown)}  # {field.description}"
+    yield from sections

@@ -5,16 +5,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
 
-from pydantic import ValidationError
-
 from capture.base.folder_lock import folder_lock
 from capture.base.names import SET_SUFFIX, Name, file_name
 from capture.base.outputs import append_line, escaped
 from capture.base.utc_time import utc_text
 from classify.base.durable_file import durable_file, make_folder
 from classify.base.errors import InputError
-from classify.base.models import Record, first_fault
-from classify.base.regular_file import read_regular_file
+from classify.base.models import Record
 from rig.config.rig import RigConfig, config_of
 
 from .config import CONFIG, StationConfig, example_config, read_config
@@ -119,17 +116,10 @@ def first_recipe(folder: StationFolder) -> str:
     path, configured = folder.path / FILE, folder.config.recipe
     if not path.exists():
         return configured
-    try:
-        last = LastRecipe.model_validate_json(read_regular_file(path, _MAX_BYTES))
-    except ValidationError as error:
-        raise InputError(
-            f"{path}: {first_fault(error)}; remove it to begin with recipe {configured}"
-        ) from error
+    last = LastRecipe.read(path, _MAX_BYTES, f"remove it to begin with recipe {configured}")
     return last.loaded if last.configured == configured else configured
 
 
 def keep_recipe(folder: StationFolder, name: str) -> None:
     """Store the recipe with which the next run begins; InputError if it cannot be written."""
-    last = LastRecipe(configured=folder.config.recipe, loaded=name)
-    with durable_file(folder.path / FILE) as temporary:
-        temporary.write_text(last.model_dump_json(indent=1), encoding="utf-8")
+    LastRecipe(configured=folder.config.recipe, loaded=name).write(folder.path / FILE)

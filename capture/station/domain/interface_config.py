@@ -45,9 +45,11 @@ class PanelConfig(Section):
     host: Address = Field(default="127.0.0.1", description="address of this machine to listen on")
     port: int = Field(default=8100, ge=0, le=65535, description="to listen on")
     tls_cert: PathText | None = Field(
-        default=None, description="PEM file for HTTPS, relative to the station's folder"
+        default=None,
+        description="PEM file for HTTPS, relative to the station's folder",
+        examples=["panel.crt"],
     )
-    tls_key: PathText | None = Field(default=None, description="its key")
+    tls_key: PathText | None = Field(default=None, description="its key", examples=["panel.key"])
     behind_proxy: bool = Field(
         default=False, description="a proxy on this machine terminates HTTPS"
     )
@@ -142,10 +144,11 @@ class MqttConfig(Section):
     """Where results are published."""
 
     url: Annotated[str, Field(max_length=4096), AfterValidator(_broker)] = Field(
-        description="mqtt://HOST:1883, or mqtts://USER:PASSWORD@HOST:8883 with TLS"
+        description="mqtt://HOST:1883, or mqtts://USER:PASSWORD@HOST:8883 with TLS",
+        examples=["mqtt://broker.example:1883"],
     )
     topic: Annotated[str, Field(pattern=r"^[^\s/#+$][^\s#+]{0,200}$")] = Field(
-        description="beginning of all topics"
+        description="beginning of all topics", examples=["plant/line-3"]
     )
 
 

@@ -22,10 +22,7 @@ _VERSION = re.compile(r"version-([1-9][0-9]{0,9})")
 
 @dataclass(frozen=True)
 class RecipeFolder:
-    """``recipes/NAME.toml``, and ``recipes/NAME`` with a folder for each version.
-
-    The recipe's file names the version in use.
-    """
+    """``recipes/NAME.toml``, and ``recipes/NAME`` with a folder for each version."""
 
     file: Path
     folder: Path

@@ -6,15 +6,13 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, FiniteFloat, ValidationError
+from pydantic import Field, FiniteFloat
 
 from capture.base.names import Label, Name
 from capture.calibration.setting import Setting
 from capture.station.domain.errors import RecipeError
-from classify.base.durable_file import durable_file
 from classify.base.errors import InputError
-from classify.base.models import Record, first_fault
-from classify.base.regular_file import read_regular_file
+from classify.base.models import Record
 from rig.set_file import fields_sha256
 
 from .least_found import LeastFound
@@ -89,14 +87,6 @@ class Taught(Record):
 def read_taught(path: Path) -> Taught:
     """Read the measurements of teaching."""
     try:
-        return Taught.model_validate_json(read_regular_file(path, _MAX_BYTES))
+        return Taught.read(path, _MAX_BYTES, "run ps4rig station teach")
     except InputError as error:
-        raise RecipeError(f"{error}; run ps4rig station teach") from error
-    except ValidationError as error:
-        raise RecipeError(f"{path}: {first_fault(error)}; run ps4rig station teach") from error
-
-
-def write_taught(path: Path, taught: Taught) -> None:
-    """Write the file, whole or not at all."""
-    with durable_file(path) as temporary:
-        temporary.write_text(taught.model_dump_json(indent=1), encoding="utf-8")
+        raise RecipeError(str(error)) from error

@@ -22,10 +22,7 @@ def approve(
     seen_sha256: str | None = None,
     record: RecordChange = lambda *_: None,
 ) -> Recipe:
-    """Approve the present recipe, and keep a copy in the folder of its version.
-
-    Raises RecipeError if the recipe no longer has the hash `seen_sha256`; None skips the check.
-    """
+    """Approve the present recipe, and keep a copy in the folder of its version."""
     with files.changing():
         inspector = Inspector.load(files)
         recipe = inspector.recipe
@@ -68,16 +65,13 @@ def approved_states(files: RecipeFolder) -> list[Recipe]:
 
 
 def _approved_at(recipe: Recipe) -> tuple[str, int, str]:
-    """Sort key of an approval; earlier versions of ps4rig wrote times in whole seconds."""
+    """Sort key of an approval."""
     utc = "" if recipe.approval is None else recipe.approval.utc
-    return utc.removesuffix("Z"), recipe.version, recipe.sha256
+    return utc, recipe.version, recipe.sha256
 
 
 def roll_back(files: RecipeFolder, sha256: str, record: RecordChange = lambda *_: None) -> Recipe:
-    """Replace the recipe by an earlier approved state, with its approval.
-
-    The recipe must pass its challenge set again before it runs.
-    """
+    """Replace the recipe by an earlier approved state, with its approval."""
     with files.changing():
         state = next(
             (approved for approved in approved_states(files) if approved.sha256 == sha256), None

@@ -6,8 +6,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
-from pydantic import ValidationError
-
 from capture.base.console import ShowProgress, progress
 from capture.base.utc_time import utc_text
 from capture.sets.captured_set import CapturedSet
@@ -17,10 +15,8 @@ from capture.station.domain.recipe_folder import RecipeFolder, file_sha256
 from capture.station.domain.verdict import Decision, Verdict
 from capture.station.judge.fingerprint import Fingerprint
 from capture.station.judge.inspector import Inspector
-from classify.base.durable_file import durable_file
 from classify.base.errors import InputError
 from classify.base.models import Record
-from classify.base.regular_file import read_regular_file
 
 from .challenge_set import MOST_SETS, Expected, read_challenge
 
@@ -32,8 +28,7 @@ class PartOutcome(Record):
     """The verdict on a part of a challenge, and the one that it must get."""
 
     file: str
-    # None for a file that could not be read, and in a replay of an older program
-    file_sha256: str | None = None
+    file_sha256: str | None = None  # of a file that could be read, as the next one
     pixels_sha256: str | None
     expected: Expected
     found: Decision
@@ -101,8 +96,7 @@ def keep_replay(
 ) -> Replay:
     """Write the outcome of a replay; raises InputError if that cannot be done."""
     replay = Replay(utc=utc_text(), fingerprint=inspector.fingerprint, parts=parts)
-    with durable_file(files.replay) as temporary:
-        temporary.write_text(replay.model_dump_json(indent=1), encoding="utf-8")
+    replay.write(files.replay)
     return replay
 
 
@@ -198,6 +192,6 @@ def _known_sha256(path: Path, *stat: int) -> str:  # noqa: ARG001 - the key unde
 def last_replay(files: RecipeFolder) -> Replay | None:
     """Return the last recorded replay, of any state; None if there is none or it is damaged."""
     try:
-        return Replay.model_validate_json(read_regular_file(files.replay, _MAX_BYTES))
-    except (InputError, ValidationError):
+        return Replay.read(files.replay, _MAX_BYTES, "replay it")
+    except InputError:
         return None

@@ -20,27 +20,42 @@ Type = Literal["u16", "u32", "bits", "text"]
 Values = Mapping[str, Any]
 
 
-class Status(IntFlag):
+class Bit(IntFlag):
+    """A bit of a register with its meaning for the reference; a combination of bits has none."""
+
+    meaning: str
+
+    def __new__(cls, value: int, meaning: str = "") -> Self:
+        """Keep the meaning beside the number."""
+        bit = int.__new__(cls, value)
+        bit._value_, bit.meaning = value, meaning
+        return bit
+
+
+class Status(Bit):
     """Bits of ``status``, which the station sets."""
 
-    READY = 1
-    ACK = 2
-    EXPOSURE_COMPLETE = 4
-    BUSY = 8
-    RESULTS_VALID = 16
-    REFUSED = 32
-    WRONG_ACK = 64
-    SIMULATED = 128
-    RECIPE_LOADED = 256
-    RECIPE_REFUSED = 512
+    READY = 1, "Trigger may be set"
+    ACK = 2, "the trigger `trigger_id` was accepted as part `number`; until Trigger falls"
+    EXPOSURE_COMPLETE = 4, "part `number` is not exposed any more: it may move"
+    BUSY = 8, "a trigger has no answer, or a part has no result"
+    RESULTS_VALID = 16, "a result is shown; its registers do not change"
+    REFUSED = 32, "the trigger `trigger_id` was refused because of `error`; until Trigger falls"
+    WRONG_ACK = 64, "`ack_number` was not `result_number`; until ResultsAck falls"
+    SIMULATED = 128, "the rig is simulated: results are not of real parts"
+    RECIPE_LOADED = 256, "the recipe `selected` is loaded; until SelectRecipe falls"
+    RECIPE_REFUSED = (
+        512,
+        "the recipe `selected` is not loaded because of `select_error`; until SelectRecipe falls",
+    )
 
 
-class Command(IntFlag):
+class Command(Bit):
     """Bits of ``commands``, which the PLC sets."""
 
-    TRIGGER = 1
-    RESULTS_ACK = 2
-    SELECT_RECIPE = 4
+    TRIGGER = 1, "its rise says that a part lies below the camera"
+    RESULTS_ACK = 2, "its rise acknowledges the result `ack_number`"
+    SELECT_RECIPE = 4, "its rise asks the station to load the recipe `recipe`"
 
 
 class Code(IntEnum):
@@ -95,25 +110,6 @@ class SelectError(Code):
         "the program has a fault",
     )
 
-
-STATUS_MEANINGS = {
-    Status.READY: "Trigger may be set",
-    Status.ACK: "the trigger `trigger_id` was accepted as part `number`; until Trigger falls",
-    Status.EXPOSURE_COMPLETE: "part `number` is not exposed any more: it may move",
-    Status.BUSY: "a trigger has no answer, or a part has no result",
-    Status.RESULTS_VALID: "a result is shown; its registers do not change",
-    Status.REFUSED: "the trigger `trigger_id` was refused because of `error`; until Trigger falls",
-    Status.WRONG_ACK: "`ack_number` was not `result_number`; until ResultsAck falls",
-    Status.SIMULATED: "the rig is simulated: results are not of real parts",
-    Status.RECIPE_LOADED: "the recipe `selected` is loaded; until SelectRecipe falls",
-    Status.RECIPE_REFUSED: "the recipe `selected` is not loaded because of `select_error`; "
-    "until SelectRecipe falls",
-}
-COMMAND_MEANINGS = {
-    Command.TRIGGER: "its rise says that a part lies below the camera",
-    Command.RESULTS_ACK: "its rise acknowledges the result `ack_number`",
-    Command.SELECT_RECIPE: "its rise asks the station to load the recipe `recipe`",
-}
 
 VERDICTS = {
     Decision.PASS: 1,

@@ -281,7 +281,6 @@ async def _part(
 
     loop = asyncio.get_running_loop()
     with subscribed(call.panel.live) as (subscription, changed):
-        assert subscription is not None  # their number has no limit here
         ends_s, is_due = loop.time() + wait_s, True
         while True:
             changed.clear()

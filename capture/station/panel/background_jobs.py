@@ -47,10 +47,7 @@ class Job:
 
 
 class BackgroundJobs:
-    """Runs one job at a time, for at most `most_s`, and remembers the last one.
-
-    A job that must end does so before its next item.
-    """
+    """Runs one job at a time, for at most `most_s`, and remembers the last one."""
 
     def __init__(self, most_s: float = _MOST_S) -> None:
         self._most_s = most_s

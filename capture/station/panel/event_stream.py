@@ -30,9 +30,9 @@ MOST_STREAMS, MOST_OF_ONE = 128, 32
 
 @contextmanager
 def subscribed(
-    live: LiveView, most: int | None = None, of_one: list[Subscription] | None = None
-) -> Iterator[tuple[Subscription | None, asyncio.Event]]:
-    """Yield a subscription, None beyond `most`, and the event set when it has something.
+    live: LiveView, of_one: list[Subscription] | None = None
+) -> Iterator[tuple[Subscription, asyncio.Event]]:
+    """Yield a subscription, and the event set when it has something.
 
     Beyond `MOST_OF_ONE` in the list of one account or client, its oldest ends.
     """
@@ -42,18 +42,16 @@ def subscribed(
         with suppress(RuntimeError):  # the loop is closed at the end
             loop.call_soon_threadsafe(changed.set)
 
-    subscription, of_one = live.subscribe(wake, most), [] if of_one is None else of_one
-    if subscription is not None:
-        of_one.append(subscription)
-        if len(of_one) > MOST_OF_ONE:
-            of_one.pop(0).close()
+    subscription, of_one = live.subscribe(wake), [] if of_one is None else of_one
+    of_one.append(subscription)
+    if len(of_one) > MOST_OF_ONE:
+        of_one.pop(0).close()
     try:
         yield subscription, changed
     finally:
-        if subscription is not None:
-            live.unsubscribe(subscription)
-            with suppress(ValueError):  # it was ended for a newer one
-                of_one.remove(subscription)
+        live.unsubscribe(subscription)
+        with suppress(ValueError):  # it was ended for a newer one
+            of_one.remove(subscription)
 
 
 @router.get("/events", **media(_MEDIA_TYPE))
@@ -91,9 +89,7 @@ async def _messages(
     of_one: list[Subscription],
 ) -> AsyncIterator[str]:
     # Subscribe when the stream begins: one that never begins would keep its subscription.
-    with subscribed(live, MOST_STREAMS, of_one) as (subscription, changed):
-        if subscription is None:
-            return
+    with subscribed(live, of_one) as (subscription, changed):
         yield f"retry: {_RETRY_MS}\n\n"
         texts, sent = _missed(live, last)
         for text in texts:

@@ -2,7 +2,6 @@
 
 import threading
 from collections import defaultdict
-from dataclasses import dataclass, field
 
 from capture.station.domain.folder import StationFolder
 from capture.station.domain.interface_config import PanelConfig
@@ -24,45 +23,23 @@ from .triggering import KeyedTriggers
 MOST_RECKONING = 3
 
 
-@dataclass(frozen=True)
 class Panel:
     """The objects that all pages and API calls work with."""
 
-    folder: StationFolder
-    live: LiveStation | StationLink
-    settings: PanelConfig  # section ``[panel]``, with what the command line changed
-    results: ResultsAccess
-    changes: ChangeLog
-    users: Users
-    tokens: Tokens
-    sessions: Sessions
-    triggers: KeyedTriggers
-    pictures: PictureMaker
-    jobs: BackgroundJobs = field(default_factory=BackgroundJobs)
-    logins: LoginLimit = field(default_factory=LoginLimit)
-    # The event streams of each account and client, the oldest first.
-    streams: defaultdict[tuple[str, str], list[Subscription]] = field(
-        default_factory=lambda: defaultdict(list)
-    )
-    reckoning: Slots = field(default_factory=lambda: Slots(MOST_RECKONING, "exports or statistics"))
-    # Held by an override or acknowledgement, so that a second click finds the first done.
-    changing: threading.Lock = field(default_factory=threading.Lock)
-
-    @classmethod
-    def of(
-        cls, folder: StationFolder, live: LiveStation | StationLink, settings: PanelConfig
-    ) -> "Panel":
-        """Return the panel of a station."""
-        users, results = Users(folder.path), ResultsAccess(folder)
-        return cls(
-            folder=folder,
-            live=live,
-            settings=settings,
-            results=results,
-            changes=ChangeLog(folder, results),
-            users=users,
-            tokens=Tokens(folder.path),
-            sessions=Sessions(folder.path, users),
-            triggers=KeyedTriggers(live, results),
-            pictures=PictureMaker(folder),
-        )
+    def __init__(
+        self, folder: StationFolder, live: LiveStation | StationLink, settings: PanelConfig
+    ) -> None:
+        self.folder, self.live = folder, live
+        self.settings = settings  # section ``[panel]``, with what the command line changed
+        self.results = ResultsAccess(folder)
+        self.changes = ChangeLog(folder, self.results)
+        self.users, self.tokens = Users(folder.path), Tokens(folder.path)
+        self.sessions = Sessions(folder.path, self.users)
+        self.triggers = KeyedTriggers(live, self.results)
+        self.pictures = PictureMaker(folder)
+        self.jobs, self.logins = BackgroundJobs(), LoginLimit()
+        # The event streams of each account and client, the oldest first.
+        self.streams: defaultdict[tuple[str, str], list[Subscription]] = defaultdict(list)
+        self.reckoning = Slots(MOST_RECKONING, "exports or statistics")
+        # Held by an override or acknowledgement, so that a second click finds the first done.
+        self.changing = threading.Lock()

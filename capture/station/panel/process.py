@@ -93,6 +93,6 @@ def _serve_panel(
         is_over.set()
 
     threading.Thread(target=await_end, daemon=True).start()
-    panel = Panel.of(station, StationLink(station), settings)
+    panel = Panel(station, StationLink(station), settings)
     with serving_panel(panel, listener, is_over.set):
         is_over.wait()

@@ -53,11 +53,7 @@ class _File(Section):
 
 
 class Sessions:
-    """Sessions by their signed cookies, thread-safe; each has the present role of its user.
-
-    Sessions survive a restart of the panel: the signing key and the ended sessions are in a private
-    file.
-    """
+    """Sessions by their signed cookies, thread-safe; each has the present role of its user."""
 
     def __init__(self, folder: Path, users: Users, now_s: Callable[[], float] = time.time) -> None:
         self._users, self._now_s = users, now_s

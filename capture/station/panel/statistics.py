@@ -33,6 +33,7 @@ Cell = str | int | float | None
 class Figure:
     """A chart and its numbers."""
 
+    name: str  # for addresses and files
     title: str
     note: str  # how to read it
     columns: tuple[str, ...]
@@ -47,8 +48,7 @@ class StationStatistics:
 
     selection: Selection
     tally: Tally
-    # By a name for addresses and files; those without numbers are left out.
-    figures: dict[str, Figure]
+    figures: dict[str, Figure]  # by their names; those without numbers are left out
 
     @property
     def shown(self) -> str:
@@ -62,31 +62,25 @@ def statistics_of(panel: Panel, selection: Selection) -> StationStatistics:
     counters = store.counters(selection)
     tally = counters.simulated if selection.simulated else counters.production
     charts = chart_histories(newest_measured(store, selection))
-    return StationStatistics(
-        selection,
-        tally,
-        dict(
-            (
-                *_yield_figure(counted_periods(store, selection)),
-                *_pareto_figure(
-                    "causes",
-                    "Causes",
-                    "The gravest cause of each part that the station did not pass, or what was "
-                    "found wrong with a part that is like no texture; overrides change nothing "
-                    "here.",
-                    counted_causes(store, selection),
-                ),
-                *_pareto_figure(
-                    "defects",
-                    "Kinds of defects",
-                    "The kind of the first defect of each part that did not pass and has one.",
-                    counted_defects(store, selection),
-                ),
-                *_control_figures(charts, _names_of_leds(panel.folder, len(charts) - 1)),
-                *_gauge_figure(gauge_of(panel.folder, selection)),
-            )
+    figures = (
+        *_yield_figure(counted_periods(store, selection)),
+        *_pareto_figure(
+            "causes",
+            "Causes",
+            "The gravest cause of each part that the station did not pass, or what was found wrong "
+            "with a part that is like no texture; overrides change nothing here.",
+            counted_causes(store, selection),
         ),
+        *_pareto_figure(
+            "defects",
+            "Kinds of defects",
+            "The kind of the first defect of each part that did not pass and has one.",
+            counted_defects(store, selection),
+        ),
+        *_control_figures(charts, _names_of_leds(panel.folder, len(charts) - 1)),
+        *_gauge_figure(gauge_of(panel.folder, selection)),
     )
+    return StationStatistics(selection, tally, {figure.name: figure for figure in figures})
 
 
 def _names_of_leds(folder: StationFolder, leds: int) -> Sequence[str]:
@@ -110,7 +104,7 @@ def gauge_of(folder: StationFolder, selection: Selection) -> GaugeReport | None:
     return report if report is None or report.simulated == selection.simulated else None
 
 
-def _yield_figure(periods: Sequence[Period]) -> Iterator[tuple[str, Figure]]:
+def _yield_figure(periods: Sequence[Period]) -> Iterator[Figure]:
     if not periods:
         return
     rows: tuple[tuple[Cell, ...], ...] = tuple(
@@ -122,22 +116,20 @@ def _yield_figure(periods: Sequence[Period]) -> Iterator[tuple[str, Figure]]:
         )
         for period in periods
     )
-    yield (
+    yield Figure(
         "yield",
-        Figure(
-            "Yield",
-            f"Verdicts that hold, after overrides, on the station's clock ({local_zone()})."
-            f"{' Above a bar: the share that passed.' if len(periods) <= MOST_SHARES else ''}",
-            ("period", "parts", *Decision, "passed"),
-            rows,
-            yield_chart(periods),
-        ),
+        "Yield",
+        f"Verdicts that hold, after overrides, on the station's clock ({local_zone()})."
+        f"{' Above a bar: the share that passed.' if len(periods) <= MOST_SHARES else ''}",
+        ("period", "parts", *Decision, "passed"),
+        rows,
+        yield_chart(periods),
     )
 
 
 def _pareto_figure(
     name: str, title: str, note: str, causes: Sequence[CauseCount]
-) -> Iterator[tuple[str, Figure]]:
+) -> Iterator[Figure]:
     if not causes:
         return
     total, added = sum(cause.parts for cause in causes), 0
@@ -145,21 +137,17 @@ def _pareto_figure(
     for cause in causes:
         added += cause.parts
         rows.append((str(cause.cause), cause.parts, cause.also, cause.parts / total, added / total))
-    yield (
+    yield Figure(
         name,
-        Figure(
-            title,
-            f"{note} The line adds up the shares.",
-            ("cause", "parts", "also", "share", "cumulative_share"),
-            tuple(rows),
-            causes_chart(causes, title),
-        ),
-    )  # fmt: skip
+        title,
+        f"{note} The line adds up the shares.",
+        ("cause", "parts", "also", "share", "cumulative_share"),
+        tuple(rows),
+        causes_chart(causes, title),
+    )
 
 
-def _control_figures(
-    charts: Sequence[ChartHistory], names: Sequence[str]
-) -> Iterator[tuple[str, Figure]]:
+def _control_figures(charts: Sequence[ChartHistory], names: Sequence[str]) -> Iterator[Figure]:
     if not charts[0].points:
         return
     titles = ("Distance", *(f"Level of {name}" for name in names))
@@ -174,49 +162,45 @@ def _control_figures(
         remarks = tuple(
             f"{point.part_id}: {'; '.join(point.begun)}" for point in chart.points if point.begun
         )
-        yield (
+        yield Figure(
             f"led-{number}" if number else "distance",
-            Figure(
-                title,
-                f"A point is the mean of five of the last {MOST_MEASURED} parts that matched a "
-                "texture; the first 20 points are the baseline. Marked points break a Western "
-                "Electric rule; the list says where that begins.",
-                (
-                    "number", "part_id", "triggered_utc", "value", "centre", "lower_limit",
-                    "upper_limit", "broken_rules",
-                ),
-                rows,
-                control_chart(chart, f"Control chart: {title}", is_share=number > 0),
-                remarks,
+            title,
+            f"A point is the mean of five of the last {MOST_MEASURED} parts that matched a "
+            "texture; the first 20 points are the baseline. Marked points break a Western "
+            "Electric rule; the list says where that begins.",
+            (
+                "number", "part_id", "triggered_utc", "value", "centre", "lower_limit",
+                "upper_limit", "broken_rules",
             ),
+            rows,
+            control_chart(chart, f"Control chart: {title}", is_share=number > 0),
+            remarks,
         )  # fmt: skip
 
 
-def _gauge_figure(report: GaugeReport | None) -> Iterator[tuple[str, Figure]]:
+def _gauge_figure(report: GaugeReport | None) -> Iterator[Figure]:
     if report is None:
         return
     names = ("effectiveness", "misses", "false_alarms")
     shares = (report.effectiveness, report.misses, report.false_alarms)
-    yield (
+    yield Figure(
         "gauge",
-        Figure(
-            f"Gauge study: {report.rating}",
-            f"Recipe {report.recipe}, {report.utc[:10]}, {report.presentations} presentations"
-            f"{' of parts of a simulated rig' if report.simulated else ''}. {report.lines[-1]}.",
-            ("measure", "events", "trials", "share", "bound_95", "acceptable", "rating"),
-            tuple(
-                (
-                    name,
-                    share.events,
-                    share.trials,
-                    share.share,
-                    share.bound,
-                    acceptable,
-                    report.rating,
-                )
-                for name, share, acceptable in zip(names, shares, ACCEPTABLE, strict=True)
-            ),
-            gauge_chart(report),
-            report.wrong,
+        f"Gauge study: {report.rating}",
+        f"Recipe {report.recipe}, {report.utc[:10]}, {report.presentations} presentations"
+        f"{' of parts of a simulated rig' if report.simulated else ''}. {report.lines[-1]}.",
+        ("measure", "events", "trials", "share", "bound_95", "acceptable", "rating"),
+        tuple(
+            (
+                name,
+                share.events,
+                share.trials,
+                share.share,
+                share.bound,
+                acceptable,
+                report.rating,
+            )
+            for name, share, acceptable in zip(names, shares, ACCEPTABLE, strict=True)
         ),
+        gauge_chart(report),
+        report.wrong,
     )

@@ -29,10 +29,7 @@ class Repeated:
 
 
 class KeyedTriggers:
-    """Passes triggers to the station, each key once, also after a restart.
-
-    A key without a part id determines the id of the part.
-    """
+    """Passes triggers to the station, each key once, also after a restart."""
 
     def __init__(self, live: LiveStation | StationLink, results: ResultsAccess) -> None:
         self._live, self._results = live, results

@@ -108,10 +108,7 @@ class ResultsAccess:
 
 
 class ChangeLog:
-    """Writes changes to the database of results, made if missing, and to ``station.log``.
-
-    A change is recorded before it is made, so that none is without a row.
-    """
+    """Writes changes to the database of results, made if missing, and to ``station.log``."""
 
     def __init__(self, folder: StationFolder, results: ResultsAccess) -> None:
         self._folder, self._results = folder, results

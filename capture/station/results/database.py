@@ -2,9 +2,9 @@
 
 import sqlite3
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from typing import Any
 
 from sqlalchemy import URL, Connection, Engine, QueuePool, create_engine, event, make_url
 from sqlalchemy.exc import (
@@ -29,8 +29,6 @@ _READ_CACHE_KB = 256
 _PLACES = "give postgresql://USER@HOST/DATABASE, or a file name such as results.sqlite"
 # Advisory locks of PostgreSQL are named by two integers: the letters "ps4r", and the station.
 _LOCK_CLASS = 0x70733472
-_RETRY_S = 0.2  # a PostgreSQL server restarts within a second
-T = TypeVar("T")
 
 
 class ResultsUnavailable(Ps4rigError):  # noqa: N818 - the state of a server, not a fault in a call
@@ -194,27 +192,3 @@ def unavailable_if_failing(url: URL) -> Iterator[None]:
             f"{shown(url)}: {message or type(error).__name__}",
             may_pass=is_lost and url.get_backend_name() == "postgresql",
         ) from error
-
-
-class Writer:
-    """Writes to a database in transactions that are on its disk when they end."""
-
-    def __init__(self, url: URL, engine: Engine, patience_s: float) -> None:
-        self.engine = engine
-        self._url = url
-        self._patience_s = patience_s
-
-    def write(self, work: Callable[[Connection], T]) -> T:
-        """Do `work` in a transaction; repeat it while a PostgreSQL server cannot be reached.
-
-        `work` must first look whether an earlier attempt was committed before its answer was lost.
-        """
-        last_attempt_s = time.monotonic() + self._patience_s
-        while True:
-            try:
-                with unavailable_if_failing(self._url), self.engine.begin() as connection:
-                    return work(connection)
-            except ResultsUnavailable as error:
-                if not error.may_pass or time.monotonic() >= last_attempt_s:
-                    raise
-            time.sleep(_RETRY_S)

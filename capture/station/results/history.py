@@ -4,8 +4,8 @@ import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
-from typing import Any, Self
+from dataclasses import dataclass
+from typing import Any
 
 from sqlalchemy import ColumnElement, Connection, Select, Text, cast, func, select
 
@@ -54,10 +54,6 @@ class Selection:
     part_id: str | None = None
     part_of_id: str | None = None  # contained in the id, in any case
     below_number: int | None = None
-
-    def without_simulated(self) -> Self:
-        """Return the same selection of production alone."""
-        return replace(self, simulated=False)
 
 
 EVERY_PART = Selection()

@@ -58,6 +58,15 @@ def _column(name: str, kind: Any) -> Column[Any]:
     return Column(name, _TYPES.get(kind, JSON), nullable=bool(optional))
 
 
+def _texts(*names: str) -> Iterator[Column[Any]]:
+    yield from (Column(name, Text, nullable=False) for name in names)
+
+
+def _request() -> Column[Any]:
+    """A random key, which tells after a lost connection whether the row was written."""
+    return Column("request", Text, nullable=False, unique=True)
+
+
 def _link() -> Iterator[Column[Any] | UniqueConstraint]:
     """Columns of a row in the chain of hashes of its station; `chain.append` fills them."""
     yield Column("link", BigInteger, nullable=False)
@@ -87,28 +96,25 @@ schema_versions = Table(
     "schema_versions",
     metadata,
     Column("version", Integer, primary_key=True, autoincrement=False),
-    Column("since_utc", Text, nullable=False),
-    Column("software_version", Text, nullable=False),
+    *_texts("since_utc", "software_version"),
 )
 
 stations = Table(
     "stations",
     metadata,
     Column("station", Text, primary_key=True),
-    Column("since_utc", Text, nullable=False),
+    *_texts("since_utc"),
 )
 
-# One row for each trigger that was taken, before the first exposure. `request` is a random key:
-# after a lost connection it tells whether the row was written.
+# One row for each trigger that was taken, before the first exposure.
 begun_parts = Table(
     "begun_parts",
     metadata,
     Column("station", Text, ForeignKey("stations.station"), nullable=False),
-    Column("part_id", Text, nullable=False),
+    *_texts("part_id"),
     Column("number", BigInteger, nullable=False),
-    Column("request", Text, nullable=False, unique=True),
-    Column("trigger", Text, nullable=False),
-    Column("triggered_utc", Text, nullable=False),
+    _request(),
+    *_texts("trigger", "triggered_utc"),
     Column("simulated", Boolean, nullable=False),
     PrimaryKeyConstraint("station", "part_id"),
     UniqueConstraint("station", "number"),
@@ -134,14 +140,10 @@ results = Table(
 overrides = Table(
     "overrides",
     metadata,
-    Column("station", Text, nullable=False),
-    Column("part_id", Text, nullable=False),
+    *_texts("station", "part_id"),
     Column("position", BigInteger, nullable=False),
-    Column("request", Text, nullable=False, unique=True),
-    Column("utc", Text, nullable=False),
-    Column("decision", Text, nullable=False),
-    Column("by", Text, nullable=False),
-    Column("reason", Text, nullable=False),
+    _request(),
+    *_texts("utc", "decision", "by", "reason"),
     *_link(),
     PrimaryKeyConstraint("station", "part_id", "position"),
     ForeignKeyConstraint(("station", "part_id"), ("results.station", "results.part_id")),
@@ -153,11 +155,10 @@ refused_triggers = Table(
     metadata,
     Column("station", Text, ForeignKey("stations.station"), nullable=False),
     Column("position", BigInteger, nullable=False),
-    Column("request", Text, nullable=False, unique=True),
-    Column("utc", Text, nullable=False),
-    Column("trigger", Text, nullable=False),
+    _request(),
+    *_texts("utc", "trigger"),
     Column("part_id", Text),
-    Column("reason", Text, nullable=False),
+    *_texts("reason"),
     Column("simulated", Boolean, nullable=False),
     *_link(),
     PrimaryKeyConstraint("station", "position"),
@@ -168,11 +169,9 @@ refused_triggers = Table(
 removed_sets = Table(
     "removed_sets",
     metadata,
-    Column("station", Text, nullable=False),
-    Column("part_id", Text, nullable=False),
+    *_texts("station", "part_id"),
     Column("batch", BigInteger, nullable=False),
-    Column("utc", Text, nullable=False),
-    Column("set_file", Text, nullable=False),
+    *_texts("utc", "set_file"),
     *_link(),
     PrimaryKeyConstraint("station", "part_id"),
     ForeignKeyConstraint(("station", "part_id"), ("results.station", "results.part_id")),
@@ -184,12 +183,8 @@ changes = Table(
     metadata,
     Column("station", Text, ForeignKey("stations.station"), nullable=False),
     Column("position", BigInteger, nullable=False),
-    Column("request", Text, nullable=False, unique=True),
-    Column("utc", Text, nullable=False),
-    Column("by", Text, nullable=False),
-    Column("role", Text, nullable=False),
-    Column("via", Text, nullable=False),
-    Column("what", Text, nullable=False),
+    _request(),
+    *_texts("utc", "by", "role", "via", "what"),
     Column("before", Text),
     Column("after", Text),
     *_link(),

@@ -4,8 +4,8 @@ import os
 import shutil
 import sqlite3
 import subprocess
-from collections.abc import Iterator, Mapping
-from contextlib import closing, contextmanager
+from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,16 +14,10 @@ from sqlalchemy import URL, Connection, select
 from classify.base.errors import InputError
 
 from .chain import head
-from .database import (
-    PATIENCE_S,
-    database_url,
-    postgresql_engine,
-    shown,
-    sqlite_engine,
-    unavailable_if_failing,
-)
+from .database import PATIENCE_S, database_url, shown, unavailable_if_failing
 from .history import ROWS_AT_A_TIME
 from .schema import removed_sets, results, same_part
+from .store import open_store
 
 # A database of a million parts has 0.5 GB and is dumped in a minute.
 _DUMP_TIMEOUT_S = 3600.0
@@ -46,9 +40,9 @@ def copy_results(address: str, station: str, target: Path) -> ResultsSnapshot:
     url = database_url(address)
     with unavailable_if_failing(url):
         if url.get_backend_name() != "sqlite":
-            return _dump(url, station, target)
+            return _dump(address, url, station, target)
         _copy_file(Path(address), target)
-        with _connection(database_url(str(target))) as connection:
+        with open_store(str(target), station, alone=False) as copy, copy.reading() as connection:
             return _snapshot(connection, station)
 
 
@@ -68,14 +62,14 @@ def _copy_file(path: Path, target: Path) -> None:
         raise InputError(f"{path}: damaged: {answer}; restore a backup")
 
 
-def _dump(url: URL, station: str, target: Path) -> ResultsSnapshot:
+def _dump(address: str, url: URL, station: str, target: Path) -> ResultsSnapshot:
     program = shutil.which("pg_dump")
     if program is None:
         raise InputError(
             f"{shown(url)}: pg_dump is missing; install postgresql-client in the version of the "
             "server"
         )
-    with _connection(url) as connection:
+    with open_store(address, station, alone=False) as store, store.reading() as connection:
         # Files and dump are of the same moment.
         connection.exec_driver_sql("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ")
         moment = connection.exec_driver_sql("SELECT pg_export_snapshot()").scalar_one()
@@ -114,20 +108,6 @@ def _run(url: URL, command: tuple[str, ...], variables: Mapping[str, str]) -> No
         raise InputError(f"{shown(url)}: pg_dump: {error.stderr.strip()}") from error
     except subprocess.TimeoutExpired as error:
         raise InputError(f"{shown(url)}: pg_dump took more than an hour") from error
-
-
-@contextmanager
-def _connection(url: URL) -> Iterator[Connection]:
-    """Yield a connection in a transaction."""
-    if url.get_backend_name() == "sqlite":
-        engine = sqlite_engine(url, patience_s=PATIENCE_S, is_writer=False)
-    else:
-        engine = postgresql_engine(url, patience_s=PATIENCE_S, writing_station=None)
-    try:
-        with engine.connect() as connection:
-            yield connection
-    finally:
-        engine.dispose()
 
 
 def _snapshot(connection: Connection, station: str) -> ResultsSnapshot:

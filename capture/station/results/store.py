@@ -1,11 +1,12 @@
 """`ResultStore`: begun parts, their results, overrides and refused triggers."""
 
+import time
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self, TypeVar
 
 from sqlalchemy import URL, Connection, Engine, Row, Select, Table, func, insert, select
 from sqlalchemy.exc import IntegrityError
@@ -16,7 +17,7 @@ from classify.base.errors import InputError
 from .chain import Head, append, head
 from .database import (
     PATIENCE_S,
-    Writer,
+    ResultsUnavailable,
     database_url,
     postgresql_engine,
     shown,
@@ -38,6 +39,9 @@ from .schema import (
     stations,
 )
 from .utc import require_utc
+
+_RETRY_S = 0.2  # a PostgreSQL server restarts within a second
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -68,12 +72,11 @@ class ResultStore:
     after `ResultsUnavailable`.
     """
 
-    def __init__(self, url: URL, station: str, writer: Writer, reader: Engine) -> None:
-        self.station = station
-        self._reader = reader
-        self.url = url
-        self._writer = writer
-        self.write = writer.write
+    def __init__(
+        self, url: URL, station: str, writer: Engine, reader: Engine, patience_s: float
+    ) -> None:
+        self.url, self.station, self._patience_s = url, station, patience_s
+        self._writer, self._reader = writer, reader
 
     def __enter__(self) -> Self:
         return self
@@ -83,7 +86,7 @@ class ResultStore:
 
     def close(self) -> None:
         """Close all connections."""
-        self._writer.engine.dispose()
+        self._writer.dispose()
         self._reader.dispose()
 
     @contextmanager
@@ -91,6 +94,22 @@ class ResultStore:
         """Yield a connection for queries; errors of the database are `ResultsUnavailable`."""
         with unavailable_if_failing(self.url), self._reader.connect() as connection:
             yield connection
+
+    def write(self, work: Callable[[Connection], T]) -> T:
+        """Do `work` in a transaction that is on disk when it ends.
+
+        It is repeated while a PostgreSQL server cannot be reached: `work` must first look whether
+        an earlier attempt was committed before its answer was lost.
+        """
+        last_attempt_s = time.monotonic() + self._patience_s
+        while True:
+            try:
+                with unavailable_if_failing(self.url), self._writer.begin() as connection:
+                    return work(connection)
+            except ResultsUnavailable as error:
+                if not error.may_pass or time.monotonic() >= last_attempt_s:
+                    raise
+            time.sleep(_RETRY_S)
 
     def begin(
         self, *, trigger: str, triggered_utc: str, simulated: bool, part_id: str | None = None,
@@ -288,7 +307,7 @@ def open_store(
         name = station if alone else None
         writer = postgresql_engine(url, patience_s=patience_s, writing_station=name)
         reader = postgresql_engine(url, patience_s=patience_s, writing_station=None)
-    store = ResultStore(url, station, Writer(url, writer, patience_s), reader)
+    store = ResultStore(url, station, writer, reader, patience_s)
     try:
         if create:
             store.write(lambda connection: make_tables(connection, shown(url)))

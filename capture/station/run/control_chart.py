@@ -171,10 +171,7 @@ class ControlChart:
 
 
 def relative_levels(group: Sequence[Sequence[float]]) -> list[float]:
-    """Return the mean level of each LED over some parts, as a share of the brightest.
-
-    A dark part lowers all of them alike.
-    """
+    """Return the mean level of each LED over some parts, as a share of the brightest."""
     means = [statistics.fmean(levels) for levels in zip(*group, strict=True)]
     return [mean / max(means) for mean in means]
 

@@ -131,9 +131,7 @@ class _Panel:
     def __init__(self, connection: socket.socket, live: LiveStation) -> None:
         self._connection, self._live = connection, live
         self._woken = threading.Event()
-        subscription = live.subscribe(self._woken.set)
-        assert subscription is not None  # their number has no limit here
-        self._subscription = subscription
+        self._subscription = live.subscribe(self._woken.set)
         self._sending = threading.Lock()
         self._has_ended = False
         self._withdrawn: set[int] = set()  # requests whose client is gone

@@ -111,10 +111,7 @@ class Subscription:
 
 
 class LiveView:
-    """The present state, the latest events and who follows them; any thread may call it.
-
-    Its subscribers never delay anybody: each has a bounded queue.
-    """
+    """The present state, the latest events and who follows them; any thread may call it."""
 
     def __init__(self, state: StationState, now_s: Callable[[], float] = time.monotonic) -> None:
         self._lock = threading.RLock()
@@ -165,13 +162,9 @@ class LiveView:
             subscribers = len(self._subscriptions)
             return replace(self._state, parts_per_minute=self._rate(), subscribers=subscribers)
 
-    def subscribe(
-        self, wake: Callable[[], None] = lambda: None, most: int | None = None
-    ) -> Subscription | None:
-        """Return a bounded queue of the events from now on; None if there are `most` already."""
+    def subscribe(self, wake: Callable[[], None] = lambda: None) -> Subscription:
+        """Return a bounded queue of the events from now on."""
         with self._lock:
-            if most is not None and len(self._subscriptions) >= most:
-                return None
             subscription = Subscription(wake)
             if self._is_closed:
                 subscription.close()

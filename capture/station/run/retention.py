@@ -130,10 +130,7 @@ def _text(moment: datetime) -> str:
 def retention_in_background(
     folder: Path, store: ResultStore, retention: Retention, warn: Callable[[str], None]
 ) -> Iterator[None]:
-    """Remove old set files of a station now and every hour, until the block ends.
-
-    A failure is passed to `warn` and tried again an hour later.
-    """
+    """Remove old set files of a station now and every hour, until the block ends."""
     ended = threading.Event()
 
     def keep_removing() -> None:

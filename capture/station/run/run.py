@@ -40,9 +40,7 @@ def run_station(
     live: LiveStation,
     options: RunOptions = RunOptions(),
 ) -> StationStopped:
-    """Run a station until its triggers end; KeyboardInterrupt is raised after the parts in
-    progress.
-    """
+    """Run a station until its triggers end; Ctrl-C is raised after the parts in progress."""
     config, clock = folder.config, StationClock()
     path = None if rig_config.calibration is None else Path(rig_config.calibration)
     loader = RecipeLoader(folder, path, options.operator or config.operator, clock)

@@ -192,9 +192,7 @@ class RunRecipes:
         return self._checks_of(recipe)
 
     def keep(self, recipe: UsableRecipe, by: Asker) -> None:
-        """Record that the rig took a recipe, with which the next run begins, or raise
-        RecipeRefused.
-        """
+        """Record a taken recipe, with which the next run begins, or raise RecipeRefused."""
         try:
             keep_recipe(self._folder, recipe.recipe.name)
             try:

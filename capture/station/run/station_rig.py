@@ -140,10 +140,7 @@ class StationRig:
 
     @beside_workers()
     def capture(self, number: int) -> tuple[CapturedSet, float]:
-        """Capture the part, and return it with the end of the last exposure.
-
-        On a virtual clock that is the time of the return.
-        """
+        """Capture the part, and return it with the end of the last exposure."""
         rig = self._opened()
         part, self._part = self._part, None
         if part is None:

@@ -1,5 +1,6 @@
 """Restore a station from a backup: every file with its hash, or nothing."""
 
+import errno
 import shutil
 import zipfile
 import zlib
@@ -108,7 +109,10 @@ class OpenBackup:
             yield
         except KeyError as error:
             raise InputError(f"{self._path}: not a backup of a station") from error
-        except _UNREADABLE as error:
+        except (*_UNREADABLE, OSError) as error:
+            # A damaged offset leads to a place before the file; other errors are of the disk.
+            if isinstance(error, OSError) and error.errno != errno.EINVAL:
+                raise
             raise InputError(f"{self._path}: damaged: {error}") from error
 
 

@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 
 from capture.session import folder as folder_module
-from capture.session import journal as journal_module
 from capture.session.events import Answer, SetCaptured
 from capture.session.folder import TABLE, SessionFolder, session_folder
 from capture.session.runner import run_session
 from capture.sets import ome_tiff
 from capture.sets.archive import JOURNAL
 from classify.base import durable_file as durable
+from classify.base import models
 from classify.base.errors import InputError
 from rig import RigConfig
 
@@ -46,7 +46,7 @@ class Disk:
 @pytest.fixture
 def disk(session: Path, monkeypatch: pytest.MonkeyPatch) -> Disk:
     disk = Disk(session)
-    for module in (folder_module, journal_module, ome_tiff):
+    for module in (folder_module, models, ome_tiff):
         monkeypatch.setattr(module, "durable_file", disk.durable_file)
     return disk
 

@@ -114,6 +114,6 @@ def test_a_journal_comes_back_as_it_was_written(tmp_path: Path) -> None:
 )
 def test_a_damaged_journal_is_refused(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / JOURNAL).write_text(text)
-    with pytest.raises(InputError, match="not a journal") as caught:
+    with pytest.raises(InputError, match="restore it") as caught:
         read_journal(tmp_path / JOURNAL)
     assert message in str(caught.value)

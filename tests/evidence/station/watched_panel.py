@@ -25,7 +25,7 @@ _PAUSE_S = 0.05
 def be_the_panel(folder: Path, listener: socket.socket) -> None:
     """Serve the panel of a station on a socket that outlives it."""
     station = StationFolder(folder)
-    panel = Panel.of(station, StationLink(station), PanelConfig(port=0))
+    panel = Panel(station, StationLink(station), PanelConfig(port=0))
     with serving_panel(panel, listener):
         threading.Event().wait()
 

@@ -2,10 +2,7 @@
 
 import random
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Literal
-
-from pydantic import ValidationError
 
 from capture.sets.captured_set import LoadedSet
 from capture.station.domain.errors import RecipeError
@@ -15,10 +12,8 @@ from capture.station.domain.taught_files import taught_for
 from capture.station.domain.verdict import Decision
 from capture.station.judge.fingerprint import Fingerprint
 from capture.station.judge.inspector import Inspector
-from classify.base.durable_file import durable_file
 from classify.base.errors import InputError
 from classify.base.models import Record
-from classify.base.regular_file import read_regular_file
 from classify.confidence import CONFIDENCE, share_at_least
 
 from .made_faults import (
@@ -165,9 +160,8 @@ def _fingerprint(inspector: Inspector) -> Fingerprint:
 def kept_study(files: RecipeFolder, inspector: Inspector) -> FaultStudy | None:
     """The last study of exactly this recipe; None without one."""
     try:
-        text = read_regular_file(files.faults, _MAX_BYTES)
-        study = FaultStudy.model_validate_json(text)
-    except (InputError, ValidationError):
+        study = FaultStudy.read(files.faults, _MAX_BYTES, "study again")
+    except InputError:
         return None
     return study if study.fingerprint == _fingerprint(inspector) else None
 
@@ -177,9 +171,7 @@ def keep_study(
 ) -> FaultStudy:
     """Write a study beside the recipe; InputError if that cannot be done."""
     study = FaultStudy(fingerprint=_fingerprint(inspector), findings=tuple(findings))
-    path: Path = files.faults
-    with durable_file(path) as temporary:
-        temporary.write_text(study.model_dump_json(indent=1), encoding="utf-8")
+    study.write(files.faults)
     return study
 
 

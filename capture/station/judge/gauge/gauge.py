@@ -5,10 +5,13 @@ import io
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Self
+
+from pydantic import Field, FiniteFloat
 
 from capture.station.domain.verdict import Decision, Verdict
 from classify.base.errors import InputError
+from classify.base.models import Record
 from classify.base.regular_file import read_regular_file
 from classify.confidence import (
     CONFIDENCE,
@@ -45,33 +48,33 @@ class Presentation:
         return self.is_good == (self.decision is Decision.PASS)
 
 
-@dataclass(frozen=True)
-class Share:
+class Share(Record):
     """A share of trials with its exact upper or lower bound at 95 % confidence."""
 
     events: int
     trials: int
-    bound: float
-    bound_is_upper: bool = True
+    share: FiniteFloat | None  # None without trials
+    bound: FiniteFloat
+    bound_is_upper: bool = Field(default=True, exclude=True)
 
-    @property
-    def value(self) -> float | None:
-        """The share; None without trials."""
-        return self.events / self.trials if self.trials else None
+    @classmethod
+    def of(cls, events: int, trials: int, bound: float, *, bound_is_upper: bool = True) -> Self:
+        """Return the share of some events."""
+        share = events / trials if trials else None
+        return cls(
+            events=events, trials=trials, share=share, bound=bound, bound_is_upper=bound_is_upper
+        )
 
     def __str__(self) -> str:
-        if self.value is None:
+        if self.share is None:
             return "no trials"
         side = "at most" if self.bound_is_upper else "at least"
-        return f"{self.events} of {self.trials}, {self.value:.1%}; {side} {self.bound:.1%}"
+        return f"{self.events} of {self.trials}, {self.share:.1%}; {side} {self.bound:.1%}"
 
 
 @dataclass(frozen=True)
 class GaugeStudy:
-    """The outcome of a study.
-
-    Bounds count parts, not presentations: those of one part are not independent trials.
-    """
+    """The outcome of a study."""
 
     presentations: tuple[Presentation, ...]
 
@@ -79,7 +82,8 @@ class GaugeStudy:
     def effectiveness(self) -> Share:
         """Share of the parts with the right verdict every time."""
         wrong, parts = len(self._wrong_parts()), len(self._parts())
-        return Share(parts - wrong, parts, share_at_least(parts - wrong, parts), False)
+        right = parts - wrong
+        return Share.of(right, parts, share_at_least(right, parts), bound_is_upper=False)
 
     @property
     def misses(self) -> Share:
@@ -94,7 +98,7 @@ class GaugeStudy:
     @property
     def rating(self) -> Rating:
         """The rating by AIAG; unacceptable without good parts or without bad parts."""
-        found = (self.effectiveness.value, self.misses.value, self.false_alarms.value)
+        found = (self.effectiveness.share, self.misses.share, self.false_alarms.share)
         if any(value is None for value in found):
             return "unacceptable"
         effective, missed, alarmed = (value or 0.0 for value in found)
@@ -154,7 +158,7 @@ class GaugeStudy:
         parts = sum(truth == is_good for truth in self._parts().values())
         wrong = sum(truth == is_good for truth in self._wrong_parts().values())
         events = sum(not presentation.is_right for presentation in shown)
-        return Share(events, len(shown), share_at_most(wrong, parts))
+        return Share.of(events, len(shown), share_at_most(wrong, parts))
 
 
 def read_known_parts(path: Path) -> dict[str, bool]:

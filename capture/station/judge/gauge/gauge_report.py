@@ -5,34 +5,17 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Literal, Self
 
-from pydantic import Field, FiniteFloat, ValidationError
+from pydantic import Field
 
 from capture.base.utc_time import utc_text
 from capture.station.domain.recipe import Sha256
-from classify.base.durable_file import durable_file
-from classify.base.errors import InputError
-from classify.base.models import Record, first_fault
-from classify.base.regular_file import read_regular_file
+from classify.base.models import Record
 
 from .gauge import GaugeStudy, Rating, Share
 
 _MAX_BYTES = 1 << 22  # the reasons of 200 parts, 2,000 characters each, have 0.4 MB
 # Number of parts with a wrong verdict that a report names.
 _MOST_WRONG = 200
-
-
-class GaugeShare(Record):
-    """A `Share` of a study; `share` is None without trials."""
-
-    events: int
-    trials: int
-    share: FiniteFloat | None
-    bound: FiniteFloat
-
-    @classmethod
-    def of(cls, found: Share) -> Self:
-        """Return the share as a record."""
-        return cls(events=found.events, trials=found.trials, share=found.value, bound=found.bound)
 
 
 class GaugeReport(Record):
@@ -46,9 +29,9 @@ class GaugeReport(Record):
     recipe_sha256: Sha256 | None  # None for results of an earlier run
     simulated: bool
     presentations: int
-    effectiveness: GaugeShare  # `effectiveness` to `rating`: as in `GaugeStudy`
-    misses: GaugeShare
-    false_alarms: GaugeShare
+    effectiveness: Share  # `effectiveness` to `rating`: as in `GaugeStudy`
+    misses: Share
+    false_alarms: Share
     rating: Rating
     lines: tuple[str, ...]  # of `GaugeStudy`, then of `FaultStudy`
     wrong: tuple[str, ...]
@@ -70,26 +53,17 @@ class GaugeReport(Record):
             recipe_sha256=recipe_sha256,
             simulated=simulated,
             presentations=len(study.presentations),
-            effectiveness=GaugeShare.of(study.effectiveness),
-            misses=GaugeShare.of(study.misses),
-            false_alarms=GaugeShare.of(study.false_alarms),
+            effectiveness=study.effectiveness,
+            misses=study.misses,
+            false_alarms=study.false_alarms,
             rating=study.rating,
             lines=(*study.lines(), *faults),
             wrong=tuple(study.wrong()[:_MOST_WRONG]),
         )
 
 
-def write_gauge_report(path: Path, report: GaugeReport) -> None:
-    """Write the file, whole or not at all."""
-    with durable_file(path) as temporary:
-        temporary.write_text(report.model_dump_json(indent=1), encoding="utf-8")
-
-
 def read_gauge_report(path: Path) -> GaugeReport | None:
     """Read the report of a recipe; None if no study was made."""
     if not path.exists():
         return None
-    try:
-        return GaugeReport.model_validate_json(read_regular_file(path, _MAX_BYTES))
-    except ValidationError as error:
-        raise InputError(f"{path}: {first_fault(error)}; run ps4rig station gauge") from error
+    return GaugeReport.read(path, _MAX_BYTES, "run ps4rig station gauge")

@@ -19,7 +19,6 @@ from capture.station.domain.taught import (
     Taught,
     TaughtSet,
     TaughtTexture,
-    write_taught,
 )
 from capture.station.domain.taught_files import TextureModels
 from capture.station.judge.inspector import Inspection, Inspector
@@ -78,7 +77,7 @@ def teach(
         _check_good_parts(recipe, sets)
         known_limits = {} if before is None else limits_measured_before(files, before)
         teaching = _taught(files, recipe, sets, known_limits, show)
-        write_taught(teaching.files.taught, teaching.taught)
+        teaching.taught.write(teaching.files.taught)
         measured = teaching.recipe.model_copy(update={"limits_of": teaching.measured})
         write_recipe(teaching.files.measured, measured)
         for result in show((teaching,), 1, "pictures"):

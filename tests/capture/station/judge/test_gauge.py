@@ -37,7 +37,7 @@ def study(good: int, bad: int, *, alarms: int = 0, misses: int = 0) -> GaugeStud
 def test_a_faultless_study_states_what_it_does_not_show() -> None:
     found = study(25, 25)
     assert found.rating == "acceptable"
-    assert found.misses.value == 0.0
+    assert found.misses.share == 0.0
     # 1 - 0.05 ** (1 / 25): parts count, not presentations.
     assert found.misses.bound == pytest.approx(0.1129, abs=1e-4)
     assert found.effectiveness.bound == pytest.approx(0.05 ** (1 / 50), abs=1e-4)

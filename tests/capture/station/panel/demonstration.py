@@ -8,7 +8,7 @@ from capture.station.domain.config import CONFIG
 from capture.station.domain.roles import Role
 from capture.station.domain.verdict import Cause, Decision
 from capture.station.judge.gauge.gauge import GaugeStudy, Presentation
-from capture.station.judge.gauge.gauge_report import GaugeReport, write_gauge_report
+from capture.station.judge.gauge.gauge_report import GaugeReport
 from rig import RigConfig
 from tests.capture.station.panel.panels import PASSWORD, ServedPanel, real_panel
 from tests.capture.station.production import taught_station
@@ -80,4 +80,4 @@ def _study(served: ServedPanel) -> None:
     report = GaugeReport.of(
         GaugeStudy(tuple(shown)), folder.config.recipe, None, simulated=True
     )  # fmt: skip
-    write_gauge_report(folder.recipe_files().gauge, report)
+    report.write(folder.recipe_files().gauge)

@@ -174,7 +174,7 @@ def running_panel(
     with bench(folder, captured) as station:
         live = LiveStation(station.folder.config.name, simulated=True)
         station.live, station.recipes = live, recipes
-        panel = Panel.of(station.folder, live, settings)
+        panel = Panel(station.folder, live, settings)
         with _running(panel, station.run) as url:
             yield RunningPanel(panel, url, bench=station)
 
@@ -184,7 +184,7 @@ def real_panel(folder: Path, rig_config: RigConfig) -> Iterator[ServedPanel]:
     """Run the taught station in `folder` with a simulated rig; its triggers come by HTTP."""
     with station_folder(folder) as opened:
         live = LiveStation(opened.config.name, simulated=True)
-        panel = Panel.of(opened, live, ANY_PORT)
+        panel = Panel(opened, live, ANY_PORT)
         with (
             live.telling(),
             _running(panel, lambda source: run_station(opened, rig_config, source, live)) as url,

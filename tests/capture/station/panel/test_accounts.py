@@ -222,7 +222,7 @@ def test_a_page_goes_on_with_the_panel_that_is_started_next(panel: RunningPanel)
     browser = panel.local
     browser.log_in("ada")
     panel.until_ready()
-    with serving_panel(Panel.of(panel.bench.folder, panel.live, panel.panel.settings)) as url:
+    with serving_panel(Panel(panel.bench.folder, panel.live, panel.panel.settings)) as url:
         browser.url = url
         assert browser.get("/").status == 200
         # The page was drawn before the restart.

@@ -177,7 +177,7 @@ def test_the_run_hears_of_the_age_of_a_trigger_and_of_a_client_that_leaves(
 
 def test_a_panel_without_a_run_says_so_and_follows_the_next_one(folder: StationFolder) -> None:
     with linked(folder) as link:
-        panel = Panel.of(folder, link, ANY_PORT)
+        panel = Panel(folder, link, ANY_PORT)
         with serving_panel(panel) as url:
             client = Client(url)
 

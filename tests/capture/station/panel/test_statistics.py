@@ -18,7 +18,7 @@ import pytest
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.verdict import Decision
 from capture.station.judge.gauge.gauge import GaugeStudy, Presentation
-from capture.station.judge.gauge.gauge_report import GaugeReport, write_gauge_report
+from capture.station.judge.gauge.gauge_report import GaugeReport
 from capture.station.panel.panel import MOST_RECKONING
 from capture.station.panel.statistics import gauge_of
 from capture.station.results.history import Selection
@@ -220,7 +220,7 @@ def test_the_last_gauge_study_is_shown_with_parts_of_its_rig(filled: RunningPane
     report = GaugeReport.of(GaugeStudy(tuple(shown)), "example", None, simulated=True)
     files = filled.bench.folder.recipe_files()
     files.folder.mkdir(exist_ok=True)
-    write_gauge_report(files.gauge, report)
+    report.write(files.gauge)
     try:
         assert "gauge" not in statistics_of(filled)["figures"]
         figure = statistics_of(filled, "simulated=only")["figures"]["gauge"]

@@ -342,6 +342,16 @@ def test_every_damaged_byte_of_a_short_backup_is_noticed_or_harmless(
             shutil.rmtree(again)
 
 
+def test_a_damaged_offset_before_the_file_is_noticed(line: Path, tmp_path: Path) -> None:
+    path = back_up(line, tmp_path / "short.ps4backup")
+    content = bytearray(path.read_bytes())
+    # The last record ends with the offset of the list of files, and the length of a comment.
+    content[-6:-2] = (int.from_bytes(content[-6:-2], "little") + 1000).to_bytes(4, "little")
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="damaged"):
+        restore(path, tmp_path / "again")
+
+
 def test_a_file_that_is_no_backup_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "notes.ps4backup"
     path.write_text("notes")
