@@ -14,7 +14,6 @@ from classify.base.arrays import Floats
 from classify.base.errors import InputError
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 
-from .cell_statistics import window_statistics
 from .defect_map import CELL_PX
 from .defect_model import CHANNEL_SHARES, DefectModel, channels_of
 from .departures import (
@@ -26,6 +25,7 @@ from .departures import (
     moment_sums,
     statistics_and_responses,
     unlike_halves,
+    window_statistics,
 )
 from .fields import PartFields, gaussian_mean, part_fields
 from .filters import SIZES
