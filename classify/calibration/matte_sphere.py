@@ -15,7 +15,7 @@ from .sphere import Sphere
 
 # Share of the radius that is used. Near the outline its error changes the normal most: 0.2 px of
 # 50 px are 1.4 degrees at 0.9 of the radius, and 4 degrees at 0.99.
-_INSIDE = 0.9
+_SHADED_SHARE = 0.9
 # Share of the light on the brightest pixel below which a pixel may be in shadow, or lit by its
 # surroundings.
 _LIT = 0.25
@@ -50,7 +50,7 @@ def matte_directions(
     Shading, a cubic in n . l, times vignetting by radius^2 is fitted to each (H, W) light image;
     `vignetting` is the share of light missing in the corners, None to fit it.
     """
-    rows, columns = sphere.pixels(_INSIDE)
+    rows, columns = sphere.pixels(_SHADED_SHARE)
     every = -(-len(rows) // _MOST_PIXELS)
     rows, columns = rows[::every], columns[::every]
     normals, _ = sphere.surface_at(columns, rows)
