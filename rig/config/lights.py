@@ -1,4 +1,4 @@
-"""The section ``[lights]`` of ``rig.toml``: controller and positions of its LEDs."""
+"""The section ``[lights]`` of ``rig.toml``, and the plan of a sequence of its lights."""
 
 import math
 from collections.abc import Iterable
