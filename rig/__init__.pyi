@@ -1,7 +1,7 @@
 from .cameras.camera import Camera, CameraInfo, Frame, FrameFlag, ListedCamera
 from .cameras.kinds import list_cameras
+from .config.lights import SequencePlan
 from .config.rig import RigConfig, load_config
-from .config.sequence_plan import SequencePlan
 from .config.simulation import Defect, FaultPlan, Placement
 from .errors import CameraError, ConfigError, HardwareError, LightControllerError
 from .lights.driver import LightController, Switch

@@ -6,7 +6,7 @@ from dataclasses import replace
 from enum import Enum
 
 from .cameras.camera import Frame, FrameFlag
-from .config.sequence_plan import SequencePlan
+from .config.lights import SequencePlan
 from .errors import CameraError, LightControllerError
 from .lights.driver import Switch
 from .lights.sequence import RunningSequence, exposure_left_s

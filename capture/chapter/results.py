@@ -17,7 +17,6 @@ from classify.texture.fields import TextureFields, texture_fields
 from classify.texture.spectra import field_spectra, segment_for
 from rig.scene.render import SceneImages, render_frame
 
-from .patches import CachedPatch, expose, load_surface, render_patch, solve, solves_as_planar
 from .plan import (
     BEST_SOLVER,
     OURS,
@@ -30,7 +29,16 @@ from .plan import (
     Protocol,
     Texture,
 )
-from .runs import System, library_path
+from .runs import (
+    CachedPatch,
+    System,
+    expose,
+    library_path,
+    load_surface,
+    render_patch,
+    solve,
+    solves_as_planar,
+)
 
 Work: TypeAlias = Callable[[], Any]
 _Clock: TypeAlias = Callable[[], float]

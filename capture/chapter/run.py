@@ -15,8 +15,7 @@ from capture.batch.runner import Batch
 from classify.base.durable_file import make_folder
 from rig import SYNTHETIC_TEXTURES
 
-from .chapter_accuracy import accuracy_exhibits
-from .chapter_surface import surface_exhibits
+from .exhibits import accuracy_exhibits, surface_exhibits
 from .output import Exhibit, PageInfo, write_page
 from .plan import Plan
 from .results import Results, Trials, measured_costs, polar_spectra, sand_maps, shadow_shares

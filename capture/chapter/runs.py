@@ -1,18 +1,133 @@
-"""Training runs and test runs: libraries, and matches of test patches with them."""
+"""Patches of textures, rendered and solved; libraries trained with them, and their matches."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+import zlib
+from collections.abc import Hashable, Iterator
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
-from classify import Lighting, Method, TextureLibrary, Trial
-from classify.classifiers import classifier_named
+from classify import Lighting, Method, SurfaceEstimate, TextureLibrary, Trial
+from classify.classifiers import Observation, classifier_named
 from classify.library.training import TrainingRow
 from classify.surface.estimate import FloatMap
+from rig import synthetic_surface
+from rig.scene.material_folder import load_material
+from rig.scene.render import SceneImages, render_frame
+from rig.scene.surfaces import PeriodicSurface
+from rig.simulation.sensor import SensorModel
+from rig.simulation.simulated_set import EXPOSURE_MS, SimulatedSet
 
 from . import plan
-from .patches import CachedPatch, solves_as_planar
+from .plan import BEST_SOLVER, Conditions, PatchPosition, SceneFaults, Texture
+
+_OF_THE_THESIS = ("ps3a", "ps3b", "ps3c", "ps3d", "ps4")
+
+
+@lru_cache(maxsize=2)
+def load_surface(texture: Texture, seed: int, tile_px: int) -> PeriodicSurface:
+    """Read or generate the surface that patches are cut from."""
+    if texture.folder is not None:
+        return load_material(texture.folder)
+    return synthetic_surface(texture.name, seed, tile_px)
+
+
+def render_patch(
+    position: PatchPosition,
+    slant_deg: float,
+    size_px: int,
+    surface: PeriodicSurface | None = None,
+    faults: SceneFaults | None = None,
+) -> SceneImages:
+    """Ideal images of a patch under four lights; the faults depend on its position."""
+    if surface is None:
+        surface = load_surface(position.texture, position.seed, 2 * size_px)
+    rows, columns = surface.height.shape
+    right, up = position.shift_tiles
+    shift_px = (right * columns, up * rows)
+    if faults is None:
+        lighting = Lighting.ring(slant_deg)
+        return render_frame(surface, lighting, size_px, position.rotate_deg, shift_px)
+    seed = _seed_of(position, "faults")
+    return faults(surface, slant_deg, size_px, position.rotate_deg, shift_px, seed)
+
+
+def expose(scene: SceneImages, conditions: Conditions, seed: int) -> SimulatedSet:
+    """Expose a scene under the conditions."""
+    return SimulatedSet.expose(
+        scene,
+        Lighting.ring(conditions.slant_deg),
+        SensorModel(bit_depth=conditions.bits),
+        seed,
+        exposure_ms=EXPOSURE_MS * conditions.exposure,
+        led_levels=(1.0, conditions.weak_led, 1.0, 1.0),
+        shadows=conditions.shadows,
+    )
+
+
+def solve(images: SimulatedSet, method: Method, *, planar: bool = False) -> SurfaceEstimate:
+    """Solve a set; PS3 and PS4 as in the thesis, where every pixel is valid unless saturated.
+
+    `photometric_stereo` itself marks pixels invalid where shadow leaves the slope unknown.
+    """
+    surface = images.solve(method, planar=planar)
+    if method in _OF_THE_THESIS:
+        return replace(surface, valid=~surface.saturated)
+    return surface
+
+
+def solves_as_planar(method: Method) -> bool:
+    """Whether sets are solved as planar parts, as `ps4rig train` and `classify` do by default."""
+    return method == BEST_SOLVER
+
+
+class CachedPatch:
+    """One patch under any conditions; each scene, solution and observation is computed once.
+
+    `frame_px` is the side of the largest frame needed.
+    """
+
+    def __init__(self, position: PatchPosition, frame_px: int) -> None:
+        self.position = position
+        self._frame_px = frame_px
+        self._scenes: dict[tuple[float, SceneFaults | None], SceneImages] = {}
+        self._surfaces: dict[tuple[Conditions, Method], SurfaceEstimate] = {}
+        self._observations: dict[Hashable, Observation] = {}
+
+    def images(self, conditions: Conditions) -> SimulatedSet:
+        """Image set of the patch; its noise depends on position and conditions only."""
+        key = (conditions.slant_deg, conditions.faults)
+        if key not in self._scenes:
+            self._scenes[key] = render_patch(
+                self.position, conditions.slant_deg, self._frame_px, faults=conditions.faults
+            )
+        scene = self._scenes[key].cropped(conditions.size_px, conditions.size_px)
+        return expose(scene, conditions, _seed_of(self.position, conditions))
+
+    def surface(self, conditions: Conditions, method: Method) -> SurfaceEstimate:
+        """Surface as a solver estimates it."""
+        key = (conditions, method)
+        if key not in self._surfaces:
+            planar = solves_as_planar(method)
+            self._surfaces[key] = solve(self.images(conditions), method, planar=planar)
+        return self._surfaces[key]
+
+    def observation(
+        self, conditions: Conditions, method: Method, name: str, segment_px: int, train: bool
+    ) -> Observation:
+        """Observation of the classifier `name`; classifiers with equal observations share one."""
+        classifier = classifier_named(name)
+        observe = classifier.observe_training if train else classifier.observe
+        key = (conditions, method, observe, segment_px)
+        if key not in self._observations:
+            self._observations[key] = observe(self.surface(conditions, method), segment_px)
+        return self._observations[key]
+
+
+def _seed_of(position: PatchPosition, use: object) -> int:
+    """Seed that does not depend on the folder in which a material is stored."""
+    named = replace(position, texture=Texture(position.texture.name))
+    return zlib.crc32(f"{named} {use}".encode())
 
 
 @dataclass(frozen=True)

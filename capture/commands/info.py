@@ -251,8 +251,8 @@ def compare(
     Differences pixel by pixel are given where both have one size. With --json no page is written
     without --out.
     """
-    from capture.maps.compared_side import side_of
     from capture.maps.comparison import compare as compared
+    from capture.maps.comparison import side_of
     from capture.maps.comparison_page import comparison_page
     from classify.base.durable_file import durable_file
 

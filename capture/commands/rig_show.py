@@ -171,8 +171,7 @@ def preview(
     from functools import partial
 
     from capture.session.live_view import PlacementGuide
-    from capture.session.preview_loop import Preview, run_preview
-    from capture.session.preview_server import serving
+    from capture.session.preview_loop import Preview, run_preview, serving
     from rig.config.rig import config_of
 
     config = config_of(rig)

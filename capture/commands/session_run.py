@@ -200,7 +200,7 @@ def _capture_missing(
 
 def _serve(preview: Preview, stack: ExitStack) -> None:
     """Serve the page that shows placements on the port of ``rig preview``, or on a free one."""
-    from capture.session.preview_server import serving
+    from capture.session.preview_loop import serving
 
     try:
         server = stack.enter_context(serving(preview, options.PREVIEW_PORT))

@@ -19,7 +19,7 @@ from classify.base.arrays import Floats
 from classify.base.durable_file import durable_folder
 from classify.base.errors import InputError
 from classify.lights.flat_field import FlatField
-from classify.relief.roughness_uncertainty import common_error
+from classify.relief.roughness import common_error
 
 from .map_kinds import kinds_of, map_views
 from .map_tiff import write_channels, write_values

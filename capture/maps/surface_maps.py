@@ -19,7 +19,7 @@ from classify import (
 )
 from classify.base.errors import InputError
 from classify.relief.height import default_cutoff_px
-from classify.relief.roughness_uncertainty import RoughnessUncertainty, roughness_uncertainty
+from classify.relief.roughness import RoughnessUncertainty, roughness_uncertainty
 from classify.surface.estimate import FloatMap
 
 if TYPE_CHECKING:

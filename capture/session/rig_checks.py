@@ -11,8 +11,8 @@ from capture.sets.ome_tiff import read_header
 from classify.base.errors import CalibrationRejected, InputError
 from classify.calibration.dark import Dark, measured_at
 from rig import HardwareError, Rig, RigConfig, list_cameras, open_rig
-from rig.doctor.cameras import exposure_range_ms
 from rig.doctor.check import Check
+from rig.doctor.devices import exposure_range_ms
 from rig.doctor.light_images import capture_light_images, rate_exposure
 from rig.simulation.scenes import require_surface
 

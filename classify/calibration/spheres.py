@@ -14,10 +14,9 @@ from classify.lighting import Lighting
 
 from .calibration import CalibratedLights
 from .correction import Scale, nominal_camera_matrix
-from .matte_sphere import SATURATED, matte_directions
-from .mirror_sphere import mirror_directions
 from .plate_blocks import check_placements_differ
 from .sphere import Sphere
+from .sphere_lights import SATURATED, matte_directions, mirror_directions
 from .sphere_outline import find_outline, outline_of_mask
 
 SphereKind = Literal["mirror", "matte"]

@@ -18,11 +18,11 @@ from classify.base.errors import DefectModelError
 from classify.confidence import share_at_most
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 
-from .cell_statistics import DEVIATIONS
 from .defect_map import DefectMap
 from .departures import (
     CENTRES,
     DEPARTURES,
+    DEVIATIONS,
     QUANTILES,
     RELIEF,
     STATISTICS,

@@ -17,14 +17,16 @@ from classify.texture.fields import texture_fields
 
 from .features import coarser, energy_floors, window_features, window_moments
 from .look_alikes import LookAlikes
-from .piece_model import SIZES, VIEWS, PieceModel
-from .spots import SpotModel, left_out_models, spot_values, subsampled
-from .whole_part import (
+from .piece_model import (
+    SIZES,
+    VIEWS,
+    PieceModel,
     handedness_measure,
     octave_levels,
     pseudo_scalars,
     scale_measure,
 )
+from .spots import SpotModel, left_out_models, spot_values, subsampled
 
 _LEAST_PARTS = 3
 SCALE_STEP = 0.05

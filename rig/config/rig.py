@@ -20,8 +20,7 @@ from rig.cameras.config import (
 )
 from rig.cameras.kinds import CAMERA_KINDS, camera_config
 
-from .lights import SIMULATED, LightsConfig
-from .sequence_plan import SequencePlan, plan_sequence
+from .lights import SIMULATED, LightsConfig, SequencePlan, plan_sequence
 from .simulation import SimulationConfig
 
 # A simulated LED is steady when 1 % of its change is missing. An exponential needs ln 100 time

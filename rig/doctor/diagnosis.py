@@ -18,14 +18,17 @@ from rig.lights.sequence import require_short_command
 from rig.rig import Rig, clock_of, open_camera, open_lights, port_of
 from rig.simulation.rig import Simulation
 
-from .cameras import (
+from .check import Check, collected
+from .devices import (
     check_cameras,
     check_controls,
     check_frames,
+    check_lights,
+    check_modem_manager,
+    check_port,
+    check_ports,
     exposure_range_ms,
 )
-from .check import Check, collected
-from .light_controller import check_lights, check_modem_manager, check_port, check_ports
 from .light_images import capture_light_images, check_light_images
 
 

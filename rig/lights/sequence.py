@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from classify.base.errors import ConfigError
 from firmware_sim.firmware import DARK, MAX_LINE_BYTES, MAX_SEQUENCE, MESSAGES
-from rig.config.sequence_plan import SequencePlan
+from rig.config.lights import SequencePlan
 from rig.errors import LightControllerError
 
 from .driver import Answer, LightController

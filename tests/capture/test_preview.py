@@ -19,8 +19,7 @@ import numpy as np
 import pytest
 
 from capture.session.live_view import Outline
-from capture.session.preview_loop import Preview, preview_image, run_preview
-from capture.session.preview_server import serving
+from capture.session.preview_loop import Preview, preview_image, run_preview, serving
 from classify.base.errors import InputError
 from firmware_sim import RealClock, SimulatedBoard, SimulatedController, serve_pty
 from rig import Frame, RigConfig, open_rig

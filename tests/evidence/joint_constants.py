@@ -15,8 +15,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from capture.chapter.patches import CachedPatch
 from capture.chapter.plan import Conditions, PatchPosition, Texture, material_textures
+from capture.chapter.runs import CachedPatch
 from classify.classifiers import CLASSIFIERS, joint, joint_features, joint_learning
 from classify.texture.uniformity import uniformity_of
 from rig import SYNTHETIC_30

@@ -10,9 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture.chapter.patches import CachedPatch, render_patch
 from capture.chapter.plan import Conditions, Experiment, PatchPosition, Texture
-from capture.chapter.runs import System
+from capture.chapter.runs import CachedPatch, System, render_patch
 from classify import Lighting, Match, TextureLibrary, Trial
 from classify.base.errors import InputError
 from rig import EQUAL_SPECTRUM_TWINS, SYNTHETIC_30

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capture.chapter.patches import CachedPatch, render_patch, solve
 from capture.chapter.plan import (
     Conditions,
     Experiment,
@@ -21,7 +20,7 @@ from capture.chapter.plan import (
 )
 from capture.chapter.results import Trials
 from capture.chapter.run import reproduce
-from capture.chapter.runs import System
+from capture.chapter.runs import CachedPatch, System, render_patch, solve
 from classify import Match, Trial
 from rig import SYNTHETIC_30, SYNTHETIC_TEXTURES
 from rig.scene.material_folder import bundled_materials

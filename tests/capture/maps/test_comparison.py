@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from capture import CapturedSet, capture_set
-from capture.maps.compared_side import side_of
-from capture.maps.comparison import Comparison, compare
+from capture.maps.comparison import Comparison, compare, side_of
 from capture.maps.map_tiff import read_map, write_values
 from rig import RigConfig, open_rig
 from rig.set_file import pixels_sha256

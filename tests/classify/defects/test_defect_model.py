@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from classify import DefectModel, InputError, SurfaceEstimate, learn_defects, regions_of
-from classify.defects.cell_statistics import window_statistics
-from classify.defects.departures import moment_sums, unlike_halves
+from classify.defects.departures import moment_sums, unlike_halves, window_statistics
 from classify.defects.fields import part_fields
 
 SIDE = 256

@@ -8,7 +8,7 @@ import pytest
 
 from capture import capture_set
 from classify import SurfaceEstimate
-from classify.defects.fixed_marks import Box, FixedMarks
+from classify.defects.learning import Box, FixedMarks
 from rig import RigConfig, open_rig
 from rig.simulation.scenes import surface_names
 from tests.capture.station.teaching_sets import patch

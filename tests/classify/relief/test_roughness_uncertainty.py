@@ -7,7 +7,7 @@ import pytest
 
 from classify import Lighting, SurfaceEstimate, integrate_gradients, surface_roughness
 from classify.calibration.calibration import CalibratedLights
-from classify.relief.roughness_uncertainty import common_error, roughness_uncertainty
+from classify.relief.roughness import common_error, roughness_uncertainty
 from rig.scene.render import render_frame
 from rig.scene.synthetic import synthetic_surface
 

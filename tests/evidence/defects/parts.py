@@ -11,8 +11,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from capture.chapter.patches import expose, load_surface, solve
 from capture.chapter.plan import BEST_SOLVER, Conditions, Texture
+from capture.chapter.runs import expose, load_surface, solve
 from classify import Lighting, SurfaceEstimate
 from classify.base.errors import InputError
 from rig import Defect

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from firmware_sim.firmware import MAX_LINE_BYTES
 from rig import ConfigError, RigConfig, open_rig
-from rig.config.sequence_plan import REACTION_S, plan_sequence
+from rig.config.lights import REACTION_S, plan_sequence
 from rig.lights.link import encode_command
 from rig.lights.sequence import require_short_command, start_command
 

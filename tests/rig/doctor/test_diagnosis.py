@@ -13,17 +13,19 @@ from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serv
 from rig import LightControllerError, ListedCamera, RigConfig, open_rig
 from rig.cameras.v4l2.measurement_mode import V4l2CameraConfig
 from rig.doctor import diagnosis as doctor_module
-from rig.doctor.cameras import check_cameras, check_frames, exposure_range_ms
 from rig.doctor.check import Check
-from rig.doctor.diagnosis import check_kernel_cache, diagnose
-from rig.doctor.light_controller import (
+from rig.doctor.devices import (
     RULES_FILE,
     check_access,
+    check_cameras,
+    check_frames,
     check_lights,
     check_modem_manager,
     check_port,
     check_ports,
+    exposure_range_ms,
 )
+from rig.doctor.diagnosis import check_kernel_cache, diagnose
 from rig.doctor.light_images import LightImages, capture_light_images, check_light_images
 from rig.lights.discovery import _VENDORS, SerialPort
 from rig.lights.driver import LightController, measure_switch_latency
@@ -222,7 +224,7 @@ def test_a_port_in_use_is_named_with_its_program(monkeypatch: pytest.MonkeyPatch
     pid = os.getpid()
     assert {check.name: check.status for check in check_port(name)}["port in use"] == "ok"
     # From here on this process counts as another program.
-    monkeypatch.setattr("rig.doctor.light_controller.os.getpid", lambda: -1)
+    monkeypatch.setattr("rig.doctor.devices.os.getpid", lambda: -1)
     checks = {check.name: check for check in check_port(name)}
     assert checks["permission"].status == "ok"
     assert checks["port in use"].status == "fault"
@@ -238,9 +240,9 @@ def test_a_missing_permission_is_named_with_group_and_rule(
     port = tmp_path / "ttyACM0"
     port.touch(mode=0o060)
     # The superuser may read and write every file.
-    monkeypatch.setattr("rig.doctor.light_controller.os.access", lambda *_: False)
+    monkeypatch.setattr("rig.doctor.devices.os.access", lambda *_: False)
     for groups, is_own in (([], False), ([port.stat().st_gid], True)):
-        monkeypatch.setattr("rig.doctor.light_controller.os.getgroups", lambda found=groups: found)
+        monkeypatch.setattr("rig.doctor.devices.os.getgroups", lambda found=groups: found)
         check = check_access("permission", str(port))
         assert check.status == "fault"
         assert "belongs to group" in check.seen

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 
 from rig import LightControllerError, Rig, RigConfig, RunningSequence, open_rig
-from rig.config.sequence_plan import SequencePlan
+from rig.config.lights import SequencePlan
 from rig.lights.driver import Answer
 from rig.lights.sequence import ClockRelation
 

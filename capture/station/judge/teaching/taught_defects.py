@@ -12,8 +12,7 @@ from classify import SurfaceEstimate, TextureLibrary
 from classify.classifiers import classifier_named
 from classify.defects.defect_model import DefectModel
 from classify.defects.detectability import detectability
-from classify.defects.fixed_marks import FixedMarks
-from classify.defects.learning import learn_defects
+from classify.defects.learning import FixedMarks, learn_defects
 
 from .taught_part import TaughtPart, solved
 

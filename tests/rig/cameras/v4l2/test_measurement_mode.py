@@ -20,7 +20,7 @@ from rig.cameras.v4l2.measurement_mode import (
     set_exposure,
     set_measurement_mode,
 )
-from rig.doctor.cameras import check_controls
+from rig.doctor.devices import check_controls
 from rig.errors import ControlError
 
 AUTO, TIME = abi.Cid.EXPOSURE_AUTO, abi.Cid.EXPOSURE_ABSOLUTE
