@@ -25,7 +25,6 @@ from capture.base.outputs import check_output, csv_line
 from classify.methods import (
     CLASSIFIER_NAMES,
     DEFAULT_CLASSIFIER,
-    METHODS,
     ClassifierName,
     Method,
 )
@@ -47,7 +46,7 @@ _TrainingSolver = Annotated[
     Method | None,
     typer.Option(
         "--method",
-        help=f"Solver of all training sets, one of {', '.join(METHODS)}.",
+        help="Solver of all training sets, one of those of ps4rig solve.",
         show_default="ps4_robust for four lights, else least_squares",
         metavar="METHOD",
     ),
@@ -56,7 +55,7 @@ _LibrarySolver = Annotated[
     Method | None,
     typer.Option(
         "--method",
-        help=f"Solver of the sets, one of {', '.join(METHODS)}.",
+        help="Solver of the sets, one of those of ps4rig solve.",
         show_default="the solver of the library",
         metavar="METHOD",
     ),
