@@ -27,7 +27,6 @@ from capture.station.run.events import (
     json_fields,
 )
 from capture.station.run.states import Change, State
-from tests.capture.station.panel.routes import ROUTES
 
 from .commands import first_clause
 
@@ -72,8 +71,7 @@ def call_lines() -> list[str]:
     """Return a line for each call of the API, by role."""
     lines = []
     for role in Role:
-        pages = [f"`{each.path}`" for each in ROUTES if each.role is role and each.is_page]
-        lines += ["", f"For the {role}, pages {', '.join(pages)}, and:", "", *_calls(role)]
+        lines += ["", f"For the {role}:", "", *_calls(role)]
     return lines[1:]
 
 
