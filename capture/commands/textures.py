@@ -25,6 +25,7 @@ from capture.base.outputs import check_output, csv_line
 from classify.methods import (
     CLASSIFIER_NAMES,
     DEFAULT_CLASSIFIER,
+    METHODS,
     ClassifierName,
     Method,
 )
@@ -46,7 +47,7 @@ _TrainingSolver = Annotated[
     Method | None,
     typer.Option(
         "--method",
-        help="Solver of all training sets, one of those of ps4rig solve.",
+        help=f"Solver of all training sets, one of {', '.join(METHODS)}.",
         show_default="ps4_robust for four lights, else least_squares",
         metavar="METHOD",
     ),
@@ -55,7 +56,7 @@ _LibrarySolver = Annotated[
     Method | None,
     typer.Option(
         "--method",
-        help="Solver of the sets, one of those of ps4rig solve.",
+        help=f"Solver of the sets, one of {', '.join(METHODS)}.",
         show_default="the solver of the library",
         metavar="METHOD",
     ),
