@@ -3,9 +3,12 @@
 import re
 import tomllib
 from pathlib import Path
+from textwrap import shorten
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "tests" / "README.md"
+# Characters of a promise in the list: enough to find it in its README. promises.toml has all.
+_WIDTH = 60
 _LIST = re.compile(r"(?<=<!-- promises -->\n).*?(?=<!-- end of promises -->)", re.DOTALL)
 
 
@@ -33,7 +36,7 @@ def page_with_table() -> str:
         lines += ["", f"**{page}**", ""]
         for promise, tests in rows.items():
             files = " ".join(_short(test, Path(page).parent) for test in tests)
-            lines.append(f"- {promise} ({files})")
+            lines.append(f"- {shorten(promise, _WIDTH, placeholder=' ...')} ({files})")
     table = "\n".join([*lines, "", ""])
     return _LIST.sub(lambda _: table, PAGE.read_text(encoding="utf-8"))
 
