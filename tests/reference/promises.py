@@ -8,7 +8,7 @@ from textwrap import shorten
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "tests" / "README.md"
 # Characters of a promise in the list: enough to find it in its README. promises.toml has all.
-_WIDTH = 60
+_WIDTH = 44
 _LIST = re.compile(r"(?<=<!-- promises -->\n).*?(?=<!-- end of promises -->)", re.DOTALL)
 
 
