@@ -13,14 +13,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import pytest
 import yaml
 
-from capture import CalibrationFile, capture_set
-from capture.session.events import without_questions
-from capture.session.folder import make_session, session_folder
-from capture.session.runner import run_session
+from capture import capture_set
 from classify import TextureLibrary
 from rig import RigConfig, open_rig
 
@@ -86,16 +82,6 @@ EXAMPLES = {
     for page in (ROOT / "README.md", *(folder / "README.md" for folder in FOLDERS))
     for number, example in enumerate(EXAMPLE.findall(page.read_text(encoding="utf-8")), start=1)
 }
-PLAN = """
-name = "fabrics"
-orientations_deg = [0, 40]
-[[specimen]]
-id = "rock-1"
-surface = "rock"
-[[specimen]]
-id = "sand-1"
-surface = "sand"
-"""
 
 
 @pytest.fixture(scope="module")
@@ -106,10 +92,6 @@ def given(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     with open_rig(config) as rig:
         captured = capture_set(rig, label="rock")
     captured.save(here / "rock.ome.tif")
-    CalibrationFile().write(here / "rig.ps4cal")
-    (here / "fabrics.toml").write_text(PLAN)
-    with session_folder(make_session(here / "fabrics.toml")) as folder:
-        run_session(folder, config, without_questions, lambda _: None)
     surface = captured.solve(planar=True)
     match = TextureLibrary.train([("rock", surface)]).classify(surface)
     goods = {"good_surfaces": [surface] * 3, "good_matches": [match] * 3}
@@ -118,17 +100,10 @@ def given(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("example", EXAMPLES)
-def test_an_example_in_python_runs(
-    example: str, given: dict[str, Any], capsys: pytest.CaptureFixture[str]
-) -> None:
-    mpl.use("svg")
+def test_an_example_in_python_runs(example: str, given: dict[str, Any]) -> None:
     names = dict(given)
     with chdir(given["here"]):
         exec(compile(EXAMPLES[example], example, "exec"), names)
-    if "sets.csv" in EXAMPLES[example]:
-        slopes = re.findall(r"^(?:rock|sand)-1: .* (\S+)$", capsys.readouterr().out, re.MULTILINE)
-        assert len(slopes) == 4
-        assert all(0.1 < float(slope) < 1.0 for slope in slopes)
 
 
 COMMANDS = re.compile(r"^```\n(.*?)^```", re.DOTALL | re.MULTILINE)

@@ -116,8 +116,8 @@ def simulate(
     gige: Annotated[
         str | None,
         typer.Option(
-            help="Address of this machine at which a GigE Vision camera, Aravis-Fake-SIM-0001, "
-            "sends the frames; needs Aravis.",
+            help="Address of this machine for a GigE Vision camera, Aravis-Fake-SIM-0001; "
+            "needs Aravis.",
             metavar="ADDRESS",
         ),
     ] = None,

@@ -150,8 +150,8 @@ def preview(
         Path | None,
         typer.Option(
             metavar="SET",
-            help="Draw the outline of the part in this set over the images, and say at which "
-            "orientation the part lies now.",
+            help="Draw the outline of the part in this set over the images, and state its "
+            "orientation now.",
         ),
     ] = None,
     turn_to: Annotated[

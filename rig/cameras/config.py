@@ -61,8 +61,8 @@ class StampedCameraConfig(CameraConfig):
 
     timestamp_marks: Literal["frame_end", "driver", "writer"] | None = Field(
         default=None,
-        description="event of a stamp: frame_end by default; the one that the driver announces, by "
-        "default if simulated; or that of the writer of a loopback device",
+        description="event of a stamp: what the driver announces, by default if simulated; the "
+        "writer of a loopback device; else frame_end",
     )
     timestamp_offset_ms: float = Field(
         default=0.0, ge=-1000.0, le=1000.0, description="added to a stamp"
@@ -74,14 +74,14 @@ class StampedCameraConfig(CameraConfig):
         default=None,
         ge=0.0,
         le=10_000.0,
-        description="from the first row's exposure to the last row's; 0 for a global shutter; by "
-        "default a frame period",
+        description="from the first row to the last; 0 for a global shutter; by default a frame "
+        "period",
     )
     timing_measured_at: str | None = Field(
         default=None,
         min_length=1,
         max_length=200,
-        description="mode for which the timing holds; the camera is not opened in another",
+        description="the only mode in which the camera is opened",
     )
 
     @property
@@ -179,8 +179,8 @@ class DeviceCameraConfig(CameraConfig):
     device: str = Field(
         min_length=1,
         max_length=4096,
-        description="path, name in /dev/v4l/by-id, or number of /dev/video; of a genicam camera "
-        "its id, serial number or IP address",
+        description="path, name in /dev/v4l/by-id, or number of /dev/video; genicam: id, serial "
+        "number or IP address",
     )
 
     def matches(self, camera: ListedCamera) -> bool:

@@ -183,7 +183,7 @@ class SimulationConfig(Section):
         default=None,
         ge=-1000.0,
         le=1000.0,
-        description="from the start of exposure to the driver's stamp; else exact stamps",
+        description="from the start of exposure to the stamp; else exact stamps",
     )
     stamp_jitter_ms: float = Field(
         default=0.0, ge=0.0, le=100.0, description="stamps are up to this much later"

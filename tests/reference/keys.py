@@ -69,7 +69,9 @@ def _merged(kinds: Sequence[type]) -> list[Key]:
     merged: dict[str, Key] = {}
     for key in (each for own in keys for each in own.values() if each.name not in merged):
         having = [own["kind"].values for own in keys if {"kind", key.name} <= own.keys()]
-        only = "" if len(having) in (0, len(kinds)) else f"{', '.join(having)}: "
+        lacking = [own["kind"].values for own in keys if "kind" in own and key.name not in own]
+        only = f"all but {lacking[0]}: " if len(lacking) == 1 else f"{', '.join(having)}: "
+        only = only if lacking else ""
         named = [own[key.name].values for own in keys if key.name in own]
         values = ", ".join(dict.fromkeys(", ".join(filter(None, named)).split(", ")))
         merged[key.name] = key._replace(values=values, meaning=only + key.meaning)

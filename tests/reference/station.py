@@ -36,7 +36,7 @@ def station_page() -> str:
             "",
             "## Calls of the HTTP API",
             "",
-            "Below `/api/v1`; in brackets query or fields, which `/api` explains.",
+            "Below `/api/v1`; the page `/api` explains queries, fields and answers.",
             "",
             *call_lines(),
             "",

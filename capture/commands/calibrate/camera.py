@@ -29,7 +29,7 @@ def dark(
     sources: Annotated[
         list[Path] | None,
         flow.from_files(
-            "Photograph with the lens covered, instead of a rig, or a folder of them; two or "
+            "Photographs with the lens covered, instead of a rig; two or "
             "more. A captured set gives the ambient light. Repeat the option."
         ),
     ] = None,
@@ -134,15 +134,15 @@ def response(
     sources: Annotated[
         list[Path] | None,
         flow.from_files(
-            "Photograph or captured set of one still scene at one of six exposures or more, "
-            "instead of a rig, or a folder of photographs. Repeat the option."
+            "Photographs or sets of one still scene at six exposures or more, instead of a rig. "
+            "Repeat the option."
         ),
     ] = None,
     exposures_ms: Annotated[
         str | None,
         typer.Option(
             "--exposures-ms",
-            help="Exposures of the photographs in their order, separated by commas.",
+            help="Exposures of the photographs in their order.",
             show_default="as in their EXIF data",
             metavar="T,T,...",
         ),

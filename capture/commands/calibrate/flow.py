@@ -41,8 +41,7 @@ def from_files(help_text: str, metavar: str = "IMG|SET") -> Any:
 FromSets = Annotated[
     list[Path] | None,
     from_files(
-        "Captured or imported set of the target instead of a rig, or a folder of them. Repeat "
-        "the option for more placements.",
+        "Sets of the target instead of a rig. Repeat the option for more placements.",
         metavar="SET",
     ),
 ]

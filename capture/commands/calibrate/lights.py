@@ -40,8 +40,7 @@ def plate(
     mask: Annotated[
         Path | None,
         typer.Option(
-            help="Image of the same frame, white where the sheet is, or where a part is flat; with "
-            "--from."
+            help="Image that is white where the sheet is, or a part is flat; with --from."
         ),
     ] = None,
     replace: flow.Replace = False,
@@ -92,14 +91,14 @@ def lights(
     ],
     sphere: Annotated[
         Literal["mirror", "matte"],
-        typer.Option(help="A polished ball, such as of a ball bearing, or a white matt one."),
+        typer.Option(help="A polished ball, or a white matt one."),
     ],
     rig: flow.RigToCalibrate = None,
     sources: Annotated[
         list[Path] | None,
         flow.from_files(
-            "Photographs of the sphere, one per light, or captured sets of it, instead of a "
-            "rig. Photographs of further placements follow, in the same order of lights.",
+            "Photographs of the sphere, one per light, or sets of it, instead of a rig. "
+            "Photographs of further placements follow, in the same order of lights.",
             metavar="IMG...|SET",
         ),
     ] = None,

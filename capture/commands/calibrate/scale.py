@@ -30,7 +30,7 @@ def scale(
     checkerboard: Annotated[
         str,
         typer.Option(
-            help="Inner corners of the board, where four squares meet, along its sides.",
+            help="Inner corners of the board along its sides.",
             metavar="9x6",
         ),
     ],
@@ -39,7 +39,7 @@ def scale(
     sources: Annotated[
         list[Path] | None,
         flow.from_files(
-            "Photograph or captured set of the board, instead of a rig. Repeat the option for "
+            "Photographs or sets of the board, instead of a rig. Repeat the option for "
             "more placements."
         ),
     ] = None,

@@ -106,8 +106,7 @@ class StationConfig(Section):
         default=2.0,
         ge=0.0,
         le=86_400.0,
-        description="period of the timer, 0 is as fast as possible; with a simulated sensor, from "
-        "a ready station to the next part",
+        description="period of the timer; 0 is as fast as possible",
     )
     sensor_delay_ms: float = Field(
         default=0.0, ge=0.0, le=60_000.0, description="from the sensor's edge to the first light"
@@ -119,7 +118,7 @@ class StationConfig(Section):
         default=1.0,
         ge=0.01,
         le=60.0,
-        description="an older trigger is refused: another part may lie below the camera",
+        description="an older trigger is refused",
     )
     disk_floor_mb: int = Field(
         default=500, ge=1, le=10_000_000, description="with less free space triggers are refused"
@@ -134,7 +133,7 @@ class StationConfig(Section):
         default=5,
         ge=1,
         le=1_000_000,
-        description="so many errors in a row stop the line, until somebody acknowledges one",
+        description="so many errors in a row stop the line",
     )
     retention: Retention = Field(
         default=Retention(), description="which set files stay; those that did not pass always do"

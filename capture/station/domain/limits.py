@@ -115,14 +115,14 @@ class Limits(Section):
     ] = Field(
         default=None,
         strict=False,
-        description="least and largest mean albedo, a share of full scale at the taught exposure",
+        description="least and largest mean albedo, a share of full scale",
     )
     angle_sd: Annotated[
         Positive | None,
         LimitRow("standard deviation of the normal in degrees", "largest", Cause.CAPTURE, ".2f"),
     ] = Field(
         default=None,
-        description="largest median of the standard deviation of the normal, in degrees",
+        description="largest median standard deviation of the normal, in degrees",
     )
     scale: Annotated[
         Range | None,

@@ -129,7 +129,7 @@ class Recipe(Section):
         default=(),
         max_length=100,
         strict=False,
-        description="faults of a fifth of the frame that pass, known to whoever approves",
+        description="faults of a fifth of the frame that may pass",
     )
     taught: Sha256 | None = Field(default=None, description="hash of what teaching measured")
     approval: Approval | None = Field(default=None, description="written by ps4rig station approve")

@@ -32,7 +32,7 @@ class GenicamCameraConfig(DeviceCameraConfig, FormattedCameraConfig):
     trigger_line: str | None = Field(
         default=None,
         pattern=r"^[A-Za-z]+[0-9]{0,2}$",
-        description="input of a genicam camera that starts each exposure, such as Line1",
+        description="input that starts each exposure, such as Line1",
     )
 
 

@@ -29,7 +29,7 @@ class VideoCameraConfig(DeviceCameraConfig):
 
     allow_compressed: bool = Field(default=False, description="MJPG may be used")
     fixed_exposure: bool = Field(
-        default=False, description="the camera always exposes for exposure_ms and has no control"
+        default=False, description="the camera has no control of the exposure"
     )
     gain: int | None = Field(
         default=None, ge=0, le=2**31 - 1, description="in the camera's units; else left as it is"
@@ -56,7 +56,7 @@ class V4l2CameraConfig(VideoCameraConfig, FormattedCameraConfig):
     kind: Literal["v4l2"] = "v4l2"
     pixel_format: str = Field(
         default="GREY",
-        description="such as GREY, Y12, SRGGB10 or YUYV; of a genicam camera Mono8 by default",
+        description="such as GREY, Y12, SRGGB10 or YUYV; genicam: by default Mono8",
     )
 
     @model_validator(mode="after")
