@@ -40,7 +40,7 @@ _OF_FRAME = np.float32(1e-3)
 _TINY = np.float32(1e-30)
 # Gloss makes slopes too steep. Where a light was left out no residual says by how much, and the
 # lobe is taken at this share of the slope (`tests.evidence.uncertainty`).
-_FLATTER = np.float32(0.5)
+_FLATTER = np.float32(0.55)
 # A lobe must explain residuals by as many standard deviations; one that explains this share of what
 # the best explains is as likely.
 _SIGNIFICANT, _AS_LIKELY = 5.0, 0.97
