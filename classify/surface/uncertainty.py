@@ -72,11 +72,12 @@ def with_deviations(
     def propagate(first: int, last: int) -> None:
         rows = slice(first, last)
         images, dark = stack.float_rows(first, last)
+        dropped = np.ascontiguousarray(surface.dropped[rows])  # the same everywhere: one number
         raw = images if taken is stack else taken.images[:, rows].astype(np.float32)
         propagate_errors(
             images, dark, raw, *constants, lobes, variance, len(lighting), saturation, leaves_out,
             flatter, shear.plane, x, y[rows], surface.p[rows], surface.q[rows],
-            surface.albedo[rows], surface.dropped[rows], model[rows], *maps[:, rows],
+            surface.albedo[rows], dropped, model[rows], *maps[:, rows],
         )  # fmt: skip
 
     run_on_rows(propagate, shape, STRIP_PX // 2)
