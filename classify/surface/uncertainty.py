@@ -129,7 +129,7 @@ def _constants(lighting: Lighting, gains: Floats) -> tuple[FloatMap, FloatMap, F
     upper, even = np.triu_indices(3), pinv @ gains
     common = np.stack([(pinv @ pinv.T)[upper], np.outer(even, even)[upper]])
     return (
-        np.pad(lights, ((0, max(4 - count, 0)), (0, 0))).astype(np.float32),
+        np.pad(lights, ((0, max((4 if count < 5 else 8) - count, 0)), (0, 0))).astype(np.float32),
         corrections.astype(np.float32),
         common.astype(np.float32),
     )
