@@ -37,44 +37,48 @@ def propagate_errors(
 ) -> None:  # fmt: skip
     """Write the deviations of some rows.
 
-    `lights` (N, 10) are the constants of `_add_light`, 0 for a fourth light if there are `number`
-    = 3; `corrections` (4, 3) are the columns of pinv / nul, and `common` (2, 6) the covariances of
-    b from errors of variance 1 of each image, and of one error in all images. Lobes of pixels
+    `lights` (N, 10) are the constants of `_add_light`: of `number` lights, and 0 up to four or
+    eight; `corrections` (4, 3) are the columns of pinv / nul, and `common` (2, 6) the covariances
+    of b from errors of variance 1 of each image, and of one error in all images. Lobes of pixels
     without a light are those of slopes times `flatter`.
     """
     shear, sensor = (plane[0], plane[1], plane[2]), (noise[0], noise[1], noise[2])
-    first, second, third, fourth = (
-        _light(lights[0]), _light(lights[1]), _light(lights[2]), _light(lights[3])
-    )  # fmt: skip
+    last = len(lights) - 4
+    first_four, last_four = _four(lights, 0), _four(lights, last)
     covariances, without = (_six(common[0]), _six(common[1])), (
         _three(corrections[0]), _three(corrections[1]), _three(corrections[2]),
         _three(corrections[3]),
     )  # fmt: skip
     frame = (np.float32(number), np.float32(len(ambient) > 1), lights[0, 0])
-    zero, one, two, three = np.float32(0.0), np.float32(1.0), np.float32(2.0), np.float32(3.0)
+    zero, one = np.float32(0.0), np.float32(1.0)
     nothing = (
         (zero, zero, zero, zero, zero, zero), (zero, zero, zero, zero), (zero, zero, zero, zero),
         (zero, zero, zero), (zero, zero, np.float32(np.inf), np.float32(NO_DROPPED_LIGHT)),
     )  # fmt: skip
-    last, (rows, columns) = min(3, len(images) - 1), p.shape
+    rows, columns = p.shape
     for r in range(rows):
         dark_row = ambient[min(r, len(ambient) - 1)]
-        # Without branches, as in `robust`: else the compiler does not vectorise the loop.
-        for c in range(columns if len(lights) == 4 else 0):
+        # Loops without branches, as in `robust`: else the compiler does not vectorise them.
+        for c in range(columns if last == 0 else 0):
             pixel = _pixel(p[r, c], q[r, c], albedo[r, c], x[c], y[r], shear)
             flat = one if dropped[r, c] == NO_DROPPED_LIGHT else flatter
             scene = (dark_row[c], saturation, sensor, pixel, flat)
-            sums = _add_light(zero, images[0, r, c], raw[0, r, c], scene, first, strengths, nothing)
-            sums = _add_light(one, images[1, r, c], raw[1, r, c], scene, second, strengths, sums)
-            sums = _add_light(two, images[2, r, c], raw[2, r, c], scene, third, strengths, sums)
-            sums = _add_light(
-                three, images[last, r, c], raw[last, r, c], scene, fourth, strengths, sums
-            )
+            sums = _add_four(0, images, raw, r, c, scene, first_four, strengths, nothing)
             p_sd[r, c], q_sd[r, c], albedo_sd[r, c], angle_sd[r, c] = _deviations(
                 scene, sums, frame, leaves_out, covariances, without, strengths,
                 np.float32(dropped[r, c]), model[r, c],
             )  # fmt: skip
-        for c in range(columns if len(lights) > 4 else 0):
+        for c in range(columns if last == 4 else 0):
+            pixel = _pixel(p[r, c], q[r, c], albedo[r, c], x[c], y[r], shear)
+            flat = one if dropped[r, c] == NO_DROPPED_LIGHT else flatter
+            scene = (dark_row[c], saturation, sensor, pixel, flat)
+            sums = _add_four(0, images, raw, r, c, scene, first_four, strengths, nothing)
+            sums = _add_four(4, images, raw, r, c, scene, last_four, strengths, sums)
+            p_sd[r, c], q_sd[r, c], albedo_sd[r, c], angle_sd[r, c] = _deviations(
+                scene, sums, frame, leaves_out, covariances, without, strengths,
+                np.float32(dropped[r, c]), model[r, c],
+            )  # fmt: skip
+        for c in range(columns if last > 4 else 0):
             pixel = _pixel(p[r, c], q[r, c], albedo[r, c], x[c], y[r], shear)
             flat = one if dropped[r, c] == NO_DROPPED_LIGHT else flatter
             scene = (dark_row[c], saturation, sensor, pixel, flat)
@@ -88,6 +92,35 @@ def propagate_errors(
                 scene, sums, frame, leaves_out, covariances, without, strengths,
                 np.float32(dropped[r, c]), model[r, c],
             )  # fmt: skip
+
+
+@kernel_part
+def _four(lights: Array, k: int) -> tuple[Numbers, Numbers, Numbers, Numbers]:
+    return _light(lights[k]), _light(lights[k + 1]), _light(lights[k + 2]), _light(lights[k + 3])
+
+
+@kernel_part
+def _add_four(
+    k: int, images: Array, raw: Array, r: int, c: int, scene: Scene,
+    lights: tuple[Numbers, Numbers, Numbers, Numbers], strengths: Array | None, sums: Sums,
+) -> Sums:  # fmt: skip
+    """Add four lights from `k` on, of which some may be padding."""
+    most = len(images) - 1
+    k0, k1, k2, k3 = min(k, most), min(k + 1, most), min(k + 2, most), min(k + 3, most)
+    first, second, third, fourth = lights
+    sums = _add_light(
+        np.float32(k0), images[k0, r, c], raw[k0, r, c], scene, first, strengths, sums
+    )
+    sums = _add_light(
+        np.float32(k1), images[k1, r, c], raw[k1, r, c], scene, second, strengths, sums
+    )
+    sums = _add_light(
+        np.float32(k2), images[k2, r, c], raw[k2, r, c], scene, third, strengths, sums
+    )
+    total: Sums = _add_light(
+        np.float32(k3), images[k3, r, c], raw[k3, r, c], scene, fourth, strengths, sums
+    )
+    return total
 
 
 @kernel_part
@@ -143,7 +176,7 @@ def _add_light(
     variance = ratio * ratio * (a + b * max(raw - black, zero))
     vx, vy, vz, vn = mx * variance, my * variance, mz * variance, nul * variance
     error = v - (lx * pixel[6] + ly * pixel[7] + lz * pixel[8])
-    level = v if raw < saturation else -one
+    level = (v if raw < saturation else -one) if gain > zero else np.float32(np.inf)
     if strengths is not None:
         lobe = _lobe(light, pixel, flat, strengths)
         gx, gy, gz, g = gx + mx * lobe, gy + my * lobe, gz + mz * lobe, g + nul * lobe

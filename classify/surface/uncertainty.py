@@ -40,7 +40,7 @@ _OF_FRAME = np.float32(1e-3)
 _TINY = np.float32(1e-30)
 # Gloss makes slopes too steep. Where a light was left out no residual says by how much, and the
 # lobe is taken at this share of the slope (`tests.evidence.uncertainty`).
-_FLATTER = np.float32(0.5)
+_FLATTER = np.float32(0.55)
 # A lobe must explain residuals by as many standard deviations; one that explains this share of what
 # the best explains is as likely.
 _SIGNIFICANT, _AS_LIKELY = 5.0, 0.97
@@ -72,11 +72,12 @@ def with_deviations(
     def propagate(first: int, last: int) -> None:
         rows = slice(first, last)
         images, dark = stack.float_rows(first, last)
+        dropped = np.ascontiguousarray(surface.dropped[rows])  # the same everywhere: one number
         raw = images if taken is stack else taken.images[:, rows].astype(np.float32)
         propagate_errors(
             images, dark, raw, *constants, lobes, variance, len(lighting), saturation, leaves_out,
             flatter, shear.plane, x, y[rows], surface.p[rows], surface.q[rows],
-            surface.albedo[rows], surface.dropped[rows], model[rows], *maps[:, rows],
+            surface.albedo[rows], dropped, model[rows], *maps[:, rows],
         )  # fmt: skip
 
     run_on_rows(propagate, shape, STRIP_PX // 2)
@@ -128,7 +129,7 @@ def _constants(lighting: Lighting, gains: Floats) -> tuple[FloatMap, FloatMap, F
     upper, even = np.triu_indices(3), pinv @ gains
     common = np.stack([(pinv @ pinv.T)[upper], np.outer(even, even)[upper]])
     return (
-        np.pad(lights, ((0, max(4 - count, 0)), (0, 0))).astype(np.float32),
+        np.pad(lights, ((0, max((4 if count < 5 else 8) - count, 0)), (0, 0))).astype(np.float32),
         corrections.astype(np.float32),
         common.astype(np.float32),
     )
