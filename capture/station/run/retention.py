@@ -3,14 +3,13 @@
 import hashlib
 import math
 import threading
-import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime, timedelta
 from itertools import islice
 from pathlib import Path, PurePosixPath
 
-from capture.base.folder_lock import folder_lock
+from capture.base.folder_lock import file_lock
 from capture.base.utc_time import utc_text
 from capture.station.domain.config import Retention
 from capture.station.domain.folder import PARTS
@@ -20,9 +19,9 @@ from classify.base.durable_file import make_folder, sync
 from classify.base.errors import InputError, Ps4rigError
 
 # Held while set files are removed, and by a backup while they must stay.
-_LOCK = "sets.lock"
+_LOCK = "sets"
 # A removal of a day's files takes seconds.
-_PATIENCE_S, _RETRY_S = 60.0, 0.1
+_PATIENCE_S = 60.0
 # Files in one transaction; an interrupted removal repeats at most this many.
 _BATCH = 200
 # Least number of days with parts that stay: that of a clock set ahead, and the one before.
@@ -52,7 +51,7 @@ def remove_old_sets(
     A row records the removal first: a file that is missing without such a row was lost.
     """
     make_folder(folder / PARTS)
-    with folder_lock(folder / PARTS, _LOCK):
+    with file_lock(folder / PARTS / _LOCK, 0.0):
         until_utc = removed_until(folder, retention, now)
         removed = _remove(folder, last_removals(store))
         unwanted = (
@@ -81,16 +80,7 @@ def removed_until(folder: Path, retention: Retention, now: datetime) -> str:
 def sets_stay(folder: Path) -> Iterator[None]:
     """Keep all set files during the block; wait for a removal in progress first."""
     make_folder(folder / PARTS)
-    last_attempt_s = time.monotonic() + _PATIENCE_S
-    with ExitStack() as stack:
-        while True:
-            try:
-                stack.enter_context(folder_lock(folder / PARTS, _LOCK))
-                break
-            except InputError:
-                if time.monotonic() >= last_attempt_s:
-                    raise
-            time.sleep(_RETRY_S)
+    with file_lock(folder / PARTS / _LOCK, _PATIENCE_S):
         yield
 
 

@@ -27,7 +27,7 @@ _BLOCK_BYTES = 1 << 20
 _MOST_FILE_BYTES = 1 << 40
 # Files of SQLite beside the database while programs have it open.
 _BESIDE_SQLITE = ("", "-wal", "-shm", "-journal")
-_LOCKS = (".lock", LOCK_FILE_SUFFIX)
+_LOCKS = (".lock", LOCK_FILE_SUFFIX, f"{LOCK_FILE_SUFFIX}-journal")
 DUMP = "results.pgdump"
 
 
