@@ -111,7 +111,7 @@ def test_a_begun_part_is_not_exposed_when_its_trigger_is_too_old(station: Bench)
 
     def slow(**given: Any) -> BegunPart:
         begun = begin(**given)
-        late_s[0] = 2.0
+        late_s[0] = 120.0
         return begun
 
     station.store.begin = slow  # type: ignore[method-assign]
