@@ -162,7 +162,7 @@ FORMATS = {
     _ARRAYS: "all arrays",
     _PLY: "the height and the albedo as a mesh",
     _STL: "the height as a mesh",
-    _X3P: "the height for programs that measure roughness; needs a calibrated scale",
+    _X3P: "the height for programs that measure roughness; needs a scale",
     _SUR: "the same, for MountainsMap and Gwyddion",
 }
 FOLDER = "16-bit TIFF files and lights.lp, or the maps"

@@ -333,8 +333,9 @@ def inscribed_square(mask: BoolArray) -> tuple[slice, slice]:
     steps = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_C, 3)[1:-1, 1:-1]
     reach = int(steps.max())
     # A square of an even side has four middle pixels.
-    middles = np.minimum.reduce([steps[:-1, :-1], steps[1:, :-1], steps[:-1, 1:], steps[1:, 1:]])
-    is_even = middles.max() == reach
+    pairs = np.minimum(steps[:-1], steps[1:])
+    middles = np.minimum(pairs[:, :-1], pairs[:, 1:])
+    is_even = reach > 0 and middles.max(initial=0.0) == reach
     chosen = middles if is_even else steps
     row, column = np.unravel_index(np.argmax(chosen), chosen.shape)
     side = 2 * reach - (not is_even)

@@ -32,5 +32,9 @@ def test_the_largest_square_within_a_mask_is_found(side: int) -> None:
     assert mask[rows, columns].shape == (side, side)
 
 
-def test_a_mask_of_the_whole_frame_leaves_it_whole() -> None:
-    assert inscribed_square(np.ones((64, 64), np.bool_)) == (slice(0, 64), slice(0, 64))
+@pytest.mark.parametrize(("rows", "columns", "side"), [(64, 64, 64), (1, 5, 1), (5, 2, 2)])
+def test_a_mask_of_the_whole_frame_leaves_its_first_square(
+    rows: int, columns: int, side: int
+) -> None:
+    whole = np.ones((rows, columns), np.bool_)
+    assert inscribed_square(whole) == (slice(0, side), slice(0, side))
