@@ -12,8 +12,7 @@ from classify.base.arrays import Array, BoolArray, Floats
 from classify.base.errors import CalibrationRejected, InputError
 from classify.lighting import Lighting
 
-from .calibration import CalibratedLights
-from .correction import Scale, nominal_camera_matrix
+from .calibration import CalibratedLights, Scale, nominal_camera_matrix
 from .plate_blocks import check_placements_differ
 from .sphere import Sphere
 from .sphere_lights import SATURATED, matte_directions, mirror_directions
