@@ -12,8 +12,7 @@ def main() -> None:
     install_handlers()
     if not os.environ.get("COLUMNS", "1").strip("0"):
         del os.environ["COLUMNS"]  # rich would print nothing at a width of 0
-    from .base.crash_log import log_threads, report_crash
-    from .base.streams import StandardStreams
+    from .base.process_end import StandardStreams, log_threads, report_crash
 
     streams = StandardStreams()
     log_threads()

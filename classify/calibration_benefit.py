@@ -7,8 +7,7 @@ import numpy as np
 
 from classify.base.arrays import Floats
 
-from .calibration.calibration import Calibration
-from .calibration.correction import Response
+from .calibration.calibration import Calibration, Response
 from .calibration.drift_model import led_strength
 from .lighting import Lighting
 from .lights.flat_field import coordinates

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from classify.base.errors import CalibrationRejected
-from classify.calibration.calibration import CalibratedLights
-from classify.calibration.correction import Response, Scale
+from classify.calibration.calibration import CalibratedLights, Response, Scale
 from classify.calibration.dark import Dark, measured_at
 from classify.calibration.photon_transfer import Noise
 from classify.lights.flat_field import FlatField

@@ -74,7 +74,7 @@ _ROUNDS = 9
 
 
 @dataclass(frozen=True)
-class Cost:
+class _Cost:
     """Time of one classification, and images it needs; one-image classifiers need no solver."""
 
     classifier: str
@@ -84,7 +84,7 @@ class Cost:
     match_ms: float
 
 
-def measured_costs(plan: Plan, folder: Path) -> list[Cost]:
+def measured_costs(plan: Plan, folder: Path) -> list[_Cost]:
     """Time the classifiers of ours, the thesis, and Varma and Zisserman on thirty textures."""
     experiment = plan.thirty
     position = experiment.test_position(experiment.textures[0], 0, "disjoint")
@@ -108,7 +108,7 @@ def measured_costs(plan: Plan, folder: Path) -> list[Cost]:
         for classifier, match_ms in durations_ms.items():
             one_image = classifier == TEXTONS
             costs.append(
-                Cost(
+                _Cost(
                     classifier,
                     training_images=4 * len(run.orientations_deg),
                     images=1 if one_image else 4,
@@ -141,7 +141,7 @@ def shadow_shares(texture_and_slant: tuple[str, float]) -> tuple[float, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class SandMaps:
+class _SandMaps:
     """(H, W) maps of one patch of sand by solver, and the true ones under `TRUTH`.
 
     Albedo is scaled to the true mean over valid pixels in no shadow. The errors are rms errors of
@@ -166,7 +166,7 @@ def polar_spectra(rotate_deg: float, size_px: int) -> Polar:
     }
 
 
-def sand_maps(size_px: int) -> SandMaps:
+def sand_maps(size_px: int) -> _SandMaps:
     """Maps of a patch of sand by all solvers, and their errors."""
     scene, surfaces = _solved_sand(0.0, size_px, SOLVERS)
     shadows = scene.shadowed.sum(axis=0).astype(np.uint8)
@@ -185,7 +185,7 @@ def sand_maps(size_px: int) -> SandMaps:
         )
         errors[solver] = (p_error, q_error, albedo_error)
     counts = {solver: surface.shadow_count for solver, surface in surfaces.items()}
-    return SandMaps(relief, albedo, errors, {TRUTH: shadows} | counts)
+    return _SandMaps(relief, albedo, errors, {TRUTH: shadows} | counts)
 
 
 def _solved_sand(
@@ -248,5 +248,5 @@ class Results:
     trials: Trials
     shadow_shares: dict[tuple[str, float], tuple[float, ...]]
     polar: dict[float, Polar]  # of sand, by orientation in degrees
-    maps: SandMaps
-    costs: list[Cost]
+    maps: _SandMaps
+    costs: list[_Cost]

@@ -12,9 +12,8 @@ from capture.calibration.setting import PartName, Setting
 from capture.sets.captured_set import CapturedSet
 from capture.sets.photographs import Photographs, read_mask
 from classify.base.errors import CalibrationRejected, InputError
-from classify.calibration.calibration import Calibration
+from classify.calibration.calibration import Calibration, Scale
 from classify.calibration.checkerboard import SEEN_TILT_DEG, find_corners, scale_of_boards
-from classify.calibration.correction import Scale
 from classify.calibration.spheres import (
     SphereImages,
     SphereKind,

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from classify.base.arrays import Array, Floats
 from classify.base.errors import CalibrationRejected, InputError
 
-from .correction import Scale, nominal_camera_matrix
+from .calibration import Scale, nominal_camera_matrix
 
 # Inner corners along a side: fewer show no distortion, OpenCV needs three.
 _CORNERS = (3, 64)

@@ -14,9 +14,9 @@ from classify.lighting import Lighting
 
 from .calibration import Calibration
 from .drift_model import DriftModel, Explanation, Kind, PossibleCause, moved_light
+from .flat_field import BLOCKS, PlateBlocks
 from .led_positions import Aim, fit_led_positions
 from .plate import check_evenness, check_sheet, is_known
-from .plate_blocks import BLOCKS, PlateBlocks
 
 _DriftKind = Kind | Literal["unexplained"]
 Status = Literal["ok", "warning", "fault"]

@@ -17,7 +17,7 @@ from scipy.optimize import lsq_linear
 from classify.base.arrays import Floats
 from classify.base.errors import CalibrationRejected, InputError
 
-from .correction import RESPONSE_STEPS, Response
+from .calibration import RESPONSE_STEPS, Response
 
 # Cubic pieces between the lowest and the highest value. With 8, gamma, sRGB and filmic curves come
 # out within 0.5 % of full scale (tests/classify/calibration/test_exposure_ladder.py).

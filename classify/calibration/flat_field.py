@@ -1,16 +1,22 @@
 """Flat field of each light from light images of a white matt sheet."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
+import cv2
 import numpy as np
 
-from classify.base.arrays import Floats
+from classify.base.arrays import Array, BoolArray, FloatMap, Floats
+from classify.base.errors import InputError
+from classify.images import SIGMA_PER_MAD, ImageStack
 from classify.lights.flat_field import (
     MEDIAN_SQUARE,
     TERMS,
     TUKEY,
     FlatField,
     by_fold,
+    coordinates,
     exponents,
     normal_equations,
     powers,
@@ -18,7 +24,153 @@ from classify.lights.flat_field import (
     solved,
 )
 
-from .plate_blocks import BLOCKS, PlateBlocks
+# Blocks along each side of the frame, and the most cells along the side of a block. Within a block
+# the light of LEDs at two fields of view departs from a plane by 0.01 %.
+BLOCKS, _CELLS = 32, 16
+# Cells further from the median of their block than this multiple of its robust standard deviation
+# are dust.
+_DUST = 4.0
+# Cells darker than this share of the bright ones are beside the sheet, as in `fall_off`.
+_DARK = 0.05
+# Least usable share of a block that counts.
+_USABLE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class PlateBlocks:
+    """Blocks of S placements of a sheet under N lights."""
+
+    logs: Floats  # (S, N, 32, 32) of the mean values less ambient light; 0 where not `usable`
+    usable: BoolArray  # (S, 32, 32), false where too much is outside the mask or saturated
+    relief: Floats  # (S, 32, 32) robust scatter in a block of a light's ratio to the mean
+    grain: Floats  # (S, 32, 32) robust scatter in a block of the mean of all lights
+    saturated: Floats  # (S, N) share of pixels within the mask
+    levels: Floats  # (S, N) median less ambient light, as a share of full scale
+    x: Floats  # (32,) in half of the longer side
+    y: Floats  # (32,) in half of the longer side, upwards
+    shape: tuple[int, int]  # rows and columns of the frame
+
+    @classmethod
+    def of(
+        cls, placements: Sequence[ImageStack], full_scale: float, mask: BoolArray | None = None
+    ) -> "PlateBlocks":
+        """Blocks of the placements; only pixels of the (H, W) `mask` count."""
+        shape = placements[0].shape
+        maps = (_of_placement(placement, full_scale, mask) for placement in placements)
+        rows, columns = ((np.arange(BLOCKS) + 0.5) * length / BLOCKS - 0.5 for length in shape)
+        x, y = coordinates(rows, columns, shape)
+        logs, usable, relief, grain, saturated, levels = map(np.stack, zip(*maps, strict=True))
+        return cls(logs, usable, relief, grain, saturated, levels, x, y, shape)
+
+    @property
+    def ratios(self) -> Floats:
+        """(S, N, 32, 32) log ratios of each light to the geometric mean of all."""
+        ratios: Floats = self.logs - self.logs.mean(axis=1, keepdims=True)
+        return ratios
+
+
+def _of_placement(
+    stack: ImageStack, full_scale: float, mask: BoolArray | None
+) -> tuple[Array, ...]:
+    """The first six fields of `PlateBlocks`, from logs to levels, without the axis S."""
+    rows, columns = (BLOCKS * min(max(side // BLOCKS, 1), _CELLS) for side in stack.shape)
+    cells = (rows, columns)
+    ambient = np.float32(0.0) if stack.ambient is None else stack.ambient.astype(np.float32)
+    part = np.ones(stack.shape, np.bool_) if mask is None else mask
+    saturated = stack.images >= full_scale
+    good = _in_blocks(_resized(part & ~saturated.any(axis=0), cells)) > 1.0 - 1e-3
+    values = np.stack(
+        [_in_blocks(_resized(image - ambient, cells)) for image in stack.images]
+    ).astype(np.float64)
+    brightness = values.mean(axis=0)
+    good &= (values > 0.0).all(axis=0) & (brightness > _DARK * np.percentile(brightness, 95))
+    logs = np.log(np.where(good, values, 1.0))
+    common = logs.mean(axis=0)
+    ratio = logs - common
+    away = _deviation(ratio, good)
+    relief = SIGMA_PER_MAD * np.sqrt(np.square(np.nan_to_num(_median(np.abs(away)))).mean(axis=0))
+    unevenness = _deviation(common, good)
+    grain = SIGMA_PER_MAD * np.nan_to_num(_median(np.abs(unevenness)))
+    clean = good & (np.abs(unevenness) <= _DUST * grain[..., None] + 1e-9)
+    for light in away:
+        spread = SIGMA_PER_MAD * np.nan_to_num(_median(np.abs(light)))[..., None]
+        clean &= np.abs(light) <= _DUST * spread + 1e-9
+    count = clean.sum(axis=-1)
+    means = (values * clean).sum(axis=-1) / np.maximum(count, 1)
+    usable = count >= _USABLE * clean.shape[-1]
+    inside = max(int(part.sum()), 1)
+    return (
+        np.where(usable, np.log(np.where(usable, means, 1.0)), 0.0),
+        usable,
+        relief,
+        grain,
+        (saturated & part).sum(axis=(1, 2)) / inside,
+        np.array([np.median(light[good]) if good.any() else 0.0 for light in values]) / full_scale,
+    )
+
+
+def _resized(image: Array, cells: tuple[int, int]) -> FloatMap:
+    """Means of the image over (rows, columns) cells."""
+    size = (cells[1], cells[0])
+    resized = cv2.resize(image.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    return np.asarray(resized, np.float32)
+
+
+def _in_blocks(cells: FloatMap) -> FloatMap:
+    """(32, 32, n) the n cells of each block."""
+    rows, columns = (length // BLOCKS for length in cells.shape)
+    blocks = cells.reshape(BLOCKS, rows, BLOCKS, columns).swapaxes(1, 2)
+    return blocks.reshape(BLOCKS, BLOCKS, rows * columns)
+
+
+def _deviation(values: Floats, good: BoolArray) -> Floats:
+    """Differences of good cells from the median of their block; NaN for the others."""
+    masked = np.where(good, values, np.nan)
+    deviation: Floats = masked - _median(masked)[..., None]
+    return deviation
+
+
+def _median(values: Floats) -> Floats:
+    """Median over the cells of each block without NaN; NaN for a block without any."""
+    ordered = np.sort(values, axis=-1)  # NaN last
+    count = np.isfinite(ordered).sum(axis=-1)
+    middle = np.maximum(count - 1, 0) // 2
+    medians: Floats = np.take_along_axis(ordered, middle[..., None], axis=-1)[..., 0]
+    return medians
+
+
+# Correlation of the grain of two placements of one sheet, as rendered in test_plate.py without
+# dust: 0.09 at most if it was rotated between them; if not, 0.73 and more for a grain of 0.5 %, and
+# lost in the noise for an even sheet. The pattern of the sensor does not rotate, but is weaker.
+_ALIKE = 0.7
+
+
+def check_placements_differ(images: Sequence[Array]) -> None:
+    """Refuse placements with the same light images: their errors are the same."""
+    for (first, one), (second, other) in combinations(enumerate(images, start=1), 2):
+        if np.array_equal(one, other):
+            raise InputError(
+                f"placements {first} and {second} have the same light images; rotate or move the "
+                "target between them, or give them once"
+            )
+
+
+def are_moved(blocks: PlateBlocks, flat_field: FlatField) -> bool:
+    """Whether the sheet was rotated or moved between any two placements, by its grain and dust."""
+    y, x = powers(blocks.y, TERMS), powers(blocks.x, TERMS)
+    uneven = blocks.logs.mean(axis=1) - y @ flat_field.coefficients.mean(axis=0) @ x.T
+    # Subtract the mean of the four neighbours, and with it a smooth bias of the polynomial.
+    grain, usable = uneven[:, 1:-1, 1:-1].copy(), blocks.usable[:, 1:-1, 1:-1].copy()
+    for rows, columns in ((0, 1), (2, 1), (1, 0), (1, 2)):
+        near = np.s_[:, rows : rows + grain.shape[1], columns : columns + grain.shape[2]]
+        grain -= 0.25 * uneven[near]
+        usable &= blocks.usable[near]
+    for first, other in combinations(range(len(grain)), 2):
+        one, two = (grain[placement][usable[first] & usable[other]] for placement in (first, other))
+        if one @ two <= _ALIKE * np.linalg.norm(one) * np.linalg.norm(two):
+            return True
+    return False
+
 
 # The degree is raised while the squared error of predicting left-out parts of the frame falls below
 # this share; classify/DECISIONS.md has the errors of each degree.

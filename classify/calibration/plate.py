@@ -11,9 +11,14 @@ from classify.images import ImageStack
 from classify.lighting import Lighting
 
 from .calibration import CalibratedLights
-from .flat_field import FittedFlatField, fit_flat_field
+from .flat_field import (
+    FittedFlatField,
+    PlateBlocks,
+    are_moved,
+    check_placements_differ,
+    fit_flat_field,
+)
 from .led_positions import LedPositions, fit_led_positions
-from .plate_blocks import PlateBlocks, are_moved, check_placements_differ
 
 # Limits of the checks; "What a sheet is refused for" in classify/DECISIONS.md has the figures of
 # sheets, parts and textures.

@@ -12,9 +12,8 @@ from classify.base.arrays import Array, BoolArray, Floats
 from classify.base.errors import CalibrationRejected, InputError
 from classify.lighting import Lighting
 
-from .calibration import CalibratedLights
-from .correction import Scale, nominal_camera_matrix
-from .plate_blocks import check_placements_differ
+from .calibration import CalibratedLights, Scale, nominal_camera_matrix
+from .flat_field import check_placements_differ
 from .sphere import Sphere
 from .sphere_lights import SATURATED, matte_directions, mirror_directions
 from .sphere_outline import find_outline, outline_of_mask

@@ -56,7 +56,7 @@ _MEDIAN_OF_NOISE = 0.75
 
 
 @dataclass(frozen=True, eq=False)
-class LevelFit:
+class _LevelFit:
     """Factors for the images of four lights that minimise the redundancy residual."""
 
     factors: Floats  # (4,) inverse levels, of mean 1
@@ -65,7 +65,7 @@ class LevelFit:
     agreeing: Floats  # (n,) 1 where the residual is within 3 times that, else 0
 
 
-def fit_levels(terms: FloatMap, noises: FloatMap, level_spread: float) -> LevelFit:
+def fit_levels(terms: FloatMap, noises: FloatMap, level_spread: float) -> _LevelFit:
     """Fit the factors w of mean 1 that make w . terms noise of variance 1.
 
     Total least squares: `terms` (4, n) are nul_k i_k over the standard deviation of their sum,
@@ -87,7 +87,7 @@ def fit_levels(terms: FloatMap, noises: FloatMap, level_spread: float) -> LevelF
         agreeing = (residual <= (_OUTLIER * max(1.0, typical)) ** 2).astype(np.float64)
     covariance = inverse - np.outer(towards, towards) / towards.sum()
     error = math.sqrt(max(float(np.linalg.eigvalsh(covariance)[-1]), 0.0))
-    return LevelFit(factors, error, typical, agreeing)
+    return _LevelFit(factors, error, typical, agreeing)
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,7 +38,7 @@ _ACROSS_DEG = 30.0
 
 
 @dataclass(frozen=True)
-class LightOrder:
+class _LightOrder:
     """Orders of the lights that four images allow; image k shows light `order[k]`."""
 
     plausible: tuple[Order, ...]  # best first; all 24 if the images do not decide
@@ -62,7 +62,7 @@ def light_order(
     *,
     ambient: Array | None = None,
     full_scale: float | None = None,
-) -> LightOrder:
+) -> _LightOrder:
     """Test by four linear images (4, H, W) whether the lights were in this order.
 
     A matt surface has a redundancy residual sum_k nul_k i_k and a curl dp/dy - dq/dx of zero only
@@ -74,7 +74,7 @@ def light_order(
     stack = checked_stack(images, 4)
     opposite = _opposite(lighting)
     if opposite is None:
-        return LightOrder(_ORDERS, None, 0.0)
+        return _LightOrder(_ORDERS, None, 0.0)
     planes: list[Array] = [*stack]
     if ambient is not None:
         planes.append(checked_ambient(ambient, stack))
@@ -97,7 +97,7 @@ def light_order(
     misfit = residual + curl
     misfit -= misfit.min()
     ranked = sorted(range(len(_ORDERS)), key=lambda index: float(misfit[index]))
-    return LightOrder(
+    return _LightOrder(
         plausible=tuple(_ORDERS[index] for index in ranked if misfit[index] < _CLEARLY_WORSE),
         opposite=opposite,
         excess=float(misfit[0]),

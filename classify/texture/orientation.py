@@ -108,7 +108,7 @@ _LEAST_CURVATURE = 1e-9
 Complex = npt.NDArray[np.complex64]
 
 
-class LeastError(NamedTuple):
+class _LeastError(NamedTuple):
     """Least squared difference over all shifts, of one stack of maps and n references."""
 
     errors: Floats  # (n,)
@@ -124,7 +124,7 @@ def harmonics(polar: npt.NDArray[np.floating[Any]]) -> Complex:
     return np.ascontiguousarray(series, np.complex64)
 
 
-def least_error(test: Complex, references: Complex) -> LeastError:
+def least_error(test: Complex, references: Complex) -> _LeastError:
     """Compare a stack of maps, (K, 16) series, with (n, K, 16), all shifted by one angle."""
     correlations, zeroth, energies = _correlations(test, references)
     total = energies.sum(axis=1)
@@ -133,7 +133,7 @@ def least_error(test: Complex, references: Complex) -> LeastError:
     sharpness = np.clip(_agreed(correlations.max(axis=1), zeroth, energies), 0.0, 1.0)
     # The second modulo: a remainder of -1e-17 is rounded up to 180.
     shifts_deg = (shifts % _SHIFTS % _SHIFTS) * _STEP_DEG
-    return LeastError(np.maximum(least, 0.0), shifts_deg, sharpness)
+    return _LeastError(np.maximum(least, 0.0), shifts_deg, sharpness)
 
 
 def agreement_by_shift(test: Complex, references: Complex) -> Floats:

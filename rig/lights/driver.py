@@ -30,7 +30,7 @@ class Switch:
 
 
 @dataclass(frozen=True)
-class LightState:
+class _LightState:
     """The state of the LEDs as the controller reports it; `led` is None if none is lit."""
 
     led: int | None
@@ -136,7 +136,7 @@ class LightController:
             raise self._failed(f"level {percent} % of LED {led} was not set")
         self._levels_percent[led] = percent
 
-    def state(self) -> LightState:
+    def state(self) -> _LightState:
         """Ask the controller for the state of its LEDs, which also keeps its watchdog quiet."""
         return self._state_in(self._exchange("LED:STAT?"))
 
@@ -146,7 +146,7 @@ class LightController:
         numbers = self._numbers(self._exchange(command), count)
         return Answer(numbers, sent_s, self._clock.now_s())
 
-    def confirm(self, led: int | None) -> LightState:
+    def confirm(self, led: int | None) -> _LightState:
         """Check that `led` (None: no LED) is still lit, and return the whole state.
 
         Raises
@@ -278,7 +278,7 @@ class LightController:
         self._exchange("*RST")
         self._exchange(f"SYST:WDOG {self._watchdog_ms}")
 
-    def _state_in(self, reply: Reply) -> LightState:
+    def _state_in(self, reply: Reply) -> _LightState:
         # The number of LEDs is that of the first state, at opening.
         count = max(3, reply.text.count(",") + 1)
         led, *levels, time_us = self._numbers(reply, count)
@@ -290,7 +290,7 @@ class LightController:
         if time_us < self._latest_us:
             raise self._failed("the controller has restarted: its clock went back")
         self._latest_us = time_us
-        return LightState(None if led == -1 else led, tuple(levels), time_us)
+        return _LightState(None if led == -1 else led, tuple(levels), time_us)
 
     def _failed(self, cause: str) -> LightControllerError:
         self._has_failed = True

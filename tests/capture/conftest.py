@@ -21,8 +21,7 @@ from capture.cli import app
 from capture.sets.metadata import ImageRecord, LightingRecord
 from classify import Lighting
 from classify.calibration.calibration import CalibratedLights
-from classify.calibration.flat_field import fit_flat_field
-from classify.calibration.plate_blocks import PlateBlocks
+from classify.calibration.flat_field import PlateBlocks, fit_flat_field
 from classify.images import ImageStack
 from rig import Rig, RigConfig, open_rig
 from rig.set_file import pixels_sha256

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from classify.calibration.calibration import CalibratedLights, Calibration
-from classify.calibration.correction import Response
+from classify.calibration.calibration import CalibratedLights, Calibration, Response
 from classify.calibration_benefit import errors_left
 from classify.lighting import Lighting
 from classify.lights.flat_field import FlatField

@@ -1,8 +1,7 @@
 """The page of files and exit statuses."""
 
-from capture.base.crash_log import CRASH_STATUS
 from capture.base.interrupts import INTERRUPTED_STATUS
-from capture.base.streams import BROKEN_PIPE_STATUS
+from capture.base.process_end import BROKEN_PIPE_STATUS, CRASH_STATUS
 from capture.calibration.ps4cal import PartRecord
 from capture.commands.solve import FOLDER, FORMATS
 from capture.session.folder import COLUMNS

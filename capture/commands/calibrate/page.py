@@ -22,8 +22,7 @@ from capture.maps.pictures import ColourScale
 from capture.maps.views import SHOWN_LIGHTS, MapView
 from classify import Lighting
 from classify.base.arrays import Floats
-from classify.calibration.calibration import CalibratedLights
-from classify.calibration.correction import Response, Scale
+from classify.calibration.calibration import CalibratedLights, Response, Scale
 from classify.calibration.dark import Dark
 from classify.calibration_benefit import errors_left
 from classify.lights.flat_field import FlatField

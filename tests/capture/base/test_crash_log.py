@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from capture.base.crash_log import report_crash
+from capture.base.process_end import report_crash
 
 Spawn = Callable[..., Any]
 

@@ -77,7 +77,7 @@ def test_an_argument_that_is_not_utf_8_is_one_line(spawn: Spawn) -> None:
 
 def test_a_closed_input_is_empty(run_python: Callable[..., str]) -> None:
     program = (
-        "import os, sys\nfrom capture.base.streams import StandardStreams\n"
+        "import os, sys\nfrom capture.base.process_end import StandardStreams\n"
         "StandardStreams()\nprint(repr(sys.stdin.readline()), sys.stdin.isatty())\n"
         "print(os.read(sys.stdin.fileno(), 9))"
     )

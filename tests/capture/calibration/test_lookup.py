@@ -16,8 +16,7 @@ from capture.calibration.ps4cal import CalibrationFile, PartRecord
 from capture.calibration.setting import PART_NAMES, Setting
 from capture.sets.captured_set import calibration_of
 from classify import Lighting
-from classify.calibration.calibration import CalibratedLights
-from classify.calibration.correction import Scale
+from classify.calibration.calibration import CalibratedLights, Scale
 from classify.calibration.dark import Dark
 from rig import Rig
 

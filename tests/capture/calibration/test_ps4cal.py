@@ -15,8 +15,7 @@ from capture.base.errors import CalibrationError
 from capture.calibration.ps4cal import CalibrationFile, PartRecord, flattened, rebuilt
 from capture.calibration.setting import PART_NAMES, Setting
 from classify import InputError, Lighting, SensorNoise
-from classify.calibration.calibration import CalibratedLights, Calibration
-from classify.calibration.correction import Response, Scale
+from classify.calibration.calibration import CalibratedLights, Calibration, Response, Scale
 from classify.calibration.dark import Dark
 from classify.calibration.photon_transfer import Noise
 from classify.lights.flat_field import FlatField

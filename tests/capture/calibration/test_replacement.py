@@ -14,8 +14,7 @@ from capture.calibration.setting import PART_NAMES, PartName, Setting
 from capture.commands.calibrate.flow import calibration_at, keep_parts
 from classify import Lighting
 from classify.base.errors import CalibrationRejected
-from classify.calibration.calibration import CalibratedLights
-from classify.calibration.correction import Response, Scale
+from classify.calibration.calibration import CalibratedLights, Response, Scale
 from classify.calibration.dark import Dark
 from classify.calibration.photon_transfer import Noise
 from classify.images import SensorNoise

@@ -12,7 +12,7 @@ import pytest
 from capture import CalibrationFile, CapturedSet
 from capture.calibration.ps4cal import PartRecord
 from capture.maps.map_tiff import read_description
-from classify.calibration.correction import Scale
+from classify.calibration.calibration import Scale
 
 Command = Callable[..., Any]
 Refused = Callable[..., str]

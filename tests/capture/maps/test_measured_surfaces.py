@@ -22,7 +22,7 @@ from capture.calibration.ps4cal import PartRecord
 from capture.maps.digital_surf import write_sur
 from capture.maps.height_map import HeightMap
 from capture.maps.x3p import write_x3p
-from classify.calibration.correction import Scale
+from classify.calibration.calibration import Scale
 
 Command = Callable[..., Any]
 Refused = Callable[..., str]

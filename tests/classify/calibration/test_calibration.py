@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from classify import InputError, Lighting, SensorNoise
-from classify.calibration.calibration import CalibratedLights, Calibration
-from classify.calibration.correction import Response, Scale
+from classify.calibration.calibration import CalibratedLights, Calibration, Response, Scale
 from classify.calibration.dark import Dark
 from classify.images import ImageStack
 

@@ -9,8 +9,7 @@ import pytest
 from classify.base.errors import CalibrationRejected, InputError
 from classify.calibration.calibration import CalibratedLights, Calibration
 from classify.calibration.drift import Drift, plate_drift
-from classify.calibration.flat_field import fit_flat_field
-from classify.calibration.plate_blocks import PlateBlocks
+from classify.calibration.flat_field import PlateBlocks, fit_flat_field
 from classify.images import ImageStack
 from classify.lighting import Lighting
 from tests.plates import Plate, ring_positions

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from classify.calibration.flat_field import FittedFlatField, fit_flat_field
-from classify.calibration.plate_blocks import PlateBlocks
+from classify.calibration.flat_field import FittedFlatField, PlateBlocks, fit_flat_field
 from tests.plates import Plate, ring_positions
 
 Array = np.ndarray

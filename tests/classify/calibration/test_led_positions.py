@@ -5,9 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from classify.calibration.flat_field import fit_flat_field
+from classify.calibration.flat_field import PlateBlocks, fit_flat_field
 from classify.calibration.led_positions import LedPositions, fit_led_positions
-from classify.calibration.plate_blocks import PlateBlocks
 from tests.plates import Plate, ring_positions
 
 Array = np.ndarray

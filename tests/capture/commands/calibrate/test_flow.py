@@ -19,7 +19,7 @@ from capture.commands.calibrate.flow import (
     target_sets,
 )
 from classify import InputError
-from classify.calibration.correction import Scale
+from classify.calibration.calibration import Scale
 from classify.calibration.dark import Dark
 from rig import Rig
 from tests.capture.commands.calibrate import simulated_rigs

@@ -20,7 +20,7 @@ from capture.commands.calibrate.page import (
     part_summaries,
 )
 from classify import Lighting
-from classify.calibration.correction import Response, Scale
+from classify.calibration.calibration import Response, Scale
 from classify.calibration.dark import Dark
 from tests.html_page import Page
 

@@ -20,8 +20,7 @@ from capture.station.judge.challenge_set import add_to_challenge
 from capture.station.judge.inspector import Inspector
 from capture.station.judge.teaching.teaching import teach
 from capture.station.run.self_test import check_calibration_age
-from classify.calibration.flat_field import fit_flat_field
-from classify.calibration.plate_blocks import PlateBlocks
+from classify.calibration.flat_field import PlateBlocks, fit_flat_field
 from classify.images import ImageStack
 from rig import Placement, RigConfig, open_rig
 from rig.config.simulation import Defect
