@@ -14,14 +14,14 @@ from rig.errors import LightControllerError
 
 from .rig import Simulation
 
-# Devices take the exposure in microseconds.
+# Exposures that differ by less are equal: devices take whole microseconds.
 _EXPOSURE_STEP_MS = 0.0015
 
 
 class DeviceSimulation:
-    """A simulated rig in real time, behind a serial or pseudo-terminal and a camera.
+    """A simulated rig in real time, behind a serial device or pseudo-terminal and a camera.
 
-    `served` is the option of `ServedCamera` and its value, None for no camera.
+    `served` is `ServedCamera.option` and the place of the camera; None serves no camera.
     """
 
     def __init__(
