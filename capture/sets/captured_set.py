@@ -276,7 +276,7 @@ class LoadedSet:
 
     @property
     def mm_per_px(self) -> float | None:
-        """Scale by the calibration, or as given for photographs; None if it is unknown."""
+        """Scale by the calibration, else the one given at the import; None if it is unknown."""
         metadata = self.captured.metadata
         measured = None if self.calibration is None else self.calibration.mm_per_px
         if measured is None and (self.calibration is not None or not metadata.calibration_ids):
