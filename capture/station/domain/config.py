@@ -106,7 +106,7 @@ class StationConfig(Section):
         default=2.0,
         ge=0.0,
         le=86_400.0,
-        description="period of the timer; 0 is as fast as possible",
+        description="period of the timer or simulated sensor; 0 is as fast as possible",
     )
     sensor_delay_ms: float = Field(
         default=0.0, ge=0.0, le=60_000.0, description="from the sensor's edge to the first light"
@@ -133,7 +133,7 @@ class StationConfig(Section):
         default=5,
         ge=1,
         le=1_000_000,
-        description="number of errors in a row that stops the line",
+        description="number of errors in a row that stops the line until one is acknowledged",
     )
     retention: Retention = Field(
         default=Retention(), description="which set files stay; those that did not pass always do"

@@ -59,13 +59,13 @@ class PanelConfig(Section):
         default=(),
         max_length=100,
         strict=False,
-        description="host names by which browsers reach it",
+        description="host names by which browsers reach it; IP addresses need no entry",
     )
     kiosk_addresses: tuple[IPvAnyAddress, ...] = Field(
         default=(),
         max_length=100,
         strict=False,
-        description="addresses of the line's screens, which log in with a PIN",
+        description="IP addresses of the line's screens, which log in with a PIN",
     )
 
     @model_validator(mode="after")
