@@ -6,9 +6,11 @@ from classify.base.compiling import Array, kernel, kernel_part
 from classify.shadow_rule import DARK, LEAK, NO_DROPPED_LIGHT
 
 Numbers = tuple[np.float32, ...]
-# Ambient value, saturation, noise a, b, black, `_pixel`, and the factor on slopes of lobes.
+# Ambient value, saturation, noise (a, b, black), `_pixel`, and the factor on the slopes for lobes.
 Scene = tuple[np.float32, np.float32, Numbers, Numbers, np.float32]
-# Of all lights: M V M^T and M V nul; gloss; residuals; the darkest light. See `_add_light`.
+# Sums over the lights: upper triangle of M V M^T; M V nul and nul V nul; M and nul times the lobes;
+# squared residuals, their expected noise and brightness; the two highest values, the lowest one and
+# its light.
 Sums = tuple[Numbers, Numbers, Numbers, Numbers, Numbers]
 
 # A residual whose square exceeds this multiple of that of the pixels around is an error of its own:
@@ -39,20 +41,21 @@ def propagate_errors(
 
     `lights` (N, 10) are the constants of `_add_light`, 0 for a fourth light if there are `number`
     = 3; `corrections` (4, 3) are the columns of pinv / nul, and `common` (2, 6) the covariances of
-    b from errors of variance 1 of each image, and of one error in all images. Lobes of pixels
-    without a light are those of slopes times `flatter`.
+    b from errors of variance 1 of each image, and of one error in all images. Where a light was
+    left out, lobes are those of slopes times `flatter`.
     """
     shear, sensor = (plane[0], plane[1], plane[2]), (noise[0], noise[1], noise[2])
     first, second, third, fourth = (
         _light(lights[0]), _light(lights[1]), _light(lights[2]), _light(lights[3])
     )  # fmt: skip
-    covariances, without = (_six(common[0]), _six(common[1])), (
+    covariances = (_six(common[0]), _six(common[1]))
+    columns_without = (
         _three(corrections[0]), _three(corrections[1]), _three(corrections[2]),
         _three(corrections[3]),
     )  # fmt: skip
     frame = (np.float32(number), np.float32(len(ambient) > 1), lights[0, 0])
     zero, one, two, three = np.float32(0.0), np.float32(1.0), np.float32(2.0), np.float32(3.0)
-    nothing = (
+    no_sums = (
         (zero, zero, zero, zero, zero, zero), (zero, zero, zero, zero), (zero, zero, zero, zero),
         (zero, zero, zero), (zero, zero, np.float32(np.inf), np.float32(NO_DROPPED_LIGHT)),
     )  # fmt: skip
@@ -62,30 +65,30 @@ def propagate_errors(
         # Without branches, as in `robust`: else the compiler does not vectorise the loop.
         for c in range(columns if len(lights) == 4 else 0):
             pixel = _pixel(p[r, c], q[r, c], albedo[r, c], x[c], y[r], shear)
-            flat = one if dropped[r, c] == NO_DROPPED_LIGHT else flatter
-            scene = (dark_row[c], saturation, sensor, pixel, flat)
-            sums = _add_light(zero, images[0, r, c], raw[0, r, c], scene, first, strengths, nothing)
+            factor = one if dropped[r, c] == NO_DROPPED_LIGHT else flatter
+            scene = (dark_row[c], saturation, sensor, pixel, factor)
+            sums = _add_light(zero, images[0, r, c], raw[0, r, c], scene, first, strengths, no_sums)
             sums = _add_light(one, images[1, r, c], raw[1, r, c], scene, second, strengths, sums)
             sums = _add_light(two, images[2, r, c], raw[2, r, c], scene, third, strengths, sums)
             sums = _add_light(
                 three, images[last, r, c], raw[last, r, c], scene, fourth, strengths, sums
             )
             p_sd[r, c], q_sd[r, c], albedo_sd[r, c], angle_sd[r, c] = _deviations(
-                scene, sums, frame, leaves_out, covariances, without, strengths,
+                scene, sums, frame, leaves_out, covariances, columns_without, strengths,
                 np.float32(dropped[r, c]), model[r, c],
             )  # fmt: skip
         for c in range(columns if len(lights) > 4 else 0):
             pixel = _pixel(p[r, c], q[r, c], albedo[r, c], x[c], y[r], shear)
-            flat = one if dropped[r, c] == NO_DROPPED_LIGHT else flatter
-            scene = (dark_row[c], saturation, sensor, pixel, flat)
-            sums = nothing
+            factor = one if dropped[r, c] == NO_DROPPED_LIGHT else flatter
+            scene = (dark_row[c], saturation, sensor, pixel, factor)
+            sums = no_sums
             for k in range(len(lights)):
                 sums = _add_light(
                     np.float32(k), images[k, r, c], raw[k, r, c], scene, _light(lights[k]),
                     strengths, sums,
                 )  # fmt: skip
             p_sd[r, c], q_sd[r, c], albedo_sd[r, c], angle_sd[r, c] = _deviations(
-                scene, sums, frame, leaves_out, covariances, without, strengths,
+                scene, sums, frame, leaves_out, covariances, columns_without, strengths,
                 np.float32(dropped[r, c]), model[r, c],
             )  # fmt: skip
 
@@ -131,11 +134,11 @@ def _add_light(
     strengths: Array | None, sums: Sums,
 ) -> Sums:  # fmt: skip
     """Add a light with the column M of the pseudo-inverse; a saturated light is the darkest."""
-    dark, saturation, (a, b, black), pixel, flat = scene
+    dark, saturation, (a, b, black), pixel, factor = scene
     gain, lx, ly, lz, mx, my, mz, nul, spare, _ = light
     (xx, xy, xz, yy, yz, zz), (dx, dy, dz, d), (gx, gy, gz, g), residuals, darkness = sums
     energy, expected, total = residuals
-    high, second, low, lost = darkness
+    high, second, low, darkest = darkness
     zero, one = np.float32(0.0), np.float32(1.0)
     value, whole = image - dark, raw - dark
     ratio = gain * (value / whole if whole * whole > KNOWN * a else one)
@@ -145,23 +148,26 @@ def _add_light(
     error = v - (lx * pixel[6] + ly * pixel[7] + lz * pixel[8])
     level = v if raw < saturation else -one
     if strengths is not None:
-        lobe = _lobe(light, pixel, flat, strengths)
+        lobe = _lobe(light, pixel, factor, strengths)
         gx, gy, gz, g = gx + mx * lobe, gy + my * lobe, gz + mz * lobe, g + nul * lobe
     return (
         (xx + vx * mx, xy + vx * my, xz + vx * mz, yy + vy * my, yz + vy * mz, zz + vz * mz),
         (dx + vn * mx, dy + vn * my, dz + vn * mz, d + vn * nul),
         (gx, gy, gz, g),
         (energy + error * error, expected + spare * variance, total + v),
-        (max(high, v), max(second, min(high, v)), min(low, level), index if level < low else lost),
+        (
+            max(high, v), max(second, min(high, v)), min(low, level),
+            index if level < low else darkest,
+        ),
     )  # fmt: skip
 
 
 @kernel_part
-def _lobe(light: Numbers, pixel: Numbers, flat: np.float32, strengths: Array) -> np.float32:
+def _lobe(light: Numbers, pixel: Numbers, factor: np.float32, strengths: Array) -> np.float32:
     """Light of the lobes of gloss: see `uncertainty._lobes`."""
     _, lx, ly, lz, _, _, _, _, _, inverse_distance = light
     p, q, _, _, x, y, _, _, _, _, _, _ = pixel
-    p, q = flat * p, flat * q
+    p, q = factor * p, factor * q
     nz = np.float32(1.0) / np.sqrt(np.float32(1.0) + p * p + q * q)
     tx, ty = lx - inverse_distance * x, ly - inverse_distance * y
     tz = lz + np.sqrt(tx * tx + ty * ty + lz * lz)
@@ -182,7 +188,8 @@ def _lobe(light: Numbers, pixel: Numbers, flat: np.float32, strengths: Array) ->
 @kernel_part
 def _deviations(
     scene: Scene, sums: Sums, frame: Numbers, leaves_out: bool, covariances: tuple[Numbers, ...],
-    without: tuple[Numbers, ...], strengths: Array | None, dropped: np.float32, share: np.float32,
+    columns_without: tuple[Numbers, ...], strengths: Array | None, dropped: np.float32,
+    share: np.float32,
 ) -> Numbers:  # fmt: skip
     """Deviations of p, q, albedo and the normal."""
     dark, _, (a, b, black), pixel, _ = scene
@@ -194,19 +201,19 @@ def _deviations(
     zero, half, one, none = (
         np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(NO_DROPPED_LIGHT),
     )  # fmt: skip
-    # The light that is not used, and the variance of the model error.
+    # The unused light: one that was left out, or is dark; then the variance of the model error.
     dark_variance = a + b * max(dark - black, zero)
     noise = DARK * gain * np.sqrt((has_ambient + one) * dark_variance)
     is_dark = low <= max(min(noise, half * high), LEAK * second)
     is_found = (dropped == none) & is_dark & (leaves_out | (number == np.float32(4.0)))
-    lost = darkest if is_found else dropped
+    unused = darkest if is_found else dropped
     mean, freedom = total / number, max(number - np.float32(3.0), one)
     model, own = share * mean * mean, energy / freedom
-    is_own = (lost == none) & (own > OWN * (model + expected / freedom))
+    is_own = (unused == none) & (own > OWN * (model + expected / freedom))
     model += own if is_own else zero
     # Covariance of b. Without light k the solution is M - L+[:, k] nul^T / nul_k; if k is in shadow
     # and used, its error is r / nul_k.
-    tx, ty, tz = _column(lost, without)
+    tx, ty, tz = _column(unused, columns_without)
     left_out = np.float32(leaves_out)
     d = half * (left_out * (d + model) + (one - left_out) * energy)
     ex, ey, ez = d * tx - left_out * dx, d * ty - left_out * dy, d * tz - left_out * dz
@@ -248,7 +255,7 @@ def _deviations(
 
 @kernel_part
 def _column(index: np.float32, columns: tuple[Numbers, ...]) -> Numbers:
-    """One of four columns, or 0."""
+    """One of four columns, or zeros for another index."""
     zero, one, two, three = np.float32(0.0), np.float32(1.0), np.float32(2.0), np.float32(3.0)
     (x0, y0, z0), (x1, y1, z1), (x2, y2, z2), (x3, y3, z3) = columns
     x, y, z = (x0, y0, z0) if index == zero else (zero, zero, zero)
