@@ -35,8 +35,8 @@ class DeviceSimulation:
         self._is_triggered = config.lights.synchronisation == "trigger"
         if self._is_triggered and (camera is None or not camera.has_trigger):
             raise ConfigError(
-                "lights.synchronisation = 'trigger', but a loopback device delivers frames at "
-                "their own rate; set 'software' or 'strobe', or simulate a GigE camera (--gige)"
+                "lights.synchronisation = 'trigger' needs a camera with a trigger input; simulate "
+                "a GigE camera (--gige), or set 'software' or 'strobe'"
             )
         self.written = self.late = 0
         self._period_s = 1.0 / config.camera.frame_rate_hz

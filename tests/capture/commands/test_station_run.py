@@ -12,10 +12,10 @@ import pytest
 
 from capture.station.domain.config import (
     CONFIG,
-    EXAMPLE,
     Retention,
     SimulatedParts,
     StationConfig,
+    example_config,
     read_config,
 )
 from capture.station.domain.interface_config import ModbusConfig, MqttConfig, PanelConfig
@@ -35,8 +35,9 @@ def test_init_writes_a_commented_configuration(ps4rig: Any, tmp_path: Path) -> N
 
 
 def test_the_example_names_every_key() -> None:
-    keys = {*re.findall(r"^(?:# )?(\w+) = ", EXAMPLE, re.MULTILINE)}
-    sections = {*re.findall(r"^(?:# )?\[(\w+)\]", EXAMPLE, re.MULTILINE)}
+    example = example_config("line-3")
+    keys = {*re.findall(r"^(?:# )?(\w+) = ", example, re.MULTILINE)}
+    sections = {*re.findall(r"^(?:# )?\[(\w+)\]", example, re.MULTILINE)}
     for model in (Retention, SimulatedParts, PanelConfig, ModbusConfig, MqttConfig):
         keys -= {*model.model_fields}
     assert keys | sections == {*StationConfig.model_fields}
