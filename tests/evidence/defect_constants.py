@@ -16,7 +16,7 @@ import numpy as np
 
 from capture.chapter.plan import Texture, material_textures
 from classify import TextureLibrary, learn_defects
-from classify.defects import cell_statistics, departures, fields, learning, whitening
+from classify.defects import departures, fields, learning, whitening
 from classify.surface.estimate import SurfaceEstimate
 
 from .defects import measure
@@ -38,8 +38,12 @@ GROUPS = (slice(0, 3), slice(3, 5), slice(5, 7))
 CONSTANTS = {
     whitening: {"_FLOOR": (1e-4, 1e-2, 1e9), "_SEGMENTS": ((128, 128), (32, 32))},
     fields: {"_FADE": (9, 25)},
-    cell_statistics: {"_STATISTICS_CELLS": (0.75, 3.0), "_SMOOTHING_CELLS": (0.5, 2.0)},
-    departures: {"_RIDGE": (0.005, 0.02), "_MOST_CELLS": (5_000, 80_000)},
+    departures: {
+        "_STATISTICS_CELLS": (0.75, 3.0),
+        "_SMOOTHING_CELLS": (0.5, 2.0),
+        "_RIDGE": (0.005, 0.02),
+        "_MOST_CELLS": (5_000, 80_000),
+    },
     learning: {
         "_PRIOR_SPREAD": (0.125, 0.5),
         "_TILE": (4, 16),
