@@ -125,7 +125,7 @@ def _end(*_: object) -> NoReturn:
 
 
 def load_tasks(_: None) -> None:
-    """Import what the first item of a worker needs."""
+    """Import the modules that the first item of a worker needs."""
     from . import tasks  # noqa: F401
 
 

@@ -276,12 +276,13 @@ class LoadedSet:
 
     @property
     def mm_per_px(self) -> float | None:
-        """Scale by the calibration, or as given for photographs; None if it is unknown."""
-        metadata = self.captured.metadata
-        measured = None if self.calibration is None else self.calibration.mm_per_px
-        if measured is None and (self.calibration is not None or not metadata.calibration_ids):
-            return metadata.mm_per_px
-        return measured
+        """Scale of the calibration in use, else the one given at import; None if it is unknown."""
+        if self.calibration is not None and self.calibration.mm_per_px is not None:
+            return self.calibration.mm_per_px
+        ids, found = self.captured.metadata.calibration_ids, self.found_calibration
+        # The recorded scale may be that of the named calibration: it holds with that one only.
+        is_named = found is not None and found.file.hash in ids
+        return self.captured.metadata.mm_per_px if is_named or not ids else None
 
     @property
     def warnings(self) -> tuple[str, ...]:

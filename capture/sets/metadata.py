@@ -184,7 +184,10 @@ class SetMetadata(Record):
     )
     calibration_ids: tuple[str, ...] = Field(default=(), description="SHA-256 of the calibration")
     mm_per_px: float | None = Field(
-        default=None, ge=1e-6, le=1e3, description="scale by that calibration, or as given"
+        default=None,
+        ge=1e-6,
+        le=1e3,
+        description="scale by that calibration, or as given at import",
     )
     crop: tuple[int, int, int, int] | None = Field(
         default=None, description="column, row, width, height that were kept of photographs"

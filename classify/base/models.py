@@ -24,7 +24,7 @@ class Record(BaseModel):
 
     @classmethod
     def read(cls, path: Path, max_bytes: int, remedy: str) -> Self:
-        """Read a file of JSON; InputError, with the remedy, if it is no such object."""
+        """Read a file of JSON; `InputError`, with the remedy, if it is invalid."""
         try:
             return cls.model_validate_json(read_regular_file(path, max_bytes))
         except InputError as error:

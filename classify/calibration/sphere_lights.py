@@ -65,18 +65,18 @@ def mirror_directions(
     rows, columns = sphere.pixels(_INSIDE)
     top, left = int(rows.min()), int(columns.min())
     values = images[:, rows, columns].astype(np.float64)
-    without = () if ambient is None else (ambient[rows, columns].astype(np.float64),)
+    dark_images = () if ambient is None else (ambient[rows, columns].astype(np.float64),)
     normals, views = sphere.surface_at(columns, rows)
     towards = 2.0 * (normals * views).sum(axis=1)[:, None] * normals - views
     shape = (int(rows.max()) - top + 1, int(columns.max()) - left + 1)
     directions, errors, points, doubts = [], [], [], []
     for light in range(len(values)):
-        room = _room([*np.delete(values, light, axis=0), *without], values[light])
+        room = _room([*np.delete(values, light, axis=0), *dark_images], values[light])
         change = values[light] - room
         share, least = _lit_share(values[light], room, light)
-        picture = np.zeros(shape, np.bool_)
-        picture[rows - top, columns - left] = share > least
-        labels = ndimage.label(picture, np.ones((3, 3)))[0][rows - top, columns - left]
+        is_lit = np.zeros(shape, np.bool_)
+        is_lit[rows - top, columns - left] = share > least
+        labels = ndimage.label(is_lit, np.ones((3, 3)))[0][rows - top, columns - left]
         highlights = [
             _Highlight.of(pixels, change, share - least, towards)
             for number in range(1, int(labels.max()) + 1)
@@ -116,7 +116,7 @@ def mirror_directions(
 
 
 def _room(others: Sequence[Floats], values: Floats) -> Floats:
-    """The room without this light: median of the other light images, minimum of up to two."""
+    """Image of the room without this light: median of the other images, minimum of up to two."""
     if not others:
         return np.full(values.shape, np.median(values))
     return np.asarray(np.median(others, axis=0) if len(others) > 2 else np.min(others, axis=0))

@@ -44,9 +44,9 @@ _LEAST_SCATTER = 0.5
 # The largest factor of the 22 materials. Quarters of a part with a figure in one of them differ
 # more than textures do (test_a_class_with_a_figure_in_a_corner...).
 _LARGEST_FACTOR = 1.5
-# The same for a class of one set, until a second one shows that it varies: the 95th percentile and
-# the mean of what uniform classes have. See "Uniformity" in classify/DECISIONS.md.
-_LARGEST_OF_ONE: Mapping[Uniformity, float] = {"varied": 1.3, "no texture": 1.0}
+# Largest factor of a class with one set only: the 95th percentile and the mean of the factors of
+# uniform classes. See "Uniformity" in classify/DECISIONS.md.
+_LARGEST_FACTOR_OF_ONE_SET: Mapping[Uniformity, float] = {"varied": 1.3, "no texture": 1.0}
 # Median distance of another patch to a class of scatter 1, and standard deviations of its logarithm
 # between classes of equal scatter and between patches of one class, together 0.43. On 22 scanned
 # materials the median is 0.84 and the deviation 0.53; joint_constants.py prints what larger
@@ -79,10 +79,10 @@ def limit_factors(
     factors: FloatMap,
     uniformity: Mapping[str, Uniformity],
 ) -> FloatMap:
-    """(n,) `scatter_factor` of each reference, bounded where one set shows a class badly."""
+    """(n,) `scatter_factor` of each reference, bounded in uneven classes with one set."""
     sets_of = Counter(label for label, _ in set(zip(labels, sets, strict=True)))
     bounds = [
-        _LARGEST_OF_ONE.get(uniformity.get(label, "uniform"), math.inf)
+        _LARGEST_FACTOR_OF_ONE_SET.get(uniformity.get(label, "uniform"), math.inf)
         if sets_of[label] == 1
         else math.inf
         for label in labels

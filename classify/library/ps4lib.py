@@ -68,7 +68,7 @@ def _checked_limits(limits: object) -> dict[str, float]:
 
 def _checked_uniformity(uniformity: object) -> dict[str, Uniformity]:
     known = get_args(Uniformity)
-    if not isinstance(uniformity, dict) or any(each not in known for each in uniformity.values()):
+    if not isinstance(uniformity, dict) or any(kind not in known for kind in uniformity.values()):
         raise ValueError(f"give one of {', '.join(known)} for each class")
     return uniformity
 

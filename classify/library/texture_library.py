@@ -55,8 +55,8 @@ class TextureLibrary:
         Classes with a training set whose orientation was given. In the others the first set defines
         0, so that orientations compare with each other only.
     uniformity
-        Whether one set shows the class, or it is varied or no texture; empty where the classifier
-        does not measure it.
+        Whether each class is uniform, varied or no texture; empty where the classifier does not
+        measure it.
     limits
         Distance beyond which each class rejects; empty where the classifier rejects nothing.
     lighting

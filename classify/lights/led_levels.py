@@ -30,7 +30,7 @@ from .algebra import drop_one_constants
 MATT = np.float32(0.005)
 
 LEVEL_SAMPLES = 16_384
-"""Pixels that `level_corrections` needs; `residual_spread` is content with a quarter of them."""
+"""Pixels that `level_corrections` needs; a quarter of them is enough for `residual_spread`."""
 
 _ROUNDS = 4
 # Residuals of more than this many standard deviations are shadow or gloss, not noise.
@@ -99,7 +99,7 @@ class LitSamples:
 
     @classmethod
     def of(cls, raw: FloatMap, values: FloatMap, saturation: float) -> Self:
-        """Those of a sample that all lights reach, without pixels of the value `saturation`."""
+        """The pixels of a sample that all lights reach and that are below `saturation`."""
         lit = np.flatnonzero(
             (values.min(axis=0) > MAYBE_SHADOW * values.max(axis=0))
             & (raw.max(axis=0) < saturation)

@@ -52,8 +52,8 @@ def in_fill(problem: Problem, maps: Maps, strip_px: int) -> None:
     unsolved = Unsolved.of(pixels, lines, pairs, along)
     planes = maps.p, maps.q, maps.albedo
     albedo_weight, curl_weight = neighbour_weights(*planes, unlit, _squares(problem.shape))
-    # A pixel of a part takes 25 ns in each of up to forty steps, to hand a part to a thread 25 us:
-    # shorter parts would cost as much as they save.
+    # A step takes 25 ns per pixel, and handing a part to a thread 25 us: shorter parts would cost
+    # as much as they save.
     part = max(1, strip_px // 32)
     link(unsolved, unlit, curl_weight, *planes, part)
     grow(unsolved, albedo_weight, part)

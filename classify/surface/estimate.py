@@ -242,7 +242,7 @@ class SurfaceEstimate:
             **{name: cut(getattr(self, name)) for name in planes},
         )
         if self.images is not None:
-            # Where a cached property keeps its value.
+            # Fill the cached property, which the part cannot compute without images.
             vars(part)["_shadows_and_highlights"] = tuple(map(cut, self._shadows_and_highlights))
         return part
 

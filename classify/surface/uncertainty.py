@@ -38,8 +38,8 @@ _CHANCE = np.sqrt(2.0 / (4.0 * np.pi)) / _BLUR
 # Weight of the residuals of the whole frame beside those around, for places without any.
 _OF_FRAME = np.float32(1e-3)
 _TINY = np.float32(1e-30)
-# Gloss makes slopes too steep. Where a light was left out no residual says by how much, and the
-# lobe is taken at this share of the slope (`tests.evidence.uncertainty`).
+# Gloss makes solved slopes too steep. Where a light was left out there is no residual to correct
+# them, and the lobe is that of the slope times this factor (`tests.evidence.uncertainty`).
 _FLATTER = np.float32(0.55)
 # A lobe must explain residuals by as many standard deviations; one that explains this share of what
 # the best explains is as likely.

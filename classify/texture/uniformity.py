@@ -1,9 +1,10 @@
 """Uniformity: whether one set shows its class, because its pieces look alike.
 
-An energy is the square of a response, averaged over a window of an eighth of the frame. Pieces are
-of two by two windows. Logarithms of energies of a texture differ between pieces by as much as the
-windows within pieces let expect, whatever its contrast; those of a picture, an edge or one feature
-differ by more. Noise adds as much to all energies, so that it hides differences and makes none.
+An energy is the square of a response, averaged over a window of an eighth of the frame's sides. A
+piece has two by two windows. The log energies of a texture differ between pieces by as much as the
+scatter of the windows within pieces explains, whatever the contrast; those of a picture, an edge or
+one feature differ by more. Noise adds equally to all energies: it hides differences, but makes
+none.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,13 +27,13 @@ _REMARKS: dict[Uniformity, str] = {
 # Bounds of the unevenness; see "Uniformity" in classify/DECISIONS.md.
 _VARIED = 0.3
 _NO_TEXTURE = 0.63
-# Energies count from here: curvatures of 0.01 per pixel, changes of albedo by 3 % of its mean.
+# Floors of the energies: curvatures of 0.01 per pixel, changes of albedo by 3 % of its mean.
 _FLOORS = (1e-4, 1e-3)
 _OCTAVES = 3
-_PIECES = 4  # a side of the frame
-_WINDOWS = 2  # a side of a piece
-# Below this many pixels a frame shows few of the largest features: what they explain is inversely
-# proportional to their number.
+_PIECES = 4  # along each side of the frame
+_WINDOWS = 2  # along each side of a piece
+# A smaller frame holds fewer of the largest features of a texture. The variance that their number
+# explains is inversely proportional to it, so the excess is reduced in proportion to the pixels.
 _SUFFICIENT_PIXELS = 256 * 256
 
 
@@ -64,7 +65,7 @@ def uniformity_remarks(uniformity: Mapping[str, Uniformity]) -> list[str]:
 
 
 def _log_energies(fields: TextureFields) -> FloatMap:
-    """(2 octaves, 8, 8) logarithms of mean squares of the curvature and of the albedo's."""
+    """(2 x octaves, 8, 8) log mean squares of the curvature of relief and of albedo."""
     planes: list[Array] = [fields.p, fields.q, fields.albedo]
     side = _PIECES * _WINDOWS
     logs = []

@@ -61,8 +61,8 @@ class StampedCameraConfig(CameraConfig):
 
     timestamp_marks: Literal["frame_end", "driver", "writer"] | None = Field(
         default=None,
-        description="event of a stamp: what the driver announces, by default if simulated; the "
-        "writer of a loopback device; else frame_end",
+        description="what a stamp marks: frame_end, by default; what the driver announces, by "
+        "default if simulated; or when the writer of a loopback device wrote the frame",
     )
     timestamp_offset_ms: float = Field(
         default=0.0, ge=-1000.0, le=1000.0, description="added to a stamp"
@@ -74,14 +74,14 @@ class StampedCameraConfig(CameraConfig):
         default=None,
         ge=0.0,
         le=10_000.0,
-        description="from the first row to the last; 0 for a global shutter; by default a frame "
-        "period",
+        description="from the first row's exposure to the last row's; 0 for a global shutter; by "
+        "default a frame period",
     )
     timing_measured_at: str | None = Field(
         default=None,
         min_length=1,
         max_length=200,
-        description="the only mode in which the camera is opened",
+        description="mode for which the timing holds; the camera is opened in no other",
     )
 
     @property

@@ -28,9 +28,9 @@ class FrameSource(Protocol):
 
 
 class ServedCamera(ABC):
-    """A camera at `place`; raises `ConfigError` for a configuration that it cannot have."""
+    """A camera at `place`; raises `ConfigError` for a configuration that it cannot serve."""
 
-    option: ClassVar[str]  # of `rig simulate`, which states the place
+    option: ClassVar[str]  # of `rig simulate`; its value is the place
     has_trigger: ClassVar[bool] = False
     pixel_format: str
     bit_depth: int
@@ -47,7 +47,7 @@ class ServedCamera(ABC):
         """Serve a frame, or wait for a frame period if another thread serves them."""
 
     def trigger(self) -> None:
-        """A pulse on the trigger line."""
+        """Give a pulse on the trigger line, if it has one."""
         raise NotImplementedError
 
     @abstractmethod

@@ -163,8 +163,8 @@ def _latency(lights: LightController, clock: Clock) -> Check:
     return Check("switch latency", "warning", finding, advice)
 
 
-# Frames that are read for the rate and the losses; as few as 3 if more would take longer than this.
-_FRAMES, _FRAMES_TAKE_S = 30, 10.0
+# Frames from which rate and losses are measured; fewer, but 3, if they would take longer than this.
+_FRAMES, _LONGEST_S = 30, 10.0
 _READ_TIMEOUT_S = 2.0  # on top of a frame period, for a camera that has just started to stream
 # 30 frames whose first and last stamp jitter by half a period give the rate to 3 %.
 _RATE_TOLERANCE = 0.05
@@ -202,7 +202,7 @@ def check_frames(camera: Camera) -> Iterator[Check]:
     """Check the frame rate and what the camera's kind needs; count lost and corrupt frames."""
     info = camera.info
     yield from _check_kind(info)
-    frames = max(3, min(_FRAMES, round(_FRAMES_TAKE_S / info.frame_period_s)))
+    frames = max(3, min(_FRAMES, round(_LONGEST_S / info.frame_period_s)))
     read_frames: list[Frame] = []
     # Frames that waited in the queue do not show the rate.
     for number in range(info.queue_length + frames):
@@ -238,7 +238,7 @@ def check_frames(camera: Camera) -> Iterator[Check]:
 
 
 def _check_kind(info: CameraInfo) -> Iterator[Check]:
-    """Check what an open camera needs beside it, such as a network."""
+    """Check the surroundings that an open camera of its kind needs, such as a network."""
     faults = CAMERA_KINDS[info.kind].faults
     if faults is not None:
         yield from (

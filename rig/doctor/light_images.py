@@ -103,7 +103,9 @@ def _saturation(images: LightImages) -> Check:
     white = (images.lights >= images.full_scale).mean(axis=(1, 2))
     finding = "no pixel is saturated under any LED"
     if white.any():
-        finding = f"LED {white.argmax()} saturates {white.max():.2%} of the pixels, others fewer"
+        finding = (
+            f"LED {white.argmax()} saturates {white.max():.2%} of the pixels, the others fewer"
+        )
     if white.max() > MAX_SATURATED_SHARE:
         return Check("saturation", "fault", finding, "shorten the exposure; see below")
     return Check("saturation", "ok", finding)

@@ -81,7 +81,7 @@ def _name(process: Path) -> str:
 
 
 _READ_SLICE_S = 0.05  # longest blocking read, and so the error of a time-out
-_PROBED_S = 0.2  # for programs that look at a port for a moment: a device manager, the simulation
+_PROBE_WAIT_S = 0.2  # for programs that open a port briefly, such as a device manager
 _CONNECT_S = 5.0  # two lost packets cost 3 s (RFC 6298); a local connection takes less than 1 ms
 _TCP_SCHEME = "socket"
 _TCP_READ_BYTES = 4096
@@ -164,8 +164,8 @@ class _SerialPort:
 
 
 def _refuse_a_shared_port(port: str) -> None:
-    """Refuse a port that another program has open: one that has not locked it would share it."""
-    for pause_s in (_PROBED_S, 0.0):
+    """Refuse a port that another program has open, even without a lock on it."""
+    for pause_s in (_PROBE_WAIT_S, 0.0):
         holders = [holder for holder in port_holders(port) if holder.pid != os.getpid()]
         if not holders:
             return

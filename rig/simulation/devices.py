@@ -14,14 +14,14 @@ from rig.errors import LightControllerError
 
 from .rig import Simulation
 
-# Devices take the exposure in microseconds.
+# Exposures that differ by less are equal: devices take whole microseconds.
 _EXPOSURE_STEP_MS = 0.0015
 
 
 class DeviceSimulation:
-    """A simulated rig in real time, behind a serial or pseudo-terminal and a camera.
+    """A simulated rig in real time, behind a serial device or pseudo-terminal and a camera.
 
-    `served` is the option of `ServedCamera` and its value, None for no camera.
+    `served` is `ServedCamera.option` and the place of the camera; None serves no camera.
     """
 
     def __init__(
@@ -35,8 +35,8 @@ class DeviceSimulation:
         self._is_triggered = config.lights.synchronisation == "trigger"
         if self._is_triggered and (camera is None or not camera.has_trigger):
             raise ConfigError(
-                "lights.synchronisation = 'trigger', but a loopback device delivers frames at "
-                "their own rate; set 'software' or 'strobe', or simulate a GigE camera (--gige)"
+                "lights.synchronisation = 'trigger' needs a camera with a trigger input; simulate "
+                "a GigE camera (--gige), or set 'software' or 'strobe'"
             )
         self.written = self.late = 0
         self._period_s = 1.0 / config.camera.frame_rate_hz

@@ -100,13 +100,13 @@ class StationConfig(Section):
     )
     trigger: Literal["timer", "enter", "sensor", "http", "modbus"] = Field(
         default="enter",
-        description="what says that a part is there: timer, enter, sensor, http or modbus",
+        description="what triggers the parts: timer, enter, sensor, http or modbus",
     )
     timer_s: float = Field(
         default=2.0,
         ge=0.0,
         le=86_400.0,
-        description="period of the timer; 0 is as fast as possible",
+        description="period of the timer or simulated sensor; 0 is as fast as possible",
     )
     sensor_delay_ms: float = Field(
         default=0.0, ge=0.0, le=60_000.0, description="from the sensor's edge to the first light"
@@ -133,7 +133,7 @@ class StationConfig(Section):
         default=5,
         ge=1,
         le=1_000_000,
-        description="so many errors in a row stop the line",
+        description="number of errors in a row that stops the line until one is acknowledged",
     )
     retention: Retention = Field(
         default=Retention(), description="which set files stay; those that did not pass always do"
@@ -170,17 +170,20 @@ def example_config(name: str) -> str:
 
 
 def _entries(model: type[BaseModel], given: Mapping[str, Any], off: str = "") -> Iterator[str]:
-    """Yield all keys with their defaults, then the sections; `off` begins each line of one."""
+    """Yield all keys with their defaults, then the sections; `off` comments out each line."""
     sections = []
     for key, field in model.model_fields.items():
         kinds = (field.annotation, *get_args(field.annotation))
-        kind = next((k for k in kinds if isinstance(k, type) and issubclass(k, Section)), None)
-        if kind is not None:
+        section = next(
+            (kind for kind in kinds if isinstance(kind, type) and issubclass(kind, Section)), None
+        )
+        if section is not None:
             off_section = "# " if field.default is None else ""
             sections += ["", f"# {field.description}", f"{off_section}[{key}]"]
-            sections += _entries(kind, {}, off_section)
+            sections += _entries(section, {}, off_section)
             continue
         value = given.get(key, None if field.is_required() else field.default)
         shown = (field.examples or [None])[0] if value is None else value
-        yield f"{off or '# ' * (value is None)}{key} = {json.dumps(shown)}  # {field.description}"
+        mark = "# " if value is None else off
+        yield f"{mark}{key} = {json.dumps(shown)}  # {field.description}"
     yield from sections

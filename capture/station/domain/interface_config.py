@@ -49,7 +49,9 @@ class PanelConfig(Section):
         description="PEM file for HTTPS, relative to the station's folder",
         examples=["panel.crt"],
     )
-    tls_key: PathText | None = Field(default=None, description="its key", examples=["panel.key"])
+    tls_key: PathText | None = Field(
+        default=None, description="PEM file of its private key", examples=["panel.key"]
+    )
     behind_proxy: bool = Field(
         default=False, description="a proxy on this machine terminates HTTPS"
     )
@@ -57,13 +59,13 @@ class PanelConfig(Section):
         default=(),
         max_length=100,
         strict=False,
-        description="host names by which browsers reach it",
+        description="host names by which browsers reach it; IP addresses need no entry",
     )
     kiosk_addresses: tuple[IPvAnyAddress, ...] = Field(
         default=(),
         max_length=100,
         strict=False,
-        description="of the line's screens, which log in with a PIN",
+        description="IP addresses of the line's screens, which log in with a PIN",
     )
 
     @model_validator(mode="after")

@@ -115,7 +115,7 @@ class Limits(Section):
     ] = Field(
         default=None,
         strict=False,
-        description="least and largest mean albedo, a share of full scale",
+        description="least and largest mean albedo, a share of full scale at the taught exposure",
     )
     angle_sd: Annotated[
         Positive | None,

@@ -28,8 +28,8 @@ class PartOutcome(Record):
     """The verdict on a part of a challenge, and the one that it must get."""
 
     file: str
-    file_sha256: str | None = None  # of a file that could be read, as the next one
-    pixels_sha256: str | None
+    file_sha256: str | None = None  # None if the file could not be read
+    pixels_sha256: str | None  # likewise
     expected: Expected
     found: Decision
     reason: str

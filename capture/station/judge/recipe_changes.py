@@ -131,7 +131,7 @@ class RecipeChanges:
 
     @contextmanager
     def _from_begin_to_end(self, title: str, begun: str) -> Iterator[list[str]]:
-        """Record a change at its begin and at its end: its outcome, or the recipe as it is then."""
+        """Record a change when it begins and when it ends: its outcome, else the recipe then."""
         known, outcome = self._recipe(), list[str]()
         before = None if known is None else with_approval(known)
         self._record("", before, begun)
@@ -143,7 +143,9 @@ class RecipeChanges:
         finally:
             now = self._recipe()
             try:
-                after = outcome[0] if outcome else None if now is None else with_approval(now)
+                after = None if now is None else with_approval(now)
+                if outcome:
+                    after = outcome[0]
                 self._record("", before, after)
                 if known is not None and now is not None:
                     self._record_settings(known, now)
@@ -168,7 +170,7 @@ class RecipeChanges:
 
 
 def teaching_title(parts: int, bad_texture: str | None, good_texture: str | None) -> str:
-    """Return what a teaching does, for people."""
+    """Return the title of a teaching, as people see it."""
     kind, texture = "bad" if bad_texture else "good", bad_texture or good_texture
     if parts == 0:
         return "Teach the known parts again"
@@ -176,7 +178,7 @@ def teaching_title(parts: int, bad_texture: str | None, good_texture: str | None
 
 
 def replay_title(files: RecipeFolder) -> str:
-    """Return what a replay does, for people."""
+    """Return the title of a replay, as people see it."""
     parts = len(challenge_sets(files.challenge))
     return f"Replay the challenge set, {parts} part{'s' * (parts != 1)}"
 

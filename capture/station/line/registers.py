@@ -26,7 +26,7 @@ class Bit(IntFlag):
     meaning: str
 
     def __new__(cls, value: int, meaning: str = "") -> Self:
-        """Keep the meaning beside the number."""
+        """Create a bit of that value, with its meaning."""
         bit = int.__new__(cls, value)
         bit._value_, bit.meaning = value, meaning
         return bit
@@ -64,7 +64,7 @@ class Code(IntEnum):
     meaning: str
 
     def __new__(cls, value: int, meaning: str) -> Self:
-        """Keep the meaning beside the number."""
+        """Create a code of that value, with its meaning."""
         code = int.__new__(cls, value)
         code._value_, code.meaning = value, meaning
         return code

@@ -107,7 +107,7 @@ async def _refused(request: Request, error: Exception) -> Response:
     except Ps4rigError:
         pass
     if who is None and isinstance(error, RequestValidationError):
-        error = denied  # FastAPI reads JSON before it asks who sends it
+        error = denied  # FastAPI validates a request before the login is checked
     status, message, headers = _status_of(request, error)
     if request.url.path.startswith(V1) or request.headers.get("accept") == "application/json":
         return JsonAnswer({"error": message}, status, headers)

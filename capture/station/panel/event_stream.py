@@ -30,11 +30,12 @@ MOST_STREAMS, MOST_OF_ONE = 128, 32
 
 @contextmanager
 def subscribed(
-    live: LiveView, of_one: list[Subscription] | None = None
+    live: LiveView, own_streams: list[Subscription] | None = None
 ) -> Iterator[tuple[Subscription, asyncio.Event]]:
     """Yield a subscription, and the event set when it has something.
 
-    Beyond `MOST_OF_ONE` in the list of one account or client, its oldest ends.
+    `own_streams` are those of one account or client, oldest first; beyond `MOST_OF_ONE` the oldest
+    ends.
     """
     changed, loop = asyncio.Event(), asyncio.get_running_loop()
 
@@ -42,16 +43,17 @@ def subscribed(
         with suppress(RuntimeError):  # the loop is closed at the end
             loop.call_soon_threadsafe(changed.set)
 
-    subscription, of_one = live.subscribe(wake), [] if of_one is None else of_one
-    of_one.append(subscription)
-    if len(of_one) > MOST_OF_ONE:
-        of_one.pop(0).close()
+    subscription = live.subscribe(wake)
+    own_streams = [] if own_streams is None else own_streams
+    own_streams.append(subscription)
+    if len(own_streams) > MOST_OF_ONE:
+        own_streams.pop(0).close()
     try:
         yield subscription, changed
     finally:
         live.unsubscribe(subscription)
         with suppress(ValueError):  # it was ended for a newer one
-            of_one.remove(subscription)
+            own_streams.remove(subscription)
 
 
 @router.get("/events", **media(_MEDIA_TYPE))
@@ -75,8 +77,8 @@ async def _events(
             return False
         return who is not None and who.role.includes(Role.OPERATOR)
 
-    of_one = call.panel.streams[call.someone.via, call.name]
-    stream = _messages(live, last, may_go_on, of_one)
+    own_streams = call.panel.streams[call.someone.via, call.name]
+    stream = _messages(live, last, may_go_on, own_streams)
     # A proxy must not buffer the events.
     headers = {"X-Accel-Buffering": "no"}
     return StreamingResponse(stream, media_type=_MEDIA_TYPE, headers=headers)
@@ -86,10 +88,10 @@ async def _messages(
     live: LiveView,
     last: str,
     may_go_on: Callable[[], Awaitable[bool]],
-    of_one: list[Subscription],
+    own_streams: list[Subscription],
 ) -> AsyncIterator[str]:
     # Subscribe when the stream begins: one that never begins would keep its subscription.
-    with subscribed(live, of_one) as (subscription, changed):
+    with subscribed(live, own_streams) as (subscription, changed):
         yield f"retry: {_RETRY_MS}\n\n"
         texts, sent = _missed(live, last)
         for text in texts:

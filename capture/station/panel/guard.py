@@ -99,7 +99,7 @@ async def _call(
 
 
 def without_login(request: Request) -> Denied:
-    """Return the answer to a request of nobody: for people, the login."""
+    """Return the answer to a request without a login: a page leads people to the login."""
     if request.url.path.startswith(V1):
         return Denied(401, "log in, or send a token", {"WWW-Authenticate": "Bearer"})
     if request.method != "GET":

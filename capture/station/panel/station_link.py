@@ -71,14 +71,14 @@ class StationLink(LiveView):
     def submit(self, trigger: Trigger) -> Answer:
         """Pass a trigger to the station, or raise RunUnavailable."""
         given, is_withdrawn = TRIGGER.dump_python(trigger), trigger.is_withdrawn
-        value = self._asked("submit", given, is_withdrawn=is_withdrawn).value
+        value = self._ask("submit", given, is_withdrawn=is_withdrawn).value
         if not isinstance(value, Answer):
             raise RunUnavailable("the run has an unforeseen error; see its log")
         return value
 
     def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
         """Let the station load a recipe; return when it judges all parts triggered from then on."""
-        reply = self._asked("load_recipe", name, by)
+        reply = self._ask("load_recipe", name, by)
         if reply.refused is not None:
             raise RecipeRefused(reply.reason, reply.refused)
         assert isinstance(reply.value, RecipeLoaded)
@@ -86,24 +86,24 @@ class StationLink(LiveView):
 
     def acknowledge(self, part_id: str, by: str) -> bool:
         """Record that somebody has seen a rejected part; False if it is not among the last."""
-        return self._asked("acknowledge", part_id, by).value is True
+        return self._ask("acknowledge", part_id, by).value is True
 
     def announce(self, about: Mapping[str, Any]) -> None:
         """Tell all subscribers of something that the panel did; without a run there are none."""
         with suppress(RunUnavailable):
-            self._asked("announce", about)
+            self._ask("announce", about)
 
-    def _asked(
+    def _ask(
         self, call: str, *arguments: Any, is_withdrawn: Callable[[], bool] = lambda: False
     ) -> Reply:
-        number, reply = self._sent(call, *arguments)
+        number, reply = self._send(call, *arguments)
         while not is_withdrawn():
             with suppress(TimeoutError):
                 return reply.result(_WITHDRAWN_S)
-        self._sent("withdraw", number)
+        self._send("withdraw", number)
         return reply.result()
 
-    def _sent(self, call: str, *arguments: Any) -> tuple[int, Future[Reply]]:
+    def _send(self, call: str, *arguments: Any) -> tuple[int, Future[Reply]]:
         reply: Future[Reply] = Future()
         with self._sending:
             if self._connection is None:
@@ -112,7 +112,7 @@ class StationLink(LiveView):
             if call != "withdraw":  # which has no reply
                 self._replies[number] = reply
             line = json.dumps({"id": number, "call": call, "arguments": arguments})
-            with suppress(OSError):  # whose end the thread finds
+            with suppress(OSError):  # the reading thread finds the lost connection
                 self._connection.sendall(line.encode() + b"\n")
         return number, reply
 

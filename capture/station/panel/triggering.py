@@ -50,19 +50,19 @@ class KeyedTriggers:
         # One at a time: of two requests with one key, the second waits for the first.
         with self._lock:
             if key in self._accepted:
-                known, *given = self._accepted[key]
-                _require_same(known.part_id, given, [part_id, recipe])
-                return Repeated(known.part_id, known.number)
-            made = f"key-{hashlib.sha256(key.encode()).hexdigest()[:_DIGITS]}"
+                accepted, *first_request = self._accepted[key]
+                _require_same(accepted.part_id, first_request, [part_id, recipe])
+                return Repeated(accepted.part_id, accepted.number)
+            generated_id = f"key-{hashlib.sha256(key.encode()).hexdigest()[:_DIGITS]}"
             store = self._results.store
-            if store.known([made]):
-                entry = store.part(made)
+            if store.known([generated_id]):
+                entry = store.part(generated_id)
                 recorded = None if entry is None else entry.result.recipe
                 # The result of an interrupted part names no recipe.
                 required = recorded if recipe and recorded else recipe
-                _require_same(made, [None, required], [part_id, recipe])
-                return Repeated(made, None if entry is None else entry.result.number)
-            answer = self._live.submit(replace(trigger, part_id=part_id or made))
+                _require_same(generated_id, [None, required], [part_id, recipe])
+                return Repeated(generated_id, None if entry is None else entry.result.number)
+            answer = self._live.submit(replace(trigger, part_id=part_id or generated_id))
             # A refused trigger may be sent again with its key.
             if isinstance(answer, Accepted):
                 self._accepted[key] = answer, part_id, recipe
@@ -71,15 +71,17 @@ class KeyedTriggers:
             return answer
 
 
-def _require_same(known: str, given: list[str | None], again: list[str | None]) -> None:
+def _require_same(
+    accepted_id: str, first_request: list[str | None], request: list[str | None]
+) -> None:
     """Refuse a key that comes with another part id or recipe than the first time."""
-    if again != given:
+    if request != first_request:
         first, now = (
             f"part id {(part_id or 'none')[:100]!r} and recipe {recipe or 'none'}"
-            for part_id, recipe in (given, again)
+            for part_id, recipe in (first_request, request)
         )
         raise Denied(
             422,
-            f"Idempotency-Key: was accepted for part {known} with {first}, and comes again with "
-            f"{now}; give each part its own key",
+            f"Idempotency-Key: was accepted for part {accepted_id} with {first}, and comes again "
+            f"with {now}; give each part its own key",
         )

@@ -113,8 +113,8 @@ def counted_causes(store: ResultStore, selection: Selection) -> list[CauseCount]
     """Count the station's causes of parts that it did not pass, most frequent first.
 
     They count also where a person changed the verdict. The first cause is the gravest; a part that
-    is like no texture counts under what is wrong with it, unless the power of its octaves differs
-    too: then it is of another texture.
+    is like no texture counts under its second cause, unless the power of its octaves differs too:
+    then it is of another texture.
     """
     # Combinations of causes are few: the database counts parts of each of them.
     causes = cast(results.c.causes, Text)

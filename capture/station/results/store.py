@@ -178,25 +178,25 @@ class ResultStore:
         self.append(overrides, row | {"reason": reason.strip()}, of_part=part_id)
 
     def append(self, table: Table, *rows: Mapping[str, Any], of_part: str | None = None) -> None:
-        """Append rows, which `position` numbers within the station, or within a part of it."""
-        made = [
+        """Append rows; `position` numbers them within the station, or within the part `of_part`."""
+        new_rows = [
             {"station": self.station, "request": uuid.uuid4().hex}
             | {key: storable(cell) if isinstance(cell, str) else cell for key, cell in row.items()}
             for row in rows
         ]
-        utc = require_utc(made[0]["utc"])
+        utc = require_utc(new_rows[0]["utc"])
 
         def work(connection: Connection) -> None:
             # An earlier attempt may have been committed before its answer was lost.
-            written = select(table.c.request).where(table.c.request == made[0]["request"])
+            written = select(table.c.request).where(table.c.request == new_rows[0]["request"])
             if connection.execute(written).first() is not None:
                 return
             self.lock_station(connection, utc)
             if of_part is not None and self._find(connection, results, of_part) is None:
                 raise InputError(f"part {of_part}: station {self.station} has no result of it")
-            given = {} if of_part is None else {"part_id": of_part}
-            last = self._last(connection, table.c.position, **given)
-            numbered = [row | {"position": last + n} for n, row in enumerate(made, 1)]
+            within = {} if of_part is None else {"part_id": of_part}
+            last = self._last(connection, table.c.position, **within)
+            numbered = [row | {"position": last + n} for n, row in enumerate(new_rows, 1)]
             append(connection, table, *numbered)
 
         self.write(work)

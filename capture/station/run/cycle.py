@@ -154,7 +154,8 @@ class Station:
                 self.stop(interrupt)
             for thread in threads:
                 thread.join_through_interrupts()
-            # For the periods that a timer missed; a source that waits for a key cannot be ended.
+            # Lets a timer record the periods that it missed. The wait is bounded, because a source
+            # that waits for a key cannot be interrupted.
             feeder.join_through_interrupts(2.0 * _POLL_S)
         self._beginning.close()
         reason = "all parts were triggered" if self._left == 0 else "no more triggers come"

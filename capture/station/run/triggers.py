@@ -157,7 +157,7 @@ class TimerTrigger:
         _refuse_missed(station, missed + self._missed(self._now_s() - next_s))
 
     def _missed(self, late_s: float) -> int:
-        """Return the number of triggers due by now, if the first of them is late by a period."""
+        """Return the number of triggers due by now; 0 if the first is less than a period late."""
         return int(late_s / self._period_s) + 1 if 0.0 < self._period_s <= late_s else 0
 
 

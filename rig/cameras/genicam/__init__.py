@@ -1,4 +1,4 @@
 """GigE Vision and USB3 Vision cameras, through the library Aravis.
 
-`aravis` wraps the library, `camera` is what ps4rig makes of it.
+`aravis` wraps the library, `camera` is the driver of ps4rig.
 """

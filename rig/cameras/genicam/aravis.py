@@ -1,4 +1,4 @@
-"""`AravisCamera`: features and buffers of one camera, by the library Aravis 0.8.
+"""`AravisCamera`: features and buffers of one camera, through the library Aravis 0.8.
 
 Aravis speaks GigE Vision and USB3 Vision itself, so that no maker's driver is needed.
 """
@@ -17,7 +17,7 @@ FRAME_ID_COUNT = 65_535
 
 @cache
 def aravis() -> Any:
-    """The library's module."""
+    """The module of Aravis; raises `CameraError` if it is not installed."""
     try:
         import gi
 
@@ -32,7 +32,7 @@ def aravis() -> Any:
 
 
 def is_installed() -> bool:
-    """Whether the library is there."""
+    """Whether Aravis is installed."""
     try:
         aravis()
     except CameraError:

@@ -37,7 +37,7 @@ _FILL = ctypes.CFUNCTYPE(None, _POINTER, _POINTER, *(ctypes.c_uint32,) * 3)
 
 @cache
 def _c_library() -> ctypes.CDLL:
-    """Aravis without PyGObject, which copies a buffer and forgets a function once it is set."""
+    """Aravis by ctypes: PyGObject copies buffers, and frees a callback once it is set."""
     library = ctypes.CDLL("libaravis-0.8.so.0")
     library.arv_fake_camera_set_fill_pattern.argtypes = (_POINTER, _FILL, _POINTER)
     library.arv_buffer_get_data.argtypes = (_POINTER, _POINTER)
@@ -55,7 +55,8 @@ def _pointer(instance: Any) -> int:
     return address
 
 
-# A camera that runs free sends what is read out: a frame that waited longer is left out.
+# Frames later than this share of a period are skipped: a free-running camera sends a frame as
+# soon as it is read out.
 _MOST_LATE = 0.25
 # By depth: a format, and the function that encodes an image.
 _FORMATS: dict[int, tuple[str, Callable[[Pixels], bytes]]] = {
@@ -69,7 +70,7 @@ class FakeGigeCamera(ServedCamera):
     """Aravis' fake camera at an address of this machine, with the id ``Aravis-Fake-SERIAL``.
 
     Its client sets size, rate, exposure and trigger. A thread of Aravis asks for a frame in each
-    period, or once a `trigger`.
+    period, or after each `trigger`.
     """
 
     option = "gige"
@@ -102,14 +103,13 @@ class FakeGigeCamera(ServedCamera):
             )
         fake = self._camera.get_fake_camera()
 
-        def fill(buffer: int, *values: int) -> None:
-            exposure_us = values[1]
+        def fill(buffer: int, _data: int, exposure_us: int, *_: int) -> None:
             while (frame := source.next_frame(_MOST_LATE, exposure_us / 1e3)) is None:
                 pass
             image = self._encoded(frame.pixels)
-            room = fake.get_payload()
+            payload_bytes = fake.get_payload()
             target = _c_library().arv_buffer_get_data(buffer, None)
-            ctypes.memmove(target, image, min(len(image), room))
+            ctypes.memmove(target, image, min(len(image), payload_bytes))
             utc_ns = time.time_ns() - round(1e9 * (time.monotonic() - frame.end_s))
             _c_library().arv_buffer_set_timestamp(buffer, utc_ns)
             _c_library().arv_buffer_set_frame_id(buffer, 1 + frame.number % FRAME_ID_COUNT)
@@ -120,7 +120,7 @@ class FakeGigeCamera(ServedCamera):
         fake.set_trigger_frequency(_TRIGGER_POLLS_HZ)
 
     def lose_packets(self, share: float) -> None:
-        """Let a share of the packets not arrive."""
+        """Drop a share of the packets."""
         self._camera.props.gvsp_lost_ratio = share
 
     def step(self) -> None:

@@ -113,12 +113,12 @@ class V4l2Output(VideoNode):
         self.call(f"cannot keep {1.0 / period_s:g} Hz", abi.Vidioc.S_PARM, parm)
 
 
-# A frame that is later is left out, so that no burst follows a delay.
+# Frames later than this many periods are skipped, so that no burst follows a delay.
 _MOST_LATE = 1.0
 
 
 class LoopbackCamera(ServedCamera):
-    """Frames at their own rate in a loopback device, which has no exposure control."""
+    """A loopback device with frames at the configured rate; it has no exposure control."""
 
     option = "video"
 
@@ -158,7 +158,7 @@ def _writable_format(config: CameraConfig) -> PixelFormat:
         return PIXEL_FORMATS["GREY" if config.bits == 8 else "Y16"]
     form = PIXEL_FORMATS[config.pixel_format]
     if form.to_bytes is None:
-        writable = (name for name, each in PIXEL_FORMATS.items() if each.to_bytes is not None)
+        writable = (name for name, known in PIXEL_FORMATS.items() if known.to_bytes is not None)
         raise ConfigError(
             f"camera.pixel_format = {config.pixel_format!r} cannot be written; it can be "
             + ", ".join(writable)

@@ -1,6 +1,7 @@
 """Where a set finds its calibration, and when the calibration is refused."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,10 @@ from hypothesis import strategies as st
 
 from capture import CapturedSet, capture_set
 from capture.base.errors import CalibrationError
-from capture.calibration.lookup import check_setting, keep_beside
+from capture.calibration.lookup import FoundCalibration, check_setting, keep_beside
 from capture.calibration.ps4cal import CalibrationFile, PartRecord
 from capture.calibration.setting import PART_NAMES, Setting
-from capture.sets.captured_set import calibration_of
+from capture.sets.captured_set import LoadedSet, calibration_of
 from classify import Lighting
 from classify.calibration.calibration import CalibratedLights, Scale
 from classify.calibration.dark import Dark
@@ -221,3 +222,17 @@ def test_the_setting_of_a_rig_and_of_photographs(placed: CapturedSet, rig: Rig) 
     assert placed.setting.camera is None
     assert capture_set(rig).metadata.rig_name == setting.rig_name
     assert capture_set(rig).setting == setting
+
+
+def test_a_scale_is_that_of_the_calibration_in_use_or_of_the_import(placed: CapturedSet) -> None:
+    without_scale, own = CalibrationFile(), file_of(SETTING, 0.1)
+    given = replace(placed, metadata=placed.metadata.model_copy(update={"mm_per_px": 0.05}))
+    about = {"mm_per_px": 0.1, "calibration_ids": (own.hash,)}
+    calibrated = replace(placed, metadata=placed.metadata.model_copy(update=about))
+
+    def scale(captured: CapturedSet, file: CalibrationFile | None) -> float | None:
+        found = None if file is None else FoundCalibration(Path("rig.ps4cal"), file, ())
+        return LoadedSet(captured, found).mm_per_px
+
+    assert [scale(given, file) for file in (None, without_scale, own)] == [0.05, 0.05, 0.1]
+    assert [scale(calibrated, file) for file in (None, without_scale, own)] == [None, None, 0.1]

@@ -59,7 +59,7 @@ class Share(Record):
 
     @classmethod
     def of(cls, events: int, trials: int, bound: float, *, bound_is_upper: bool = True) -> Self:
-        """Return the share of some events."""
+        """Return the share of `events` in `trials`, None without trials."""
         share = events / trials if trials else None
         return cls(
             events=events, trials=trials, share=share, bound=bound, bound_is_upper=bound_is_upper

@@ -26,10 +26,12 @@ class KeptSet:
     path: Path
     pixels_sha256: str
     has_label: bool = True  # given now or earlier; False if it has the name of the recipe
-    given: Path | None = None  # the file that was copied; None for a set that was taught before
+    source: Path | None = None  # the file that was copied; None for a set that was taught before
 
     def __str__(self) -> str:
-        return self.path.name if self.given is None else f"{self.given} (kept as {self.path.name})"
+        return (
+            self.path.name if self.source is None else f"{self.source} (kept as {self.path.name})"
+        )
 
 
 def known_sets(files: RecipeFolder, recipe: Recipe) -> Iterator[KeptSet]:
