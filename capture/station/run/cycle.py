@@ -154,8 +154,7 @@ class Station:
                 self.stop(interrupt)
             for thread in threads:
                 thread.join_through_interrupts()
-            # Lets a timer record the periods that it missed. The wait is bounded, because a source
-            # that waits for a key cannot be interrupted.
+            # A timer records the periods that it missed; a source may wait for a key without end.
             feeder.join_through_interrupts(2.0 * _POLL_S)
         self._beginning.close()
         reason = "all parts were triggered" if self._left == 0 else "no more triggers come"
