@@ -39,8 +39,8 @@ def propagate_errors(
 
     `lights` (N, 10) are the constants of `_add_light`: of `number` lights, and 0 up to four or
     eight; `corrections` (4, 3) are the columns of pinv / nul, and `common` (2, 6) the covariances
-    of b from errors of variance 1 of each image, and of one error in all images. Lobes of pixels
-    without a light are those of slopes times `flatter`.
+    of b from errors of variance 1 of each image, and of one error in all images. Where a light
+    was left out, lobes are those of slopes times `flatter`.
     """
     shear, sensor = (plane[0], plane[1], plane[2]), (noise[0], noise[1], noise[2])
     last = len(lights) - 4
@@ -51,7 +51,7 @@ def propagate_errors(
     )  # fmt: skip
     frame = (np.float32(number), np.float32(len(ambient) > 1), lights[0, 0])
     zero, one = np.float32(0.0), np.float32(1.0)
-    nothing = (
+    no_sums = (
         (zero, zero, zero, zero, zero, zero), (zero, zero, zero, zero), (zero, zero, zero, zero),
         (zero, zero, zero), (zero, zero, np.float32(np.inf), np.float32(NO_DROPPED_LIGHT)),
     )  # fmt: skip
@@ -61,18 +61,18 @@ def propagate_errors(
         # Loops without branches, as in `robust`: else the compiler does not vectorise them.
         for c in range(columns if last == 0 else 0):
             pixel = _pixel(p[r, c], q[r, c], albedo[r, c], x[c], y[r], shear)
-            flat = one if dropped[r, c] == NO_DROPPED_LIGHT else flatter
-            scene = (dark_row[c], saturation, sensor, pixel, flat)
-            sums = _add_four(0, images, raw, r, c, scene, first_four, strengths, nothing)
+            factor = one if dropped[r, c] == NO_DROPPED_LIGHT else flatter
+            scene = (dark_row[c], saturation, sensor, pixel, factor)
+            sums = _add_four(0, images, raw, r, c, scene, first_four, strengths, no_sums)
             p_sd[r, c], q_sd[r, c], albedo_sd[r, c], angle_sd[r, c] = _deviations(
                 scene, sums, frame, leaves_out, covariances, without, strengths,
                 np.float32(dropped[r, c]), model[r, c],
             )  # fmt: skip
         for c in range(columns if last == 4 else 0):
             pixel = _pixel(p[r, c], q[r, c], albedo[r, c], x[c], y[r], shear)
-            flat = one if dropped[r, c] == NO_DROPPED_LIGHT else flatter
-            scene = (dark_row[c], saturation, sensor, pixel, flat)
-            sums = _add_four(0, images, raw, r, c, scene, first_four, strengths, nothing)
+            factor = one if dropped[r, c] == NO_DROPPED_LIGHT else flatter
+            scene = (dark_row[c], saturation, sensor, pixel, factor)
+            sums = _add_four(0, images, raw, r, c, scene, first_four, strengths, no_sums)
             sums = _add_four(4, images, raw, r, c, scene, last_four, strengths, sums)
             p_sd[r, c], q_sd[r, c], albedo_sd[r, c], angle_sd[r, c] = _deviations(
                 scene, sums, frame, leaves_out, covariances, without, strengths,
@@ -80,9 +80,9 @@ def propagate_errors(
             )  # fmt: skip
         for c in range(columns if last > 4 else 0):
             pixel = _pixel(p[r, c], q[r, c], albedo[r, c], x[c], y[r], shear)
-            flat = one if dropped[r, c] == NO_DROPPED_LIGHT else flatter
-            scene = (dark_row[c], saturation, sensor, pixel, flat)
-            sums = nothing
+            factor = one if dropped[r, c] == NO_DROPPED_LIGHT else flatter
+            scene = (dark_row[c], saturation, sensor, pixel, factor)
+            sums = no_sums
             for k in range(len(lights)):
                 sums = _add_light(
                     np.float32(k), images[k, r, c], raw[k, r, c], scene, _light(lights[k]),
@@ -164,7 +164,7 @@ def _add_light(
     strengths: Array | None, sums: Sums,
 ) -> Sums:  # fmt: skip
     """Add a light with the column M of the pseudo-inverse; a saturated light is the darkest."""
-    dark, saturation, (a, b, black), pixel, flat = scene
+    dark, saturation, (a, b, black), pixel, factor = scene
     gain, lx, ly, lz, mx, my, mz, nul, spare, _ = light
     (xx, xy, xz, yy, yz, zz), (dx, dy, dz, d), (gx, gy, gz, g), residuals, darkness = sums
     energy, expected, total = residuals
@@ -178,7 +178,7 @@ def _add_light(
     error = v - (lx * pixel[6] + ly * pixel[7] + lz * pixel[8])
     level = (v if raw < saturation else -one) if gain > zero else np.float32(np.inf)
     if strengths is not None:
-        lobe = _lobe(light, pixel, flat, strengths)
+        lobe = _lobe(light, pixel, factor, strengths)
         gx, gy, gz, g = gx + mx * lobe, gy + my * lobe, gz + mz * lobe, g + nul * lobe
     return (
         (xx + vx * mx, xy + vx * my, xz + vx * mz, yy + vy * my, yz + vy * mz, zz + vz * mz),
@@ -190,11 +190,11 @@ def _add_light(
 
 
 @kernel_part
-def _lobe(light: Numbers, pixel: Numbers, flat: np.float32, strengths: Array) -> np.float32:
+def _lobe(light: Numbers, pixel: Numbers, factor: np.float32, strengths: Array) -> np.float32:
     """Light of the lobes of gloss: see `uncertainty._lobes`."""
     _, lx, ly, lz, _, _, _, _, _, inverse_distance = light
     p, q, _, _, x, y, _, _, _, _, _, _ = pixel
-    p, q = flat * p, flat * q
+    p, q = factor * p, factor * q
     nz = np.float32(1.0) / np.sqrt(np.float32(1.0) + p * p + q * q)
     tx, ty = lx - inverse_distance * x, ly - inverse_distance * y
     tz = lz + np.sqrt(tx * tx + ty * ty + lz * lz)
