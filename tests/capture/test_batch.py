@@ -229,11 +229,18 @@ def test_the_item_of_a_killed_worker_is_run_again(batch: Batch, files: list[Path
     killer.join()
 
 
-def test_only_the_item_that_kills_its_workers_is_named(batch: Batch) -> None:
-    results = batch.map(signal.raise_signal, [0] * 5 + [KILL] + [0] * 5)
+def test_only_the_item_that_kills_its_workers_is_named(two_workers: Batch) -> None:
+    results = two_workers.map(signal.raise_signal, [0] * 5 + [KILL] + [0] * 5)
     assert list(islice(results, 5)) == [None] * 5
     with pytest.raises(InputError, match=f"^{KILL}: .*killed"):
         next(results)
+
+
+def test_an_item_that_kills_the_workers_of_a_cluster_is_named(cluster: Cluster) -> None:
+    with Batch(scheduler=cluster.with_two_workers()) as run:
+        results = run.map(signal.raise_signal, [KILL])
+        with pytest.raises(InputError, match=f"^{KILL}: .*killed"):
+            next(results)
 
 
 def test_a_worker_killed_while_it_is_started_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
