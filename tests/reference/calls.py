@@ -1,11 +1,12 @@
 """Events of a station and calls of its HTTP API as Markdown."""
 
 from collections.abc import Iterator
-from typing import get_args
+from typing import Any, get_args
 
 from capture.station.domain.roles import Role
 from capture.station.domain.verdict import Decision, Verdict
 from capture.station.panel.app import DESCRIPTION
+from capture.station.panel.filters import FILTERS
 from capture.station.panel.guard import V1
 from capture.station.results.part_result import PartResult
 from capture.station.run.events import (
@@ -27,8 +28,7 @@ from capture.station.run.events import (
     json_fields,
 )
 from capture.station.run.states import Change, State
-
-from .commands import first_clause
+from tests.capture.station.panel.routes import ROUTES
 
 _RESULT = PartResult(
     station="line-3", part_id="part-000001", number=1, trigger="timer",
@@ -68,16 +68,34 @@ def event_lines() -> list[str]:
 
 
 def call_lines() -> list[str]:
-    """Return a line for each call of the API, by role."""
-    lines = []
+    """Return a line for each call of the API, with its query and fields, by role."""
+    lines = ["Filters:", "", *(f"- `{name}` {about}" for name, about in FILTERS.items())]
     for role in Role:
-        lines += ["", f"For the {role}:", "", *_calls(role)]
-    return lines[1:]
+        pages = [f"`{each.path}`" for each in ROUTES if each.role is role and each.is_page]
+        lines += ["", f"For the {role}, pages {', '.join(pages)}, and:", "", *_calls(role)]
+    return lines
 
 
 def _calls(role: Role) -> Iterator[str]:
     for path, methods in DESCRIPTION["paths"].items():
         for method, call in methods.items():
             if call["security"] == [{"token": [role]}]:
-                about = first_clause(call["description"])
-                yield f"- `{method.upper()} {path.removeprefix(V1)}` {about}"
+                given = [each for each in call.get("parameters", []) if each["in"] != "path"]
+                names = [each["name"] for each in given] + _fields(call)
+                yield _call(f"{method.upper()} {path.removeprefix(V1)}", call["description"], names)
+
+
+def _fields(call: dict[str, Any]) -> list[str]:
+    if "requestBody" not in call:
+        return []
+    schema = call["requestBody"]["content"]["application/json"]["schema"]
+    name = schema.get("anyOf", [schema])[0]["$ref"].rpartition("/")[2]
+    return list(DESCRIPTION["components"]["schemas"][name]["properties"])
+
+
+def _call(call: str, about: str, names: list[str]) -> str:
+    lacking = [each for each in FILTERS if each not in names]
+    if len(lacking) < len(FILTERS) - 1:
+        but = " but " + " and ".join(lacking) if lacking else ""
+        names = [f"filters{but}", *(each for each in names if each not in FILTERS)]
+    return f"- `{call}` {' '.join(about.split())}" + f" [{', '.join(names)}]" * bool(names)

@@ -30,7 +30,7 @@ def commands_page() -> str:
     for name, command in commands.items():
         usage = [_argument(each) for each in command.params if each.param_type_name == "argument"]
         also = " ".join(option[0].split()[0] for option in options[name] if option in shared)
-        lines += ["", f"## {' '.join([name, *usage])}", f"{first_clause(command.help)}."]
+        lines += ["", f"## {' '.join([name, *usage])}", f"{_first_clause(command.help)}."]
         lines[-1] += f" Also `{also}`." if also else ""
         own = [_line(option) for option in options[name] if option not in shared]
         lines += own
@@ -85,11 +85,10 @@ def _meaning(option: Any) -> str:
         text = "required"
     elif text is None and default is not None and default is not False:
         text = str(default)
-    return first_clause(option.help or "") + (f" [{text}]" if text else "")
+    return _first_clause(option.help or "") + (f" [{text}]" if text else "")
 
 
-def first_clause(text: str) -> str:
-    """Return a text up to its first full stop, colon or semicolon."""
+def _first_clause(text: str) -> str:
     return " ".join(re.split(r"[.:;](?:\s|$)", text)[0].split())
 
 
