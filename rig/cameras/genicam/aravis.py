@@ -11,6 +11,8 @@ from typing import Any, TypeVar
 
 from rig.errors import CameraError
 
+FRAMES_IN_SOCKET = 2
+"""Frames that the kernel may hold for this program, if net.core.rmem_max allows so many bytes."""
 FRAME_ID_COUNT = 65_535
 """Number of frame ids of GigE Vision 1: 16 bits, of which 0 is not used."""
 
@@ -166,6 +168,11 @@ class AravisCamera:
             camera.gv_set_stream_options(library.GvStreamOption.PACKET_SOCKET_DISABLED)
         self._stream = call(camera.create_stream)
         payload = call(camera.get_payload)
+        if camera.is_gv_device():
+            # A frame arrives faster than it is read while another program has the processor, and
+            # by default less than a frame fits.
+            self._stream.props.socket_buffer = library.GvStreamSocketBuffer.FIXED
+            self._stream.props.socket_buffer_size = FRAMES_IN_SOCKET * payload
         for _ in range(buffers):
             self._stream.push_buffer(library.Buffer.new_allocate(payload))
         call(camera.start_acquisition)

@@ -11,7 +11,14 @@ import numpy as np
 from rig.cameras.camera import CameraInfo, Frame, FrameFlag, ListedCamera, require_exposure
 from rig.errors import CameraError, ControlFault
 
-from .aravis import FRAME_ID_COUNT, AravisCamera, Buffer, find_devices, is_installed
+from .aravis import (
+    FRAME_ID_COUNT,
+    FRAMES_IN_SOCKET,
+    AravisCamera,
+    Buffer,
+    find_devices,
+    is_installed,
+)
 from .measurement_mode import OFF, GenicamCameraConfig, set_exposure, set_measurement_mode
 from .pixel_formats import PIXEL_FORMATS, decode
 
@@ -220,8 +227,6 @@ def _listed(device: str, name: str, protocol: str) -> ListedCamera:
 
 
 LARGEST_BUFFER = Path("/proc/sys/net/core/rmem_max")
-# A frame arrives faster than it is read while another program has the processor.
-_FRAMES_IN_BUFFER = 2
 # Of gigabit Ethernet, less the headers of its packets.
 _MOST_MB_PER_S = 115.0
 # With packets of 1,500 bytes the kernel handles this many a second without losses on two cores.
@@ -251,7 +256,7 @@ def network_faults(info: CameraInfo) -> Iterator[ControlFault]:
             f"{packets_per_s:.0f} packets of {packet_bytes} bytes a second",
             "allow large packets: sudo ip link set IFACE mtu 9000",
         )
-    wanted_bytes = _FRAMES_IN_BUFFER * frame_bytes
+    wanted_bytes = FRAMES_IN_SOCKET * frame_bytes
     try:
         largest_bytes = int(LARGEST_BUFFER.read_text())
     except (OSError, ValueError):
@@ -259,7 +264,7 @@ def network_faults(info: CameraInfo) -> Iterator[ControlFault]:
     if largest_bytes < wanted_bytes:
         yield ControlFault(
             "socket buffer",
-            f"a socket may hold {largest_bytes} bytes, {_FRAMES_IN_BUFFER} frames are "
+            f"a socket may hold {largest_bytes} bytes, {FRAMES_IN_SOCKET} frames are "
             f"{wanted_bytes}",
             f"sudo sysctl -w net.core.rmem_max={wanted_bytes}",
         )
