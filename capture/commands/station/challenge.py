@@ -69,10 +69,9 @@ def challenge(
     with recipe_on_the_terminal(folder, name, by) as changes:
         challenge_folder = changes.files.challenge
         if add is not None:
-            changes.add_to_challenge(add, expect or "reject")
-            out.print(
-                f"{challenge_folder}: {len(add)} parts added that must be {expect or 'reject'}"
-            )
+            expected = expect or "reject"
+            changes.add_to_challenge(add, expected)
+            out.print(f"{challenge_folder}: {len(add)} parts added that must be {expected}")
             return
         if remove is not None:
             for file in remove:

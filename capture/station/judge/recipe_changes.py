@@ -131,7 +131,7 @@ class RecipeChanges:
 
     @contextmanager
     def _from_begin_to_end(self, title: str, begun: str) -> Iterator[list[str]]:
-        """Record a change when it begins and when it ends: its outcome, else the recipe then."""
+        """Record the begin of a change, and its end with the outcome or with the new recipe."""
         known, outcome = self._recipe(), list[str]()
         before = None if known is None else with_approval(known)
         self._record("", before, begun)
