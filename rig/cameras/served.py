@@ -1,7 +1,6 @@
 """`ServedCamera`: a simulated rig's camera as a device of one kind, which other programs open."""
 
-from abc import ABC, abstractmethod
-from typing import ClassVar, NamedTuple, Protocol
+from typing import ClassVar, NamedTuple, Protocol, runtime_checkable
 
 from .camera import Pixels
 from .config import CameraConfig
@@ -27,29 +26,28 @@ class FrameSource(Protocol):
         """
 
 
-class ServedCamera(ABC):
+class ServedCamera(Protocol):
     """A camera at `place`; raises `ConfigError` for a configuration that it cannot serve."""
 
     option: ClassVar[str]  # of `rig simulate`; its value is the place
-    has_trigger: ClassVar[bool] = False
     pixel_format: str
     bit_depth: int
 
-    @abstractmethod
     def __init__(self, place: str, config: CameraConfig) -> None: ...
 
-    @abstractmethod
     def start(self, source: FrameSource) -> None:
         """Create the device."""
 
-    @abstractmethod
     def step(self) -> None:
         """Serve a frame, or wait for a frame period if another thread serves them."""
 
-    def trigger(self) -> None:
-        """Give a pulse on the trigger line, if it has one."""
-        raise NotImplementedError
-
-    @abstractmethod
     def close(self) -> None:
         """Remove the device; a second call does nothing."""
+
+
+@runtime_checkable
+class TriggeredCamera(ServedCamera, Protocol):
+    """A served camera with a trigger input."""
+
+    def trigger(self) -> None:
+        """Give a pulse on the trigger line."""

@@ -4,11 +4,12 @@ Any program can open the other end of the line and the camera as a rig.
 """
 
 from collections.abc import Callable
+from functools import partial
 
 from classify.base.errors import ConfigError
 from firmware_sim import Server, SimulatedController, serve_local, serve_tty
 from rig.cameras.kinds import CAMERA_KINDS
-from rig.cameras.served import ServedCamera, ServedFrame
+from rig.cameras.served import ServedCamera, ServedFrame, TriggeredCamera
 from rig.config.rig import RigConfig
 from rig.errors import LightControllerError
 
@@ -32,12 +33,14 @@ class DeviceSimulation:
                 "camera.kind = 'replay' cannot be simulated as a device; set 'v4l2' or 'simulated'"
             )
         camera = None if served is None else _served_camera(config, *served)
-        self._is_triggered = config.lights.synchronisation == "trigger"
-        if self._is_triggered and (camera is None or not camera.has_trigger):
-            raise ConfigError(
-                "lights.synchronisation = 'trigger' needs a camera with a trigger input; simulate "
-                "a GigE camera (--gige), or set 'software' or 'strobe'"
-            )
+        self._triggered: TriggeredCamera | None = None  # where pulses start the exposures
+        if config.lights.synchronisation == "trigger":
+            if not isinstance(camera, TriggeredCamera):
+                raise ConfigError(
+                    "lights.synchronisation = 'trigger' needs a camera with a trigger input; "
+                    "simulate a GigE camera (--gige), or set 'software' or 'strobe'"
+                )
+            self._triggered = camera
         self.written = self.late = 0
         self._period_s = 1.0 / config.camera.frame_rate_hz
         bits = config.camera.bits if camera is None else camera.bit_depth
@@ -51,8 +54,8 @@ class DeviceSimulation:
             if camera is not None:
                 camera.start(self)
                 self.camera = camera
-            if self._is_triggered:
-                self._simulation.board.on_trigger(self._pulse)
+            if self._triggered is not None:
+                self._simulation.board.on_trigger(partial(self._pulse, self._triggered))
         except BaseException:
             self._simulation.close()
             raise
@@ -88,12 +91,12 @@ class DeviceSimulation:
         frame = source.read(2.0 * self._period_s)
         end_s = simulation.camera.ready_s(frame.sequence)
         late_s = simulation.clock.now_s() - end_s
-        if not self._is_triggered and late_s > most_late * self._period_s:
+        if self._triggered is None and late_s > most_late * self._period_s:
             self.late += 1
             return None
         self.written += 1
-        if self._is_triggered and self.camera is not None and simulation.camera.has_next:
-            self.camera.trigger()  # pulses came while this frame was exposed
+        if self._triggered is not None and simulation.camera.has_next:
+            self._triggered.trigger()  # pulses came while this frame was exposed
         return ServedFrame(frame.pixels, frame.sequence, end_s)
 
     def close(self) -> None:
@@ -104,10 +107,10 @@ class DeviceSimulation:
         finally:
             self._simulation.close()
 
-    def _pulse(self) -> None:
+    def _pulse(self, camera: TriggeredCamera) -> None:
         """Start an exposure, and let the camera ask for its frame."""
-        if self._simulation.camera.exposures.trigger() and self.camera is not None:
-            self.camera.trigger()
+        if self._simulation.camera.exposures.trigger():
+            camera.trigger()
 
 
 def _served_camera(config: RigConfig, option: str, place: str) -> ServedCamera:

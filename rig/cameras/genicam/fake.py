@@ -5,14 +5,14 @@ import tempfile
 import time
 from collections.abc import Callable
 from functools import cache
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from classify.base.errors import ConfigError
 from rig.cameras.camera import Pixels
 from rig.cameras.config import CameraConfig
-from rig.cameras.served import FrameSource, ServedCamera
+from rig.cameras.served import FrameSource
 from rig.errors import CameraError
 
 from .aravis import FRAME_ID_COUNT, aravis
@@ -66,20 +66,19 @@ _FORMATS: dict[int, tuple[str, Callable[[Pixels], bytes]]] = {
 }
 
 
-class FakeGigeCamera(ServedCamera):
+class FakeGigeCamera:
     """Aravis' fake camera at an address of this machine, with the id ``Aravis-Fake-SERIAL``.
 
     Its client sets size, rate, exposure and trigger. A thread of Aravis asks for a frame in each
     period, or after each `trigger`.
     """
 
-    option = "gige"
-    has_trigger = True
+    option: ClassVar[str] = "gige"
 
     def __init__(self, place: str, config: CameraConfig) -> None:
         self._address = place
         self._period_s = 1.0 / config.frame_rate_hz
-        self.bit_depth = config.bits if config.bits in _FORMATS else 16
+        self.bit_depth: int = config.bits if config.bits in _FORMATS else 16
         self.pixel_format, self._encoded = _FORMATS[self.bit_depth]
         if isinstance(config, GenicamCameraConfig) and config.pixel_format != self.pixel_format:
             raise ConfigError(

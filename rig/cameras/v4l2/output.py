@@ -2,10 +2,11 @@
 
 import ctypes
 import mmap
+from typing import ClassVar
 
 from classify.base.errors import ConfigError
 from rig.cameras.config import CameraConfig
-from rig.cameras.served import FrameSource, ServedCamera
+from rig.cameras.served import FrameSource
 from rig.errors import CameraError
 
 from . import abi
@@ -117,10 +118,10 @@ class V4l2Output(VideoNode):
 _MOST_LATE = 1.0
 
 
-class LoopbackCamera(ServedCamera):
+class LoopbackCamera:
     """A loopback device with frames at the configured rate; it has no exposure control."""
 
-    option = "video"
+    option: ClassVar[str] = "video"
 
     def __init__(self, place: str, config: CameraConfig) -> None:
         self._place = place
