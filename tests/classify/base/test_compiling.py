@@ -103,6 +103,8 @@ def test_an_empty_cache_says_once_that_kernels_are_compiled(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.INFO, compiling.__name__)
+    # Numba reads its variables anew, also this one, when it compiles after a test changed one.
+    numba_config.reload_config()
     monkeypatch.setattr(numba_config, "CACHE_DIR", str(tmp_path))
     compiling._announce_compilation.cache_clear()
     for function in (_one, _two):
