@@ -35,6 +35,7 @@ class Refusals:
         self._publish, self._wait_for_room = publish, wait_for_room
         self._changed = threading.Condition()
         self._waiting: deque[RefusedTrigger] = deque()
+        self._last: RefusedTrigger
         self._beyond = 0
         self._closed = threading.Event()
 
@@ -61,7 +62,9 @@ class Refusals:
         with self._changed:
             if self._closed.is_set():
                 self._tell([refused], recorded=False)
-            elif len(self._waiting) < MOST_WAITING:
+                return
+            self._last = refused
+            if len(self._waiting) < MOST_WAITING:
                 self._waiting.append(refused)
             else:
                 self._beyond += 1
@@ -71,18 +74,19 @@ class Refusals:
         is_last = False
         while not is_last:
             with self._changed:
-                self._changed.wait_for(lambda: self._waiting or self._closed.is_set())
+                self._changed.wait_for(
+                    lambda: self._waiting or self._beyond or self._closed.is_set()
+                )
                 is_last = self._closed.is_set()
-                refused, beyond = list(self._waiting), self._beyond
-            if beyond:
-                reason = f"{beyond} triggers more than could be recorded one by one"
-                refused.append(refused[-1]._replace(part_id=None, reason=reason))
+                refused, beyond = self._taken()
             simulated = is_simulated()
             recorded = self._record(store, [row._replace(simulated=simulated) for row in refused])
             if not recorded:
                 is_last = self._closed.wait(_RETRY_S)
                 if not is_last:
                     continue
+                with self._changed:
+                    refused, beyond = self._taken()
             with self._changed:
                 for _ in range(len(refused) - bool(beyond)):
                     self._waiting.popleft()
@@ -90,6 +94,13 @@ class Refusals:
             self._wait_for_room(self._closed.is_set)
             self._tell(refused, recorded=recorded, beyond=beyond)
             self._closed.wait(len(refused) / _ROWS_PER_S)
+
+    def _taken(self) -> tuple[list[RefusedTrigger], int]:
+        refused, beyond = list(self._waiting), self._beyond
+        if beyond:
+            reason = f"{beyond} triggers more than could be recorded one by one"
+            refused.append(self._last._replace(part_id=None, reason=reason))
+        return refused, beyond
 
     def _tell(self, refused: list[RefusedTrigger], *, recorded: bool, beyond: int = 0) -> None:
         triggers = [1] * (len(refused) - bool(beyond)) + [beyond] * bool(beyond)

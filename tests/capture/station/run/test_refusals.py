@@ -1,0 +1,51 @@
+"""Refused triggers that come while others are being recorded are counted too."""
+
+import threading
+
+import pytest
+
+from capture.station.results.database import ResultsUnavailable
+from capture.station.results.store import RefusedTrigger
+from capture.station.run import refusals
+from capture.station.run.events import TriggerRefused
+from capture.station.run.refusals import MOST_WAITING, Refusals
+from capture.station.run.triggers import Trigger
+
+MORE = MOST_WAITING + 57
+
+
+class BusyStore:
+    """Takes the first rows only when the flood is over, and none if the database is away."""
+
+    def __init__(self, *, is_away: bool) -> None:
+        self.is_away = is_away
+        self.is_asked, self.is_flood_over = threading.Event(), threading.Event()
+        self.rows: list[RefusedTrigger] = []
+
+    def refuse(self, *refused: RefusedTrigger) -> None:
+        self.is_asked.set()
+        assert self.is_flood_over.wait(10.0)
+        if self.is_away:
+            raise ResultsUnavailable("the database is away")
+        self.rows += refused
+
+
+@pytest.mark.parametrize("is_away", [False, True])
+def test_what_comes_while_rows_are_written_is_counted(
+    is_away: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(refusals, "_ROWS_PER_S", 1e9)
+    events: list[TriggerRefused] = []
+    waiting = Refusals(events.append, lambda _: None)
+    store = BusyStore(is_away=is_away)
+    for _ in range(MOST_WAITING):
+        waiting.add(Trigger("modbus", "A-1"), "busy")
+    with waiting.recording(store, lambda: False):  # type: ignore[arg-type]
+        assert store.is_asked.wait(10.0)
+        for _ in range(MORE - MOST_WAITING):
+            waiting.add(Trigger("modbus", "A-1"), "busy")
+        store.is_flood_over.set()
+    assert sum(event.triggers for event in events) == MORE
+    assert {event.recorded for event in events} == {not is_away}
+    assert len(store.rows) == (0 if is_away else len(events))
+    assert len(events) == MOST_WAITING + 1
