@@ -138,7 +138,8 @@ class LightController:
 
     def state(self) -> _LightState:
         """Ask the controller for the state of its LEDs, which also keeps its watchdog quiet."""
-        return self._state_in(self._exchange("LED:STAT?"))
+        with self._lock:  # the reply of a keep-alive in between would be a later one
+            return self._state_in(self._exchange("LED:STAT?"))
 
     def ask(self, command: str, count: int) -> Answer:
         """Send a command whose reply has `count` numbers."""

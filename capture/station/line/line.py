@@ -121,6 +121,7 @@ class PlcLine:
         answer = self._live.submit(Trigger(SOURCE, request.part_id, request.recipe))
         with self._changed:
             self._handshake.answered(request, answer)
+            self._changed.notify_all()
 
     def _load(self, request: RecipeRequest | None) -> None:
         """Pass a recipe on in a thread of its own: triggers and their refusals must not wait."""

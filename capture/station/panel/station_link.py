@@ -151,9 +151,11 @@ class StationLink(LiveView):
     def _take(self, line: dict[str, Any], connection: socket.socket) -> None:
         match line:
             case {"snapshot": snapshot}:
-                self.begin(STATE.validate_python(snapshot))
+                state = STATE.validate_python(snapshot)
+                # First: whoever sees the state may send a request at once.
                 with self._sending:
                     self._connection = connection
+                self.begin(state)
             case {"reply": fields}:
                 reply = Reply.model_validate(fields)
                 with self._sending:

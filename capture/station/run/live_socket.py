@@ -150,7 +150,9 @@ class _Panel:
             while not self._has_ended:
                 self._woken.wait()
                 self._woken.clear()
-                self._has_ended |= self._subscription.is_closed  # before the last events
+                # Before the last events. Other threads set it, too, and nobody takes it back.
+                if self._subscription.is_closed:
+                    self._has_ended = True
                 self._send(b"")
             self._live.unsubscribe(self._subscription)
             with suppress(OSError):

@@ -89,6 +89,25 @@ def test_nothing_is_sent_during_an_exchange(bench: Any) -> None:
             lights.confirm(1)
 
 
+def test_no_keep_alive_comes_between_a_state_and_its_check(
+    bench: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with LightController(bench.port, clock=bench.clock, watchdog_ms=400) as lights:
+        exchange = lights._exchange
+
+        def slow(command: str) -> Any:
+            reply = exchange(command)
+            bench.clock.sleep_s(0.3)  # the program stands still, and a keep-alive is due
+            thread = threading.Thread(target=lights.keep_alive_if_due)
+            thread.start()
+            thread.join()
+            return reply
+
+        with monkeypatch.context() as context:
+            context.setattr(lights, "_exchange", slow)
+            assert lights.state().led is None
+
+
 def test_the_next_exchange_raises_a_failed_keep_alive_once() -> None:
     with open_rig(SMALL) as rig:
         assert rig.simulation is not None

@@ -1,6 +1,7 @@
 """The line between a handshake and a station, without a bus."""
 
 import logging
+import threading
 import time
 from typing import NoReturn
 
@@ -22,7 +23,7 @@ from capture.station.line.registers import (
 )
 from capture.station.results.store import RefusedTrigger
 from capture.station.run.live_station import LiveStation
-from capture.station.run.triggers import Trigger
+from capture.station.run.triggers import Refusal, Refused, Trigger
 from tests.capture.station.line.lines import NOTHING, until_so
 
 WAIT_S = 60.0
@@ -69,6 +70,27 @@ def test_a_plc_that_comes_before_the_station_takes_triggers_is_refused() -> None
         until_so(lambda: handshake.selection.loading is None)
     assert decoded(STATION, line.station_words())["select_error"] == SelectError.NOT_READY
     assert [row.part_id for row in results.rows] == ["A-1"]
+
+
+def test_the_end_waits_for_the_last_answer_and_no_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked, waits = threading.Event(), threading.Event()
+
+    class Slow(Recorder):
+        def submit(self, _: Trigger) -> Refused:
+            asked.set()
+            assert waits.wait(WAIT_S)
+            return Refused("the station is stopping", Refusal.STOPPING)
+
+    live = LiveStation("line-1", simulated=True)
+    live.attach(Slow())  # type: ignore[arg-type]
+    line = PlcLine(live, Handshake(session=7, is_trigger=True, station=live.state), last_s=WAIT_S)
+    is_done = line._is_done
+    monkeypatch.setattr(line, "_is_done", lambda: waits.set() or is_done())
+    with line:
+        ask_for(line, 1, "A-1")
+        assert asked.wait(WAIT_S)
+        ended_s = time.monotonic()
+    assert time.monotonic() - ended_s < WAIT_S / 2
 
 
 def test_refusals_beyond_a_hundred_before_the_start_are_counted() -> None:

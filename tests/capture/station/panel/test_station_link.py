@@ -22,7 +22,7 @@ from capture.station.run import live_socket
 from capture.station.run.events import PartAnnounced, PartBegun, RecipeLoaded, StateChanged
 from capture.station.run.live_socket import MOST_PANELS, MOST_REQUEST_BYTES, serving_live
 from capture.station.run.live_station import LiveStation
-from capture.station.run.live_view import MOST_WAITING
+from capture.station.run.live_view import MOST_WAITING, Subscription
 from capture.station.run.states import Change, State
 from capture.station.run.station_state import StationState
 from capture.station.run.triggers import (
@@ -202,6 +202,32 @@ def test_a_panel_without_a_run_says_so_and_follows_the_next_one(folder: StationF
             assert len({*runs}) == 2
 
 
+def test_who_sees_the_state_of_a_run_may_send_a_request(folder: StationFolder) -> None:
+    live, answers = LiveStation("line-1", simulated=True), list[Answer | RunUnavailable]()
+    station = Station(live)
+    live.attach(station)  # type: ignore[arg-type]
+
+    def ask() -> None:
+        try:
+            answers.append(link.submit(Trigger("http")))
+        except RunUnavailable as error:
+            answers.append(error)
+
+    asking = threading.Thread(target=ask)
+
+    def wake() -> None:
+        if link.state.run == live.run and not asking.ident:
+            asking.start()
+            until(lambda: bool(answers or station.asked))
+
+    with linked(folder) as link:
+        link.subscribe(wake)
+        with serving_live(folder.path, live):
+            until(lambda: asking.ident is not None)
+            asking.join(WAIT_S)
+    assert answers == [Accepted("part-000001", 1)]
+
+
 def test_a_request_whose_run_ends_is_answered(folder: StationFolder) -> None:
     with linked(folder) as link:
         with running(folder) as live:
@@ -272,6 +298,33 @@ def test_a_panel_that_reads_nothing_is_cut_and_delays_nobody(
             assert len(list(lines)) < 5 * MOST_WAITING
         with connected(folder) as again, again.makefile("rb") as lines:
             assert json.loads(lines.readline())["snapshot"]["event_id"] == 5 * MOST_WAITING
+
+
+def test_a_panel_whose_reply_finds_lost_events_begins_anew(
+    folder: StationFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The other thread looks at the same moment whether the run has ended."""
+    panels, make = list[live_socket._Panel](), live_socket._Panel
+
+    def made(connection: socket.socket, live: LiveStation) -> live_socket._Panel:
+        panels.append(make(connection, live))
+        return panels[-1]
+
+    def is_closed(subscription: Subscription) -> bool:
+        if not lost:
+            lost.append(subscription)
+            subscription.lose()
+            panels[0]._send(b"")
+        return subscription._is_closed
+
+    lost: list[Subscription] = []
+    monkeypatch.setattr(live_socket, "_Panel", made)
+    monkeypatch.setattr(Subscription, "is_closed", property(is_closed))
+    with running(folder) as live, connected(folder) as connection:
+        until(lambda: live.snapshot().subscribers == 1)
+        live.announce({"event": "filler"})
+        with connection.makefile("rb") as lines:
+            assert list(lines)  # to the end
 
 
 def test_panels_and_lines_are_bounded(folder: StationFolder) -> None:
