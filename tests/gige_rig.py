@@ -62,7 +62,7 @@ class GigeRig:
         self.simulation.close()
 
     def _start(self) -> None:
-        self.simulation = DeviceSimulation(self.simulated, serial=None, served=("gige", ADDRESS))
+        self.simulation = DeviceSimulation(self.simulated, serial=None, served=f"genicam:{ADDRESS}")
         assert isinstance(self.simulation.camera, FakeGigeCamera)
         self.simulation.camera.lose_packets(self.lost_packets / 1e3)
         self.port.symlink_to(self.simulation.port)

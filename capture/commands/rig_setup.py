@@ -110,15 +110,12 @@ def simulate(
             metavar="DEV",
         ),
     ] = None,
-    video: Annotated[
-        str | None, typer.Option(help="v4l2loopback device for the camera's frames.", metavar="DEV")
-    ] = None,
-    gige: Annotated[
+    camera: Annotated[
         str | None,
         typer.Option(
-            help="Address of this machine for a GigE Vision camera, Aravis-Fake-SIM-0001; "
-            "needs Aravis.",
-            metavar="ADDRESS",
+            help="Kind and place of the camera that is served, such as v4l2:/dev/video9. "
+            "Without --serial and --camera the choices are listed.",
+            metavar="KIND:PLACE",
         ),
     ] = None,
     surface: options.Surface = None,
@@ -141,30 +138,26 @@ def simulate(
     Runs until Ctrl-C. Only the controller's serial number, SIM-0001, distinguishes it from a real
     one; sets that ps4rig captures from it are marked as simulated.
     """
-    if serial is None and video is None and gige is None:
-        raise InputError(
-            "give --serial DEV, where the firmware answers; --video DEV, a v4l2loopback device "
-            "for the frames (modprobe v4l2loopback makes one); or --gige ADDRESS"
-        )
-    places = {"video": video, "gige": gige}
-    served = [(option, place) for option, place in places.items() if place is not None]
-    if len(served) > 1:
-        raise InputError("give --video DEV or --gige ADDRESS: a rig has one camera")
     from rig.config.rig import config_of
-    from rig.simulation.devices import DeviceSimulation
+    from rig.simulation.devices import DeviceSimulation, camera_choices
 
+    if serial is None and camera is None:
+        raise InputError(
+            "give --serial DEV, where the firmware answers, or for the frames --camera "
+            f"{camera_choices()}"
+        )
     placement = {"surface": surface, "rotate_deg": rotate, "shift_px": shift_px, "seed": seed}
     config = options.with_simulation(config_of(rig), placement, slant, bits, size)
 
-    simulation = DeviceSimulation(config, serial=serial, served=served[0] if served else None)
+    simulation = DeviceSimulation(config, serial=serial, served=camera)
     try:
         out.print(f"lights: {simulation.port}")
         if simulation.camera is not None:
-            camera = config.camera
+            keys = config.camera
             out.print(
-                f"camera: {video or gige}, {simulation.camera.pixel_format} "
-                f"{camera.width_px}x{camera.height_px}, {camera.frame_rate_hz:g} Hz, "
-                f"exposure {camera.exposure_ms:g} ms",
+                f"camera: {camera}, {simulation.camera.pixel_format} "
+                f"{keys.width_px}x{keys.height_px}, {keys.frame_rate_hz:g} Hz, "
+                f"exposure {keys.exposure_ms:g} ms",
             )
         sys.stdout.flush()
         _run(simulation)

@@ -179,8 +179,7 @@ class DeviceCameraConfig(CameraConfig):
     device: str = Field(
         min_length=1,
         max_length=4096,
-        description="path, name in /dev/v4l/by-id, or number of /dev/video; genicam: id, serial "
-        "number or IP address",
+        description="path, name in /dev/v4l/by-id, or number of /dev/video",
     )
 
     def matches(self, camera: ListedCamera) -> bool:

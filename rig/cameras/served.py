@@ -29,7 +29,7 @@ class FrameSource(Protocol):
 class ServedCamera(Protocol):
     """A camera at `place`; raises `ConfigError` for a configuration that it cannot serve."""
 
-    option: ClassVar[str]  # of `rig simulate`; its value is the place
+    places: ClassVar[str]  # what a place is, for the help of `rig simulate`
     pixel_format: str
     bit_depth: int
 

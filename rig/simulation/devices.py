@@ -22,23 +22,21 @@ _EXPOSURE_STEP_MS = 0.0015
 class DeviceSimulation:
     """A simulated rig in real time, behind a serial device or pseudo-terminal and a camera.
 
-    `served` is `ServedCamera.option` and the place of the camera; None serves no camera.
+    `served` is the kind of the camera and its place, as KIND:PLACE; None serves no camera.
     """
 
-    def __init__(
-        self, config: RigConfig, *, serial: str | None, served: tuple[str, str] | None
-    ) -> None:
+    def __init__(self, config: RigConfig, *, serial: str | None, served: str | None) -> None:
         if config.camera.recording is not None:
             raise ConfigError(
                 "camera.kind = 'replay' cannot be simulated as a device; set 'v4l2' or 'simulated'"
             )
-        camera = None if served is None else _served_camera(config, *served)
+        camera = None if served is None else _served_camera(config, served)
         self._triggered: TriggeredCamera | None = None  # where pulses start the exposures
         if config.lights.synchronisation == "trigger":
             if not isinstance(camera, TriggeredCamera):
                 raise ConfigError(
-                    "lights.synchronisation = 'trigger' needs a camera with a trigger input; "
-                    "simulate a GigE camera (--gige), or set 'software' or 'strobe'"
+                    "lights.synchronisation = 'trigger' needs a camera with a trigger input; give "
+                    f"--camera {camera_choices('trigger')}, or set 'software' or 'strobe'"
                 )
             self._triggered = camera
         self.written = self.late = 0
@@ -113,9 +111,21 @@ class DeviceSimulation:
             camera.trigger()
 
 
-def _served_camera(config: RigConfig, option: str, place: str) -> ServedCamera:
-    kinds = (kind.served for kind in CAMERA_KINDS.values() if kind.served is not None)
-    return next(served for served in kinds if served.option == option)(place, config.camera)
+def camera_choices(method: str = "start") -> str:
+    """The values of `--camera` whose served cameras have a method."""
+    return " or ".join(
+        f"{name}:{kind.served.places}"
+        for name, kind in CAMERA_KINDS.items()
+        if kind.served is not None and hasattr(kind.served, method)
+    )
+
+
+def _served_camera(config: RigConfig, served: str) -> ServedCamera:
+    name, _, place = served.partition(":")
+    kind = CAMERA_KINDS.get(name)
+    if kind is None or kind.served is None or not place:
+        raise ConfigError(f"--camera {served}: give {camera_choices()}")
+    return kind.served(place, config.camera)
 
 
 def _served_at(serial: str | None, config: RigConfig) -> Callable[[SimulatedController], Server]:

@@ -61,15 +61,20 @@ def test_the_firmware_answers_on_a_serial_device_until_ctrl_c(spawn: Spawn) -> N
 def test_the_error_for_a_missing_device_names_the_options(refused: Refused) -> None:
     line = refused("rig", "simulate")
     assert "--serial DEV" in line
-    assert "modprobe v4l2loopback" in line
+    assert "--camera v4l2:DEV, of v4l2loopback (modprobe v4l2loopback makes one) or" in line
+
+
+@pytest.mark.parametrize("camera", ["/dev/video9", "opencv:0", "v4l2:"])
+def test_a_camera_without_kind_or_place_gets_the_choices(refused: Refused, camera: str) -> None:
+    assert f"--camera {camera}: give v4l2:DEV" in refused("rig", "simulate", "--camera", camera)
 
 
 @pytest.mark.parametrize(
     ("options", "cause"),
     [
         (("--serial", "missing"), "No such file"),
-        (("--video", "missing"), "missing: no such camera"),
-        (("--video", "/dev/null"), "/dev/null: is no"),
+        (("--camera", "v4l2:missing"), "missing: no such camera"),
+        (("--camera", "v4l2:/dev/null"), "/dev/null: is no"),
     ],
 )
 @pytest.mark.usefixtures("in_folder")
@@ -85,5 +90,5 @@ def test_a_pixel_format_that_cannot_be_written_is_named(refused: Refused, tmp_pa
         '[lights]\nport = "/dev/ttyACM0"\n'
         '[camera]\nkind = "v4l2"\ndevice = "0"\npixel_format = "SRGGB8"\n'
     )
-    line = refused("rig", "simulate", "--rig", config, "--video", "/dev/video9")
+    line = refused("rig", "simulate", "--rig", config, "--camera", "v4l2:/dev/video9")
     assert "camera.pixel_format = 'SRGGB8'" in line

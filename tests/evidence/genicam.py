@@ -2,8 +2,8 @@
 
     python -m tests.evidence.genicam [--sets N]
 
-The simulated rig's frames come over the loopback (`rig simulate --gige`). A set is wrong if an
-image is not that of its light: more than 5 % off the simulated camera's own, rms.
+The simulated rig's frames come over the loopback, as from `rig simulate --camera`. A set is wrong
+if an image is not that of its light: more than 5 % off the simulated camera's own, rms.
 """
 
 import argparse

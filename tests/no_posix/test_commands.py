@@ -167,7 +167,7 @@ def test_a_session_is_run_resumed_and_reported(ran: Ran, tmp_path: Path) -> None
     ("command", "cause"),
     [
         ("rig simulate --serial /dev/ttyGS0", "Linux only"),
-        ("rig simulate --video /dev/video9", "Linux; set camera.kind = 'opencv'"),
+        ("rig simulate --camera v4l2:/dev/video9", "Linux; set camera.kind = 'opencv'"),
         ("rig init new.toml", "serial ports"),
     ],
 )

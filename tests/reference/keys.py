@@ -64,17 +64,21 @@ def _line(key: Key) -> str:
 
 
 def _merged(kinds: Sequence[type]) -> list[Key]:
-    """The keys of all kinds of a section; a key of some kinds only names them."""
+    """The keys of all kinds; one of some kinds only, or of several meanings, names its kinds."""
     keys = [{key.name: key for key in keys_of(kind)} for kind in kinds]
     merged: dict[str, Key] = {}
     for key in (each for own in keys for each in own.values() if each.name not in merged):
-        having = [own["kind"].values for own in keys if {"kind", key.name} <= own.keys()]
+        having: dict[str, list[str]] = {}  # kinds, by meaning
+        for own in keys:
+            if {"kind", key.name} <= own.keys():
+                having.setdefault(own[key.name].meaning, []).append(own["kind"].values)
         lacking = [own["kind"].values for own in keys if "kind" in own and key.name not in own]
-        only = f"all but {lacking[0]}: " if len(lacking) == 1 else f"{', '.join(having)}: "
-        only = only if lacking else ""
+        meaning = "".join(f"all but {kind}: " for kind in lacking) + key.meaning
+        if len(having) > 1 or len(lacking) > 1:
+            meaning = "; ".join(f"{', '.join(kinds)}: {text}" for text, kinds in having.items())
         named = [own[key.name].values for own in keys if key.name in own]
         values = ", ".join(dict.fromkeys(", ".join(filter(None, named)).split(", ")))
-        merged[key.name] = key._replace(values=values, meaning=only + key.meaning)
+        merged[key.name] = key._replace(values=values, meaning=meaning)
     return list(merged.values())
 
 

@@ -73,7 +73,7 @@ class FakeGigeCamera:
     period, or after each `trigger`.
     """
 
-    option: ClassVar[str] = "gige"
+    places: ClassVar[str] = "ADDRESS, one of this machine"
 
     def __init__(self, place: str, config: CameraConfig) -> None:
         self._address = place

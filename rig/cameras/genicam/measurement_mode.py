@@ -20,9 +20,11 @@ class GenicamCameraConfig(DeviceCameraConfig, FormattedCameraConfig):
     device: str = Field(
         min_length=1,
         max_length=200,
-        description="of a genicam camera its id, serial number or IP address",
+        description="id, serial number or IP address",
     )
-    pixel_format: str = Field(default="Mono8", description="such as Mono12p or BayerRG8")
+    pixel_format: str = Field(
+        default="Mono8", description="such as Mono12p or BayerRG8; by default Mono8"
+    )
     gain: float | None = Field(
         default=None, ge=0.0, le=1e6, description="in the camera's units; else left as it is"
     )

@@ -54,10 +54,7 @@ class V4l2CameraConfig(VideoCameraConfig, FormattedCameraConfig):
 
     formats: ClassVar = PIXEL_FORMATS
     kind: Literal["v4l2"] = "v4l2"
-    pixel_format: str = Field(
-        default="GREY",
-        description="such as GREY, Y12, SRGGB10 or YUYV; genicam: by default Mono8",
-    )
+    pixel_format: str = Field(default="GREY", description="such as GREY, Y12, SRGGB10 or YUYV")
 
     @model_validator(mode="after")
     def _pixel_format_can_be_measured(self) -> Self:

@@ -69,7 +69,7 @@ def simulated_rig(
 ) -> Iterator[subprocess.Popen[str]]:
     """Run ``ps4rig rig simulate`` as a process, and end it with Ctrl-C."""
     command = ps4rig(
-        *("rig", "simulate", "--rig", config, "--serial", serial, "--video", VIDEO),
+        *("rig", "simulate", "--rig", config, "--serial", serial, "--camera", f"v4l2:{VIDEO}"),
         *("--surface", surface, "--seed", SEED, "--rotate", ROTATE_DEG),
     )
     with subprocess.Popen(
@@ -78,7 +78,7 @@ def simulated_rig(
         try:
             said = [process.stdout.readline() for _ in range(2)]
             assert said[0] == f"lights: {serial}\n", process.stderr.read()
-            assert said[1].startswith(f"camera: {VIDEO}, Y16 {SIDE_PX}x{SIDE_PX}"), said
+            assert said[1].startswith(f"camera: v4l2:{VIDEO}, Y16 {SIDE_PX}x{SIDE_PX}"), said
             yield process
         finally:
             process.send_signal(signal.SIGINT)

@@ -17,7 +17,7 @@ from rig import CameraInfo, Frame, ListedCamera, RigConfig, load_config, open_ri
 from rig.cameras.config import DeviceCameraConfig, StampedCameraConfig
 from rig.cameras.kinds import CAMERA_KINDS, CameraKind
 from rig.simulation.rig import Simulation
-from tests.test_architecture import FILES, ROOT, imports_of, parsed, text_of
+from tests.test_architecture import FILES, ROOMS, ROOT, imports_of, parsed, text_of
 
 SIZE = {"width_px": 96, "height_px": 96}
 
@@ -108,6 +108,18 @@ def test_the_table_alone_knows_the_kinds_of_devices() -> None:
         ):
             knowing.append(path)
     assert knowing == []
+
+
+def test_a_kind_is_named_in_its_folder_and_its_row_alone() -> None:
+    named = [
+        path
+        for room in ROOMS
+        for path in (ROOT / room).rglob("*")
+        if path.suffix in {".py", ".pyi", ".rules", ".toml", ".html", ".js", ".json", ".yaml"}
+        and "genicam" not in path.parts
+        and any(word in path.read_text("utf-8").lower() for word in ("genicam", "gige", "aravis"))
+    ]
+    assert named == [ROOT / "rig" / "cameras" / "kinds.py"]
 
 
 def test_rig_init_lists_it_and_writes_its_keys(rig: Path) -> None:
